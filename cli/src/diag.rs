@@ -137,7 +137,7 @@ fn listen(app: &mut App, bus: &mut Bus) {
     for _ in 0..BURST {
         let now = clock::now();
         let mut heard = None;
-        let received = bus.overhear(now, |at, raw| {
+        let received = bus.receive_with(now, |at, raw| {
             heard = Some((at, raw.channel.to_owned(), raw.data.len()));
             true
         });

@@ -62,7 +62,7 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
         let _ = std::fs::remove_dir_all(beats);
     }
     processes::clean(folder.path());
-    folder.give_back();
+    folder.release();
     result
 }
 

@@ -3,7 +3,7 @@
 
 use super::{Common, Failed, Outcome, print};
 use ::web as server;
-use ::web::center::keeper;
+use ::web::center::session_store;
 use module::State;
 use robot::topology;
 use std::net::{SocketAddr, TcpListener};

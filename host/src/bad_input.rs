@@ -1,14 +1,14 @@
-//! Input that is dropped for what it is: counted by cause, so that each cause is told once, and once that it is over.
+//! Rejected input, counted by cause: each cause is reported once, and its end once.
 
 use base::{Duration, Fault, Instant};
 use std::collections::BTreeMap;
 
-/// A cause is over when nothing of its kind came for this long.
-pub const OVER: Duration = Duration::from_secs(60);
-/// More different causes than this at once are dropped without a word.
+/// A cause ends after this time without further occurrence.
+pub const CAUSE_END: Duration = Duration::from_secs(60);
+/// Maximum number of causes at a time; further ones are not reported.
 const CAUSES_MAX: usize = 64;
 
-/// What was dropped, by cause.
+/// Counts of rejected input, by cause.
 #[derive(Debug, Default)]
 pub struct BadInput {
     causes: BTreeMap<(Fault, String), Cause>,
@@ -21,7 +21,7 @@ struct Cause {
 }
 
 impl BadInput {
-    /// Counts `more` of a cause; true when it is to be told.
+    /// Counts `more` occurrences of a cause; true if the cause is to be reported.
     pub fn count(&mut self, now: Instant, fault: Fault, subject: &str, more: u64) -> bool {
         let cause = (fault, subject.to_owned());
         if let Some(known) = self.causes.get_mut(&cause) {
@@ -35,9 +35,9 @@ impl BadInput {
         room
     }
 
-    /// Takes a cause that is over, with how many there were.
-    pub fn take_over(&mut self, now: Instant) -> Option<(Fault, String, u64)> {
-        let over = self.causes.iter().find(|(_, cause)| now.since(cause.last) >= OVER)?.0.clone();
+    /// Removes and returns a cause that has ended, with its number of occurrences.
+    pub fn take_ended(&mut self, now: Instant) -> Option<(Fault, String, u64)> {
+        let over = self.causes.iter().find(|(_, cause)| now.since(cause.last) >= CAUSE_END)?.0.clone();
         let cause = self.causes.remove(&over)?;
         Some((over.0, over.1, cause.count))
     }
@@ -54,17 +54,17 @@ mod tests {
     const BAD: Fault = Fault::MessageMalformed;
 
     #[test]
-    fn a_cause_is_told_once_counted_and_over_after_a_minute_without_it() {
+    fn a_cause_is_reported_once_counted_and_ends_after_a_minute_without_it() {
         let mut bad = BadInput::default();
         assert!(bad.count(at(1), BAD, "can.main", 1));
         assert!((2..=100).all(|second| !bad.count(at(second), BAD, "can.main", 1)));
         assert!(bad.count(at(100), BAD, "CM_CMD_STATE Fingerprint", 7), "another cause");
         assert!(bad.count(at(150), Fault::PortOverrun, "can.main", 1), "another fault");
-        assert_eq!(bad.take_over(at(159)), None);
-        assert_eq!(bad.take_over(at(160)), Some((BAD, "CM_CMD_STATE Fingerprint".into(), 7)));
-        assert_eq!(bad.take_over(at(160)), Some((BAD, "can.main".into(), 100)));
-        assert_eq!(bad.take_over(at(160)), None);
-        assert!(bad.count(at(161), BAD, "can.main", 1), "told again");
+        assert_eq!(bad.take_ended(at(159)), None);
+        assert_eq!(bad.take_ended(at(160)), Some((BAD, "CM_CMD_STATE Fingerprint".into(), 7)));
+        assert_eq!(bad.take_ended(at(160)), Some((BAD, "can.main".into(), 100)));
+        assert_eq!(bad.take_ended(at(160)), None);
+        assert!(bad.count(at(161), BAD, "can.main", 1), "reported again");
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! Life, measured where work is done: each thread of a module counts up in a page that its watchdog reads.
+//! Heartbeats: each thread of a module increments a counter in a page that the watchdog reads.
 //!
-//! The page is a file of 4 KiB in memory (`docs/beats.md` has its format, which modules in any language may write). It
-//! is written and read by plain system calls: a page of a file system in memory never waits for a disk, and a reader is
-//! not hurt by a file that somebody cuts short, as a mapping would be.
+//! The page is a file of 4 KiB in memory; `docs/beats.md` specifies its format, which modules in any language may
+//! write. Plain system calls write and read it: a page in a memory file system never waits for a disk, and unlike a
+//! mapping it is harmless to the reader if somebody truncates the file.
 
 use base::{Duration, Instant};
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
@@ -12,46 +12,46 @@ use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Where a module finds its page.
+/// Environment variable with the path of the module's page.
 pub const VARIABLE: &str = "ADVEE_BEATS";
-/// A thread beats this often, or a little earlier when it is awake.
+/// Period of a thread's heartbeat; it may come [`EARLY_MAX`] earlier if the thread is awake.
 pub const PERIOD: Duration = Duration::from_millis(50);
-const EARLY: Duration = Duration::from_millis(10);
-/// The watchdog shows this often that it reads a page.
-const SHOWN: Duration = Duration::from_millis(500);
+const EARLY_MAX: Duration = Duration::from_millis(10);
+/// Period at which the watchdog shows that it reads a page.
+const SHOW_PERIOD: Duration = Duration::from_millis(500);
 
-const SIZE: usize = 4096;
+const PAGE_SIZE: usize = 4096;
 const MAGIC: [u8; 4] = *b"BEAT";
 const VERSION: u32 = 1;
-/// Where the first thread's entry begins, and how long each is.
-const ENTRIES: usize = 64;
-/// Where the watchdog's own count is.
-const READER: u64 = 16;
-const ENTRY: usize = 64;
-/// Of an entry: a name, and the count behind it.
-const NAME: usize = 48;
-/// As many threads fit.
-pub const THREADS_MAX: usize = (SIZE - ENTRIES) / ENTRY;
+/// Offset of the first thread's entry; [`ENTRY_SIZE`] is the length of each.
+const ENTRIES_OFFSET: usize = 64;
+/// Offset of the watchdog's own counter.
+const READER_OFFSET: u64 = 16;
+const ENTRY_SIZE: usize = 64;
+/// Length of the name in an entry; the counter follows it.
+const NAME_SIZE: usize = 48;
+/// Maximum number of threads in a page.
+pub const THREADS_MAX: usize = (PAGE_SIZE - ENTRIES_OFFSET) / ENTRY_SIZE;
 
 /// A module's own page.
-pub struct Beats {
+pub struct HeartbeatPage {
     file: Arc<File>,
     threads: usize,
 }
 
-/// What one thread beats with; it belongs to that thread.
-pub struct Beat {
+/// Heartbeat of one thread, owned by that thread.
+pub struct Heartbeat {
     file: Arc<File>,
     place: u64,
     count: u32,
     next: Instant,
 }
 
-impl Beats {
-    /// The page that the watchdog gave this process; none when it was started by hand.
+impl HeartbeatPage {
+    /// Opens the page that the watchdog created for this process; `None` if a person started it.
     ///
     /// # Errors
-    /// The page is not there, or no page.
+    /// The page does not exist or has no valid header.
     pub fn open() -> io::Result<Option<Self>> {
         match std::env::var_os(VARIABLE) {
             Some(path) => Self::at(Path::new(&path)).map(Some),
@@ -67,83 +67,87 @@ impl Beats {
         Ok(Self { file: Arc::new(file), threads: 0 })
     }
 
-    /// A thread's beat, which begins now. From the first one on the watchdog judges the process by its beats.
+    /// Registers a thread, whose first heartbeat is `now`. From the first registration on, the watchdog judges the
+    /// process by its heartbeats.
     ///
     /// # Errors
-    /// The page cannot be written, or is full.
-    pub fn thread(&mut self, now: Instant, name: &str) -> io::Result<Beat> {
+    /// The page cannot be written or is full.
+    pub fn thread(&mut self, now: Instant, name: &str) -> io::Result<Heartbeat> {
         if self.threads == THREADS_MAX {
             return Err(io::ErrorKind::StorageFull.into());
         }
-        let place = (ENTRIES + ENTRY * self.threads) as u64;
-        let mut entry = [0; ENTRY];
-        let name = &name.as_bytes()[..name.len().min(NAME)];
+        let place = (ENTRIES_OFFSET + ENTRY_SIZE * self.threads) as u64;
+        let mut entry = [0; ENTRY_SIZE];
+        let name = &name.as_bytes()[..name.len().min(NAME_SIZE)];
         entry[..name.len()].copy_from_slice(name);
-        entry[NAME] = 1;
+        entry[NAME_SIZE] = 1;
         self.file.write_all_at(&entry, place)?;
         self.threads += 1;
-        // The number of threads last: an entry counts when it is whole.
+        // The number of threads is written last: an entry counts once it is complete.
         let mut head = [0; 16];
         head[..4].copy_from_slice(&MAGIC);
         head[4..8].copy_from_slice(&VERSION.to_le_bytes());
         head[8..12].copy_from_slice(&std::process::id().to_le_bytes());
         head[12..].copy_from_slice(&(self.threads as u32).to_le_bytes());
         self.file.write_all_at(&head, 0)?;
-        Ok(Beat { file: self.file.clone(), place: place + NAME as u64, count: 1, next: now + PERIOD })
+        Ok(Heartbeat { file: self.file.clone(), place: place + NAME_SIZE as u64, count: 1, next: now + PERIOD })
     }
 }
 
-impl Beat {
-    /// Counts up when that is due; whether it was. To be called from the loop that does the work, at least each
+impl Heartbeat {
+    /// Increments the counter if that is due; true if it did. The loop that does the work calls it at least every
     /// [`PERIOD`].
     pub fn beat(&mut self, now: Instant) -> bool {
-        let due = self.next <= now + EARLY;
+        let due = self.next <= now + EARLY_MAX;
         if due {
             self.next = now + PERIOD;
             self.count = self.count.wrapping_add(1);
-            // A page that cannot be written is a beat that is missing, which the watchdog sees.
+            // A failed write is a missing heartbeat, which the watchdog detects.
             let _ = self.file.write_all_at(&self.count.to_le_bytes(), self.place);
         }
         due
     }
 
-    /// What the watchdog counts up in this page while it reads it; zero where it cannot be read.
+    /// Counter that the watchdog increments while it reads this page; 0 if it cannot be read.
     #[must_use]
     pub fn reader(&self) -> u32 {
         let mut count = [0; 4];
-        match self.file.read_exact_at(&mut count, READER) {
+        match self.file.read_exact_at(&mut count, READER_OFFSET) {
             Ok(()) => u32::from_le_bytes(count),
             Err(_) => 0,
         }
     }
 
-    /// When the next beat is due.
+    /// Deadline of the next heartbeat.
     #[must_use]
     pub fn next(&self) -> Instant {
         self.next
     }
 }
 
-/// The folder of a robot's pages: in its run folder where that lies in memory, else in `/dev/shm`.
+/// Creates the folder of a robot's pages: in its run folder if that is in memory, otherwise in `/dev/shm`.
 ///
 /// # Errors
-/// It cannot be made, or is somebody else's.
+/// The folder cannot be created or belongs to another user.
 pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
-    let path = place(run_dir);
+    let path = folder_path(run_dir);
     match DirBuilder::new().mode(0o700).create(&path) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         _ => {}
     }
     let found = fs::symlink_metadata(&path)?;
     if !found.is_dir() || found.uid() != nix::unistd::geteuid().as_raw() {
-        return Err(io::Error::new(io::ErrorKind::PermissionDenied, format!("{} is somebody else's", path.display())));
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            format!("{} belongs to another user", path.display()),
+        ));
     }
     Ok(path)
 }
 
-/// Where that folder is, or would be.
+/// Path of that folder, whether or not it exists.
 #[must_use]
-pub fn place(run_dir: &Path) -> PathBuf {
+pub fn folder_path(run_dir: &Path) -> PathBuf {
     let within = run_dir.join("beats");
     match statfs(run_dir) {
         Ok(system) if system.filesystem_type() == TMPFS_MAGIC => within,
@@ -156,14 +160,14 @@ fn shared_name(run_dir: &Path) -> String {
     format!("advee-beats-{}-{:016x}", nix::unistd::geteuid(), hash(run_dir))
 }
 
-/// The same for the same run folder, another one for another.
+/// Hash that identifies a run folder by its path.
 #[must_use]
 pub fn hash(run_dir: &Path) -> u64 {
     let path = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.into());
     fnv(path.as_os_str().as_encoded_bytes())
 }
 
-/// FNV-1a, 64 bits: for names, not for secrets.
+/// FNV-1a, 64 bits; for names, not for secrets.
 #[must_use]
 pub fn fnv(bytes: &[u8]) -> u64 {
     bytes
@@ -171,85 +175,86 @@ pub fn fnv(bytes: &[u8]) -> u64 {
         .fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3))
 }
 
-/// A thread that the watchdog reads of.
+/// State of a thread as the watchdog sees it.
 #[derive(Debug)]
-struct Thread {
+struct ThreadState {
     name: String,
     count: u32,
-    /// Time when its count was last seen to change.
+    /// Time at which its counter was last seen to change.
     last: Instant,
 }
 
-/// A module's page, as its watchdog reads it.
+/// A module's page as its watchdog reads it.
 #[derive(Debug)]
-pub struct Page {
+pub struct PageReader {
     file: File,
-    threads: Vec<Thread>,
-    /// Time when to show the next time that it is read.
+    threads: Vec<ThreadState>,
+    /// Next time at which the watchdog shows that it reads the page.
     show: Instant,
 }
 
-/// What a page says.
+/// Result of reading a page.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Reading<'a> {
-    /// Nothing was written yet: the process is judged by its announcements.
+    /// No thread is registered yet: the process is judged by its announcements.
     Blank,
-    /// Of all its threads this one was silent longest: since then.
+    /// The thread whose last heartbeat is oldest.
     Oldest {
-        /// Name, for people.
+        /// Name of the thread, for people.
         thread: &'a str,
-        /// Time when it last beat.
+        /// Time of its last heartbeat.
         last: Instant,
     },
-    /// What stands there cannot be: forged, torn or of another version.
+    /// Invalid content: forged, torn or of another version.
     Bad(&'static str),
 }
 
-impl Page {
-    /// A blank page for a process that is about to be started; one of an earlier process is replaced.
+impl PageReader {
+    /// Creates an empty page for a process that is about to start; it replaces that of an earlier process.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The page cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
         match fs::remove_file(path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => {}
         }
         let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(path)?;
-        file.set_len(SIZE as u64)?;
+        file.set_len(PAGE_SIZE as u64)?;
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
-    /// The page of a process that runs already.
+    /// Opens the page of a running process.
     ///
     /// # Errors
-    /// It is not there.
+    /// The page does not exist.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
-    /// Shows the module that somebody guards it, when that is due; also where what it writes itself is bad.
+    /// Increments the watchdog's counter if that is due, even if the module's part of the page is invalid.
     pub fn show(&mut self, now: Instant) {
         if self.show <= now {
-            self.show = now + SHOWN;
-            // Another watchdog may have counted before.
+            self.show = now + SHOW_PERIOD;
+            // An earlier watchdog may have incremented it.
             let mut count = [0; 4];
-            let _ = self.file.read_exact_at(&mut count, READER);
-            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER);
+            let _ = self.file.read_exact_at(&mut count, READER_OFFSET);
+            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER_OFFSET);
         }
     }
 
-    /// Threads as of the last look: their names, and when each was last seen to beat.
+    /// Names of the threads as of the last reading, and when each was last seen to beat.
     pub fn threads(&self) -> impl Iterator<Item = (&str, Instant)> {
         self.threads.iter().map(|thread| (thread.name.as_str(), thread.last))
     }
 
-    /// Looks at it. `held_up` is how long nobody looked beyond the usual: nobody is to blame for that.
+    /// Reads the page. `held_up` is the delay of the watchdog itself beyond its period, which is not charged to the
+    /// threads.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
-        let mut page = [0; SIZE];
-        // No more than is known to be written, and one thread that may have come.
-        let length = (ENTRIES + ENTRY * (self.threads.len() + 1)).min(SIZE);
+        let mut page = [0; PAGE_SIZE];
+        // Length known to be written, and one thread that may have been added.
+        let length = (ENTRIES_OFFSET + ENTRY_SIZE * (self.threads.len() + 1)).min(PAGE_SIZE);
         if self.file.read_exact_at(&mut page[..length], 0).is_err() {
             return Reading::Bad("is cut short");
         }
@@ -263,14 +268,14 @@ impl Page {
         }
         let count = word(12) as usize;
         match () {
-            () if page[..4] != MAGIC => return Reading::Bad("does not begin as a page of beats"),
+            () if page[..4] != MAGIC => return Reading::Bad("has no valid header"),
             () if word(4) != VERSION => return Reading::Bad("is of another version"),
             () if word(8) != pid => return Reading::Bad("is of another process"),
-            () if count == 0 || count > THREADS_MAX => return Reading::Bad("has a number of threads that cannot be"),
+            () if count == 0 || count > THREADS_MAX => return Reading::Bad("has an invalid number of threads"),
             () if count < self.threads.len() => return Reading::Bad("has lost threads"),
             () => {}
         }
-        if length < ENTRIES + ENTRY * count && self.file.read_exact_at(&mut page, 0).is_err() {
+        if length < ENTRIES_OFFSET + ENTRY_SIZE * count && self.file.read_exact_at(&mut page, 0).is_err() {
             return Reading::Bad("is cut short");
         }
         let word = |place: usize| {
@@ -279,18 +284,22 @@ impl Page {
             u32::from_le_bytes(bytes)
         };
         for (index, thread) in self.threads.iter_mut().enumerate() {
-            let beats = word(ENTRIES + ENTRY * index + NAME);
+            let beats = word(ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE);
             thread.last = if beats == thread.count { (thread.last + held_up).min(now) } else { now };
             thread.count = beats;
         }
         for index in self.threads.len()..count {
-            let entry = &page[ENTRIES + ENTRY * index..][..NAME];
-            let end = entry.iter().position(|byte| *byte == 0).unwrap_or(NAME);
+            let entry = &page[ENTRIES_OFFSET + ENTRY_SIZE * index..][..NAME_SIZE];
+            let end = entry.iter().position(|byte| *byte == 0).unwrap_or(NAME_SIZE);
             let name = String::from_utf8_lossy(&entry[..end]).escape_debug().to_string();
-            self.threads.push(Thread { name, count: word(ENTRIES + ENTRY * index + NAME), last: now });
+            self.threads.push(ThreadState {
+                name,
+                count: word(ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE),
+                last: now,
+            });
         }
         match self.threads.iter().min_by_key(|thread| thread.last) {
-            Some(Thread { name, last, .. }) => Reading::Oldest { thread: name, last: *last },
+            Some(ThreadState { name, last, .. }) => Reading::Oldest { thread: name, last: *last },
             None => Reading::Blank,
         }
     }
@@ -322,13 +331,13 @@ mod tests {
         Instant::from_millis(ms)
     }
 
-    fn pair(dir: &Dir) -> (Page, Beats) {
+    fn pair(dir: &Dir) -> (PageReader, HeartbeatPage) {
         let path = dir.0.join("module");
-        (Page::create(&path).unwrap(), Beats::at(&path).unwrap())
+        (PageReader::create(&path).unwrap(), HeartbeatPage::at(&path).unwrap())
     }
 
     #[test]
-    fn the_oldest_thread_is_told() {
+    fn the_thread_with_the_oldest_heartbeat_is_reported() {
         let dir = Dir::new("oldest");
         let (mut page, mut beats) = pair(&dir);
         let me = std::process::id();
@@ -347,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_beat_is_written_no_more_often_than_its_period() {
+    fn a_heartbeat_is_written_at_most_once_per_period() {
         let dir = Dir::new("period");
         let (mut page, mut beats) = pair(&dir);
         let mut beat = beats.thread(at(0), "main").unwrap();
@@ -369,12 +378,12 @@ mod tests {
             page.show(at(ms));
         }
         assert_eq!(beat.reader(), 2);
-        Page::open(&dir.0.join("module")).unwrap().show(at(5000));
-        assert_eq!(beat.reader(), 3, "the next watchdog goes on");
+        PageReader::open(&dir.0.join("module")).unwrap().show(at(5000));
+        assert_eq!(beat.reader(), 3, "the next watchdog continues");
     }
 
     #[test]
-    fn who_was_held_up_himself_blames_nobody() {
+    fn a_delay_of_the_watchdog_is_not_charged_to_threads() {
         let dir = Dir::new("held");
         let (mut page, mut beats) = pair(&dir);
         let _beat = beats.thread(at(0), "main").unwrap();
@@ -384,15 +393,15 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_bad_and_hurts_nobody() {
+    fn invalid_pages_are_rejected_without_harm() {
         let dir = Dir::new("bad");
         let path = dir.0.join("module");
         let me = std::process::id();
         let file = |bytes: &[u8]| {
-            let mut whole = vec![0; SIZE];
+            let mut whole = vec![0; PAGE_SIZE];
             whole[..bytes.len()].copy_from_slice(bytes);
             fs::write(&path, whole).unwrap();
-            Page::open(&path).unwrap()
+            PageReader::open(&path).unwrap()
         };
         let head = |version: u32, pid: u32, threads: u32| {
             [MAGIC, version.to_le_bytes(), pid.to_le_bytes(), threads.to_le_bytes()].concat()
@@ -405,13 +414,13 @@ mod tests {
         assert!(bad(&head(1, me, 0)) && bad(&head(1, me, THREADS_MAX as u32 + 1)) && bad(&head(1, me, u32::MAX)));
         let mut two = file(&head(1, me, 2));
         two.read(at(0), me, Duration::ZERO);
-        fs::write(&path, vec![0xFF; SIZE]).unwrap();
+        fs::write(&path, vec![0xFF; PAGE_SIZE]).unwrap();
         assert!(matches!(two.read(at(1), me, Duration::ZERO), Reading::Bad(_)));
         fs::write(&path, b"short").unwrap();
         assert_eq!(two.read(at(1), me, Duration::ZERO), Reading::Bad("is cut short"));
         let mut seed = 1_u64;
         for _ in 0..2000 {
-            let random: Vec<u8> = (0..SIZE)
+            let random: Vec<u8> = (0..PAGE_SIZE)
                 .map(|_| {
                     seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                     (seed >> 56) as u8
@@ -423,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_threads_than_fit() {
+    fn the_number_of_threads_is_bounded() {
         let dir = Dir::new("full");
         let (mut page, mut beats) = pair(&dir);
         for n in 0..THREADS_MAX {
@@ -434,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn every_run_folder_has_pages_of_its_own() {
+    fn every_run_folder_has_its_own_pages() {
         let (a, b) = (Dir::new("a"), Dir::new("b"));
         let [a, again, b] = [&a, &a, &b].map(|dir| folder(&dir.0).unwrap());
         assert_eq!(a, again);

@@ -1,4 +1,4 @@
-//! The LCM bus as hosts and tools use it: messages in and out, and what is no message.
+//! The LCM bus as hosts and tools use it: typed messages, and datagrams that are not ours.
 
 use super::clock;
 use base::Instant;
@@ -11,67 +11,67 @@ use std::os::fd::{AsFd, BorrowedFd};
 /// A connection to the bus.
 pub struct Bus {
     lcm: Lcm,
-    /// What is being sent.
+    /// Buffer of the encoded message.
     buffer: Vec<u8>,
-    /// Number of datagrams LCM had refused, by kind, as of the last look.
-    told: Vec<(&'static str, u64)>,
+    /// Number of datagrams that LCM rejected, by kind, as of the last report.
+    reported: Vec<(&'static str, u64)>,
 }
 
-/// What came.
+/// Result of a receive call.
 pub enum Received {
-    /// Nothing more for now.
+    /// Empty: nothing more for now.
     Nothing,
-    /// A message of ours.
+    /// A message of this robot.
     Message {
-        /// When the kernel received it, never after the `now` that was given.
+        /// Time at which the kernel received it, at most the `now` that was passed.
         at: Instant,
-        /// What it says.
+        /// The decoded message.
         message: Message,
     },
-    /// Something that a pattern let through, on a channel that is not ours.
+    /// A message that matched a pattern, on a channel that is not ours.
     Foreign,
     /// Something on a channel of ours that is no message of it.
     Malformed {
-        /// Channel and kind of fault; the same for each of a kind.
+        /// Channel and kind of error; equal for errors of the same kind.
         subject: String,
-        /// One line.
+        /// Explanation in one line.
         why: String,
     },
-    /// The socket is out of order; it is tried again.
+    /// The socket failed; the next call tries again.
     Broken(String),
 }
 
-/// What came, undecoded.
+/// A received message, not decoded.
 pub struct Raw<'a> {
     /// The channel's name.
     pub channel: &'a str,
-    /// The message.
+    /// Payload.
     pub data: &'a [u8],
-    /// When the kernel received it, nanoseconds since the UNIX epoch.
+    /// Time at which the kernel received it, nanoseconds since the UNIX epoch.
     pub received_ns: u64,
 }
 
 impl Bus {
-    /// Joins the bus and listens to channels: names, or regular expressions that must match a whole name.
+    /// Joins the bus and subscribes to channels: names, or regular expressions that must match a whole name.
     pub fn open(url: &str, channels: &[&str]) -> Result<Self, String> {
-        Self::open_roomy(url, channels, 0)
+        Self::open_with_buffer(url, channels, 0)
     }
 
-    /// The same; where datagrams come faster than they are taken, so many bytes of them may wait, or what the URL says
-    /// if that is more. The kernel grants what it is let (`net.core.rmem_max`).
-    pub fn open_roomy(url: &str, channels: &[&str], room: usize) -> Result<Self, String> {
+    /// Like [`Bus::open`], with a receive buffer of at least `buffer_size` bytes, or the size in the URL if that is
+    /// larger. The kernel limits it to `net.core.rmem_max`.
+    pub fn open_with_buffer(url: &str, channels: &[&str], buffer_size: usize) -> Result<Self, String> {
         let (mut place, _) = Url::parse(url).map_err(|error| error.to_string())?;
         if let Url::Udpm(udpm) = &mut place {
-            udpm.recv_buf_size = udpm.recv_buf_size.max(room);
+            udpm.recv_buf_size = udpm.recv_buf_size.max(buffer_size);
         }
         let mut lcm = Lcm::new(&place).map_err(|error| format!("LCM bus {url}: {error}"))?;
         for channel in channels {
             lcm.subscribe(channel).map_err(|error| error.to_string())?;
         }
-        Ok(Self { lcm, buffer: Vec::new(), told: Vec::new() })
+        Ok(Self { lcm, buffer: Vec::new(), reported: Vec::new() })
     }
 
-    /// Sends a message on its channel.
+    /// Publishes a message on its channel.
     pub fn publish(&mut self, message: &Message) -> Result<(), String> {
         let channel = message.channel_name();
         self.buffer.clear();
@@ -79,50 +79,50 @@ impl Bus {
         self.lcm.publish(&channel, &self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))
     }
 
-    /// Number of datagrams the kernel had no room for so far.
+    /// Number of datagrams that the kernel dropped because the receive buffer was full.
     pub fn kernel_dropped(&self) -> u64 {
         self.lcm.stats().kernel_dropped
     }
 
-    /// Number of messages of all that was said did not come here so far, wherever they were lost. Only who listens to
-    /// everything can tell.
+    /// Number of published messages that did not arrive here, wherever they were lost. Correct only if every channel is
+    /// subscribed to.
     pub fn missed(&self) -> u64 {
         let stats = self.lcm.stats();
         stats.lost.max(stats.kernel_dropped) + stats.queue_dropped
     }
 
-    /// Tells of datagrams that were refused since the last call, not being LCM's: cause, one line, how many. They reach
+    /// Reports datagrams rejected since the last call because they are not LCM's: cause, one line, number. They reach
     /// every process on the bus.
-    pub fn rejected(&mut self, mut tell: impl FnMut(String, String, u64)) {
+    pub fn rejected(&mut self, mut report: impl FnMut(String, String, u64)) {
         for rejections in self.lcm.rejections() {
             let Rejected { why, .. } = rejections.last;
-            let told = match self.told.iter_mut().find(|(kind, _)| *kind == why.kind()) {
-                Some((_, told)) => std::mem::replace(told, rejections.count),
+            let reported = match self.reported.iter_mut().find(|(kind, _)| *kind == why.kind()) {
+                Some((_, reported)) => std::mem::replace(reported, rejections.count),
                 None => {
-                    self.told.push((why.kind(), rejections.count));
+                    self.reported.push((why.kind(), rejections.count));
                     0
                 }
             };
-            if rejections.count > told {
-                tell(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - told);
+            if rejections.count > reported {
+                report(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - reported);
             }
         }
     }
 
-    /// Takes what has come, decoded.
+    /// Receives the next message and decodes it.
     pub fn receive(&mut self, now: Instant) -> Received {
-        self.overhear(now, |_, _| true)
+        self.receive_with(now, |_, _| true)
     }
 
-    /// Takes what has come; shows it to `hear` as it is, which says whether it is to be decoded, too.
-    pub fn overhear(&mut self, now: Instant, hear: impl FnOnce(Instant, &Raw<'_>) -> bool) -> Received {
+    /// Receives the next message and passes its bytes to `on_raw`, which returns true if it is to be decoded too.
+    pub fn receive_with(&mut self, now: Instant, on_raw: impl FnOnce(Instant, &Raw<'_>) -> bool) -> Received {
         let raw = match self.receive_raw() {
             Ok(Some(raw)) => raw,
             Ok(None) => return Received::Nothing,
             Err(why) => return Received::Broken(why),
         };
         let at = clock::received(now, raw.received_ns);
-        if !hear(at, &raw) {
+        if !on_raw(at, &raw) {
             return Received::Foreign;
         }
         match Message::receive(raw.channel, raw.data) {
@@ -132,7 +132,7 @@ impl Bus {
         }
     }
 
-    /// Takes what has come, as it is.
+    /// Receives the next message without decoding it.
     pub fn receive_raw(&mut self) -> Result<Option<Raw<'_>>, String> {
         let received = self.lcm.recv().map_err(|error| format!("LCM bus: {error}"))?;
         Ok(received.map(|message| Raw {

@@ -1,62 +1,62 @@
-//! How the LCM bus fares as a host sees it: whether it accepts messages, and whether messages to it are lost.
+//! Health of the LCM bus as a host sees it: whether it accepts messages, and whether received messages are lost.
 
 use base::{Duration, Instant};
 use std::mem;
 
-/// The bus is asked this often although it says nothing: what is lost or over is known there.
-const SERVED: Duration = Duration::from_millis(100);
-/// Messages are no longer being lost when none was for this long.
-pub const LOSSES_OVER: Duration = Duration::from_secs(10);
+/// Polling period of a bus that does not become readable: counters of lost messages are read then.
+const POLL_PERIOD: Duration = Duration::from_millis(100);
+/// A loss ends after this time without a lost message.
+pub const LOSS_END: Duration = Duration::from_secs(10);
 
 /// The state of a connection to the bus.
 #[derive(Debug)]
 pub struct BusHealth {
-    /// More messages may be there.
+    /// Unread messages may be available.
     pub more: bool,
-    /// When all messages were read last.
+    /// Time at which all messages were last read.
     served: Instant,
     /// The last message was not accepted.
     refuses: bool,
-    /// Messages lost since the start.
+    /// Number of messages lost since the start.
     lost: u64,
-    /// When the loss that is reported is over; none: no loss is reported.
-    over: Option<Instant>,
+    /// End of the reported loss unless more is lost; `None` if no loss is reported.
+    loss_end: Option<Instant>,
 }
 
-/// A change in the loss of messages.
+/// Change in the loss of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Losses {
-    /// Messages were lost since the last look.
-    Grow,
-    /// None was for [`LOSSES_OVER`].
-    Over,
+    /// Messages were lost since the last call.
+    Growing,
+    /// No message was lost for [`LOSS_END`].
+    Ended,
 }
 
 impl BusHealth {
-    /// A connection that has not been read yet.
+    /// Creates the state of a connection that has not been read yet.
     #[must_use]
     pub fn new() -> Self {
-        Self { more: true, served: Instant::ZERO, refuses: false, lost: 0, over: None }
+        Self { more: true, served: Instant::ZERO, refuses: false, lost: 0, loss_end: None }
     }
 
     /// True if the bus is to be read although it did not become readable.
     #[must_use]
     pub fn is_due(&self, now: Instant) -> bool {
-        now.since(self.served) >= SERVED
+        now.since(self.served) >= POLL_PERIOD
     }
 
-    /// All messages have been read; `lost` were lost since the start.
+    /// All messages have been read; `lost` is the number of lost messages since the start.
     pub fn on_served(&mut self, now: Instant, lost: u64) -> Option<Losses> {
         (self.more, self.served) = (false, now);
         if lost > self.lost {
             self.lost = lost;
-            self.over = Some(now + LOSSES_OVER);
-            return Some(Losses::Grow);
+            self.loss_end = Some(now + LOSS_END);
+            return Some(Losses::Growing);
         }
-        self.over.take_if(|over| *over <= now).map(|_| Losses::Over)
+        self.loss_end.take_if(|loss_end| *loss_end <= now).map(|_| Losses::Ended)
     }
 
-    /// A message was accepted, or was not; true if it is the first that is accepted again.
+    /// Result of a publication; true if it is the first accepted message after a refusal.
     pub fn on_published(&mut self, accepted: bool) -> bool {
         mem::replace(&mut self.refuses, !accepted) && accepted
     }
@@ -79,17 +79,17 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_is_over_10_s_after_the_last_lost_message() {
+    fn a_loss_ends_10_s_after_the_last_lost_message() {
         let mut health = BusHealth::new();
-        assert_eq!(health.on_served(at(0), 3), Some(Losses::Grow));
-        assert_eq!(health.on_served(at(9000), 4), Some(Losses::Grow));
+        assert_eq!(health.on_served(at(0), 3), Some(Losses::Growing));
+        assert_eq!(health.on_served(at(9000), 4), Some(Losses::Growing));
         assert_eq!(health.on_served(at(18_999), 4), None);
-        assert_eq!(health.on_served(at(19_000), 4), Some(Losses::Over));
+        assert_eq!(health.on_served(at(19_000), 4), Some(Losses::Ended));
         assert_eq!(health.on_served(at(60_000), 4), None, "once");
     }
 
     #[test]
-    fn acceptance_after_refusal_is_news_once() {
+    fn acceptance_after_refusal_is_reported_once() {
         let mut health = BusHealth::new();
         let published = [true, false, false, true, true].map(|accepted| health.on_published(accepted));
         assert_eq!(published, [false, false, false, true, false]);

@@ -1,46 +1,46 @@
-//! A control group (cgroup v2) for each module, where the machine lets us make some: limits that hold for all that a
-//! module starts, and an end that nothing escapes.
+//! A control group (cgroup v2) for each module, where the machine permits it: limits that hold for all processes that a
+//! module starts, and an end that none of them escapes.
 //!
-//! `OWN/advee-HASH/MODULE`, OWN being the group that we run in and HASH that of the run folder. In a group of systemd
-//! that is ours to divide (`Delegate=yes`) memory and processors can be limited; elsewhere, as far as the folder can be
-//! written, a group still ends as a whole. The kernel lets a group either hold processes or divide what it has, so
-//! whoever runs in OWN moves to `OWN/advee-HASH/guard` first (cgroups(7), "no internal processes").
+//! Path: `OWN/advee-HASH/MODULE`, where OWN is the group of this process and HASH identifies the run folder. In a group
+//! that systemd delegated (`Delegate=yes`) memory and processors can be limited; elsewhere, if the folder is writable,
+//! a group can still be killed as a whole. The kernel lets a group either hold processes or distribute resources, so
+//! the processes in OWN first move to `OWN/advee-HASH/guard` (cgroups(7), "no internal processes").
 
 use nix::sys::statfs::{CGROUP2_SUPER_MAGIC, statfs};
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Where the processes of the guard go when their own group is divided.
+/// Group of the supervising processes once their own group distributes resources.
 const GUARD: &str = "guard";
-/// Of a limit on processor time, µs: a module that used up its share waits no longer than this.
+/// Period of the processor limit, µs: a module that used up its share waits at most this long.
 const PERIOD_US: u64 = 100_000;
 
-/// The groups of one robot.
+/// Groups of one robot.
 #[derive(Debug)]
 pub struct Cgroups {
     own: PathBuf,
     robot: PathBuf,
 }
 
-/// The group of one module.
+/// Group of one module.
 #[derive(Debug)]
 pub struct Leaf {
     path: PathBuf,
 }
 
-/// Which limits a group holds.
+/// Limits that a group enforces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Held {
-    /// Of memory.
+pub struct EnforcedLimits {
+    /// Memory.
     pub memory: bool,
-    /// Of processor time.
+    /// Processor time.
     pub cpu: bool,
 }
 
 impl Cgroups {
-    /// The groups of the robot `name` below our own; with `divide` such that memory and processors can be limited, as
-    /// far as the machine lets us. None where no group can be made.
+    /// Opens the groups of the robot `name` below the group of this process. With `divide` they can limit memory and
+    /// processors as far as the machine permits. `None` if no group can be created.
     #[must_use]
     pub fn open(name: &str, divide: bool) -> Option<Self> {
         let groups = Self::find(name)?;
@@ -51,7 +51,7 @@ impl Cgroups {
         Some(groups)
     }
 
-    /// Removes what is left of the groups of the robot `name`, as far as nobody is in them.
+    /// Removes the groups of the robot `name` that are empty.
     pub fn remove(name: &str) {
         if let Some(groups) = Self::find(name) {
             for entry in fs::read_dir(&groups.robot).into_iter().flatten().flatten() {
@@ -73,7 +73,7 @@ impl Cgroups {
         Self { own, robot }
     }
 
-    /// Lets the groups below divide memory and processors.
+    /// Enables the memory and processor controllers for the groups below.
     fn divide(&self) {
         let pass_on = |group: &Path| {
             let has = fs::read_to_string(group.join("cgroup.controllers")).unwrap_or_default();
@@ -94,10 +94,10 @@ impl Cgroups {
         pass_on(&self.robot);
     }
 
-    /// The group of a module, made where it is not there.
+    /// Creates or opens the group of a module.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The group cannot be created.
     pub fn leaf(&self, module: &str) -> io::Result<Leaf> {
         let path = self.robot.join(module);
         fs::create_dir(&path).or_else(exists)?;
@@ -106,29 +106,29 @@ impl Cgroups {
 }
 
 impl Leaf {
-    /// Sets the limits: bytes, and cores; none is no limit. Which of them hold.
+    /// Sets the limits, bytes and cores, `None` being unlimited; returns those that are in effect.
     #[must_use]
-    pub fn limit(&self, memory_max: Option<u64>, cpu_max: Option<f64>) -> Held {
+    pub fn limit(&self, memory_max: Option<u64>, cpu_max: Option<f64>) -> EnforcedLimits {
         let memory = memory_max.map_or("max".into(), |bytes| bytes.to_string());
         let cpu = cpu_max.map_or("max".into(), |cores| format!("{:.0}", cores * PERIOD_US as f64));
-        // An existing file only: on another file system, in a group without that controller, there is none.
+        // Existing files only: on another file system, or without the controller, the file is absent.
         let set = |file: &str, value: String| {
             let mut file = OpenOptions::new().write(true).open(self.path.join(file))?;
             io::Write::write_all(&mut file, value.as_bytes())
         };
-        Held {
+        EnforcedLimits {
             memory: set("memory.max", memory).is_ok() && memory_max.is_some(),
             cpu: set("cpu.max", format!("{cpu} {PERIOD_US}")).is_ok() && cpu_max.is_some(),
         }
     }
 
-    /// What a process writes `0` to, to be in this group from then on.
+    /// File to which a process writes `0` to join this group.
     #[must_use]
-    pub fn entrance(&self) -> Option<File> {
+    pub fn join_file(&self) -> Option<File> {
         OpenOptions::new().write(true).open(self.path.join("cgroup.procs")).ok()
     }
 
-    /// Kills all that is in it (Linux 5.14).
+    /// Kills all processes of the group (Linux 5.14).
     pub fn kill(&self) {
         if let Ok(mut file) = OpenOptions::new().write(true).open(self.path.join("cgroup.kill")) {
             let _ = io::Write::write_all(&mut file, b"1");
@@ -140,11 +140,12 @@ fn exists(error: io::Error) -> io::Result<()> {
     if error.kind() == io::ErrorKind::AlreadyExists { Ok(()) } else { Err(error) }
 }
 
-/// The folder of our own group from `/proc/self/cgroup` and `/proc/self/mountinfo`; who was moved to the guard's group
-/// by an earlier life belongs above it.
+/// Finds the folder of our own group from `/proc/self/cgroup` and `/proc/self/mountinfo`. A process that an earlier run
+/// moved to the guard's group belongs to the group above.
 fn own_group(cgroup: &str, mounts: &str, name: &str) -> Option<PathBuf> {
     let path = cgroup.lines().find_map(|line| line.strip_prefix("0::/"))?;
-    // Fields up to " - " vary in number; the fourth is the root of the mount, the fifth the mount point (proc(5)).
+    // The number of fields before " - " varies; the fourth is the root of the mount, the fifth the mount point
+    // (proc(5)).
     let (root, point) = mounts.lines().find_map(|line| {
         let (fields, kind) = line.split_once(" - ")?;
         let mut fields = fields.split(' ').skip(3);
@@ -180,7 +181,7 @@ mod tests {
         assert_eq!(own_group("0::/else", within, "n"), None);
     }
 
-    /// Plain files where the kernel would have its own.
+    /// Plain files in place of the kernel's.
     fn played(controllers: &str) -> Cgroups {
         let own = std::env::temp_dir().join(format!("advee-cgroups-{}-{}", std::process::id(), controllers.len()));
         let groups = Cgroups::at(own, "advee-1");
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_written_where_the_group_has_them() {
+    fn limits_are_written_where_the_group_supports_them() {
         let groups = played("cpuset cpu io memory pids\n");
         groups.divide();
         for group in [&groups.own, &groups.robot] {
@@ -203,10 +204,10 @@ mod tests {
         for name in ["memory.max", "cpu.max", "cgroup.kill"] {
             fs::write(file(name), "").unwrap();
         }
-        assert_eq!(leaf.limit(Some(1 << 20), Some(0.25)), Held { memory: true, cpu: true });
+        assert_eq!(leaf.limit(Some(1 << 20), Some(0.25)), EnforcedLimits { memory: true, cpu: true });
         let said = ["memory.max", "cpu.max"].map(|name| fs::read_to_string(file(name)).unwrap());
         assert_eq!(said, ["1048576", "25000 100000"]);
-        assert_eq!(leaf.limit(None, None), Held::default());
+        assert_eq!(leaf.limit(None, None), EnforcedLimits::default());
         leaf.kill();
         assert_eq!(fs::read_to_string(file("cgroup.kill")).unwrap(), "1");
         fs::remove_dir_all(&groups.own).unwrap();
@@ -217,7 +218,7 @@ mod tests {
         let groups = played("");
         groups.divide();
         assert!(!groups.own.join("cgroup.subtree_control").exists());
-        assert_eq!(groups.leaf("m").unwrap().limit(Some(1), Some(1.0)), Held::default());
+        assert_eq!(groups.leaf("m").unwrap().limit(Some(1), Some(1.0)), EnforcedLimits::default());
         fs::remove_dir_all(&groups.own).unwrap();
     }
 }

@@ -1,29 +1,29 @@
-//! The machine's clocks, and how they map to the scales that modules know.
+//! The machine's clocks and their conversion to the scales that modules use.
 
 use base::{Epoch, Instant};
 use nix::time::{ClockId, clock_gettime};
 
-/// Now on the monotonic scale, which counts from the machine's start.
+/// Current time on the monotonic scale, which counts from the machine's start.
 #[must_use]
 pub fn now() -> Instant {
     Instant::from_nanos(read(ClockId::CLOCK_MONOTONIC))
 }
 
-/// The wall clock, nanoseconds since the UNIX epoch.
+/// Wall clock, nanoseconds since the UNIX epoch.
 #[must_use]
 pub fn wall() -> u64 {
     read(ClockId::CLOCK_REALTIME)
 }
 
-/// How the monotonic scale stands against the wall clock now; a process takes it once.
+/// Current offset between the monotonic scale and the wall clock; a process reads it once.
 #[must_use]
 pub fn epoch() -> Epoch {
     Epoch { offset_us: (wall() / 1000) as i64 - (now().as_nanos() / 1000) as i64 }
 }
 
-/// The moment on the monotonic scale of a kernel's receive time on the wall clock. Never after `now`. A step of the
-/// wall clock between reception and now makes it wrong by the step: forward, a message counts as older than it is;
-/// backward, one that waited meanwhile counts as new. The kernel stamps datagrams on no other clock.
+/// Converts the kernel's receive time, on the wall clock, to the monotonic scale; at most `now`. A step of the wall
+/// clock between reception and now is an error of that size: after a forward step a message counts as older than it is,
+/// after a backward step an old one counts as new. The kernel stamps datagrams on no other clock.
 #[must_use]
 pub fn received(now: Instant, kernel_ns: u64) -> Instant {
     now - std::time::Duration::from_nanos(wall().saturating_sub(kernel_ns))

@@ -1,6 +1,6 @@
-//! The computer's own watchdog (`/dev/watchdog`): it resets the computer unless it is fed.
+//! Hardware watchdog of the computer (`/dev/watchdog`), which resets the computer unless it is fed.
 //!
-//! It is armed by being opened and disarmed by a `V` before it is closed; closed without, as by a kill, it goes on
+//! Opening the device arms it; writing `V` before closing disarms it. Closed without that, as after a kill, it keeps
 //! counting (Documentation/watchdog/watchdog-api.rst).
 
 use super::sys;
@@ -11,41 +11,42 @@ use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// Limit is seconds: this is often enough.
+/// Feeding period; its timeout is in seconds.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// An armed one.
+/// An armed hardware watchdog.
 pub struct HardwareWatchdog {
     device: File,
     next: Instant,
 }
 
 impl HardwareWatchdog {
-    /// Arms it: from now on it is to be fed. Returns a line for people, too: after how many seconds it resets.
+    /// Arms it: from now on it must be fed. Also returns a line for people with the timeout.
     ///
     /// # Errors
-    /// One line why it cannot be.
+    /// The reason in one line.
     pub fn open(path: &Path, timeout_s: u32) -> Result<(Self, String), String> {
         let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
         let device = OpenOptions::new().write(true).custom_flags(flags).open(path);
-        let device = device.map_err(|error| format!("hardware watchdog {}: {error}: there is none", path.display()))?;
-        let told = match sys::set_watchdog_timeout(device.as_fd(), timeout_s) {
+        let device = device
+            .map_err(|error| format!("hardware watchdog {}: {error}; the robot runs without it", path.display()))?;
+        let note = match sys::set_watchdog_timeout(device.as_fd(), timeout_s) {
             Ok(seconds) => format!("hardware watchdog {}: resets after {seconds} s", path.display()),
-            Err(error) => format!("hardware watchdog {}: its own time limit stands: {error}", path.display()),
+            Err(error) => format!("hardware watchdog {}: its default timeout is in effect: {error}", path.display()),
         };
-        Ok((Self { device, next: Instant::ZERO }, told))
+        Ok((Self { device, next: Instant::ZERO }, note))
     }
 
-    /// Feeds it, when that is due.
+    /// Feeds it if that is due.
     pub fn feed(&mut self, now: Instant) {
         if self.next <= now {
             self.next = now + PERIOD;
-            // One that takes nothing will tell by itself.
+            // A device that rejects the write resets the computer by itself.
             let _ = self.device.write_all(&[0]);
         }
     }
 
-    /// A clean end: the computer stays on.
+    /// Disarms it: the computer keeps running.
     pub fn disarm(mut self) {
         let _ = self.device.write_all(b"V");
     }
@@ -57,11 +58,11 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn it_is_fed_each_second_and_disarmed_by_a_letter() {
+    fn the_watchdog_is_fed_each_second_and_disarmed_on_close() {
         let path = std::env::temp_dir().join(format!("advee-watchdog-{}", std::process::id()));
         fs::write(&path, "").unwrap();
-        let (mut device, told) = HardwareWatchdog::open(&path, 10).unwrap();
-        assert!(told.contains("its own time limit stands"), "a file has no limit to set: {told}");
+        let (mut device, note) = HardwareWatchdog::open(&path, 10).unwrap();
+        assert!(note.contains("its default timeout is in effect"), "a file has no limit to set: {note}");
         for ms in (0..3000).step_by(100) {
             device.feed(Instant::from_millis(ms));
         }

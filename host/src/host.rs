@@ -1,12 +1,12 @@
 //! One module as a process: one thread, one `epoll`, one timer.
 //!
-//! Each turn of the loop serves what is due, then every source a bounded number of times, so that a flood on one of
-//! them delays the others by a turn at most.
+//! Each turn of the loop serves what is due, then a bounded number of inputs of every source, so that a flood on one
+//! source delays the others by at most one turn.
 
 use super::bad_input::{self, BadInput};
-use super::beats::{Beat, Beats};
+use super::beats::{Heartbeat, HeartbeatPage};
 use super::bus::{Bus, Received as FromBus};
-use super::bus_health::{BusHealth, LOSSES_OVER, Losses};
+use super::bus_health::{BusHealth, LOSS_END, Losses};
 use super::clock;
 use super::limits;
 use super::log::{Log, OneLine};
@@ -33,105 +33,108 @@ use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-/// Inputs taken from one source in one turn.
+/// Maximum number of inputs taken from one source in one turn.
 const BURST: usize = 64;
-/// A module that overhears has so many bytes of datagrams wait for it while it has no turn: a third of a second at
-/// 50 MB/s.
-const ROOM: usize = 16 << 20;
-/// What a module sent last has this long to leave.
-const FLUSH: Duration = Duration::from_millis(100);
+/// Socket buffer of a module that receives the whole bus, bytes: a third of a second at 50 MB/s.
+const RAW_RECEIVE_BUFFER: usize = 16 << 20;
+/// Time that the last output of a module has to leave the process.
+const FLUSH_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// A module that a watchdog started ends when it hears of none for this long.
-const UNGUARDED: Duration = Duration::from_secs(3);
-/// The kernel ends it after so many seconds, were it to hang meanwhile; and after so many more once it is ending.
-const ALARM: (u32, u32) = (4, 3);
+/// A module that a watchdog started ends after this time without a sign of any watchdog.
+const UNSUPERVISED_MAX: Duration = Duration::from_secs(3);
+/// SIGALRM deadlines, s: while waiting for a watchdog, and while exiting. They end the process in case it hangs.
+const ALARM_S: (u32, u32) = (4, 3);
 
 const TIMER: u64 = 0;
 const SIGNALS: u64 = 1;
 const BUS: u64 = 2;
-const ENDS: u64 = 3;
+const PROCESSES: u64 = 3;
 const PORTS: u64 = 4;
 
-/// Where a module finds what it needs.
+/// Resources of a module.
 pub struct HostConfig {
     /// The LCM bus.
     pub lcm_url: String,
     /// Ports, in the order of [`module::Module::ports`].
     pub ports: Vec<PortConfig>,
-    /// For each port in turn the `<BUS>` of `LL_DATA_RAW_<BUS>`, where what crosses it is to be sent; what is missing
-    /// is none.
+    /// For each port in order the `<BUS>` of `LL_DATA_RAW_<BUS>` on which its traffic is published; missing entries
+    /// count as `None`.
     pub raw: Vec<Option<String>>,
-    /// For the watchdog: how a module is started.
+    /// Start of modules; watchdog only.
     pub launch: Option<Launch>,
-    /// For the watchdog: the folder of the pages that modules beat in.
+    /// Folder of the heartbeat pages; watchdog only.
     pub beats: Option<PathBuf>,
-    /// Where what the module is told is to be written down.
+    /// Recording of the module's inputs, if enabled.
     pub inputs: Option<Inputs>,
 }
 
-/// Runs a module until it ends; its exit code. An error says what the machine refused at the start, in one line.
+/// Runs a module until it ends and returns its exit code.
+///
+/// # Errors
+/// A resource that the machine refused at the start, in one line.
 pub fn run(shell: Shell, config: HostConfig) -> Result<u8, String> {
     Host::open(shell, config)?.run()
 }
 
 struct Host {
     shell: Shell,
-    /// Of the shell, and so dropped after it.
+    /// Declared after `shell`, so dropped after it.
     recording: Option<Recording>,
     out: Actions,
-    /// What `out` is swapped with while its actions are done.
+    /// Swapped with `out` while the actions of `out` are executed.
     spare: Actions,
     log: Log,
-    /// Lines about refused resources, published after the module's start.
+    /// Warnings about refused resources, published after the module's start.
     lines: Vec<String>,
-    /// Rate limiters for the lines of foreign modules; only the watchdog has any.
+    /// Rate limiters for the lines of foreign modules; used by the watchdog only.
     foreign: BTreeMap<String, Texts>,
     bus: Bus,
     health: BusHealth,
     bad: BadInput,
     ports: Vec<Port>,
-    /// The last note of each port: one that repeats itself is not printed again.
+    /// Last note of each port; repeated notes are not printed.
     notes: Vec<String>,
-    /// The taps on those ports that are to be heard on the bus, and the bus's name there.
+    /// Taps of the ports whose traffic is published, with the bus name.
     taps: Vec<Option<(String, Tap)>>,
     processes: Option<Processes>,
-    /// For the watchdog: whom it tells how it is.
+    /// Connection to the process that supervises the watchdog; watchdog only.
     parent: Option<ToParent>,
-    /// When the watchdog that started this process, or another one, was last heard; none: nobody guards it.
-    guarded: Option<Instant>,
-    /// What a watchdog has counted in the page of beats.
+    /// Time of the last sign of any watchdog; `None` if no watchdog supervises this process.
+    watchdog_seen: Option<Instant>,
+    /// Last value of the watchdog's counter in the heartbeat page.
     reader: u32,
     epoll: Epoll,
     timer: TimerFd,
     armed: Option<Instant>,
-    /// In real time it waits in another way; see [`Host::wait_exactly`].
+    /// Use the exact wait of a real-time thread; see [`Host::wait_exactly`].
     real_time: bool,
     signals: SignalFd,
-    /// What tells the watchdog that this loop goes round.
-    beat: Option<Beat>,
+    /// Heartbeat of this loop.
+    beat: Option<Heartbeat>,
     end: Option<(u8, Instant)>,
 }
 
 impl Host {
     fn open(mut shell: Shell, config: HostConfig) -> Result<Self, String> {
-        // Before anything else may start a thread: all of them inherit the mask.
+        // Before any thread can start, because threads inherit the signal mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
-        let guarded = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
-        if guarded.is_some() {
-            alarm::set(ALARM.0);
+        let watchdog_seen = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
+        if watchdog_seen.is_some() {
+            alarm::set(ALARM_S.0);
         }
-        let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
+        let beats = HeartbeatPage::open().map_err(|error| format!("heartbeat page: {error}"))?;
         let mut channels: Vec<Channel> = shell.subscriptions().collect();
-        // The page of beats shows the watchdog too, at lower cost.
-        channels.extend(guarded.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
-        let overhears = shell.module().overhears();
+        // The heartbeat page shows the watchdog too, at lower cost.
+        channels.extend(watchdog_seen.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
+        let wants_raw_bus = shell.module().wants_raw_bus();
         channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
-        let channels: Vec<&str> = match overhears {
+        let channels: Vec<&str> = match wants_raw_bus {
             true => vec![".*"],
             false => channels.into_iter().map(Channel::name).collect(),
         };
-        let bus = Bus::open_roomy(&config.lcm_url, &channels, if overhears { ROOM } else { 0 })?;
+        let bus =
+            Bus::open_with_buffer(&config.lcm_url, &channels, if wants_raw_bus { RAW_RECEIVE_BUFFER } else { 0 })?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
         let taps = taps(config.raw, specs.len());
@@ -150,7 +153,7 @@ impl Host {
         let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         let mut lines: Vec<String> = limits::lock_memory().err().into_iter().map(|why| why.to_string()).collect();
         if let Some(processes) = &processes {
-            epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, ENDS)).map_err(polled)?;
+            epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, PROCESSES)).map_err(polled)?;
         }
         let parent = processes.is_some().then(|| ToParent::open(clock::now())).transpose();
         let recording = config.inputs.and_then(|inputs| {
@@ -175,21 +178,21 @@ impl Host {
             ports,
             processes,
             parent: parent.map_err(|error| format!("the parent's socket: {error}"))?.flatten(),
-            guarded,
+            watchdog_seen,
             reader: 0,
             epoll,
             timer,
             armed: None,
             real_time: sys::is_fifo(),
             signals,
-            beat: beat.map_err(|error| format!("the page of beats: {error}"))?,
+            beat: beat.map_err(|error| format!("heartbeat page: {error}"))?,
             end: None,
         })
     }
 
     fn run(mut self) -> Result<u8, String> {
-        // What an earlier life left comes before anything else.
-        self.tell_of_processes();
+        // Processes that an earlier watchdog left come before everything else.
+        self.report_processes();
         self.feed(Event::Start);
         for line in mem::take(&mut self.lines) {
             self.say(Level::Warning, &line);
@@ -200,7 +203,7 @@ impl Host {
         let mut ready = [EpollEvent::empty(); 16];
         loop {
             self.serve_time();
-            // After what is due: nothing has come there, it is only looked after.
+            // After what is due: the bus is polled although it did not become readable.
             if self.health.is_due(clock::now()) {
                 self.serve_bus();
             }
@@ -213,11 +216,11 @@ impl Host {
             let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
             for event in &ready[..count] {
                 match event.data() {
-                    // Setting it anew is what makes it quiet.
+                    // Setting the timer again clears its readiness.
                     TIMER => self.armed = None,
                     SIGNALS => self.serve_signals(),
                     BUS => self.health.more = true,
-                    ENDS => self.serve_ends(),
+                    PROCESSES => self.serve_processes(),
                     port => self.port_ready((port - PORTS) as usize, event.events()),
                 }
             }
@@ -227,18 +230,18 @@ impl Host {
             for index in 0..self.ports.len() {
                 self.serve_port(index);
             }
-            self.end_unguarded();
+            self.end_unsupervised();
         }
     }
 
-    /// Waits for anything, unless more is known to be there.
+    /// Waits for any event; returns at once if unserved input is known.
     fn wait(&mut self, now: Instant, ready: &mut [EpollEvent]) -> nix::Result<usize> {
         let more = self.health.more || self.ports.iter().any(|port| port.more);
         let due = self.due();
         let timeout = match () {
             () if more => EpollTimeout::ZERO,
             () if self.real_time => match self.wait_exactly(due, ready) {
-                // A kernel before 5.11.
+                // The kernel is older than 5.11.
                 Err(Errno::ENOSYS | Errno::EPERM) => {
                     self.real_time = false;
                     return Ok(0);
@@ -256,9 +259,9 @@ impl Host {
         }
     }
 
-    /// Waits for anything until `due`, in real time. The time limit of a real-time thread's own system call is kept by
-    /// the clock's interrupt itself, and exactly; what a timerfd tells is on a kernel with PREEMPT_RT told by a thread
-    /// of low priority (docs/real-time.md).
+    /// Waits for any event until `due`, in a real-time thread. The timer interrupt itself ends the timeout of a system
+    /// call of a real-time thread, exactly; with PREEMPT_RT a timerfd is served by a thread of low priority
+    /// (docs/real-time.md).
     fn wait_exactly(&self, due: Option<Instant>, ready: &mut [EpollEvent]) -> nix::Result<usize> {
         let limit = due.map(|due| due.since(clock::now()));
         match sys::epoll_wait_exactly(&self.epoll, ready, limit) {
@@ -267,17 +270,17 @@ impl Host {
         }
     }
 
-    /// When something is due next.
+    /// Next deadline of everything that this loop serves.
     fn due(&self) -> Option<Instant> {
         let shell = self.shell.poll_timeout();
         let ports = self.ports.iter().filter_map(Port::poll_timeout).min();
         let processes = self.processes.as_ref().and_then(Processes::poll_timeout);
         let taps = self.taps.iter().flatten().filter_map(|(_, tap)| tap.poll_timeout()).min();
         let end = self.end.map(|(_, until)| until);
-        let beat = self.beat.as_ref().map(Beat::next);
+        let beat = self.beat.as_ref().map(Heartbeat::next);
         let parent = self.parent.as_ref().map(ToParent::next);
-        let unguarded = self.guarded.map(|heard| heard + UNGUARDED);
-        earliest([shell, ports, taps, processes, end, beat, parent, unguarded])
+        let unsupervised = self.watchdog_seen.map(|sign| sign + UNSUPERVISED_MAX);
+        earliest([shell, ports, taps, processes, end, beat, parent, unsupervised])
     }
 
     fn arm(&mut self, now: Instant, due: Option<Instant>) -> nix::Result<()> {
@@ -286,7 +289,7 @@ impl Host {
         }
         self.armed = due;
         match due {
-            // Zero would disarm it.
+            // Zero would disarm the timer.
             Some(due) => {
                 let at = TimeSpec::from_duration(std::time::Duration::from_nanos(due.as_nanos().max(1)));
                 self.timer.set(Expiration::OneShot(at), TimerSetTimeFlags::TFD_TIMER_ABSTIME)
@@ -295,14 +298,14 @@ impl Host {
         }
     }
 
-    /// Whatever is due by the clock.
+    /// Serves all deadlines that have passed.
     fn serve_time(&mut self) {
         let now = clock::now();
         if self.shell.poll_timeout().is_some_and(|due| due <= now) {
             self.feed(Event::Timer);
         }
         if self.beat.as_mut().is_some_and(|beat| beat.beat(now)) {
-            self.look_for_watchdog(now);
+            self.check_watchdog(now);
         }
         if let Some(trouble) = self.recording.as_mut().and_then(Recording::trouble) {
             self.raise(Fault::InputsLost, "inputs", trouble);
@@ -313,9 +316,9 @@ impl Host {
         }
         if let Some(processes) = &mut self.processes {
             processes.handle_timeout(now);
-            self.tell_of_processes();
+            self.report_processes();
         }
-        // After all that it is to vouch for.
+        // Last, after all the work whose progress it confirms.
         if let Some(parent) = &mut self.parent {
             parent.handle_timeout(now);
         }
@@ -328,48 +331,52 @@ impl Host {
         }
     }
 
-    fn serve_ends(&mut self) {
-        // What it was told before it ended comes first: one that was told to end has not died.
+    fn serve_processes(&mut self) {
+        // Messages sent before the end come first: a module that announced its end has not crashed.
         self.serve_bus();
         if let Some(processes) = &mut self.processes {
             processes.on_ends();
         }
-        self.tell_of_processes();
+        self.report_processes();
     }
 
-    /// It counts in the page of beats.
-    fn look_for_watchdog(&mut self, now: Instant) {
-        if let (Some(beat), Some(_)) = (&self.beat, self.guarded) {
+    /// Reads the watchdog's counter in the heartbeat page.
+    fn check_watchdog(&mut self, now: Instant) {
+        if let (Some(beat), Some(_)) = (&self.beat, self.watchdog_seen) {
             let reader = beat.reader();
             if mem::replace(&mut self.reader, reader) != reader {
-                self.hear_watchdog(now);
+                self.on_watchdog_sign(now);
             }
         }
     }
 
-    fn hear_watchdog(&mut self, now: Instant) {
-        if let Some(heard) = &mut self.guarded {
-            *heard = now;
-            alarm::set(ALARM.0);
+    fn on_watchdog_sign(&mut self, now: Instant) {
+        if let Some(sign) = &mut self.watchdog_seen {
+            *sign = now;
+            alarm::set(ALARM_S.0);
         }
     }
 
-    /// Ends a module whose watchdog was not replaced. Asked when all that has come is read: after having been held up
-    /// itself it finds there whether one was heard.
-    fn end_unguarded(&mut self) {
-        if self.health.more || self.guarded.is_none() {
+    /// Ends a module whose watchdog died and was not replaced. Decided only when all input has been read: after a delay
+    /// of this process itself, the sign of a watchdog may still wait there.
+    fn end_unsupervised(&mut self) {
+        if self.health.more || self.watchdog_seen.is_none() {
             return;
         }
         let now = clock::now();
-        let unheard = |guarded: Option<Instant>| guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED);
-        if !unheard(self.guarded) {
+        let is_unsupervised =
+            |watchdog_seen: Option<Instant>| watchdog_seen.is_some_and(|sign| now.since(sign) >= UNSUPERVISED_MAX);
+        if !is_unsupervised(self.watchdog_seen) {
             return;
         }
-        self.look_for_watchdog(now);
-        if unheard(self.guarded) {
-            self.guarded = None;
-            alarm::set(ALARM.1);
-            self.say(Level::Warning, &format!("no watchdog was heard for {} s: it ends", UNGUARDED.as_secs()));
+        self.check_watchdog(now);
+        if is_unsupervised(self.watchdog_seen) {
+            self.watchdog_seen = None;
+            alarm::set(ALARM_S.1);
+            self.say(
+                Level::Warning,
+                &format!("no sign of a watchdog for {} s: the module ends", UNSUPERVISED_MAX.as_secs()),
+            );
             self.shell.terminate(now, &mut self.out);
             self.act();
         }
@@ -381,19 +388,19 @@ impl Host {
             match self.receive(now) {
                 FromBus::Nothing => {
                     self.on_bus_served(now);
-                    self.watch_datagrams(now);
-                    self.tell_what_is_over(now);
+                    self.report_datagrams(now);
+                    self.report_ended_causes(now);
                     return;
                 }
                 FromBus::Message { at, message } => {
                     if let Channel::CmDataProcesses = message.channel() {
-                        self.hear_watchdog(now);
+                        self.on_watchdog_sign(now);
                     }
                     self.feed(Event::Message { at, message: &message });
                 }
                 FromBus::Foreign => {}
                 FromBus::Malformed { subject, why } => {
-                    self.drop_bad(now, Fault::MessageMalformed, subject, why, 1);
+                    self.reject_input(now, Fault::MessageMalformed, subject, why, 1);
                 }
                 FromBus::Broken(why) => {
                     self.health.more = false;
@@ -404,15 +411,16 @@ impl Host {
         }
     }
 
-    /// Takes a message; a module that overhears has been told of it as bytes, and decoded is what it wants besides.
+    /// Receives a message. A module that wants the raw bus has received its bytes before; only the channels that it
+    /// subscribes to are decoded.
     fn receive(&mut self, now: Instant) -> FromBus {
-        if !self.shell.module().overhears() {
+        if !self.shell.module().wants_raw_bus() {
             return self.bus.receive(now);
         }
-        let follows_watchdog = self.guarded.is_some() && self.beat.is_none();
+        let follows_watchdog = self.watchdog_seen.is_some() && self.beat.is_none();
         let (shell, out) = (&mut self.shell, &mut self.out);
-        let received = self.bus.overhear(now, |at, raw| {
-            shell.handle(now, Event::Heard { at, channel: raw.channel, data: raw.data }, out);
+        let received = self.bus.receive_with(now, |at, raw| {
+            shell.handle(now, Event::RawMessage { at, channel: raw.channel, data: raw.data }, out);
             let wanted = |channel| shell.wants(channel) || (channel == Channel::CmDataProcesses && follows_watchdog);
             Channel::from_name(raw.channel).is_some_and(wanted)
         });
@@ -420,7 +428,7 @@ impl Host {
         received
     }
 
-    /// Hands the module an event, and does what follows from it.
+    /// Passes an event to the module and executes the resulting actions.
     fn feed(&mut self, event: Event<'_>) {
         self.shell.handle(clock::now(), event, &mut self.out);
         self.act();
@@ -432,16 +440,16 @@ impl Host {
         self.act();
     }
 
-    /// Prints and publishes a line for people in the module's name.
+    /// Prints and publishes a text for people in the module's name.
     fn say(&mut self, level: Level, text: &str) {
         self.shell.say(clock::now(), level, text, &mut self.out);
         self.act();
     }
 
-    /// Does all that was asked for, and what follows from that.
+    /// Executes all pending actions, including those that they cause.
     fn act(&mut self) {
         while !self.out.as_slice().is_empty() {
-            // Each list has the epoch: what an action leads to may come here again, and take the spare one.
+            // Each list has the epoch: an action may call this function again, which takes the spare list.
             let another = Actions::new(self.out.epoch());
             let mut actions = mem::replace(&mut self.out, mem::replace(&mut self.spare, another));
             for action in actions.drain() {
@@ -468,14 +476,14 @@ impl Host {
                 }
                 self.queue_news();
             }
-            Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH)),
+            Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH_TIMEOUT)),
             Action::Run(command) => self.run_command(&command),
-            // The shell keeps these to itself, except the state, which is announced on the bus.
+            // Handled within the shell; the state is announced on the bus.
             Action::Raise(_) | Action::Clear(_) | Action::Condition(_) | Action::State(_) => {}
         }
     }
 
-    /// Starts what halts the computer, in a process group of its own: it must outlive us.
+    /// Starts the program that halts the computer in its own process group, so that it outlives this process.
     fn run_command(&mut self, command: &[String]) {
         let Some((program, args)) = command.split_first() else { return };
         let started = Command::new(program).args(args).stdin(Stdio::null()).process_group(0).spawn();
@@ -490,7 +498,8 @@ impl Host {
         let again = self.health.on_published(sent.is_ok());
         match sent {
             Ok(()) if again => {
-                let report = Report::new(Severity::Notice, Fault::PortDown, "lcm", "LCM bus: messages leave again");
+                let report =
+                    Report::new(Severity::Notice, Fault::PortDown, "lcm", "the LCM bus accepts messages again");
                 self.shell.clear(now, report, &mut self.out);
             }
             Ok(()) => {}
@@ -501,18 +510,18 @@ impl Host {
         }
     }
 
-    /// All messages have been read. Reports once that some came faster than they were read, and once that this is over.
+    /// All messages have been read. Reports lost messages once, and once the end of the loss.
     fn on_bus_served(&mut self, now: Instant) {
-        let overhears = self.shell.module().overhears();
-        let count = if overhears { self.bus.missed() } else { self.bus.kernel_dropped() };
+        let wants_raw_bus = self.shell.module().wants_raw_bus();
+        let count = if wants_raw_bus { self.bus.missed() } else { self.bus.kernel_dropped() };
         match self.health.on_served(now, count) {
             None => {}
-            Some(Losses::Grow) => {
-                let why = "LCM bus: messages are lost: they come faster than they are taken";
+            Some(Losses::Growing) => {
+                let why = "LCM bus: messages are lost, because they arrive faster than they are processed";
                 self.raise(Fault::PortOverrun, "lcm", why);
             }
-            Some(Losses::Over) => {
-                let message = format!("LCM bus: no message lost for {} s; {count} in all", LOSSES_OVER.as_secs());
+            Some(Losses::Ended) => {
+                let message = format!("LCM bus: no message lost for {} s; {count} in all", LOSS_END.as_secs());
                 let report = Report::new(Severity::Notice, Fault::PortOverrun, "lcm", message);
                 self.shell.clear(now, report, &mut self.out);
                 self.act();
@@ -520,37 +529,37 @@ impl Host {
         }
     }
 
-    /// Tells of datagrams that are no messages. They are for nobody in particular, so one process tells for the whole
-    /// robot: the one that starts the others.
-    fn watch_datagrams(&mut self, now: Instant) {
+    /// Reports datagrams that are not LCM's. Every process receives them, so only the watchdog's process reports them.
+    fn report_datagrams(&mut self, now: Instant) {
         if self.processes.is_none() {
             return;
         }
         let mut rejected = Vec::new();
         self.bus.rejected(|cause, why, count| rejected.push((cause, why, count)));
         for (cause, why, count) in rejected {
-            self.drop_bad(now, Fault::MessageMalformed, cause, why, count);
+            self.reject_input(now, Fault::MessageMalformed, cause, why, count);
         }
     }
 
-    /// Counts input that is dropped, and tells of each cause once.
-    fn drop_bad(&mut self, now: Instant, fault: Fault, cause: String, why: String, count: u64) {
+    /// Counts rejected input and reports each cause once.
+    fn reject_input(&mut self, now: Instant, fault: Fault, cause: String, why: String, count: u64) {
         if self.bad.count(now, fault, &cause, count) {
             self.raise(fault, cause, why);
         }
     }
 
-    fn tell_what_is_over(&mut self, now: Instant) {
-        while let Some((fault, cause, count)) = self.bad.take_over(now) {
-            let message = format!("{cause}: well for {} s; it was so {count} times", bad_input::OVER.as_secs());
+    fn report_ended_causes(&mut self, now: Instant) {
+        while let Some((fault, cause, count)) = self.bad.take_ended(now) {
+            let message =
+                format!("{cause}: no further occurrence for {} s, {count} in all", bad_input::CAUSE_END.as_secs());
             let report = Report::new(Severity::Notice, fault, cause, message);
             self.shell.clear(now, report, &mut self.out);
             self.act();
         }
     }
 
-    /// Tells the watchdog what became of its processes.
-    fn tell_of_processes(&mut self) {
+    /// Passes news of the processes to the watchdog.
+    fn report_processes(&mut self) {
         self.queue_news();
         self.act();
     }
@@ -567,10 +576,10 @@ impl Host {
         while let Some(line) = self.processes.as_mut().and_then(Processes::poll_line) {
             self.relay(line);
         }
-        self.count_left_out();
+        self.publish_omitted();
     }
 
-    /// Prints and publishes a line of a foreign module in its name.
+    /// Prints and publishes a line of a foreign module in that module's name.
     fn relay(&mut self, line: Line) {
         let Line { module, level, text, from } = line;
         if level >= from.print {
@@ -587,7 +596,7 @@ impl Host {
     }
 
     /// Publishes the numbers of omitted lines of foreign modules.
-    fn count_left_out(&mut self) {
+    fn publish_omitted(&mut self) {
         let (now, epoch) = (clock::now(), self.out.epoch());
         let count = |(module, texts): (&String, &mut Texts)| texts.left_out(now, epoch.timestamp(now), module);
         let messages: Vec<Message> = self.foreign.iter_mut().filter_map(count).map(Message::from).collect();
@@ -610,7 +619,7 @@ impl Host {
                         Severity::Notice,
                         Fault::PortOverrun,
                         &*port.name,
-                        format!("{}: output leaves again", port.name),
+                        format!("{}: output is sent again", port.name),
                     );
                     self.shell.clear(now, report, &mut self.out);
                 }
@@ -619,7 +628,7 @@ impl Host {
             }
             Ok(false) => {
                 port.overrun = true;
-                let why = format!("{}: output is dropped: it does not leave", port.name);
+                let why = format!("{}: output is dropped, because the queue is full", port.name);
                 let report = Report::new(Severity::Warning, Fault::PortOverrun, &*port.name, why);
                 self.shell.raise(now, report, &mut self.out);
             }
@@ -627,11 +636,11 @@ impl Host {
         }
     }
 
-    /// Waits for room to write exactly while something waits for it.
+    /// Watches for space in the send queue while output waits for it.
     fn watch_writing(&mut self, index: usize) {
         let port = &mut self.ports[index];
         let wants = port.device.wants_to_write();
-        // Told by edges it is always watched.
+        // Edge-triggered devices are always watched for writing.
         if wants == port.polls_write || port.device.by_edge() {
             return;
         }
@@ -645,16 +654,16 @@ impl Host {
         }
     }
 
-    /// The device is lost: told to the module now, done by `act`.
+    /// Closes a failed device. The module is informed at once; its actions are executed by `act`.
     fn lose(&mut self, index: usize, reason: &str) {
         let now = clock::now();
-        // Closing its descriptor takes it out of the epoll.
+        // Closing the descriptor removes it from the epoll.
         self.ports[index].lose(now);
         let event = Event::Port { port: PortId(index as u8), input: Input::Down(reason) };
         self.shell.handle(now, event, &mut self.out);
     }
 
-    /// Lets the tap of a port see something, and sends what it makes of it.
+    /// Passes an event to the tap of a port and publishes the completed frames.
     fn tap(&mut self, index: usize, look: impl FnOnce(&mut Tap)) {
         let Some((bus, tap)) = self.taps.get_mut(index).and_then(Option::as_mut) else {
             return;
@@ -663,7 +672,7 @@ impl Host {
         let epoch = self.out.epoch();
         while let Some((at, mut frame)) = tap.take() {
             frame.timestamp = epoch.timestamp(at);
-            // Whether the bus takes messages is told by those that matter.
+            // A failure is reported by the publication of the module's own messages.
             let _ = self.bus.publish(&Raw { bus: bus.clone(), frame }.into());
         }
     }
@@ -671,14 +680,14 @@ impl Host {
     fn port_time(&mut self, index: usize) {
         let now = clock::now();
         let id = PortId(index as u8);
-        let told = matches!(self.ports[index].state, PortState::Down { told: true, .. });
+        let reported = matches!(self.ports[index].state, PortState::Down { reported: true, .. });
         match self.ports[index].try_open(now) {
             Some(Ok(())) => match self.watch(index) {
                 Ok(()) => self.feed(Event::Port { port: id, input: Input::Up }),
                 Err(errno) => self.lose(index, errno.desc()),
             },
-            // It stays down, and for another reason than the module was told.
-            Some(Err(reason)) if told => {
+            // The port stays down, but the reason changed since the module was informed.
+            Some(Err(reason)) if reported => {
                 let text = format!("{}: {reason}", self.ports[index].name);
                 self.say(Level::Warning, &text);
             }
@@ -726,7 +735,7 @@ impl Host {
             match port.device.receive(now) {
                 Ok(Received::Nothing) => port.more = false,
                 Ok(Received::Input { input, at, .. }) => {
-                    // The record has the time of reception; the module's time never goes back.
+                    // The tap keeps the time of reception; the module's time is monotonic.
                     if let Some((_, tap)) = &mut self.taps[index] {
                         tap.received(at, &input);
                     }
@@ -735,8 +744,8 @@ impl Host {
                 Ok(Received::Fault(fault, why)) => {
                     let name = port.name.clone();
                     let why = format!("{name}: {why}");
-                    // Apart from what is wrong with the output.
-                    self.drop_bad(now, fault, format!("{name} input"), why, 1);
+                    // Separate from faults of the output.
+                    self.reject_input(now, fault, format!("{name} input"), why, 1);
                 }
                 Ok(Received::Note(text)) => {
                     if self.notes[index] != text {
@@ -748,7 +757,7 @@ impl Host {
                 Err(reason) => self.lose(index, &reason),
             }
             self.act();
-            // What the module makes of it comes first.
+            // The module's reaction goes first.
             self.tap(index, |_| {});
         }
     }
@@ -759,7 +768,7 @@ fn taps(raw: Vec<Option<String>>, ports: usize) -> Vec<Option<(String, Tap)>> {
     names.map(|name| name.map(|name| (name, Tap::default()))).collect()
 }
 
-/// The signals that a process of ours hears by its loop and not by a handler.
+/// Signals that are read from a descriptor instead of a handler.
 fn signals() -> nix::Result<SignalFd> {
     let mut set = SigSet::empty();
     for signal in [Signal::SIGTERM, Signal::SIGINT] {

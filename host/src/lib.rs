@@ -1,7 +1,7 @@
-//! The live host, the one crate that may open, sleep, spawn and ask the time: runs one module as a process, on `epoll`,
-//! with real buses and the machine's clock.
+//! Live host: runs one module as a process on `epoll`, with real buses and the machine's clocks. Together with what
+//! stands on it, this is where files and ports are opened, processes started and clocks read.
 //!
-//! Read [`host`] first. Nothing here knows what a module does.
+//! Read [`host`] first. Nothing here depends on what a module does.
 #![deny(unsafe_code)]
 
 mod bad_input;

@@ -1,5 +1,5 @@
-//! What a module's process may use: scheduling, processors, memory. Taken on by the new process itself, before it runs
-//! anything else.
+//! Resource limits of a module's process: scheduling, processors, memory. The new process applies them to itself before
+//! exec.
 
 use super::cgroups::Leaf;
 use super::sys;
@@ -12,23 +12,23 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::os::fd::OwnedFd;
 
-/// The limits of one module, as `modules.toml` has them.
+/// Limits of one module, as in `modules.toml`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Limits {
-    /// `SCHED_FIFO` priority, 1..=99; none: the normal scheduler.
+    /// `SCHED_FIFO` priority, 1..=99; `None`: the normal scheduler.
     pub rt_priority: Option<u8>,
-    /// Processors it may use; empty: all.
+    /// Processors that it may use; empty: all.
     pub cpus: Vec<u16>,
-    /// -20..=19.
+    /// Nice value, -20..=19.
     pub nice: i8,
-    /// Bytes; none: no limit.
+    /// Memory, bytes; `None`: unlimited.
     pub memory_max: Option<u64>,
-    /// Cores; none: no limit.
+    /// Processor time, cores; `None`: unlimited.
     pub cpu_max: Option<f64>,
 }
 
-/// What a new process takes on between fork and exec; all is prepared before.
-pub struct Birth {
+/// Limits prepared for application between fork and exec, where nothing may be allocated.
+pub struct PreparedLimits {
     nice: i8,
     cpus: Option<CpuSet>,
     fifo: Option<u8>,
@@ -37,7 +37,7 @@ pub struct Birth {
     refused: OwnedFd,
 }
 
-/// What the machine may refuse; the number is what goes through the pipe.
+/// Limits that the machine may refuse; the number is the code in the pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum Limit {
@@ -46,21 +46,20 @@ enum Limit {
     Cpus,
     Memory,
     Fifo,
-    /// None of them: the number of the process.
+    /// No limit: the process id.
     Number,
 }
 
-/// Of what goes through the pipe: what, a number, and a zero.
-const TOLD: usize = 6;
+/// Length of a record in the pipe: code, number, and a zero.
+const RECORD_LEN: usize = 6;
 
 impl Limits {
-    /// Prepares a birth: what is to be taken on, and where to read later what was refused. `leaf` is the module's
-    /// cgroup.
+    /// Prepares the limits of a process and the reader of refusals. `leaf` is the module's cgroup.
     ///
     /// # Errors
-    /// There is no descriptor left.
+    /// No descriptor is left.
     #[allow(clippy::useless_conversion, reason = "machines of 32 bits have narrower ones")]
-    pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(Birth, Refused)> {
+    pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(PreparedLimits, Refused)> {
         let (read, refused) = pipe2(OFlag::O_CLOEXEC | OFlag::O_NONBLOCK)?;
         let mut unprepared = Vec::new();
         let mut cpus = CpuSet::new();
@@ -71,47 +70,47 @@ impl Limits {
         }
         let held = leaf.map(|leaf| leaf.limit(self.memory_max, self.cpu_max)).unwrap_or_default();
         if self.cpu_max.is_some() && !held.cpu {
-            unprepared.push("cpu_max: no cgroup that could hold it; it may use more".into());
+            unprepared.push("cpu_max: no cgroup with a cpu controller; not limited".into());
         }
-        let birth = Birth {
+        let birth = PreparedLimits {
             nice: self.nice,
             cpus: (!self.cpus.is_empty()).then_some(cpus),
             fifo: self.rt_priority,
             data: self.memory_max.filter(|_| !held.memory).map(|bytes| bytes.try_into().unwrap_or(RLIM_INFINITY)),
-            leaf: leaf.and_then(Leaf::entrance),
+            leaf: leaf.and_then(Leaf::join_file),
             refused,
         };
         Ok((birth, Refused { pipe: File::from(read), unprepared }))
     }
 }
 
-impl Birth {
-    /// To be called in the new process. Only system calls: nothing may allocate here.
-    pub(super) fn take_on(&self) {
+impl PreparedLimits {
+    /// Applies the limits in the new process. System calls only: nothing may be allocated here.
+    pub(super) fn apply(&self) {
         if let Some(leaf) = &self.leaf {
-            self.told(Limit::Group, write(leaf, b"0").map(|_| ()).map_err(Into::into));
+            self.report(Limit::Group, write(leaf, b"0").map(|_| ()).map_err(Into::into));
         }
         if self.nice != 0 {
-            self.told(Limit::Nice, sys::set_nice(self.nice));
+            self.report(Limit::Nice, sys::set_nice(self.nice));
         }
         if let Some(cpus) = &self.cpus {
-            self.told(Limit::Cpus, sched_setaffinity(Pid::from_raw(0), cpus).map_err(Into::into));
+            self.report(Limit::Cpus, sched_setaffinity(Pid::from_raw(0), cpus).map_err(Into::into));
         }
         if let Some(bytes) = self.data {
-            self.told(Limit::Memory, setrlimit(Resource::RLIMIT_DATA, bytes, bytes).map_err(Into::into));
+            self.report(Limit::Memory, setrlimit(Resource::RLIMIT_DATA, bytes, bytes).map_err(Into::into));
         }
         if let Some(priority) = self.fifo {
-            self.told(Limit::Fifo, sys::set_fifo(priority, false));
+            self.report(Limit::Fifo, sys::set_fifo(priority, false));
         }
     }
 
-    /// Tells the number of the process that will run. Only system calls, here too.
-    pub(super) fn is_born(&self) {
+    /// Reports the id of the process that will run the module. System calls only, here too.
+    pub(super) fn report_pid(&self) {
         let [a, b, c, d] = std::process::id().to_le_bytes();
         let _ = write(&self.refused, &[Limit::Number as u8, a, b, c, d, 0]);
     }
 
-    fn told(&self, limit: Limit, result: io::Result<()>) {
+    fn report(&self, limit: Limit, result: io::Result<()>) {
         if let Err(error) = result {
             let [a, b, c, d] = error.raw_os_error().unwrap_or(0).to_le_bytes();
             let _ = write(&self.refused, &[limit as u8, a, b, c, d, 0]);
@@ -119,27 +118,28 @@ impl Birth {
     }
 }
 
-/// Where a process says which of its limits the machine refused.
+/// Reader of the limits that the machine refused.
 pub struct Refused {
     pipe: File,
     unprepared: Vec<String>,
 }
 
 impl Refused {
-    /// Once it has started: a line for each limit, and the number of the process where it was told.
+    /// To be called once the process has started: returns a line for each refused limit, and the process id if it was
+    /// reported.
     pub fn read(self) -> (Vec<String>, Option<u32>) {
         let (mut lines, mut pid) = (self.unprepared, None);
-        let mut told = [0; 8 * TOLD];
-        let length = (&self.pipe).read(&mut told).unwrap_or(0);
-        for told in told[..length].chunks_exact(TOLD) {
-            let number = i32::from_le_bytes([told[1], told[2], told[3], told[4]]);
+        let mut report = [0; 8 * RECORD_LEN];
+        let length = (&self.pipe).read(&mut report).unwrap_or(0);
+        for report in report[..length].chunks_exact(RECORD_LEN) {
+            let number = i32::from_le_bytes([report[1], report[2], report[3], report[4]]);
             let error = io::Error::from_raw_os_error(number);
-            lines.push(match told[0] {
-                limit if limit == Limit::Group as u8 => format!("cgroup: {error}; it is guarded by its process group"),
-                limit if limit == Limit::Nice as u8 => format!("nice: {error}; it runs at the usual one"),
-                limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; it may use all"),
-                limit if limit == Limit::Memory as u8 => format!("memory_max: {error}; it may use more"),
-                limit if limit == Limit::Fifo as u8 => format!("rt_priority: {error}; it runs without"),
+            lines.push(match report[0] {
+                limit if limit == Limit::Group as u8 => format!("cgroup: {error}; the process group is used instead"),
+                limit if limit == Limit::Nice as u8 => format!("nice: {error}; not set"),
+                limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; all may be used"),
+                limit if limit == Limit::Memory as u8 => format!("memory_max: {error}; not limited"),
+                limit if limit == Limit::Fifo as u8 => format!("rt_priority: {error}; not set"),
                 _ => {
                     pid = Some(number.unsigned_abs());
                     continue;
@@ -150,21 +150,21 @@ impl Refused {
     }
 }
 
-/// Keeps the memory of a real-time process where it is: a page that must be fetched is a late cycle. Does nothing for
-/// others.
+/// Locks the memory of a real-time process, because fetching a page would delay a cycle. Does nothing for other
+/// processes.
 ///
 /// # Errors
-/// One line why it cannot be.
+/// The reason in one line.
 pub fn lock_memory() -> Result<(), String> {
     if !sys::is_fifo() {
         return Ok(());
     }
     let _ = setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY);
-    // A limit would refuse further memory later, when that hurts.
+    // With a limit, later allocations would fail at run time.
     match getrlimit(Resource::RLIMIT_MEMLOCK) {
         Ok((RLIM_INFINITY, _)) => mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)
-            .map_err(|errno| format!("mlockall: {}: its memory may be paged out", errno.desc())),
-        _ => Err("RLIMIT_MEMLOCK is limited: its memory may be paged out".into()),
+            .map_err(|errno| format!("mlockall: {}; its memory may be paged out", errno.desc())),
+        _ => Err("RLIMIT_MEMLOCK is limited; its memory may be paged out".into()),
     }
 }
 
@@ -174,7 +174,7 @@ mod tests {
     use std::os::unix::process::CommandExt;
     use std::process::{Command, Stdio};
 
-    /// What a shell with these limits says to `script`, and what was refused.
+    /// Output of `script` in a shell with these limits, and the refused limits.
     fn run(limits: &Limits, script: &str) -> (String, Vec<String>) {
         let (birth, refused) = limits.prepare(None).unwrap();
         let mut command = Command::new("/bin/sh");
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn real_time_is_taken_on_or_said_to_be_refused() {
+    fn real_time_priority_is_set_or_its_refusal_reported() {
         let limits = Limits { rt_priority: Some(7), ..Limits::default() };
         // Fields 40 and 41 of stat: priority and policy.
         let (said, refused) = run(&limits, "cut -d' ' -f40,41 /proc/self/stat");
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_held_is_said_and_the_process_starts() {
+    fn unsupported_limits_are_reported_and_the_process_starts() {
         let limits = Limits { cpus: vec![1023], cpu_max: Some(0.5), ..Limits::default() };
         let (said, refused) = run(&limits, "echo here");
         assert_eq!(said, "here\n");

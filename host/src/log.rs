@@ -5,22 +5,22 @@ use base::{Level, Report, Severity};
 use std::fmt::{self, Display, Write as _};
 use std::io::Write;
 
-/// Prints for one module.
+/// Printer of one module's lines.
 #[derive(Clone, Debug)]
 pub struct Log {
     module: String,
 }
 
 impl Log {
-    /// A log of a module.
+    /// Creates the printer of a module.
     #[must_use]
     pub fn new(module: &str) -> Self {
         Self { module: module.into() }
     }
 
-    /// One report.
+    /// Prints a report.
     pub fn report(&self, report: &Report) {
-        self.line(format_args!("{}", Shown(report)));
+        self.line(format_args!("{}", ReportLine(report)));
     }
 
     /// Prints a line with its level; INFO has no prefix.
@@ -31,18 +31,18 @@ impl Log {
         }
     }
 
-    /// One line of any kind.
+    /// Prints a line of any kind.
     pub fn line(&self, text: impl Display) {
         let time = TimeOfDay(clock::wall());
-        // One write a line: lines of several processes do not mix. With stderr gone there is nobody to tell.
+        // One write per line, so that lines of several processes do not mix. Without stderr nothing can be reported.
         let line = format!("{time} {} {text}\n", self.module);
         let _ = std::io::stderr().write_all(line.as_bytes());
     }
 }
 
-struct Shown<'a>(&'a Report);
+struct ReportLine<'a>(&'a Report);
 
-impl Display for Shown<'_> {
+impl Display for ReportLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let report = self.0;
         let severity = match report.severity {
@@ -67,7 +67,7 @@ impl Display for OneLine<'_> {
     }
 }
 
-/// Nanoseconds since the UNIX epoch, shown as the time of the day.
+/// Nanoseconds since the UNIX epoch, displayed as the time of day.
 pub struct TimeOfDay(pub u64);
 
 impl Display for TimeOfDay {
@@ -86,9 +86,9 @@ mod tests {
     #[test]
     fn a_report_is_one_line_that_names_what_it_is_about() {
         let report = Report::new(Severity::Warning, Fault::BoardLost, "sd1_front", "no answer\nfor 2 s");
-        assert_eq!(Shown(&report).to_string(), "WARNING BoardLost sd1_front: no answer for 2 s");
+        assert_eq!(ReportLine(&report).to_string(), "WARNING BoardLost sd1_front: no answer for 2 s");
         let report = Report::new(Severity::Error, Fault::WatchdogSilent, "", "it stops");
-        assert_eq!(Shown(&report).to_string(), "ERROR WatchdogSilent: it stops");
+        assert_eq!(ReportLine(&report).to_string(), "ERROR WatchdogSilent: it stops");
     }
 
     #[test]

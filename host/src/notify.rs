@@ -1,7 +1,6 @@
-//! Who guards the guard: what the watchdog's process tells `advee up`, and what that tells the system's service
-//! manager.
+//! Supervision of the watchdog: its process reports to `advee up`, which reports to the system's service manager.
 //!
-//! Both are datagrams. To systemd they are those of sd_notify(3), in the few lines that need no library.
+//! Both use datagrams. Those to systemd are the ones of sd_notify(3), few enough to need no library.
 
 use base::{Duration, Instant};
 use std::io;
@@ -9,31 +8,31 @@ use std::os::fd::AsFd;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
-/// Set for the watchdog's process where its standard input is a socket to its parent.
+/// Environment variable of the watchdog's process, set if its standard input is a socket to its parent.
 pub const VARIABLE: &str = "ADVEE_UP";
-/// The watchdog tells its parent this often, or a little later when it is awake anyway.
+/// Period of the reports to the parent; up to [`SLACK`] later if the process is awake then anyway.
 const PERIOD: Duration = Duration::from_millis(100);
-const LATER: Duration = Duration::from_millis(50);
-/// More than this of a status is not told.
+const SLACK: Duration = Duration::from_millis(50);
+/// Maximum length of a status, bytes; the rest is cut off.
 const STATUS_MAX: usize = 200;
 
-/// What the watchdog says of itself, ten times a second: that it goes round, whether the critical modules are healthy,
-/// and a few words for people.
+/// Report of the watchdog to its parent, ten times a second: it is alive, the critical modules are healthy or not, and
+/// a short text for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Pulse {
-    /// True if they are.
+pub struct HealthReport {
+    /// True if all critical modules are healthy.
     pub healthy: bool,
-    /// How all are.
+    /// Summary of all modules.
     pub status: String,
 }
 
-impl Pulse {
+impl HealthReport {
     fn encode(&self) -> String {
         let status: String = self.status.chars().filter(|c| !c.is_control()).take(STATUS_MAX).collect();
         format!("{}{status}", if self.healthy { '+' } else { '-' })
     }
 
-    /// None: nothing of ours.
+    /// `None` if the datagram is not a report.
     fn decode(datagram: &[u8]) -> Option<Self> {
         let (first, status) = datagram.split_first()?;
         let status = String::from_utf8_lossy(status).chars().filter(|c| !c.is_control()).collect();
@@ -44,42 +43,42 @@ impl Pulse {
 /// The watchdog's side.
 pub struct ToParent {
     socket: UnixDatagram,
-    pulse: Pulse,
+    pulse: HealthReport,
     next: Instant,
 }
 
 impl ToParent {
-    /// None where the parent does not want to hear.
+    /// `None` if the parent set up no socket.
     ///
     /// # Errors
-    /// Standard input cannot be had.
+    /// Standard input cannot be used.
     pub fn open(now: Instant) -> io::Result<Option<Self>> {
         if std::env::var_os(VARIABLE).is_none() {
             return Ok(None);
         }
         let socket = UnixDatagram::from(io::stdin().as_fd().try_clone_to_owned()?);
         socket.set_nonblocking(true)?;
-        Ok(Some(Self { socket, pulse: Pulse { healthy: false, status: "starting".into() }, next: now }))
+        Ok(Some(Self { socket, pulse: HealthReport { healthy: false, status: "starting".into() }, next: now }))
     }
 
-    /// From now on so.
+    /// Sets the content of the following reports.
     pub fn set(&mut self, healthy: bool, status: String) {
-        self.pulse = Pulse { healthy, status };
+        self.pulse = HealthReport { healthy, status };
     }
 
-    /// Tells when that is due.
+    /// Sends a report if that is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         if self.next <= now {
             self.next = now + PERIOD;
-            // A parent that does not read has troubles of its own.
+            // A failure to send concerns the parent, which supervises this process.
             let _ = self.socket.send(self.pulse.encode().as_bytes());
         }
     }
 
-    /// When it must be called.
+    /// Deadline of the next report.
     #[must_use]
     pub fn next(&self) -> Instant {
-        self.next + LATER
+        self.next + SLACK
     }
 }
 
@@ -87,22 +86,22 @@ impl ToParent {
 pub struct FromWatchdog(UnixDatagram);
 
 impl FromWatchdog {
-    /// A pair: this side, and what is to be the watchdog's standard input.
+    /// Creates both sides: this one, and the watchdog's standard input.
     ///
     /// # Errors
-    /// There is no descriptor left.
+    /// No descriptor is left.
     pub fn pair() -> io::Result<(Self, UnixDatagram)> {
         let (here, there) = UnixDatagram::pair()?;
         here.set_nonblocking(true)?;
         Ok((Self(here), there))
     }
 
-    /// Takes what has come.
-    pub fn poll(&self) -> Option<Pulse> {
+    /// Receives a report.
+    pub fn poll(&self) -> Option<HealthReport> {
         let mut datagram = [0; 1 + 4 * STATUS_MAX];
         loop {
             let length = self.0.recv(&mut datagram).ok()?;
-            if let Some(pulse) = Pulse::decode(&datagram[..length]) {
+            if let Some(pulse) = HealthReport::decode(&datagram[..length]) {
                 return Some(pulse);
             }
         }
@@ -115,11 +114,11 @@ impl AsFd for FromWatchdog {
     }
 }
 
-/// The service manager.
+/// Connection to the service manager.
 pub struct Manager {
     socket: UnixDatagram,
     address: SocketAddr,
-    /// It wants to hear `WATCHDOG=1` at least this often; none: never.
+    /// It expects `WATCHDOG=1` at least this often; `None`: never.
     watchdog: Option<Duration>,
     fed: Option<Instant>,
     ready: bool,
@@ -127,14 +126,14 @@ pub struct Manager {
 }
 
 impl Manager {
-    /// The one that started this process, if one did and wants to hear.
+    /// Opens the connection to the service manager that started this process, if it requested notifications.
     ///
     /// # Errors
-    /// One line: it wants to, and cannot.
+    /// One line: they were requested, but the socket cannot be used.
     pub fn open() -> Result<Option<Self>, String> {
         let variable = |name| std::env::var(name).ok().filter(|value| !value.is_empty());
         let Some(path) = variable("NOTIFY_SOCKET") else { return Ok(None) };
-        // Another process may be meant.
+        // The variable may be meant for another process.
         let mine = variable("WATCHDOG_PID").is_none_or(|pid| pid == std::process::id().to_string());
         let usec = variable("WATCHDOG_USEC").filter(|_| mine).and_then(|usec| usec.parse().ok());
         let watchdog = usec.filter(|usec| *usec > 0).map(Duration::from_micros);
@@ -151,9 +150,9 @@ impl Manager {
         Ok(Self { socket, address, watchdog, fed: None, ready: false, status: String::new() })
     }
 
-    /// Passes on how the robot is: `READY=1` once it is healthy for the first time, `STATUS=` where that changed, and
-    /// `WATCHDOG=1` only while it is healthy.
-    pub fn pulse(&mut self, now: Instant, pulse: &Pulse) {
+    /// Forwards the state of the robot: `READY=1` when it is healthy for the first time, `STATUS=` when that changed,
+    /// and `WATCHDOG=1` only while it is healthy.
+    pub fn pulse(&mut self, now: Instant, pulse: &HealthReport) {
         let mut text = String::new();
         if pulse.healthy && !self.ready {
             self.ready = true;
@@ -163,7 +162,7 @@ impl Manager {
             self.status.clone_from(&pulse.status);
             text += &format!("STATUS={}\n", pulse.status);
         }
-        // Four times as often as it must be: what is late or lost is no reset.
+        // Four times as often as required, so that a late or lost message causes no reset.
         let due = |every: Duration| self.fed.is_none_or(|fed| now.since(fed) >= every / 4);
         if pulse.healthy && self.watchdog.is_some_and(due) {
             self.fed = Some(now);
@@ -172,14 +171,14 @@ impl Manager {
         self.send(&text);
     }
 
-    /// The end begins.
+    /// Reports that the shutdown begins.
     pub fn stopping(&mut self) {
         self.send("STOPPING=1\n");
     }
 
     fn send(&self, text: &str) {
         if !text.is_empty() {
-            // It may be starting anew itself.
+            // The manager may be restarting.
             let _ = self.socket.send_to_addr(text.as_bytes(), &self.address);
         }
     }
@@ -190,16 +189,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pulse_arrives_and_nonsense_is_none() {
+    fn a_report_arrives_and_invalid_datagrams_are_ignored() {
         let (here, there) = FromWatchdog::pair().unwrap();
-        let told = [true, false].map(|healthy| Pulse { healthy, status: "5 of 5 modules RUN".into() });
+        let told = [true, false].map(|healthy| HealthReport { healthy, status: "5 of 5 modules RUN".into() });
         for pulse in &told {
             there.send(pulse.encode().as_bytes()).unwrap();
             there.send(b"").unwrap();
             there.send(&[0xFF; 2000]).unwrap();
         }
         assert_eq!([here.poll(), here.poll(), here.poll()], [Some(told[0].clone()), Some(told[1].clone()), None]);
-        let long = Pulse { healthy: true, status: "x\n".repeat(999) }.encode();
+        let long = HealthReport { healthy: true, status: "x\n".repeat(999) }.encode();
         assert_eq!(long, format!("+{}", "x".repeat(STATUS_MAX)));
     }
 
@@ -211,7 +210,7 @@ mod tests {
         manager.set_nonblocking(true).unwrap();
         let mut notify = Manager::at(&format!("@{name}"), Some(Duration::from_secs(2))).unwrap();
         let mut said = |ms: u64, healthy: bool, status: &str| {
-            notify.pulse(Instant::from_millis(ms), &Pulse { healthy, status: status.into() });
+            notify.pulse(Instant::from_millis(ms), &HealthReport { healthy, status: status.into() });
             let mut text = [0; 200];
             let length = manager.recv(&mut text).unwrap_or(0);
             String::from_utf8(text[..length].to_vec()).unwrap()

@@ -1,4 +1,4 @@
-//! Ports: devices that carry frames or words, opened calmly again and again, and never the end of a module.
+//! Ports: devices that carry frames or words. Reopened with a fixed back-off; a lost port never ends its module.
 
 mod can_slcan;
 mod can_socket;
@@ -27,14 +27,14 @@ use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 use threaded::Threaded;
 
-/// Where a port is found.
+/// Kind and address of a port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PortConfig {
-    /// The simulator's side of a serial line: a pseudo-terminal that is offered by a link of this name.
+    /// The simulator's end of a serial line: a pseudo-terminal reached by a link of this name.
     Pseudo {
-        /// Made anew, removed at the end.
+        /// Created anew, removed at the end.
         link: PathBuf,
-        /// Bd, for the time that words take.
+        /// Bd; determines the transmission time of words.
         baud: u32,
     },
     /// A serial device.
@@ -46,133 +46,134 @@ pub enum PortConfig {
     },
     /// A CAN adapter on a serial device that speaks the slcan protocol.
     CanSlcan {
-        /// The device file: `/dev/ttyACM0`.
+        /// Device file, `/dev/ttyACM0`.
         path: PathBuf,
         /// bit/s: 10 000, 20 000, 50 000, 100 000, 125 000, 250 000, 500 000, 800 000 or 1 000 000.
         bitrate: u32,
     },
     /// A CAN interface of the kernel.
     CanSocket {
-        /// `can0`.
+        /// Name of the interface, `can0`.
         interface: String,
     },
     /// A gamepad.
     Gamepad {
-        /// Where.
+        /// Source of its events.
         place: GamepadPlace,
-        /// Keeps others from hearing it.
+        /// Grab the device, so that no other program receives its events.
         grab: bool,
     },
-    /// The simulator's side of a gamepad: a UNIX socket of this name.
+    /// The simulator's end of a gamepad: a UNIX socket of this name.
     GamepadHub {
-        /// Made anew, removed at the end.
+        /// Created anew, removed at the end.
         path: PathBuf,
     },
-    /// An I2C adapter of the kernel's.
+    /// An I2C adapter of the kernel.
     I2cDev {
-        /// `/dev/i2c-1`.
+        /// Device file, `/dev/i2c-1`.
         path: PathBuf,
     },
     /// An I2C bus on two lines of a GPIO chip.
     I2cGpio {
-        /// `/dev/gpiochip0`.
+        /// Device file, `/dev/gpiochip0`.
         chip: PathBuf,
-        /// The number of the data line.
+        /// Number of the data line.
         sda: u32,
-        /// The number of the clock line.
+        /// Number of the clock line.
         scl: u32,
-        /// Hz.
+        /// Clock frequency, Hz.
         hz: u32,
     },
-    /// The simulator's I2C bus.
+    /// The simulator's I2C bus, as a client.
     I2cSocket {
-        /// Socket.
+        /// Path of the socket.
         path: PathBuf,
     },
-    /// The simulator's side of that.
+    /// The simulator's end of its I2C bus.
     I2cServer {
-        /// Made anew, removed at the end.
+        /// Created anew, removed at the end.
         path: PathBuf,
     },
     /// The kernel's 1-Wire thermometers.
     W1 {
-        /// `/sys/bus/w1/devices`.
+        /// Folder of the devices, `/sys/bus/w1/devices`.
         folder: PathBuf,
     },
-    /// The simulator's side of such.
+    /// The simulator's end of 1-Wire thermometers.
     W1Folder {
-        /// Made anew, removed at the end.
+        /// Created anew, removed at the end.
         folder: PathBuf,
     },
     /// A folder for log files.
     Store {
-        /// Made with the first file.
+        /// Created with the first file.
         folder: PathBuf,
     },
 }
 
-/// What a device had for us.
+/// Result of reading a device.
 pub enum Received<'a> {
-    /// Nothing more for now.
+    /// Empty: nothing more for now.
     Nothing,
-    /// For the module.
+    /// An input for the module.
     Input {
         /// The input.
         input: Input<'a>,
-        /// When the kernel received it, where it says so, else when it was read; never after the call's `now`, and not
-        /// always after the input before.
+        /// Receive time of the kernel if available, else the time of reading; never after the call's `now`, and not
+        /// necessarily after the previous input's.
         at: Instant,
-        /// The kernel's receive time itself, nanoseconds of the wall clock, where it says so.
+        /// Receive time of the kernel itself, nanoseconds of the wall clock, if available.
         stamp: Option<u64>,
     },
-    /// Something was wrong with what came; the device goes on.
+    /// Invalid input; the device stays open.
     Fault(Fault, String),
-    /// A line for people.
+    /// A note for people.
     Note(String),
 }
 
 impl<'a> Received<'a> {
-    /// An input for which the kernel gives no receive time.
+    /// An input without a receive time of the kernel.
     pub(crate) fn input(now: Instant, input: Input<'a>) -> Self {
         Self::Input { input, at: now, stamp: None }
     }
 }
 
-/// Why a port does not work, in one line.
+/// Reason why a port does not work, in one line.
 pub type Lost = String;
 
-/// One kind of port. All calls are non-blocking. `Err` says that the device is lost: it is closed and opened again.
+/// One kind of port. No call blocks. `Err` means that the device is lost: it is closed and reopened.
 pub trait Device {
-    /// Says before it is opened what line the module expects here, and whether it wants everything that passes on it or
-    /// only what such a module can use. Unless told it hands out everything.
+    /// Called before opening: the line's format that the module expects, and whether it wants all traffic or only what
+    /// such a module can use. Without this call all traffic is delivered.
     fn expect(&mut self, _line: Line, _everything: bool) {}
-    /// Opens it; a device that was open is closed first.
+    /// Opens the device; an open device is closed first.
     fn open(&mut self) -> Result<(), Lost>;
-    /// True if opening failed only because something that it needs is still being done: tried again soon, no news.
+    /// True if opening failed only because a preparation is still running: retried soon, not reported.
     fn is_preparing(&self) -> bool {
         false
     }
-    /// Forgets what was to be sent and closes it.
+    /// Discards pending output and closes the device.
     fn close(&mut self);
-    /// To wait for, while it is open.
+    /// Descriptor to wait for, while open.
     fn fd(&self) -> Option<BorrowedFd<'_>>;
-    /// True if readiness must be told by its edges: the device stays "hung up" while its other side is closed.
+    /// True if readiness must be edge-triggered: the device stays "hung up" while its other end is closed.
     fn by_edge(&self) -> bool {
         false
     }
-    /// Takes one input.
+    /// Reads one input.
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost>;
-    /// Sends, or queues; what there is no room for is dropped, and false returned.
+    /// Sends or queues an output. Returns false if the queue is full and the output was dropped.
     fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost>;
-    /// True if something waits for the device to become writable.
+    /// True if output waits for the device to become writable.
     fn wants_to_write(&self) -> bool {
         false
     }
-    /// It has become writable.
+    /// The device became writable.
     fn on_writable(&mut self, _now: Instant) -> Result<(), Lost> {
         Ok(())
     }
-    /// When the last word of the earliest output that [`Device::take_sent`] has not returned will have left the wire.
+    /// Time at which the last word of the earliest output not yet returned by [`Device::take_sent`] will have left the
+    /// wire.
     fn sent_at(&self) -> Option<Instant> {
         None
     }
@@ -182,46 +183,46 @@ pub trait Device {
     }
 }
 
-/// A port is tried this often in the first second without it: it may be a race with who offers it.
+/// Retry period in the first second after a loss, which may be a race with the program that offers the device.
 const RETRY_SOON: Duration = Duration::from_millis(20);
 const RETRY: Duration = Duration::from_millis(500);
 
-/// A device, or the waiting for it.
+/// A device and its state.
 pub struct Port {
-    /// As the configuration names it, for people: `can.main`.
+    /// Name in the configuration, for people: `can.main`.
     pub name: String,
-    /// What it is.
+    /// The device.
     pub device: Box<dyn Device>,
-    /// True if it works.
+    /// State of the port.
     pub state: PortState,
-    /// More may be had without waiting.
+    /// More input may be available without waiting.
     pub more: bool,
-    /// The last output was dropped: there was no room for it.
+    /// The last output was dropped because the queue was full.
     pub overrun: bool,
-    /// What the poller was told: to wait for room to write, too.
+    /// The descriptor is registered for writing too.
     pub polls_write: bool,
-    /// Why it could not be opened last.
+    /// Reason of the last failure to open.
     why: Lost,
 }
 
-/// True if a port works.
+/// State of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PortState {
-    /// It does.
+    /// Working.
     Up,
-    /// It does not, since when; it is tried again at `retry`. `told` tells whether the module knows.
+    /// Not working; the next attempt is at `retry`.
     Down {
-        /// Since when.
+        /// Time of the loss.
         since: Instant,
-        /// The next try.
+        /// Time of the next attempt.
         retry: Instant,
-        /// True if the module was told.
-        told: bool,
+        /// True if the module was informed.
+        reported: bool,
     },
 }
 
 impl Port {
-    /// A port that has not been opened.
+    /// Creates a port that is closed.
     #[must_use]
     pub fn new(name: String, config: PortConfig) -> Self {
         let device: Box<dyn Device> = match config {
@@ -240,28 +241,27 @@ impl Port {
             PortConfig::W1Folder { folder } => Box::new(w1::Folder::new(folder)),
             PortConfig::Store { folder } => Box::new(Threaded::new(store::Files::new(folder))),
         };
-        let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
+        let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, reported: false };
         Self { name, device, state, more: false, overrun: false, polls_write: false, why: Lost::new() }
     }
 
-    /// Says what the module expects of it; see [`Device::expect`].
+    /// Passes the module's expectations to the device; see [`Device::expect`].
     #[must_use]
     pub fn expecting(mut self, line: Line, everything: bool) -> Self {
         self.device.expect(line, everything);
         self
     }
 
-    /// Closes the device, to be tried again soon.
+    /// Closes the device; the next attempt to open it is soon.
     pub fn lose(&mut self, now: Instant) {
         self.device.close();
         (self.more, self.polls_write) = (false, false);
-        self.state = PortState::Down { since: now, retry: now + RETRY_SOON, told: true };
+        self.state = PortState::Down { since: now, retry: now + RETRY_SOON, reported: true };
     }
 
-    /// Tries to open it when that is due. `Some(Err)` the first time that it fails, and when it fails for another
-    /// reason.
+    /// Attempts to open the device if that is due. `Some(Err)` at the first failure and when the reason changes.
     pub fn try_open(&mut self, now: Instant) -> Option<Result<(), Lost>> {
-        let PortState::Down { since, retry, told } = self.state else {
+        let PortState::Down { since, retry, reported } = self.state else {
             return None;
         };
         if now < retry {
@@ -275,21 +275,21 @@ impl Port {
                 Some(Ok(()))
             }
             Err(_) if self.device.is_preparing() => {
-                self.state = PortState::Down { since, retry: now + RETRY_SOON, told };
+                self.state = PortState::Down { since, retry: now + RETRY_SOON, reported };
                 None
             }
             Err(reason) => {
                 let since = if since == Instant::ZERO { now } else { since };
                 let pause = if now.since(since) < Duration::from_secs(1) { RETRY_SOON } else { RETRY };
-                self.state = PortState::Down { since, retry: now + pause, told: true };
-                let news = !told || reason != self.why;
+                self.state = PortState::Down { since, retry: now + pause, reported: true };
+                let news = !reported || reason != self.why;
                 self.why.clone_from(&reason);
                 news.then_some(Err(reason))
             }
         }
     }
 
-    /// When it wants to be looked at next.
+    /// Deadline of the next attempt or transmission.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         match self.state {
@@ -298,7 +298,7 @@ impl Port {
         }
     }
 
-    /// True if all that was sent has left the wire.
+    /// True if all output has left the wire.
     #[must_use]
     pub fn flushed(&self, now: Instant) -> bool {
         self.state != PortState::Up

@@ -1,26 +1,25 @@
-//! The watchdog's hands: starts module processes, each in a group of its own, hears of their end, measures them, and
-//! takes over those of an earlier watchdog.
+//! Processes of the modules: starts them, each in a process group of its own, observes their end, measures their load,
+//! and adopts those of an earlier watchdog.
 //!
-//! A process outlives the watchdog that started it, so that a new one finds a robot that works. What that must know
-//! stands in a file ([`record`]). An end is told by a pidfd, of a child as of one that was adopted; how an adopted one
-//! ended, its parent keeps visible for a moment (`advee up` does).
+//! A process outlives the watchdog that started it, so that a new watchdog finds a working robot. The information for
+//! that is kept in a file ([`record`]). A pidfd reports the end of a child and of an adopted process alike; the parent
+//! of an adopted process (`advee up`) keeps its exit status readable for a moment.
 
-mod births;
 mod identity;
 mod record;
+mod starts;
 mod stderr;
 #[cfg(test)]
 mod tests;
 
 use self::record::Record;
-use super::beats::{self, Page, Reading};
+use super::beats::{self, PageReader, Reading};
 use super::cgroups::{Cgroups, Leaf};
 use super::clock;
 use super::limits::Limits;
 use super::notify;
 use super::sys;
 use base::{Duration, Instant, Level, Ticker};
-use births::{Births, Born};
 use identity::Stat;
 pub use identity::{VARIABLE, children};
 use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
@@ -28,6 +27,7 @@ use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
 use nix::sys::signal::{Signal, killpg};
 use nix::sys::wait::{Id, WaitPidFlag, WaitStatus, waitid};
 use nix::unistd::{Pid, SysconfVar, sysconf};
+use starts::{StartResult, Starts};
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
 use std::io;
@@ -37,25 +37,25 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use stderr::Stderr;
 
-/// How often it is measured what processes use.
-const USAGE: Duration = Duration::from_secs(1);
-/// How often it is looked whether they beat.
-const LOOK: Duration = Duration::from_millis(20);
-/// Beats are missing when a thread is this late.
-const LATE: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
+/// Period of measuring the processes' load.
+const USAGE_PERIOD: Duration = Duration::from_secs(1);
+/// Period of checking their heartbeats.
+const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
+/// Delay of a thread at which its heartbeat counts as missing.
+const LATE_AFTER: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
 /// Period of reading the standard error of foreign modules.
-const LINES: Duration = Duration::from_millis(100);
-/// Of the record in the run folder.
+const LINES_PERIOD: Duration = Duration::from_millis(100);
+/// File name of the record in the run folder.
 const RECORD: &str = "processes";
 
-/// How a module is started.
+/// Start of a module.
 pub struct Start {
-    /// The command.
+    /// Command line.
     pub command: Command,
-    /// What it may use.
+    /// Its resource limits.
     pub limits: Limits,
-    /// A program that may not know that it must end when nobody guards it: our parent takes it over at once, and it
-    /// dies with that one. What it writes to its standard error is read and sent on `CM_EVENT_TEXT`.
+    /// True for a program in another language, which may not end by itself without a watchdog: our parent adopts it at
+    /// once, and it dies with that. Its standard error is read and published on `CM_EVENT_TEXT`.
     pub foreign: bool,
     /// Lowest levels of its lines that are printed and sent; used for foreign modules.
     pub lines_from: LinesFrom,
@@ -89,18 +89,19 @@ pub struct Line {
     pub from: LinesFrom,
 }
 
-/// Makes the start of a module, by its name and its first state.
+/// Creates the start of a module from its name and its first state.
 pub type Starter = Box<dyn Fn(&str, State) -> Start>;
 
-/// How modules are started: makes the start of one, its first state included.
+/// Starting of modules.
 pub struct Launch {
     /// By name and first state.
     pub start: Starter,
-    /// The run folder; none: nothing is written down, and nobody is adopted.
+    /// Run folder; `None`: nothing is recorded and no process is adopted.
     pub run_dir: Option<PathBuf>,
-    /// True if any module has a limit that takes a cgroup which divides.
+    /// True if any module has a limit that requires a cgroup with controllers.
     pub divides: bool,
-    /// The watchdog's own `SCHED_FIFO` priority: above that of any module, so that none can keep it from ending it.
+    /// The watchdog's own `SCHED_FIFO` priority: above that of every module, so that none can keep the watchdog from
+    /// ending it.
     pub rt_priority: Option<u8>,
 }
 
@@ -110,18 +111,18 @@ pub struct Processes {
     running: Vec<Process>,
     record: Option<Record>,
     groups: Option<Cgroups>,
-    births: Births,
-    /// The pidfds; one that is readable has ended. And the births: one may be done.
+    starts: Starts,
+    /// Pidfds, readable once their process has ended, and the starts, readable once one may be complete.
     ends: Epoll,
     usage: Ticker,
-    /// Where their pages are; none: they are judged by their announcements alone.
+    /// Folder of the heartbeat pages; `None`: modules are judged by their announcements only.
     beats: Option<PathBuf>,
     looks: Ticker,
     looked: Instant,
     reads: Ticker,
     lines: VecDeque<Line>,
     news: VecDeque<News>,
-    /// Lines for people; each is told once.
+    /// Warnings for people; each is reported once.
     notes: VecDeque<String>,
     noted: BTreeSet<String>,
     ticks_per_second: f64,
@@ -131,33 +132,33 @@ pub struct Processes {
 struct Process {
     pid: u32,
     module: String,
-    /// When it started; none: it ended at once.
+    /// Start time; `None` if the process ended at once.
     start: Option<u64>,
-    /// None: it is another's, or was adopted.
+    /// `None` if it is the child of another process or was adopted.
     child: Option<Child>,
-    /// None where the kernel has none: it is looked after.
+    /// `None` if the kernel provides no pidfd: the process is polled.
     end: Option<OwnedFd>,
     leaf: Option<Leaf>,
-    page: Option<Page>,
+    page: Option<PageReader>,
     /// Standard error of a foreign module.
     stderr: Option<(Stderr, LinesFrom)>,
-    /// What stands in its page cannot be.
+    /// Its heartbeat page has invalid content.
     bad: bool,
     beats: bool,
-    /// Processor time at the last measurement, and when that was.
+    /// Processor time at the last measurement, and the time of that.
     ticks: u64,
     measured: Instant,
 }
 
-/// What is known of a process before it is there.
-struct Unborn {
+/// Data of a process that is being started.
+struct PendingStart {
     module: String,
     leaf: Option<Leaf>,
-    page: Option<io::Result<Page>>,
+    page: Option<io::Result<PageReader>>,
     stderr: Option<(Stderr, LinesFrom)>,
 }
 
-/// What the watchdog is to hear.
+/// News for the watchdog.
 #[derive(Debug)]
 enum News {
     Started { module: String, pid: u32 },
@@ -165,12 +166,12 @@ enum News {
     Unstartable { module: String, reason: String },
     Exited { pid: u32, status: ExitStatus },
     Usage { pid: u32, cpu: f64, rss: i64 },
-    Beating { pid: u32 },
-    Silent { pid: u32, thread: String, last: Instant },
-    BadBeats { pid: u32, why: String },
+    HeartbeatStarted { pid: u32 },
+    HeartbeatLate { pid: u32, thread: String, last: Instant },
+    BadHeartbeat { pid: u32, why: String },
 }
 
-/// Removes what a robot's processes left behind; for whoever ends last.
+/// Removes the files and cgroups of a robot's processes; called by the process that ends last.
 pub fn clean(run_dir: &Path) {
     let _ = fs::remove_file(run_dir.join(RECORD));
     let _ = fs::remove_file(run_dir.join(RECORD).with_extension("new"));
@@ -179,15 +180,16 @@ pub fn clean(run_dir: &Path) {
 }
 
 impl Processes {
-    /// Those of an earlier watchdog, if its record says so and they live. Pages of beats are in the folder `beats`.
+    /// Adopts the processes of an earlier watchdog that its record lists and that are alive. Heartbeat pages are in the
+    /// folder `beats`.
     ///
     /// # Errors
-    /// The machine has no epoll left, in one line.
+    /// The machine refused an epoll, in one line.
     pub fn new(now: Instant, launch: Launch, beats: Option<PathBuf>) -> Result<Self, String> {
         let value = |name, usual| sysconf(name).ok().flatten().map_or(usual, |value| value as f64);
         let ends = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(|errno| format!("epoll: {}", errno.desc()))?;
-        let births = Births::new().map_err(|error| format!("eventfd: {error}"))?;
-        ends.add(&births, EpollEvent::new(EpollFlags::EPOLLIN, 0))
+        let starts = Starts::new().map_err(|error| format!("eventfd: {error}"))?;
+        ends.add(&starts, EpollEvent::new(EpollFlags::EPOLLIN, 0))
             .map_err(|errno| format!("epoll: {}", errno.desc()))?;
         let groups = launch.run_dir.as_ref().and_then(|run_dir| Cgroups::open(&group_name(run_dir), launch.divides));
         let mut processes = Self {
@@ -195,13 +197,13 @@ impl Processes {
             running: Vec::new(),
             record: None,
             groups,
-            births,
+            starts,
             ends,
-            usage: Ticker::new(now + USAGE, USAGE),
+            usage: Ticker::new(now + USAGE_PERIOD, USAGE_PERIOD),
             beats,
-            looks: Ticker::new(now + LOOK, LOOK),
+            looks: Ticker::new(now + HEARTBEAT_CHECK_PERIOD, HEARTBEAT_CHECK_PERIOD),
             looked: now,
-            reads: Ticker::new(now + LINES, LINES),
+            reads: Ticker::new(now + LINES_PERIOD, LINES_PERIOD),
             lines: VecDeque::new(),
             news: VecDeque::new(),
             notes: VecDeque::new(),
@@ -210,16 +212,16 @@ impl Processes {
             page: value(SysconfVar::PAGE_SIZE, 4096.0),
         };
         if let Some(Err(error)) = processes.launch.rt_priority.map(|priority| sys::set_fifo(priority, true)) {
-            processes.note(format!("rt_priority of the watchdog: {error}; it runs without"));
+            processes.note(format!("rt_priority of the watchdog: {error}; not set"));
         }
         processes.adopt(now);
         Ok(processes)
     }
 
-    /// Takes over what an earlier watchdog wrote down.
+    /// Adopts the processes in the record of an earlier watchdog.
     fn adopt(&mut self, now: Instant) {
         let Some(run_dir) = &self.launch.run_dir else { return };
-        // As a child sees it, whatever folder it runs in.
+        // Resolved as a child sees it, whatever its working directory.
         let run_dir = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.clone());
         let (mut record, told) = Record::read(&run_dir.join(RECORD), identity::boot());
         self.notes.extend(told.err());
@@ -230,7 +232,7 @@ impl Processes {
                 other => other,
             };
             let process = found.and_then(|(pid, start)| self.take_over(now, &entry.module, pid, start, &owner));
-            // One that was started otherwise than it would be now is of no use.
+            // Not adopted: its command line differs from today's configuration.
             let start = (self.launch.start)(&entry.module, State::Run);
             let mark = identity::mark(record.path(), &entry.module, &start.command);
             if let (Some(process), true) = (self.running.last_mut().filter(|_| process.is_some()), start.foreign) {
@@ -252,10 +254,10 @@ impl Processes {
 
     fn take_over(&mut self, now: Instant, module: &str, pid: u32, start: u64, owner: &str) -> Option<(u32, u64)> {
         let end = sys::pidfd_open(pid).ok();
-        // The descriptor is of whoever has the number now: that must be the one that was written down.
+        // The descriptor refers to the current owner of the number, which must be the recorded process.
         Stat::of(pid).filter(|stat| stat.start == start && !stat.zombie)?;
         identity::mark_of(pid).filter(|mark| mark.starts_with(owner))?;
-        let page = self.beats.as_ref().and_then(|folder| Page::open(&folder.join(module)).ok());
+        let page = self.beats.as_ref().and_then(|folder| PageReader::open(&folder.join(module)).ok());
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
         let mut process = Process {
             pid,
@@ -279,21 +281,21 @@ impl Processes {
 
     fn watch(&self, process: &Process) {
         if let Some(end) = &process.end {
-            // One that cannot be watched is looked after.
+            // Without a descriptor the process is polled.
             let _ = self.ends.add(end, EpollEvent::new(EpollFlags::EPOLLIN, u64::from(process.pid)));
         }
     }
 
-    /// Does what the watchdog asks.
+    /// Executes a command of the watchdog.
     pub fn command(&mut self, command: ProcessCommand) {
         match command {
             ProcessCommand::Spawn { module, wanted } => self.spawn(module, wanted),
             ProcessCommand::Terminate { pid } => self.signal(pid, Signal::SIGTERM),
             ProcessCommand::Kill { pid } => self.signal(pid, Signal::SIGKILL),
             ProcessCommand::Remember { module, wanted, held } => {
-                self.write_down(&module, |entry| (entry.wanted, entry.held) = (wanted, held));
+                self.record_entry(&module, |entry| (entry.wanted, entry.held) = (wanted, held));
             }
-            // Its host tells whoever guards it.
+            // Handled by the host, which reports it to the parent.
             ProcessCommand::Health { .. } => {}
         }
     }
@@ -308,10 +310,10 @@ impl Processes {
         let page = self.beats.as_ref().map(|folder| {
             let path = folder.join(&module);
             command.env(beats::VARIABLE, &path);
-            Page::create(&path)
+            PageReader::create(&path)
         });
-        // Before it is there: whoever comes after us must look for it.
-        self.write_down(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
+        // Recorded before the process exists, so that a successor can look for it.
+        self.record_entry(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(&module).ok());
         let stderr = self.launch.run_dir.as_ref().filter(|_| foreign).map(|run_dir| Stderr::create(run_dir, &module));
         let stderr = match stderr {
@@ -320,38 +322,38 @@ impl Processes {
                 Some((stderr, lines_from))
             }
             Some(Err(error)) => {
-                self.note(format!("{module}: what it writes to its standard error is not read: {error}"));
+                self.note(format!("{module}: its standard error is not read: {error}"));
                 None
             }
             None => None,
         };
-        let unborn = Unborn { module: module.clone(), leaf, page, stderr };
-        let begun = limits.prepare(unborn.leaf.as_ref()).and_then(|(birth, refused)| {
-            sys::give_limits(&mut command, birth, foreign.then(foster).flatten());
-            self.births.begin(command, refused, unborn)
+        let pending = PendingStart { module: module.clone(), leaf, page, stderr };
+        let begun = limits.prepare(pending.leaf.as_ref()).and_then(|(birth, refused)| {
+            sys::give_limits(&mut command, birth, foreign.then(subreaper).flatten());
+            self.starts.begin(command, refused, pending)
         });
         if let Err(error) = begun {
-            self.stillborn(module, error.to_string());
+            self.start_failed(module, error.to_string());
         }
     }
 
-    /// A process is there, or is not.
-    fn on_birth(&mut self, Unborn { module, leaf, page, stderr }: Unborn, born: Born) {
-        for line in born.refused {
+    /// Completes a start, successful or not.
+    fn on_start_result(&mut self, PendingStart { module, leaf, page, stderr }: PendingStart, result: StartResult) {
+        for line in result.refused {
             self.note(format!("{module}: {line}"));
         }
-        let (pid, child) = match born.process {
+        let (pid, child) = match result.process {
             Ok(process) => process,
-            Err(reason) => return self.stillborn(module, reason),
+            Err(reason) => return self.start_failed(module, reason),
         };
         let start = Stat::of(pid).map(|stat| stat.start);
-        self.write_down(&module, |entry| {
+        self.record_entry(&module, |entry| {
             (entry.process, entry.starting) = (start.map(|start| (pid, start)), false);
         });
         self.news.push_back(News::Started { module: module.clone(), pid });
         let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
         if let Some(error) = refused {
-            self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
+            self.news.push_back(News::BadHeartbeat { pid, why: format!("cannot be made: {error}") });
         }
         let end = sys::pidfd_open(pid).ok();
         let measured = clock::now();
@@ -373,37 +375,38 @@ impl Processes {
         self.running.push(process);
     }
 
-    fn stillborn(&mut self, module: String, reason: String) {
-        self.write_down(&module, |entry| entry.starting = false);
+    fn start_failed(&mut self, module: String, reason: String) {
+        self.record_entry(&module, |entry| entry.starting = false);
         self.news.push_back(News::Unstartable { module, reason });
     }
 
-    fn write_down(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
+    fn record_entry(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
         let Some(record) = &mut self.record else { return };
         if let Err(error) = record.change(module, change) {
-            let line = format!("{}: {error}: a new watchdog will not know these processes", record.path().display());
+            let line =
+                format!("{}: {error}; a restarted watchdog will not adopt these processes", record.path().display());
             self.note(line);
         }
     }
 
-    /// The same line is told once.
+    /// Queues a warning; the same line is reported once.
     fn note(&mut self, line: String) {
         if self.noted.insert(line.clone()) {
             self.notes.push_back(line);
         }
     }
 
-    /// To a group of ours; a pid that is none of ours is left alone.
+    /// Sends a signal to a process group of ours; other pids are ignored.
     fn signal(&self, pid: u32, signal: Signal) {
         if let Some(process) = self.running.iter().find(|process| process.pid == pid && process.is_itself()) {
             process.signal(signal);
         }
     }
 
-    /// Some may have ended, or begun; which, is looked up.
+    /// Some processes may have ended or been started; finds out which.
     pub fn on_ends(&mut self) {
-        while let Some((unborn, born)) = self.births.poll() {
-            self.on_birth(unborn, born);
+        while let Some((pending, result)) = self.starts.poll() {
+            self.on_start_result(pending, result);
         }
         let mut ended = Vec::new();
         let (news, lines) = (&mut self.news, &mut self.lines);
@@ -417,14 +420,14 @@ impl Processes {
             status.is_none()
         });
         for (module, pid) in ended {
-            self.write_down(&module, |entry| entry.process = entry.process.filter(|(own, _)| *own != pid));
+            self.record_entry(&module, |entry| entry.process = entry.process.filter(|(own, _)| *own != pid));
         }
     }
 
-    /// Looks and measures when that is due.
+    /// Checks and measures the processes if that is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         if self.looks.due(now) {
-            self.look(now);
+            self.check_heartbeats(now);
             if self.running.iter().any(|process| process.end.is_none()) {
                 self.on_ends();
             }
@@ -446,11 +449,11 @@ impl Processes {
         }
     }
 
-    /// True if they beat.
-    fn look(&mut self, now: Instant) {
-        let held_up = now.since(self.looked + LOOK);
-        // A look that is a little late is no excuse for them.
-        let held_up = if held_up < LATE { Duration::ZERO } else { held_up };
+    /// Checks the heartbeats.
+    fn check_heartbeats(&mut self, now: Instant) {
+        let held_up = now.since(self.looked + HEARTBEAT_CHECK_PERIOD);
+        // A small delay of the check itself is no excuse for late threads.
+        let held_up = if held_up < LATE_AFTER { Duration::ZERO } else { held_up };
         self.looked = now;
         for process in &mut self.running {
             let (Some(page), pid) = (&mut process.page, process.pid) else { continue };
@@ -462,32 +465,32 @@ impl Processes {
                 Reading::Blank => {}
                 Reading::Oldest { thread, last } => {
                     if !std::mem::replace(&mut process.beats, true) {
-                        self.news.push_back(News::Beating { pid });
+                        self.news.push_back(News::HeartbeatStarted { pid });
                     }
-                    if now.since(last) >= LATE {
-                        self.news.push_back(News::Silent { pid, thread: thread.into(), last });
+                    if now.since(last) >= LATE_AFTER {
+                        self.news.push_back(News::HeartbeatLate { pid, thread: thread.into(), last });
                     }
                 }
                 Reading::Bad(why) => {
-                    self.news.push_back(News::BadBeats { pid, why: why.into() });
+                    self.news.push_back(News::BadHeartbeat { pid, why: why.into() });
                     process.bad = true;
                 }
             }
         }
     }
 
-    /// Looks at the same moments as something else that is due then: one waking less.
+    /// Aligns the checks with another periodic deadline, which saves wake-ups.
     pub fn align(&mut self, now: Instant, due: Instant) {
-        let ahead = due.since(now).as_nanos() % LOOK.as_nanos();
-        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), LOOK);
+        let ahead = due.since(now).as_nanos() % HEARTBEAT_CHECK_PERIOD.as_nanos();
+        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_CHECK_PERIOD);
     }
 
-    /// When to look or to measure next.
+    /// Deadline of the next check or measurement.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         let looked_after = |process: &Process| process.page.is_some() || process.end.is_none();
         match self.running.iter().any(looked_after) {
-            // Measuring and reading wait for the next look.
+            // Measuring and reading are done with the next check.
             true => Some(self.looks.next()),
             false if self.running.iter().any(|process| process.stderr.is_some()) => {
                 Some(self.usage.next().min(self.reads.next()))
@@ -496,7 +499,7 @@ impl Processes {
         }
     }
 
-    /// Takes the oldest news and hands it to `take`; false when there is none.
+    /// Passes the oldest event to `take`; false if there is none.
     pub fn poll_event(&mut self, take: impl FnOnce(ProcessEvent<'_>)) -> bool {
         let Some(news) = self.news.pop_front() else {
             return false;
@@ -509,25 +512,25 @@ impl Processes {
             News::Unstartable { module, reason } => ProcessEvent::Unstartable { module, reason },
             News::Exited { pid, status } => ProcessEvent::Exited { pid: *pid, status: *status },
             News::Usage { pid, cpu, rss } => ProcessEvent::Usage { pid: *pid, cpu: *cpu, rss: *rss },
-            News::Beating { pid } => ProcessEvent::Beating { pid: *pid },
-            News::Silent { pid, thread, last } => ProcessEvent::Silent { pid: *pid, thread, last: *last },
-            News::BadBeats { pid, why } => ProcessEvent::BadBeats { pid: *pid, why },
+            News::HeartbeatStarted { pid } => ProcessEvent::HeartbeatStarted { pid: *pid },
+            News::HeartbeatLate { pid, thread, last } => ProcessEvent::HeartbeatLate { pid: *pid, thread, last: *last },
+            News::BadHeartbeat { pid, why } => ProcessEvent::BadHeartbeat { pid: *pid, why },
         });
         true
     }
 
-    /// Takes a line of a foreign module.
+    /// Removes and returns a line of a foreign module.
     pub fn poll_line(&mut self) -> Option<Line> {
         self.lines.pop_front()
     }
 
-    /// Takes a line for people.
+    /// Removes and returns a warning for people.
     pub fn poll_note(&mut self) -> Option<String> {
         self.notes.pop_front()
     }
 }
 
-/// Readable when some have ended or begun.
+/// Readable if some processes have ended or been result.
 impl AsFd for Processes {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.ends.0.as_fd()
@@ -535,12 +538,12 @@ impl AsFd for Processes {
 }
 
 impl Process {
-    /// True if its number is still its own: a child's is until it is waited for.
+    /// True if its number still refers to this process: that of a child does until it is reaped.
     fn is_itself(&self) -> bool {
         self.child.is_some() || Stat::of(self.pid).is_some_and(|stat| Some(stat.start) == self.start)
     }
 
-    /// To all of it. It may just have ended: then its end is on the way.
+    /// Sends a signal to the whole group, unless the process has ended, which is then about to be reported.
     fn signal(&self, signal: Signal) {
         let _ = killpg(Pid::from_raw(self.pid as i32), signal);
         if let (Signal::SIGKILL, Some(leaf)) = (signal, &self.leaf) {
@@ -548,7 +551,7 @@ impl Process {
         }
     }
 
-    /// How it ended, if it did. What it left in its group is killed before its number may be given away.
+    /// Exit status, if it ended. Processes left in its group are killed before its number can be reused.
     fn ended(&mut self) -> Option<ExitStatus> {
         let Some(child) = &mut self.child else {
             return self.adopted_ended();
@@ -565,7 +568,7 @@ impl Process {
         Some(exit_status(status))
     }
 
-    /// Parent waits for it; until then, and if we may, the kernel shows how it ended.
+    /// The parent reaps an adopted process; until then the kernel shows its exit status, if permitted.
     fn adopted_ended(&self) -> Option<ExitStatus> {
         let stat = Stat::of(self.pid).filter(|stat| Some(stat.start) == self.start);
         let status = match stat {
@@ -580,7 +583,7 @@ impl Process {
         Some(status)
     }
 
-    /// Reads the lines that a foreign module wrote; the last one too if it has ended.
+    /// Reads the lines that a foreign module wrote, including an unfinished last line if it has ended.
     fn read_lines(&mut self, ended: bool, lines: &mut VecDeque<Line>) {
         if let Some((stderr, from)) = &mut self.stderr {
             let (module, from) = (&self.module, *from);
@@ -602,8 +605,8 @@ fn exit_status(status: std::process::ExitStatus) -> ExitStatus {
     }
 }
 
-/// Our parent, where that is `advee up`, which cares for orphans.
-fn foster() -> Option<Pid> {
+/// Our parent if it is `advee up`, which adopts orphans.
+fn subreaper() -> Option<Pid> {
     std::env::var_os(notify::VARIABLE).map(|_| nix::unistd::getppid())
 }
 

@@ -1,4 +1,4 @@
-//! What crosses a bus, frame by frame, for `LL_DATA_RAW_<BUS>`: the tap on a port whose bus has `raw = true`.
+//! Raw frames of a bus for `LL_DATA_RAW_<BUS>`: the tap on a port whose bus has `raw = true`.
 
 use base::i2c::{self, Read};
 use base::serial::Word;
@@ -8,15 +8,15 @@ use module::{Input, Output};
 use rs485::frame::{HEADER, MAX_WORDS, OVERHEAD};
 use std::collections::VecDeque;
 
-/// Flag of a frame on EIA-485: it is not whole: cut short, or of another length than it says.
-pub const PART: i32 = 1;
-/// Flag of words on EIA-485 that no address word came before; `id` is -1.
+/// Flag of an incomplete frame on EIA-485: cut short, or of another length than it states.
+pub const INCOMPLETE: i32 = 1;
+/// Flag of words on EIA-485 without an address word before them; `id` is -1.
 pub const STRAY: i32 = 2;
 /// Flags of a CAN frame: extended identifier, remote frame.
 const EXTENDED: i32 = 1;
 const REMOTE: i32 = 2;
-// Flags of a transfer on I2C: how many bytes are to be read, and whether they are a block of SMBus with so many behind
-// it; of what came of it: 0, or why it failed.
+// Flags of an I2C transfer: number of bytes to read, and whether their length comes first as in an SMBus block. Flags
+// of an outcome: 0, or the reason of the failure.
 const BLOCK: i32 = 0x100;
 const NO_ADDRESS: i32 = 1;
 const NO_DATA: i32 = 2;
@@ -25,23 +25,23 @@ const STRETCHED: i32 = 4;
 const STUCK: i32 = 5;
 const OTHER: i32 = 6;
 
-/// A frame whose words do not go on is over: longer than any board may take between two words.
-const OVER: Duration = Duration::from_millis(20);
+/// Pause after which a frame counts as finished: longer than any board may pause between two words.
+const FRAME_PAUSE: Duration = Duration::from_millis(20);
 
 /// The tap on one port.
 #[derive(Debug, Default)]
 pub struct Tap {
-    /// The words of the frame that is coming in, its address first if it has one, and when the first and the last came.
+    /// Words of the current frame, its address first if it has one, with the time of the first and of the last.
     words: Vec<Word>,
     first: Instant,
     last: Instant,
     ready: Vec<(Instant, DataRaw)>,
-    /// The chips of transfers that wait for their outcomes.
+    /// Addresses of transfers whose outcome is pending.
     asked: VecDeque<i2c::Address>,
 }
 
 impl Tap {
-    /// The port received something.
+    /// Records an input of the port.
     pub fn received(&mut self, now: Instant, input: &Input<'_>) {
         match input {
             Input::Words(words) => words.iter().for_each(|word| self.push(now, *word, DataRaw::RECEIVED)),
@@ -56,12 +56,12 @@ impl Tap {
                 self.finish(DataRaw::RECEIVED);
             }
             Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
-            // The simulator's end of a bus has no tap, a 1-Wire bus no frames: the kernel speaks on it.
-            Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_) => {}
+            // The simulator's end of a bus has no tap, and a 1-Wire bus, operated by the kernel, has no frames.
+            Input::I2cRequested(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_) => {}
         }
     }
 
-    /// The port was given something to send.
+    /// Records an output of the port.
     pub fn sent(&mut self, now: Instant, output: &Output) {
         self.finish(DataRaw::RECEIVED);
         match output {
@@ -76,26 +76,26 @@ impl Tap {
             }
             Output::I2cAnswer(_)
             | Output::OneWire(_)
-            | Output::OneWireIs(_)
+            | Output::OneWireState(_)
             | Output::Gamepad(_)
             | Output::Store(_) => {}
         }
     }
 
-    /// Ends a frame that does not go on.
+    /// Ends a frame after its pause.
     pub fn handle_timeout(&mut self, now: Instant) {
         if self.poll_timeout().is_some_and(|due| due <= now) {
             self.finish(DataRaw::RECEIVED);
         }
     }
 
-    /// When that is to be looked at.
+    /// Deadline of [`Tap::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        (!self.words.is_empty()).then(|| self.last + OVER)
+        (!self.words.is_empty()).then(|| self.last + FRAME_PAUSE)
     }
 
-    /// The next frame, when its first word came, no timestamp in it yet.
+    /// Removes and returns the next frame with the time of its first word; its timestamp is not set yet.
     pub fn take(&mut self) -> Option<(Instant, DataRaw)> {
         if self.ready.is_empty() { None } else { Some(self.ready.remove(0)) }
     }
@@ -119,7 +119,7 @@ impl Tap {
             return;
         };
         let (id, flags, from) = match first.ninth {
-            true => (i32::from(first.byte), if is_whole(&self.words) { 0 } else { PART }, 1),
+            true => (i32::from(first.byte), if is_whole(&self.words) { 0 } else { INCOMPLETE }, 1),
             false => (-1, STRAY, 0),
         };
         let data = self.words.drain(..).skip(from).map(|word| word.byte).collect();
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_told_too() {
+    fn incomplete_frames_are_recorded_too() {
         let mut tap = Tap::default();
         tap.received(ms(0), &Input::Words(&words("07 08 20! 01 00 11! 01")));
         assert_eq!(taken(&mut tap), ["0 0 -1 2 [07, 08]".replace("-1", "ffffffff"), "0 0 20 1 [01, 00]".into()]);
@@ -211,14 +211,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_without_end_is_told_in_bounded_pieces() {
+    fn endless_noise_is_recorded_in_bounded_pieces() {
         let mut tap = Tap::default();
         (0..1000).for_each(|n| tap.received(ms(n), &Input::Words(&[Word::data(n as u8)])));
         assert_eq!(taken(&mut tap).len(), 1000 / MAX_WORDS);
     }
 
     #[test]
-    fn what_comes_of_a_transfer_names_the_chip_that_was_asked() {
+    fn an_outcome_names_the_addressed_chip() {
         let mut tap = Tap::default();
         let transfer = |address, read| i2c::Transfer {
             address: i2c::Address::new(address).unwrap(),
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_can_frame_says_what_kind_it_is() {
+    fn a_can_frame_has_its_kind() {
         let mut tap = Tap::default();
         tap.received(ms(0), &Input::Can(can::Frame::standard(0x181, &[1])));
         tap.sent(ms(1), &Output::Can(can::Frame::remote(can::Id::Extended(0x1234), 2).unwrap()));

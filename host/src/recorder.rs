@@ -1,9 +1,9 @@
-//! Writes what a module is told and answers to `RUN/inputs/<module>`, beside the loop that does the work.
+//! Records the inputs and outputs of a module in `RUN/inputs/<module>`, beside the loop that does the work.
 //!
-//! The loop never waits for the disk: it leaves records in a buffer of bounded size, which a thread of its own empties
-//! ten times a second. Where the disk is so slow that the buffer is full, records are lost, and the file and a report
-//! say so. That thread does not beat, on purpose: a watchdog that ended a module because a disk is slow would stop the
-//! robot for the sake of a log. What it does wrong shows as a report instead.
+//! The loop never waits for the disk: it appends records to a buffer of bounded size, which a separate thread empties
+//! ten times a second. If the disk is so slow that the buffer is full, records are lost; the file and a report state
+//! so. That thread has no heartbeat on purpose: a watchdog that ended a module because of a slow disk would stop the
+//! robot for the sake of a log. Its failures are reported as faults instead.
 
 use module::Shell;
 use nix::sys::statvfs::fstatvfs;
@@ -17,30 +17,30 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// The folder of a run that these files are in.
+/// Folder of these files in a run.
 pub const FOLDER: &str = "inputs";
-/// The buffer is emptied this often.
+/// Period of emptying the buffer.
 const PERIOD: Duration = Duration::from_millis(100);
-/// What the buffer takes: a minute and more of a driver's inputs.
-const ROOM: usize = 1 << 20;
-/// The disk keeps as much free.
-const FLOOR: u64 = 64 << 20;
-/// It is looked whether it does each time so much was written.
-const LOOK: u64 = 1 << 20;
-/// Time when the module ends it waits this long for the disk.
-const LAST: Duration = Duration::from_millis(500);
+/// Size of the buffer, bytes: more than a minute of a driver's inputs.
+const BUFFER_MAX: usize = 1 << 20;
+/// Free space that is left on the disk, bytes.
+const FREE_MIN: u64 = 64 << 20;
+/// Number of bytes written between two checks of the free space.
+const FREE_CHECK_BYTES: u64 = 1 << 20;
+/// Maximum time that the end of the module waits for the disk.
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// What is to be written, and where.
+/// Settings of a recording.
 pub struct Inputs {
-    /// The run's folder.
+    /// Folder of the run.
     pub run: PathBuf,
-    /// The beginning of the file; it names the module.
+    /// Header of the file; it names the module.
     pub header: Header,
-    /// The file is not longer than this, bytes.
+    /// Maximum length of the file, bytes.
     pub limit: u64,
 }
 
-/// A file that is being written; dropped after the shell that it is of, it waits for the last record.
+/// A file that is being written. Dropped after its shell, it waits for the last record.
 pub struct Recording {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -50,26 +50,26 @@ pub struct Recording {
 #[derive(Default)]
 struct Shared {
     waiting: Mutex<Vec<u8>>,
-    /// No more comes.
+    /// No further records will be added.
     closed: AtomicBool,
-    /// Something found no room.
+    /// A record did not fit into the buffer.
     full: AtomicBool,
-    /// Why nothing more is written.
+    /// Reason why nothing more is written.
     failed: Mutex<Option<String>>,
 }
 
-/// What the loop has of it.
+/// The loop's side.
 struct Feeder {
     shared: Arc<Shared>,
-    /// What met the other thread at the buffer.
+    /// Records added while the other thread held the buffer.
     held: Vec<u8>,
 }
 
 impl Recording {
-    /// Makes the file, and lets `shell` write to it from now on.
+    /// Creates the file and records the calls of `shell` from now on.
     ///
     /// # Errors
-    /// The file cannot be made: the module does without.
+    /// The file cannot be created; the module runs without it.
     pub fn start(shell: &mut Shell, inputs: &Inputs) -> io::Result<Self> {
         let folder = inputs.run.join(FOLDER);
         create_dir_all(&folder)?;
@@ -82,14 +82,14 @@ impl Recording {
         Ok(Self { shared, thread: Some(thread), told: false })
     }
 
-    /// That not all is written, and why; told once.
+    /// Reason why the recording is incomplete, once.
     pub fn trouble(&mut self) -> Option<String> {
         if self.told {
             return None;
         }
         let failed = self.shared.failed.try_lock().ok().and_then(|why| why.clone());
         let full = self.shared.full.load(Ordering::Relaxed).then(|| "the disk is too slow".into());
-        let trouble = failed.or(full).map(|why| format!("inputs are no longer recorded whole: {why}"));
+        let trouble = failed.or(full).map(|why| format!("the record of inputs is incomplete: {why}"));
         self.told = trouble.is_some();
         trouble
     }
@@ -98,17 +98,17 @@ impl Recording {
 impl Drop for Recording {
     fn drop(&mut self) {
         let Some(thread) = self.thread.take() else { return };
-        // The feeder has closed when the shell was dropped; one that lives yet has no more to say.
+        // The feeder closed the buffer when the shell was dropped; should it still exist, it adds nothing more.
         self.shared.closed.store(true, Ordering::Release);
         thread.thread().unpark();
-        let until = Instant::now() + LAST;
+        let until = Instant::now() + CLOSE_TIMEOUT;
         while !thread.is_finished() && Instant::now() < until {
             thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
-/// A new file for each life of the module: `driver_canbus`, `driver_canbus.2`, …
+/// Creates a new file for each start of the module: `driver_canbus`, `driver_canbus.2`, …
 fn create(folder: &Path, module: &str) -> io::Result<File> {
     let open = |name: &str| OpenOptions::new().write(true).create_new(true).open(folder.join(name));
     let mut life = 1;
@@ -122,19 +122,19 @@ fn create(folder: &Path, module: &str) -> io::Result<File> {
 }
 
 impl Feeder {
-    /// Leaves a record for the writer, without waiting; false when there is no room.
+    /// Passes a record to the writer without waiting; false if it does not fit.
     fn take(&mut self, record: &[u8]) -> bool {
         let room = match self.shared.waiting.try_lock() {
             Ok(mut waiting) => {
                 waiting.append(&mut self.held);
-                let room = waiting.len() + record.len() <= ROOM;
+                let room = waiting.len() + record.len() <= BUFFER_MAX;
                 if room {
                     waiting.extend_from_slice(record);
                 }
                 room
             }
             Err(_) => {
-                let room = self.held.len() + record.len() <= ROOM;
+                let room = self.held.len() + record.len() <= BUFFER_MAX;
                 if room {
                     self.held.extend_from_slice(record);
                 }
@@ -156,14 +156,14 @@ impl Drop for Feeder {
 }
 
 impl Shared {
-    /// The other thread: writes what waits, until no more comes.
+    /// Thread function: writes the buffered records until no more are added.
     fn write(&self, mut file: File) {
-        let (mut taken, mut unlooked, mut works) = (Vec::new(), LOOK, true);
+        let (mut taken, mut unchecked, mut works) = (Vec::new(), FREE_CHECK_BYTES, true);
         loop {
-            // Before the last look into the buffer: what was there when it was closed is seen then.
+            // Read before the last look into the buffer, which then contains everything added before the close.
             let closed = self.closed.load(Ordering::Acquire);
             mem::swap(&mut *self.waiting.lock().unwrap_or_else(PoisonError::into_inner), &mut taken);
-            if works && let Err(error) = put(&mut file, &taken, &mut unlooked) {
+            if works && let Err(error) = put(&mut file, &taken, &mut unchecked) {
                 works = false;
                 *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
             }
@@ -176,13 +176,13 @@ impl Shared {
     }
 }
 
-fn put(file: &mut File, bytes: &[u8], unlooked: &mut u64) -> io::Result<()> {
-    *unlooked += bytes.len() as u64;
-    if *unlooked >= LOOK {
-        *unlooked = 0;
+fn put(file: &mut File, bytes: &[u8], unchecked: &mut u64) -> io::Result<()> {
+    *unchecked += bytes.len() as u64;
+    if *unchecked >= FREE_CHECK_BYTES {
+        *unchecked = 0;
         let disk = fstatvfs(&*file)?;
-        if (disk.blocks_available() as u128 * disk.fragment_size() as u128) < FLOOR.into() {
-            return Err(io::Error::new(ErrorKind::StorageFull, format!("less than {} MiB are free", FLOOR >> 20)));
+        if (disk.blocks_available() as u128 * disk.fragment_size() as u128) < FREE_MIN.into() {
+            return Err(io::Error::new(ErrorKind::StorageFull, format!("less than {} MiB are free", FREE_MIN >> 20)));
         }
     }
     file.write_all(bytes)
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn each_life_has_a_file_and_all_of_it_is_there_when_it_ends() {
+    fn each_start_has_its_own_complete_file() {
         let run = Run::new("lives");
         for calls in [10_000, 20] {
             let mut shell = shell();
@@ -266,20 +266,20 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_takes_nothing_stops_nobody_and_leaves_a_gap() {
+    fn a_blocked_disk_does_not_stop_the_module_and_leaves_a_gap() {
         let run = Run::new("slow");
         std::fs::create_dir_all(&run.0).unwrap();
-        // A writer that does not come: what a disk is that hangs.
+        // A writer that never runs, like a disk that hangs.
         let shared = Arc::new(Shared::default());
         let mut feeder = Feeder { shared: shared.clone(), held: Vec::new() };
         let mut shell = shell();
         shell.record(Recorder::new(&run.inputs().header, 1 << 30, move |record| feeder.take(record)));
         live(&mut shell, 200_000);
         let mut recording = Recording { shared: shared.clone(), thread: None, told: false };
-        assert_eq!(recording.trouble().unwrap(), "inputs are no longer recorded whole: the disk is too slow");
-        assert_eq!(recording.trouble(), None, "told once");
-        assert!(shared.waiting.lock().unwrap().len() <= ROOM);
-        // Now it comes.
+        assert_eq!(recording.trouble().unwrap(), "the record of inputs is incomplete: the disk is too slow");
+        assert_eq!(recording.trouble(), None, "reported once");
+        assert!(shared.waiting.lock().unwrap().len() <= BUFFER_MAX);
+        // Now the writer runs.
         let path = run.0.join("file");
         let file = File::create(&path).unwrap();
         let writer = thread::spawn(move || shared.write(file));
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_written_is_told() {
+    fn a_file_that_cannot_be_written_is_reported() {
         let run = Run::new("full");
         let mut shell = shell();
         let shared = Arc::new(Shared::default());
@@ -304,6 +304,6 @@ mod tests {
         shared.write(OpenOptions::new().write(true).open("/dev/full").unwrap());
         let mut recording = Recording { shared, thread: None, told: false };
         let trouble = recording.trouble().unwrap();
-        assert!(trouble.starts_with("inputs are no longer recorded whole: "), "{trouble}");
+        assert!(trouble.starts_with("the record of inputs is incomplete: "), "{trouble}");
     }
 }

@@ -1,4 +1,4 @@
-//! The run folder: everything that a running robot writes; held by one `advee up` at a time.
+//! The run folder: all files that a running robot writes; held by one `advee up` at a time.
 
 use nix::fcntl::{Flock, FlockArg};
 use std::fs::{self, File, OpenOptions};
@@ -6,14 +6,14 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Holds the folder until it is given back; the kernel gives it back for a process that is killed.
+/// Exclusive lock of the run folder until it is released; the kernel releases that of a killed process.
 pub struct RunFolder {
     path: PathBuf,
     lock: Flock<File>,
 }
 
 impl RunFolder {
-    /// Makes the folder if need be and takes it. One line says who has it, or why it cannot be had.
+    /// Creates the folder if necessary and locks it. The error, in one line, names the holder or the failed call.
     pub fn take(path: &Path) -> Result<Self, String> {
         let named = |error: io::Error| format!("run folder {}: {error}", path.display());
         loop {
@@ -22,12 +22,12 @@ impl RunFolder {
             let mut options = OpenOptions::new();
             let mut file = match options.read(true).write(true).create(true).truncate(false).open(&name) {
                 Ok(file) => file,
-                // Someone just gave it back, folder and all.
+                // Another process just removed it.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
                 Err(error) => return Err(named(error)),
             };
             let mut holder = String::new();
-            // What is in there is for people.
+            // The content is for people.
             let _ = (&mut file).take(32).read_to_string(&mut holder);
             let mut lock = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
                 nix::errno::Errno::EWOULDBLOCK => {
@@ -35,7 +35,7 @@ impl RunFolder {
                 }
                 other => named(other.into()),
             })?;
-            // A lock on a file that was removed meanwhile holds nothing.
+            // A lock on a file that has been removed meanwhile protects nothing.
             let held = lock.metadata().map_err(named)?;
             if fs::metadata(&name).is_ok_and(|there| (there.dev(), there.ino()) == (held.dev(), held.ino())) {
                 lock.set_len(0).map_err(named)?;
@@ -45,14 +45,14 @@ impl RunFolder {
         }
     }
 
-    /// The folder.
+    /// Path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Removes the lock, and the folder if nothing else is in it.
-    pub fn give_back(self) {
+    /// Removes the lock file, and the folder if it is empty.
+    pub fn release(self) {
         let _ = fs::remove_file(self.path.join("lock"));
         drop(self.lock);
         let _ = fs::remove_dir(&self.path);
@@ -68,31 +68,31 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_held_once_and_nothing_is_left() {
+    fn a_folder_is_locked_once_and_removed_at_the_end() {
         let path = fresh("held");
         let first = RunFolder::take(&path).unwrap();
         let Err(refusal) = RunFolder::take(&path) else { panic!("taken twice") };
         let expected =
             format!("run folder {} is held by another advee up, process {}", path.display(), std::process::id());
         assert_eq!(refusal, expected);
-        first.give_back();
+        first.release();
         assert!(!path.exists());
-        RunFolder::take(&path).unwrap().give_back();
+        RunFolder::take(&path).unwrap().release();
         assert!(!path.exists());
     }
 
     #[test]
-    fn what_others_put_there_stays() {
+    fn foreign_files_in_the_folder_are_kept() {
         let path = fresh("shared");
         let folder = RunFolder::take(&path).unwrap();
         fs::write(path.join("other"), "").unwrap();
-        folder.give_back();
+        folder.release();
         assert!(path.join("other").exists() && !path.join("lock").exists());
         fs::remove_dir_all(&path).unwrap();
     }
 
     #[test]
-    fn a_folder_that_cannot_be_made_is_one_line() {
+    fn a_folder_that_cannot_be_created_is_reported_in_one_line() {
         let Err(why) = RunFolder::take(Path::new("/proc/nothing/run")) else { panic!() };
         assert!(why.starts_with("run folder /proc/nothing/run: ") && !why.contains('\n'), "{why}");
     }

@@ -1,4 +1,4 @@
-//! Folders of runs: their names, their files, and the configuration that their logs carry.
+//! Folders of runs: their names, their files, and the configuration in their logs.
 
 use logger::read::Index;
 use logger::run_name;
@@ -10,20 +10,20 @@ use std::path::{Path, PathBuf};
 
 /// Name of the text of `robot.toml` in a header.
 pub const ROBOT: &str = "robot.toml";
-/// Of `sim.toml`; only the simulated robot has it.
+/// Name of the text of `sim.toml`; only the simulated robot has it.
 pub const SIM: &str = "sim.toml";
-/// Of `modules.toml`.
+/// Name of the text of `modules.toml`.
 pub const MODULES: &str = "modules.toml";
-/// Of the world that the simulated robot is in.
+/// Name of the text of the simulated robot's world.
 pub const WORLD: &str = "world.toml";
-/// Name of the texts that are overrides.
+/// Name of the text with the overrides.
 pub const SET: &str = "--set";
 /// The overrides of a run, one a line.
 pub const OVERRIDES: &str = "overrides.txt";
-/// A configuration is not longer than this, bytes.
+/// Maximum length of a configuration text, bytes.
 const TEXT_MAX: u64 = 1 << 20;
 
-/// The files of a run, in order; the one file that is named; none.
+/// Log files of a run in order; the named file itself; empty if there is none.
 pub fn log_files(run: &Path) -> Vec<PathBuf> {
     if run.is_file() {
         return if run.extension().is_some_and(|ending| ending == "mcap") { vec![run.into()] } else { Vec::new() };
@@ -38,7 +38,7 @@ pub fn log_files(run: &Path) -> Vec<PathBuf> {
     files.into_iter().map(|(_, path)| path).collect()
 }
 
-/// A file, what is in it, and of its attachments the texts that were not known yet.
+/// Opens a log; its attachments that are not in `texts` yet are appended there.
 pub fn open_log(path: &Path, texts: &mut Vec<(String, String)>) -> io::Result<(File, Index)> {
     let mut file = File::open(path)?;
     let index = Index::read(&mut file, &mut |_, _| ())?;
@@ -54,7 +54,7 @@ pub fn open_log(path: &Path, texts: &mut Vec<(String, String)>) -> io::Result<(F
     Ok((file, index))
 }
 
-/// The configuration that is attached to a log, as recorded inputs have theirs.
+/// Configuration attached to a log, in the form of recorded inputs.
 pub fn attached(texts: Vec<(String, String)>) -> Header {
     let (overrides, mut texts): (Vec<_>, Vec<_>) = texts.into_iter().partition(|(name, _)| name == OVERRIDES);
     let sets = overrides.iter().flat_map(|(_, text)| text.lines()).filter(|line| !line.trim().is_empty());
@@ -62,8 +62,8 @@ pub fn attached(texts: Vec<(String, String)>) -> Header {
     Header { program: String::new(), module: String::new(), wanted: State::Run, texts }
 }
 
-/// Makes the folder of a run that begins now: `YYYY_MM_DD_HH_MM_SS`, in UTC. Where another run has that name it is the
-/// next free second's.
+/// Creates the folder of a run that begins now: `YYYY_MM_DD_HH_MM_SS`, in UTC. If that name is taken, that of the next
+/// free second.
 pub fn make_run(folder: &Path, wall_ns: u64) -> io::Result<PathBuf> {
     fs::create_dir_all(folder)?;
     let first = wall_ns / 1_000_000_000;

@@ -1,7 +1,7 @@
-//! The few system calls that have no safe wrapper.
+//! System calls without a safe wrapper.
 #![allow(unsafe_code)]
 
-use super::limits::Birth;
+use super::limits::PreparedLimits;
 use nix::errno::Errno;
 use nix::libc;
 use nix::sys::epoll::{Epoll, EpollEvent};
@@ -14,8 +14,8 @@ use std::process::Command;
 use std::ptr;
 use std::time::Duration;
 
-/// Lets no one else open this terminal until it is closed. `TIOCEXCL` does not stop root, so there is a lock besides,
-/// which stops all that ask for one; `WouldBlock` says that someone has it.
+/// Locks a terminal against being opened by others until it is closed. `TIOCEXCL` does not stop root, so an advisory
+/// lock is taken too; `WouldBlock` if another process holds it.
 pub fn take_exclusively(terminal: BorrowedFd<'_>) -> io::Result<()> {
     // SAFETY: plain numbers; the descriptor is open for as long as it is borrowed.
     check(unsafe { libc::flock(terminal.as_raw_fd(), libc::LOCK_EX | libc::LOCK_NB) })?;
@@ -23,7 +23,7 @@ pub fn take_exclusively(terminal: BorrowedFd<'_>) -> io::Result<()> {
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCEXCL) })
 }
 
-/// How many columns a terminal shows; none where there is no terminal.
+/// Number of columns of a terminal; `None` if it is not a terminal.
 pub fn columns(terminal: BorrowedFd<'_>) -> Option<usize> {
     // SAFETY: all zeros is a valid winsize.
     let mut size: libc::winsize = unsafe { mem::zeroed() };
@@ -35,7 +35,7 @@ pub fn columns(terminal: BorrowedFd<'_>) -> Option<usize> {
 /// Mark and space parity (`asm/termbits.h`; the same on every architecture that the robot is built for).
 pub const CMSPAR: libc::tcflag_t = 0o10_000_000_000;
 
-/// A terminal's settings, speeds in Bd: of the terminal itself, not of whom else it may lead to.
+/// Settings of a terminal, speeds in Bd; of the terminal itself rather than the device that it may lead to.
 pub fn line_settings(terminal: BorrowedFd<'_>) -> io::Result<libc::termios2> {
     // SAFETY: all zeros is a valid termios2.
     let mut settings: libc::termios2 = unsafe { mem::zeroed() };
@@ -44,15 +44,15 @@ pub fn line_settings(terminal: BorrowedFd<'_>) -> io::Result<libc::termios2> {
     Ok(settings)
 }
 
-/// Changes them; with `drain` when all that was written has left, which it waits for. Success says little: what the
-/// driver cannot do is dropped silently, so read back.
+/// Changes the settings; with `drain` once all written data has left, which it waits for. Success does not mean that
+/// all settings are in effect: drivers drop silently what they do not support, so read them back.
 pub fn set_line_settings(terminal: BorrowedFd<'_>, settings: &libc::termios2, drain: bool) -> io::Result<()> {
     let request = if drain { libc::TCSETSW2 } else { libc::TCSETS2 };
     // SAFETY: the kernel reads a live termios2.
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), request, &raw const *settings) })
 }
 
-/// Bytes that were written and that the driver has not handed to the device.
+/// Number of bytes written but not yet handed to the device by the driver.
 pub fn line_waiting(terminal: BorrowedFd<'_>) -> io::Result<usize> {
     let mut waiting: libc::c_int = 0;
     // SAFETY: the kernel fills a live int.
@@ -60,13 +60,13 @@ pub fn line_waiting(terminal: BorrowedFd<'_>) -> io::Result<usize> {
     Ok(usize::try_from(waiting).unwrap_or(0))
 }
 
-/// True if all that was written has left the wire, the shift register too; none where the driver cannot tell.
+/// True if all written data has left the wire, including the shift register; `None` if the driver cannot report it.
 pub fn line_has_sent(terminal: BorrowedFd<'_>) -> io::Result<Option<bool>> {
-    /// `TIOCSERGETLSR` and its answer (asm-generic/ioctls.h, asm-generic/termios.h), which libc leaves out.
+    /// `TIOCSERGETLSR` and its result (asm-generic/ioctls.h, asm-generic/termios.h), which libc lacks.
     const TIOCSERGETLSR: libc::Ioctl = 0x5459;
     const TIOCSER_TEMT: libc::c_int = 1;
     let mut status: libc::c_int = 0;
-    // Some drivers tell the device's state alone.
+    // Some drivers report the state of the device only.
     let waiting = line_waiting(terminal)?;
     // SAFETY: the kernel fills a live int.
     match check(unsafe { libc::ioctl(terminal.as_raw_fd(), TIOCSERGETLSR, &raw mut status) }) {
@@ -99,7 +99,7 @@ struct SerialStruct {
     iomap_base: libc::c_ulong,
 }
 
-/// Asks the driver not to collect bytes before it hands them on (`ASYNC_LOW_LATENCY`).
+/// Requests that the driver delivers received bytes immediately (`ASYNC_LOW_LATENCY`).
 pub fn set_low_latency(terminal: BorrowedFd<'_>) -> io::Result<()> {
     const ASYNC_LOW_LATENCY: libc::c_int = 1 << 13;
     // SAFETY: all zeros is a valid serial_struct.
@@ -111,15 +111,15 @@ pub fn set_low_latency(terminal: BorrowedFd<'_>) -> io::Result<()> {
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCSSERIAL, &raw const serial) })
 }
 
-/// `struct serial_rs485` (linux/serial.h): who lets the driver of the line talk, and when.
+/// `struct serial_rs485` (linux/serial.h): control of the transceiver's direction.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rs485Direction {
-    /// Bit 0 enabled, 1 RTS high while sending, 2 RTS high after it, 4 hear oneself.
+    /// Bit 0: enabled; 1: RTS high while sending; 2: RTS high after sending; 4: receive while sending.
     pub flags: u32,
-    /// ms from RTS to the first start bit.
+    /// Delay from RTS to the first start bit, ms.
     pub delay_before_ms: u32,
-    /// ms from the last stop bit to RTS.
+    /// Delay from the last stop bit to RTS, ms.
     pub delay_after_ms: u32,
     padding: [u32; 5],
 }
@@ -133,7 +133,7 @@ impl Rs485Direction {
 }
 
 impl fmt::Display for Rs485Direction {
-    /// As its keys in `robot.toml` say it.
+    /// Displayed as its keys in `robot.toml`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let is = |bit: u32| self.flags >> bit & 1 == 1;
         if !is(0) {
@@ -145,7 +145,7 @@ impl fmt::Display for Rs485Direction {
     }
 }
 
-/// Lets the port's driver switch the direction of an EIA-485 line; what it made of that.
+/// Enables the driver's direction control of an EIA-485 line; returns the settings in effect.
 pub fn set_rs485_direction(terminal: BorrowedFd<'_>, direction: Rs485Direction) -> io::Result<Rs485Direction> {
     let mut direction = direction;
     // SAFETY: the kernel reads and fills a live serial_rs485.
@@ -155,13 +155,12 @@ pub fn set_rs485_direction(terminal: BorrowedFd<'_>, direction: Rs485Direction) 
     Ok(direction)
 }
 
-/// Makes the command's process one that is killed when the calling thread ends, and that starts with no signal
-/// blocked.
+/// Lets the kernel kill the command's process when the calling thread ends; it starts with no signal blocked.
 pub fn die_with_parent(command: &mut Command) {
     let parent = nix::unistd::getpid();
     let prepare = move || {
         nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?;
-        // A parent that ended before the line above will send nothing.
+        // If the parent ended before the line above, no signal will come.
         if nix::unistd::getppid() != parent {
             return Err(io::ErrorKind::NotFound.into());
         }
@@ -173,21 +172,21 @@ pub fn die_with_parent(command: &mut Command) {
     unsafe { command.pre_exec(prepare) };
 }
 
-/// Makes the command's process one that outlives this one, starts with no signal blocked, and with these limits. What
-/// the machine does not permit is told through the birth's pipe, and the process starts without.
+/// Prepares a command whose process outlives this one, starts with no signal blocked, and has these limits. Limits
+/// that the machine refuses are reported through the birth's pipe; the process starts without them.
 ///
-/// With `foster`, our parent and a subreaper, the process becomes that one's child and is killed when it ends; what
-/// `spawn` returns is then a process that has ended already, and the birth's pipe tells the number of the other.
-pub fn give_limits(command: &mut Command, birth: Birth, foster: Option<nix::unistd::Pid>) {
+/// With `subreaper`, our parent and a subreaper, the process becomes its child and is killed when it ends. `spawn` then
+/// returns an intermediate process that has ended already; the birth's pipe reports the id of the real one.
+pub fn give_limits(command: &mut Command, limits: PreparedLimits, subreaper: Option<nix::unistd::Pid>) {
     let parent = nix::unistd::getpid();
     let prepare = move || {
         nix::sys::signal::SigSet::empty().thread_set_mask()?;
-        if let Some(foster) = foster {
-            go_to(foster, &birth)?;
+        if let Some(subreaper) = subreaper {
+            move_to(subreaper, &limits)?;
         }
-        birth.take_on();
-        // Nobody will know of it who could end it.
-        if nix::unistd::getppid() != foster.unwrap_or(parent) {
+        limits.apply();
+        // No process would know it and be able to end it.
+        if nix::unistd::getppid() != subreaper.unwrap_or(parent) {
             return Err(io::ErrorKind::NotFound.into());
         }
         Ok(())
@@ -197,9 +196,9 @@ pub fn give_limits(command: &mut Command, birth: Birth, foster: Option<nix::unis
     unsafe { command.pre_exec(prepare) };
 }
 
-/// Goes on in a child of its own, in a process group of its own, which the kernel gives to the next subreaper when the
-/// process between ends.
-fn go_to(foster: nix::unistd::Pid, birth: &Birth) -> io::Result<()> {
+/// Continues in a child with its own process group, which the kernel gives to the next subreaper when the intermediate
+/// process ends.
+fn move_to(subreaper: nix::unistd::Pid, limits: &PreparedLimits) -> io::Result<()> {
     // SAFETY: the caller is the only thread of a process that was just forked, and makes system calls only.
     match unsafe { libc::fork() } {
         -1 => return Err(io::Error::last_os_error()),
@@ -208,22 +207,23 @@ fn go_to(foster: nix::unistd::Pid, birth: &Birth) -> io::Result<()> {
         _ => unsafe { libc::_exit(0) },
     }
     nix::unistd::setpgid(nix::unistd::Pid::from_raw(0), nix::unistd::Pid::from_raw(0))?;
-    birth.is_born();
+    limits.report_pid();
     let between = nix::unistd::getppid();
-    while nix::unistd::getppid() == between && between != foster {
+    while nix::unistd::getppid() == between && between != subreaper {
         // SAFETY: takes and returns plain numbers.
         unsafe { libc::sched_yield() };
     }
     Ok(nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?)
 }
 
-/// -20 is served most, 19 least; of the calling process.
+/// Nice value of the calling process, from -20 (served most) to 19 (least).
 pub fn set_nice(nice: i8) -> io::Result<()> {
     // SAFETY: plain numbers.
     check(unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, libc::c_int::from(nice)) })
 }
 
-/// `SCHED_FIFO` of the calling thread, 1 to 99; with `alone`, processes that it starts do not inherit that.
+/// Sets `SCHED_FIFO` for the calling thread, priority 1 to 99; with `alone`, processes that it starts do not inherit
+/// it.
 pub fn set_fifo(priority: u8, alone: bool) -> io::Result<()> {
     let parameter = libc::sched_param { sched_priority: libc::c_int::from(priority) };
     let policy = libc::SCHED_FIFO | if alone { libc::SCHED_RESET_ON_FORK } else { 0 };
@@ -238,7 +238,7 @@ pub fn is_fifo() -> bool {
     unsafe { libc::sched_getscheduler(0) & !libc::SCHED_RESET_ON_FORK == libc::SCHED_FIFO }
 }
 
-/// A descriptor that becomes readable when the process ends, whoever its parent is (Linux 5.3).
+/// Descriptor that becomes readable when the process ends, whatever its parent (Linux 5.3).
 pub fn pidfd_open(pid: u32) -> io::Result<OwnedFd> {
     // SAFETY: plain numbers in, a new descriptor or -1 out.
     let fd = unsafe { libc::syscall(libc::SYS_pidfd_open, pid as libc::pid_t, 0) } as libc::c_int;
@@ -247,8 +247,7 @@ pub fn pidfd_open(pid: u32) -> io::Result<OwnedFd> {
     Ok(unsafe { OwnedFd::from_raw_fd(fd) })
 }
 
-/// Tells a hardware watchdog after how many seconds without being fed it is to reset the computer; what it made of that
-/// (linux/watchdog.h).
+/// Sets the timeout of a hardware watchdog, s; returns the timeout in effect (linux/watchdog.h).
 pub fn set_watchdog_timeout(device: BorrowedFd<'_>, seconds: u32) -> io::Result<u32> {
     const WDIOC_SETTIMEOUT: libc::Ioctl =
         nix::request_code_readwrite!(b'W', 6, size_of::<libc::c_int>()) as libc::Ioctl;
@@ -258,23 +257,23 @@ pub fn set_watchdog_timeout(device: BorrowedFd<'_>, seconds: u32) -> io::Result<
     Ok(timeout.unsigned_abs())
 }
 
-/// Asks an event device something that fills a buffer of any length below 16 KiB (`EVIOCG…`, linux/input.h).
+/// Query of an event device that fills a buffer of any length below 16 KiB (`EVIOCG…`, linux/input.h).
 pub fn event_query(device: BorrowedFd<'_>, number: u8, answer: &mut [u8]) -> io::Result<()> {
     let request = nix::request_code_read!(b'E', number, answer.len()) as libc::Ioctl;
     // SAFETY: the request carries the buffer's length, and the kernel fills no more of it; the buffer is live.
     check(unsafe { libc::ioctl(device.as_raw_fd(), request, answer.as_mut_ptr()) })
 }
 
-/// Keeps others from hearing an event device, until it is closed.
+/// Grabs an event device exclusively until it is closed.
 pub fn grab_events(device: BorrowedFd<'_>) -> io::Result<()> {
     const EVIOCGRAB: libc::Ioctl = nix::request_code_write!(b'E', 0x90, size_of::<libc::c_int>()) as libc::Ioctl;
     // SAFETY: takes a plain number.
     check(unsafe { libc::ioctl(device.as_raw_fd(), EVIOCGRAB, 1 as libc::c_int) })
 }
 
-/// A raw CAN socket on the interface of that number: non-blocking, frames of the error classes `errors` delivered
-/// (linux/can/error.h), those with long identifiers only when `extended`, and a send buffer that holds a few frames
-/// only, so that none of them gets old in it.
+/// Raw CAN socket on the interface with this index: non-blocking, with error frames of the classes `errors`
+/// (linux/can/error.h), frames with 29-bit identifiers only if `extended`, and a send buffer of a few frames only, so
+/// that none gets old in it.
 pub fn open_can(index: u32, errors: u32, extended: bool) -> io::Result<OwnedFd> {
     let flags = libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC;
     // SAFETY: plain numbers in, a new descriptor or -1 out.
@@ -287,7 +286,7 @@ pub fn open_can(index: u32, errors: u32, extended: bool) -> io::Result<OwnedFd> 
         let short = libc::can_filter { can_id: 0, can_mask: libc::CAN_EFF_FLAG };
         set_option(&socket, libc::SOL_CAN_RAW, libc::CAN_RAW_FILTER, &short)?;
     }
-    // The kernel takes no less than SOCK_MIN_SNDBUF, room for six frames.
+    // The kernel's minimum is SOCK_MIN_SNDBUF, room for six frames.
     set_option(&socket, libc::SOL_SOCKET, libc::SO_SNDBUF, &(0 as libc::c_int))?;
     // SAFETY: all zeros is a valid sockaddr_can.
     let mut address: libc::sockaddr_can = unsafe { mem::zeroed() };
@@ -299,14 +298,14 @@ pub fn open_can(index: u32, errors: u32, extended: bool) -> io::Result<OwnedFd> 
     Ok(socket)
 }
 
-/// `struct __kernel_timespec` (linux/time_types.h): of 64 bits everywhere.
+/// `struct __kernel_timespec` (linux/time_types.h): 64 bits on every architecture.
 #[repr(C)]
 struct KernelTimespec {
     seconds: i64,
     nanoseconds: i64,
 }
 
-/// Waits for events, or for `limit` to the nanosecond (Linux 5.11); without one for ever.
+/// Waits for events, at most for `limit` with nanosecond resolution (Linux 5.11); without a limit indefinitely.
 pub fn epoll_wait_exactly(epoll: &Epoll, ready: &mut [EpollEvent], limit: Option<Duration>) -> nix::Result<usize> {
     let limit = limit.map(|limit| KernelTimespec {
         seconds: i64::try_from(limit.as_secs()).unwrap_or(i64::MAX),
@@ -330,16 +329,16 @@ pub fn epoll_wait_exactly(epoll: &Epoll, ready: &mut [EpollEvent], limit: Option
     Errno::result(count).map(|count| count as usize)
 }
 
-/// The kernel's clock as NTP disciplines it.
+/// State of the kernel's clock as disciplined by NTP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockState {
-    /// True if someone keeps it right.
+    /// True if it is being synchronized.
     pub synchronized: bool,
-    /// How wrong it may be at most, µs.
+    /// Estimated maximum error, µs.
     pub error_us: i64,
 }
 
-/// Reads the clock's state; changes nothing.
+/// Reads the clock's state without changing it.
 pub fn clock_state() -> io::Result<ClockState> {
     // SAFETY: all zeros is a valid timex, and asks for no change.
     let mut timex: libc::timex = unsafe { mem::zeroed() };

@@ -1,4 +1,4 @@
-//! The host with toy modules, on a bus of its own; the ports in pairs.
+//! The host with test modules on its own bus; ports in pairs.
 
 mod scribe;
 
@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-/// Numbers that no other test, of this process or another, has now.
+/// Numbers that no other test uses at the same time, in this process or another.
 fn unique() -> (u16, u8, u8) {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     let count = NEXT.fetch_add(1, Ordering::Relaxed);
@@ -34,10 +34,10 @@ fn path(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("advee-{name}-{}-{port}", std::process::id()))
 }
 
-/// What a toy noted, seen by its test.
+/// Events noted by a test module, read by its test.
 type Notes = Arc<Mutex<Vec<String>>>;
 
-/// Notes what happens; answers each odometry message; ticks every 10 ms; ends by itself after `life`.
+/// Notes all events, answers each odometry message, ticks every 10 ms, ends by itself after `life`.
 struct Toy {
     ports: Vec<PortSpec>,
     notes: Notes,
@@ -79,7 +79,7 @@ impl Module for Toy {
             Event::Timer => {
                 if self.end.is_some_and(|end| end <= now) {
                     self.end = None;
-                    // To this thread: it is the one that the host runs in.
+                    // To this thread, in which the host runs.
                     raise(Signal::SIGTERM).unwrap();
                 }
                 self.next = self.next.map(|next| next + Duration::from_millis(10));
@@ -101,7 +101,11 @@ impl Module for Toy {
             Event::Port { input: Input::CanNotice(notice), .. } => self.note(format!("{notice:?}")),
             Event::Port {
                 input:
-                    input @ (Input::I2c(_) | Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_)),
+                    input @ (Input::I2c(_)
+                    | Input::I2cRequested(_)
+                    | Input::OneWire(_)
+                    | Input::Gamepad(_)
+                    | Input::Store(_)),
                 ..
             } => self.note(format!("{input:?}")),
             Event::Port { input: Input::Words(words), .. } => {
@@ -111,7 +115,7 @@ impl Module for Toy {
             }
             Event::Port { input: Input::Can(frame), .. } => self.note(format!("{:?}", frame.data())),
             Event::State(state) => self.note(state.name()),
-            Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
     }
 
@@ -137,7 +141,7 @@ fn count(notes: &Notes, what: &str) -> usize {
 const SHORT: Duration = Duration::from_millis(300);
 
 #[test]
-fn timers_come_on_their_grid_and_sigterm_ends_in_good_order() {
+fn timers_keep_their_period_and_sigterm_ends_in_good_order() {
     let (shell, notes) = Toy::new(SHORT, None, None);
     assert_eq!(host(shell, &lcm_url(), Vec::new()), 0);
     let ticks = count(&notes, "tick");
@@ -147,7 +151,7 @@ fn timers_come_on_their_grid_and_sigterm_ends_in_good_order() {
 }
 
 #[test]
-fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
+fn messages_are_exchanged_and_malformed_ones_reported_once_per_kind() {
     let url = lcm_url();
     let (shell, notes) = Toy::new(Duration::from_millis(600), None, None);
     let mut lcm = lcm::live::Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
@@ -193,7 +197,7 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
 }
 
 #[test]
-fn a_flood_of_messages_does_not_hold_timers_up() {
+fn a_flood_of_messages_does_not_delay_timers() {
     let url = lcm_url();
     let mut lcm = lcm::live::Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
     let (toy, notes) = Toy::new(SHORT, None, None);
@@ -232,7 +236,7 @@ fn words_cross_a_pair_of_pseudo_terminal_and_terminal() {
 }
 
 #[test]
-fn a_port_that_is_not_there_is_told_once_and_found_when_it_comes() {
+fn a_missing_port_is_reported_once_and_opened_when_it_appears() {
     let link = path("late");
     let line = Some(("rs485.a", Line::Serial { baud: 115_200 }));
     let (driver, notes) = Toy::new(Duration::from_millis(800), line, None);
@@ -252,7 +256,7 @@ fn a_port_that_is_not_there_is_told_once_and_found_when_it_comes() {
     assert!(notes[3].starts_with("down "), "lost with its other side: {notes:?}");
 }
 
-/// Takes inputs until there is one, for a second at most.
+/// Reads inputs until one comes, for a second at most.
 fn next_words(port: &mut dyn Device) -> Vec<Word> {
     for _ in 0..100 {
         match port.receive(clock::now()).unwrap() {
@@ -265,7 +269,7 @@ fn next_words(port: &mut dyn Device) -> Vec<Word> {
 }
 
 #[test]
-fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
+fn the_simulator_s_end_survives_closing_and_reopening_of_the_other() {
     let link = path("again");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     assert_eq!(simulator.try_open(clock::now()), Some(Ok(())));
@@ -278,7 +282,7 @@ fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
         assert_eq!(simulator.device.send(clock::now(), &Output::Words(words.clone())), Ok(true));
         assert_eq!(next_words(&mut *driver.device), words);
         driver.device.close();
-        // Nobody listens: the words are gone, their time passes all the same, and the next listener hears nothing old.
+        // No listener: the words are lost, their time passes all the same, and the next listener receives nothing old.
         assert!(matches!(simulator.device.receive(clock::now()), Ok(Received::Nothing)));
         assert_eq!(simulator.device.send(clock::now(), &Output::Words(vec![Word::data(9); 100])), Ok(true));
         assert!(!simulator.device.wants_to_write() && simulator.device.sent_at().is_some());
@@ -288,7 +292,7 @@ fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
 }
 
 #[test]
-fn sent_is_told_after_the_time_on_the_wire() {
+fn sent_is_reported_after_the_time_on_the_wire() {
     let link = path("wire");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 9600 });
     simulator.device.open().unwrap();
@@ -304,13 +308,13 @@ fn sent_is_told_after_the_time_on_the_wire() {
     assert_eq!(driver.device.sent_at(), Some(now + Duration::from_millis(220)), "one after the other");
     assert!(driver.device.take_sent(now + Duration::from_millis(220)));
     assert!(!driver.device.take_sent(now + Duration::from_millis(220)), "once each");
-    // What does not leave is bounded, and refused whole.
+    // Output that does not leave is bounded, and rejected as a whole.
     let refused = (0..200).find(|_| driver.device.send(now, &words) == Ok(false));
     assert!(refused.is_some() && driver.device.wants_to_write());
 }
 
 #[test]
-fn a_terminal_is_held_by_one_even_if_that_one_is_root() {
+fn a_terminal_is_exclusive_even_for_root() {
     let link = path("held");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     simulator.device.open().unwrap();
@@ -323,7 +327,7 @@ fn a_terminal_is_held_by_one_even_if_that_one_is_root() {
 }
 
 #[test]
-fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
+fn frames_cross_a_multicast_bus_without_own_and_invalid_ones() {
     let (port, a, b) = unique();
     let bus = SocketAddrV4::new(Ipv4Addr::new(239, 68, a, b), port);
     let mut ends = [0, 1].map(|_| Port::new("can.main".into(), PortConfig::CanUdp { bus }));
@@ -346,13 +350,13 @@ fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
             _ => panic!(),
         }
     }
-    assert_eq!(heard, ["[1, 2, 3]", "no frame: it is no map"]);
+    assert_eq!(heard, ["[1, 2, 3]", "no frame: it is not a map"]);
     let Ok(Received::Fault(..)) = left.device.receive(clock::now()) else { panic!("its own frame, or nothing") };
     assert!(matches!(left.device.receive(clock::now()), Ok(Received::Nothing)));
 }
 
 #[test]
-fn a_bus_that_is_none_is_one_clear_line() {
+fn an_invalid_bus_is_reported_in_one_line() {
     let Err(why) = bus::Bus::open("http://localhost", &[]) else { panic!() };
     assert!(why.contains("udpm://") && !why.contains('\n'), "{why}");
 }

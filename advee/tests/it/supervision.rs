@@ -376,7 +376,7 @@ fn an_announcement_under_another_s_name_is_reported_and_harms_no_module() {
         robot.publish(common::DataState { timestamp: 0, module, state });
         robot.pass(0.1);
     }
-    assert_eq!(reported(&robot, Fault::NameClaimed), ["somebody announces driver_rs485b RUN, which does not run"]);
+    assert_eq!(reported(&robot, Fault::NameClaimed), ["driver_rs485b RUN is announced, but its process does not run"]);
     assert_eq!(robot.view.processes["driver_rs485b"].phase, common::Process::TERMINATED);
 }
 

@@ -5,7 +5,7 @@ use super::report::{Report, Row, kernel};
 use crate::bus::interrupt;
 use crate::{Failed, holder};
 use base::{Duration, Instant, Ticker};
-use host::beats::{self, Page, Reading};
+use host::beats::{self, PageReader, Reading};
 use host::clock;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::signalfd::SignalFd;
@@ -33,7 +33,7 @@ struct Thread {
 struct Watched {
     module: String,
     pid: u32,
-    page: Page,
+    page: PageReader,
     threads: Vec<Thread>,
     bad: u64,
 }
@@ -108,10 +108,10 @@ pub fn measure(run_dir: &Path, time: Option<Duration>) -> Result<Report, Failed>
 fn open(run_dir: &Path) -> Result<Vec<Watched>, Failed> {
     let nobody = || Failed::from(format!("no module beats: does a robot run in {}?", run_dir.display()));
     let here = std::fs::canonicalize(run_dir).map_err(|_| nobody())?;
-    let folder = beats::place(&here);
+    let folder = beats::folder_path(&here);
     let of_ours = |running: &holder::Running| running.place.run_dir.canonicalize().is_ok_and(|dir| dir == here);
     let open = |running: holder::Running| {
-        let page = Page::open(&folder.join(&running.module)).ok()?;
+        let page = PageReader::open(&folder.join(&running.module)).ok()?;
         Some(Watched { module: running.module, pid: running.pid, page, threads: Vec::new(), bad: 0 })
     };
     let mut watched: Vec<Watched> = holder::modules().filter(of_ours).filter_map(open).collect();

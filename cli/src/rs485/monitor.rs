@@ -12,7 +12,7 @@ use base::{Duration, Epoch, Instant};
 use host::bus::{Bus, Received};
 use host::clock;
 use host::ports::Transport;
-use host::raw::{PART, STRAY, Tap};
+use host::raw::{INCOMPLETE, STRAY, Tap};
 use host::sys;
 use messages::lowlevel::DataRaw;
 use messages::{Channel, Message};
@@ -286,7 +286,7 @@ impl<'a> View<'a> {
         if frame.flags & STRAY != 0 {
             return bad("damaged", "words without an address");
         }
-        if frame.flags & PART != 0 {
+        if frame.flags & INCOMPLETE != 0 {
             return bad("damaged", "not a whole frame");
         }
         let address = frame.id as u8;

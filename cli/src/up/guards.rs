@@ -6,7 +6,7 @@ use crate::Failed;
 use base::Instant;
 use host::hardware_watchdog::HardwareWatchdog;
 use host::log::Log;
-use host::notify::{Manager, Pulse};
+use host::notify::{HealthReport, Manager};
 use robot::config;
 use std::fs;
 use std::os::unix::fs::FileTypeExt;
@@ -43,7 +43,7 @@ impl Guards {
     }
 
     /// How the robot is: they are fed when it is well.
-    pub fn pulse(&mut self, now: Instant, pulse: &Pulse) {
+    pub fn pulse(&mut self, now: Instant, pulse: &HealthReport) {
         if let Some(manager) = &mut self.manager {
             manager.pulse(now, pulse);
         }

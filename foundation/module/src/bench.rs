@@ -1,11 +1,11 @@
-//! A test bench for one module in virtual time: feed events, jump from deadline to deadline, read what it did.
+//! Test bench for one module in virtual time: feed events, jump from deadline to deadline, read the module's actions.
 
 use crate::{Action, Actions, Event, Input, Output, PortId, Shell};
 use base::serial::Word;
 use base::{Duration, Epoch, Instant, can, i2c, store, w1};
 use messages::Message;
 
-/// A shell, a clock that only the test moves, and everything the shell asked for.
+/// A shell, a clock that only the test advances, and the shell's actions.
 pub struct Bench {
     /// The module under test in its shell.
     pub shell: Shell,
@@ -15,19 +15,19 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// A bench at time zero; the shell has not started.
+    /// Creates a bench at time zero; the shell has not started.
     #[must_use]
     pub fn new(shell: Shell) -> Self {
         Self { shell, now: Instant::ZERO, out: Actions::new(Epoch::default()), done: Vec::new() }
     }
 
-    /// The time.
+    /// Current time.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.now
     }
 
-    /// Feeds any event, now.
+    /// Feeds any event now.
     pub fn event(&mut self, event: Event<'_>) {
         self.shell.handle(self.now, event, &mut self.out);
         self.collect();
@@ -57,7 +57,7 @@ impl Bench {
         self.event(Event::Port { port, input: Input::Words(words) });
     }
 
-    /// Feeds what came of a transfer.
+    /// Feeds the outcome of a transfer.
     pub fn i2c(&mut self, port: PortId, outcome: &i2c::Outcome) {
         self.event(Event::Port { port, input: Input::I2c(outcome) });
     }
@@ -72,32 +72,32 @@ impl Bench {
         self.event(Event::Port { port, input: Input::Store(answer) });
     }
 
-    /// Feeds a message received now to a module that overhears, as the bytes that it is on the bus.
+    /// Feeds a message received now, as raw bytes, to a module that wants the raw bus.
     ///
     /// # Panics
-    /// When LCM cannot express it.
-    pub fn heard(&mut self, message: impl Into<Message>) {
+    /// LCM cannot encode the message.
+    pub fn raw_message(&mut self, message: impl Into<Message>) {
         let message = message.into();
         let mut data = Vec::new();
         message.encode(&mut data).expect("a message that LCM can express");
-        self.event(Event::Heard { at: self.now, channel: &message.channel_name(), data: &data });
+        self.event(Event::RawMessage { at: self.now, channel: &message.channel_name(), data: &data });
         self.message(message);
     }
 
-    /// Lets `duration` pass, serving every deadline on the way at its own moment.
+    /// Lets `duration` pass; serves every deadline at its own time.
     ///
     /// # Panics
-    /// When the module leaves a deadline due after it was served: live, that would spin.
+    /// The module leaves a deadline due after it was served: a live host would spin.
     pub fn pass(&mut self, duration: Duration) {
         let end = self.now + duration;
         while self.step(end) {}
         self.now = end;
     }
 
-    /// Goes to the next deadline up to `end` and serves it; false when there is none.
+    /// Advances to the next deadline up to `end` and serves it; false if there is none.
     ///
     /// # Panics
-    /// When the module leaves a deadline due after it was served.
+    /// The module leaves a deadline due after it was served.
     pub fn step(&mut self, end: Instant) -> bool {
         let Some(due) = self.shell.poll_timeout().filter(|due| *due <= end) else {
             return false;
@@ -109,12 +109,12 @@ impl Bench {
         true
     }
 
-    /// Takes everything it did since the last call, with the time.
+    /// Takes all actions since the last call with their times.
     pub fn done(&mut self) -> Vec<(Instant, Action)> {
         std::mem::take(&mut self.done)
     }
 
-    /// Takes everything it did and keeps the messages.
+    /// Takes all actions and returns the published messages.
     pub fn published(&mut self) -> Vec<Message> {
         let message = |(_, action)| {
             if let Action::Publish(message) = action { Some(message) } else { None }
@@ -122,7 +122,7 @@ impl Bench {
         self.done().into_iter().filter_map(message).collect()
     }
 
-    /// Takes everything it did and keeps what was sent on ports.
+    /// Takes all actions and returns the output on ports.
     pub fn sent(&mut self) -> Vec<(PortId, Output)> {
         let sent = |(_, action)| {
             if let Action::Send(port, output) = action { Some((port, output)) } else { None }

@@ -1,4 +1,4 @@
-//! The calls of a shell, for those who keep them.
+//! Calls of a shell, for recording.
 
 use crate::{Action, Actions, Event, Input, PortId, Shell};
 use base::{Epoch, Instant, Level, Report, can};
@@ -20,7 +20,7 @@ pub enum Call<'a> {
 }
 
 impl Call<'_> {
-    /// Tells it to a shell.
+    /// Executes the call on a shell.
     pub fn tell(self, shell: &mut Shell, now: Instant, out: &mut Actions) {
         match self {
             Self::Event(event) => shell.handle(now, event, out),
@@ -33,11 +33,11 @@ impl Call<'_> {
 }
 
 impl fmt::Display for Call<'_> {
-    /// What happened, in a few words for people.
+    /// Short description for people.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Event(Event::Message { message, .. }) => write!(f, "message {}", message.channel_name()),
-            Self::Event(Event::Heard { channel, data, .. }) => write!(f, "{} bytes on {channel}", data.len()),
+            Self::Event(Event::RawMessage { channel, data, .. }) => write!(f, "{} bytes on {channel}", data.len()),
             Self::Event(Event::Port { port: PortId(port), input }) => match input {
                 Input::Words(words) => write!(f, "port {port}: {} words", words.len()),
                 Input::Can(frame) => match frame.id() {
@@ -56,14 +56,14 @@ impl fmt::Display for Call<'_> {
     }
 }
 
-/// Keeps each call of a shell and its answer, as [`Shell::record`] lets it.
+/// Recorder of each call of a shell and its answer; see [`Shell::record`].
 pub trait CallLog {
-    /// A call begins.
+    /// Begins a call.
     fn call(&mut self, now: Instant, epoch: Epoch, call: &Call<'_>);
 
-    /// Its answer: actions, and the moment at which the shell wants its timer.
+    /// Records the answer: actions, and the next deadline of the shell.
     fn answer(&mut self, actions: &[Action], wake: Option<Instant>);
 
-    /// True if calls are missing for which there was no room.
+    /// True if calls are missing because they did not fit.
     fn has_gaps(&self) -> bool;
 }

@@ -1,79 +1,79 @@
-//! Every reason for a module to wake, on one page.
+//! All reasons for a module to wake, on one page.
 
 use crate::State;
 use base::serial::Word;
 use base::{Instant, can, gamepad, i2c, store, w1};
 use messages::Message;
 
-/// What happened.
+/// Event for a module.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
     /// The first event: the process is up, its ports are being opened.
     Start,
-    /// A message on one of the module's channels. `at` is when the kernel received it, on the scale of `now`: a
-    /// message that waited while the process was frozen is old.
+    /// A message on one of the module's channels. `at` is the kernel's receive time, on the scale of `now`: a message
+    /// that waited while the process was frozen is old.
     Message {
-        /// When it was received.
+        /// Time of reception.
         at: Instant,
-        /// What it says.
+        /// Content.
         message: &'a Message,
     },
-    /// Anything that was said on the bus, as its bytes; only to a module that [overhears](crate::Module::overhears). It
-    /// comes before the [`Event::Message`] that the same bytes may be.
-    Heard {
-        /// When it was received.
+    /// Any message on the bus, as its bytes; only for a module that [wants the raw bus](crate::Module::wants_raw_bus).
+    /// Precedes the [`Event::Message`] of the same bytes.
+    RawMessage {
+        /// Time of reception.
         at: Instant,
-        /// The channel, at most 63 bytes.
+        /// Name of the channel, at most 63 bytes.
         channel: &'a str,
-        /// The message, of any type or none.
+        /// Payload, of any type or of none that is known.
         data: &'a [u8],
     },
-    /// Something from a port.
+    /// An input of a port.
     Port {
-        /// Which.
+        /// Index of the port.
         port: PortId,
-        /// What.
+        /// The input.
         input: Input<'a>,
     },
-    /// News of a process; for the watchdog alone.
+    /// News of a process; watchdog only.
     Process(ProcessEvent<'a>),
-    /// `Module::poll_timeout` has come.
+    /// The deadline of `Module::poll_timeout` has passed.
     Timer,
     /// The module is in this state from now on. After TERMINATE it makes its device safe, and ends as soon as
-    /// [`crate::Module::finished`] says so.
+    /// [`crate::Module::finished`] returns true.
     State(State),
 }
 
-/// The place of a port in [`crate::Module::ports`].
+/// Index of a port in [`crate::Module::ports`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PortId(pub u8);
 
-/// A port that a module needs: which bus, and what a word on it costs. Where the bus is to be found (an interface, a
-/// device file, a simulated wire) is the host's topology.
+/// A port that a module needs: the bus, and the time that a word takes on it. The location of the bus (an interface, a
+/// device file, a simulated wire) is up to the host's topology.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortSpec {
-    /// The bus as the configuration names it: `can.main`, `rs485.a`.
+    /// Name of the bus in the configuration: `can.main`, `rs485.a`.
     pub bus: String,
-    /// What kind of line it is.
+    /// Kind of line.
     pub line: Line,
 }
 
 /// Kinds of lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// A CAN bus, at so many bit/s.
+    /// A CAN bus.
     Can {
-        /// bit/s.
+        /// Bit rate, bit/s.
         bitrate: u32,
     },
     /// A serial line of 9-bit words, 11 bits each on the wire.
     Serial {
-        /// Bd.
+        /// Rate, Bd.
         baud: u32,
     },
-    /// An I2C bus or SMBus, whose clock runs at so many Hz at most.
+    /// An I2C bus or SMBus.
     I2c {
-        /// Hz.
+        /// Maximum clock frequency, Hz.
         hz: u32,
     },
     /// A 1-Wire bus with thermometers.
@@ -84,115 +84,117 @@ pub enum Line {
     Store,
 }
 
-/// What a port says.
+/// Input of a port.
 #[derive(Clone, Copy, Debug)]
 pub enum Input<'a> {
-    /// It is open: what is sent now leaves.
+    /// The port is open: output is sent.
     Up,
-    /// It could not be opened, or is lost; the host goes on trying. One line why.
+    /// The port could not be opened, or is lost; the host keeps retrying. Reason in one line.
     Down(&'a str),
-    /// A frame was received. On a bus with echo this may be one's own.
+    /// A received frame. On a bus with echo it may be an own one.
     Can(can::Frame),
     /// News of the CAN controller.
     CanNotice(can::Notice),
-    /// Words were received, in order.
+    /// Received words, in order.
     Words(&'a [Word]),
-    /// The last word of what was sent has left the wire.
+    /// The last word of an output has left the wire.
     Sent,
-    /// What came of a transfer: one for each [`Output::I2c`](crate::Output::I2c), in order. What was on its way when the
-    /// port went down has none.
+    /// Outcome of a transfer: one for each [`Output::I2c`](crate::Output::I2c), in order. Transfers pending when the
+    /// port went down have none.
     I2c(&'a i2c::Outcome),
-    /// The simulator's end of an I2C bus: the master makes this transfer, and waits for what comes of it.
-    I2cAsked(&'a i2c::Transfer),
-    /// What came of a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order; none, too, for what
-    /// was on its way when the port went down.
+    /// The simulator's end of an I2C bus: the master requests this transfer and waits for its outcome.
+    I2cRequested(&'a i2c::Transfer),
+    /// Answer to a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order. Requests pending when
+    /// the port went down have none.
     OneWire(&'a w1::Answer),
-    /// News of a gamepad. That none is there is news, too, and no [`Input::Down`].
+    /// News of a gamepad. An absent gamepad is news, too, and not [`Input::Down`].
     Gamepad(gamepad::Input<'a>),
-    /// What came of a request: one for each [`Output::Store`](crate::Output::Store), in order; none for what was on its
-    /// way when the port went down.
+    /// Answer to a request: one for each [`Output::Store`](crate::Output::Store), in order. Requests pending when the
+    /// port went down have none.
     Store(&'a store::Answer),
 }
 
-/// News of the processes that the watchdog asked for.
+/// News of the processes that the watchdog requested.
 #[derive(Clone, Copy, Debug)]
 pub enum ProcessEvent<'a> {
-    /// A module's process runs.
+    /// A module's process was started.
     Started {
-        /// Which module.
+        /// Name of the module.
         module: &'a str,
-        /// Its process.
+        /// Its process id.
         pid: u32,
     },
-    /// How an earlier watchdog left a module; told before [`Event::Start`], for each that it remembered
-    /// ([`crate::ProcessCommand::Remember`]). Where its process still lives it is this watchdog's from now on.
+    /// State in which an earlier watchdog left a module; reported before [`Event::Start`] for each module that it
+    /// remembered ([`crate::ProcessCommand::Remember`]). A process that is still alive belongs to this watchdog from
+    /// now on.
     Earlier {
-        /// Which module.
+        /// Name of the module.
         module: &'a str,
-        /// The state that was wanted of it.
+        /// Its wanted state.
         wanted: State,
-        /// Whether only an operator leads it out of TERMINATE into RUN.
+        /// True if only an operator leads it out of TERMINATE into RUN.
         held: bool,
-        /// Its process, if that lives.
+        /// Its process id, if it is alive.
         pid: Option<u32>,
     },
     /// A module's process could not be started.
     Unstartable {
-        /// Which module.
+        /// Name of the module.
         module: &'a str,
-        /// One line why.
+        /// Reason in one line.
         reason: &'a str,
     },
-    /// A process is gone.
+    /// A process has ended.
     Exited {
-        /// Which.
+        /// Process id.
         pid: u32,
-        /// How it ended.
+        /// Exit status.
         status: ExitStatus,
     },
-    /// A process has begun to beat: from now on its silence is a hang long before it would be missed on the bus.
-    Beating {
-        /// Which.
+    /// A process has started to send heartbeats: from now on its silence is a hang, long before its announcement is
+    /// missed.
+    HeartbeatStarted {
+        /// Process id.
         pid: u32,
     },
-    /// A thread of a process that beats is late by a beat or more; told at each look while that lasts.
-    Silent {
-        /// Which process.
+    /// The heartbeat of a thread is late by a period or more; reported at each check while that lasts.
+    HeartbeatLate {
+        /// Process id.
         pid: u32,
-        /// The thread that was silent longest, for people.
+        /// Name of the thread that was silent longest, for people.
         thread: &'a str,
-        /// When it last beat.
+        /// Time of its last heartbeat.
         last: Instant,
     },
-    /// What a process beats with cannot be, so it is judged by its announcements; told once.
-    BadBeats {
-        /// Which.
+    /// The heartbeat page of a process is invalid, so the process is judged by its announcements; reported once.
+    BadHeartbeat {
+        /// Process id.
         pid: u32,
-        /// One line why.
+        /// Reason in one line.
         why: &'a str,
     },
-    /// What a process uses; about once a second.
+    /// Load of a process; about once a second.
     Usage {
-        /// Which.
+        /// Process id.
         pid: u32,
-        /// Cores: 0.01 is one percent of one.
+        /// Processor time, cores: 0.01 is one percent of one core.
         cpu: f64,
         /// Resident memory, bytes.
         rss: i64,
     },
 }
 
-/// How a process ended.
+/// Exit status of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExitStatus {
-    /// By itself, with a code; -1 where nobody could see it.
+    /// Exit code; -1 if it is unknown.
     Code(i32),
-    /// By a signal.
+    /// Number of the signal that ended it.
     Signal(i32),
 }
 
 impl ExitStatus {
-    /// The one number of `process_t.last_exit`: the code, or 128 + the signal.
+    /// Single number of `process_t.last_exit`: the code, or 128 + the signal.
     #[must_use]
     pub const fn number(self) -> i32 {
         match self {

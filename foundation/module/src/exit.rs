@@ -1,11 +1,11 @@
-//! Exit codes of a module's process, as in 2011: a class plus a number 0..=16. A process that a signal ended counts
-//! as 128 + the signal's number.
+//! Exit codes of a module's process, as in 2011: a class plus a number 0..=16. For a process that a signal ended, 128 +
+//! the signal's number.
 
-/// It ended as it was told to.
+/// Ended as commanded.
 pub const OK: u8 = 0;
-/// A resource was refused: a file, memory, a right, the configuration.
+/// A resource was refused: a file, memory, a permission, the configuration.
 pub const RESOURCE: u8 = 0x10;
-/// A device.
+/// A device failed.
 pub const DEVICE: u8 = 0x20;
-/// Anything else.
+/// Any other cause.
 pub const OTHER: u8 = 0x40;

@@ -1,10 +1,10 @@
-//! What a module is, not how it runs: events in, actions out, time handed in.
+//! Definition of a module, independent of the way it is run: events in, actions out, time passed in.
 //!
 //! A [`Module`] is a pure state machine. Hosts run it inside a [`Shell`], which does what all modules share: it
-//! announces the state, obeys state commands by the transition table, reports faults once and lists the active ones,
-//! sends texts, ends in good order.
-//! The live host (`robot`) and the virtual one (`sim`) see nothing but the shell. This crate has never heard of
-//! sockets, processes or any single module.
+//! announces the state, follows state commands by the transition table, reports faults once and lists the active ones,
+//! publishes texts, and ends in good order.
+//! The live host (`host`) and the virtual one (`sim`) use the shell only. This crate does not depend on sockets,
+//! processes or any single module.
 #![forbid(unsafe_code)]
 
 mod action;
@@ -23,41 +23,41 @@ pub mod texts;
 pub use action::{Action, Actions, Condition, OUTSTANDING, Output, ProcessCommand};
 pub use call::{Call, CallLog};
 pub use event::{Event, ExitStatus, Input, Line, PortId, PortSpec, ProcessEvent};
-pub use holds::{Holds, Standing};
+pub use holds::{ActiveHold, Holds};
 pub use messages::{Channel, Message};
 pub use shell::{Shell, ShellConfig};
 pub use state::{Cause, State};
 
 use base::Instant;
 
-/// A module: sensors' and drives' drivers, the watchdog, the simulator.
+/// A module: drivers of sensors and drives, the watchdog, the simulator.
 ///
 /// After any call its host drains the actions and arms one timer for [`Module::poll_timeout`].
 pub trait Module {
-    /// Channels whose messages it wants, besides `CM_CMD_STATE`, which the shell obeys for it.
+    /// Channels that it subscribes to, in addition to `CM_CMD_STATE`, which the shell handles.
     fn subscriptions(&self) -> &[Channel] {
         &[]
     }
 
-    /// Whether it wants everything that is said on the bus, as bytes: [`Event::Heard`]. The logger does.
-    fn overhears(&self) -> bool {
+    /// True if it wants all messages on the bus as bytes: [`Event::RawMessage`]. Used by the logger.
+    fn wants_raw_bus(&self) -> bool {
         false
     }
 
-    /// The ports it needs, in the order of their [`PortId`]s. The host opens them before `Event::Start` and again
+    /// Ports that it needs, in the order of their [`PortId`]s. The host opens them before `Event::Start` and again
     /// whenever they are lost.
     fn ports(&self) -> &[PortSpec] {
         &[]
     }
 
-    /// Takes one event; pushes what follows from it. `now` is the host's monotonic time and never goes back.
+    /// Processes one event; pushes the resulting actions. `now` is the host's monotonic time and never decreases.
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions);
 
-    /// When it wants the next `Event::Timer`; a past moment means at once. After a drain nothing is due at `now`.
+    /// Deadline of the next `Event::Timer`; a past instant means at once. After a drain nothing is due at `now`.
     fn poll_timeout(&self) -> Option<Instant>;
 
-    /// Asked after TERMINATE: whether all is done that must be done before the process ends (the robot stands, the
-    /// modules are ended). Until then, at most [`ShellConfig::end_within`], it goes on getting events.
+    /// Called after TERMINATE: true once everything is done that must precede the end of the process (the robot stands,
+    /// the modules are ended). Until then, at most for [`ShellConfig::end_within`], it continues to receive events.
     fn finished(&self) -> bool {
         true
     }

@@ -1,26 +1,26 @@
-//! Deliberate bugs, to show that the rules of `sim::check` find them. Built with the feature `sabotage` only, which no
-//! release has; without it [`is`] is a constant and every hook compiles to nothing.
+//! Deliberate bugs that show that the rules of `sim::check` find them. Compiled with the feature `sabotage` only, which
+//! no release has; without it [`is`] is a constant and every hook compiles to nothing.
 //!
-//! A hook is one line where the right thing is done: `!sabotage::is(Bug::PauseIgnored)`.
+//! A hook is one line at the correct behaviour: `!sabotage::is(Bug::PauseIgnored)`.
 
-/// What is done wrong.
+/// Deliberate bug.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bug {
-    /// A command of motion is followed for a minute after its source fell silent.
+    /// A motion command is followed for a minute after its source fell silent.
     TimeToLiveIgnored,
     /// A command out of limits is followed.
     LimitsIgnored,
-    /// The PAUSE line is taken for open.
+    /// The PAUSE line is assumed to be released.
     PauseIgnored,
-    /// A source that never let go drives on after a stop.
+    /// A source that was not released drives on after a stop.
     ResumesByItself,
-    /// The newest command of whoever moves the robot.
+    /// The newest command is followed, whatever its source.
     TwoAuthorities,
-    /// The planner needs nobody's leave.
+    /// The planner needs no release by an operator.
     PlannerNotLatched,
     /// The planner drives without an estimate.
     EstimateIgnored,
-    /// The robot drives with a steering that does not know where it is.
+    /// The robot drives although the steering has no reference.
     HomingNotRequired,
     /// The driver of the drives acts in PAUSE and in STOP.
     StateIgnored,
@@ -30,24 +30,24 @@ pub enum Bug {
     CriticalIgnored,
     /// The robot drives on without a watchdog.
     WatchdogNotMissed,
-    /// The watchdog judges no silence.
+    /// The watchdog ignores missing heartbeats and announcements.
     WatchdogDeaf,
-    /// A module that hangs is started again before its process has ended.
+    /// A hung module is started again before its process has ended.
     TwoProcesses,
-    /// A module that dies is started again at once, always.
+    /// A module that dies is always restarted at once.
     RestartDelayIgnored,
-    /// A module that dies is wanted to RUN, whatever an operator wanted.
+    /// A module that dies is restarted in RUN, whatever the wanted state.
     WantedForgotten,
-    /// STOP is left by anybody's command.
+    /// STOP is left by a command from any sender.
     StopLeft,
-    /// A module that was in STOP when it lost its device is in RUN when that is back.
+    /// A module that was in STOP when it lost its device is in RUN when the device is back.
     StopLeftByError,
-    /// Timestamps follow the wall clock, and go back with it.
+    /// Timestamps follow the wall clock and its steps.
     WallClock,
 }
 
 impl Bug {
-    /// All of them.
+    /// All bugs.
     pub const ALL: [Self; 19] = [
         Self::TimeToLiveIgnored,
         Self::LimitsIgnored,
@@ -71,7 +71,7 @@ impl Bug {
     ];
 }
 
-/// Whether this bug is in: never.
+/// True if this bug is active: never.
 #[cfg(not(feature = "sabotage"))]
 #[must_use]
 #[inline(always)]
@@ -91,12 +91,12 @@ mod built {
         static BUG: Cell<Option<Bug>> = const { Cell::new(None) };
     }
 
-    /// Puts one bug, or none, into all modules that this thread runs from now on.
+    /// Activates one bug, or none, in all modules that this thread runs from now on.
     pub fn set(bug: Option<Bug>) {
         BUG.set(bug);
     }
 
-    /// Whether this bug is in.
+    /// True if this bug is active.
     #[must_use]
     pub fn is(bug: Bug) -> bool {
         BUG.get() == Some(bug)

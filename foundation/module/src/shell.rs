@@ -1,5 +1,4 @@
-//! What all modules share, done around them once: the state machine, its announcement, commands, reports, the list of
-//! active faults, texts, the end.
+//! Common part of all modules: state machine, announcement, state commands, reports, list of active faults, texts, end.
 
 use crate::call::{Call, CallLog};
 use crate::sabotage::{self, Bug};
@@ -10,33 +9,33 @@ use messages::{Channel, Message, common};
 use std::collections::BTreeMap;
 use std::mem;
 
-/// The state is announced and the active faults are listed this often, and at every change.
-const ANNOUNCE: Duration = Duration::from_secs(1);
-/// More different faults than this at once are not told apart: the oldest stay, further ones are not sent.
+/// Period of announcing the state and listing the active faults, both also at every change.
+const ANNOUNCE_PERIOD: Duration = Duration::from_secs(1);
+/// Maximum number of different active faults: the oldest are kept, further ones are not published.
 const FAULTS_MAX: usize = 256;
 
-/// How a shell treats its module.
+/// Settings of a shell.
 #[derive(Clone, Debug)]
 pub struct ShellConfig {
-    /// The module's name: `driver_canbus`.
+    /// Name of the module: `driver_canbus`.
     pub name: String,
-    /// The state after INIT: RUN, or what an operator wanted before a restart. Others count as RUN.
+    /// State after INIT: RUN, or the one that an operator wanted before a restart. Other values count as RUN.
     pub wanted: State,
-    /// Reports of at least this severity are sent on `CM_EVENT_ERROR` and printed, and so is the end of such a fault;
-    /// others are dropped. The list on `CM_DATA_FAULTS` has all active faults, whatever their severity.
+    /// Reports of at least this severity are published on `CM_EVENT_ERROR` and printed, and so is the end of such a
+    /// fault; others are dropped. The list on `CM_DATA_FAULTS` contains all active faults, whatever their severity.
     pub report_from: Severity,
-    /// Lowest level of texts and reports that are printed; none: `report_from` for reports, INFO for texts.
+    /// Lowest level of texts and reports that are printed; `None`: `report_from` for reports, INFO for texts.
     pub print_from: Option<Level>,
-    /// Lowest level of texts and reports that are sent; none: `report_from` for reports, INFO for texts.
+    /// Lowest level of texts and reports that are published; `None`: `report_from` for reports, INFO for texts.
     pub send_from: Option<Level>,
-    /// Whether commands to module `*` are for it (for the watchdog they are not).
+    /// True if it follows commands to module `*` (the watchdog does not).
     pub obeys_all: bool,
-    /// After TERMINATE it has ended within this time, finished or not.
+    /// Maximum duration of the end after TERMINATE, finished or not.
     pub end_within: Duration,
 }
 
 impl ShellConfig {
-    /// A module that wants to RUN, sends all reports and obeys commands to all.
+    /// Settings of a module in RUN that publishes all reports and follows commands to all.
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
         Self {
@@ -60,7 +59,7 @@ impl ShellConfig {
 }
 
 base::deadlines! {
-    /// What a shell waits for.
+    /// Deadlines of a shell.
     enum Timer {
         /// The next announcement of the state.
         Announce,
@@ -71,22 +70,22 @@ base::deadlines! {
     }
 }
 
-/// A module with what all modules share around it; what a host runs.
+/// A module together with the common part; the unit that a host runs.
 pub struct Shell {
     config: ShellConfig,
     module: Box<dyn Module>,
     state: State,
-    /// Where ERROR was entered from.
+    /// State from which ERROR was entered.
     before_error: State,
-    /// What the module said last of its device.
+    /// Last reported condition of the module.
     failed: bool,
     deadlines: Deadlines<Timer>,
     /// The active faults, each with its subject.
     faults: BTreeMap<(Fault, String), ActiveFault>,
-    /// True if the list of active faults is to be published at the end of this call.
+    /// The list of active faults is to be published at the end of this call.
     list_due: bool,
     texts: Texts,
-    /// Room for what the module answers.
+    /// Buffer for the module's actions.
     inner: Actions,
     ending: Ending,
     recorder: Option<Box<dyn CallLog>>,
@@ -101,12 +100,12 @@ struct ActiveFault {
     since: i64,
     /// Message of the last raise.
     message: String,
-    /// Whether its report was printed and sent; the report of its end is treated alike.
+    /// Its report was printed and published; the report of its end is treated alike.
     printed: bool,
     sent: bool,
 }
 
-/// How far the end has come.
+/// Progress of the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ending {
     No,
@@ -115,7 +114,7 @@ enum Ending {
 }
 
 impl Shell {
-    /// A shell around `module`, in INIT. `out` of later calls must have the same epoch as the first.
+    /// Creates a shell around `module`, in INIT. `out` of later calls must have the same epoch as the first.
     #[must_use]
     pub fn new(config: ShellConfig, module: Box<dyn Module>) -> Self {
         let mut deadlines = Deadlines::new().with(Timer::Announce, Instant::ZERO);
@@ -136,24 +135,24 @@ impl Shell {
         }
     }
 
-    /// Writes down from now on what it is told and what it answers; to be called before anything else.
+    /// Records all further calls and answers; to be called before anything else.
     pub fn record(&mut self, recorder: impl CallLog + 'static) {
         self.recorder = Some(Box::new(recorder));
     }
 
-    /// Whether some of what it was told is not written down, for want of room: the host reports that.
+    /// True if part of the record is missing because it did not fit; the host reports that.
     #[must_use]
     pub fn has_lost_inputs(&self) -> bool {
         self.recorder.as_ref().is_some_and(|recorder| recorder.has_gaps())
     }
 
-    /// The module's name.
+    /// Name of the module.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.config.name
     }
 
-    /// The state it is in.
+    /// Current state.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
@@ -165,8 +164,8 @@ impl Shell {
         &*self.module
     }
 
-    /// The channels that its host subscribes to, so that other messages need not be decoded: commands to the state, and
-    /// the module's. A channel may come twice.
+    /// Channels that the host subscribes to, so that other messages need not be decoded: state commands, and the
+    /// module's channels. A channel may be listed twice.
     pub fn subscriptions(&self) -> impl Iterator<Item = Channel> {
         [Channel::CmCmdState].into_iter().chain(self.module.subscriptions().iter().copied())
     }
@@ -177,13 +176,13 @@ impl Shell {
         self.subscriptions().any(|subscribed| subscribed == channel)
     }
 
-    /// Takes one event, messages on channels without subscription too: they are ignored. Pushes what the host is to do:
+    /// Processes one event; messages on channels without a subscription are ignored. Pushes actions for the host:
     /// `Publish`, `Send`, `Report`, `Note`, `Process`, `State`, and `Exit` last.
     pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
-        self.recorded(now, &Call::Event(event), out, |shell, out| shell.take(now, event, out));
+        self.recorded(now, &Call::Event(event), out, |shell, out| shell.dispatch(now, event, out));
     }
 
-    /// Lets the recorder see a call and what follows from it.
+    /// Passes a call and its result to the recorder.
     fn recorded(&mut self, now: Instant, call: &Call<'_>, out: &mut Actions, f: impl FnOnce(&mut Self, &mut Actions)) {
         let before = out.as_slice().len();
         let Some(mut recorder) = self.recorder.take().filter(|_| self.ending != Ending::Done) else {
@@ -197,57 +196,57 @@ impl Shell {
         self.recorder = Some(recorder);
     }
 
-    fn take(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+    fn dispatch(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         if self.ending == Ending::Done {
             return;
         }
         match event {
             Event::Start => {
-                self.deadlines.set(Timer::Announce, now + ANNOUNCE);
+                self.deadlines.set(Timer::Announce, now + ANNOUNCE_PERIOD);
                 out.push(Action::State(self.state));
                 self.announce(now, out);
                 self.list_due = true;
-                self.pass(now, Event::Start, out);
+                self.call_module(now, Event::Start, out);
             }
             Event::Timer => {
-                if self.deadlines.tick(Timer::Announce, now, ANNOUNCE) {
+                if self.deadlines.tick(Timer::Announce, now, ANNOUNCE_PERIOD) {
                     self.announce(now, out);
                     self.list_due = true;
-                    self.count_left_out(now, out);
+                    self.publish_omitted(now, out);
                 }
                 if self.deadlines.is_due(Timer::Module, now) {
-                    self.pass(now, Event::Timer, out);
+                    self.call_module(now, Event::Timer, out);
                 }
             }
             Event::Message { at, message } => {
                 if self.module.subscriptions().contains(&message.channel()) {
-                    self.pass(now, Event::Message { at, message }, out);
+                    self.call_module(now, Event::Message { at, message }, out);
                 }
                 if let Message::CmCmdState(command) = message {
-                    self.obey(now, command, out);
+                    self.on_state_command(now, command, out);
                 }
             }
-            other => self.pass(now, other, out),
+            other => self.call_module(now, other, out),
         }
         if self.ending == Ending::Begun && (self.module.finished() || self.deadlines.is_due(Timer::End, now)) {
             self.ending = Ending::Done;
-            self.count_left_out(now, out);
+            self.publish_omitted(now, out);
             self.deadlines.clear_all();
             out.push(Action::Exit(exit::OK));
         }
     }
 
-    /// The process was asked to end (SIGTERM, Ctrl-C): as a TERMINATE command.
+    /// The process was asked to end (SIGTERM, Ctrl-C): treated as a TERMINATE command.
     pub fn terminate(&mut self, now: Instant, out: &mut Actions) {
         self.recorded(now, &Call::Terminate, out, |shell, out| {
             if shell.state != State::Terminate {
                 shell.enter(now, State::Terminate, out);
-                shell.take(now, Event::Timer, out);
+                shell.dispatch(now, Event::Timer, out);
             }
         });
     }
 
-    /// A fault that the host found: reported once until [`Shell::clear`].
+    /// Raises a fault found by the host: reported once until [`Shell::clear`].
     pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
         self.recorded(now, &Call::Raise(&report), out, |shell, out| shell.fault(now, &report, out));
     }
@@ -277,18 +276,18 @@ impl Shell {
         }
     }
 
-    /// A fault that the host found stands no more; who was told of it is told of its end.
+    /// Clears a fault found by the host; its end is reported if its begin was.
     pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.fault_over(now, &report, out));
+        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.clear_fault(now, &report, out));
     }
 
-    fn fault_over(&mut self, now: Instant, report: &Report, out: &mut Actions) {
+    fn clear_fault(&mut self, now: Instant, report: &Report, out: &mut Actions) {
         let Some(active) = self.faults.remove(&(report.fault, report.subject.clone())) else { return };
         self.list_due = true;
         self.report(now, report.clone(), active.sent, active.printed, out);
     }
 
-    /// Adds a line of the host for people, as if it were the module's.
+    /// Adds a text of the host, in the module's name.
     pub fn say(&mut self, now: Instant, level: Level, text: &str, out: &mut Actions) {
         self.recorded(now, &Call::Say(level, text), out, |shell, out| shell.text(now, level, text.into(), out));
     }
@@ -304,14 +303,14 @@ impl Shell {
         }
     }
 
-    fn count_left_out(&mut self, now: Instant, out: &mut Actions) {
+    fn publish_omitted(&mut self, now: Instant, out: &mut Actions) {
         if let Some(message) = self.texts.left_out(now, out.timestamp(now), &self.config.name) {
             out.publish(message);
         }
     }
 
-    /// Publishes the list of active faults if it is due, before the reports of the current call: a reader then knows the
-    /// subject of each report.
+    /// Publishes the list of active faults if it is due, before the reports of the current call, so that a reader knows
+    /// the subject of each report.
     fn list_faults(&mut self, now: Instant, before: usize, out: &mut Actions) {
         if !mem::take(&mut self.list_due) {
             return;
@@ -328,36 +327,36 @@ impl Shell {
         out.insert(before, Action::Publish(list.into()));
     }
 
-    /// When it wants the next `Event::Timer`.
+    /// Deadline of the next `Event::Timer`.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.deadlines.next()
     }
 
-    fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+    fn call_module(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         let before = out.as_slice().len();
         self.module.handle(now, event, out);
         self.deadlines.replace(Timer::Module, self.module.poll_timeout());
         if !out.as_slice()[before..].iter().any(is_for_the_shell) {
             return;
         }
-        // Entering a state on the way calls the module again, with a list of its own.
+        // Entering a state calls the module again, with another list.
         let mut inner = mem::take(&mut self.inner);
         out.split_off(before, &mut inner);
         for action in inner.drain() {
             match action {
                 Action::Raise(report) => self.fault(now, &report, out),
-                Action::Clear(report) => self.fault_over(now, &report, out),
-                Action::Report(report) => self.send(now, report, out),
+                Action::Clear(report) => self.clear_fault(now, &report, out),
+                Action::Report(report) => self.publish_report(now, report, out),
                 Action::Note(level, text) => self.text(now, level, text, out),
-                Action::Condition(condition) => self.condition(now, condition, out),
+                Action::Condition(condition) => self.on_condition(now, condition, out),
                 other => out.push(other),
             }
         }
         self.inner = inner;
     }
 
-    fn condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
+    fn on_condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
         self.failed = condition == Condition::Failed;
         let next = match (condition, self.state) {
             (Condition::Working, State::Init) => self.wanted(),
@@ -382,7 +381,7 @@ impl Shell {
         }
     }
 
-    fn obey(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
+    fn on_state_command(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
         let all = command.module == "*" && self.config.obeys_all;
         if !all && command.module != self.config.name {
             return;
@@ -395,7 +394,7 @@ impl Shell {
                     self.config.wanted = to;
                 }
                 self.enter(now, to, out);
-                // It was led through STOP out of ERROR; its device is lost as before.
+                // It left ERROR through STOP; its device is still lost.
                 if self.failed && matches!(self.state, State::Run | State::Pause) {
                     self.before_error = self.state;
                     self.enter(now, State::Error, out);
@@ -404,11 +403,11 @@ impl Shell {
             Some(to) => {
                 let manner = if command.manual { "manual " } else { "" };
                 let message = format!("{manner}command {to} from {} refused in {}", command.source, self.state);
-                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+                self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
             None => {
-                let message = format!("command from {} refused: {} is no state", command.source, command.state);
-                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+                let message = format!("command from {} refused: {} is not a state", command.source, command.state);
+                self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
         }
     }
@@ -421,7 +420,7 @@ impl Shell {
         }
         out.push(Action::State(state));
         self.announce(now, out);
-        self.pass(now, Event::State(state), out);
+        self.call_module(now, Event::State(state), out);
     }
 
     fn announce(&self, now: Instant, out: &mut Actions) {
@@ -432,7 +431,7 @@ impl Shell {
         });
     }
 
-    fn send(&self, now: Instant, report: Report, out: &mut Actions) {
+    fn publish_report(&self, now: Instant, report: Report, out: &mut Actions) {
         let (sent, printed) = (self.config.sends(report.severity), self.config.prints(report.severity));
         self.report(now, report, sent, printed, out);
     }

@@ -1,37 +1,37 @@
-//! The states of a module and what may lead from one to another (values as in 2011).
+//! States of a module and the permitted transitions (values as in 2011).
 
 use core::fmt;
 use messages::Hold;
 use messages::common::DataState;
 
-/// The state of a module, as `CM_DATA_STATE` announces it.
+/// State of a module as announced in `CM_DATA_STATE`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(i8)]
 pub enum State {
-    /// Not heard of.
+    /// No announcement was received.
     Unknown = DataState::UNKNOWN,
-    /// Starting: brings its devices up, does not act.
+    /// Starting: initializes its devices, does not act.
     Init = DataState::INIT,
-    /// Held by an operator: device safe and in contact, no action; only an operator leads out.
+    /// Stopped by an operator: device safe and in contact, no action; only an operator leads out.
     Stop = DataState::STOP,
     /// Working.
     Run = DataState::RUN,
-    /// Its device is lost; it says so, goes on trying, and returns to where it came from.
+    /// Its device is lost; it keeps retrying and returns to the previous state.
     Error = DataState::ERROR,
     /// Ending.
     Terminate = DataState::TERMINATE,
-    /// Not acting for now; anyone may end it.
+    /// Not acting for now; any sender may end it.
     Pause = DataState::PAUSE,
 }
 
-/// What asks for a change of state.
+/// Origin of a change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// The module decides.
+    /// Decision of the module.
     Itself,
     /// A `cmd_state_t` with `manual = false`.
     Command,
-    /// A `cmd_state_t` with `manual = true`: an operator.
+    /// A `cmd_state_t` with `manual = true`, from an operator.
     Manual,
 }
 
@@ -40,19 +40,19 @@ impl State {
     pub const ALL: [Self; 7] =
         [Self::Unknown, Self::Init, Self::Stop, Self::Run, Self::Error, Self::Terminate, Self::Pause];
 
-    /// The state of a value on the wire; none for a value that is no state.
+    /// State of a value on the wire; `None` for other values.
     #[must_use]
     pub fn from_value(value: i8) -> Option<Self> {
         Self::ALL.into_iter().find(|state| *state as i8 == value)
     }
 
-    /// The state of a name as people write it (`RUN`, in any case).
+    /// State of a name (`RUN`, in any case).
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|state| state.name().eq_ignore_ascii_case(name))
     }
 
-    /// Its name as people write it.
+    /// Name for people.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -66,7 +66,7 @@ impl State {
         }
     }
 
-    /// The cause for which a module in this state does not act; `None` in RUN.
+    /// Cause for which a module in this state does not act; `None` in RUN.
     #[must_use]
     pub const fn hold(self) -> Option<Hold> {
         match self {
@@ -79,9 +79,9 @@ impl State {
         }
     }
 
-    /// The transition table of `DESIGN` 4: whether `cause` may lead from this state to `to`.
+    /// Transition table (docs/design.md, section 4): true if `cause` may lead from this state to `to`.
     ///
-    /// The return from ERROR is not asked here: it leads to the state that ERROR was entered from, be it STOP.
+    /// The return from ERROR is not covered: it leads to the state from which ERROR was entered, even STOP.
     #[must_use]
     pub const fn allows(self, to: Self, cause: Cause) -> bool {
         use State::{Error, Init, Pause, Run, Stop, Terminate};
@@ -95,7 +95,7 @@ impl State {
         }
     }
 
-    /// Whether it may act on the world.
+    /// True if it may act on the world.
     #[must_use]
     pub const fn acts(self) -> bool {
         matches!(self, Self::Run)
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
     use std::fmt::Write;
 
-    /// The table as it stands in the design, to be compared by eye.
+    /// The table as in the design, for comparison by eye.
     const TABLE: &str = "\
 from \\ to | RUN    | PAUSE  | STOP   | ERROR  | TERMINATE
 INIT      | itself | itself | manual | itself | any
@@ -125,7 +125,7 @@ TERMINATE | -      | -      | -      | -      | -
 ";
 
     #[test]
-    fn the_transition_table_is_the_design_s() {
+    fn the_transition_table_matches_the_design() {
         use State::{Error, Init, Pause, Run, Stop, Terminate};
         let mut text = String::from("from \\ to | RUN    | PAUSE  | STOP   | ERROR  | TERMINATE\n");
         for from in [Init, Run, Pause, Stop, Error, Terminate] {

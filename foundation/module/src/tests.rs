@@ -1,4 +1,4 @@
-//! The shell around a module that the test plays.
+//! The shell around test modules.
 
 use crate::bench::Bench;
 use crate::{Action, Actions, Channel, Event, Input, Message, Module, PortId, PortSpec, Shell, ShellConfig, State};
@@ -6,7 +6,7 @@ use base::{Duration, Fault, Instant, Level, Report, Severity};
 use messages::common::{self, DataFaults, EventText};
 use messages::lowlevel::{CmdHoming, CmdMotion};
 
-/// Does what its port tells it: `Up` is working, `Down` is failed; the reason says which fault to raise or clear.
+/// Acts on its port's input: `Up` is working, `Down` is failed; the reason names the fault to raise or clear.
 struct Toy {
     ports: [PortSpec; 1],
     finished: bool,
@@ -101,7 +101,7 @@ fn a_module_that_is_ready_goes_to_the_wanted_state() {
 }
 
 #[test]
-fn error_returns_only_to_where_it_came_from() {
+fn error_returns_only_to_the_previous_state() {
     for wanted in [State::Run, State::Pause, State::Stop] {
         let mut bench = bench(wanted);
         bench.start();
@@ -120,7 +120,7 @@ fn error_returns_only_to_where_it_came_from() {
 }
 
 #[test]
-fn a_lost_device_is_not_forgotten_by_way_of_stop() {
+fn a_lost_device_is_remembered_through_stop() {
     let mut bench = bench(State::Run);
     bench.start();
     down(&mut bench);
@@ -181,7 +181,7 @@ fn a_fault_is_reported_once_and_cleared_once() {
 }
 
 #[test]
-fn the_end_waits_for_the_module_but_not_for_ever() {
+fn the_end_waits_for_the_module_for_a_limited_time() {
     let mut bench = bench(State::Run);
     bench.start();
     bench.message(command("toy", State::Terminate, false));
@@ -200,7 +200,7 @@ fn the_end_waits_for_the_module_but_not_for_ever() {
 }
 
 #[test]
-fn only_what_is_wanted_reaches_the_module() {
+fn only_subscribed_messages_reach_the_module() {
     let mut bench = bench(State::Run);
     assert_eq!(bench.shell.subscriptions().collect::<Vec<_>>(), [Channel::CmCmdState, Channel::LlCmdHoming]);
     assert!(bench.shell.wants(Channel::CmCmdState) && bench.shell.wants(Channel::LlCmdHoming));
@@ -226,10 +226,10 @@ fn reports_begin_at_the_chosen_severity() {
     down(&mut bench);
     assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Error as i8)]);
     up(&mut bench);
-    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of what was told");
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of the reported fault");
 }
 
-/// The lists of active faults that were published since the last call, with their moments.
+/// Lists of active faults published since the last call, with their times.
 fn lists(bench: &mut Bench) -> Vec<(u64, DataFaults)> {
     let list = |(at, action): (Instant, Action)| match action {
         Action::Publish(Message::CmDataFaults(list)) => Some((at.as_nanos() / 1_000_000, list)),
@@ -242,7 +242,7 @@ fn subjects(list: &DataFaults) -> Vec<(i32, &str)> {
     list.faults.iter().map(|fault| (fault.number, fault.subject.as_str())).collect()
 }
 
-/// Raises and clears what the test says, as `raise SUBJECT SEVERITY MESSAGE` and `clear SUBJECT`, and says lines.
+/// Raises and clears faults by text: `raise SUBJECT SEVERITY MESSAGE` and `clear SUBJECT`; other lines are notes.
 struct Boards;
 
 impl Module for Boards {
@@ -283,7 +283,7 @@ fn order(bench: &mut Bench, text: &str) {
 }
 
 #[test]
-fn of_two_lost_boards_one_that_comes_back_leaves_the_other_in_the_list() {
+fn when_one_of_two_lost_boards_returns_the_other_stays_in_the_list() {
     let mut bench = boards(ShellConfig::new("driver"));
     bench.pass(Duration::from_millis(300));
     order(&mut bench, "raise front warning front is silent\nraise rear warning rear is silent");
@@ -315,14 +315,14 @@ fn the_list_comes_before_the_reports_that_it_explains_and_has_their_time() {
     let published = bench.published();
     let [Message::CmDataFaults(list), Message::CmEventError(error)] = &published[..] else { panic!("{published:?}") };
     assert_eq!((list.timestamp, list.faults[0].since), (error.timestamp, error.timestamp));
-    // Raised and cleared in one breath it was never active.
+    // Raised and cleared in the same call it was never active.
     order(&mut bench, "clear front\nraise front error silent\nclear front");
     let [(_, list)] = &lists(&mut bench)[..] else { panic!("one list") };
     assert_eq!(list.faults, []);
 }
 
 #[test]
-fn a_fault_raised_anew_is_no_report_but_its_severity_is_news() {
+fn a_fault_raised_again_is_reported_only_if_its_severity_changed() {
     let mut bench = boards(ShellConfig::new("driver"));
     order(&mut bench, "raise front warning one");
     bench.pass(Duration::from_millis(400));
@@ -340,7 +340,7 @@ fn a_fault_raised_anew_is_no_report_but_its_severity_is_news() {
 }
 
 #[test]
-fn the_list_has_what_no_report_is_sent_of_and_is_bounded() {
+fn the_list_includes_unreported_faults_and_is_bounded() {
     let config = ShellConfig { report_from: Severity::Error, ..ShellConfig::new("driver") };
     let mut bench = boards(config);
     bench.done();
@@ -361,7 +361,7 @@ fn the_list_has_what_no_report_is_sent_of_and_is_bounded() {
 }
 
 #[test]
-fn what_the_host_found_is_in_the_list() {
+fn faults_of_the_host_are_in_the_list() {
     let mut bench = boards(ShellConfig::new("driver"));
     bench.done();
     let mut out = Actions::default();
@@ -375,7 +375,7 @@ fn what_the_host_found_is_in_the_list() {
     assert_eq!(list.faults, []);
 }
 
-/// The texts that were sent, and those that were printed, since the last call.
+/// Texts published, and texts printed, since the last call.
 fn texts(bench: &mut Bench) -> [Vec<(i8, String)>; 2] {
     let (mut sent, mut printed) = (Vec::new(), Vec::new());
     for (_, action) in bench.done() {
@@ -392,7 +392,7 @@ fn texts(bench: &mut Bench) -> [Vec<(i8, String)>; 2] {
 }
 
 #[test]
-fn texts_are_sent_and_printed_each_from_its_level_on() {
+fn texts_are_sent_and_printed_from_separate_levels() {
     let lines = |levels: &[i8]| levels.iter().map(|level| (*level, format!("L{level}"))).collect::<Vec<_>>();
     let usual = ShellConfig::new("driver");
     let quiet = ShellConfig { report_from: Severity::Error, ..usual.clone() };
@@ -400,7 +400,7 @@ fn texts_are_sent_and_printed_each_from_its_level_on() {
     let terminal = ShellConfig { print_from: Some(Level::Debug), send_from: Some(Level::Warning), ..usual.clone() };
     for (config, sent, printed) in [
         (usual, &[1, 2][..], &[1, 2][..]),
-        // The older key is about reports alone.
+        // The older key applies to reports only.
         (quiet, &[1, 2], &[1, 2]),
         (bus, &[0, 1, 2], &[]),
         (terminal, &[2], &[0, 1, 2]),
@@ -413,7 +413,7 @@ fn texts_are_sent_and_printed_each_from_its_level_on() {
 }
 
 #[test]
-fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
+fn reports_and_their_ends_are_sent_and_printed_from_separate_levels() {
     let reports = |bench: &mut Bench| {
         let (mut sent, mut printed) = (0, 0);
         for (_, action) in bench.done() {
@@ -434,7 +434,7 @@ fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
         bench.done();
         order(&mut bench, "raise front warning silent");
         assert_eq!(reports(&mut bench), expected);
-        // That it is graver by now does not matter: nothing was said of its beginning.
+        // A later raise with higher severity does not matter: its begin was not reported.
         order(&mut bench, "raise front error silent");
         order(&mut bench, "clear front");
         assert_eq!(reports(&mut bench), expected);
@@ -442,7 +442,7 @@ fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
 }
 
 #[test]
-fn a_module_that_talks_without_end_is_cut_short_on_the_bus_alone() {
+fn the_rate_of_texts_is_limited_on_the_bus_only() {
     let mut bench = boards(ShellConfig::new("driver"));
     bench.pass(Duration::from_millis(100));
     bench.done();

@@ -23,7 +23,7 @@ pub struct Texts {
 }
 
 impl Texts {
-    /// Returns the message for a text, or none if the rate is exceeded. The caller applies the threshold of levels.
+    /// Returns the message for a text, or `None` if the rate is exceeded. The caller applies the threshold of levels.
     pub fn take(
         &mut self,
         now: Instant,
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn no_second_has_more_than_fifty_and_none_is_left_out_in_silence() {
+    fn at_most_fifty_texts_a_second_and_omitted_ones_are_counted() {
         let (mut texts, mut sent, mut counted) = (Texts::default(), Vec::new(), 0);
         // 20 every 100 ms for three seconds, and one each second afterwards.
         for ms in (0..3000).step_by(100).flat_map(|ms| [ms; 20]).chain([4000, 5000, 6000]) {

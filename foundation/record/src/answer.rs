@@ -1,7 +1,7 @@
-//! What a shell answers, as bytes: its actions, and when it wants to be woken.
+//! Encoding of a shell's answer: its actions and its next deadline.
 
 use super::call::{before, since};
-use super::wire::{self, Take};
+use super::wire::{self, Decoder};
 use super::{Malformed, auxiliary, level, report, state, store, take_level, take_message, take_report, take_state};
 use base::{Instant, Level};
 use messages::Message;
@@ -31,24 +31,24 @@ const SEND_ONE_WIRE: u8 = 20;
 const SEND_ONE_WIRE_IS: u8 = 21;
 const SEND_GAMEPAD: u8 = 22;
 const SEND_STORE: u8 = 23;
-// A line of another level than INFO, which is `NOTE`.
+// A text of another level than INFO, which is `NOTE`.
 const TEXT: u8 = 24;
 
-// When the shell wants to be woken: as before, never, or at a moment.
+// Next deadline: unchanged, none, or at an instant.
 const SAME: u8 = 0;
 const NEVER: u8 = 1;
 const AT: u8 = 2;
 
-/// What a shell answers to one call.
+/// Answer of a shell to one call.
 #[derive(Clone, Debug)]
 pub struct Answer {
     /// Its actions, in order.
     pub actions: Vec<Action>,
-    /// When it wants to be woken; none: as it said before.
+    /// Next deadline; `None`: unchanged.
     pub wake: Option<Option<Instant>>,
 }
 
-/// Appends an answer; `wake` is none where it is as before.
+/// Appends an answer; `wake` is `None` if unchanged.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, actions: &[Action], wake: Option<Option<Instant>>) {
     wire::varint(out, actions.len() as u64);
     for action in actions {
@@ -88,7 +88,7 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
             out.extend([SEND_ONE_WIRE, *port]);
             auxiliary::request(out, *request);
         }
-        Action::Send(PortId(port), Output::OneWireIs(answer)) => {
+        Action::Send(PortId(port), Output::OneWireState(answer)) => {
             out.extend([SEND_ONE_WIRE_IS, *port]);
             auxiliary::answer(out, answer);
         }
@@ -137,7 +137,7 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
     }
 }
 
-/// A message that LCM cannot express has no bytes; what stands for it is the host's line about it.
+/// A message that LCM cannot encode is replaced by the host's text about it.
 fn put_publish(out: &mut Vec<u8>, message: &Message) {
     let begin = out.len();
     out.push(PUBLISH);
@@ -175,8 +175,8 @@ fn put_command(out: &mut Vec<u8>, command: &ProcessCommand) {
     }
 }
 
-/// Takes an answer, which must be all that is left.
-pub(super) fn take(mut take: Take<'_>, now: Instant) -> Result<Answer, Malformed> {
+/// Parses an answer, which must fill the rest of the record.
+pub(super) fn take(mut take: Decoder<'_>, now: Instant) -> Result<Answer, Malformed> {
     let count = take.count()?;
     let mut actions = Vec::new();
     for _ in 0..count {
@@ -191,7 +191,7 @@ pub(super) fn take(mut take: Take<'_>, now: Instant) -> Result<Answer, Malformed
     if take.0.is_empty() { Ok(Answer { actions, wake }) } else { Err(Malformed("the end of the record")) }
 }
 
-fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
+fn take_action(take: &mut Decoder<'_>) -> Result<Action, Malformed> {
     Ok(match take.u8()? {
         PUBLISH => Action::Publish(take_message(take)?),
         SEND_CAN => Action::Send(PortId(take.u8()?), Output::Can(super::take_frame(take)?)),
@@ -200,7 +200,7 @@ fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
         SEND_I2C_ANSWER => Action::Send(PortId(take.u8()?), Output::I2cAnswer(auxiliary::take_outcome(take)?)),
         SEND_ONE_WIRE => Action::Send(PortId(take.u8()?), Output::OneWire(auxiliary::take_request(take)?)),
         SEND_STORE => Action::Send(PortId(take.u8()?), Output::Store(store::take_request(take)?)),
-        SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireIs(auxiliary::take_answer(take)?)),
+        SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireState(auxiliary::take_answer(take)?)),
         SEND_GAMEPAD => Action::Send(PortId(take.u8()?), Output::Gamepad(super::take_gamepad(take)?)),
         RAISE => Action::Raise(take_report(take)?),
         CLEAR => Action::Clear(take_report(take)?),

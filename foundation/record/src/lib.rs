@@ -1,15 +1,16 @@
-//! What a host hands to a shell and what it gets: written down as it happens, read again, and played again.
+//! Records of all calls between a host and a shell: written during a run, read again, and replayed.
 //!
-//! A module is a function of its configuration, of what it is told and when. So a file of all calls of its [`Shell`], with
-//! their moments and the answers, proves a run: the same shell, told the same, must answer the same to the last bit. Where
-//! it does not, [`Player`] knows the first call that was answered differently, and how.
+//! A module is a function of its configuration, its inputs and their times. So a file of all calls of its [`Shell`],
+//! with their times and the answers, proves a run: the same shell with the same calls must give the same answers to the
+//! last bit. Where it does not, [`Player`] returns the first call with a different answer, and the difference.
 //!
-//! [`Recorder`] sits in the shell ([`Shell::record`]) and hands records to a sink, which takes them or has no room; what
-//! it has no room for is missing, and the file says so. [`Reader`] reads such a file, and refuses it at the place where
-//! something is missing, cut off or damaged. Knows no files and no configuration: what is needed to make the shell again
-//! stands in the [`Header`] as names and texts.
+//! [`Recorder`] is attached to the shell ([`Shell::record`]) and passes records to a sink, which accepts or rejects
+//! them without waiting; the file states how many are missing. [`Reader`] reads such a file and rejects it at the first
+//! place where data is missing, cut off or damaged. The crate depends on neither files nor configuration: everything
+//! needed to create the shell again is in the [`Header`] as names and texts.
 //!
-//! `docs/replay.md` has the format for readers in other languages. Read [`call`] and [`answer`] for what is in a record.
+//! `docs/replay.md` specifies the format for readers in other languages. Read [`call`] and [`answer`] for the content
+//! of a record.
 #![forbid(unsafe_code)]
 
 mod answer;
@@ -37,46 +38,46 @@ use module::Shell;
 use module::{Action, Call, CallLog, State};
 use std::borrow::Cow;
 use std::mem;
-use wire::Take;
+use wire::Decoder;
 
-/// How a file begins.
+/// First bytes of a file.
 pub const MAGIC: [u8; 8] = *b"ADVEEIN\n";
 /// Version of the format and of the shell's own actions. Since version 2 shells publish `CM_DATA_FAULTS` and
 /// `CM_EVENT_TEXT`.
 pub const VERSION: u16 = 2;
 /// Oldest version that can be read. Only answers of [`VERSION`] can be compared.
 pub const OLDEST: u16 = 1;
-/// A record is not longer than this, bytes.
+/// Maximum length of a record, bytes.
 pub const RECORD_MAX: usize = 16 << 20;
 
-// What a record is that is no call, in the place of a call's kind. Numbers are never reused, and none of a call's.
+// Kinds of records that are not calls. Numbers are never reused and differ from those of calls.
 const EPOCH: u8 = 0xF0;
 const GAP: u8 = 0xF1;
 const END: u8 = 0xF2;
 
-// Why a file ends.
+// Reasons for the end of a file.
 const EXITED: u8 = 0;
 const LIMIT: u8 = 1;
 
-/// What is not as it must be in a record: what was expected.
+/// Invalid content of a record: what was expected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed(pub &'static str);
 
-/// Whose calls they are, and what is needed to make the shell again.
+/// Identity of the module and everything needed to create its shell again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// The program that ran it, with its version: `advee 0.1.0`.
+    /// Program that ran it, with its version: `advee 0.1.0`.
     pub program: String,
-    /// The module.
+    /// Name of the module.
     pub module: String,
-    /// The state that was wanted of it at the start.
+    /// Wanted state at the start.
     pub wanted: State,
-    /// Its configuration, as names and texts.
+    /// Configuration, as names and texts.
     pub texts: Vec<(String, String)>,
 }
 
 impl Header {
-    /// The first text of that name.
+    /// First text of that name.
     #[must_use]
     pub fn text(&self, name: &str) -> Option<&str> {
         self.texts.iter().find(|(own, _)| own == name).map(|(_, text)| text.as_str())
@@ -99,7 +100,7 @@ impl Header {
         }
     }
 
-    fn take(mut take: Take<'_>) -> Result<Self, Malformed> {
+    fn take(mut take: Decoder<'_>) -> Result<Self, Malformed> {
         let (program, module, wanted) = (take.text()?.into(), take.text()?.into(), take_state(&mut take)?);
         let count = take.count()?;
         let texts = (0..count).map(|_| Ok((take.text()?.into(), take.text()?.into()))).collect::<Result<_, _>>()?;
@@ -107,35 +108,35 @@ impl Header {
     }
 }
 
-/// Takes a record whole, or has no room for it. Must not wait.
+/// Receiver of complete records; returns false if it has no room. Must not block.
 pub type Sink = Box<dyn FnMut(&[u8]) -> bool>;
 
-/// Writes down what a shell is told and what it answers.
+/// Recorder of a shell's calls and answers.
 pub struct Recorder {
-    /// None: the file has ended.
+    /// `None` after the end of the file.
     sink: Option<Sink>,
-    /// The number of the next record.
+    /// Number of the next record.
     number: u32,
-    /// Bytes that may still be written.
+    /// Remaining size of the file, bytes.
     left: u64,
-    /// Calls for which there was no room since the last one for which there was.
+    /// Number of calls that did not fit since the last one that did.
     lost: u32,
-    /// Some were lost.
+    /// Some calls were lost.
     gaps: bool,
-    /// Whether there is room for what comes before the call that is being answered.
+    /// The records before the current call were accepted.
     open: bool,
-    /// The moment of the last record.
+    /// Time of the last record.
     at: Instant,
     wake: Option<Instant>,
     epoch: Option<Epoch>,
-    /// The call that is being answered, and when it came.
+    /// The current call and its time.
     payload: Vec<u8>,
     now: Instant,
     frame: Vec<u8>,
 }
 
 impl Recorder {
-    /// Begins a file of at most about `limit` bytes, its header included.
+    /// Starts a file of at most about `limit` bytes, including its header.
     pub fn new(header: &Header, limit: u64, sink: impl FnMut(&[u8]) -> bool + 'static) -> Self {
         let mut recorder = Self {
             sink: Some(Box::new(sink)),
@@ -155,13 +156,13 @@ impl Recorder {
         recorder.frame.extend(VERSION.to_le_bytes());
         header.put(&mut recorder.payload);
         if !recorder.write() {
-            // Without its beginning the rest is of no use.
+            // Without its header the rest is useless.
             (recorder.sink, recorder.gaps) = (None, true);
         }
         recorder
     }
 
-    fn told_of_gap(&mut self, now: Instant) -> bool {
+    fn write_gap(&mut self, now: Instant) -> bool {
         if self.lost == 0 {
             return true;
         }
@@ -175,7 +176,7 @@ impl Recorder {
         taken
     }
 
-    fn told_of_epoch(&mut self, now: Instant, epoch: Epoch) -> bool {
+    fn write_epoch(&mut self, now: Instant, epoch: Epoch) -> bool {
         if self.epoch == Some(epoch) {
             return true;
         }
@@ -189,14 +190,14 @@ impl Recorder {
         taken
     }
 
-    /// Every record but the header begins with how long after the one before it that was.
+    /// Begins a record, except the header, with the time since the previous record.
     fn begin(&mut self, now: Instant) {
         self.now = now;
         self.payload.clear();
         wire::signed(&mut self.payload, call::since(now, self.at));
     }
 
-    /// Writes what stands in `payload`; false when there is no room. `frame` is empty, or holds the beginning of the file.
+    /// Writes `payload`; false if it does not fit. `frame` is empty or contains the beginning of the file.
     fn write(&mut self) -> bool {
         if self.payload.len() > RECORD_MAX {
             return false;
@@ -218,8 +219,8 @@ impl Recorder {
         taken
     }
 
-    /// The last record; what is missing before it is told first. With no room for it the file ends after a whole record,
-    /// which is no lie.
+    /// Writes the last record, preceded by that of a gap. If it does not fit, the file ends after a complete record,
+    /// which is also valid.
     fn end(&mut self, why: u8) {
         let Some(mut sink) = self.sink.take() else { return };
         let mut put = |payload: &[u8]| {
@@ -239,7 +240,7 @@ impl CallLog for Recorder {
         if self.sink.is_none() {
             return;
         }
-        self.open = self.told_of_gap(now) && self.told_of_epoch(now, epoch);
+        self.open = self.write_gap(now) && self.write_epoch(now, epoch);
         if self.open {
             self.begin(now);
             call::put(&mut self.payload, now, call);
@@ -270,7 +271,7 @@ impl CallLog for Recorder {
     }
 }
 
-/// Appends a record: length, number, check, payload.
+/// Appends a record: length, number, CRC, payload.
 fn put_record(out: &mut Vec<u8>, number: u32, payload: &[u8]) {
     wire::varint(out, payload.len() as u64);
     out.extend(number.to_le_bytes());
@@ -290,19 +291,19 @@ fn state(out: &mut Vec<u8>, state: State) {
     out.push(state as u8);
 }
 
-fn take_state(take: &mut Take<'_>) -> Result<State, Malformed> {
+fn take_state(take: &mut Decoder<'_>) -> Result<State, Malformed> {
     State::from_value(take.u8()? as i8).ok_or(Malformed("a state"))
 }
 
-/// Appends a message that has been received, and so can be sent.
+/// Appends a received message, which can therefore be encoded.
 fn message(out: &mut Vec<u8>, message: &Message) {
     if try_message(out, message).is_err() {
-        // Whoever made this one up never heard it on a bus: the reader will refuse the record.
+        // Cannot happen with a message received from a bus; the reader rejects the record.
         wire::text(out, "");
     }
 }
 
-/// Appends a message: channel, then what LCM sends. `out` is of no use after an error.
+/// Appends a message: channel, then LCM's encoding. `out` is invalid after an error.
 fn try_message(out: &mut Vec<u8>, message: &Message) -> Result<(), EncodeError> {
     wire::text(out, &message.channel_name());
     let place = out.len();
@@ -319,7 +320,7 @@ fn try_message(out: &mut Vec<u8>, message: &Message) -> Result<(), EncodeError> 
     Ok(())
 }
 
-fn take_message(take: &mut Take<'_>) -> Result<Message, Malformed> {
+fn take_message(take: &mut Decoder<'_>) -> Result<Message, Malformed> {
     let (channel, bytes) = (take.text()?, take.bytes()?);
     match Message::receive(channel, bytes) {
         Some(Ok(message)) => Ok(message),
@@ -332,7 +333,7 @@ fn level(out: &mut Vec<u8>, level: Level) {
     out.push(level as u8);
 }
 
-fn take_level(take: &mut Take<'_>) -> Result<Level, Malformed> {
+fn take_level(take: &mut Decoder<'_>) -> Result<Level, Malformed> {
     Level::from_value(take.u8()? as i8).ok_or(Malformed("a level"))
 }
 
@@ -345,7 +346,7 @@ fn report(out: &mut Vec<u8>, report: &Report) {
     wire::varint(out, report.location.line.into());
 }
 
-fn take_report(take: &mut Take<'_>) -> Result<Report, Malformed> {
+fn take_report(take: &mut Decoder<'_>) -> Result<Report, Malformed> {
     let number: u16 = take.small()?;
     let fault = Fault::ALL.iter().find(|fault| **fault as u16 == number).ok_or(Malformed("a fault"))?;
     let severity = match take.u8()? {
@@ -374,7 +375,7 @@ fn frame(out: &mut Vec<u8>, frame: &can::Frame) {
     out.extend(frame.data());
 }
 
-fn take_frame(take: &mut Take<'_>) -> Result<can::Frame, Malformed> {
+fn take_frame(take: &mut Decoder<'_>) -> Result<can::Frame, Malformed> {
     let head = take.u8()?;
     let id = match head & 0x20 {
         0 => can::Id::Standard(take.small()?),
@@ -389,7 +390,7 @@ fn take_frame(take: &mut Take<'_>) -> Result<can::Frame, Malformed> {
     frame.ok_or(Malformed("a CAN frame"))
 }
 
-/// Bytes first, then the ninth bits, eight in a byte.
+/// Bytes first, then the ninth bits, eight to a byte.
 fn words(out: &mut Vec<u8>, words: &[Word]) {
     wire::varint(out, words.len() as u64);
     out.extend(words.iter().map(|word| word.byte));
@@ -400,7 +401,7 @@ fn words(out: &mut Vec<u8>, words: &[Word]) {
     );
 }
 
-fn take_words(take: &mut Take<'_>) -> Result<Vec<Word>, Malformed> {
+fn take_words(take: &mut Decoder<'_>) -> Result<Vec<Word>, Malformed> {
     let count = take.count()?;
     let (bytes, bits) = (take.slice(count)?, take.slice(count.div_ceil(8))?);
     Ok(bytes.iter().enumerate().map(|(n, byte)| Word { byte: *byte, ninth: bits[n / 8] >> (n % 8) & 1 != 0 }).collect())

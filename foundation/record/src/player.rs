@@ -1,10 +1,10 @@
-//! Plays records to a shell and holds its answers against the recorded ones.
+//! Replays records to a shell and compares its answers with the recorded ones.
 
 use super::{Record, Refusal, answer};
 use base::Instant;
 use module::{Action, Actions, Shell};
 
-/// A shell that is told again what another one was told.
+/// A shell that receives the calls of a recorded one.
 pub struct Player {
     shell: Shell,
     out: Actions,
@@ -12,58 +12,58 @@ pub struct Player {
     answer: Vec<u8>,
 }
 
-/// A call that was answered otherwise than recorded.
+/// A call whose answer differs from the recorded one.
 #[derive(Clone, Debug)]
 pub struct Difference {
-    /// The number of the record.
+    /// Number of the record.
     pub record: u32,
-    /// When the call came.
+    /// Time of the call.
     pub at: Instant,
-    /// What the call was, for people.
+    /// Description of the call, for people.
     pub call: String,
-    /// What differs first.
+    /// First difference.
     pub first: First,
 }
 
-/// What differs first in an answer.
+/// First difference of an answer.
 #[derive(Clone, Debug)]
 pub enum First {
     /// An action.
     Action {
-        /// Its place in the answer, from 0.
+        /// Index in the answer, from 0.
         place: usize,
-        /// The recorded one; none: there were fewer.
+        /// Recorded action; `None` if there were fewer.
         was: Option<Box<Action>>,
-        /// The one of now; none: there are fewer.
+        /// Action of the replay; `None` if there are fewer.
         is: Option<Box<Action>>,
     },
-    /// When the shell wants to be woken.
+    /// The next deadline.
     Wake {
-        /// As recorded.
+        /// Recorded deadline.
         was: Option<Instant>,
-        /// As of now.
+        /// Deadline of the replay.
         is: Option<Instant>,
     },
 }
 
 impl Player {
-    /// Around a shell as it was when the recorder was put into its like.
+    /// Creates a player for a shell in the same state as the recorded one at the start of the recording.
     #[must_use]
     pub fn new(shell: Shell) -> Self {
         Self { shell, out: Actions::default(), wake: None, answer: Vec::new() }
     }
 
-    /// The shell, to look at.
+    /// The shell, for inspection.
     #[must_use]
     pub fn shell(&self) -> &Shell {
         &self.shell
     }
 
-    /// Plays one record; tells how many actions followed, or what differs. After a difference the shell is another one
-    /// than the recorded, and further records prove nothing.
+    /// Replays one record; returns the number of resulting actions, or the difference. After a difference the shell has
+    /// diverged, and further records prove nothing.
     ///
     /// # Errors
-    /// The record holds what no recorder writes.
+    /// The record contains what no recorder writes.
     pub fn play(&mut self, record: &Record<'_>) -> Result<Result<usize, Box<Difference>>, Refusal> {
         let now = record.at;
         if self.out.epoch() != record.epoch {

@@ -1,7 +1,7 @@
-//! Reads a file of records; whatever it holds, no more memory is taken than it has bytes, and nothing is believed that
-//! its checks do not confirm.
+//! Reader of record files. For any content, memory use is bounded by the length of the file, and only data with valid
+//! checksums is used.
 
-use super::wire::Take;
+use super::wire::Decoder;
 use super::{
     Answer, Call, END, EPOCH, EXITED, GAP, Header, LIMIT, MAGIC, Malformed, OLDEST, RECORD_MAX, VERSION, answer, call,
     check,
@@ -13,9 +13,9 @@ use std::fmt;
 #[derive(Debug)]
 pub struct Reader<'a> {
     bytes: &'a [u8],
-    /// Where the next record begins.
+    /// Offset of the next record.
     place: usize,
-    /// Its number.
+    /// Number of the next record.
     number: u32,
     version: u16,
     header: Header,
@@ -24,73 +24,73 @@ pub struct Reader<'a> {
     ended: bool,
 }
 
-/// What stands in it.
+/// Content of a file.
 #[derive(Clone, Copy, Debug)]
 pub enum Item<'a> {
     /// A call and its answer.
     Record(Record<'a>),
-    /// The end.
+    /// The end of the file.
     End(End),
 }
 
-/// How a file ends.
+/// Reason for the end of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// The module ended; nothing is missing.
     Exited,
-    /// The file had reached its largest size; the module went on.
+    /// The file reached its maximum size; the module continued.
     Limit,
-    /// After a whole record: the process was killed, or runs yet. What it was told in its last moments may be missing.
+    /// Ended after a complete record: the process was killed or is still running. The last calls may be missing.
     Open,
 }
 
-/// A call and its answer, in a record whose check was right.
+/// A call and its answer, from a record with a valid CRC.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
-    /// Counted from 0, which is the header.
+    /// Number of the record, counted from 0, which is the header.
     pub number: u32,
-    /// Where it begins in the file.
+    /// Offset of the record in the file.
     pub place: usize,
-    /// How the shell's time stands against the wall clock.
+    /// Offset between the shell's time and the wall clock.
     pub epoch: Epoch,
-    /// When the call came.
+    /// Time of the call.
     pub at: Instant,
-    call: Take<'a>,
+    call: Decoder<'a>,
 }
 
-/// Why a file is not to be trusted, and from where on.
+/// Position from which a file is invalid, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// The byte at which that begins.
+    /// Offset of the invalid record.
     pub place: usize,
-    /// The number of the record there.
+    /// Number of the invalid record.
     pub record: u32,
-    /// The moment of the last record before it.
+    /// Time of the last valid record before it.
     pub after: Instant,
-    /// What is wrong.
+    /// Reason.
     pub why: Why,
 }
 
-/// What is wrong with a file.
+/// Reason why a file is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// It does not begin as one.
+    /// The magic number is missing.
     NotOne,
-    /// It is of this version, which cannot be read.
+    /// The version is not supported.
     Version(u16),
-    /// It is of this version, which can be read but not replayed: shells of that version published less.
+    /// The version can be read but not replayed: its shells published less.
     Outdated(u16),
-    /// It ends within a record, or before the first one.
+    /// The file ends within a record, or before the first one.
     Cut,
-    /// A check is wrong.
+    /// A CRC is wrong.
     Damaged,
-    /// This record follows: those between are missing.
+    /// This record follows: those in between are missing.
     Missing(u32),
-    /// So many calls found no room when they were to be written.
+    /// Number of calls that could not be written in time.
     Gap(u32),
-    /// A record is whole and holds what cannot be.
+    /// A record is complete but has invalid content.
     Malformed(Malformed),
-    /// There is more after the end.
+    /// Data follows the end record.
     More,
 }
 
@@ -123,7 +123,7 @@ impl fmt::Display for Why {
 }
 
 impl fmt::Display for Refusal {
-    /// One line: what is wrong, and where.
+    /// Reason and position in one line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.why {
             Why::NotOne | Why::Version(_) | Why::Outdated(_) => write!(f, "{}", self.why),
@@ -133,14 +133,14 @@ impl fmt::Display for Refusal {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the beginning of a file.
+    /// Opens a file and reads its header.
     ///
     /// # Errors
-    /// It is none, of another version, or its header is not whole.
+    /// Not a record file, of another version, or with an incomplete header.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Refusal> {
         let refusal = |why| Refusal { place: 0, record: 0, after: Instant::ZERO, why };
         let rest = bytes.strip_prefix(&MAGIC).ok_or_else(|| {
-            // A file that was cut off within its first bytes is one yet.
+            // A file truncated within its first bytes is still recognized.
             refusal(if MAGIC.starts_with(bytes) { Why::Cut } else { Why::NotOne })
         })?;
         let (version, rest) = rest.split_first_chunk().ok_or_else(|| refusal(Why::Cut))?;
@@ -169,7 +169,7 @@ impl<'a> Reader<'a> {
         Ok(reader)
     }
 
-    /// Whose file it is.
+    /// Header of the file.
     #[must_use]
     pub fn header(&self) -> &Header {
         &self.header
@@ -186,10 +186,10 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The next record; none after the end.
+    /// Reads the next record; `None` after the end.
     ///
     /// # Errors
-    /// Something is missing or wrong here. From here on nothing can be read.
+    /// Data is missing or invalid here; nothing can be read from here on.
     pub fn read(&mut self) -> Result<Option<Item<'a>>, Refusal> {
         if self.ended {
             return match self.place == self.bytes.len() {
@@ -209,8 +209,8 @@ impl<'a> Reader<'a> {
         Ok(Some(Item::End(End::Open)))
     }
 
-    /// What a record is; none when it is for the reader alone.
-    fn item(&mut self, payload: Take<'a>) -> Result<Option<Item<'a>>, Why> {
+    /// Parses a record; `None` if it concerns the reader only.
+    fn item(&mut self, payload: Decoder<'a>) -> Result<Option<Item<'a>>, Why> {
         let mut take = payload;
         let at = call::before(self.at, take.signed()?.wrapping_neg());
         let call = take;
@@ -245,13 +245,13 @@ impl<'a> Reader<'a> {
         self.number = self.number.wrapping_add(1);
     }
 
-    /// The next record's payload, and where it ends; its check is right, and its number follows.
-    fn payload(&self) -> Result<(Take<'a>, usize), Refusal> {
-        let mut take = Take(&self.bytes[self.place..]);
+    /// Payload of the next record with a valid CRC and the expected number, and its end offset.
+    fn payload(&self) -> Result<(Decoder<'a>, usize), Refusal> {
+        let mut take = Decoder(&self.bytes[self.place..]);
         let cut = |_| self.refusal(Why::Cut);
         let len = match take.small::<usize>() {
             Ok(len) if len <= RECORD_MAX => len,
-            // Cut off within its length.
+            // Truncated within its length.
             Err(_) if take.0.is_empty() => return Err(self.refusal(Why::Cut)),
             _ => return Err(self.refusal(Why::Damaged)),
         };
@@ -261,29 +261,29 @@ impl<'a> Reader<'a> {
         match () {
             () if check(number, payload) != crc => Err(self.refusal(Why::Damaged)),
             () if number != self.number => Err(self.refusal(Why::Missing(number))),
-            () => Ok((Take(payload), self.bytes.len() - take.0.len())),
+            () => Ok((Decoder(payload), self.bytes.len() - take.0.len())),
         }
     }
 }
 
 impl<'a> Record<'a> {
-    /// Shows the call to `f`; tells what that said, and the answer as it was recorded.
+    /// Passes the call to `f`; returns its result, and the encoded answer.
     ///
     /// # Errors
-    /// The record holds what no recorder writes.
+    /// The record contains what no recorder writes.
     pub fn call<T>(&self, f: impl FnOnce(Call<'_>) -> T) -> Result<(T, &'a [u8]), Refusal> {
         let mut take = self.call;
         let said = call::take(&mut take, self.at, f).map_err(|what| self.refuse(what))?;
         Ok((said, take.0))
     }
 
-    /// The answer.
+    /// Parses the answer.
     ///
     /// # Errors
-    /// The record holds what no recorder writes.
+    /// The record contains what no recorder writes.
     pub fn answer(&self) -> Result<Answer, Refusal> {
         let ((), rest) = self.call(|_| ())?;
-        answer::take(Take(rest), self.at).map_err(|what| self.refuse(what))
+        answer::take(Decoder(rest), self.at).map_err(|what| self.refuse(what))
     }
 
     fn refuse(&self, what: Malformed) -> Refusal {

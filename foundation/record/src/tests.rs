@@ -8,7 +8,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Sends a set-point for each command, and zero when none came for `ttl`.
+/// Sends a set-point for each command, and zero if none came for `ttl`.
 struct Driver {
     ttl: Duration,
     until: Option<Instant>,
@@ -64,7 +64,7 @@ fn list(roms: &[w1::Rom]) -> w1::Answer {
 
 type File = Rc<RefCell<Vec<u8>>>;
 
-/// A shell with a recorder, and the file that it writes. `room` says whether there is any.
+/// A shell with a recorder, and its file. `room` returns true while the sink accepts records.
 fn recorded(limit: u64, room: impl Fn() -> bool + 'static) -> (Shell, File) {
     let file = File::default();
     let (mut shell, to) = (shell(250), file.clone());
@@ -105,7 +105,7 @@ fn driven() -> Vec<u8> {
     file.take()
 }
 
-/// Reads to the end: how many records, and how it ends.
+/// Reads to the end; returns the number of records and the reason for the end.
 fn read(bytes: &[u8]) -> Result<(u32, End), Refusal> {
     let (mut reader, mut count) = (Reader::open(bytes)?, 0);
     let mut end = None;
@@ -144,7 +144,7 @@ fn the_same_shell_answers_the_same() {
 }
 
 #[test]
-fn another_constant_is_noticed_at_the_first_call_that_shows_it() {
+fn a_changed_constant_is_found_at_the_first_affected_call() {
     let difference = play(&driven(), shell(249)).unwrap();
     assert_eq!((difference.at, &*difference.call), (at(1002), "message LL_CMD_MOTION"));
     let First::Wake { was, is } = difference.first else { panic!("{difference:?}") };
@@ -152,7 +152,7 @@ fn another_constant_is_noticed_at_the_first_call_that_shows_it() {
 }
 
 #[test]
-fn another_action_is_shown_beside_the_recorded_one() {
+fn a_different_action_is_shown_beside_the_recorded_one() {
     let file = driven();
     let mut config = ShellConfig::new("driver");
     config.report_from = Severity::Error;
@@ -165,7 +165,7 @@ fn another_action_is_shown_beside_the_recorded_one() {
 }
 
 #[test]
-fn a_file_that_is_cut_anywhere_says_where() {
+fn a_truncation_anywhere_is_found_with_its_offset() {
     let file = driven();
     let mut whole = 0;
     for len in 0..file.len() {
@@ -181,12 +181,12 @@ fn a_file_that_is_cut_anywhere_says_where() {
         }
     }
     let (count, _) = read(&file).unwrap();
-    // Behind the header, behind the epoch, behind each record.
+    // After the header, after the epoch, after each record.
     assert_eq!(whole, count + 2);
 }
 
 #[test]
-fn a_damaged_bit_anywhere_is_noticed() {
+fn a_damaged_bit_anywhere_is_found() {
     let file = driven();
     for place in 0..file.len() {
         for bit in [0, 3, 7] {
@@ -197,7 +197,7 @@ fn a_damaged_bit_anywhere_is_noticed() {
             match place {
                 0..8 => assert_eq!(refusal.why, Why::NotOne),
                 8..10 => assert!(matches!(refusal.why, Why::Version(_))),
-                // A longer record than the file has bytes looks like one that was cut.
+                // A record longer than the file looks like one that was truncated.
                 _ => assert!(matches!(refusal.why, Why::Damaged | Why::Cut), "byte {place}: {refusal}"),
             }
         }
@@ -205,7 +205,7 @@ fn a_damaged_bit_anywhere_is_noticed() {
 }
 
 #[test]
-fn a_record_that_is_taken_out_is_missed() {
+fn a_removed_record_is_found() {
     let file = driven();
     let mut reader = Reader::open(&file).unwrap();
     let mut places = Vec::new();
@@ -226,7 +226,7 @@ fn a_record_that_is_taken_out_is_missed() {
 }
 
 #[test]
-fn what_found_no_room_leaves_a_gap_with_its_number() {
+fn rejected_records_leave_a_gap_with_their_number() {
     let (calls, room) = (Rc::new(RefCell::new(0)), 10..13);
     let count = calls.clone();
     let (mut shell, file) = recorded(1 << 20, move || {
@@ -235,13 +235,13 @@ fn what_found_no_room_leaves_a_gap_with_its_number() {
     });
     drive(&mut shell);
     let refusal = read(&file.borrow()).unwrap_err();
-    // One call found none; before the two after it there was none to tell of that.
+    // One call did not fit; nor did the record of that gap with the next two calls.
     assert_eq!(refusal.why, Why::Gap(3));
     assert_eq!(refusal.record, 9);
 }
 
 #[test]
-fn what_found_no_room_before_the_end_is_told_too() {
+fn a_gap_before_the_end_is_recorded_too() {
     let (count, counted) = (Cell::new(0), Rc::new(Cell::new(0)));
     let all = counted.clone();
     let (mut shell, _) = recorded(1 << 20, move || {
@@ -249,7 +249,7 @@ fn what_found_no_room_before_the_end_is_told_too() {
         true
     });
     drive(&mut shell);
-    // The last is the end; before it comes the call that led to it.
+    // The last record is the end; before it comes the call that led to it.
     let (mut shell, file) = recorded(1 << 20, move || {
         count.set(count.get() + 1);
         count.get() != all.get() - 1
@@ -259,7 +259,7 @@ fn what_found_no_room_before_the_end_is_told_too() {
 }
 
 #[test]
-fn what_cannot_even_be_begun_is_no_file_and_is_known_to_be_missing() {
+fn without_room_for_the_header_there_is_no_file_and_gaps_are_known() {
     let (mut shell, file) = recorded(u64::MAX, || false);
     assert!(shell.has_lost_inputs());
     drive(&mut shell);
@@ -267,7 +267,7 @@ fn what_cannot_even_be_begun_is_no_file_and_is_known_to_be_missing() {
 }
 
 #[test]
-fn at_its_limit_a_file_ends_and_is_good_up_to_there() {
+fn a_file_ends_validly_at_its_size_limit() {
     let (mut shell, file) = recorded(1200, || true);
     drive(&mut shell);
     let file = file.take();
@@ -278,7 +278,7 @@ fn at_its_limit_a_file_ends_and_is_good_up_to_there() {
 }
 
 #[test]
-fn a_file_that_is_another_s_is_none() {
+fn a_file_of_another_format_is_rejected() {
     for (bytes, why) in [
         (&b""[..], Why::Cut),
         (b"ADVEE", Why::Cut),
@@ -292,7 +292,7 @@ fn a_file_that_is_another_s_is_none() {
 }
 
 #[test]
-fn a_file_of_the_version_before_is_read_and_not_compared() {
+fn a_file_of_the_previous_version_is_read_but_not_compared() {
     let mut file = driven();
     assert!(Reader::open(&file).unwrap().comparable().is_ok());
     file[MAGIC.len()] = 1;
@@ -312,14 +312,14 @@ fn pad() -> gamepad::Device {
 }
 
 #[test]
-fn a_gamepad_with_more_than_it_can_have_is_refused() {
+fn a_gamepad_with_too_many_axes_is_rejected() {
     let mut bytes = Vec::new();
     pad::gamepad(&mut bytes, gamepad::Input::Found(&pad()));
     // The second axis with the code of the first.
     let place = bytes.iter().position(|byte| *byte == 2).unwrap() + 1;
     assert_eq!(bytes[place], gamepad::ABS_X as u8);
     bytes[place] = gamepad::ABS_Y as u8;
-    assert_eq!(pad::take_gamepad(&mut Take(&bytes)), Err(Malformed("a gamepad")));
+    assert_eq!(pad::take_gamepad(&mut Decoder(&bytes)), Err(Malformed("a gamepad")));
 }
 
 #[test]
@@ -364,7 +364,7 @@ fn every_call_is_read_as_it_was_written() {
         input(Input::Words(&words)),
         input(Input::Words(&[])),
         input(Input::Sent),
-        input(Input::I2cAsked(&block)),
+        input(Input::I2cRequested(&block)),
         input(Input::Gamepad(gamepad::Input::Found(&pad))),
         input(Input::Gamepad(gamepad::Input::Gone)),
         input(Input::Gamepad(gamepad::Input::Axis { code: gamepad::ABS_RX, value: i32::MIN })),
@@ -377,11 +377,11 @@ fn every_call_is_read_as_it_was_written() {
         process(ProcessEvent::Unstartable { module, reason: "no such file" }),
         process(ProcessEvent::Exited { pid, status: ExitStatus::Code(-1) }),
         process(ProcessEvent::Exited { pid, status: ExitStatus::Signal(9) }),
-        process(ProcessEvent::Beating { pid }),
-        process(ProcessEvent::Silent { pid, thread: "main", last: at(7) }),
-        process(ProcessEvent::BadBeats { pid, why: "is cut short" }),
+        process(ProcessEvent::HeartbeatStarted { pid }),
+        process(ProcessEvent::HeartbeatLate { pid, thread: "main", last: at(7) }),
+        process(ProcessEvent::BadHeartbeat { pid, why: "is cut short" }),
         process(ProcessEvent::Usage { pid, cpu: 0.01, rss: -1 }),
-        Call::Event(Event::Heard { at: at(7), channel: "OTHERS", data: &[1, 2, 3] }),
+        Call::Event(Event::RawMessage { at: at(7), channel: "OTHERS", data: &[1, 2, 3] }),
         Call::Terminate,
         Call::Raise(&report),
         Call::Clear(&report),
@@ -401,12 +401,12 @@ fn every_call_is_read_as_it_was_written() {
     for call in calls.into_iter().chain(outcomes).chain(answers).chain(stored) {
         let mut bytes = Vec::new();
         call::put(&mut bytes, at(5000), &call);
-        let mut rest = Take(&bytes);
+        let mut rest = Decoder(&bytes);
         let shown = call::take(&mut rest, at(5000), |call| format!("{call:?}")).unwrap();
         assert_eq!(shown, format!("{call:?}"));
         assert!(rest.0.is_empty(), "{call}");
         for len in 0..bytes.len() {
-            assert!(call::take(&mut Take(&bytes[..len]), at(5000), |_| ()).is_err(), "{call} cut to {len}");
+            assert!(call::take(&mut Decoder(&bytes[..len]), at(5000), |_| ()).is_err(), "{call} cut to {len}");
         }
     }
 }
@@ -425,7 +425,7 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(1), Output::I2cAnswer(Err(i2c::Error::Stuck))),
         Action::Send(PortId(2), Output::OneWire(w1::Request::List)),
         Action::Send(PortId(2), Output::OneWire(w1::Request::Temperature(rom))),
-        Action::Send(PortId(2), Output::OneWireIs(w1::Answer::Temperature(rom, Ok(85_000)))),
+        Action::Send(PortId(2), Output::OneWireState(w1::Answer::Temperature(rom, Ok(85_000)))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Found(Box::new(pad())))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Axis { code: gamepad::ABS_Y, value: -32_768 })),
         Action::Send(PortId(0), Output::Store(store::Request::Create { name: "run/log_000.mcap".into() })),
@@ -451,21 +451,21 @@ fn every_action_is_read_as_it_was_written() {
     for wake in [None, Some(None), Some(Some(Instant::ZERO)), Some(Some(Instant::NEVER))] {
         let mut bytes = Vec::new();
         answer::put(&mut bytes, at(5000), &actions, wake);
-        let answer = answer::take(Take(&bytes), at(5000)).unwrap();
+        let answer = answer::take(Decoder(&bytes), at(5000)).unwrap();
         assert_eq!(format!("{:?}", answer.actions), format!("{actions:?}"));
         assert_eq!(answer.wake, wake);
         for len in 0..bytes.len() {
-            assert!(answer::take(Take(&bytes[..len]), at(5000)).is_err());
+            assert!(answer::take(Decoder(&bytes[..len]), at(5000)).is_err());
         }
     }
 }
 
 #[test]
-fn a_message_that_cannot_be_sent_is_written_as_the_line_about_it() {
+fn a_message_that_cannot_be_encoded_is_recorded_as_a_text() {
     let message = lowlevel::CmdMotion { source: "a\0b".into(), ..Default::default() }.into();
     let mut bytes = Vec::new();
     answer::put(&mut bytes, at(0), &[Action::Publish(message)], None);
-    let answer = answer::take(Take(&bytes), at(0)).unwrap();
+    let answer = answer::take(Decoder(&bytes), at(0)).unwrap();
     let [Action::Note(Level::Info, line)] = &answer.actions[..] else { panic!("{answer:?}") };
     assert!(line.starts_with("LL_CMD_MOTION cannot be sent: "), "{line}");
 }

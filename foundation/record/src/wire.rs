@@ -1,5 +1,5 @@
-//! Numbers, texts and bytes as they stand in a record: numbers in groups of seven bits, the least significant first
-//! (LEB128), signed ones folded so that small ones are short (zigzag), texts and bytes behind their length.
+//! Encoding of numbers, texts and bytes in a record: unsigned numbers as LEB128 (groups of seven bits, least
+//! significant first), signed ones with zigzag encoding, texts and bytes preceded by their length.
 
 use super::Malformed;
 
@@ -24,11 +24,11 @@ pub(super) fn text(out: &mut Vec<u8>, value: &str) {
     bytes(out, value.as_bytes());
 }
 
-/// What is left of a record.
+/// Unread rest of a record.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Take<'a>(pub &'a [u8]);
+pub(super) struct Decoder<'a>(pub &'a [u8]);
 
-impl<'a> Take<'a> {
+impl<'a> Decoder<'a> {
     pub fn u8(&mut self) -> Result<u8, Malformed> {
         let (first, rest) = self.0.split_first().ok_or(Malformed("a byte"))?;
         self.0 = rest;
@@ -56,7 +56,7 @@ impl<'a> Take<'a> {
         Ok((value >> 1) as i64 ^ -((value & 1) as i64))
     }
 
-    /// A number of a smaller type.
+    /// Parses a number of a smaller type.
     pub fn small<T: TryFrom<u64>>(&mut self) -> Result<T, Malformed> {
         T::try_from(self.varint()?).map_err(|_| Malformed("a number in its range"))
     }
@@ -75,7 +75,7 @@ impl<'a> Take<'a> {
         Ok(f64::from_le_bytes(*bits))
     }
 
-    /// So many bytes.
+    /// Takes `count` bytes.
     pub fn slice(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
         let (slice, rest) = self.0.split_at_checked(count).ok_or(Malformed("as many bytes as announced"))?;
         self.0 = rest;
@@ -91,7 +91,7 @@ impl<'a> Take<'a> {
         std::str::from_utf8(self.bytes()?).map_err(|_| Malformed("a text"))
     }
 
-    /// How many items follow, of which each takes a byte at least: not more than there can be.
+    /// Parses the number of following items, limited to what the rest can contain at one byte each.
     pub fn count(&mut self) -> Result<usize, Malformed> {
         let count = self.small()?;
         if count <= self.0.len() { Ok(count) } else { Err(Malformed("as many items as announced")) }

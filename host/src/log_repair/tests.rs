@@ -1,4 +1,4 @@
-//! Files as power cuts and crashes leave them.
+//! Files as power failures and crashes leave them.
 
 use super::*;
 use mcap::{Summary, WriteOptions, Writer};
@@ -8,7 +8,7 @@ use std::io::Cursor;
 use std::os::unix::fs::symlink;
 use std::process::Command;
 
-/// A folder of our own, gone at the end.
+/// A folder for one test, removed at its end.
 struct Made(PathBuf);
 
 impl Made {
@@ -66,7 +66,7 @@ fn messages(path: &Path) -> u64 {
 }
 
 #[test]
-fn what_was_cut_off_anywhere_has_an_index_afterwards_and_is_left_alone_the_next_time() {
+fn a_truncated_log_is_indexed_once() {
     let (made, whole) = (Made::new("cut"), whole());
     let data = whole.len() * 9 / 10;
     let path = made.file("run/log_000.mcap", &whole);
@@ -76,19 +76,19 @@ fn what_was_cut_off_anywhere_has_an_index_afterwards_and_is_left_alone_the_next_
         fs::write(&path, &whole[..cut]).unwrap();
         let told = made.repair();
         let count = messages(&path);
-        assert_eq!(told, [format!("run/log_000.mcap: it has an index now: {count} messages")], "cut at {cut}");
+        assert_eq!(told, [format!("run/log_000.mcap: index added: {count} messages")], "cut at {cut}");
         assert!(count >= last && count.is_multiple_of(20), "whole chunks: {count}");
         last = count;
         assert_eq!(made.repair(), [""; 0]);
     }
     assert!(last > 800, "{last}");
-    // A block of zeros at the end is what some file systems leave.
+    // Some file systems leave a block of zeros at the end.
     fs::write(&path, [&whole[..data], &[0; 4096]].concat()).unwrap();
     assert_eq!((made.repair().len(), messages(&path)), (1, last));
 }
 
 #[test]
-fn what_is_no_log_or_another_s_stays_as_it_is() {
+fn other_files_and_logs_in_use_are_left_unchanged() {
     let (made, whole) = (Made::new("others"), whole());
     let half = &whole[..whole.len() / 2];
     let outside = made.0.with_extension("outside");
@@ -109,7 +109,7 @@ fn what_is_no_log_or_another_s_stays_as_it_is() {
 }
 
 #[test]
-fn what_cannot_be_mended_is_told_and_stays() {
+fn an_irreparable_log_is_reported_and_kept() {
     let (made, mut damaged) = (Made::new("damaged"), whole());
     damaged.truncate(60_000);
     damaged[30_000..33_000].fill(0xFF);
@@ -119,7 +119,7 @@ fn what_cannot_be_mended_is_told_and_stays() {
     let told = made.repair();
     assert_eq!(told.len(), 3, "{told:?}");
     assert!(told[0].starts_with("run/log_000.mcap: damaged inside: advee log recover"), "{told:?}");
-    assert_eq!(told[1], "run/log_001.mcap: removed: there was nothing in it");
+    assert_eq!(told[1], "run/log_001.mcap: removed, because it was empty");
     assert_eq!(fs::read(&path).unwrap(), damaged);
     assert!(!made.0.join("run/log_001.mcap").exists());
 }

@@ -1,7 +1,7 @@
 //! A CAN adapter on a serial device that speaks Lawicel's ASCII protocol (`slcan`): USB sticks, pseudo-terminals.
 //!
-//! The adapter decides what it tells of the bus: many tell nothing. Its flags are asked for once a second, beside the
-//! traffic, until it does not know the question.
+//! The adapter determines what is known of the bus; many report nothing. Its flags are polled once a second beside the
+//! traffic until it rejects that command.
 
 pub mod codec;
 
@@ -11,7 +11,7 @@ use super::{Device, Lost, Received};
 use crate::{clock, sys};
 use base::can::{BusState, Frame, Health, Id, Notice};
 use base::{Duration, Fault, Instant};
-use codec::{Flags, Lines, Said};
+use codec::{AdapterLine, Flags, Lines};
 use module::{Input, Line, Output};
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, open};
@@ -24,48 +24,48 @@ use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::PathBuf;
 
-/// To a stick on USB the rate means nothing; to one behind a serial chip it is the usual one.
+/// Meaningless to an adapter on USB; the usual rate of one behind a serial chip.
 const BAUD: u32 = 115_200;
-/// An adapter that was in use is given so long to close its channel and to say what it still has to say.
+/// Time that an adapter in use has to close its channel and to finish its output.
 const SETTLE: Duration = Duration::from_millis(50);
-/// Flags are asked for this often.
-const FLAGS: Duration = Duration::from_secs(1);
-/// Bytes per read.
+/// Period of polling the flags.
+const FLAGS_PERIOD: Duration = Duration::from_secs(1);
+/// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
 
-/// The adapter.
+/// CAN adapter with the slcan protocol.
 pub struct CanSlcan {
     path: PathBuf,
     bitrate: u32,
-    /// True if frames with long identifiers are wanted.
+    /// True if frames with 29-bit identifiers are wanted.
     extended: bool,
     file: Option<OwnedFd>,
-    /// Opened, and its channel being closed until then.
+    /// End of the time in which the adapter closes its channel after opening.
     settles: Option<Instant>,
     lines: Lines,
-    said: VecDeque<Said>,
-    /// Of a line that has not left as a whole.
+    unread: VecDeque<AdapterLine>,
+    /// Unsent rest of a line.
     rest: String,
     queue: Queue,
-    /// The commands that are not answered yet.
-    asked: VecDeque<Asked>,
-    /// When the flags are asked for next; none when the adapter has none.
+    /// Commands without an answer so far.
+    pending: VecDeque<PendingCommand>,
+    /// Next time to poll the flags; `None` if the adapter has none.
     flags: Option<Instant>,
     health: Health,
-    /// To be told before the next thing is read.
-    news: VecDeque<Notice>,
+    /// Notices that are delivered before the next read.
+    notices: VecDeque<Notice>,
     restart: Restart,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Asked {
+enum PendingCommand {
     Bitrate,
     Open,
     Flags,
 }
 
 impl CanSlcan {
-    /// An adapter at a device file, for a bus of so many bit/s.
+    /// Creates the port of an adapter at a device file, for a bus of `bitrate` bit/s.
     pub fn new(path: PathBuf, bitrate: u32) -> Self {
         Self {
             path,
@@ -74,13 +74,13 @@ impl CanSlcan {
             file: None,
             settles: None,
             lines: Lines::default(),
-            said: VecDeque::new(),
+            unread: VecDeque::new(),
             rest: String::new(),
             queue: Queue::default(),
-            asked: VecDeque::new(),
+            pending: VecDeque::new(),
             flags: None,
             health: Health::default(),
-            news: VecDeque::new(),
+            notices: VecDeque::new(),
             restart: Restart::default(),
         }
     }
@@ -89,7 +89,7 @@ impl CanSlcan {
         format!("{}: {why}", self.path.display())
     }
 
-    /// Opens the device and asks the adapter to leave the bus, whatever it was told before.
+    /// Opens the device and closes the adapter's channel, whatever its state.
     fn begin(&mut self, now: Instant) -> Result<(), Lost> {
         let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
         let file = open(&self.path, flags, Mode::empty()).map_err(|errno| self.lost(errno.desc()))?;
@@ -105,27 +105,27 @@ impl CanSlcan {
         (settings.c_cc[libc::VMIN], settings.c_cc[libc::VTIME]) = (1, 0);
         sys::set_line_settings(file.as_fd(), &settings, false).map_err(told)?;
         self.file = Some(file);
-        // The first end of line ends what another program has left unfinished.
+        // The first end of line completes whatever another program left unfinished.
         self.rest.push_str("\rC\r");
         self.flush()?;
         self.settles = Some(now + SETTLE);
         Ok(())
     }
 
-    /// Forgets what the adapter has said so far, and lets it join the bus.
+    /// Discards all input so far and opens the adapter's channel.
     fn join(&mut self, now: Instant, command: &str) -> Result<(), Lost> {
         let Some(file) = &self.file else { return Ok(()) };
         tcflush(file, FlushArg::TCIFLUSH).map_err(|errno| self.lost(errno.desc()))?;
-        self.lines.forget();
+        self.lines.clear();
         self.rest.push_str(command);
         self.rest.push_str("O\r");
-        self.asked.extend([Asked::Bitrate, Asked::Open]);
-        self.flags = Some(now + FLAGS);
+        self.pending.extend([PendingCommand::Bitrate, PendingCommand::Open]);
+        self.flags = Some(now + FLAGS_PERIOD);
         self.restart.on(now);
         self.flush()
     }
 
-    /// Writes what has been begun.
+    /// Writes pending output.
     fn flush(&mut self) -> Result<(), Lost> {
         let Some(file) = &self.file else { return Ok(()) };
         while !self.rest.is_empty() {
@@ -148,83 +148,83 @@ impl CanSlcan {
             Err(Errno::EAGAIN | Errno::EINTR) => 0,
             Err(errno) => return Err(self.lost(errno.desc())),
         };
-        self.said.extend(bytes[..length].iter().filter_map(|byte| self.lines.push(*byte)));
+        self.unread.extend(bytes[..length].iter().filter_map(|byte| self.lines.push(*byte)));
         Ok(())
     }
 
-    /// Asks for the flags when that is due and the last answer has come.
-    fn ask_flags(&mut self, now: Instant) -> Result<(), Lost> {
-        if self.flags.is_some_and(|due| due <= now) && self.asked.is_empty() {
-            self.flags = Some(now + FLAGS);
-            self.asked.push_back(Asked::Flags);
+    /// Polls the flags if that is due and the last answer has arrived.
+    fn poll_flags(&mut self, now: Instant) -> Result<(), Lost> {
+        if self.flags.is_some_and(|due| due <= now) && self.pending.is_empty() {
+            self.flags = Some(now + FLAGS_PERIOD);
+            self.pending.push_back(PendingCommand::Flags);
             self.rest.push_str("F\r");
             self.flush()?;
         }
         Ok(())
     }
 
-    /// The adapter has refused something.
-    fn refused(&mut self) -> Result<Received<'static>, Lost> {
-        match self.asked.pop_front() {
-            Some(Asked::Bitrate) => Err(self.lost(&format!("the adapter refuses {} bit/s", self.bitrate))),
-            Some(Asked::Open) => Err(self.lost("the adapter does not open its channel")),
-            Some(Asked::Flags) => {
+    /// The adapter rejected a command.
+    fn on_rejection(&mut self) -> Result<Received<'static>, Lost> {
+        match self.pending.pop_front() {
+            Some(PendingCommand::Bitrate) => Err(self.lost(&format!("the adapter refuses {} bit/s", self.bitrate))),
+            Some(PendingCommand::Open) => Err(self.lost("the adapter does not open its channel")),
+            Some(PendingCommand::Flags) => {
                 self.flags = None;
-                Ok(Received::Note("the adapter does not tell how its controller is".into()))
+                Ok(Received::Note("the adapter does not report the state of its controller".into()))
             }
             None => Ok(Received::Fault(Fault::PortOverrun, "the adapter refuses a frame".into())),
         }
     }
 
-    fn told_flags(&mut self, flags: Flags) {
-        self.asked.retain(|asked| *asked != Asked::Flags);
-        // It tells no counters.
-        self.told_health(Health { state: flags.state, ..Health::default() });
-        self.news.extend(flags.error.then_some(Notice::Errors(1)));
-        self.news.extend(flags.lost.then_some(Notice::Lost(1)));
+    fn on_flags(&mut self, flags: Flags) {
+        self.pending.retain(|pending| *pending != PendingCommand::Flags);
+        // Adapters do not report the error counters.
+        self.on_health(Health { state: flags.state, ..Health::default() });
+        self.notices.extend(flags.error.then_some(Notice::Errors(1)));
+        self.notices.extend(flags.lost.then_some(Notice::Lost(1)));
     }
 
-    fn told_health(&mut self, health: Health) {
+    fn on_health(&mut self, health: Health) {
         if health != self.health {
             self.health = health;
-            self.news.push_back(Notice::Health(health));
+            self.notices.push_back(Notice::Health(health));
         }
     }
 
-    /// What is handed out for what the adapter says, if anything is.
-    fn heard(&mut self, now: Instant, said: Said) -> Result<Option<Received<'static>>, Lost> {
-        match said {
-            Said::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
+    /// Result to deliver for a line of the adapter, if any.
+    fn on_line(&mut self, now: Instant, line: AdapterLine) -> Result<Option<Received<'static>>, Lost> {
+        match line {
+            AdapterLine::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
                 return Ok(Some(Received::input(now, Input::Can(frame))));
             }
-            Said::Frame(_) | Said::Other => {}
-            // Frames are answered too, by some: only the answers to what comes first are waited for.
-            Said::Yes if self.asked.front() == Some(&Asked::Flags) => {}
-            Said::Yes => drop(self.asked.pop_front()),
-            Said::No => return self.refused().map(Some),
-            Said::Flags(flags) => self.told_flags(flags),
-            Said::Health(health) => self.told_health(health),
-            Said::Malformed => {
-                let what = "dropped a line that is none of the slcan protocol";
+            AdapterLine::Frame(_) | AdapterLine::Other => {}
+            // Some adapters answer frames too; only answers to commands before them are awaited.
+            AdapterLine::Acknowledged if self.pending.front() == Some(&PendingCommand::Flags) => {}
+            AdapterLine::Acknowledged => drop(self.pending.pop_front()),
+            AdapterLine::Rejected => return self.on_rejection().map(Some),
+            AdapterLine::Flags(flags) => self.on_flags(flags),
+            AdapterLine::Health(health) => self.on_health(health),
+            AdapterLine::Malformed => {
+                let what = "dropped a line that is not of the slcan protocol";
                 return Ok(Some(Received::Fault(Fault::MessageMalformed, what.into())));
             }
         }
         Ok(None)
     }
 
-    /// Drops what waits and has grown old; then what the kernel still has is older.
+    /// Drops pending frames that are too old; those still in the kernel are older.
     fn drop_old(&mut self, now: Instant) {
         if self.queue.drop_old(now) {
             self.drop_output();
         }
     }
 
-    /// What has not left is not to leave any more.
+    /// Discards all unsent output.
     fn drop_output(&mut self) {
         if let Some(file) = &self.file {
             let _ = tcflush(file, FlushArg::TCOFLUSH);
         }
-        // Should half a line have left, this ends it: the adapter refuses it.
+        // Ends a partial line, which the adapter rejects.
         self.rest.clear();
         self.rest.push('\r');
     }
@@ -252,9 +252,9 @@ impl Device for CanSlcan {
                     return Err(self.lost("bus-off"));
                 }
                 self.begin(now)?;
-                Err(self.lost("its channel is being closed"))
+                Err(self.lost("the adapter is closing its channel"))
             }
-            Some(until) if now < until => Err(self.lost("its channel is being closed")),
+            Some(until) if now < until => Err(self.lost("the adapter is closing its channel")),
             Some(_) => {
                 self.settles = None;
                 self.health = Health::default();
@@ -274,12 +274,12 @@ impl Device for CanSlcan {
             let _ = self.flush();
         }
         (self.file, self.settles) = (None, None);
-        self.lines.forget();
+        self.lines.clear();
         self.rest.clear();
-        self.said.clear();
+        self.unread.clear();
         self.queue.clear();
-        self.asked.clear();
-        self.news.clear();
+        self.pending.clear();
+        self.notices.clear();
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -287,22 +287,22 @@ impl Device for CanSlcan {
     }
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
-        self.ask_flags(now)?;
+        self.poll_flags(now)?;
         loop {
-            if let Some(notice) = self.news.pop_front() {
+            if let Some(notice) = self.notices.pop_front() {
                 return Ok(Received::input(now, Input::CanNotice(notice)));
             }
             if self.health.state == BusState::Off {
                 self.restart.off(now);
                 return Err(self.lost("bus-off"));
             }
-            if self.said.is_empty() {
+            if self.unread.is_empty() {
                 self.read()?;
             }
-            let Some(said) = self.said.pop_front() else {
+            let Some(line) = self.unread.pop_front() else {
                 return Ok(Received::Nothing);
             };
-            if let Some(received) = self.heard(now, said)? {
+            if let Some(received) = self.on_line(now, line)? {
                 return Ok(received);
             }
         }

@@ -1,4 +1,4 @@
-//! A CAN interface of the kernel (SocketCAN), by a raw socket.
+//! A CAN interface of the kernel (SocketCAN), through a raw socket.
 
 mod frame;
 mod link;
@@ -11,7 +11,7 @@ use super::{Device, Lost, Received};
 use crate::{clock, sys};
 use base::can::{BusState, Frame, Health, Notice};
 use base::{Duration, Fault, Instant};
-use frame::{Came, FRAME, decode, encode};
+use frame::{FRAME, KernelFrame, decode, encode};
 use link::Link;
 use module::{Input, Line, Output};
 use nix::cmsg_space;
@@ -24,40 +24,40 @@ use std::io::{self, ErrorKind, IoSliceMut};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::{fs, mem};
 
-/// A frame of the kernel and its receive time, ns of the wall clock.
+/// A frame of the kernel with its receive time, ns of the wall clock.
 type Stamped = ([u8; FRAME], Option<u64>);
 
-/// So many bytes may wait in the kernel, if it allows: some thousand frames.
+/// Receive buffer, bytes, if the kernel permits: some thousand frames.
 const RECEIVE_BUFFER: usize = 1 << 20;
-/// Errors on the wire are told this often at most, and so is that nobody acknowledges.
-const NEWS: Duration = Duration::from_millis(100);
-/// More than so many frames of others before one of ours are a matter of milliseconds.
-const LONG_QUEUE: u32 = 100;
+/// Minimum interval between reports of errors on the wire, and of missing acknowledgements.
+const REPORT_INTERVAL: Duration = Duration::from_millis(100);
+/// Length of the transmit queue beyond which frames of other programs delay ours by milliseconds.
+const QUEUE_LONG: u32 = 100;
 
-/// The interface.
+/// CAN interface.
 pub struct CanSocket {
     interface: String,
-    /// What it is to run at, bit/s, where that is known.
+    /// Bit rate of the bus, bit/s, if configured.
     bitrate: Option<u32>,
-    /// True if frames with long identifiers are wanted, which nothing of CANopen has.
+    /// True if frames with 29-bit identifiers are wanted, which CANopen does not use.
     extended: bool,
     socket: Option<OwnedFd>,
     control: Vec<u8>,
-    /// The kernel's count of frames that found the receive buffer full, as the last frame brought it, and how many of
-    /// them are not told yet.
+    /// The kernel's count of frames lost to a full receive buffer as of the last frame, and the number of them not
+    /// reported yet.
     dropped: u32,
     untold: u32,
-    /// What is to be handed out before the socket is read again.
-    news: VecDeque<News>,
-    /// Errors on the wire that are not told yet, and when it may be told of such things again.
+    /// Results to deliver before the socket is read again.
+    pending: VecDeque<Pending>,
+    /// Number of unreported errors on the wire, and the earliest time of the next report.
     errors: u32,
     quiet: Instant,
     queue: Queue,
     restart: Restart,
 }
 
-/// What waits for being handed out.
-enum News {
+/// Pending result of a read.
+enum Pending {
     Notice(Notice),
     Note(String),
     Fault(String),
@@ -65,17 +65,17 @@ enum News {
     Off,
 }
 
-/// What became of a frame for the kernel.
+/// Result of writing a frame.
 #[derive(PartialEq)]
 enum Written {
     Yes,
-    /// When the socket is writable again.
+    /// The socket must become writable first.
     NotYet,
     Never,
 }
 
 impl CanSocket {
-    /// A network interface, `can0`.
+    /// Creates the port of a network interface, `can0`.
     pub fn new(interface: String) -> Self {
         Self {
             interface,
@@ -85,7 +85,7 @@ impl CanSocket {
             control: cmsg_space!(u32, TimeSpec),
             dropped: 0,
             untold: 0,
-            news: VecDeque::new(),
+            pending: VecDeque::new(),
             errors: 0,
             quiet: Instant::ZERO,
             queue: Queue::default(),
@@ -103,8 +103,8 @@ impl CanSocket {
         }
     }
 
-    /// True if what is sent now will leave now. An interface that is down takes a socket all the same, with an error
-    /// pending; one that is bus-off takes frames and keeps them for later, or drops them without a word.
+    /// Checks that frames sent now will leave now. A socket can be opened on an interface that is down, but has an
+    /// error pending; an interface that is bus-off keeps frames for later or drops them silently.
     fn check(&self, socket: &impl AsFd) -> Result<(), Lost> {
         match getsockopt(socket, sockopt::SocketError).map_err(|errno| self.lost(errno))? {
             0 => {}
@@ -115,18 +115,18 @@ impl CanSocket {
             Ok(carrier) if carrier.starts_with(b"0") => {
                 Err(format!("{interface}: no carrier: bus-off (ip link set {interface} type can restart)"))
             }
-            // Where there is no sysfs it cannot be asked.
+            // Unknown without sysfs.
             _ => Ok(()),
         }
     }
 
-    /// What the kernel knows of the interface; nothing, where it does not say.
+    /// Queries the kernel about the interface; empty if unavailable.
     fn ask(&self) -> Link {
         Link::ask(&self.interface).unwrap_or_default()
     }
 
-    /// Restarts a controller that is bus-off when that is due; why it is still off.
-    fn bring_back(&mut self, now: Instant, link: &Link) -> Result<(), Lost> {
+    /// Restarts a controller that is bus-off if that is due; returns the reason why it is still off.
+    fn restart_controller(&mut self, now: Instant, link: &Link) -> Result<(), Lost> {
         let interface = &self.interface;
         if link.health.is_none_or(|health| health.state != BusState::Off) {
             return Ok(());
@@ -138,7 +138,7 @@ impl CanSocket {
             return Err(format!("{interface}: bus-off"));
         }
         match link::restart(interface) {
-            // Opened at the next try, with what the kernel knows then.
+            // Opened at the next attempt, with the state reported then.
             Ok(()) => Err(format!("{interface}: bus-off")),
             Err(error) => Err(match error.kind() {
                 ErrorKind::PermissionDenied => format!(
@@ -151,10 +151,11 @@ impl CanSocket {
         }
     }
 
-    /// True if the interface runs at the bit rate of the bus: another one destroys what the others say.
+    /// Checks that the interface runs at the bit rate of the bus: a different rate destroys the frames of the other
+    /// nodes.
     fn check_bitrate(&self, link: &Link) -> Result<(), Lost> {
         match (self.bitrate, link.bitrate) {
-            // A hundredth is what a controller's clock may make of it.
+            // 1 % tolerance for the clock divider of a controller.
             (Some(wanted), Some(rate)) if rate.abs_diff(wanted) > wanted / 100 => Err(format!(
                 "{0}: runs at {rate} bit/s, the bus is configured for {wanted} (ip link set {0} down; \
                  ip link set {0} type can bitrate {wanted}; ip link set {0} up)",
@@ -164,7 +165,7 @@ impl CanSocket {
         }
     }
 
-    /// A frame of the kernel and its receive time, nanoseconds of the wall clock, where the kernel says so.
+    /// Reads a frame of the kernel and its receive time, nanoseconds of the wall clock, if available.
     fn read(&mut self) -> Result<Option<Stamped>, Lost> {
         let Some(socket) = &self.socket else {
             return Ok(None);
@@ -194,47 +195,47 @@ impl CanSocket {
         }
         match message.bytes {
             FRAME => Ok(Some((raw, stamp))),
-            _ => Err(format!("{}: gives frames of a strange length", self.interface)),
+            _ => Err(format!("{}: frames of invalid length", self.interface)),
         }
     }
 
-    /// Takes what a frame of the kernel says: there may be more than one thing to hand out.
-    fn take(&mut self, now: Instant, came: Came, stamp: Option<u64>) {
+    /// Processes a frame of the kernel, which may yield more than one result.
+    fn take(&mut self, now: Instant, came: KernelFrame, stamp: Option<u64>) {
         let count = mem::take(&mut self.untold);
         if count > 0 {
-            let what = format!("{}: the receive buffer ran over: {count} frames are lost", self.interface);
-            self.news.extend([News::Fault(what), News::Notice(Notice::Lost(count))]);
+            let what = format!("{}: the receive buffer overflowed: {count} frames are lost", self.interface);
+            self.pending.extend([Pending::Fault(what), Pending::Notice(Notice::Lost(count))]);
         }
         match came {
-            Came::Frame(frame) => {
-                self.tell_errors(now);
+            KernelFrame::Frame(frame) => {
+                self.report_errors(now);
                 let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
-                self.news.push_back(News::Frame { frame, at, stamp });
+                self.pending.push_back(Pending::Frame { frame, at, stamp });
             }
-            Came::Error(error) => {
+            KernelFrame::Error(error) => {
                 self.errors = self.errors.saturating_add(u32::from(error.on_the_wire));
                 if error.lost {
-                    self.news.push_back(News::Fault("the controller's receive buffer ran over".into()));
+                    self.pending.push_back(Pending::Fault("the controller's receive buffer overflowed".into()));
                 }
-                self.news.extend(error.note.map(|note| News::Note(note.into())));
+                self.pending.extend(error.note.map(|note| Pending::Note(note.into())));
                 let again = now >= self.quiet;
                 let told = |notice: &Notice| again || *notice != Notice::NoAcknowledge;
-                self.news.extend(error.notices().filter(told).map(News::Notice));
+                self.pending.extend(error.notices().filter(told).map(Pending::Notice));
                 if error.no_acknowledge && again {
-                    self.quiet = now + NEWS;
+                    self.quiet = now + REPORT_INTERVAL;
                 }
-                self.tell_errors(now);
+                self.report_errors(now);
                 if error.is_off() {
-                    self.news.push_back(News::Off);
+                    self.pending.push_back(Pending::Off);
                 }
             }
         }
     }
 
-    fn tell_errors(&mut self, now: Instant) {
+    fn report_errors(&mut self, now: Instant) {
         if self.errors > 0 && now >= self.quiet {
-            self.quiet = now + NEWS;
-            self.news.push_back(News::Notice(Notice::Errors(mem::take(&mut self.errors))));
+            self.quiet = now + REPORT_INTERVAL;
+            self.pending.push_back(Pending::Notice(Notice::Errors(mem::take(&mut self.errors))));
         }
     }
 
@@ -245,24 +246,24 @@ impl CanSocket {
         match write(socket, &encode(frame)) {
             Ok(_) => Ok(Written::Yes),
             Err(Errno::EAGAIN | Errno::EINTR) => Ok(Written::NotYet),
-            // The interface's queue is full with frames of others: no poll tells when it is not.
+            // The interface's queue is full with frames of other programs: poll does not report when space is
+            // available.
             Err(Errno::ENOBUFS) => Ok(Written::Never),
             Err(errno) => Err(self.lost(errno)),
         }
     }
 
-    /// What waits too long is dropped; then somebody asks why it does not leave, for few controllers say so by
-    /// themselves.
+    /// Drops pending frames that are too old. Then queries the reason, because few controllers report it by themselves.
     fn drop_old(&mut self, now: Instant) {
         if !self.queue.drop_old(now) || now < self.quiet {
             return;
         }
-        self.quiet = now + NEWS;
+        self.quiet = now + REPORT_INTERVAL;
         if let Some(health) = self.ask().health {
-            self.news.push_back(News::Notice(Notice::Health(health)));
-            // Alone on its bus a transmitter gets passive, and there its counter stops.
+            self.pending.push_back(Pending::Notice(Notice::Health(health)));
+            // The only node on a bus becomes error-passive, and its counter stops at this value.
             if health.state == BusState::Passive && health.transmit_errors == 128 {
-                self.news.push_back(News::Notice(Notice::NoAcknowledge));
+                self.pending.push_back(Pending::Notice(Notice::NoAcknowledge));
             }
         }
     }
@@ -280,7 +281,7 @@ impl Device for CanSocket {
         self.close();
         let (now, link) = (clock::now(), self.ask());
         self.check_bitrate(&link)?;
-        self.bring_back(now, &link)?;
+        self.restart_controller(now, &link)?;
         let reason = |error: io::Error| match error.raw_os_error() {
             Some(errno) => self.lost(Errno::from_raw(errno)),
             None => format!("{}: {error}", self.interface),
@@ -290,27 +291,27 @@ impl Device for CanSocket {
         self.check(&socket)?;
         setsockopt(&socket, sockopt::RxqOvfl, &1).map_err(|errno| self.lost(errno))?;
         setsockopt(&socket, sockopt::ReceiveTimestampns, &true).map_err(|errno| self.lost(errno))?;
-        // Privileged processes get what they ask for, the others what net.core.rmem_max allows.
+        // Privileged processes get the requested size, others at most net.core.rmem_max.
         setsockopt(&socket, sockopt::RcvBufForce, &RECEIVE_BUFFER)
             .or_else(|_| setsockopt(&socket, sockopt::RcvBuf, &RECEIVE_BUFFER))
             .map_err(|errno| self.lost(errno))?;
         self.socket = Some(socket);
         self.restart.on(now);
-        if let Some(length) = link.queue.filter(|length| *length > LONG_QUEUE) {
+        if let Some(length) = link.queue.filter(|length| *length > QUEUE_LONG) {
             let what = format!(
-                "{length} frames of others may wait before ours (ip link set {} txqueuelen 10)",
+                "{length} frames of other programs may be queued before ours (ip link set {} txqueuelen 10)",
                 self.interface
             );
-            self.news.push_back(News::Note(what));
+            self.pending.push_back(Pending::Note(what));
         }
         let health = link.health.filter(|health| *health != Health::default());
-        self.news.extend(health.map(|health| News::Notice(Notice::Health(health))));
+        self.pending.extend(health.map(|health| Pending::Notice(Notice::Health(health))));
         Ok(())
     }
 
     fn close(&mut self) {
         (self.socket, self.dropped, self.untold, self.errors) = (None, 0, 0, 0);
-        self.news.clear();
+        self.pending.clear();
         self.queue.clear();
     }
 
@@ -320,16 +321,16 @@ impl Device for CanSocket {
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
         loop {
-            match self.news.pop_front() {
-                Some(News::Frame { frame, at, stamp }) => {
+            match self.pending.pop_front() {
+                Some(Pending::Frame { frame, at, stamp }) => {
                     return Ok(Received::Input { input: Input::Can(frame), at, stamp });
                 }
-                Some(News::Notice(notice)) => return Ok(Received::input(now, Input::CanNotice(notice))),
-                Some(News::Note(note)) => return Ok(Received::Note(note)),
-                Some(News::Fault(what)) => return Ok(Received::Fault(Fault::PortOverrun, what)),
-                // Opened anew when the controller is on the bus again; till then nothing is sent that would be old
+                Some(Pending::Notice(notice)) => return Ok(Received::input(now, Input::CanNotice(notice))),
+                Some(Pending::Note(note)) => return Ok(Received::Note(note)),
+                Some(Pending::Fault(what)) => return Ok(Received::Fault(Fault::PortOverrun, what)),
+                // Reopened when the controller is back on the bus; until then nothing is sent that would be outdated by
                 // then.
-                Some(News::Off) => {
+                Some(Pending::Off) => {
                     self.restart.off(now);
                     return Err(format!("{}: bus-off", self.interface));
                 }

@@ -1,5 +1,5 @@
-//! A CAN bus over UDP multicast: every frame a datagram to everyone, one's own included. What keeps buses apart is
-//! the port. No order, no arbitration, no rate: not a model of CAN's timing.
+//! A CAN bus over UDP multicast: every frame is a datagram to all nodes, including the sender. Buses are separated by
+//! port. Without order, arbitration and bit rate it does not model CAN's timing.
 
 pub mod codec;
 
@@ -20,26 +20,26 @@ use std::mem;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 
-/// A burst of so many bytes of datagrams may wait in the kernel, if it allows.
+/// Receive buffer for a burst of datagrams, bytes, if the kernel permits.
 const RECEIVE_BUFFER: usize = 1 << 20;
 
-/// The bus.
+/// CAN bus on a multicast group.
 pub struct CanUdp {
     bus: SocketAddrV4,
     sockets: Option<Sockets>,
     datagram: Vec<u8>,
     control: Vec<u8>,
-    /// The kernel's count of datagrams that found the receive buffer full, as the last one brought it, and how many of
-    /// them are not told yet: they are a fault of the host and news for the module.
+    /// The kernel's count of datagrams lost to a full receive buffer as of the last one, and the numbers not reported
+    /// yet: as a fault of the host, and as a notice for the module.
     dropped: u32,
     untold: (u32, u32),
-    /// What came with such a count, and waits for it to be told.
-    next: Option<Came>,
+    /// Datagram received with such a count, delivered after the report.
+    next: Option<Datagram>,
 }
 
-/// A datagram of somebody else.
-struct Came {
-    /// A frame, or why it is none.
+/// A datagram of another node.
+struct Datagram {
+    /// The frame, or the reason why it is invalid.
     frame: Result<Frame, String>,
     at: Instant,
     stamp: Option<u64>,
@@ -47,13 +47,13 @@ struct Came {
 
 struct Sockets {
     receiver: UdpSocket,
-    /// Apart from the receiver, whose port it would share with everyone: by this one's address own frames are told.
+    /// Separate from the receiver, whose port all nodes share: own frames are recognized by this socket's address.
     sender: UdpSocket,
     own: SocketAddr,
 }
 
 impl CanUdp {
-    /// A bus at a multicast group and port.
+    /// Creates the port of a bus at a multicast group and port.
     pub fn new(bus: SocketAddrV4) -> Self {
         Self {
             bus,
@@ -66,12 +66,12 @@ impl CanUdp {
         }
     }
 
-    /// Reads until something came that is not one's own.
-    fn read(&mut self, now: Instant) -> Result<Option<Came>, Lost> {
+    /// Reads until a datagram of another node arrives.
+    fn read(&mut self, now: Instant) -> Result<Option<Datagram>, Lost> {
         let Some(sockets) = &self.sockets else {
             return Ok(None);
         };
-        // One byte more than any good one, to tell those that were cut off.
+        // One byte more than any valid one, to detect truncation.
         let mut datagram = [0; codec::DATAGRAM_MAX + 1];
         loop {
             let mut parts = [IoSliceMut::new(&mut datagram)];
@@ -99,10 +99,10 @@ impl CanUdp {
             let length = message.bytes;
             if from != Some(sockets.own) {
                 let whom = from.map_or("nobody".into(), |from| from.to_string());
-                let refused = |why| format!("dropped a datagram from {whom} that is no frame: {why}");
+                let refused = |why| format!("dropped a datagram from {whom} that is not a frame: {why}");
                 let frame = codec::decode(&datagram[..length]).map_err(refused);
                 let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
-                return Ok(Some(Came { frame, at, stamp }));
+                return Ok(Some(Datagram { frame, at, stamp }));
             }
         }
     }
@@ -116,7 +116,7 @@ impl Sockets {
         let receiver = socket(AddressFamily::Inet, SockType::Datagram, flags, None)?;
         setsockopt(&receiver, sockopt::ReuseAddr, &true)?;
         setsockopt(&receiver, sockopt::ReusePort, &true)?;
-        // Privileged processes get what they ask for, the others what net.core.rmem_max allows.
+        // Privileged processes get the requested size, others at most net.core.rmem_max.
         setsockopt(&receiver, sockopt::RcvBufForce, &RECEIVE_BUFFER)
             .or_else(|_| setsockopt(&receiver, sockopt::RcvBuf, &RECEIVE_BUFFER))?;
         setsockopt(&receiver, sockopt::RxqOvfl, &1)?;
@@ -126,7 +126,7 @@ impl Sockets {
         // As LCM does: the interface of the default route, and the loopback.
         let by_route = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::UNSPECIFIED);
         let on_lo = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::LOCALHOST);
-        // Without a route both are the loopback, and the second join is refused.
+        // Without a route both are the loopback, and the second join fails.
         by_route.or(on_lo)?;
         Ok(Self { receiver, sender, own })
     }
@@ -136,7 +136,7 @@ fn bind_to(receiver: &impl std::os::fd::AsRawFd, bus: SocketAddrV4) -> io::Resul
     Ok(bind(receiver.as_raw_fd(), &SockaddrIn::from(bus))?)
 }
 
-/// A sender on the interface that the routing table chooses; on the loopback where there is no route.
+/// Opens a sender on the interface that the routing table selects; on the loopback if there is no route.
 fn open_sender(bus: SocketAddrV4) -> io::Result<UdpSocket> {
     let connect = |from: Ipv4Addr| {
         let sender = UdpSocket::bind((from, 0))?;
@@ -146,7 +146,7 @@ fn open_sender(bus: SocketAddrV4) -> io::Result<UdpSocket> {
         sender.connect(bus)?;
         Ok(sender)
     };
-    // Linux sends multicast by the interface of the source address.
+    // Linux sends multicast on the interface of the source address.
     connect(Ipv4Addr::UNSPECIFIED).or_else(|_: io::Error| connect(Ipv4Addr::LOCALHOST))
 }
 
@@ -173,14 +173,14 @@ impl Device for CanUdp {
             (0, 0) => {}
             (0, news) => return Ok(Received::input(now, Input::CanNotice(Notice::Lost(mem::take(news))))),
             (fault, _) => {
-                let what = format!("the receive buffer ran over: {} frames are lost", mem::take(fault));
+                let what = format!("the receive buffer overflowed: {} frames are lost", mem::take(fault));
                 return Ok(Received::Fault(Fault::PortOverrun, what));
             }
         }
         Ok(match self.next.take() {
             None => Received::Nothing,
-            Some(Came { frame: Ok(frame), at, stamp }) => Received::Input { input: Input::Can(frame), at, stamp },
-            Some(Came { frame: Err(why), .. }) => Received::Fault(Fault::MessageMalformed, why),
+            Some(Datagram { frame: Ok(frame), at, stamp }) => Received::Input { input: Input::Can(frame), at, stamp },
+            Some(Datagram { frame: Err(why), .. }) => Received::Fault(Fault::MessageMalformed, why),
         })
     }
 
@@ -192,7 +192,7 @@ impl Device for CanUdp {
         match sockets.sender.send(&self.datagram) {
             Ok(_) => Ok(true),
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(false),
-            // An old error, told late: of a listener that is gone, which multicast does not have.
+            // A delayed error about a listener that is gone, which does not apply to multicast.
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(false),
             Err(error) => Err(error.to_string()),
         }
@@ -229,12 +229,12 @@ mod tests {
             }
         };
         drain(&mut right);
-        // Those lost since the last one that came are told with the next.
+        // Losses are reported together with the next frame.
         send(&mut left, 200);
         drain(&mut right);
         assert!(got < 201 && got + told == 201, "{got} {told}");
-        assert_eq!(lost, [format!("the receive buffer ran over: {told} frames are lost")]);
-        // One's own come back and are nobody's.
+        assert_eq!(lost, [format!("the receive buffer overflowed: {told} frames are lost")]);
+        // Own frames come back and are ignored.
         assert!(matches!(left.receive(clock::now()), Ok(Received::Nothing)));
     }
 }

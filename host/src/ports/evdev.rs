@@ -1,9 +1,9 @@
-//! A gamepad: an event device of the kernel, or a stream of lines that stands for one; and the simulator's end of such
-//! a stream.
+//! A gamepad: an event device of the kernel, or a stream of lines in its place; and the simulator's end of such a
+//! stream.
 //!
-//! The port is up while it can be seen whether a gamepad comes; that none is there is no loss of the port. Nothing is
-//! asked again and again: the kernel tells what happens in the folder where the gamepad is to appear, also when udev
-//! has given the rights to it.
+//! The port is up while it can detect whether a gamepad appears; an absent gamepad is not a loss of the port. Nothing
+//! is polled: inotify reports changes in the folder where the gamepad is to appear, including the change of access
+//! rights by udev.
 
 pub mod codec;
 mod hub;
@@ -34,15 +34,15 @@ use std::os::unix::fs::FileTypeExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
-use stream::{Stream, Told};
+use stream::{Stream, StreamItem};
 
-/// Where event devices are.
+/// Folder of the event devices.
 const INPUT: &str = "/dev/input";
 
-/// Where a gamepad is found.
+/// Source of a gamepad's events.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GamepadPlace {
-    /// The first device under `/dev/input` with two axes and a button, by its number.
+    /// The first device under `/dev/input`, by number, with two axes and a button.
     Auto,
     /// This event device, or a link to it.
     Device(PathBuf),
@@ -50,39 +50,40 @@ pub enum GamepadPlace {
     Stream(PathBuf),
 }
 
-/// What tells of the gamepad that is there.
+/// Open source of events.
 enum Source {
     Kernel(Kernel),
     Stream(Stream),
 }
 
-/// The port.
+/// Gamepad port.
 pub struct Gamepad {
     place: GamepadPlace,
-    /// Keeps others from hearing it.
+    /// Grab the device, so that no other program receives its events.
     grab: bool,
     opened: Option<Opened>,
     source: Option<Source>,
-    /// It was told of, and not that it is gone.
-    there: bool,
-    /// A file has been played: that is done once.
+    /// Its presence was reported, its absence not yet.
+    present: bool,
+    /// A file has been played, which happens once.
     played: bool,
-    /// What is to be handed out, and what is.
-    told: VecDeque<Event>,
+    /// Events to deliver; the current one stays until the next call.
+    events: VecDeque<Event>,
     current: Option<Event>,
-    /// Why it could not be opened.
+    /// Reason why it could not be opened.
     note: Option<String>,
 }
 
 struct Opened {
-    /// Readable when the folder changed, it is time to look again, or the source has something.
+    /// Readable if the folder changed, a new attempt is due, or the source has input.
     any: Epoll,
     folder: Inotify,
     again: TimerFd,
 }
 
-/// After a gamepad went it is looked for another one so much later: a peer that hangs up at once is not called at once.
-const AGAIN: Duration = Duration::from_millis(100);
+/// Delay before looking for another gamepad after one disappeared: a peer that hangs up at once is not reconnected at
+/// once.
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
 impl Opened {
     fn new() -> nix::Result<Self> {
@@ -94,9 +95,9 @@ impl Opened {
         Ok(Self { any, folder, again })
     }
 
-    /// Watches the folders that are there; the first must be.
+    /// Watches the existing folders; the first one must exist.
     fn watch(&self, folders: &[PathBuf]) -> Result<(), Lost> {
-        // Rights are given late: that is a change of its attributes.
+        // Access rights are granted later: a change of attributes.
         let news = AddWatchFlags::IN_CREATE | AddWatchFlags::IN_MOVED_TO | AddWatchFlags::IN_ATTRIB;
         for (place, path) in folders.iter().enumerate() {
             let watched = self.folder.add_watch(path, news | AddWatchFlags::IN_ONLYDIR);
@@ -107,9 +108,9 @@ impl Opened {
         Ok(())
     }
 
-    /// True if there is a reason to look for a gamepad since this was asked last.
+    /// True if something relevant changed since the last call.
     fn changed(&self, matters: impl Fn(&OsStr) -> bool) -> bool {
-        // What was too much to be told comes without a name.
+        // A queue overflow is reported as an event without a name.
         let events = self.folder.read_events().unwrap_or_default();
         let changed = events.iter().any(|event| event.name.as_ref().is_none_or(|name| matters(name)));
         let due = read(&self.again, &mut [0; 8]).is_ok();
@@ -118,26 +119,26 @@ impl Opened {
 }
 
 impl Gamepad {
-    /// A port to a gamepad; with `grab` nobody else hears an event device.
+    /// Creates the port of a gamepad; with `grab` no other program receives the events of an event device.
     pub fn new(place: GamepadPlace, grab: bool) -> Self {
-        let (told, current) = (VecDeque::new(), None);
-        Self { place, grab, opened: None, source: None, there: false, played: false, told, current, note: None }
+        let (events, current) = (VecDeque::new(), None);
+        Self { place, grab, opened: None, source: None, present: false, played: false, events, current, note: None }
     }
 
-    /// The folders whose changes tell that it may have come, the outermost first.
+    /// Folders whose changes may mean that the gamepad appeared, outermost first.
     fn folders(&self) -> Vec<PathBuf> {
         match &self.place {
             GamepadPlace::Auto => vec![INPUT.into()],
             GamepadPlace::Device(path) | GamepadPlace::Stream(path) => {
                 let own = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-                // /dev/input/by-id comes with the first device and goes with the last.
+                // /dev/input/by-id is created with the first device and removed with the last.
                 let above = Some(Path::new(INPUT)).filter(|above| own.starts_with(above) && own != *above);
                 above.into_iter().chain([own]).map(PathBuf::from).collect()
             }
         }
     }
 
-    /// True if something of that name in one of the folders matters.
+    /// True if a change of this name in one of the folders is relevant.
     fn matters(&self, name: &OsStr) -> bool {
         match &self.place {
             GamepadPlace::Auto => name.as_encoded_bytes().starts_with(b"event"),
@@ -147,11 +148,11 @@ impl Gamepad {
         }
     }
 
-    /// Looks for a gamepad, where there is none.
+    /// Looks for a gamepad if there is none.
     fn look(&mut self) {
         let folders = self.folders();
         let Some(opened) = self.opened.as_ref().filter(|_| self.source.is_none() && !self.played) else { return };
-        // A folder that has come is watched before it is looked into.
+        // A new folder is watched before it is searched.
         let watched = opened.watch(&folders);
         let found = match &self.place {
             GamepadPlace::Auto => self.find(),
@@ -164,7 +165,7 @@ impl Gamepad {
             (_, Ok(Some((source, device)))) => {
                 if opened.any.add(source.fd(), EpollEvent::new(EpollFlags::EPOLLIN, 2)).is_ok() {
                     self.source = Some(source);
-                    self.told.extend(device.map(|device| Event::Found(Box::new(device))));
+                    self.events.extend(device.map(|device| Event::Found(Box::new(device))));
                 }
             }
             (_, Err((_, Errno::ENOENT | Errno::ECONNREFUSED))) => {}
@@ -172,7 +173,7 @@ impl Gamepad {
         }
     }
 
-    /// The first gamepad by the number of its device.
+    /// Finds the first gamepad by device number.
     fn find(&self) -> Result<Option<(Source, Option<gamepad::Device>)>, Refused> {
         let entries = fs::read_dir(INPUT).into_iter().flatten().flatten();
         let number = |name: &OsStr| name.to_str()?.strip_prefix("event")?.parse::<u32>().ok();
@@ -182,7 +183,7 @@ impl Gamepad {
         for number in numbers {
             match self.open_device(&Path::new(INPUT).join(format!("event{number}"))) {
                 Ok(found) if found.1.as_ref().is_some_and(kernel::is_gamepad) => return Ok(Some(found)),
-                // It may be one; rights to it may come.
+                // Possibly a gamepad; access may be granted later.
                 Err((path, Errno::EACCES)) => refused = refused.or(Some((path, Errno::EACCES))),
                 Ok(_) | Err(_) => {}
             }
@@ -194,28 +195,29 @@ impl Gamepad {
         let refused = |errno| (path.to_path_buf(), errno);
         let device = Kernel::open(path).map_err(refused)?;
         let described = device.describe().map_err(refused)?;
-        // Before it is known for a gamepad others may need it.
+        // Not before it is known to be a gamepad: other programs may need the device.
         if self.grab && kernel::is_gamepad(&described) {
             device.grab().map_err(refused)?;
         }
         Ok((Source::Kernel(device), Some(described)))
     }
 
-    /// The gamepad has gone; another one may be there.
+    /// The gamepad disappeared; looks for another one.
     fn lose(&mut self) {
         let source = self.source.take();
         self.played |= matches!(source, Some(Source::Stream(stream)) if stream.is_file());
-        if self.there {
-            self.told.push_back(Event::Gone);
+        if self.present {
+            self.events.push_back(Event::Gone);
         }
         if let Some(opened) = &self.opened {
-            // Were it refused, the folder's changes remain.
-            let _ = opened.again.set(Expiration::OneShot(TimeSpec::from_duration(AGAIN)), TimerSetTimeFlags::empty());
+            // If the timer fails, changes in the folder remain as a trigger.
+            let _ =
+                opened.again.set(Expiration::OneShot(TimeSpec::from_duration(RETRY_DELAY)), TimerSetTimeFlags::empty());
         }
     }
 }
 
-/// What refused to be opened, and why.
+/// A path that could not be opened, and the error.
 type Refused = (PathBuf, Errno);
 
 fn open_stream(path: &Path) -> Result<Stream, Refused> {
@@ -227,7 +229,7 @@ fn open_stream(path: &Path) -> Result<Stream, Refused> {
         socket.set_nonblocking(true).map_err(broken)?;
         OwnedFd::from(socket)
     } else {
-        // A FIFO without a writer is opened, and says nothing.
+        // A FIFO without a writer opens, and stays silent.
         let flags = OFlag::O_RDONLY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC | OFlag::O_NOCTTY;
         open(path, flags, Mode::empty()).map_err(refused)?
     };
@@ -250,16 +252,16 @@ impl Device for Gamepad {
         opened.watch(&self.folders())?;
         self.opened = Some(opened);
         self.look();
-        if self.told.is_empty() {
-            self.told.push_back(Event::Gone);
+        if self.events.is_empty() {
+            self.events.push_back(Event::Gone);
         }
         Ok(())
     }
 
     fn close(&mut self) {
         (self.source, self.opened, self.note, self.current) = (None, None, None, None);
-        self.told.clear();
-        (self.there, self.played) = (false, false);
+        self.events.clear();
+        (self.present, self.played) = (false, false);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -270,35 +272,35 @@ impl Device for Gamepad {
         if let Some(note) = self.note.take() {
             return Ok(Received::Note(note));
         }
-        if self.told.is_empty() {
+        if self.events.is_empty() {
             if self.opened.as_ref().is_some_and(|opened| opened.changed(|name| self.matters(name))) {
                 self.look();
             }
             match &mut self.source {
                 None => {}
                 Some(Source::Kernel(device)) => {
-                    let read = device.read(&mut self.told);
+                    let read = device.read(&mut self.events);
                     if read.is_err() {
                         self.lose();
                     }
                 }
                 Some(Source::Stream(stream)) => match stream.poll() {
-                    Told::Event(event) => self.told.push_back(event),
-                    Told::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
-                    Told::End => self.lose(),
-                    Told::Nothing => {}
+                    StreamItem::Event(event) => self.events.push_back(event),
+                    StreamItem::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
+                    StreamItem::End => self.lose(),
+                    StreamItem::Nothing => {}
                 },
             }
         }
-        self.current = self.told.pop_front();
+        self.current = self.events.pop_front();
         match &self.current {
-            Some(Event::Found(_)) => self.there = true,
-            Some(Event::Gone) => self.there = false,
+            Some(Event::Found(_)) => self.present = true,
+            Some(Event::Gone) => self.present = false,
             _ => {}
         }
         Ok(match &self.current {
             Some(event) => Received::input(now, Input::Gamepad(event.as_input())),
-            // Looking may have found what cannot be opened.
+            // The search may have found a device that cannot be opened.
             None => self.note.take().map_or(Received::Nothing, Received::Note),
         })
     }

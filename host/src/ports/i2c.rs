@@ -1,7 +1,7 @@
-//! I2C buses: an adapter of the kernel's, two GPIO lines, the simulator's socket, and the simulator's end of that.
+//! I2C buses: an adapter of the kernel, two GPIO lines, the simulator's socket, and the simulator's end of that.
 //!
-//! `docs/i2c.md` has what each can do. Adapters and GPIO block, so they have a thread of their own; the socket does
-//! not.
+//! `docs/i2c.md` describes the capabilities of each. Adapters and GPIO block, so they have their own thread; the socket
+//! does not.
 
 mod dev;
 mod gpio;
@@ -20,20 +20,20 @@ use module::{Input, Output};
 use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 
-/// What comes of a transfer, and a line for people, if there is something to say.
+/// Outcome of a transfer, and a note for people if there is one.
 type Done = (Outcome, Option<String>);
 
-/// What does transfers, and may wait for them. `Err`: it is lost.
+/// Executor of transfers, which may block. `Err`: the bus is lost.
 trait Blocking: Send {
     fn transfer(&mut self, transfer: &Transfer) -> Result<Done, Lost>;
 }
 
-/// A bus whose transfers block.
+/// Bus with blocking transfers.
 pub struct I2c {
     place: Place,
     worker: Option<Worker<Transfer, Done>>,
     life: Life,
-    /// What came of a transfer whose line was just told.
+    /// Outcome that follows the note just delivered.
     next: Option<Outcome>,
     outcome: Outcome,
 }
@@ -44,12 +44,12 @@ enum Place {
 }
 
 impl I2c {
-    /// An adapter of the kernel's: `/dev/i2c-1`.
+    /// Creates the port of a kernel adapter: `/dev/i2c-1`.
     pub fn dev(path: PathBuf) -> Self {
         Self::new(Place::Dev(path))
     }
 
-    /// Two lines of a GPIO chip.
+    /// Creates the port of two lines of a GPIO chip.
     pub fn gpio(chip: PathBuf, sda: u32, scl: u32, hz: u32) -> Self {
         Self::new(Place::Gpio { chip, sda, scl, hz })
     }
@@ -69,8 +69,8 @@ impl I2c {
 impl Device for I2c {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        if self.life.lasts() {
-            return Err("its last transfer has not come back".into());
+        if self.life.is_alive() {
+            return Err("its last transfer has not finished".into());
         }
         let mut bus = self.open_bus()?;
         let worker = Worker::start("i2c", &mut self.life, move |transfer| bus.transfer(&transfer));
@@ -93,7 +93,7 @@ impl Device for I2c {
                 None => return Ok(Received::Nothing),
                 Some(done) => match done? {
                     (outcome, None) => outcome,
-                    // The line comes first: who waits for the outcome looks no further.
+                    // The note goes first: a receiver that waits for the outcome reads no further.
                     (outcome, Some(note)) => {
                         self.next = Some(outcome);
                         return Ok(Received::Note(note));
@@ -109,7 +109,7 @@ impl Device for I2c {
         let (Some(worker), Output::I2c(transfer)) = (&mut self.worker, output) else {
             return Ok(false);
         };
-        Ok(worker.give(transfer.clone()))
+        Ok(worker.queue(transfer.clone()))
     }
 }
 

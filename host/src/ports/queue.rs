@@ -1,22 +1,22 @@
-//! Frames that wait for room: few, in order, and not for long.
+//! Queue of CAN frames for a device that is not writable: bounded in number and in age.
 //!
-//! What a dead bus does not take must not be sent when it is back: a drive would obey an old command. So once nothing
-//! has left for [`AGE`], what has waited that long is dropped.
+//! Frames that a dead bus did not take must not be sent when it is back: a drive would obey an old command. So if no
+//! frame has left for [`AGE`], frames that have waited that long are dropped.
 
 use base::can::Frame;
 use base::{Duration, Instant};
 use std::collections::VecDeque;
 
-/// One SDO block of 127 segments fits, which an engine hands over at once.
+/// Capacity, frames: an SDO block of 127 segments fits, which an engine outputs at once.
 const FRAMES: usize = 128;
-/// On a slow bus a full queue takes longer; but then frames leave.
+/// Maximum age. A full queue may take longer on a slow bus, but then frames leave.
 const AGE: Duration = Duration::from_millis(50);
 
-/// The queue.
+/// Frames in order.
 #[derive(Debug)]
 pub struct Queue {
     frames: VecDeque<(Instant, Frame)>,
-    /// Time when the last frame left.
+    /// Time at which the last frame left.
     left: Instant,
 }
 
@@ -27,12 +27,12 @@ impl Default for Queue {
 }
 
 impl Queue {
-    /// True if nothing waits.
+    /// True if no frame is pending.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// Takes a frame; false when there is no room.
+    /// Adds a frame; false if the queue is full.
     pub fn push(&mut self, now: Instant, frame: Frame) -> bool {
         let room = self.frames.len() < FRAMES;
         if room {
@@ -41,23 +41,23 @@ impl Queue {
         room
     }
 
-    /// The frame that is next.
+    /// Next frame.
     pub fn front(&self) -> Option<&Frame> {
         self.frames.front().map(|(_, frame)| frame)
     }
 
-    /// The first one has left.
+    /// Removes the first frame, which has left.
     pub fn pop(&mut self, now: Instant) {
         self.frames.pop_front();
         self.left = now;
     }
 
-    /// A frame has left that did not have to wait.
+    /// Notes that a frame left without having been queued.
     pub fn passed(&mut self, now: Instant) {
         self.left = now;
     }
 
-    /// Drops what is old; whether there was any.
+    /// Drops frames that are too old; true if there were any.
     pub fn drop_old(&mut self, now: Instant) -> bool {
         let before = self.frames.len();
         if now.since(self.left) > AGE {
@@ -66,7 +66,7 @@ impl Queue {
         self.frames.len() < before
     }
 
-    /// Drops everything.
+    /// Drops all frames.
     pub fn clear(&mut self) {
         self.frames.clear();
     }
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_waits_keeps_its_order_is_bounded_and_does_not_get_old() {
+    fn the_queue_is_ordered_and_bounded_in_number_and_age() {
         let mut queue = Queue::default();
         let frame = |n: u8| Frame::standard(0x600, &[n]);
         for n in 0..200 {

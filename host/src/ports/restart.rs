@@ -1,14 +1,14 @@
-//! When a controller that went bus-off is put on the bus again: soon, and less and less soon.
+//! Restart of a controller that went bus-off, with exponential back-off.
 
 use base::{Duration, Instant};
 
-/// After so long first, twice as long each time, and no later than the second.
+/// First and maximum delay; it doubles each time.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
 
-/// Less and less soon, until it has been on the bus for some time.
+/// Restart timer; its delay is reset once the controller has been on the bus for some time.
 #[derive(Debug)]
 pub struct Restart {
-    /// When it is restarted; none while it is not off.
+    /// Time of the next restart; `None` while not bus-off.
     at: Option<Instant>,
     back_off: Duration,
     since: Instant,
@@ -21,7 +21,7 @@ impl Default for Restart {
 }
 
 impl Restart {
-    /// It is off.
+    /// The controller is bus-off.
     pub fn off(&mut self, now: Instant) {
         if now.since(self.since) > BACK_OFF.1 {
             self.back_off = BACK_OFF.0;
@@ -30,7 +30,7 @@ impl Restart {
         self.back_off = (self.back_off * 2).min(BACK_OFF.1);
     }
 
-    /// True if it is time; the next time is later.
+    /// True if a restart is due; schedules the next one.
     pub fn is_due(&mut self, now: Instant) -> bool {
         let Some(at) = self.at else {
             self.off(now);
@@ -44,7 +44,7 @@ impl Restart {
         due
     }
 
-    /// It is on the bus.
+    /// The controller is on the bus.
     pub fn on(&mut self, now: Instant) {
         (self.at, self.since) = (None, now);
     }
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_restart_is_tried_later_each_time_and_soon_again_after_peace() {
+    fn restarts_back_off_until_the_bus_was_stable() {
         let mut restart = Restart::default();
         let (mut due, mut now) = (Vec::new(), Instant::from_millis(10_000));
         restart.off(now);

@@ -1,4 +1,4 @@
-//! Serial lines of 9-bit words: a device that carries them as two bytes or by parity, or the simulator's end of a
+//! Serial lines of 9-bit words: a device that carries them as two bytes each or by parity, or the simulator's end of a
 //! pseudo-terminal.
 
 mod driver;
@@ -26,57 +26,57 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How nine bits cross a serial port.
+/// Encoding of nine bits on a serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
-    /// Two bytes a word.
+    /// Two bytes per word.
     TwoByte,
     /// Mark and space parity.
     Parity,
 }
 
-/// `rs485_direction = { … }`: when RTS lets the driver of the line talk.
+/// `rs485_direction = { … }`: control of the transceiver by RTS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Direction {
-    /// RTS is high while sending, and low else; default true.
+    /// RTS is high while sending and low otherwise; default true.
     pub rts_on_send: bool,
-    /// RTS is high when not sending; default the opposite of `rts_on_send`.
+    /// RTS is high while not sending; default the opposite of `rts_on_send`.
     pub rts_after_send: bool,
-    /// From RTS to the first start bit, 0..=100 ms; default 0.
+    /// Delay from RTS to the first start bit, 0..=100 ms; default 0.
     pub delay_before_ms: u32,
-    /// From the last stop bit to RTS, 0..=100 ms; default 0.
+    /// Delay from the last stop bit to RTS, 0..=100 ms; default 0.
     pub delay_after_ms: u32,
 }
 
 /// Start bit, eight data bits, the ninth, stop bit.
 const BITS_PER_WORD: u64 = 11;
-/// Bytes that may wait for the device; more is dropped whole.
+/// Maximum number of bytes that wait for the device; an output that does not fit is dropped as a whole.
 const QUEUE_MAX: usize = 16 * 1024;
-/// Bytes per read.
+/// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
 
-/// Outputs that may wait for a change of parity; more is dropped whole.
+/// Maximum number of outputs that wait for a change of parity; further ones are dropped as a whole.
 const OUTPUTS_MAX: usize = 32;
 
-/// A device file, and what it is to be made.
+/// Device file and its settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TerminalConfig {
-    /// The device file, or a link to it.
+    /// Device file, or a link to it.
     pub path: PathBuf,
-    /// Any rate, also none of termios' list.
+    /// Rate, Bd; not limited to the list in termios.
     pub baud: u32,
-    /// How nine bits cross it.
+    /// Encoding of nine bits.
     pub transport: Transport,
-    /// A program and its arguments, run before each opening; none: nothing is run.
+    /// Program and its arguments, run before each opening; empty: none.
     pub setup: Vec<String>,
-    /// Lets the port's driver switch the direction of the line.
+    /// Direction control by the driver, if enabled.
     pub direction: Option<Direction>,
-    /// Asks the driver not to collect bytes.
+    /// Request that the driver delivers received bytes immediately.
     pub low_latency: bool,
 }
 
 impl TerminalConfig {
-    /// Two bytes a word, and nothing special.
+    /// Two bytes per word, and no other settings.
     #[must_use]
     pub const fn new(path: PathBuf, baud: u32) -> Self {
         Self { path, baud, transport: Transport::TwoByte, setup: Vec::new(), direction: None, low_latency: false }
@@ -89,26 +89,26 @@ pub struct Serial {
     baud: u32,
     file: Option<Arc<OwnedFd>>,
     codec: Codec,
-    /// Sends by parity, while the device is open.
+    /// Sending thread of parity mode, while the device is open.
     sender: Option<Sender>,
     setup: Setup,
-    /// Lines for people that were not told yet.
+    /// Notes for people not delivered yet.
     notes: VecDeque<String>,
     words: Vec<Word>,
     queue: VecDeque<u8>,
-    /// Bytes written since the device was opened.
+    /// Number of bytes written since the device was opened.
     written: u64,
-    /// Outputs that are not wholly written: where each ends, and its words.
+    /// Outputs not completely written: the byte count at the end of each, and its number of words.
     outputs: VecDeque<(u64, u64)>,
-    /// Time when the last word of each written output leaves the wire.
+    /// Time at which the last word of each written output leaves the wire.
     sent: VecDeque<Instant>,
-    /// Time when the wire is free.
+    /// Time at which the wire is free.
     wire_free: Instant,
 }
 
 enum Place {
     Terminal(TerminalConfig),
-    /// The link, and the device file of the other side that it leads to while this is open.
+    /// The link, and the device file of the other end that it points to while this is open.
     Pseudo(PathBuf, PathBuf),
 }
 
@@ -134,7 +134,7 @@ impl Codec {
 }
 
 impl Serial {
-    /// A device file.
+    /// Creates the port of a device file.
     pub fn terminal(mut config: TerminalConfig) -> Self {
         let codec = match config.transport {
             Transport::TwoByte => Codec::TwoByte(TwoByte::new()),
@@ -145,10 +145,10 @@ impl Serial {
         Self::new(Place::Terminal(config), baud, codec, setup)
     }
 
-    /// A pseudo-terminal, its other side offered by a link.
+    /// Creates the port of a pseudo-terminal whose other end is offered by a link.
     pub fn pseudo(link: PathBuf, baud: u32) -> Self {
-        // What one that was killed left leads to a number that is given to the next terminal, of whatever line: nobody
-        // may find that there.
+        // A link left by a killed process points to a number that will be reused for another terminal, of any line: it
+        // must not be found there.
         let _ = fs::remove_file(&link);
         Self::new(Place::Pseudo(link, PathBuf::new()), baud, Codec::TwoByte(TwoByte::new()), Setup::new(Vec::new()))
     }
@@ -171,7 +171,7 @@ impl Serial {
         }
     }
 
-    /// What the words of an output cost on the wire.
+    /// Transmission time of `words`.
     fn wire_time(&self, words: u64) -> Duration {
         Duration::from_nanos(words.saturating_mul(BITS_PER_WORD * 1_000_000_000) / u64::from(self.baud))
     }
@@ -184,8 +184,8 @@ impl Serial {
         self.written = 0;
     }
 
-    /// The other side of a pseudo-terminal is closed: what is sent goes nowhere, as on a wire without a listener.
-    fn nobody_listens(&mut self, now: Instant) {
+    /// The other end of a pseudo-terminal is closed: output is lost, as on a wire without a listener.
+    fn drop_without_listener(&mut self, now: Instant) {
         let waiting = self.queue.len();
         self.queue.clear();
         self.count_written(now, waiting);
@@ -203,7 +203,7 @@ impl Serial {
         }
     }
 
-    fn write_what_goes(&mut self, now: Instant) -> Result<(), Lost> {
+    fn write_pending(&mut self, now: Instant) -> Result<(), Lost> {
         while !self.queue.is_empty() {
             let Some(file) = &self.file else {
                 return Ok(());
@@ -215,15 +215,15 @@ impl Serial {
                 }
                 Err(Errno::EAGAIN) => return Ok(()),
                 Err(Errno::EINTR) => {}
-                Err(Errno::EIO) if self.by_edge() => self.nobody_listens(now),
+                Err(Errno::EIO) if self.by_edge() => self.drop_without_listener(now),
                 Err(errno) => return Err(errno.desc().into()),
             }
         }
         Ok(())
     }
 
-    /// Takes what the sending thread has to say.
-    fn look_after_sender(&mut self, now: Instant) -> Result<(), Lost> {
+    /// Collects the results of the sending thread.
+    fn poll_sender(&mut self, now: Instant) -> Result<(), Lost> {
         let Some(sender) = &mut self.sender else {
             return Ok(());
         };
@@ -238,11 +238,11 @@ impl Serial {
         match &mut self.place {
             Place::Pseudo(link, other_side) => self.file = Some(Arc::new(open_pseudo(link, other_side)?)),
             Place::Terminal(config) => {
-                // A device that is not there is nothing to set up: opening says so.
+                // Setting up an absent device is pointless: opening reports it.
                 if config.path.exists() {
                     self.setup.proceed()?;
                     if self.setup.runs() {
-                        return Err("its set-up command runs".into());
+                        return Err("its set-up command is running".into());
                     }
                 }
                 let line::Opened { file, notes } = line::open_terminal(config)?;
@@ -259,7 +259,7 @@ impl Serial {
     }
 }
 
-/// Makes a pseudo-terminal and a link to its other side, in place of any old link.
+/// Creates a pseudo-terminal and a link to its other end, which replaces an existing link.
 fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
     let master = posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC);
     let named = |errno: Errno| format!("pseudo-terminal: {}", errno.desc());
@@ -267,7 +267,7 @@ fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
     grantpt(&master).map_err(named)?;
     unlockpt(&master).map_err(named)?;
     *other_side = ptsname_r(&master).map_err(named)?.into();
-    // On Linux the attributes of a master are those of its other side.
+    // On Linux the attributes of a master are those of its other end.
     let mut settings = termios::tcgetattr(&master).map_err(named)?;
     termios::cfmakeraw(&mut settings);
     termios::tcsetattr(&master, SetArg::TCSANOW, &settings).map_err(named)?;
@@ -300,7 +300,7 @@ impl Device for Serial {
         let Place::Pseudo(link, other_side) = &self.place else {
             return;
         };
-        // Only while it is ours: another may have made its own meanwhile.
+        // Only if it is ours: another process may have replaced it.
         if was_open && fs::read_link(link).is_ok_and(|target| target == *other_side) {
             let _ = fs::remove_file(link);
         }
@@ -318,7 +318,7 @@ impl Device for Serial {
     }
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
-        self.look_after_sender(now)?;
+        self.poll_sender(now)?;
         if let Some(note) = self.notes.pop_front() {
             return Ok(Received::Note(note));
         }
@@ -337,7 +337,7 @@ impl Device for Serial {
                 Err(Errno::EINTR) => {}
                 Err(Errno::EAGAIN) => return Ok(Received::Nothing),
                 Err(Errno::EIO) if self.by_edge() => {
-                    self.nobody_listens(now);
+                    self.drop_without_listener(now);
                     return Ok(Received::Nothing);
                 }
                 Err(errno) => return Err(errno.desc().into()),
@@ -361,7 +361,7 @@ impl Device for Serial {
         }
         self.queue.extend(words.iter().copied().flat_map(TwoByte::encode));
         self.outputs.push_back((self.written + self.queue.len() as u64, words.len() as u64));
-        self.write_what_goes(now)?;
+        self.write_pending(now)?;
         Ok(true)
     }
 
@@ -370,7 +370,7 @@ impl Device for Serial {
     }
 
     fn on_writable(&mut self, now: Instant) -> Result<(), Lost> {
-        self.write_what_goes(now)
+        self.write_pending(now)
     }
 
     fn sent_at(&self) -> Option<Instant> {

@@ -1,5 +1,5 @@
-//! A folder of log files. Its disk may be slow, full, or gone, and a call to it then takes its time or fails: a thread
-//! of its own makes them, one after the other, and a port of this kind is never lost.
+//! Folder of log files. Its disk may be slow, full or gone, and calls then block or fail: a separate thread executes
+//! them in order, and a port of this kind is never lost.
 
 pub(crate) mod disk;
 
@@ -9,16 +9,16 @@ use disk::Disk;
 use module::{Input, Output};
 use std::path::PathBuf;
 
-/// Log files in a folder, which is made when the first of them is.
+/// Log files in a folder, which is created with the first file.
 pub struct Files {
     folder: PathBuf,
-    /// Called by the thread before each request.
+    /// Hook of the tests, called by the thread before each request.
     #[cfg(test)]
     before: fn(&Request),
 }
 
 impl Files {
-    /// Files in this folder.
+    /// Creates the port of a folder.
     pub fn new(folder: PathBuf) -> Self {
         Self {
             folder,
@@ -32,7 +32,7 @@ impl Service for Files {
     type Request = Request;
     type Answer = Answer;
     const THREAD: &'static str = "store";
-    const BUSY: &'static str = "the last write has not come back";
+    const BUSY: &'static str = "the last write has not finished";
 
     fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
         let mut disk = Disk::new(&self.folder);

@@ -1,4 +1,4 @@
-//! A port of requests and answers whose calls may block: a thread of its own performs them, one after the other.
+//! A port of requests and answers whose calls may block: a separate thread executes them in order.
 
 use super::worker::{Life, Worker};
 use super::{Device, Lost, Received};
@@ -6,7 +6,7 @@ use base::Instant;
 use module::{Input, Output};
 use std::os::fd::BorrowedFd;
 
-/// Performs the requests of a [`Threaded`] port.
+/// Executor of the requests of a [`Threaded`] port.
 pub trait Service {
     /// A request of the module.
     type Request: Clone + Send + 'static;
@@ -14,17 +14,17 @@ pub trait Service {
     type Answer: Send + 'static;
     /// Name of the thread.
     const THREAD: &'static str;
-    /// Why the port cannot be opened again while a call of the thread before lasts.
+    /// Reason why the port cannot be reopened while a call of the previous thread lasts.
     const BUSY: &'static str;
-    /// Work of the thread, from the opening of the port on.
+    /// Creates the thread's function when the port is opened.
     fn work(&self) -> impl FnMut(Self::Request) -> Self::Answer + Send + 'static;
     /// The request of an output; `None` if it is not for this port.
     fn request(output: &Output) -> Option<&Self::Request>;
-    /// The input that an answer is.
+    /// Converts an answer to an input.
     fn input(answer: &Self::Answer) -> Input<'_>;
 }
 
-/// A service, and the thread that has it.
+/// A service and its thread.
 pub struct Threaded<S: Service> {
     pub(super) service: S,
     worker: Option<Worker<S::Request, S::Answer>>,
@@ -33,7 +33,7 @@ pub struct Threaded<S: Service> {
 }
 
 impl<S: Service> Threaded<S> {
-    /// A port that is closed.
+    /// Creates a port that is closed.
     pub fn new(service: S) -> Self {
         Self { service, worker: None, life: Life::default(), answer: None }
     }
@@ -42,7 +42,7 @@ impl<S: Service> Threaded<S> {
 impl<S: Service> Device for Threaded<S> {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        if self.life.lasts() {
+        if self.life.is_alive() {
             return Err(S::BUSY.into());
         }
         let mut work = self.service.work();
@@ -68,6 +68,6 @@ impl<S: Service> Device for Threaded<S> {
 
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
         let (Some(worker), Some(request)) = (&mut self.worker, S::request(output)) else { return Ok(false) };
-        Ok(worker.give(request.clone()))
+        Ok(worker.queue(request.clone()))
     }
 }

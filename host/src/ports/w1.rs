@@ -1,5 +1,5 @@
-//! 1-Wire thermometers: those that the kernel's `w1_therm` has under `/sys/bus/w1/devices`, and the simulator's end,
-//! which offers a folder that looks the same.
+//! 1-Wire thermometers: those of the kernel's `w1_therm` under `/sys/bus/w1/devices`, and the simulator's end, a folder
+//! of the same layout.
 
 mod folder;
 pub mod read;
@@ -11,7 +11,7 @@ use base::w1::{Answer, Request};
 use module::{Input, Output};
 use std::path::PathBuf;
 
-/// The kernel's thermometers in this folder. A folder that is missing is an answer, no error: a bus may come with its
+/// The kernel's thermometers in this folder. A missing folder is an answer, not an error: a bus may appear with its
 /// adapter. Each measurement takes most of a second.
 pub struct Thermometers(pub PathBuf);
 
@@ -19,7 +19,7 @@ impl Service for Thermometers {
     type Request = Request;
     type Answer = Answer;
     const THREAD: &'static str = "w1";
-    const BUSY: &'static str = "its last measurement has not come back";
+    const BUSY: &'static str = "its last measurement has not finished";
 
     fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
         let folder = self.0.clone();

@@ -1,8 +1,8 @@
-//! Calls that may block, on a thread of their own: jobs go in, a few at most, answers come out in order, and a
-//! descriptor says when.
+//! Calls that may block, on a separate thread: a few jobs are queued, answers come out in order, and a descriptor
+//! becomes readable for them.
 //!
-//! The thread does not beat ([beats](../../../../docs/beats.md)): an adapter that does not come back is a fault of a
-//! device, which the module tells of; it is no hang of the module, which goes on without.
+//! The thread has no heartbeat ([beats](../../../../docs/beats.md)): an adapter that does not respond is a fault of a
+//! device, which the module reports, and not a hang of the module, which continues without it.
 
 use super::Lost;
 use module::OUTSTANDING;
@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Weak};
 use std::thread;
 
-/// The thread's handle. Without it the thread ends when what it does just now comes back.
+/// Handle of the thread. After it was dropped, the thread ends when its current call returns.
 pub struct Worker<J, A> {
     jobs: SyncSender<J>,
     done: Receiver<Result<A, Lost>>,
@@ -21,19 +21,19 @@ pub struct Worker<J, A> {
     waiting: usize,
 }
 
-/// Knows whether a thread has ended.
+/// Shows whether a thread has ended.
 #[derive(Default)]
 pub struct Life(Weak<()>);
 
 impl Life {
-    /// True if it lives, perhaps in a call that does not come back.
-    pub fn lasts(&self) -> bool {
+    /// True if it is alive, possibly in a call that does not return.
+    pub fn is_alive(&self) -> bool {
         self.0.strong_count() > 0
     }
 }
 
 impl<J: Send + 'static, A: Send + 'static> Worker<J, A> {
-    /// Starts a thread that does `work` with each job. After an error it does no more.
+    /// Starts a thread that passes each job to `work`. An error ends it.
     pub fn start(
         name: &str,
         life: &mut Life,
@@ -41,12 +41,12 @@ impl<J: Send + 'static, A: Send + 'static> Worker<J, A> {
     ) -> io::Result<Self> {
         let ready = Arc::new(EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK)?);
         let (jobs, todo) = sync_channel::<J>(OUTSTANDING);
-        // One more, so that the thread never waits for whoever takes them.
+        // One more than can be outstanding, so that the thread never waits for the receiver.
         let (tell, done) = sync_channel(OUTSTANDING + 1);
         let (tells, token) = (ready.clone(), Arc::new(()));
         *life = Life(Arc::downgrade(&token));
         thread::Builder::new().name(name.into()).spawn(move || {
-            // Locals go in reverse order: when the token does, what the work held has gone.
+            // Locals are dropped in reverse order: once the token is dropped, everything that `work` held is gone.
             let _token = token;
             let mut work = work;
             for job in todo {
@@ -60,22 +60,22 @@ impl<J: Send + 'static, A: Send + 'static> Worker<J, A> {
         Ok(Self { jobs, done, ready, waiting: 0 })
     }
 
-    /// Readable when an answer is there.
+    /// Descriptor that is readable if an answer is available.
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.ready.as_fd()
     }
 
-    /// Hands over a job; false when too many wait.
-    pub fn give(&mut self, job: J) -> bool {
+    /// Queues a job; false if too many are outstanding.
+    pub fn queue(&mut self, job: J) -> bool {
         let room = self.waiting < OUTSTANDING && self.jobs.try_send(job).is_ok();
         self.waiting += usize::from(room);
         room
     }
 
-    /// The next answer.
+    /// Removes and returns the next answer.
     pub fn take(&mut self) -> Option<Result<A, Lost>> {
         let answer = self.done.try_recv().ok().or_else(|| {
-            // What makes it quiet; another answer that comes just now makes it ready again.
+            // Clears the readiness; an answer that arrives from now on sets it again.
             let _ = self.ready.read();
             self.done.try_recv().ok()
         });
@@ -100,20 +100,20 @@ mod tests {
     }
 
     #[test]
-    fn a_call_that_does_not_come_back_leaves_its_caller_free_and_its_queue_bounded() {
+    fn a_blocked_call_does_not_block_the_caller_and_its_queue_is_bounded() {
         let (go, gate) = channel::<()>();
         let mut life = Life::default();
         let work = move |job| gate.recv().map(|()| job * 2).map_err(|_| "gone".into());
         let mut worker = Worker::start("test", &mut life, work).unwrap();
-        let given = (0..20).filter(|n| worker.give(*n)).count();
+        let given = (0..20).filter(|n| worker.queue(*n)).count();
         assert_eq!((given, worker.take()), (OUTSTANDING, None));
         go.send(()).unwrap();
         assert_eq!(answer(&mut worker), Ok(0));
-        assert!(worker.give(20) && !worker.give(21));
+        assert!(worker.queue(20) && !worker.queue(21));
         drop(worker);
-        assert!(life.lasts(), "it is still in its call");
+        assert!(life.is_alive(), "it is still in its call");
         drop(go);
-        while life.lasts() {
+        while life.is_alive() {
             thread::yield_now();
         }
     }

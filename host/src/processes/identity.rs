@@ -1,4 +1,4 @@
-//! Which process is which: a number is given away again, a number with its start time and the machine's start is not.
+//! Identity of processes: a process id is reused; together with the start times of process and machine it is unique.
 
 use crate::beats::fnv;
 use std::fs::{self, File};
@@ -6,16 +6,16 @@ use std::io::Read;
 use std::path::Path;
 use std::process::Command;
 
-/// The variable by which a process knows, and shows, that a watchdog started it: `RECORD:MODULE:HASH`, the hash of the
-/// command that it was started by.
+/// Environment variable that marks a process started by a watchdog: `RECORD:MODULE:HASH`, with the hash of its command
+/// line.
 pub const VARIABLE: &str = "ADVEE_GUARDED";
-/// An environment beyond this is not read on.
+/// Maximum length of an environment that is searched, bytes.
 const ENVIRONMENT_MAX: u64 = 1 << 20;
 
-/// What `/proc/PID/stat` says (proc_pid_stat(5)).
+/// Fields of `/proc/PID/stat` (proc_pid_stat(5)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stat {
-    /// It has ended, and its parent was not told yet.
+    /// The process has ended and was not reaped yet.
     pub zombie: bool,
     /// Parent.
     pub parent: u32,
@@ -23,16 +23,16 @@ pub struct Stat {
     pub group: u32,
     /// Processor time, ticks.
     pub ticks: u64,
-    /// When it started, ticks since the machine did.
+    /// Start time, ticks since the machine's start.
     pub start: u64,
     /// Resident memory, pages.
     pub pages: u64,
-    /// How it ended, as wait(2) has it; 0 where we may not know.
+    /// Exit status as in wait(2); 0 if this process may not know it.
     pub status: i32,
 }
 
 impl Stat {
-    /// Of a process; none when there is none.
+    /// Reads the state of a process; `None` if it does not exist.
     #[must_use]
     pub fn of(pid: u32) -> Option<Self> {
         let mut text = [0; 1024];
@@ -41,7 +41,7 @@ impl Stat {
     }
 
     fn parse(text: &str) -> Option<Self> {
-        // The name, in parentheses, may hold anything. What follows is field 3.
+        // The name, in parentheses, may contain anything. The next field is number 3.
         let mut fields = text.rsplit_once(')')?.1.split_whitespace();
         let state = fields.next()?;
         let mut skip = |count| fields.nth(count).and_then(|field| field.parse::<i64>().ok());
@@ -62,13 +62,13 @@ impl Stat {
     }
 }
 
-/// What tells this start of the machine from all others.
+/// Identifier of the current start of the machine.
 #[must_use]
 pub fn boot() -> String {
     fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().into()
 }
 
-/// The value of [`VARIABLE`] for a module that is kept in `record` and started by `command`, whatever its first state.
+/// Value of [`VARIABLE`] for a module of the record `record` that `command` starts; independent of its first state.
 #[must_use]
 pub fn mark(record: &Path, module: &str, command: &Command) -> String {
     let words = std::iter::once(command.get_program()).chain(command.get_args()).filter(|word| !is_state(word));
@@ -80,13 +80,13 @@ fn is_state(word: &std::ffi::OsStr) -> bool {
     word.to_str().and_then(module::State::from_name).is_some()
 }
 
-/// What the marks of a module that is kept in `record` begin with.
+/// Prefix of the marks of a module of the record `record`.
 #[must_use]
 pub fn owner(record: &Path, module: &str) -> String {
     format!("{}:{module}:", record.display())
 }
 
-/// The mark of a process: its own, or of whoever started it.
+/// Mark of a process: its own, or inherited from the process that started it.
 #[must_use]
 pub fn mark_of(pid: u32) -> Option<String> {
     let mut environment = Vec::new();
@@ -96,8 +96,8 @@ pub fn mark_of(pid: u32) -> Option<String> {
     values.next().and_then(|value| String::from_utf8(value.to_vec()).ok())
 }
 
-/// The leader of a process group whose mark begins so: a module whose watchdog died before it could write down its
-/// number.
+/// Finds the leader of a process group whose mark has this prefix: a module whose watchdog died before it could record
+/// the process id.
 #[must_use]
 pub fn find(owner: &str) -> Option<(u32, u64)> {
     let pids = fs::read_dir("/proc").ok()?.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
@@ -107,7 +107,7 @@ pub fn find(owner: &str) -> Option<(u32, u64)> {
     })
 }
 
-/// The processes whose parent is `parent`, those that have ended among them.
+/// Children of `parent`, including those that have ended.
 #[must_use]
 pub fn children(parent: u32) -> Vec<u32> {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mark_is_of_the_command_but_not_of_the_first_state() {
+    fn a_mark_depends_on_the_command_but_not_on_the_first_state() {
         let mark = |args: &[&str]| super::mark(Path::new("/run/processes"), "m", Command::new("advee").args(args));
         let usual = mark(&["run", "m", "--state", "RUN", "--sim"]);
         assert!(usual.starts_with("/run/processes:m:") && usual.len() == 33, "{usual}");

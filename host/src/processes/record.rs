@@ -1,5 +1,5 @@
-//! What a watchdog leaves to the next one: which processes it has, and what is wanted of each. A file in the run
-//! folder, whole or not there.
+//! Record of the modules for the next watchdog: the process and the wanted state of each. A file in the run folder that
+//! is replaced atomically.
 //!
 //! ```text
 //! advee processes 1
@@ -8,8 +8,8 @@
 //! driver_aux 0 0 TERMINATE held
 //! driver_canbus 0 0 RUN starting
 //! ```
-//! Module, process (0: none), its start in ticks since the machine's, the state that is wanted. `starting`: it may have
-//! a process that could not be written down yet.
+//! Columns: module, process id (0: none), its start in ticks since the machine's start, wanted state. `starting`: it
+//! may have a process whose id is not recorded yet.
 
 use module::State;
 use std::fs;
@@ -18,25 +18,25 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 const HEAD: &str = "advee processes 1";
-/// More than this is no record of ours.
+/// Maximum size of a valid record, bytes.
 const SIZE_MAX: u64 = 64 << 10;
 
-/// One module.
+/// Record of one module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Name.
     pub module: String,
-    /// Process and when that started; none: it has none.
+    /// Process id and start time; `None` without a process.
     pub process: Option<(u32, u64)>,
     /// A process is being started.
     pub starting: bool,
-    /// What is wanted of it.
+    /// Wanted state.
     pub wanted: State,
     /// True if only an operator leads it out of TERMINATE.
     pub held: bool,
 }
 
-/// The file and what stands in it.
+/// The file and its content.
 #[derive(Debug)]
 pub struct Record {
     path: PathBuf,
@@ -45,13 +45,14 @@ pub struct Record {
 }
 
 impl Record {
-    /// The file as an earlier watchdog left it, empty where there is none, or one of an earlier start of the machine.
+    /// Reads the file that an earlier watchdog left; empty if there is none, or if it is from an earlier start of the
+    /// machine.
     ///
     /// # Errors
-    /// One line: there is one that cannot be read; the record is empty then, and its path as good as any.
+    /// One line: the file exists but cannot be read. The returned record is empty and will replace it.
     pub fn read(path: &Path, boot: String) -> (Self, Result<(), String>) {
         let mut record = Self { path: path.into(), boot, entries: Vec::new() };
-        let why = |why: String| format!("{}: {why}: nothing of an earlier watchdog is known", path.display());
+        let why = |why: String| format!("{}: {why}; processes of an earlier watchdog are not adopted", path.display());
         let mut text = String::new();
         let read = fs::File::open(path).and_then(|file| file.take(SIZE_MAX).read_to_string(&mut text));
         match read {
@@ -65,7 +66,7 @@ impl Record {
                 (record, Ok(()))
             }
             Ok(_) => (record, Ok(())),
-            Err(line) => (record, Err(why(format!("line {line} is none of ours")))),
+            Err(line) => (record, Err(why(format!("line {line} is invalid")))),
         }
     }
 
@@ -75,16 +76,16 @@ impl Record {
         &self.entries
     }
 
-    /// Where it is.
+    /// Path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Changes what stands there of a module, which it is told of anew where there was nothing, and writes the file.
+    /// Changes the entry of a module, which is created if absent, and writes the file.
     ///
     /// # Errors
-    /// It cannot be written: the one before stays.
+    /// The file cannot be written: its former content stays.
     pub fn change(&mut self, module: &str, change: impl FnOnce(&mut Entry)) -> io::Result<()> {
         let place = self.entries.iter().position(|entry| entry.module == module).unwrap_or_else(|| {
             let (module, wanted) = (module.to_string(), State::Run);
@@ -104,7 +105,8 @@ impl Record {
             let marks: String = marks.iter().filter(|(_, is)| **is).map(|(mark, _)| format!(" {mark}")).collect();
             text += &format!("{module} {pid} {start} {wanted}{marks}\n");
         }
-        // A process that is killed leaves the old or the new one. No fsync: of another start of the machine it is void.
+        // If the process is killed, either the old or the new file is there. No fsync: the record is void after a
+        // restart of the machine.
         let new = self.path.with_extension("new");
         let mut file = fs::OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&new)?;
         file.write_all(text.as_bytes())?;
@@ -112,7 +114,7 @@ impl Record {
     }
 }
 
-/// The boot and all entries, or the number of the line that is wrong.
+/// Boot identifier and all entries, or the number of the invalid line.
 fn parse(text: &str) -> Result<(String, Vec<Entry>), usize> {
     let mut lines = text.lines();
     if lines.next() != Some(HEAD) {
@@ -143,7 +145,7 @@ fn parse_entry(line: &str) -> Option<Entry> {
             _ => return None,
         }
     }
-    // Neither we nor the first process is a module.
+    // Neither a kernel thread nor the first process can be a module.
     (module.chars().all(plain) && pid != 1 && pid <= i32::MAX as u32).then_some(entry)
 }
 
@@ -156,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_by_the_next_one_of_the_same_boot() {
+    fn a_record_is_read_back_within_the_same_boot() {
         let path = fresh("same");
         let (mut first, told) = Record::read(&path, "b".into());
         told.unwrap();
@@ -171,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_that_is_none_is_told_and_empty() {
+    fn an_invalid_record_is_reported_and_empty() {
         let path = fresh("bad");
         let told = |text: &str| {
             fs::write(&path, text).unwrap();
@@ -192,7 +194,7 @@ mod tests {
             "m 4294967295 9 RUN",
         ] {
             let told = told(&format!("{head}n 8 9 RUN\n{bad}\n"));
-            assert!(told.contains("line 4 is none of ours"), "{bad}: {told}");
+            assert!(told.contains("line 4 is invalid"), "{bad}: {told}");
         }
         assert!(told("FEAT").contains("line 1") && told("advee processes 1\n").contains("line 2"));
         fs::write(&path, [0xFF; 100]).unwrap();

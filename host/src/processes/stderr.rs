@@ -1,8 +1,8 @@
 //! Standard error of foreign modules: lines that the watchdog prints and publishes on `CM_EVENT_TEXT`.
 //!
 //! A module outlives its watchdog. A pipe would break with the watchdog, or fill up while there is none; so each module
-//! writes to a file in the run folder, which is read while it grows and truncated when it gets long. A new watchdog reads
-//! on from its end.
+//! writes to a file in the run folder, which is read while it grows and truncated when it gets long. A new watchdog
+//! reads on from its end.
 
 use base::Level;
 use std::fs::{self, File, OpenOptions};
@@ -25,9 +25,9 @@ const LINE_MAX: usize = 4096;
 #[derive(Debug)]
 pub struct Stderr {
     file: File,
-    /// Number of bytes that are read.
+    /// Number of bytes read.
     read: u64,
-    /// A line without its end yet.
+    /// Start of a line whose end has not been read yet.
     begun: Vec<u8>,
 }
 
@@ -74,7 +74,7 @@ impl Stderr {
         if let Ok(skipped) = self.fill()
             && skipped > 0
         {
-            take(Level::Warning, format!("{skipped} bytes of its standard error skipped: it writes too fast"));
+            take(Level::Warning, format!("{skipped} bytes of its standard error skipped, because it writes too fast"));
         }
         let mut rest = self.begun.as_slice();
         loop {
@@ -172,7 +172,7 @@ mod tests {
         let expected = [text(Level::Info, "one"), text(Level::Error, "two"), text(Level::Debug, "three")];
         assert_eq!(lines(&mut stderr, false), [&expected[..], &[text(Level::Info, "<9>four")]].concat());
         assert_eq!(lines(&mut stderr, false), []);
-        // Another watchdog goes on at the end, and the last line may have none.
+        // Another watchdog continues at the end; the last line may lack its line feed.
         let mut stderr = Stderr::open(&folder.0, "eye").unwrap();
         fs::write(path(&folder.0, "eye"), "from here on it is another text, longer than the one before").unwrap();
         assert_eq!(lines(&mut stderr, false), []);

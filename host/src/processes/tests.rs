@@ -1,11 +1,11 @@
-//! Processes of a shell, played with.
+//! Shell commands as modules.
 
 use super::*;
 use crate::clock;
 use std::path::Path;
 use std::thread::sleep;
 
-/// Starts this, whatever module is asked for.
+/// Starts this program, whatever module is requested.
 fn launch(program: &'static str, args: Vec<&'static str>, run_dir: Option<&Path>) -> Launch {
     let start = move |_: &str, _| {
         let mut command = Command::new(program);
@@ -19,27 +19,27 @@ fn shell(script: &'static str, run_dir: Option<&Path>) -> Launch {
     launch("/bin/sh", vec!["-c", script], run_dir)
 }
 
-/// Runs `script` by a shell and waits for the start.
+/// Runs `script` in a shell and waits for the start.
 fn start(script: &'static str) -> (Processes, u32) {
     let mut processes = Processes::new(clock::now(), shell(script, None), None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
     processes.command(spawn);
-    let started = begun(&mut processes).unwrap();
+    let started = start_result(&mut processes).unwrap();
     (processes, started)
 }
 
-/// Waits up to 5 s for what comes of a start: its pid, or why there is none.
-fn begun(processes: &mut Processes) -> Result<u32, String> {
+/// Waits up to 5 s for the result of a start: its pid, or the reason of the failure.
+fn start_result(processes: &mut Processes) -> Result<u32, String> {
     for _ in 0..1000 {
         processes.on_ends();
-        let mut begun = None;
+        let mut start_result = None;
         processes.poll_event(|event| match event {
-            ProcessEvent::Started { module: "m", pid } => begun = Some(Ok(pid)),
-            ProcessEvent::Unstartable { module: "m", reason } => begun = Some(Err(reason.into())),
+            ProcessEvent::Started { module: "m", pid } => start_result = Some(Ok(pid)),
+            ProcessEvent::Unstartable { module: "m", reason } => start_result = Some(Err(reason.into())),
             other => panic!("{other:?}"),
         });
-        if let Some(begun) = begun {
-            return begun;
+        if let Some(start_result) = start_result {
+            return start_result;
         }
         sleep(std::time::Duration::from_millis(5));
     }
@@ -64,12 +64,12 @@ fn end(processes: &mut Processes) -> ExitStatus {
 }
 
 fn gone(pid: u32) -> bool {
-    // An orphan may stay a zombie where nobody reaps.
+    // An orphan may stay a zombie if no process reaps it.
     fs::read_to_string(format!("/proc/{pid}/stat")).map_or(true, |stat| stat.contains(") Z "))
 }
 
 #[test]
-fn an_exit_code_is_told() {
+fn an_exit_code_is_reported() {
     let (mut processes, _) = start("exit 32");
     assert_eq!(end(&mut processes), ExitStatus::Code(32));
 }
@@ -100,7 +100,7 @@ fn terminate_ends_the_whole_group() {
 }
 
 #[test]
-fn what_a_process_leaves_in_its_group_is_killed() {
+fn processes_left_in_a_group_are_killed() {
     let dir = std::env::temp_dir().join(format!("advee-orphan-{}", std::process::id()));
     let path = dir.display().to_string();
     let script: &'static str = format!("trap '' TERM; sleep 100 & echo $! > {path}").leak();
@@ -118,16 +118,16 @@ fn what_a_process_leaves_in_its_group_is_killed() {
 }
 
 #[test]
-fn a_strange_pid_is_left_alone() {
+fn a_foreign_pid_is_ignored() {
     let (mut processes, pid) = start("sleep 100");
-    // Ourselves: this test would not live to tell.
+    // The pid of this test, which would not survive the signal.
     processes.command(ProcessCommand::Kill { pid: std::process::id() });
     processes.command(ProcessCommand::Kill { pid });
     assert_eq!(end(&mut processes), ExitStatus::Signal(9));
 }
 
 #[test]
-fn what_a_process_uses_is_measured() {
+fn the_load_of_a_process_is_measured() {
     let (mut processes, pid) = start("while :; do :; done");
     assert!(Path::new(&format!("/proc/{pid}")).exists());
     sleep(std::time::Duration::from_millis(1100));
@@ -143,16 +143,16 @@ fn what_a_process_uses_is_measured() {
 }
 
 #[test]
-fn a_command_that_is_not_there_is_told() {
+fn a_missing_command_is_reported() {
     let launch = launch("/nonexistent/module", Vec::new(), None);
     let mut processes = Processes::new(clock::now(), launch, None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
     processes.command(spawn);
-    let told = begun(&mut processes).unwrap_err();
-    assert_eq!(told, "/nonexistent/module: No such file or directory (os error 2)");
+    let reported = start_result(&mut processes).unwrap_err();
+    assert_eq!(reported, "/nonexistent/module: No such file or directory (os error 2)");
 }
 
-/// A run folder of one's own.
+/// A run folder for one test.
 struct Run(PathBuf);
 
 impl Run {
@@ -162,20 +162,20 @@ impl Run {
         Self(path)
     }
 
-    /// A watchdog's processes in this folder, and what it is told of earlier ones: pid and wanted state.
+    /// The processes of a watchdog in this folder, and the earlier ones reported to it: pid and wanted state.
     fn life(&self, script: &'static str) -> (Processes, Vec<(Option<u32>, State)>) {
         let mut processes = Processes::new(clock::now(), shell(script, Some(&self.0)), None).unwrap();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         while processes.poll_event(|event| match event {
-            ProcessEvent::Earlier { pid, wanted, .. } => told.push((pid, wanted)),
+            ProcessEvent::Earlier { pid, wanted, .. } => reported.push((pid, wanted)),
             other => panic!("{other:?}"),
         }) {}
-        (processes, told)
+        (processes, reported)
     }
 
     fn spawn(processes: &mut Processes) -> u32 {
         processes.command(ProcessCommand::Spawn { module: "m".into(), wanted: State::Run });
-        begun(processes).unwrap()
+        start_result(processes).unwrap()
     }
 }
 
@@ -189,52 +189,52 @@ impl Drop for Run {
 #[test]
 fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     let run = Run::new("adopted");
-    let (mut first, told) = run.life("exec sleep 100");
-    assert_eq!(told, []);
+    let (mut first, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, []);
     let pid = Run::spawn(&mut first);
     first.command(ProcessCommand::Remember { module: "m".into(), wanted: State::Stop, held: false });
-    // It is killed: nobody takes leave of anything.
+    // The watchdog is killed, without any cleanup.
     let child = first.running.remove(0).child.unwrap();
     drop(first);
 
-    let (mut second, told) = run.life("exec sleep 100");
-    assert_eq!(told, [(Some(pid), State::Stop)]);
+    let (mut second, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(Some(pid), State::Stop)]);
     second.on_ends();
     assert!(second.news.is_empty(), "it lives");
     second.command(ProcessCommand::Kill { pid });
-    // We are its parent in truth, and wait for it late.
+    // This test is the real parent and reaps it late.
     assert_eq!(end(&mut second), ExitStatus::Signal(9));
     drop(child);
-    let (_, told) = run.life("exec sleep 100");
-    assert_eq!(told, [(None, State::Stop)], "what is wanted outlives it");
+    let (_, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(None, State::Stop)], "the wanted state outlives the process");
 }
 
 #[test]
-fn one_that_could_not_be_written_down_is_found() {
+fn a_process_without_a_recorded_pid_is_found() {
     let run = Run::new("starting");
     let (mut first, _) = run.life("exec sleep 100");
     let pid = Run::spawn(&mut first);
-    first.write_down("m", |entry| (entry.process, entry.starting) = (None, true));
+    first.record_entry("m", |entry| (entry.process, entry.starting) = (None, true));
     let _child = first.running.remove(0).child;
-    let (mut second, told) = run.life("exec sleep 100");
-    assert_eq!(told, [(Some(pid), State::Run)]);
+    let (mut second, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(Some(pid), State::Run)]);
     second.command(ProcessCommand::Kill { pid });
     end(&mut second);
 }
 
 #[test]
-fn one_that_was_started_otherwise_is_ended() {
+fn a_process_with_another_command_line_is_ended() {
     let run = Run::new("otherwise");
     let (mut first, _) = run.life("exec sleep 100");
     Run::spawn(&mut first);
     let mut child = first.running.remove(0).child.unwrap();
-    let (_second, told) = run.life("exec sleep 200");
-    assert_eq!(told, [(None, State::Run)]);
+    let (_second, reported) = run.life("exec sleep 200");
+    assert_eq!(reported, [(None, State::Run)]);
     assert_eq!(child.wait().unwrap().signal(), Some(9));
 }
 
 #[test]
-fn a_number_that_was_given_away_harms_nobody() {
+fn a_reused_pid_is_not_touched() {
     let run = Run::new("stale");
     let (first, _) = run.life("exit 0");
     let as_started = (first.launch.start)("m", State::Run).command;
@@ -252,15 +252,15 @@ fn a_number_that_was_given_away_harms_nobody() {
     let start = |child: &Child| Stat::of(child.id()).unwrap().start;
     let record = |child: &Child, start: u64| {
         let (mut life, _) = run.life("exit 0");
-        life.write_down("m", |entry| entry.process = Some((child.id(), start)));
+        life.record_entry("m", |entry| entry.process = Some((child.id(), start)));
     };
     for (child, start) in [(&of_another_start, start(&of_another_start) + 1), (&unmarked, start(&unmarked))] {
         record(child, start);
-        let (mut next, told) = run.life("exit 0");
-        assert_eq!(told, [(None, State::Run)]);
+        let (mut next, reported) = run.life("exit 0");
+        assert_eq!(reported, [(None, State::Run)]);
         next.command(ProcessCommand::Kill { pid: child.id() });
     }
-    // In the right hands it is ours.
+    // With the right start time it is adopted.
     record(&of_another_start, start(&of_another_start));
     assert_eq!(run.life("exit 0").1, [(Some(of_another_start.id()), State::Run)]);
     for child in [&mut of_another_start, &mut unmarked] {
@@ -271,7 +271,7 @@ fn a_number_that_was_given_away_harms_nobody() {
 }
 
 #[test]
-fn what_leaves_the_process_group_ends_with_the_cgroup() {
+fn processes_outside_the_group_end_with_the_cgroup() {
     let run = Run::new("cgroup");
     let file = run.0.join("pid");
     let script = format!("setsid sleep 100 & echo $! > {0}.new; mv {0}.new {0}; wait", file.display());
@@ -317,7 +317,7 @@ fn a_foreign_module_s_lines_are_read_until_its_end_and_by_the_next_watchdog() {
     let line = |level, text: &str| Line { module: "m".into(), level, text: text.into(), from };
     let mut first = Processes::new(clock::now(), launch(), None).unwrap();
     first.command(ProcessCommand::Spawn { module: "m".into(), wanted: State::Run });
-    begun(&mut first).unwrap();
+    start_result(&mut first).unwrap();
     let said = (0..500).find_map(|_| {
         sleep(std::time::Duration::from_millis(10));
         first.handle_timeout(clock::now());

@@ -1,4 +1,4 @@
-//! A module that overhears the bus and writes what it hears into a folder.
+//! A module that receives the whole bus and writes it into a folder.
 
 use super::{Notes, host_of, lcm_url, path};
 use crate::clock;
@@ -14,7 +14,7 @@ use std::thread;
 
 const STORE: PortId = PortId(0);
 
-/// Writes each message that is no announcement as a line; ends itself when it heard `LAST`.
+/// Writes each message except announcements as a line; ends itself on receiving `LAST`.
 struct Scribe {
     ports: [PortSpec; 1],
     notes: Notes,
@@ -34,7 +34,7 @@ impl Module for Scribe {
         &[Channel::LlDataOdo]
     }
 
-    fn overhears(&self) -> bool {
+    fn wants_raw_bus(&self) -> bool {
         true
     }
 
@@ -52,8 +52,10 @@ impl Module for Scribe {
                 assert!(matches!(answer, Answer::Done { .. }), "{answer:?}");
                 self.asked -= 1;
             }
-            Event::Heard { at, channel, data } if channel.starts_with("CM_") => assert!(at <= now && !data.is_empty()),
-            Event::Heard { channel, data, .. } => {
+            Event::RawMessage { at, channel, data } if channel.starts_with("CM_") => {
+                assert!(at <= now && !data.is_empty())
+            }
+            Event::RawMessage { channel, data, .. } => {
                 let line = format!("{channel} {}\n", data.len());
                 self.ask(Request::Append { bytes: Arc::new(line.into_bytes()), sync: true }, out);
                 if channel == "LAST" {
@@ -76,7 +78,7 @@ impl Module for Scribe {
 }
 
 #[test]
-fn who_overhears_is_told_everything_as_bytes_and_what_it_writes_is_there_when_it_ends() {
+fn a_module_on_the_raw_bus_receives_all_bytes_and_its_file_is_complete() {
     let (folder, url, notes) = (path("scribe"), lcm_url(), Notes::default());
     let ports = [PortSpec { bus: "log".into(), line: Line::Store }];
     let scribe = Scribe { ports, notes: notes.clone(), asked: 0, ended: false };
@@ -106,5 +108,5 @@ fn who_overhears_is_told_everything_as_bytes_and_what_it_writes_is_there_when_it
     let written = fs::read_to_string(folder.join("run/heard")).unwrap();
     fs::remove_dir_all(&folder).unwrap();
     assert_eq!(written, "LL_DATA_ODO 56\nFOREIGN 0\nLL_DATA_ODO 3\nLAST 200000\n");
-    assert_eq!(*notes.lock().unwrap(), ["LlDataOdo"], "what is no message is none");
+    assert_eq!(*notes.lock().unwrap(), ["LlDataOdo"], "malformed messages are not decoded");
 }

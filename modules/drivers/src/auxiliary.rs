@@ -1,15 +1,14 @@
 //! Temperatures and fans: the fan controller BR-FAN1 on SMBus, thermometers on 1-Wire.
 //!
-//! Device    `docs/facts/boards.md` 7, `docs/facts/robot.md` 2.3; DS18B20 and its like by the kernel's `w1_therm`
-//! Protocol  SMBus bytes, `i2c::max6615`; one transfer waits for its outcome at a time
-//! Timing    all chips once a second, thermometers one after the other, 0.75 s each
-//! Data      `LL_DATA_TEMPERATURE` once a second: what is not known is NaN. `LL_DATA_BUS` once a second
-//! Fans      the chip follows its temperatures by itself. In STOP nothing is asked, and after the end nobody asks: the
-//!           fans go on as the chip was told, and the chip's own limits stand
-//! Silence   a chip that does not answer, or is another one: reported, ERROR, looked for once a second. A thermometer
-//!           that is not connected is no fault: it is said, and its value is NaN
-//! Trap      85 °C is what a DS18B20 says that has lost its supply and measured nothing since: believed only of one that
-//!           was hot before
+//! Device    `docs/facts/boards.md` 7, `docs/facts/robot.md` 2.3; DS18B20 and compatible, by the kernel's `w1_therm`
+//! Protocol  SMBus bytes, `i2c::max6615`; one transfer at a time
+//! Timing    all chips once a second; thermometers one after the other, 0.75 s each
+//! Data      `LL_DATA_TEMPERATURE` once a second, unknown values as NaN; `LL_DATA_BUS` once a second
+//! Fans      the chip controls them by its own temperatures. In STOP, and after the end, nothing is read: the
+//!           fans continue as configured, with the chip's own limits in effect
+//! Silence   a chip that does not answer, or is of another type: reported, ERROR, retried once a second. A thermometer
+//!           that is not connected is not a fault: it is reported as a note, and its value is NaN
+//! Trap      a DS18B20 that lost its supply reads 85 °C until it has measured: accepted only if the last value was hot
 
 mod chip;
 mod config;
@@ -23,15 +22,15 @@ use messages::lowlevel::{DataBus, DataTemperature};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
 use thermometers::Thermometers;
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_aux";
-/// How often all is asked, and told.
+/// Period of the readings and of their publication.
 const PERIOD: Duration = Duration::from_secs(1);
-/// An adapter that has not come back after this does not work: SMBus allows a transfer 35 ms, kernel drivers give up after 1 s
-/// or 2 s. Looked at each [`PERIOD`], so it is told before they do.
-const COMES_BACK: Duration = Duration::from_millis(500);
+/// Time after which an adapter that has not finished a transfer counts as failed: SMBus permits 35 ms, kernel drivers
+/// give up after 1 s or 2 s. Checked each [`PERIOD`], so it is reported before they do.
+const TRANSFER_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// The driver.
+/// Driver of temperatures and fans.
 #[derive(Debug)]
 pub struct Auxiliary {
     ports: Vec<PortSpec>,
@@ -39,34 +38,34 @@ pub struct Auxiliary {
     thermometers: Option<Thermometers>,
     state: State,
     ticker: Ticker,
-    /// A round of questions has begun and its result was not told.
-    round: bool,
-    /// What the shell was told last: whether it works.
+    /// Readings have begun and were not published yet.
+    in_progress: bool,
+    /// Last result reported to the shell: true if it works.
     working: Option<bool>,
 }
 
-/// The I2C bus.
+/// State of the I2C bus.
 #[derive(Debug)]
 struct Bus {
     name: String,
     port: PortId,
     hz: u32,
     chips: Vec<Chip>,
-    /// None until the host has said.
+    /// `None` until the host has reported the port.
     up: Option<bool>,
-    /// Which chip's transfer is under way, and since when.
+    /// Chip whose transfer is under way, and its start.
     asked: Option<(usize, Instant)>,
-    /// Clocks of the wire since statistics were sent last, transfers and failures since the start.
+    /// Clocks on the wire since the last statistics; transfers and failures since the start.
     clocks: u64,
     transfers: i64,
     errors: i64,
 }
 
 impl Auxiliary {
-    /// A driver that has not started.
+    /// Creates the driver, not started yet.
     ///
     /// # Errors
-    /// When the configuration cannot be.
+    /// The configuration is invalid.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
         let mut ports = Vec::new();
@@ -89,12 +88,12 @@ impl Auxiliary {
             thermometers,
             state: State::Init,
             ticker: Ticker::new(Instant::NEVER, PERIOD),
-            round: false,
+            in_progress: false,
             working: None,
         })
     }
 
-    /// Not in STOP; but in ERROR, to find out when it is over.
+    /// True if devices are read: not in STOP, but in ERROR, to detect its end.
     fn asks(&self) -> bool {
         !matches!(self.state, State::Stop | State::Terminate)
     }
@@ -103,32 +102,32 @@ impl Auxiliary {
         if let Some(bus) = &mut self.bus {
             bus.publish(now, out);
             if bus.hangs(now, out) {
-                self.judge(out);
+                self.report_condition(out);
             }
         }
         if !self.asks() {
             return;
         }
-        // One that is not over yet is told as far as it is known.
-        if self.round {
+        // An unfinished round is published as far as it is known.
+        if self.in_progress {
             self.publish(now, out);
         }
         self.begin(now, out);
     }
 
     fn begin(&mut self, now: Instant, out: &mut Actions) {
-        self.round = true;
+        self.in_progress = true;
         if let Some(bus) = &mut self.bus {
             bus.begin();
         }
         if let Some(thermometers) = &mut self.thermometers {
             thermometers.begin(out);
         }
-        self.go_on(now, out);
+        self.advance(now, out);
     }
 
-    /// Asks the next thing; when nothing is left, tells what was found.
-    fn go_on(&mut self, now: Instant, out: &mut Actions) {
+    /// Starts the next transfer; publishes the result if none is left.
+    fn advance(&mut self, now: Instant, out: &mut Actions) {
         if let Some(bus) = &mut self.bus {
             bus.ask(now, out);
             if bus.asked.is_some() {
@@ -138,27 +137,28 @@ impl Auxiliary {
                 bus.chips.iter_mut().for_each(|chip| chip.round_over(&bus.name, out));
             }
         }
-        if self.round {
+        if self.in_progress {
             self.publish(now, out);
-            self.judge(out);
+            self.report_condition(out);
         }
     }
 
     fn publish(&mut self, now: Instant, out: &mut Actions) {
-        self.round = false;
+        self.in_progress = false;
         let mut message = DataTemperature { timestamp: out.timestamp(now), ..Default::default() };
         for chip in self.bus.iter().flat_map(|bus| &bus.chips) {
-            chip.tell(&mut message);
+            chip.add_to(&mut message);
         }
         if let Some(thermometers) = &self.thermometers {
-            thermometers.tell(&mut message);
+            thermometers.add_to(&mut message);
         }
         out.publish(message);
     }
 
-    /// Tells the shell whether it works, when that has changed.
-    fn judge(&mut self, out: &mut Actions) {
-        let working = self.bus.as_ref().is_none_or(|bus| bus.up == Some(true) && bus.chips.iter().all(Chip::is_there));
+    /// Reports to the shell whether the module works, if that changed.
+    fn report_condition(&mut self, out: &mut Actions) {
+        let working =
+            self.bus.as_ref().is_none_or(|bus| bus.up == Some(true) && bus.chips.iter().all(Chip::is_present));
         if self.working.replace(working) != Some(working) {
             if working { out.working() } else { out.failed() }
         }
@@ -176,11 +176,11 @@ impl Auxiliary {
             }
             Input::Down(why) => {
                 bus.down(why, out);
-                self.judge(out);
+                self.report_condition(out);
             }
             Input::I2c(outcome) => {
                 bus.on_outcome(now, outcome, out);
-                self.go_on(now, out);
+                self.advance(now, out);
             }
             _ => {}
         }
@@ -193,7 +193,7 @@ impl Auxiliary {
             Input::Up => thermometers.up(asks, out),
             Input::Down(why) => thermometers.down(why, out),
             Input::OneWire(w1::Answer::List(list)) => thermometers.on_list(list, asks, out),
-            Input::OneWire(w1::Answer::Temperature(rom, said)) => thermometers.on_said(*rom, *said, asks, out),
+            Input::OneWire(w1::Answer::Temperature(rom, said)) => thermometers.on_answer(*rom, *said, asks, out),
             _ => {}
         }
     }
@@ -206,7 +206,7 @@ impl Bus {
         }
     }
 
-    /// Hands over the next transfer, if none is under way.
+    /// Sends the next transfer if none is under way.
     fn ask(&mut self, now: Instant, out: &mut Actions) {
         if self.asked.is_some() || self.up != Some(true) {
             return;
@@ -228,9 +228,9 @@ impl Bus {
         self.chips[place].report(&self.name, out);
     }
 
-    /// Whether the adapter does not come back.
+    /// True if the adapter does not finish its transfer.
     fn hangs(&mut self, now: Instant, out: &mut Actions) -> bool {
-        let hangs = self.asked.filter(|(_, since)| now.since(*since) >= COMES_BACK);
+        let hangs = self.asked.filter(|(_, since)| now.since(*since) >= TRANSFER_TIMEOUT);
         if let Some((place, _)) = hangs {
             self.chips[place].hangs(&self.name, out);
         }
@@ -238,7 +238,7 @@ impl Bus {
     }
 
     fn down(&mut self, why: &str, out: &mut Actions) {
-        let message = format!("{} is down: {why}; tried again", self.name);
+        let message = format!("{} is down: {why}; retrying", self.name);
         out.raise(Severity::Error, Fault::PortDown, self.name.as_str(), message);
         (self.up, self.asked) = (Some(false), None);
         self.chips.iter_mut().for_each(Chip::forget);
@@ -269,7 +269,7 @@ impl Module for Auxiliary {
             Event::Start => {
                 self.ticker = Ticker::new(now + PERIOD, PERIOD);
                 if self.bus.is_none() {
-                    self.judge(out);
+                    self.report_condition(out);
                 }
             }
             Event::Timer if self.ticker.due(now) => self.tick(now, out),
@@ -278,7 +278,7 @@ impl Module for Auxiliary {
             }
             Event::Port { input, .. } => self.on_w1(&input, out),
             Event::State(state) => self.state = state,
-            Event::Timer | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
     }
 

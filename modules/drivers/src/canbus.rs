@@ -1,13 +1,12 @@
-//! `driver_canbus`: CANopen master of the propulsion and the steering drive, and the place where it is decided whether
-//! the robot may move.
+//! `driver_canbus`: CANopen master of the propulsion and the steering drive, which decides whether the robot may move.
 //!
-//! Read [`arbiter`] first (who may command), then [`surroundings`] (what else must be well), then `decide` here, which
-//! turns both into what the two axes are told. Everything that is not a clear permission is a quick stop.
+//! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
+//! here, which turns both into the goals of the two axes. Anything but a clear permission is a quick stop.
 //!
 //! Device    EPOS 70/10 and IclA N065; facts in `canopen::drives`
-//! Timing    a command lives 250 ms; the master's heartbeat leaves every 50 ms, so a dead host stops the drives
-//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself; so, too, after 2 s, where it
-//!           lives but does not answer
+//! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
+//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself. The same after 2 s
+//!           if the drive sends heartbeats but does not answer
 
 pub mod arbiter;
 pub mod surroundings;
@@ -29,37 +28,37 @@ use arbiter::{Arbiter, Verdict};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use bus::Bus;
 use canopen::master::{ConfigError, Ticket};
-use canopen::{Event as Heard, Master, MasterConfig, NodeConfig, sdo};
+use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use ignored::Ignored;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::sabotage::{self, Bug};
-use module::{Actions, Event, Holds, Input, Line, Module, PortId, PortSpec, Standing, State};
+use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::{Axis, Objection};
 use propulsion::Propulsion;
-use requests::{Requests, Whose};
+use requests::{NodeOwner, Requests};
 use steering::Steering;
 use surroundings::Surroundings;
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_canbus";
 
 const CAN: PortId = PortId(0);
-/// Objects that are read when a drive has booted, or has been quiet.
+/// Objects that are read from a drive that has booted or has sent nothing for a while.
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
-const MEASURED: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
-/// Drives answer within a few ms. Two questions without an answer, and the robot stops.
+const MEASURED_OBJECTS: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
+/// Drives answer within a few ms. Two requests without an answer stop the robot.
 const SDO_TIMEOUT: Duration = Duration::from_millis(250);
-/// A second master is told at most every 10 s while it is heard.
-const SECOND_MASTER: Duration = Duration::from_secs(11);
+/// Reported at most every 10 s while frames of a second master arrive; blocks motion for 11 s after the last one.
+const SECOND_MASTER_TIMEOUT: Duration = Duration::from_secs(11);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
-/// Slower than this the robot stands, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
-const STANDING: f64 = 0.02;
+/// Speed below which the robot counts as standing, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
+const STANDSTILL_MPS: f64 = 0.02;
 
 base::deadlines! {
-    /// What the module itself waits for.
+    /// Deadlines of the module itself.
     enum Timer {
         /// `LL_DATA_MOTION` is published. Set from the start on.
         Motion,
@@ -69,12 +68,12 @@ base::deadlines! {
         Refused,
         /// No other source of the holder's priority has sent a command for its time to live. Set while it is reported.
         Contested,
-        /// The other master on the bus has been silent for long enough. Set while it stands against motion.
+        /// The other master on the bus has been silent for long enough. Set while it blocks motion.
         SecondMaster,
     }
 }
 
-/// The module.
+/// The module `driver_canbus`.
 pub struct Canbus {
     config: Config,
     ports: [PortSpec; 1],
@@ -86,22 +85,22 @@ pub struct Canbus {
     bus: Bus,
     requests: Requests,
     state: State,
-    /// The weightiest of what stands against any motion, as it was decided last.
+    /// Main objection to any motion as of the last decision.
     blocked: Option<Objection>,
     ignored: Ignored,
     holds: Holds,
     working: Option<bool>,
-    /// The planner was permitted to move the robot, as it was decided last.
+    /// The planner was permitted to move the robot as of the last decision.
     planned: bool,
     deadlines: Deadlines<Timer>,
     now: Instant,
 }
 
 impl Canbus {
-    /// The module.
+    /// Creates the module.
     ///
     /// # Errors
-    /// What CANopen does not allow: node ids out of range or given twice.
+    /// Invalid in CANopen: node ids out of range or used twice.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let ports = [PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } }];
         let propulsion = Propulsion::new(&config);
@@ -131,21 +130,21 @@ impl Canbus {
         })
     }
 
-    /// How its nodes are set up, drive by drive.
+    /// Configuration of each drive's node.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeConfig> {
         let ids = [self.propulsion.drive.node, self.steering.drive.node];
         ids.into_iter().filter_map(|id| self.master.config(id))
     }
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
-        // A clock that was wrong when it was received must not make it live longer.
+        // The clock may have been wrong at reception, which must not extend the command's life.
         let at = at.min(now);
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(homing, out),
             Message::LlCmdSdo(request) => {
-                let whose = self.whose(request.node);
-                self.requests.on_command(now, request, whose, &mut self.master, out);
+                let owner_of = self.owner_of(request.node);
+                self.requests.on_command(now, request, owner_of, &mut self.master, out);
             }
             Message::CmDataProcesses(list) => self.around.on_processes(at, list),
             Message::LlEventStop(stop) => self.around.on_stop(at, stop),
@@ -157,7 +156,7 @@ impl Canbus {
     }
 
     fn on_motion(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
-        // A command that waited longer than it lives says what somebody wanted then, not what he wants now.
+        // A command that is already older than its time to live no longer expresses the source's intention.
         if now.since(at) >= self.config.ttl {
             return;
         }
@@ -171,7 +170,7 @@ impl Canbus {
         let (source, verdict) = self.arbiter.command(at, command, self.blocked.is_some());
         let why = match verdict {
             Verdict::Holds => None,
-            // What comes after the stop: whoever commands on through it must let go first.
+            // State after the stop: a source that commands on through it must send zero or nothing first.
             Verdict::Blocked if command.priority == arbiter::PLANNER => Some(Hold::PlannerLatched),
             Verdict::Blocked => (command.speed != 0.0).then_some(Hold::NotReleased),
             Verdict::Overruled => Some(Hold::Overruled),
@@ -186,7 +185,7 @@ impl Canbus {
         self.ignored.put(now + self.config.ttl, source, why);
     }
 
-    /// A command that no honest source sends: the robot stops, whoever sent it.
+    /// Rejects a command that no correct source sends: the robot stops, whatever the source.
     fn refuse(&mut self, now: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
         let limits = &self.config.limits;
         let message = format!(
@@ -201,11 +200,11 @@ impl Canbus {
         match homing.axis.as_str() {
             "steering" if self.is_standing() && self.state == State::Run => self.steering.home_again(),
             "steering" => {
-                let why = "homing the steering refused: the robot moves, or the module is not in RUN";
+                let why = "homing of the steering refused: the robot moves, or the module is not in RUN";
                 out.report(Severity::Warning, Fault::CommandForbidden, "steering", why);
             }
             axis => {
-                let why = format!("homing of {axis:?} refused: only the steering has a reference");
+                let why = format!("homing of {axis:?} refused: only the steering can be homed");
                 out.report(Severity::Warning, Fault::CommandForbidden, axis, why);
             }
         }
@@ -224,12 +223,12 @@ impl Canbus {
         }
     }
 
-    /// A node that is not booted does not move: it may be mended.
-    fn whose(&self, node: i32) -> Whose {
+    /// A node that is not booted does not move, so it may be written for repair.
+    fn owner_of(&self, node: i32) -> NodeOwner {
         let ours = [&self.propulsion.drive, &self.steering.drive];
         match ours.into_iter().find(|drive| i32::from(drive.node) == node) {
-            Some(drive) => Whose::Ours { standing: !drive.is_booted() || self.is_standing() },
-            None => Whose::Others,
+            Some(drive) => NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing() },
+            None => NodeOwner::Others,
         }
     }
 
@@ -243,19 +242,19 @@ impl Canbus {
 
     fn on_master(&mut self, now: Instant, out: &mut Actions) {
         while let Some(event) = self.master.poll_event() {
-            self.on_heard(now, event, out);
+            self.on_can_event(now, event, out);
         }
         let working = self.propulsion.drive.is_booted() && self.steering.drive.is_booted();
-        // Until the first success the module is starting; what it waits for has been reported.
+        // The module is starting until its first success; pending conditions have been reported.
         if working != self.working.unwrap_or(false) {
             self.working = Some(working);
             if working { out.working() } else { out.failed() }
         }
     }
 
-    fn on_heard(&mut self, now: Instant, event: Heard, out: &mut Actions) {
+    fn on_can_event(&mut self, now: Instant, event: CanEvent, out: &mut Actions) {
         match event {
-            Heard::Booted { node } => {
+            CanEvent::Booted { node } => {
                 let (subject, name) = self.name_of(node);
                 out.clear(Fault::NodeClash, subject, format!("{name} answers once"));
                 if let Some(drive) = self.drive_mut(node) {
@@ -264,15 +263,15 @@ impl Canbus {
                 if node == self.steering.drive.node {
                     self.steering.on_booted();
                 }
-                self.ask_where_it_is(now, node);
+                self.read_measured(now, node);
             }
-            Heard::BootFailed { node, step, reason } => {
+            CanEvent::BootFailed { node, step, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_boot_failed(step, reason, out);
                 }
             }
-            Heard::Lost { .. } if sabotage::is(Bug::LostDriveIgnored) => {}
-            Heard::Lost { node, reason } => {
+            CanEvent::Lost { .. } if sabotage::is(Bug::LostDriveIgnored) => {}
+            CanEvent::Lost { node, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
                 }
@@ -282,12 +281,12 @@ impl Canbus {
                     self.propulsion.on_lost();
                 }
             }
-            Heard::Emergency { node, emergency, suppressed } => {
+            CanEvent::Emergency { node, emergency, suppressed } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_emergency(&emergency, suppressed, out);
                 }
             }
-            Heard::Pdo { node, number, data, len } => {
+            CanEvent::Pdo { node, number, data, len } => {
                 let data = &data[..usize::from(len).min(data.len())];
                 if node == self.propulsion.drive.node {
                     self.propulsion.on_pdo(now, number, data, out);
@@ -295,66 +294,68 @@ impl Canbus {
                     self.steering.on_pdo(now, number, data, out);
                 }
             }
-            Heard::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
-            Heard::SdoWritten { ticket, .. } => self.on_sdo(now, ticket, Ok(&[]), &event, out),
-            Heard::SdoFailed { ticket, error, .. } => self.on_sdo(now, ticket, Err(error), &event, out),
-            Heard::Malformed { node, count } => {
-                let message = format!("{count} frames of node {node} that CANopen does not allow, dropped");
+            CanEvent::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
+            CanEvent::SdoWritten { ticket, .. } => self.on_sdo(now, ticket, Ok(&[]), &event, out),
+            CanEvent::SdoFailed { ticket, error, .. } => self.on_sdo(now, ticket, Err(error), &event, out),
+            CanEvent::Malformed { node, count } => {
+                let message = format!("{count} invalid CANopen frames of node {node} dropped");
                 out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
             }
-            Heard::SecondMaster => {
+            CanEvent::SecondMaster => {
                 let Config { node_id, bus, .. } = &self.config;
                 let message = format!("another master with node id {node_id} is on {bus}: the robot stops");
                 out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
-                self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER);
+                self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
             }
-            Heard::DuplicateId { node } => {
+            CanEvent::DuplicateId { node } => {
                 let (subject, name) = self.name_of(node);
-                let message =
-                    format!("{name} keeps resetting, or two nodes of {} have its id; the robot stops", self.config.bus);
+                let message = format!(
+                    "{name} resets repeatedly, or two nodes of {} have its id; the robot stops",
+                    self.config.bus
+                );
                 out.raise(Severity::Error, Fault::NodeClash, subject, message);
             }
-            Heard::Babbling { node, rate } => {
+            CanEvent::Babbling { node, rate } => {
                 let (subject, name) = self.name_of(node);
                 let message = format!("{name} floods {}: {rate} frames/s", self.config.bus);
                 out.raise(Severity::Error, Fault::CanBabble, subject, message);
             }
-            Heard::BabblingOver { node } => {
+            CanEvent::BabblingOver { node } => {
                 let (subject, name) = self.name_of(node);
                 out.clear(Fault::CanBabble, subject, format!("{name} is quiet on {} again", self.config.bus));
             }
-            Heard::Swapped { node, serial } => {
+            CanEvent::Swapped { node, serial } => {
                 out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));
             }
-            Heard::Stranger { node } => {
+            CanEvent::Stranger { node } => {
                 out.note(format!("node {node} on {} is not in the configuration", self.config.bus));
             }
-            // The drives tell it one by one.
-            Heard::Ready | Heard::NotReady => {}
+            // Reported for each drive.
+            CanEvent::Ready | CanEvent::NotReady => {}
         }
     }
 
-    /// A transfer has ended: one of `LL_CMD_SDO`, of what the drives measure, or of homing.
+    /// A transfer has ended: of `LL_CMD_SDO`, of a drive's measured values, or of homing.
     fn on_sdo(
         &mut self,
         now: Instant,
         ticket: Ticket,
         result: Result<&[u8], sdo::Error>,
-        event: &Heard,
+        event: &CanEvent,
         out: &mut Actions,
     ) {
-        // What was requested from outside comes first: it may be an object that is asked for here, too.
+        // External requests come first: the object may be one that the driver reads, too.
         if self.requests.on_end(now, ticket, result, out) {
             return;
         }
         match *event {
-            Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
+            CanEvent::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED_OBJECTS.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_answer(now, true, out);
                 }
             }
-            Heard::SdoFailed { node, index, sub: 0, error, .. } if MEASURED.contains(&index) => {
+            CanEvent::SdoFailed { node, index, sub: 0, error, .. } if MEASURED_OBJECTS.contains(&index) => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_answer(now, error == sdo::Error::Cancelled, out);
                 }
@@ -363,11 +364,12 @@ impl Canbus {
         }
     }
 
-    /// Event-driven PDOs tell changes only, and the first ones may have left before the node counted as started.
-    fn ask_where_it_is(&mut self, now: Instant, node: u8) {
+    /// Reads the state of a drive: event-driven PDOs report changes only, and the first ones may have been sent before
+    /// the node counted as started.
+    fn read_measured(&mut self, now: Instant, node: u8) {
         let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
-            // The queue of a node that has just booted has room for both.
+            // The queue of a freshly booted node has room for all of them.
             if self.master.sdo_read(now, node, index, 0).is_ok()
                 && let Some(drive) = self.drive_mut(node)
             {
@@ -389,7 +391,7 @@ impl Canbus {
         }
     }
 
-    /// A node for reports' subjects, and for people.
+    /// Name of a node as the subject of reports, and for people.
     fn name_of(&self, node: u8) -> (String, String) {
         let drives = [&self.propulsion.drive, &self.steering.drive];
         match (drives.into_iter().find(|drive| drive.node == node), node) {
@@ -403,12 +405,12 @@ impl Canbus {
         [&mut self.propulsion.drive, &mut self.steering.drive].into_iter().find(|drive| drive.node == node)
     }
 
-    /// Whether it is known to stand.
+    /// True if the robot is known to stand.
     fn is_standing(&self) -> bool {
-        self.propulsion.is_slower(self.now, STANDING)
+        self.propulsion.is_slower(self.now, STANDSTILL_MPS)
     }
 
-    /// All that stands against any motion, in the order in which an engineer would ask.
+    /// All objections to any motion, in the order in which an engineer would check them.
     fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
         let bus = self.bus.objection().map(Objection::Bus);
         let second_master = self.deadlines.is_set(Timer::SecondMaster).then_some(Objection::SecondMaster);
@@ -422,45 +424,45 @@ impl Canbus {
         let state = self.state.hold().filter(|_| !sabotage::is(Bug::StateIgnored)).map(Objection::State);
         let refused = self.deadlines.is_set(Timer::Refused).then_some(Objection::Refused);
         let not_homed = self.steering.why_not_homed().filter(|_| !sabotage::is(Bug::HomingNotRequired));
-        // The PAUSE line before the drives: it takes their feed away, and that they are in fault follows from it.
+        // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
         let devices = bus.into_iter().chain(second_master).chain(around(true)).chain(drives);
-        // Homing last: where it stands alone, it may be mended by moving the steering.
+        // Homing last: if it is the only objection, the steering may be moved to resolve it.
         devices.chain(state).chain(around(false)).chain(refused).chain(not_homed.map(Objection::NotHomed))
     }
 
-    /// All for which the robot does not do as it is commanded, the weightiest first; nothing while it does.
-    fn causes(&self, now: Instant) -> impl Iterator<Item = Standing<'_>> + Clone {
+    /// All causes for which the robot does not follow its command, main one first; empty while it does.
+    fn causes(&self, now: Instant) -> impl Iterator<Item = ActiveHold<'_>> + Clone {
         let blocked = self.objections(now).next().is_some();
         let holder = self.arbiter.current(now).map(|command| command.priority);
         let waits = blocked || holder.is_none();
         let plans =
             holder.map_or_else(|| self.ignored.has_planner(&self.arbiter), |priority| priority == arbiter::PLANNER);
         let to_planner = self.around.objections_to_planner(now).filter(move |_| plans && !blocked);
-        let ignored = self.ignored.standing(&self.arbiter).filter(move |_| waits);
-        let nobody =
-            (!blocked && waits && ignored.clone().next().is_none()).then_some(Standing::new(Hold::NobodyCommands, ""));
-        let objections = self.objections(now).map(|objection| self.standing(objection));
-        let to_planner = to_planner.map(|(hold, subject)| Standing::new(hold, subject));
+        let ignored = self.ignored.active_holds(&self.arbiter).filter(move |_| waits);
+        let nobody = (!blocked && waits && ignored.clone().next().is_none())
+            .then_some(ActiveHold::new(Hold::NobodyCommands, ""));
+        let objections = self.objections(now).map(|objection| self.active_hold(objection));
+        let to_planner = to_planner.map(|(hold, subject)| ActiveHold::new(hold, subject));
         objections.chain(to_planner).chain(ignored).chain(nobody)
     }
 
-    /// Turns what is known into what the axes are told. Called after every event.
+    /// Derives the goals of the axes from the current state. Called after every event.
     fn decide(&mut self, now: Instant, out: &mut Actions) {
-        self.forget(now, out);
+        self.expire(now, out);
         let blocked = self.objections(now).next();
         if blocked != self.blocked {
             self.report_change(blocked, out);
-            self.arbiter.stopped(now);
+            self.arbiter.disarm_all(now);
             self.blocked = blocked;
         }
         if self.is_standing() {
-            self.arbiter.standing(now);
+            self.arbiter.on_standstill(now);
         }
         self.watch_planner(now);
         match self.permitted(now) {
             Some((speed, steering)) => {
                 self.steering.go(steering);
-                // A robot that does not steer does not drive.
+                // Without steering the robot must not drive.
                 self.propulsion.drive(if self.steering.is_enabled() { speed } else { 0.0 });
             }
             None => {
@@ -468,23 +470,22 @@ impl Canbus {
                 self.decide_steering();
             }
         }
-        self.arbiter.decided(now);
+        self.arbiter.expire_holder(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
         for drive in [&mut self.propulsion.drive, &mut self.steering.drive] {
-            if drive.gives_up(now) {
+            if drive.must_reboot(now) {
                 self.master.reboot(now, drive.node);
             }
         }
-        for (node, in_doubt) in [self.propulsion.drive.take_doubt(), self.steering.drive.take_doubt()] {
+        for (node, in_doubt) in [self.propulsion.drive.take_outdated(), self.steering.drive.take_outdated()] {
             if in_doubt {
-                self.ask_where_it_is(now, node);
+                self.read_measured(now, node);
             }
         }
     }
 
-    /// Without an estimate, or the modules that it needs, the planner stops; when they come back that does not let it go
-    /// again.
+    /// Stops the planner if the estimate or a required module is lost; their return alone does not release it.
     fn watch_planner(&mut self, now: Instant) {
         let current = self.arbiter.current(now).filter(|command| command.priority == arbiter::PLANNER);
         let plans = current.is_some();
@@ -492,23 +493,23 @@ impl Canbus {
         if let Some(command) = current.filter(|_| objects && self.planned) {
             let until = now + self.config.ttl;
             self.ignored.put(until, command.source, Some(Hold::PlannerLatched));
-            self.arbiter.stopped(now);
+            self.arbiter.disarm_all(now);
         }
         self.planned = plans && !objects;
     }
 
-    /// The steering while nobody moves the robot: it is homed when nothing but that stands against motion, holds its
-    /// angle when nobody commands, and stops where it is when something is wrong.
+    /// Goal of the steering while no source moves the robot: it is homed if that is the only objection, holds its angle
+    /// without a command, and stops where it is if something is wrong.
     fn decide_steering(&mut self) {
         match &self.blocked {
             None => self.steering.hold(),
-            // Listed last: nothing else stands against motion.
+            // Last in the list: there is no other objection to motion.
             Some(Objection::NotHomed(_)) if self.is_standing() => self.steering.home(),
             Some(_) => self.steering.quick_stop(),
         }
     }
 
-    /// Speed and steering that may be driven now.
+    /// Speed, m/s, and steering angle, rad, that are permitted now.
     fn permitted(&self, now: Instant) -> Option<(f64, f64)> {
         if self.blocked.is_some() {
             return None;
@@ -526,32 +527,32 @@ impl Canbus {
         Some((command.speed.clamp(-bound, bound), command.steering))
     }
 
-    fn forget(&mut self, now: Instant, out: &mut Actions) {
+    fn expire(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Refused, now) {
             out.clear(Fault::MotionRefused, "", "commands are within limits again");
         }
         if self.deadlines.take(Timer::SecondMaster, now) {
             let bus = self.config.bus.as_str();
-            out.clear(Fault::SecondMaster, bus, format!("no other master is heard on {bus}"));
+            out.clear(Fault::SecondMaster, bus, format!("no other master on {bus}"));
         }
         if self.deadlines.take(Timer::Contested, now) {
             out.clear(Fault::MotionContested, "", "one source commands the motion");
         }
-        self.ignored.forget(now);
+        self.ignored.expire(now);
     }
 
     fn report_change(&self, blocked: Option<Objection>, out: &mut Actions) {
         let was = self.blocked.and_then(Objection::fault);
         let is = blocked.and_then(Objection::fault);
         if let Some(was) = was.filter(|was| is != Some(*was)) {
-            out.clear(was, "", "what stopped the robot is over; it moves when it is commanded anew");
+            out.clear(was, "", "the cause of the stop has ended; the robot moves on a new command");
         }
         if let (Some(is), Some(blocked)) = (is, blocked) {
             out.raise(Severity::Error, is, "", format!("the robot is stopped: {}", self.words(blocked)));
         }
     }
 
-    /// Why it does not move, in words; empty when it does as commanded.
+    /// Reason why the robot does not move, in words; empty while it follows its command.
     fn reason(&self, now: Instant) -> String {
         if let Some(objection) = self.objections(now).next() {
             return self.words(objection);
@@ -624,7 +625,7 @@ impl Module for Canbus {
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::Port { input: Input::Can(frame), .. } => {
-                self.bus.crossed(&frame);
+                self.bus.count_frame(&frame);
                 self.master.handle_rx(now, &frame);
             }
             Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),
@@ -632,14 +633,14 @@ impl Module for Canbus {
             Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
             Event::Timer if self.bus.is_up() => self.master.handle_timeout(now),
-            Event::Port { .. } | Event::Heard { .. } | Event::Process(_) | Event::Timer => {}
+            Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) | Event::Timer => {}
         }
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
         let blind_stop = self.propulsion.blind_stop(now, self.bus.is_up());
         for frame in blind_stop.into_iter().chain(std::iter::from_fn(|| self.master.poll_tx())) {
-            self.bus.crossed(&frame);
+            self.bus.count_frame(&frame);
             out.send_can(CAN, frame);
         }
         if self.bus.handle_timeout(now, out) {
@@ -669,7 +670,7 @@ impl Module for Canbus {
         ])
     }
 
-    /// The drives hold the robot's last speed until their ramp is done: the process stays, and its heartbeat with it.
+    /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then.
     fn finished(&self) -> bool {
         !self.bus.is_up() || !self.propulsion.drive.is_booted() || self.is_standing()
     }

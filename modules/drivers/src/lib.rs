@@ -1,5 +1,5 @@
-//! Modules that drive the robot's buses: a folder each. They know their devices and their messages, and have never
-//! heard of each other, of ports' names or of processes.
+//! Modules that drive the robot's buses, one folder each. They depend on their devices and messages only, not on each
+//! other, on names of ports, or on processes.
 #![forbid(unsafe_code)]
 
 pub mod auxiliary;

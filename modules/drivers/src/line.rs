@@ -1,7 +1,8 @@
-//! What every driver of an EIA-485 bus does alike: polls on their grids, versions, boards that are lost and come back,
-//! who disturbs the bus, `LL_DATA_BUS` once a second. What the answers mean is the driver's affair.
+//! Common part of the EIA-485 drivers: periodic polls, versions, loss and return of boards, disturbances of the bus,
+//! `LL_DATA_BUS` once a second. The meaning of the answers is up to each driver.
 //!
-//! In STOP it asks nothing. It works while one board at least answers: a lost one is reported, all lost is an ERROR.
+//! Nothing is polled in STOP. The module works while at least one board answers: a lost one is reported, the loss of
+//! all is an ERROR.
 
 use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use messages::lowlevel::{DataBus, Node};
@@ -16,44 +17,53 @@ use std::mem;
 
 /// The only port of such a driver.
 pub(crate) const PORT: PortId = PortId(0);
-/// How often `LL_DATA_BUS` is sent.
-const STATISTICS: Duration = Duration::from_secs(1);
+/// Period of `LL_DATA_BUS`.
+const STATISTICS_PERIOD: Duration = Duration::from_secs(1);
 
-/// A board of the bus.
+/// A board on the bus.
 #[derive(Debug)]
 pub(crate) struct Board {
     name: String,
     address: u8,
-    /// All that it may be asked.
+    /// All its instructions.
     table: &'static [Instruction],
-    /// What it is asked again and again, and how often; the first goes on when it is lost.
+    /// Periodic requests and their periods; the first one continues when the board is lost.
     polls: Vec<(Instruction, Duration)>,
-    /// Since the port is up.
+    /// Has answered since the port came up.
     answered: bool,
-    /// Answers in a row that said it did not do what it was asked.
+    /// Number of consecutive answers with a refusal.
     refusals: u32,
     implausible: bool,
-    /// What was wrong the last time that it failed, for people.
-    fails: &'static str,
+    /// Cause of its last failure, for people.
+    last_failure: &'static str,
 }
 
 impl Board {
     pub fn new(name: &str, address: u8, table: &'static [Instruction], polls: Vec<(Instruction, Duration)>) -> Self {
-        Self { name: name.into(), address, table, polls, answered: false, refusals: 0, implausible: false, fails: "" }
+        Self {
+            name: name.into(),
+            address,
+            table,
+            polls,
+            answered: false,
+            refusals: 0,
+            implausible: false,
+            last_failure: "",
+        }
     }
 }
 
-/// What a driver must know of what happened on its bus.
+/// Events on the bus that concern a driver.
 #[derive(Debug)]
-pub(crate) enum Heard {
-    /// A board did what it was asked.
+pub(crate) enum BusEvent {
+    /// A board answered.
     Answer { to: u8, instruction: u8, data: Data },
-    /// A board did not; it has been reported.
+    /// A request failed, which has been reported.
     Failed { to: u8, instruction: u8 },
-    /// A board that was lost answers; it may have forgotten what it was told.
-    Back,
-    /// A board said something by itself.
-    Unasked { from: u8, instruction: u8, data: Data },
+    /// A lost board answers again; it may have lost its settings.
+    Recovered,
+    /// A board sent something unsolicited.
+    Unsolicited { from: u8, instruction: u8, data: Data },
 }
 
 /// A bus and its boards.
@@ -65,19 +75,19 @@ pub(crate) struct Line {
     master: Master,
     schedule: Schedule<NODES_MAX>,
     state: State,
-    /// None until the host has said.
+    /// `None` until the host has reported the port.
     up: Option<bool>,
     /// A request could not be sent, and none was since.
     stuck: bool,
-    /// What the shell was told last: whether it works.
+    /// Last result reported to the shell: true if it works.
     working: Option<bool>,
     statistics: Ticker,
-    /// Words that had crossed the wire when statistics were sent last.
+    /// Words on the wire as of the last statistics.
     words: u64,
 }
 
 impl Line {
-    /// A bus that is not open yet; each board with the time that it may take to answer.
+    /// Creates a bus that is not open yet; each board with its response timeout.
     pub fn new(bus: &str, config: master::Config, boards: Vec<(Board, Duration)>) -> Self {
         let mut master = Master::new(config);
         for (board, timeout) in &boards {
@@ -93,7 +103,7 @@ impl Line {
             up: None,
             stuck: false,
             working: None,
-            statistics: Ticker::new(Instant::NEVER, STATISTICS),
+            statistics: Ticker::new(Instant::NEVER, STATISTICS_PERIOD),
             words: 0,
         }
     }
@@ -103,7 +113,7 @@ impl Line {
     }
 
     pub fn start(&mut self, now: Instant) {
-        self.statistics = Ticker::new(now + STATISTICS, STATISTICS);
+        self.statistics = Ticker::new(now + STATISTICS_PERIOD, STATISTICS_PERIOD);
     }
 
     pub fn state(&self) -> State {
@@ -114,7 +124,7 @@ impl Line {
         self.state = state;
     }
 
-    /// Takes what the port says; answers whether it has just come up, or gone down.
+    /// Processes an input of the port; `Some(true)` if it just came up, `Some(false)` if it went down.
     pub fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) -> Option<bool> {
         match input {
             Input::Up => {
@@ -124,7 +134,7 @@ impl Line {
             }
             Input::Down(why) => {
                 self.up = Some(false);
-                let message = format!("{} is down: {why}; tried again", self.bus);
+                let message = format!("{} is down: {why}; retrying", self.bus);
                 out.raise(Severity::Error, Fault::PortDown, self.bus.as_str(), message);
                 self.master.cancel();
                 self.boards.iter_mut().for_each(|board| board.answered = false);
@@ -141,7 +151,7 @@ impl Line {
             Input::Can(_)
             | Input::CanNotice(_)
             | Input::I2c(_)
-            | Input::I2cAsked(_)
+            | Input::I2cRequested(_)
             | Input::OneWire(_)
             | Input::Gamepad(_)
             | Input::Store(_) => None,
@@ -162,7 +172,7 @@ impl Line {
         }
     }
 
-    /// Serves what is due.
+    /// Serves the deadlines.
     pub fn on_timer(&mut self, now: Instant, out: &mut Actions) {
         self.master.handle_timeout(now);
         if self.statistics.due(now) {
@@ -170,8 +180,8 @@ impl Line {
         }
     }
 
-    /// The next thing that the driver must know; to be called until there is none.
-    pub fn hear(&mut self, now: Instant, out: &mut Actions) -> Option<Heard> {
+    /// Next event for the driver; called until `None`.
+    pub fn poll_event(&mut self, now: Instant, out: &mut Actions) -> Option<BusEvent> {
         while let Some(event) = self.master.poll_event() {
             if let Some(heard) = self.on_event(now, event, out) {
                 return Some(heard);
@@ -180,57 +190,59 @@ impl Line {
         None
     }
 
-    fn on_event(&mut self, now: Instant, event: Event, out: &mut Actions) -> Option<Heard> {
+    fn on_event(&mut self, now: Instant, event: Event, out: &mut Actions) -> Option<BusEvent> {
         match event {
             Event::Reply { to, instruction, status: Status::Ok, data } => {
                 return self.on_answer(to, instruction, data, out);
             }
             Event::Reply { to, instruction, status, .. } => {
                 self.on_refusal(to, instruction, status, out);
-                return Some(Heard::Failed { to, instruction });
+                return Some(BusEvent::Failed { to, instruction });
             }
             Event::Silent { to, instruction } => {
-                self.fails(to, "does not answer");
-                return Some(Heard::Failed { to, instruction });
+                self.set_failure(to, "does not answer");
+                return Some(BusEvent::Failed { to, instruction });
             }
             Event::Garbled { to, instruction, why } => {
-                self.fails(to, damage(why));
-                return Some(Heard::Failed { to, instruction });
+                self.set_failure(to, damage(why));
+                return Some(BusEvent::Failed { to, instruction });
             }
             Event::Unsent { to, instruction } => {
                 self.stuck = true;
-                let message = format!("{}: the port does not send; what was asked is dropped", self.bus);
+                let message = format!("{}: the port does not send; requests are dropped", self.bus);
                 out.raise(Severity::Warning, Fault::PortOverrun, self.bus.as_str(), message);
-                return Some(Heard::Failed { to, instruction });
+                return Some(BusEvent::Failed { to, instruction });
             }
-            Event::Unasked { from, instruction, data } => return Some(Heard::Unasked { from, instruction, data }),
+            Event::Unasked { from, instruction, data } => {
+                return Some(BusEvent::Unsolicited { from, instruction, data });
+            }
             Event::Sent { .. } => {}
             Event::Degraded { node } => {
                 let (name, board) = self.name(node);
-                let message = format!("{board} fails again and again: it {}; asked on", self.failure(node));
+                let message = format!("{board} fails repeatedly: it {}; polled on", self.failure(node));
                 out.raise(Severity::Warning, Fault::BoardDegraded, name, message);
             }
             Event::Recovered { node } => {
                 let (name, board) = self.name(node);
-                out.clear(Fault::BoardDegraded, name, format!("{board} answers well again"));
+                out.clear(Fault::BoardDegraded, name, format!("{board} answers properly again"));
             }
             Event::Lost { node } => {
                 self.schedule.lost(now, node);
                 let (name, board) = self.name(node);
-                let message = format!("{board} {}: its data is invalid, asked once a second", self.failure(node));
+                let message = format!("{board} {}: its data is invalid, polled once a second", self.failure(node));
                 out.raise(Severity::Error, Fault::BoardLost, name, message);
             }
-            Event::Back { node } => {
+            Event::Recovered { node } => {
                 self.schedule.back(now, node);
                 self.schedule.demand(version_of(node));
                 let (name, board) = self.name(node);
-                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers well again"));
+                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers properly again"));
                 out.clear(Fault::BoardLost, name, format!("{board} answers again"));
-                return Some(Heard::Back);
+                return Some(BusEvent::Recovered);
             }
             Event::Babble { who } => {
                 let (subject, who) = self.culprit(who);
-                let message = format!("{who} talks on {} without being asked: others cannot be heard", self.bus);
+                let message = format!("{who} sends on {} unsolicited and disturbs the other boards", self.bus);
                 out.raise(Severity::Error, Fault::BusBabble, subject, message);
             }
             Event::BabbleOver { who } => {
@@ -243,8 +255,8 @@ impl Line {
                     let message = format!("{board}: two boards answer at this address");
                     out.raise(Severity::Error, Fault::AddressClash, name, message);
                 } else {
-                    // That it fails is reported by itself; this is where to look.
-                    out.note(format!("{board}: two boards talk at once there, or its transmitter is bad"));
+                    // The failure is reported separately; this is a hint to its cause.
+                    out.note(format!("{board}: two boards at this address send at once, or its transmitter is faulty"));
                 }
             }
             Event::ClashOver { node } => {
@@ -255,7 +267,7 @@ impl Line {
         None
     }
 
-    fn on_answer(&mut self, to: u8, instruction: u8, data: Data, out: &mut Actions) -> Option<Heard> {
+    fn on_answer(&mut self, to: u8, instruction: u8, data: Data, out: &mut Actions) -> Option<BusEvent> {
         let board = self.boards.iter_mut().find(|board| board.address == to)?;
         board.answered = true;
         if mem::take(&mut self.stuck) {
@@ -270,10 +282,10 @@ impl Line {
         let refusals = mem::take(&mut board.refusals);
         if refusals > 0 {
             let (name, board) = self.name(to);
-            let message = format!("{board} does what it is asked again, after {refusals} refusals");
+            let message = format!("{board} executes its instructions again, after {refusals} refusals");
             out.clear(Fault::BoardRefused, name, message);
         }
-        Some(Heard::Answer { to, instruction, data })
+        Some(BusEvent::Answer { to, instruction, data })
     }
 
     fn on_refusal(&mut self, to: u8, instruction: u8, status: Status, out: &mut Actions) {
@@ -289,15 +301,15 @@ impl Line {
         let (name, board) = self.name(to);
         let message = format!("{board} {verb} instruction {instruction:#04x}");
         if version {
-            // Asked once only: what it would clear never comes.
+            // Asked only once: there will be no answer that would clear it.
             out.report(Severity::Warning, Fault::BoardRefused, name, format!("{message}; its version stays unknown"));
         } else {
-            let message = format!("{message}; asked on, its data is missing");
+            let message = format!("{message}; polled on, its data is missing");
             out.raise(Severity::Warning, Fault::BoardRefused, name, message);
         }
     }
 
-    /// Reports what a board cannot have said, once, and that it is over; answers whether it can.
+    /// Reports an implausible answer once, and its end; returns the value if plausible.
     pub fn judge<T>(&mut self, to: u8, result: Result<T, Implausible>, out: &mut Actions) -> Option<T> {
         let board = self.boards.iter_mut().find(|board| board.address == to)?;
         let stood = mem::replace(&mut board.implausible, result.is_err());
@@ -311,34 +323,34 @@ impl Line {
             }
             Err(why) => {
                 let (name, board) = self.name(to);
-                let message = format!("{board} answered what it cannot: {why}; dropped");
+                let message = format!("{board} gave an implausible answer: {why}; dropped");
                 out.raise(Severity::Warning, Fault::BoardImplausible, name, message);
                 None
             }
         }
     }
 
-    fn fails(&mut self, address: u8, how: &'static str) {
+    fn set_failure(&mut self, address: u8, how: &'static str) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
-            board.fails = how;
+            board.last_failure = how;
         }
     }
 
     fn failure(&self, address: u8) -> &'static str {
-        self.boards.iter().find(|board| board.address == address).map_or("", |board| board.fails)
+        self.boards.iter().find(|board| board.address == address).map_or("", |board| board.last_failure)
     }
 
-    /// Asks for this once, when no poll is due.
+    /// Queues a single request, sent when no poll is due.
     pub fn demand(&mut self, to: u8, instruction: &Instruction) {
         self.schedule.demand(Turn { to, instruction: instruction.code });
     }
 
-    /// Whether boards are asked: not in STOP, but in ERROR, to find out when it is over.
+    /// True if boards are polled: not in STOP, but in ERROR, to detect its end.
     fn asks(&self) -> bool {
         self.up == Some(true) && !matches!(self.state, State::Stop | State::Terminate)
     }
 
-    /// Whose turn it is, when the wire is free: to be asked by [`Line::ask`].
+    /// Next request if the wire is free, to be sent by [`Line::ask`].
     pub fn turn(&mut self, now: Instant) -> Option<Turn> {
         if self.asks() && self.master.is_idle() { self.schedule.due(now) } else { None }
     }
@@ -347,12 +359,12 @@ impl Line {
         let board = self.boards.iter().find(|board| board.address == to);
         let known = board.and_then(|board| board.table.iter().find(|known| known.code == instruction));
         if let Some(instruction) = known {
-            // Idle, and with less data than a frame has room for: never refused.
+            // Idle, and the data fits into a frame: never rejected.
             let _ = self.master.request(instruction.ask(to, data));
         }
     }
 
-    /// Sends what is to be sent, and tells the shell whether the module can work, when that has changed.
+    /// Sends pending output, and reports to the shell whether the module works, if that changed.
     pub fn serve(&mut self, now: Instant, out: &mut Actions) {
         if let Some(transmit) = self.master.poll_tx(now) {
             out.send_words(PORT, transmit.words);
@@ -379,14 +391,14 @@ impl Line {
         self.master.health(address) == Health::Lost
     }
 
-    /// A board's name for reports' subjects, and for people: name, address, bus.
+    /// Name of a board as the subject of reports, and for people with address and bus.
     pub fn name(&self, address: u8) -> (String, String) {
         let board = self.boards.iter().find(|board| board.address == address);
         let name = board.map_or("board", |board| &board.name);
         (name.to_owned(), format!("{name} ({address:#04x} on {})", self.bus))
     }
 
-    /// Who disturbs: a board by its name, or somebody whom nobody can name.
+    /// Name of the source of a disturbance: a board, or unknown.
     fn culprit(&self, who: Option<u8>) -> (String, String) {
         who.map_or_else(|| (self.bus.clone(), "somebody".into()), |address| self.name(address))
     }
@@ -399,7 +411,7 @@ impl Line {
         out.publish(DataBus {
             timestamp: out.timestamp(now),
             bus: self.bus.clone(),
-            load: (busy / STATISTICS.as_secs_f64()).min(1.0),
+            load: (busy / STATISTICS_PERIOD.as_secs_f64()).min(1.0),
             frames: count(bus.frames),
             errors: count(bus.errors),
             state: if self.up == Some(true) { DataBus::ACTIVE } else { DataBus::CLOSED },
@@ -416,9 +428,9 @@ const fn damage(why: Why) -> &'static str {
     match why {
         Why::Crc => "answers with a wrong CRC",
         Why::Length { .. } => "answers with a wrong length",
-        Why::Status { .. } => "answers with a status that is none",
-        Why::Incomplete => "answers with half a frame",
-        Why::Request => "finds a wrong CRC in what it is asked",
+        Why::Status { .. } => "answers with an invalid status",
+        Why::Incomplete => "answers with an incomplete frame",
+        Why::Request => "finds a wrong CRC in its request",
     }
 }
 

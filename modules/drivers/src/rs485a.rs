@@ -1,16 +1,17 @@
 //! Bus A: the distance boards BR-SD1 and the odometry board BR-SO1.
 //!
 //! Device    `docs/facts/boards.md` 3, 4
-//! Protocol  the 9-bit EIA-485 of `rs485`; boards ask nothing, they are asked
-//! Timing    each board on its own grid (2011: 4 Hz), firmware versions in between
-//! Silence   after 16 failed transactions a board is lost: reported, asked once a second, its data invalid
+//! Protocol  the 9-bit EIA-485 of `rs485`; boards answer requests only
+//! Timing    each board at its own period (2011: 4 Hz), firmware versions in between
+//! Silence   after 16 failed transactions a board is lost: reported, polled once a second, its data invalid
 //! Data      `LL_DATA_RANGES` once a round, when all boards have answered or failed, and at least once a second: each
-//!           reading with the instant at which its transducer fired, and UNKNOWN where its board did not answer well.
-//!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, the view of 2011; `LL_DATA_ODO` with each answer of the SO1;
+//!           reading with the instant at which its transducer fired, and UNKNOWN if its board did not answer properly.
+//!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, as in 2011; `LL_DATA_ODO` with each answer of the SO1;
 //!           `LL_DATA_BUS` once a second. Timestamps of these are those of the answer's reception
-//! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself; it lets go when a person commands RUN
+//! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself until a person commands RUN
 //!
-//! In STOP it asks nothing. It works while one board at least answers: a lost one is reported, all lost is an ERROR.
+//! Nothing is polled in STOP. The module works while at least one board answers: a lost one is reported, the loss of
+//! all is an ERROR.
 
 mod answers;
 mod config;
@@ -28,29 +29,29 @@ use ranges::Ranges;
 use rs485::boards::{Instruction, sd1, so1};
 use rs485::master;
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_rs485a";
 
-/// The driver of bus A.
+/// Driver of bus A.
 #[derive(Debug)]
 pub struct Rs485a {
     nodes: Vec<Node>,
     ports: [PortSpec; 1],
     line: Line,
     ranges: Ranges,
-    /// When `LL_DATA_RANGES` is published though no board has answered.
+    /// Time at which `LL_DATA_RANGES` is published even if no board has answered.
     repeat: Instant,
     odometry: Follower,
-    /// Jumps of the counters since they were told, and until when none is.
+    /// Number of jumps of the counters since the last report, and the earliest time of the next one.
     jumps: u32,
     jumps_quiet: Instant,
 }
 
 impl Rs485a {
-    /// A driver that has not started.
+    /// Creates the driver, not started yet.
     ///
     /// # Errors
-    /// When the configuration cannot be.
+    /// The configuration is invalid.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
         let bus = master::Config { baud: config.baud, crc: config.crc, ..master::Config::default() };
@@ -67,7 +68,8 @@ impl Rs485a {
         })
     }
 
-    /// A person who commands RUN has seen why the robot stopped. A board that still sees no floor pulls the line anew.
+    /// A person who commands RUN has seen why the robot stopped. A board that still sees no floor engages the line
+    /// again.
     fn on_state_command(&mut self, command: &CmdState) {
         let ours = command.module == NAME || command.module == "*";
         if ours && command.manual && command.state == State::Run as i8 {
@@ -77,15 +79,15 @@ impl Rs485a {
         }
     }
 
-    /// Nothing is known of the ranges from now on, and that is published.
+    /// Marks all ranges as unknown and publishes that.
     fn forget_ranges(&mut self, now: Instant) {
         self.ranges.forget();
         self.repeat = self.repeat.min(now);
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(heard) = self.line.hear(now, out) {
-            self.on_heard(now, &heard, out);
+        while let Some(event) = self.line.poll_event(now, out) {
+            self.on_bus_event(now, &event, out);
         }
         if let Some(turn) = self.line.turn(now) {
             if turn.instruction == sd1::GET_BOTH_DATA.code {
@@ -128,7 +130,7 @@ impl Module for Rs485a {
             }
             Event::Timer => self.line.on_timer(now, out),
             Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }
@@ -138,7 +140,7 @@ impl Module for Rs485a {
     }
 }
 
-/// A board as its bus knows it, and the time that it may take to answer.
+/// Converts a board and its response timeout for the bus.
 fn board(node: &Node) -> (line::Board, Duration) {
     let (table, poll): (&[Instruction], _) = match node.kind {
         Kind::Sd1 => (sd1::INSTRUCTIONS, sd1::GET_BOTH_DATA),

@@ -1,18 +1,18 @@
 //! Bus B: the beacon scanner BR-SBS1.
 //!
 //! Device    `docs/facts/boards.md` 5
-//! Protocol  the 9-bit EIA-485 of `rs485`; the board asks nothing, it is asked
-//! Timing    asked at its rate (2011: 1 Hz), which is that of its sweep; how it is, every ten seconds
-//! Silence   after 16 failed transactions it is lost: reported, asked once a second, nothing is published
+//! Protocol  the 9-bit EIA-485 of `rs485`; the board answers requests only
+//! Timing    polled at its rate (2011: 1 Hz), which is that of its sweep; its status every ten seconds
+//! Silence   after 16 failed transactions it is lost: reported, polled once a second, nothing is published
 //! Data      `LL_DATA_BEACONS` with each answer; each sighting has its own instant and is published once.
 //!           `LL_DATA_BUS` once a second
-//! Commands  `LL_DATA_ACTIVE_BEACONS` says which beacons to look for; a board that was reset is told again
+//! Commands  `LL_DATA_ACTIVE_BEACONS` selects the beacons to look for; sent again to a board that was reset
 //!
-//! In STOP it asks nothing.
+//! Nothing is polled in STOP.
 
 mod sightings;
 
-use crate::line::{self, Heard, Line, PORT};
+use crate::line::{self, BusEvent, Line, PORT};
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::DataActiveBeacons;
 use messages::{Channel, Message};
@@ -24,10 +24,10 @@ use rs485::schedule::Turn;
 use sightings::Sightings;
 use std::fmt;
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_rs485b";
-/// The board is asked how it is this often; that it was reset is known from it.
-const DEBUG: Duration = Duration::from_secs(10);
+/// Period of reading the board's status, which reveals a reset.
+const DEBUG_PERIOD: Duration = Duration::from_secs(10);
 
 /// Configuration of `driver_rs485b`; SI units.
 #[derive(Clone, Debug)]
@@ -70,27 +70,27 @@ impl fmt::Display for ConfigError {
 
 impl std::error::Error for ConfigError {}
 
-/// The driver of bus B.
+/// Driver of bus B.
 #[derive(Debug)]
 pub struct Rs485b {
     ports: [PortSpec; 1],
     line: Line,
     address: u8,
     sightings: Sightings,
-    /// Which beacons it shall look for; none: all.
+    /// Beacons to look for; empty: all.
     wanted: Vec<u8>,
-    /// What it was told, and what it is being told.
-    told: Option<Vec<u8>>,
+    /// Beacons that were sent to it, and those being sent.
+    sent: Option<Vec<u8>>,
     telling: Vec<u8>,
-    /// Its count of sweeps, which falls when it is reset.
+    /// Its count of sweeps, which falls after a reset.
     sweeps: Option<u16>,
 }
 
 impl Rs485b {
-    /// A driver that has not started.
+    /// Creates the driver, not started yet.
     ///
     /// # Errors
-    /// When the configuration cannot be.
+    /// The configuration is invalid.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         if !(config.rate_hz.is_finite() && config.rate_hz > 0.0) {
             return Err(ConfigError::Rate);
@@ -98,7 +98,8 @@ impl Rs485b {
         if !is_list(&config.beacons) {
             return Err(ConfigError::Beacons);
         }
-        let polls = vec![(GET_BEACON_DATA, Duration::from_secs_f64(1.0 / config.rate_hz)), (GET_DEBUG_DATA, DEBUG)];
+        let polls =
+            vec![(GET_BEACON_DATA, Duration::from_secs_f64(1.0 / config.rate_hz)), (GET_DEBUG_DATA, DEBUG_PERIOD)];
         let board = line::Board::new(&config.name, config.address, sbs1::INSTRUCTIONS, polls);
         let bus = master::Config { baud: config.baud, crc: config.crc, ..master::Config::default() };
         let line = Line::new(&config.bus, bus, vec![(board, config.timeout)]);
@@ -108,7 +109,7 @@ impl Rs485b {
             address: config.address,
             sightings: Sightings::new(config.baud),
             wanted: config.beacons,
-            told: None,
+            sent: None,
             telling: Vec::new(),
             sweeps: None,
         })
@@ -119,7 +120,7 @@ impl Rs485b {
         match ids.filter(|ids| is_list(ids)) {
             Some(ids) => {
                 self.wanted = ids;
-                self.tell();
+                self.send_selection();
             }
             None => {
                 let why = format!("{} beacons refused: at most {BEACONS} of 0 to 255, none twice", command.ids.len());
@@ -128,19 +129,19 @@ impl Rs485b {
         }
     }
 
-    /// Has the board told which beacons to look for, where it does not know.
-    fn tell(&mut self) {
-        if self.told.as_ref() != Some(&self.wanted) {
+    /// Sends the beacons to look for if the board does not have them.
+    fn send_selection(&mut self) {
+        if self.sent.as_ref() != Some(&self.wanted) {
             self.line.demand(self.address, &SET_BEACON_IDS);
         }
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(heard) = self.line.hear(now, out) {
-            match heard {
-                Heard::Answer { instruction, data, .. } => self.on_answer(now, instruction, &data, out),
-                Heard::Back => self.told = None,
-                Heard::Failed { .. } | Heard::Unasked { .. } => {}
+        while let Some(event) = self.line.poll_event(now, out) {
+            match event {
+                BusEvent::Answer { instruction, data, .. } => self.on_answer(now, instruction, &data, out),
+                BusEvent::Recovered => self.sent = None,
+                BusEvent::Failed { .. } | BusEvent::Unsolicited { .. } => {}
             }
         }
         if let Some(turn) = self.line.turn(now) {
@@ -161,15 +162,15 @@ impl Rs485b {
     fn on_answer(&mut self, now: Instant, instruction: u8, data: &[u8], out: &mut Actions) {
         match instruction {
             code if code == SET_BEACON_IDS.code => {
-                self.told = Some(std::mem::take(&mut self.telling));
-                self.sightings.looks_for(now, self.told.as_deref().unwrap_or_default());
+                self.sent = Some(std::mem::take(&mut self.telling));
+                self.sightings.select(now, self.sent.as_deref().unwrap_or_default());
             }
             code if code == GET_BEACON_DATA.code => {
                 let read = self.sightings.read(now, out.epoch(), data);
                 if let Some((beacons, stranger)) = self.line.judge(self.address, read, out) {
                     out.publish(beacons);
                     if stranger {
-                        self.told = None;
+                        self.sent = None;
                     }
                 }
             }
@@ -177,17 +178,17 @@ impl Rs485b {
                 if let Some(debug) = self.line.judge(self.address, sbs1::parse_debug(data), out)
                     && self.sweeps.replace(debug.sweeps).is_some_and(|before| debug.sweeps < before)
                 {
-                    self.told = None;
+                    self.sent = None;
                 }
             }
             _ => {}
         }
-        // With each answer, not with each failure: a board that is silent is not asked more.
-        self.tell();
+        // With each answer rather than each failure, so that a silent board is not asked more.
+        self.send_selection();
     }
 }
 
-/// Whether a scanner can be told these beacons.
+/// True if this is a valid list of beacons for a scanner.
 fn is_list(ids: &[u8]) -> bool {
     ids.len() <= BEACONS && ids.iter().enumerate().all(|(place, id)| !ids[..place].contains(id))
 }
@@ -206,15 +207,15 @@ impl Module for Rs485b {
             Event::Start => self.line.start(now),
             Event::Port { port: PORT, input } => {
                 if self.line.on_port(now, &input, out) == Some(true) {
-                    // It may be another board, or the same one switched off meanwhile.
-                    self.told = None;
-                    self.tell();
+                    // It may be another board, or was switched off meanwhile.
+                    self.sent = None;
+                    self.send_selection();
                 }
             }
             Event::Message { message: Message::LlDataActiveBeacons(command), .. } => self.on_active(command, out),
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.line.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

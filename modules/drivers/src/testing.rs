@@ -1,4 +1,4 @@
-//! A driver with one emulated board on a small wire in virtual time.
+//! A driver with one emulated board on a simulated wire in virtual time.
 
 use base::serial::Word;
 use base::{Duration, Instant};
@@ -14,10 +14,10 @@ use std::collections::VecDeque;
 
 const PORT: PortId = PortId(0);
 
-/// What the board is: from what it is asked to what it says.
+/// Behaviour of the board: from a request to its answer.
 pub(crate) type Answer<B> = fn(&mut B, Instant, &Asked) -> (Status, Vec<u8>);
 
-/// The wire, with the driver at one end and the board at the other.
+/// The wire with the driver at one end and the board at the other.
 pub(crate) struct Rig<B> {
     pub bench: Bench,
     pub board: B,
@@ -52,12 +52,12 @@ impl<B> Rig<B> {
         self.collect();
     }
 
-    /// The board says something by itself, now.
+    /// The board sends an unsolicited frame now.
     pub fn says(&mut self, instruction: u8, data: &[u8]) {
         let mut words = Words::new();
         let address = self.slave.config().address;
         Frame { address, instruction, flags: 0, data }.encode(Crc8::SAE_J1850, &mut words);
-        // After what it says already.
+        // After what it is already sending.
         let busy = self.words.iter().filter(|(.., from_driver)| !from_driver).map(|(at, ..)| *at).max();
         let at = busy.unwrap_or_default().max(self.bench.now());
         self.put(at, &words, false);
@@ -133,7 +133,7 @@ impl<B> Rig<B> {
         }
     }
 
-    /// Takes the messages of one kind since the last call, and when they were sent.
+    /// Takes the messages of one kind since the last call, with their times.
     pub fn take<T>(&mut self, kind: impl Fn(&Message) -> Option<&T>) -> Vec<(Instant, T)>
     where
         T: Clone,
@@ -146,7 +146,7 @@ impl<B> Rig<B> {
         taken
     }
 
-    /// Takes reports, states and notes: what an operator sees.
+    /// Reports, states and notes as an operator sees them.
     pub fn news(&mut self) -> String {
         let mut news = Vec::new();
         self.log.retain(|(_, action)| {

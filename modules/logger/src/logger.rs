@@ -470,7 +470,7 @@ impl Module for Logger {
         &[Channel::CmCmdLog]
     }
 
-    fn overhears(&self) -> bool {
+    fn wants_raw_bus(&self) -> bool {
         true
     }
 
@@ -481,7 +481,7 @@ impl Module for Logger {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => self.deadlines.set(Timer::Publish, now),
-            Event::Heard { at, channel, data } => self.on_raw_message(now, at, channel, data, out),
+            Event::RawMessage { at, channel, data } => self.on_raw_message(now, at, channel, data, out),
             Event::Message { at, message: Message::CmCmdLog(command) } => self.on_command(now, at, command, out),
             Event::Port { input, .. } => self.on_port(now, &input, out),
             Event::State(state) => self.on_state(now, state, out),

@@ -1,4 +1,4 @@
-//! One guarded module: its process, the state that is wanted of it, and when it may be started again.
+//! State of one supervised module: its process, its wanted state, and the earliest time of its next start.
 
 use crate::{ModuleConfig, NAME};
 use base::{Duration, Fault, Instant, Severity};
@@ -6,34 +6,35 @@ use messages::common;
 use module::sabotage::{self, Bug};
 use module::{Action, Actions, Cause, ProcessCommand, State};
 
-/// The first delay after an immediate restart; doubles up to [`crate::Config::delay_max`].
+/// First delay after an immediate restart; doubles up to [`crate::Config::delay_max`].
 const DELAY_FIRST: Duration = Duration::from_millis(100);
-/// A delay this long is a storm: five restarts that no uptime paid off.
-const STORM: Duration = Duration::from_millis(800);
-/// A process that lived this long has paid off one doubling.
-const DECAY: Duration = Duration::from_secs(10);
-/// Announcements are counted over this time. A module announces itself each second and at every change.
-const WINDOW: Duration = Duration::from_secs(10);
-/// So many in one window are those of two.
-const CROWD: u32 = 18;
-/// The host owes an answer to a spawn within this time; else it counts as failed.
-const SPAWN_PATIENCE: Duration = Duration::from_secs(5);
-/// A module that announces for so long that it is not as it is wanted did not hear the command, or the watchdog did
-/// not. Longer than its own announcements are apart: one that somebody else makes in its name is no such thing.
-const ON_ITS_WAY: Duration = Duration::from_millis(1500);
-/// What a process announced before it ended has come by now.
+/// Delay that counts as a restart storm: five restarts without sufficient uptime in between.
+const STORM_DELAY: Duration = Duration::from_millis(800);
+/// Uptime after which one doubling is undone.
+const DECAY_UPTIME: Duration = Duration::from_secs(10);
+/// Period over which announcements are counted. A module announces itself each second and at every change.
+const COUNT_WINDOW: Duration = Duration::from_secs(10);
+/// Number of announcements in a window that indicates two senders.
+const ANNOUNCEMENTS_MAX: u32 = 18;
+/// Time within which the host must answer a spawn; otherwise it counts as failed.
+const SPAWN_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time after which a module that announces another state than the wanted one has missed a command, or the watchdog
+/// has. Longer than its announcement period, so that a single announcement by another sender in its name does not
+/// count.
+const COMMAND_LATENCY_MAX: Duration = Duration::from_millis(1500);
+/// Time after which all announcements that a process sent before its end have arrived.
 const LATE_ANNOUNCEMENT: Duration = Duration::from_secs(1);
 
-/// The process, and what is valid about it.
+/// Phase of the process with its data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
     /// No process; may be started at `not_before`.
     Down { not_before: Instant },
-    /// Asked for; the host answers with a pid or a reason.
+    /// Requested; the host answers with a pid or a reason.
     Spawning { until: Instant },
     /// Alive.
     Running { pid: u32, since: Instant },
-    /// Asked to end; killed at `kill_at`, which is none once that is done.
+    /// Asked to end; to be killed at `kill_at`, which is `None` once that is done.
     Terminating { pid: u32, kill_at: Option<Instant> },
 }
 
@@ -46,23 +47,23 @@ impl Phase {
     }
 }
 
-/// One guarded module.
+/// A supervised module.
 pub(crate) struct Guard {
     pub(crate) config: ModuleConfig,
     pub(crate) phase: Phase,
-    /// As it last announced itself; UNKNOWN without a process.
+    /// Last announced state; UNKNOWN without a process.
     pub(crate) state: State,
-    /// The state an operator wants; a restarted module starts in it, TERMINATE keeps it down.
+    /// State that an operator wants; a restarted module starts in it, TERMINATE keeps it down.
     pub(crate) wanted: State,
-    /// When it last announced itself.
+    /// Time of the last announcement.
     pub(crate) heard: Instant,
     pub(crate) last_exit: i32,
     pub(crate) cpu: f64,
     pub(crate) rss: i64,
-    /// How often it was started, without the first time.
+    /// Number of starts without the first.
     restarts: i32,
     launched: bool,
-    /// It announces another state than the wanted one, since.
+    /// Since this time it announces another state than the wanted one.
     differs: Option<Instant>,
     /// It has announced a state other than INIT since it was started.
     settled: bool,
@@ -70,18 +71,18 @@ pub(crate) struct Guard {
     held: bool,
     /// Its process is one of an earlier watchdog.
     adopted: bool,
-    /// An earlier watchdog had it, and it is not in the list any more: it is ended, and forgotten then.
-    pub(crate) stranger: bool,
-    /// It was restarted so often that each further time is no news.
+    /// An earlier watchdog started it, but it is not configured any more: it is ended and then removed.
+    pub(crate) unconfigured: bool,
+    /// It was restarted so often that further restarts are not reported.
     pub(crate) storm: bool,
-    /// What the host was last told to remember.
+    /// Last wanted state and hold stored with the host.
     remembered: (State, bool),
-    /// When it was last started, and when it was last down.
+    /// Time of its last start, and of its last end.
     pub(crate) since: Instant,
     down: Instant,
-    /// Somebody announced it while it was down, which was told.
+    /// It was announced while it was down, which has been reported.
     claimed: bool,
-    /// Announcements since a moment, and whether there were too many in the window before.
+    /// Start of the window and number of announcements in it, and whether the previous window had too many.
     announced: (Instant, u32),
     crowded: bool,
     delay: Duration,
@@ -104,7 +105,7 @@ impl Guard {
             settled: false,
             held: false,
             adopted: false,
-            stranger: false,
+            unconfigured: false,
             storm: false,
             remembered: (State::Run, false),
             since: Instant::ZERO,
@@ -116,7 +117,7 @@ impl Guard {
         }
     }
 
-    /// As an earlier watchdog left it.
+    /// Restores the state in which an earlier watchdog left it.
     pub(crate) fn earlier(&mut self, now: Instant, wanted: State, held: bool, pid: Option<u32>) {
         self.remembered = (wanted, held);
         self.wanted = if matches!(wanted, State::Pause | State::Stop | State::Terminate) { wanted } else { State::Run };
@@ -128,17 +129,17 @@ impl Guard {
         }
     }
 
-    /// Whether an earlier watchdog had started it, and it ended before this one came.
+    /// True if an earlier watchdog started it and it ended before this one started.
     pub(crate) fn died_unseen(&self) -> bool {
         self.launched && self.wanted != State::Terminate && matches!(self.phase, Phase::Down { .. })
     }
 
-    /// Whether nothing that guards the watchdog need worry: it works, or an operator wants it down.
+    /// True if it works, or if an operator wants it down.
     pub(crate) fn is_healthy(&self) -> bool {
         self.wanted == State::Terminate || matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Has the host remember what is wanted, where that is news.
+    /// Stores the wanted state with the host if it changed.
     pub(crate) fn remember(&mut self, out: &mut Actions) {
         let news = (self.wanted, self.held && self.wanted == State::Terminate);
         if self.remembered != news {
@@ -148,49 +149,49 @@ impl Guard {
         }
     }
 
-    /// Somebody announced this name while it has no process; true when that is to be told: not what was on its way
-    /// when the process ended, and once.
+    /// It was announced while it has no process; true if that is to be reported: once, and not for an announcement sent
+    /// before the process ended.
     pub(crate) fn claim(&mut self, now: Instant) -> bool {
         let late = matches!(self.phase, Phase::Down { .. }) && now.since(self.down) >= LATE_ANNOUNCEMENT;
         late && !std::mem::replace(&mut self.claimed, true)
     }
 
-    /// Counts an announcement: whether it comes from too many, as soon as that is known and changes.
+    /// Counts an announcement; `Some` when the result changes: true if it has more than one sender.
     pub(crate) fn count(&mut self, now: Instant) -> Option<bool> {
         let (begun, count) = self.announced;
-        let over = now.since(begun) >= WINDOW;
+        let over = now.since(begun) >= COUNT_WINDOW;
         self.announced = if over { (now, 1) } else { (begun, count + 1) };
         let crowded = match over {
-            // A window in which it was not heard all the time proves nothing good.
-            true => count >= CROWD,
-            false => self.crowded || count + 1 >= CROWD,
+            // A window with gaps in the announcements proves nothing.
+            true => count >= ANNOUNCEMENTS_MAX,
+            false => self.crowded || count + 1 >= ANNOUNCEMENTS_MAX,
         };
         (std::mem::replace(&mut self.crowded, crowded) != crowded).then_some(crowded)
     }
 
-    /// Whether a storm is over: it has lived as long as pays off a restart.
-    pub(crate) fn calms(&mut self, now: Instant) -> bool {
-        let calm = self.storm && self.settled && matches!(self.phase, Phase::Running { .. });
-        if calm && now.since(self.since) >= DECAY {
+    /// True if a storm has ended: the uptime undoes a restart.
+    pub(crate) fn storm_ended(&mut self, now: Instant) -> bool {
+        let restrictiveness = self.storm && self.settled && matches!(self.phase, Phase::Running { .. });
+        if restrictiveness && now.since(self.since) >= DECAY_UPTIME {
             self.storm = false;
             return true;
         }
         false
     }
 
-    /// Whether this process is its own, and was not asked to end.
+    /// True if this is its process and was not asked to end.
     pub(crate) fn is_running(&self, pid: u32) -> bool {
         matches!(self.phase, Phase::Running { pid: own, .. } if own == pid)
     }
 
-    /// Whether it is wanted, down and not delayed.
+    /// True if it is wanted, down and not delayed.
     pub(crate) fn may_start(&self, now: Instant) -> bool {
         let again = !self.launched || self.config.restart;
         matches!(self.phase, Phase::Down { not_before } if not_before <= now && again && self.wanted != State::Terminate)
     }
 
     pub(crate) fn on_spawn(&mut self, now: Instant) {
-        self.phase = Phase::Spawning { until: now + SPAWN_PATIENCE };
+        self.phase = Phase::Spawning { until: now + SPAWN_TIMEOUT };
         self.restarts += i32::from(self.launched);
         self.launched = true;
         self.since = now;
@@ -198,11 +199,11 @@ impl Guard {
         (self.settled, self.adopted, self.claimed, self.differs) = (false, false, false, None);
     }
 
-    /// Its first state after a start. One that was commanded on the way, when the process was ordered with another and
-    /// did not hear yet, is commanded again. An adopted process may have been commanded while no watchdog listened: of
-    /// its state and the remembered one the calmer is wanted.
+    /// Processes the first state after a start. A command sent after the process was requested, which it could not
+    /// receive yet, is repeated. An adopted process may have received a command while no watchdog listened: of its
+    /// state and the remembered one, the more restrictive becomes the wanted one.
     pub(crate) fn settle(&mut self, now: Instant, state: State, out: &mut Actions) {
-        if self.adopted && !self.settled && calm(state) > calm(self.wanted) {
+        if self.adopted && !self.settled && restrictiveness(state) > restrictiveness(self.wanted) {
             self.wanted = state;
         }
         if !self.settled && state != self.wanted && matches!(self.wanted, State::Pause | State::Stop) {
@@ -211,7 +212,7 @@ impl Guard {
         self.settled = true;
     }
 
-    /// Commands what is wanted again.
+    /// Repeats the command for the wanted state.
     fn repeat(&self, now: Instant, out: &mut Actions) {
         out.publish(common::CmdState {
             timestamp: out.timestamp(now),
@@ -222,19 +223,19 @@ impl Guard {
         });
     }
 
-    /// It announces a state. Where that is not the wanted one for longer than a command is on its way, the command did
-    /// not reach one of the two: again the calmer of both is wanted, and commanded. True when another state is wanted
-    /// now.
-    pub(crate) fn agree(&mut self, now: Instant, state: State, out: &mut Actions) -> bool {
+    /// Processes an announced state. If it differs from the wanted one for longer than a command may take, one of the
+    /// two has missed the command: the more restrictive state becomes the wanted one and is commanded. True if the
+    /// wanted state changed.
+    pub(crate) fn reconcile(&mut self, now: Instant, state: State, out: &mut Actions) -> bool {
         let both = [state, self.wanted];
         if state == self.wanted || both.iter().any(|state| ![State::Run, State::Pause, State::Stop].contains(state)) {
             self.differs = None;
             return false;
         }
-        if now.since(*self.differs.get_or_insert(now)) < ON_ITS_WAY {
+        if now.since(*self.differs.get_or_insert(now)) < COMMAND_LATENCY_MAX {
             return false;
         }
-        let calmer = calm(state) > calm(self.wanted);
+        let calmer = restrictiveness(state) > restrictiveness(self.wanted);
         if calmer {
             (self.wanted, self.differs) = (state, None);
         } else {
@@ -245,7 +246,7 @@ impl Guard {
 
     pub(crate) fn on_started(&mut self, now: Instant, pid: u32, out: &mut Actions) {
         if self.phase.pid().is_some() {
-            // An answer that came too late: there is another one by now, and two would fight for the device.
+            // A late answer: another process was started meanwhile, and both would use the device.
             out.push(Action::Process(ProcessCommand::Kill { pid }));
             return;
         }
@@ -253,9 +254,9 @@ impl Guard {
         self.heard = now;
     }
 
-    /// The process is gone or could not be had; returns how long until it may be started again.
+    /// The process has ended or could not be started; returns the delay until the next start.
     pub(crate) fn on_down(&mut self, now: Instant, delay_max: Duration) -> Duration {
-        let paid = now.since(self.since).as_nanos() / DECAY.as_nanos();
+        let paid = now.since(self.since).as_nanos() / DECAY_UPTIME.as_nanos();
         self.delay = self.delay.checked_div(1 << paid.min(20)).unwrap_or_default();
         if self.delay < DELAY_FIRST {
             self.delay = Duration::ZERO;
@@ -263,7 +264,7 @@ impl Guard {
         let delay = if sabotage::is(Bug::RestartDelayIgnored) { Duration::ZERO } else { self.delay };
         self.wanted = if sabotage::is(Bug::WantedForgotten) { State::Run } else { self.wanted };
         self.delay = (self.delay * 2).clamp(DELAY_FIRST, delay_max.max(DELAY_FIRST));
-        self.storm |= delay >= STORM.min(delay_max);
+        self.storm |= delay >= STORM_DELAY.min(delay_max);
         self.phase = Phase::Down { not_before: now + delay };
         self.down = now;
         self.state = State::Unknown;
@@ -271,7 +272,7 @@ impl Guard {
         delay
     }
 
-    /// Follows a state command as the module itself does; true when something changed.
+    /// Processes a state command as the module itself does; true if something changed.
     pub(crate) fn command(&mut self, now: Instant, to: State, cause: Cause, end_within: Duration) -> bool {
         let down = self.wanted == State::Terminate;
         let from = match self.state {
@@ -322,13 +323,14 @@ impl Guard {
         }
     }
 
-    /// Publishes in the name of a module without a process that its faults are not known. `begun`: start of the watchdog.
+    /// Publishes, in the name of a module without a process, that its faults are unknown. `begun`: start of the
+    /// watchdog.
     pub(crate) fn list_faults(&self, now: Instant, begun: Instant, out: &mut Actions) {
-        if self.stranger || !matches!(self.phase, Phase::Down { .. } | Phase::Spawning { .. }) {
+        if self.unconfigured || !matches!(self.phase, Phase::Down { .. } | Phase::Spawning { .. }) {
             return;
         }
         let (severity, how) = match self.wanted == State::Terminate || !self.launched {
-            true => (Severity::Notice, "does not run, as it should be"),
+            true => (Severity::Notice, "does not run, as commanded"),
             false => (Severity::Error, "does not run"),
         };
         let name = &self.config.name;
@@ -337,13 +339,13 @@ impl Guard {
             subject: name.clone(),
             severity: severity as i8,
             since: out.timestamp(self.down.max(begun)),
-            message: format!("{name} {how}: which of its faults are active is not known"),
+            message: format!("{name} {how}: its active faults are unknown"),
         };
         let (timestamp, module) = (out.timestamp(now), name.clone());
         out.publish(common::DataFaults { timestamp, module, faults: vec![down] });
     }
 
-    /// Its row in `CM_DATA_PROCESSES`.
+    /// Row of the module in `CM_DATA_PROCESSES`.
     pub(crate) fn process(&self, now: Instant) -> common::Process {
         let (phase, uptime) = match self.phase {
             Phase::Running { since, .. } => (common::Process::RUNNING, now.since(since).as_secs_f64()),
@@ -365,8 +367,8 @@ impl Guard {
     }
 }
 
-/// How far a state is from acting.
-fn calm(state: State) -> u8 {
+/// Rank of a state: the higher, the more restrictive.
+fn restrictiveness(state: State) -> u8 {
     match state {
         State::Stop => 2,
         State::Pause => 1,

@@ -1,9 +1,10 @@
-//! The module that starts all modules, guards them, and keeps the state that an operator wants of each.
+//! Module that starts all other modules, supervises them, and keeps the wanted state of each.
 //!
-//! Policy only: it asks its host for processes ([`module::ProcessCommand`]) and hears what became of them, so the live
-//! and the virtual host run the same watchdog. A module whose threads beat is judged by their beats: 200 ms of silence
-//! of any of them is a hang. All are judged by their announcement (`CM_DATA_STATE`) besides, as in 2011: two seconds
-//! without one, checked every 200 ms, is a hang; for foreign modules that do not beat it is all there is.
+//! Policy only: it requests processes from its host ([`module::ProcessCommand`]) and receives their news, so the live
+//! and the virtual host run the same watchdog. A module with heartbeats is judged by them: 200 ms of silence of any of
+//! its threads is a hang. In addition all modules are judged by their announcement (`CM_DATA_STATE`) as in 2011: two
+//! seconds without one, checked every 200 ms, is a hang; for foreign modules without heartbeats this is the only
+//! criterion.
 #![forbid(unsafe_code)]
 
 mod guard;
@@ -17,26 +18,27 @@ use module::sabotage::{self, Bug};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
 use std::collections::BTreeMap;
 
-/// The watchdog's name as a module.
+/// Name of the watchdog as a module.
 pub const NAME: &str = "watchdog";
 
-/// `CM_DATA_PROCESSES` is sent this often, and at every change.
-const PUBLISH: Duration = Duration::from_millis(100);
+/// Period of `CM_DATA_PROCESSES`, which is also published at every change.
+const PUBLISH_PERIOD: Duration = Duration::from_millis(100);
 /// Period of the lists in the name of modules without a process.
-const LISTS: Duration = Duration::from_secs(1);
-/// Modules are judged this often.
-const CHECK: Duration = Duration::from_millis(200);
-/// A module that others depend on has come up when it announces another state than INIT, or after this long.
-const DEPENDS_PATIENCE: Duration = Duration::from_secs(2);
-/// A process that hangs has this long between SIGTERM and SIGKILL.
+const LISTS_PERIOD: Duration = Duration::from_secs(1);
+/// Period of checking the modules.
+const CHECK_PERIOD: Duration = Duration::from_millis(200);
+/// A module that others depend on counts as up when it announces another state than INIT, or after this time.
+const DEPENDENCY_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time between SIGTERM and SIGKILL for a process that hangs.
 const HANG_GRACE: Duration = Duration::from_millis(200);
-/// What says that a module is down.
+/// Faults that report that a module is down.
 const DOWN: [Fault; 3] = [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable];
-/// Modules that are not ours to guard are known for this long after their last announcement, and no more than so many.
-const OTHER_GONE: Duration = Duration::from_secs(5);
+/// Time for which modules that are not supervised here are remembered after their last announcement, and
+/// [`OTHERS_MAX`], their maximum number.
+const OTHER_TIMEOUT: Duration = Duration::from_secs(5);
 const OTHERS_MAX: usize = 64;
-/// A watchdog that was not called for this long was held up itself, and heard nobody.
-const HELD_UP: Duration = Duration::from_millis(500);
+/// Time between two calls after which the watchdog itself was held up and silence of the modules does not count.
+const HELD_UP_MIN: Duration = Duration::from_millis(500);
 
 /// What to guard and how.
 #[derive(Clone, Debug)]
@@ -85,7 +87,7 @@ base::deadlines! {
         Publish,
         /// Lists of faults of modules without a process are published.
         Lists,
-        /// All modules are judged.
+        /// All modules are checked.
         Check,
     }
 }
@@ -94,23 +96,23 @@ base::deadlines! {
 pub struct Watchdog {
     config: Config,
     guards: Vec<Guard>,
-    /// Modules that are not ours to guard, and when they were last heard.
+    /// Modules that are not supervised here, with the time of their last announcement.
     others: BTreeMap<String, Instant>,
-    /// What the host was last told of the critical modules.
+    /// Last health of the critical modules reported to the host.
     health: Option<(bool, String)>,
     deadlines: Deadlines<Timer>,
     started: Instant,
-    /// The last time it was called; what was due by then has been served.
+    /// Time of the last call; everything due by then has been served.
     now: Instant,
-    /// Something that `CM_DATA_PROCESSES` shows has changed.
+    /// Data in `CM_DATA_PROCESSES` has changed.
     changed: bool,
     ending: bool,
     all_up: bool,
 }
 
 impl Watchdog {
-    /// A watchdog that has started nothing yet. The configuration is the host's affair to check: names are unique,
-    /// dependencies exist and have no circle.
+    /// Creates a watchdog that has started nothing yet. The host must check the configuration: names are unique,
+    /// dependencies exist and are not circular.
     #[must_use]
     pub fn new(config: Config) -> Self {
         let guards = config.modules.iter().map(|module| Guard::new(module.clone())).collect();
@@ -132,16 +134,16 @@ impl Watchdog {
         self.started = now;
         let adopted = self.guards.iter().filter(|guard| guard.phase.pid().is_some()).count();
         if adopted > 0 {
-            out.note(format!("{adopted} modules of an earlier watchdog are adopted"));
+            out.note(format!("{adopted} modules of an earlier watchdog were adopted"));
         }
         for guard in self.guards.iter().filter(|guard| guard.died_unseen()) {
             let name = &guard.config.name;
-            let message = format!("{name} ended while there was no watchdog");
+            let message = format!("{name} ended while no watchdog was running");
             out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), message);
         }
-        self.deadlines.set(Timer::Publish, now + PUBLISH);
-        self.deadlines.set(Timer::Lists, now + LISTS);
-        self.deadlines.set(Timer::Check, now + CHECK);
+        self.deadlines.set(Timer::Publish, now + PUBLISH_PERIOD);
+        self.deadlines.set(Timer::Lists, now + LISTS_PERIOD);
+        self.deadlines.set(Timer::Check, now + CHECK_PERIOD);
     }
 
     fn on_message(&mut self, now: Instant, message: &Message, out: &mut Actions) {
@@ -152,7 +154,7 @@ impl Watchdog {
         }
     }
 
-    /// An earlier watchdog's module. One that is not in the list any more is ended.
+    /// Processes a module of an earlier watchdog. One that is no longer configured is ended.
     fn on_earlier(&mut self, module: &str, wanted: State, held: bool, pid: Option<u32>, out: &mut Actions) {
         let guard = match (self.guards.iter_mut().position(|guard| guard.config.name == module), pid) {
             (Some(index), _) => {
@@ -169,7 +171,7 @@ impl Watchdog {
                     critical: false,
                 });
                 guard.earlier(self.now, State::Terminate, held, pid);
-                guard.stranger = true;
+                guard.unconfigured = true;
                 self.guards.push(guard);
                 let last = self.guards.len() - 1;
                 &mut self.guards[last]
@@ -191,26 +193,26 @@ impl Watchdog {
         // The announcement may overtake the news of the process's start.
         if !matches!(guard.phase, Phase::Running { .. } | Phase::Spawning { .. }) {
             if guard.claim(now) {
-                let message = format!("somebody announces {} {state}, which does not run", guard.config.name);
+                let message = format!("{} {state} is announced, but its process does not run", guard.config.name);
                 out.report(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);
             }
             return;
         }
-        // What changes its state announces itself out of turn.
+        // A change of state is announced at once and not counted.
         let counted = if guard.state == state { guard.count(now) } else { None };
         match counted {
             Some(true) => {
-                let message = format!("{} is announced more often than it announces itself", guard.config.name);
+                let message = format!("{} is announced by more than one sender", guard.config.name);
                 out.raise(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);
             }
             Some(false) => {
-                let message = format!("{} alone announces itself again", guard.config.name);
+                let message = format!("{} is announced by one sender again", guard.config.name);
                 out.clear(Fault::NameClaimed, guard.config.name.as_str(), message);
             }
             None => {}
         }
         guard.heard = now;
-        self.changed |= guard.agree(now, state, out);
+        self.changed |= guard.reconcile(now, state, out);
         if guard.state == state {
             return;
         }
@@ -220,14 +222,14 @@ impl Watchdog {
             guard.settle(now, state, out);
             let took = now.since(guard.since).as_secs_f64();
             let name = &guard.config.name;
-            // In a storm its coming back is no news either.
+            // In a storm its return is not reported either.
             if !guard.storm {
                 for fault in DOWN {
                     out.clear(fault, name.as_str(), format!("{name} is back: {state} {took:.2} s after its start"));
                 }
             }
         }
-        self.start_what_may(now, out);
+        self.start_ready(now, out);
         if !self.all_up && self.guards.iter().all(|guard| guard.state == State::Run) {
             self.all_up = true;
             let took = now.since(self.started).as_secs_f64();
@@ -235,39 +237,39 @@ impl Watchdog {
         }
     }
 
-    /// A module that somebody else started.
+    /// Processes an announcement of a module that another program started.
     fn on_other(&mut self, now: Instant, name: &str) {
         if let Some(heard) = self.others.get_mut(name) {
             *heard = now;
             return;
         }
-        self.others.retain(|_, heard| now.since(*heard) < OTHER_GONE);
+        self.others.retain(|_, heard| now.since(*heard) < OTHER_TIMEOUT);
         if self.others.len() < OTHERS_MAX {
             self.others.insert(name.into(), now);
         }
     }
 
-    /// Why nobody can execute a command, if that is so. What a running module refuses it reports itself.
-    fn unheard(&self, now: Instant, command: &common::CmdState) -> Option<&'static str> {
+    /// Reason why no process can execute a command, if so. A running module reports its own refusals.
+    fn reason_unexecutable(&self, now: Instant, command: &common::CmdState) -> Option<&'static str> {
         let name = command.module.as_str();
         let guard = self.guards.iter().find(|guard| guard.config.name == name);
         match (guard, State::from_value(command.state)) {
             (None, _) if [NAME, "*"].contains(&name) => None,
-            (None, _) if self.others.get(name).is_some_and(|heard| now.since(*heard) < OTHER_GONE) => None,
+            (None, _) if self.others.get(name).is_some_and(|heard| now.since(*heard) < OTHER_TIMEOUT) => None,
             (None, _) => Some("there is no such module"),
             (Some(guard), _) if guard.phase.pid().is_some() => None,
             (Some(_), None) => Some("that is no state"),
             (Some(guard), Some(to))
                 if guard.wanted == State::Terminate && ![State::Run, State::Terminate].contains(&to) =>
             {
-                Some("it is down, and only RUN starts it")
+                Some("it is down; only RUN starts it")
             }
             _ => None,
         }
     }
 
     fn on_command(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
-        if let Some(why) = self.unheard(now, command) {
+        if let Some(why) = self.reason_unexecutable(now, command) {
             let common::CmdState { module, state, source, .. } = command;
             let state = State::from_value(*state).map_or_else(|| state.to_string(), |state| state.to_string());
             let message = format!("command {state} to {module} from {source} refused: {why}");
@@ -284,7 +286,7 @@ impl Watchdog {
             }
             self.changed |= guard.command(now, to, cause, self.config.end_within);
         }
-        self.start_what_may(now, out);
+        self.start_ready(now, out);
     }
 
     fn on_process(&mut self, now: Instant, event: &ProcessEvent<'_>, out: &mut Actions) {
@@ -292,7 +294,7 @@ impl Watchdog {
             ProcessEvent::Started { module, pid } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
                     guard.on_started(now, pid, out);
-                    // A TERMINATE that came meanwhile was not heard by a process that was not there.
+                    // A TERMINATE during the start could not be received by the process.
                     if self.ending || guard.wanted == State::Terminate {
                         guard.end(now, self.config.end_within, out);
                     }
@@ -305,25 +307,26 @@ impl Watchdog {
                 }
             }
             ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
-            ProcessEvent::Silent { pid, thread, last } => {
+            ProcessEvent::HeartbeatLate { pid, thread, last } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.is_running(pid))
                     && now.since(last) >= guard.config.beat_timeout
                 {
                     let ms = now.since(last).as_millis();
-                    hangs(now, guard, &format!("its thread {thread} has not beaten for {ms} ms"), out);
+                    on_hang(now, guard, &format!("its thread {thread} has sent no heartbeat for {ms} ms"), out);
                     self.changed = true;
                 }
                 return;
             }
-            ProcessEvent::BadBeats { pid, why } => {
+            ProcessEvent::BadHeartbeat { pid, why } => {
                 if let Some(guard) = self.guards.iter().find(|guard| guard.is_running(pid)) {
                     let name = &guard.config.name;
-                    let message = format!("{name}: its page of beats {why}: it is judged by its announcements");
+                    let message =
+                        format!("{name}: its heartbeat page {why}; it is supervised by its announcements only");
                     out.raise(Severity::Warning, Fault::BeatsBad, name.as_str(), message);
                 }
                 return;
             }
-            ProcessEvent::Beating { pid } => {
+            ProcessEvent::HeartbeatStarted { pid } => {
                 if let Some(guard) = self.guards.iter().find(|guard| guard.is_running(pid)) {
                     let name = &guard.config.name;
                     out.clear(Fault::BeatsBad, name.as_str(), format!("{name} beats"));
@@ -342,15 +345,15 @@ impl Watchdog {
             }
         }
         self.changed = true;
-        self.start_what_may(now, out);
-        self.end_what_may(now, out);
+        self.start_ready(now, out);
+        self.end_unneeded(now, out);
     }
 
     fn on_exited(&mut self, now: Instant, pid: u32, status: ExitStatus, out: &mut Actions) {
         let Some(index) = self.guards.iter().position(|guard| guard.phase.pid() == Some(pid)) else {
             return;
         };
-        if self.guards[index].stranger {
+        if self.guards[index].unconfigured {
             self.guards.remove(index);
             return;
         }
@@ -364,7 +367,7 @@ impl Watchdog {
         }
         let name = &guard.config.name;
         let how = match status {
-            ExitStatus::Code(..0) => "and nobody saw how".into(),
+            ExitStatus::Code(..0) => "with an unknown status".into(),
             ExitStatus::Code(code) => format!("with exit code {code:#04x}"),
             ExitStatus::Signal(signal) => format!("by signal {signal}"),
         };
@@ -375,17 +378,17 @@ impl Watchdog {
         };
         out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), format!("{name} ended {how}: {then}"));
         if guard.storm && guard.config.restart {
-            storms(guard, out);
+            report_storm(guard, out);
         }
     }
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
-        let check = self.deadlines.tick(Timer::Check, now, CHECK);
+        let check = self.deadlines.tick(Timer::Check, now, CHECK_PERIOD);
         for guard in &mut self.guards {
             match guard.phase {
                 Phase::Running { .. } if check && now.since(guard.heard) >= self.config.announce_timeout => {
                     let silent = now.since(guard.heard).as_secs_f64();
-                    hangs(now, guard, &format!("it has not announced itself for {silent:.1} s"), out);
+                    on_hang(now, guard, &format!("it has not announced itself for {silent:.1} s"), out);
                     self.changed = true;
                 }
                 Phase::Spawning { until } if until <= now => {
@@ -398,24 +401,24 @@ impl Watchdog {
                 }
                 _ => {}
             }
-            if check && guard.calms(now) {
+            if check && guard.storm_ended(now) {
                 let name = &guard.config.name;
                 for fault in DOWN.into_iter().chain([Fault::RestartStorm]) {
-                    out.clear(fault, name.as_str(), format!("{name} is calm again: {}", guard.state));
+                    out.clear(fault, name.as_str(), format!("{name} has been stable again: {}", guard.state));
                 }
             }
         }
-        if self.deadlines.tick(Timer::Lists, now, LISTS) {
+        if self.deadlines.tick(Timer::Lists, now, LISTS_PERIOD) {
             self.guards.iter().for_each(|guard| guard.list_faults(now, self.started, out));
         }
-        self.start_what_may(now, out);
-        if self.deadlines.tick(Timer::Publish, now, PUBLISH) {
+        self.start_ready(now, out);
+        if self.deadlines.tick(Timer::Publish, now, PUBLISH_PERIOD) {
             self.changed = true;
         }
     }
 
-    /// Starts every module that is wanted, down, not delayed, and whose dependencies have come up.
-    fn start_what_may(&mut self, now: Instant, out: &mut Actions) {
+    /// Starts every module that is wanted, down and not delayed, and whose dependencies are up.
+    fn start_ready(&mut self, now: Instant, out: &mut Actions) {
         if self.ending {
             return;
         }
@@ -435,14 +438,14 @@ impl Watchdog {
     fn is_up(&self, now: Instant, name: &str) -> bool {
         self.guards.iter().find(|guard| guard.config.name == name).is_none_or(|guard| match guard.phase {
             Phase::Running { since, .. } => {
-                !matches!(guard.state, State::Unknown | State::Init) || now.since(since) >= DEPENDS_PATIENCE
+                !matches!(guard.state, State::Unknown | State::Init) || now.since(since) >= DEPENDENCY_TIMEOUT
             }
             _ => false,
         })
     }
 
-    /// On the way down: ends every module that no running one depends on.
-    fn end_what_may(&mut self, now: Instant, out: &mut Actions) {
+    /// Shutting down: ends every module that no running one depends on.
+    fn end_unneeded(&mut self, now: Instant, out: &mut Actions) {
         if !self.ending {
             return;
         }
@@ -458,8 +461,8 @@ impl Watchdog {
         }
     }
 
-    /// Tells the host how the critical modules are, where that is news.
-    fn tell_health(&mut self, out: &mut Actions) {
+    /// Reports the health of the critical modules to the host if it changed.
+    fn report_health(&mut self, out: &mut Actions) {
         let sick = self.guards.iter().find(|guard| guard.config.critical && !guard.is_healthy());
         let run = self.guards.iter().filter(|guard| guard.state == State::Run).count();
         let status = match sick {
@@ -481,8 +484,8 @@ impl Watchdog {
     }
 }
 
-/// A process hangs: it is told, then ended, whatever it says.
-fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
+/// A process hangs: reported, then ended.
+fn on_hang(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
     if sabotage::is(Bug::WatchdogDeaf) {
         return;
     }
@@ -495,10 +498,10 @@ fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
     }
 }
 
-/// It was restarted too often: told once, until it has lived for a while.
-fn storms(guard: &Guard, out: &mut Actions) {
+/// It was restarted too often: reported once, until its uptime is sufficient.
+fn report_storm(guard: &Guard, out: &mut Actions) {
     let name = &guard.config.name;
-    let message = format!("{name} ends again and again: further restarts are not told, until it lives");
+    let message = format!("{name} ends repeatedly: further restarts are not reported until it is stable");
     out.raise(Severity::Error, Fault::RestartStorm, name.as_str(), message);
 }
 
@@ -515,7 +518,7 @@ impl Module for Watchdog {
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
-        if now.since(self.now) >= HELD_UP {
+        if now.since(self.now) >= HELD_UP_MIN {
             for guard in &mut self.guards {
                 guard.heard = now;
             }
@@ -530,7 +533,7 @@ impl Module for Watchdog {
             Event::Start => {
                 self.on_start(now, out);
                 out.working();
-                self.start_what_may(now, out);
+                self.start_ready(now, out);
             }
             Event::Message { message, .. } => self.on_message(now, message, out),
             Event::Process(event) => self.on_process(now, &event, out),
@@ -538,22 +541,22 @@ impl Module for Watchdog {
             Event::State(State::Terminate) => {
                 self.ending = true;
                 self.changed = true;
-                self.end_what_may(now, out);
+                self.end_unneeded(now, out);
             }
-            Event::State(_) | Event::Heard { .. } | Event::Port { .. } => {}
+            Event::State(_) | Event::RawMessage { .. } | Event::Port { .. } => {}
         }
         if self.changed {
             self.changed = false;
-            for guard in self.guards.iter_mut().filter(|guard| !guard.stranger) {
+            for guard in self.guards.iter_mut().filter(|guard| !guard.unconfigured) {
                 guard.remember(out);
             }
-            self.tell_health(out);
+            self.report_health(out);
             self.publish_processes(now, out);
         }
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        // A module that waits for its dependencies, not for time, is looked at when they change and at each check.
+        // A module that waits for its dependencies, not for time, is evaluated when they change and at each check.
         let guards = self.guards.iter().filter_map(Guard::poll_timeout).filter(|due| *due > self.now).min();
         earliest([self.deadlines.next(), guards])
     }

@@ -1,4 +1,4 @@
-//! The watchdog against processes that the test plays.
+//! The watchdog with simulated processes.
 
 use crate::{Config, ModuleConfig, NAME, Watchdog};
 use base::{Duration, Epoch, Instant, Severity};
@@ -21,7 +21,7 @@ fn bench() -> Bench {
     Bench::new(Shell::new(config, Box::new(Watchdog::new(Config { modules, ..Config::default() }))))
 }
 
-/// Runs a transcript: `>` is what the world does, `<` what the watchdog asks or reports; the number is milliseconds.
+/// Runs a transcript: `>` is an input, `<` an action or report of the watchdog; the number is milliseconds.
 #[track_caller]
 fn check(transcript: &str) {
     let mut bench = bench();
@@ -72,10 +72,10 @@ fn feed(bench: &mut Bench, words: &[&str]) {
         }
         ["silent", pid, thread, ms] => {
             let last = bench.now() - Duration::from_millis(ms.parse().unwrap());
-            bench.event(Event::Process(ProcessEvent::Silent { pid: pid.parse().unwrap(), thread, last }));
+            bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: pid.parse().unwrap(), thread, last }));
         }
         ["bad-beats", pid] => {
-            bench.event(Event::Process(ProcessEvent::BadBeats { pid: pid.parse().unwrap(), why: "is torn" }));
+            bench.event(Event::Process(ProcessEvent::BadHeartbeat { pid: pid.parse().unwrap(), why: "is torn" }));
         }
         ["command", module, state, ref manual @ ..] => {
             let (module, source) = (module.into(), "test".into());
@@ -112,7 +112,7 @@ fn log(bench: &mut Bench, seen: &mut String) {
 }
 
 #[test]
-fn a_thread_that_does_not_beat_is_a_hang_however_well_the_others_talk() {
+fn a_thread_without_heartbeat_is_a_hang_despite_announcements() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -139,7 +139,7 @@ fn a_thread_that_does_not_beat_is_a_hang_however_well_the_others_talk() {
 }
 
 #[test]
-fn a_bad_page_of_beats_is_told_and_hurts_nobody() {
+fn an_invalid_heartbeat_page_is_reported_without_harm() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -166,7 +166,7 @@ fn modules_start_in_the_order_of_their_dependencies() {
 }
 
 #[test]
-fn a_dependency_that_stays_in_init_holds_others_up_for_two_seconds_only() {
+fn a_dependency_in_init_delays_others_for_two_seconds_only() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -179,7 +179,7 @@ fn a_dependency_that_stays_in_init_holds_others_up_for_two_seconds_only() {
 }
 
 #[test]
-fn a_dead_module_is_back_at_once_then_more_calmly() {
+fn a_dead_module_is_restarted_at_once_then_with_back_off() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -204,7 +204,7 @@ fn a_dead_module_is_back_at_once_then_more_calmly() {
 }
 
 #[test]
-fn a_hung_module_gets_sigterm_then_sigkill_then_a_new_life() {
+fn a_hung_module_gets_sigterm_then_sigkill_then_a_restart() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -353,7 +353,7 @@ fn a_command_to_a_process_that_is_being_started_is_not_lost() {
 }
 
 #[test]
-fn a_second_process_of_a_module_is_not_left() {
+fn a_second_process_of_a_module_is_killed() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -368,7 +368,7 @@ fn a_second_process_of_a_module_is_not_left() {
 }
 
 #[test]
-fn terminate_is_no_way_out_of_stop_but_for_an_operator() {
+fn only_an_operator_leads_out_of_stop_by_terminate() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -391,7 +391,7 @@ fn terminate_is_no_way_out_of_stop_but_for_an_operator() {
 }
 
 #[test]
-fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
+fn a_delayed_watchdog_ends_no_module_for_that() {
     let mut bench = bench();
     bench.event(Event::Start);
     bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
@@ -402,7 +402,7 @@ fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
     bench.shell.handle(frozen, Event::Timer, &mut out);
     let ended = |action: &Action| matches!(action, Action::Process(ProcessCommand::Terminate { .. }));
     assert!(!out.drain().any(|action| ended(&action)));
-    // Who stays silent from then on is ended as ever.
+    // Modules that stay silent from then on are ended as usual.
     for ms in (100..=2200).step_by(100) {
         bench.shell.handle(frozen + Duration::from_millis(ms), Event::Timer, &mut out);
     }
@@ -410,7 +410,7 @@ fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
 }
 
 #[test]
-fn an_earlier_watchdog_s_modules_are_adopted_and_what_was_wanted_of_them_stands() {
+fn modules_of_an_earlier_watchdog_are_adopted_with_their_wanted_states() {
     check(
         "0ms > earlier nerves STOP 7
          0ms > earlier eyes RUN 8
@@ -432,7 +432,7 @@ fn an_earlier_watchdog_s_modules_are_adopted_and_what_was_wanted_of_them_stands(
 }
 
 #[test]
-fn what_was_commanded_while_there_was_no_watchdog_counts_where_it_is_calmer() {
+fn a_restrictive_command_without_a_watchdog_is_kept() {
     check(
         "0ms > earlier nerves RUN 7
          0ms > earlier eyes STOP 8
@@ -448,7 +448,7 @@ fn what_was_commanded_while_there_was_no_watchdog_counts_where_it_is_calmer() {
 }
 
 #[test]
-fn what_died_unseen_is_told_and_started_and_what_was_ended_stays_so() {
+fn a_module_that_died_unseen_is_restarted_and_an_ended_one_is_not() {
     check(
         "0ms > earlier nerves RUN
          0ms > earlier eyes TERMINATE held
@@ -464,7 +464,7 @@ fn what_died_unseen_is_told_and_started_and_what_was_ended_stays_so() {
 }
 
 #[test]
-fn what_is_not_in_the_list_any_more_is_ended() {
+fn a_module_that_is_no_longer_configured_is_ended() {
     check(
         "0ms > earlier ears RUN 6
          0ms < sigterm 6
@@ -490,11 +490,11 @@ fn an_adopted_process_that_was_being_ended_is_ended() {
 }
 
 #[test]
-fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
+fn a_missed_command_counts_if_it_is_more_restrictive() {
     let mut bench = bench();
     bench.event(Event::Start);
     feed(&mut bench, &["pid", "nerves", "7"]);
-    // What it commands when a second later nerves announces itself, and what it wants of it then.
+    // Commands of the watchdog when `nerves` announces itself a second later, and its wanted state then.
     let says = |bench: &mut Bench, state: &str| {
         bench.pass(Duration::from_secs(1));
         feed(bench, &["says", "nerves", state]);
@@ -512,17 +512,17 @@ fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
         })
     };
     assert_eq!(says(&mut bench, "RUN"), []);
-    // The module has not heard it.
+    // The module has missed it.
     feed(&mut bench, &["command", "nerves", "PAUSE"]);
     assert_eq!([says(&mut bench, "RUN"), says(&mut bench, "RUN")], [[], []]);
     assert_eq!(says(&mut bench, "RUN"), [("nerves".into(), State::Pause as i8, true)]);
     assert_eq!(says(&mut bench, "PAUSE"), []);
-    // The watchdog has not.
+    // The watchdog has missed it.
     for _ in 0..3 {
         assert_eq!(says(&mut bench, "STOP"), []);
     }
     assert_eq!(wanted(&mut bench), Some(State::Stop));
-    // Somebody else speaks in its name.
+    // Another sender announces in its name.
     for _ in 0..10 {
         feed(&mut bench, &["says", "nerves", "RUN"]);
         assert_eq!(says(&mut bench, "STOP"), []);
@@ -530,7 +530,7 @@ fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
 }
 
 #[test]
-fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
+fn a_restart_storm_is_reported_once_and_cleared_at_its_end() {
     let mut bench = bench();
     bench.event(Event::Start);
     let mut told = Vec::new();
@@ -570,7 +570,7 @@ fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
 }
 
 #[test]
-fn who_announces_another_s_name_is_told_and_changes_nothing() {
+fn an_announcement_in_another_name_is_reported_and_ignored() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -588,7 +588,7 @@ fn who_announces_another_s_name_is_told_and_changes_nothing() {
 }
 
 #[test]
-fn two_that_announce_one_name_are_told() {
+fn two_senders_of_one_name_are_reported() {
     let mut bench = bench();
     bench.event(Event::Start);
     bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
@@ -612,7 +612,7 @@ fn two_that_announce_one_name_are_told() {
 }
 
 #[test]
-fn a_command_that_nobody_hears_is_told() {
+fn a_command_without_a_receiver_is_reported() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -627,7 +627,7 @@ fn a_command_that_nobody_hears_is_told() {
 }
 
 #[test]
-fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
+fn the_host_stores_wanted_states_and_gets_the_health() {
     let mut bench = bench();
     let told = |bench: &mut Bench| {
         let told = bench.done().into_iter().filter_map(|(_, action)| match action {
@@ -650,13 +650,13 @@ fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
     assert_eq!(told(&mut bench), ["true: 0 of 2 modules RUN"]);
     bench.message(says(State::Run));
     assert_eq!(told(&mut bench), ["true: 1 of 2 modules RUN"]);
-    bench.event(Event::Process(ProcessEvent::Silent { pid: 7, thread: "main", last: Instant::ZERO }));
-    assert_eq!(told(&mut bench), [""; 0], "it beat just now");
+    bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: 7, thread: "main", last: Instant::ZERO }));
+    assert_eq!(told(&mut bench), [""; 0], "its heartbeat is recent");
     bench.message(command(State::Stop));
     bench.message(says(State::Stop));
     assert_eq!(told(&mut bench), ["nerves STOP", "true: 0 of 2 modules RUN"]);
     bench.message(command(State::Terminate));
-    assert_eq!(told(&mut bench), ["nerves TERMINATE held"], "an operator wants it down: nobody need worry");
+    assert_eq!(told(&mut bench), ["nerves TERMINATE held"], "an operator wants it down: healthy");
     bench.event(Event::Process(ProcessEvent::Exited { pid: 7, status: ExitStatus::Code(0) }));
     bench.message(command(State::Run));
     assert_eq!(told(&mut bench), ["nerves RUN", "false: nerves does not run"]);
@@ -664,7 +664,7 @@ fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
     assert_eq!(told(&mut bench), ["true: ending"]);
 }
 
-/// The lists in a module's name since the last call: when, severity, since when.
+/// Lists in a module's name since the last call: time, severity, begin.
 fn lists(bench: &mut Bench, module: &str) -> Vec<(u64, i8, i64)> {
     let list = |(at, action): (Instant, Action)| match action {
         Action::Publish(Message::CmDataFaults(list)) if list.module == module => {
@@ -678,7 +678,7 @@ fn lists(bench: &mut Bench, module: &str) -> Vec<(u64, i8, i64)> {
 }
 
 #[test]
-fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
+fn faults_of_modules_without_a_process_are_published_as_unknown() {
     let mut bench = bench();
     let run = |bench: &mut Bench, ms: u64| bench.pass(Instant::from_millis(ms).since(bench.now()));
     bench.event(Event::Start);
@@ -687,11 +687,11 @@ fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
         feed(&mut bench, &["says", module, "RUN"]);
     }
     run(&mut bench, 1500);
-    assert_eq!(lists(&mut bench, "nerves"), [], "it lives, and says itself what is active");
+    assert_eq!(lists(&mut bench, "nerves"), [], "it lives and publishes its own faults");
     feed(&mut bench, &["exit", "7", "64"]);
     let error = Severity::Error as i8;
     assert_eq!(lists(&mut bench, "nerves"), [(1500, error, 1500)], "at once");
-    // The next process is long in coming.
+    // The next process takes long to appear.
     for ms in [2500, 3600] {
         feed(&mut bench, &["says", "eyes", "RUN"]);
         run(&mut bench, ms);
@@ -702,7 +702,7 @@ fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
     feed(&mut bench, &["says", "eyes", "RUN"]);
     run(&mut bench, 5000);
     assert_eq!(lists(&mut bench, "nerves"), []);
-    // What an operator wants down is down, and its faults are not known either.
+    // A module that an operator wants down is down, and its faults are unknown too.
     feed(&mut bench, &["command", "eyes", "TERMINATE"]);
     feed(&mut bench, &["exit", "8", "0"]);
     let notice = Severity::Notice as i8;

@@ -1,10 +1,10 @@
-//! The server's place on the bus: messages are read some times a second, translated, and given to the hub.
+//! The server's bus connection: messages are read several times a second, translated, and passed to the hub.
 //!
-//! People do not see more pictures than that, and a server that is not woken for each message costs the robot next to
-//! nothing. The kernel's and the rings' times of reception stay with the messages.
+//! People do not see more updates than that, and without a wake-up per message the server costs the robot almost
+//! nothing. Messages keep the reception times of the kernel and the rings.
 
 use super::app::App;
-use super::center::Beside;
+use super::center::ExtraState;
 use base::{Epoch, Instant};
 use host::bus::Bus;
 use host::clock;
@@ -13,23 +13,23 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 /// Read period while Foxglove is connected, and while it is not. For pages it reads when their next update is due.
-const LOOKED_AT: Duration = Duration::from_millis(40);
-const ALONE: Duration = Duration::from_millis(200);
-/// Messages taken at a time: a flood waits, or is lost, while viewers are served.
+const POLL_PERIOD: Duration = Duration::from_millis(40);
+const IDLE_POLL_PERIOD: Duration = Duration::from_millis(200);
+/// Maximum number of messages read at a time: a flood waits, or is lost, while viewers are served.
 const BURST: usize = 2000;
 
 /// Reader of the bus.
-pub struct Ear {
+pub struct BusReader {
     bus: Bus,
     translator: Translator,
     epoch: Epoch,
 }
 
-impl Ear {
+impl BusReader {
     /// Joins the bus.
     ///
     /// # Errors
-    /// One line: it cannot be joined.
+    /// One line: the bus cannot be joined.
     pub fn open(url: &str, scene: RobotScene) -> Result<Self, String> {
         Ok(Self { bus: Bus::open(url, &[".*"])?, translator: Translator::new(scene), epoch: clock::epoch() })
     }
@@ -40,9 +40,9 @@ impl Ear {
             app.bus.turns.fetch_add(1, Relaxed);
             let more = self.take(&app);
             let (now, show) = (clock::now(), &app.center.show);
-            let holder = app.desk.holder().and_then(|holder| serde_json::to_value(holder).ok());
-            let due = show.turn(now, Beside { holder: holder.as_ref(), viewers: app.viewers() });
-            let period = if app.hub().viewers() == 0 { ALONE } else { LOOKED_AT };
+            let holder = app.command_queue.holder().and_then(|holder| serde_json::to_value(holder).ok());
+            let due = show.turn(now, ExtraState { holder: holder.as_ref(), viewers: app.viewers() });
+            let period = if app.hub().viewers() == 0 { IDLE_POLL_PERIOD } else { POLL_PERIOD };
             if more {
                 tokio::task::yield_now().await;
                 continue;
@@ -54,7 +54,7 @@ impl Ear {
         }
     }
 
-    /// Takes what has come; whether there may be more.
+    /// Processes the received messages; true if there may be more.
     fn take(&mut self, app: &App) -> bool {
         let mut hub = app.hub();
         let mut taken = 0;
@@ -80,12 +80,12 @@ impl Ear {
             }
         }
         app.bus.lost.store(u32::try_from(self.bus.kernel_dropped()).unwrap_or(u32::MAX), Relaxed);
-        hub.stir();
+        hub.wake_viewers();
         taken == BURST
     }
 }
 
-/// On the scale of message timestamps, which no step of the wall clock turns back; ns since the UNIX epoch.
+/// Message timestamp, ns since the UNIX epoch; no step of the wall clock turns it back.
 fn nanoseconds(epoch: Epoch, at: Instant) -> u64 {
     u64::try_from(epoch.timestamp(at)).unwrap_or_default() * 1000
 }

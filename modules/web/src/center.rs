@@ -3,21 +3,21 @@
 pub mod access;
 pub mod authority;
 pub mod command;
+pub mod command_queue;
 mod demo;
-pub mod desk;
 mod inspect;
-pub mod keeper;
 pub mod objects;
 pub mod operator;
 pub mod pairing;
 mod parts;
 pub mod scene;
-mod show;
+pub mod session_store;
+mod view_publisher;
 pub mod viewer;
 
-pub use parts::Beside;
+pub use parts::ExtraState;
 pub use scene::Scene;
-pub use show::Show;
+pub use view_publisher::ViewPublisher;
 
 use base::Instant;
 use record::Header;
@@ -25,18 +25,18 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// Files that are downloaded at once.
+/// Maximum number of files downloaded at a time.
 const DOWNLOADS_MAX: usize = 8;
 
 /// State shared by all of its viewers.
 pub struct Center {
     /// The robot.
-    pub show: Show,
+    pub show: ViewPublisher,
     /// Constant part of the view.
     pub scene: Scene,
     /// Configuration of its model.
     pub config: diagnostics::Config,
-    /// The scene of a recorded run, by what its log carries of the configuration.
+    /// Scene of a recorded run, from the configuration in its log.
     pub recorded: fn(&Header) -> Option<Scene>,
     /// The folder of recorded runs.
     pub logs: Arc<Path>,
@@ -47,11 +47,11 @@ pub struct Center {
 }
 
 impl Center {
-    /// Makes the center of a robot without any message yet.
+    /// Creates the center of a robot without any message yet.
     #[must_use]
     pub fn new(scene: Scene, recorded: fn(&Header) -> Option<Scene>, config: diagnostics::Config, logs: &Path) -> Self {
         Self {
-            show: Show::new(config.clone()),
+            show: ViewPublisher::new(config.clone()),
             scene,
             recorded,
             config,
@@ -61,7 +61,7 @@ impl Center {
         }
     }
 
-    /// The run that is being recorded now.
+    /// Name of the run that is being recorded.
     #[must_use]
     pub fn recording(&self, now: Instant) -> Option<String> {
         self.show.look(|model| model.log.fresh(now).filter(|log| log.recording).map(|log| log.run.clone()))

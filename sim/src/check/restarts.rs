@@ -1,23 +1,23 @@
-//! No restart storm (DESIGN 6): a module that dies is started again at once, then after 100 ms, doubling up to the
-//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay, and a watchdog
-//! that is started anew knows nothing of what was before it.
+//! No restart storm (docs/design.md, section 6): a module that dies is restarted at once, then after 100 ms, doubling
+//! up to the configured maximum; ten seconds of uptime undo one doubling. An operator's command lifts the delay, and a
+//! restarted watchdog does not know the former delays.
 
 use super::Verdict;
-use super::facts::{Facts, SLACK};
+use super::facts::{DELAY_MAX, Facts};
 use super::names::Names;
 use base::{Duration, Instant};
 
-/// The first delay.
-const FIRST: Duration = Duration::from_millis(100);
-/// Lifetime that reduces the delay by one doubling.
-const DECAY: Duration = Duration::from_secs(10);
+/// First delay.
+const DELAY_FIRST: Duration = Duration::from_millis(100);
+/// Uptime that undoes one doubling.
+const DECAY_UPTIME: Duration = Duration::from_secs(10);
 
 /// A module.
 #[derive(Debug, Default)]
 struct Module {
     started: Instant,
     ended: Option<Instant>,
-    /// Least next delay, before reductions.
+    /// Minimum next delay, before reductions.
     delay: Duration,
     commanded: bool,
 }
@@ -29,7 +29,7 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// Takes a state command.
+    /// Processes a state command.
     pub fn on_command(&mut self, module: &str) {
         match module {
             "*" => self.modules.all().for_each(|(_, module)| module.commanded = true),
@@ -42,7 +42,7 @@ impl Rule {
         self.modules.of(name).ended = Some(now);
     }
 
-    /// Takes the start of the watchdog, which is restarted with other delays.
+    /// Processes the start of a watchdog, which begins with new delays.
     pub fn on_watchdog(&mut self) {
         self.modules.all().for_each(|(_, module)| (module.ended, module.delay) = (None, Duration::ZERO));
     }
@@ -50,14 +50,15 @@ impl Rule {
     /// A process is started.
     pub fn on_started(&mut self, now: Instant, name: &str, facts: &Facts) -> Verdict {
         let module = self.modules.of(name);
-        let paid = now.since(module.started).as_nanos() / DECAY.as_nanos();
-        let delay = module.delay.checked_div(1 << paid.min(20)).filter(|delay| *delay >= FIRST).unwrap_or_default();
+        let paid = now.since(module.started).as_nanos() / DECAY_UPTIME.as_nanos();
+        let delay =
+            module.delay.checked_div(1 << paid.min(20)).filter(|delay| *delay >= DELAY_FIRST).unwrap_or_default();
         let waited = module.ended.take().map(|ended| now.since(ended));
-        (module.started, module.delay) = (now, (delay * 2).clamp(FIRST, facts.limits.restart_max));
+        (module.started, module.delay) = (now, (delay * 2).clamp(DELAY_FIRST, facts.limits.restart_max));
         let commanded = std::mem::take(&mut module.commanded);
         match waited {
             None => module.delay = Duration::ZERO,
-            Some(waited) if waited + SLACK < delay && !commanded && name != facts.limits.watchdog => {
+            Some(waited) if waited + DELAY_MAX < delay && !commanded && name != facts.limits.watchdog => {
                 return Err(format!("{name} is started again after {waited:?}, and not after {delay:?}"));
             }
             Some(_) => {}

@@ -1,20 +1,20 @@
 //! Recent commands of each source of motion, as received by the driver.
 
-use super::facts::SLACK;
+use super::facts::DELAY_MAX;
 use base::{Duration, Instant};
 use messages::lowlevel;
 use std::collections::VecDeque;
 
-/// Sources remembered at once; further ones take the place of the one silent longest.
+/// Maximum number of sources; a further one takes the place of the one that has been silent longest.
 const SOURCES_MAX: usize = 16;
-/// Commands remembered of each: 500 ms at 20 Hz are 10.
-const SAID_MAX: usize = 32;
-/// By how much a set-point may differ by rounding, m/s: one rpm of the motor is 0.0004.
-const ROUNDING: f64 = 0.001;
+/// Maximum number of commands per source: 500 ms at 20 Hz are 10.
+const COMMANDS_MAX: usize = 32;
+/// Tolerance of a set-point due to rounding, m/s: one rpm of the motor is 0.0004.
+const ROUNDING_MPS: f64 = 0.001;
 
-/// A command: when it was received, when it was served, m/s.
+/// A command: reception time, service time, speed in m/s.
 #[derive(Clone, Copy, Debug)]
-struct Said {
+struct ReceivedCommand {
     at: Instant,
     served: Instant,
     speed: f64,
@@ -27,13 +27,13 @@ pub(super) struct Source {
     pub id: u64,
     pub name: String,
     pub priority: i8,
-    said: VecDeque<Said>,
+    said: VecDeque<ReceivedCommand>,
     ttl: Duration,
-    /// Since when it has not been silent for its time to live.
+    /// Begin of the period without silence beyond its time to live.
     pub unbroken: Instant,
-    /// The first command that moves after zero or silence.
+    /// First moving command after zero or silence.
     pub begun: Option<Instant>,
-    /// Zero since.
+    /// Time since which it commands zero.
     pub ended: Option<Instant>,
 }
 
@@ -52,7 +52,7 @@ impl Source {
         self.said.back().map_or(Instant::ZERO, |said| said.served)
     }
 
-    /// True if its last command lives, or died no longer than `slack` ago.
+    /// True if its last command is valid, or expired at most `slack` ago.
     pub fn lives(&self, now: Instant, slack: Duration) -> bool {
         self.said.back().is_some_and(|said| now < said.at + self.ttl + slack)
     }
@@ -62,18 +62,18 @@ impl Source {
         self.said.iter().rev().find(|said| said.speed != 0.0).map(|said| said.at + self.ttl)
     }
 
-    /// True if it asks for this speed, or for more that is limited to it, with a command that lives and was not
-    /// followed by another longer than `slack` ago.
+    /// True if it commands this speed, or a higher one that is limited to it, by a valid command that was superseded at
+    /// most `slack` ago.
     pub fn asks(&self, now: Instant, slack: Duration, speed: f64, limit: f64) -> bool {
         self.said.iter().enumerate().any(|(nth, said)| {
             let superseded = self.said.get(nth + 1).is_some_and(|next| now.since(next.served) > slack);
             let lives = now.since(said.at) <= self.ttl + slack && !superseded;
-            lives && said.speed * speed > 0.0 && speed.abs() <= said.speed.abs().min(limit) + ROUNDING
+            lives && said.speed * speed > 0.0 && speed.abs() <= said.speed.abs().min(limit) + ROUNDING_MPS
         })
     }
 
     fn say(&mut self, now: Instant, at: Instant, speed: f64) {
-        let silent = self.said.back().is_none_or(|said| at.since(said.at) + SLACK >= self.ttl);
+        let silent = self.said.back().is_none_or(|said| at.since(said.at) + DELAY_MAX >= self.ttl);
         if silent {
             self.unbroken = at;
         }
@@ -82,10 +82,11 @@ impl Source {
         } else if silent || self.ended.is_some() || self.begun.is_none() {
             (self.begun, self.ended) = (Some(now), None);
         }
-        while self.said.len() >= SAID_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl) {
+        while self.said.len() >= COMMANDS_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl)
+        {
             self.said.pop_front();
         }
-        self.said.push_back(Said { at, served: now, speed });
+        self.said.push_back(ReceivedCommand { at, served: now, speed });
     }
 }
 
@@ -102,7 +103,7 @@ impl Sources {
         Self { ttl, known: Vec::with_capacity(SOURCES_MAX), next_id: 0 }
     }
 
-    /// The driver is served a command that was received at `at` and lives.
+    /// The driver is served a valid command that was received at `at`.
     pub fn said(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion) {
         let place = self.place(&command.source, command.priority);
         self.known[place].say(now, at, command.speed);
@@ -125,7 +126,7 @@ impl Sources {
             id: self.next_id,
             name: name.into(),
             priority,
-            said: VecDeque::with_capacity(SAID_MAX),
+            said: VecDeque::with_capacity(COMMANDS_MAX),
             ttl: self.ttl,
             unbroken: Instant::ZERO,
             begun: None,

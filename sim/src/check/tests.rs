@@ -1,7 +1,7 @@
-//! Each rule, held and broken, by news made by hand.
+//! Each rule, kept and violated, with scripted news.
 //!
-//! A script has a step a line: `+251` lets time pass, a word and its arguments make news ([`Bench::act`]). Every rule holds
-//! behind every step, but where a line ends with `! rule`: there that rule is the first to be broken.
+//! A script has one step per line: `+251` lets time pass, a word with arguments makes news ([`Bench::act`]). Every rule
+//! holds after every step, unless the line ends with `! rule`: that rule must be the first to be violated there.
 
 use super::*;
 use messages::{lowlevel, middlelevel, simulation};
@@ -32,13 +32,13 @@ fn limits() -> Limits {
     }
 }
 
-/// A machine in which all is well unless a script says otherwise.
+/// A machine without faults unless a script injects them.
 struct Bench {
     checkers: Checkers,
     now: Instant,
     /// Process of each module.
     pids: BTreeMap<String, u32>,
-    /// Modules and drives that are quiet; the others send something every 50 ms.
+    /// Modules and drives that are silent; the others send something every 50 ms.
     quiet: Vec<String>,
     speed: f64,
 }
@@ -116,7 +116,7 @@ impl Bench {
     fn act(&mut self, words: &[&str]) {
         match *words {
             [] => {}
-            // Commands of motion: the robot moves; only said; received some ms ago.
+            // Motion commands: with permission to move; sent only; received some ms ago.
             ["begin", source, speed] => {
                 self.act(&["say", source, "0"]);
                 self.pass(10);
@@ -137,7 +137,7 @@ impl Bench {
                 let quality = middlelevel::DataEstimate::FINE;
                 self.served(0, middlelevel::DataEstimate { quality, ..Default::default() });
             }
-            // On the CAN bus: set points, quick stops, anything.
+            // On the CAN bus: set-points, quick stops, any frame.
             ["drive", speed] => self.set_point(0x0F, number(speed)),
             ["drive", controlword, speed] => self.set_point(byte(controlword), number(speed)),
             ["stop"] => self.set_point(0x0B, 0.0),
@@ -145,7 +145,7 @@ impl Bench {
                 let data: Vec<u8> = data.iter().map(|text| byte(text)).collect();
                 self.frame(u16::from_str_radix(id, 16).unwrap(), &data);
             }
-            // The body, and what the driver says of it.
+            // The body, and the driver's report of it.
             ["speed", speed] => self.speed = number(speed),
             ["truth", speed] => {
                 self.speed = number(speed);
@@ -161,7 +161,7 @@ impl Bench {
                 let engaged = what == "engaged";
                 self.served(0, lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() });
             }
-            // Processes, as the watchdog lists them and as they are.
+            // Processes: as listed by the watchdog, and their real state.
             ["list", running] => {
                 let row = |module: &str| row(module, running.split(',').any(|name| name == module), "RUN", "RUN");
                 self.rows(vec![row("power"), row("driver")]);
@@ -180,14 +180,14 @@ impl Bench {
                 let (state, manual, source) = (state(to) as i8, by == "operator", "op".into());
                 self.served(0, common::CmdState { timestamp: 0, module: module.into(), state, manual, source });
             }
-            // What breaks.
+            // Faults.
             ["fault", target, fault, ms] => {
                 let until = self.now + Duration::from_millis(ms.parse().unwrap());
                 self.tell(&News::Fault { target, fault, until });
             }
             ["dropped", whose] => self.tell(&News::Dropped { whose, count: 3 }),
             ["calm"] => self.checkers.calm(self.now),
-            // A timestamp of a process on LL_DATA_ODO, on LL_DATA_SRFS.
+            // Timestamps of a process on LL_DATA_ODO and LL_DATA_SRFS.
             ["odo", pid, at] => {
                 let timestamp = at.parse().unwrap();
                 self.sent(pid.parse().unwrap(), lowlevel::DataOdo { timestamp, ..Default::default() });
@@ -214,7 +214,7 @@ impl Bench {
     }
 }
 
-/// Runs a script, whose last line breaks a rule if any does.
+/// Runs a script, whose last line violates a rule if any does.
 #[track_caller]
 fn check(script: &str) {
     let mut bench = Bench::new();
@@ -294,7 +294,7 @@ fn an_rpdo4_is_whole_and_its_controlword_plain() {
 }
 
 #[test]
-fn who_did_not_let_go_does_not_move_the_robot_after_a_stop() {
+fn a_source_that_was_not_released_does_not_move_the_robot_after_a_stop() {
     check(
         "begin pad 0.4
         +50 say pad 0.4
@@ -305,7 +305,7 @@ fn who_did_not_let_go_does_not_move_the_robot_after_a_stop() {
 }
 
 #[test]
-fn who_let_go_moves_it_again() {
+fn a_released_source_moves_the_robot_again() {
     check(
         "begin pad 0.4
         stop
@@ -317,7 +317,7 @@ fn who_let_go_moves_it_again() {
 }
 
 #[test]
-fn the_planner_needs_leave_and_an_estimate() {
+fn the_planner_needs_a_release_and_an_estimate() {
     check(
         "goal
         estimate
@@ -331,7 +331,7 @@ fn the_planner_needs_leave_and_an_estimate() {
 }
 
 #[test]
-fn the_planner_goes_on_after_its_own_silence_and_not_after_a_stop() {
+fn the_planner_continues_after_its_own_silence_but_not_after_a_stop() {
     check(
         "goal
         estimate
@@ -348,7 +348,7 @@ fn the_planner_goes_on_after_its_own_silence_and_not_after_a_stop() {
 }
 
 #[test]
-fn after_a_manual_take_over_the_planner_waits_for_leave() {
+fn after_a_manual_take_over_the_planner_waits_for_a_release() {
     check(
         "goal
         estimate
@@ -390,13 +390,13 @@ fn under_pause_the_speed_never_rises() {
 }
 
 #[test]
-fn a_pause_line_that_is_not_heard_of_counts_as_engaged() {
+fn an_unknown_pause_line_counts_as_engaged() {
     check(
         "quiet power
         +1190 begin pad 0.4
         +10 drive 0.4 ! pause",
     );
-    // A driver that has just come knows nothing.
+    // A driver that has just started knows nothing.
     check(
         "quiet power
         exit driver
@@ -450,7 +450,7 @@ fn a_steering_that_is_lost_stops_the_propulsion() {
 }
 
 #[test]
-fn a_steering_in_fault_or_started_anew_stops_the_propulsion() {
+fn a_steering_in_fault_or_rebooted_stops_the_propulsion() {
     for frame in ["282 18 02", "702 00 00"] {
         check(&format!("begin pad 0.4 \n frame {frame} \n +1 drive 0.4 \n +2 drive 0.4 ! drives"));
     }
@@ -470,7 +470,7 @@ fn an_unhomed_robot_is_not_driven() {
 }
 
 #[test]
-fn who_holds_the_motion_keeps_it_until_it_lets_go() {
+fn the_holder_of_the_motion_keeps_it_until_released() {
     let contest = |first: &str, second: &str, end: &str| {
         check(&format!(
             "begin {first} 0.2
@@ -492,7 +492,7 @@ fn who_holds_the_motion_keeps_it_until_it_lets_go() {
 }
 
 #[test]
-fn set_points_are_those_of_who_holds_the_motion() {
+fn set_points_are_those_of_the_holder_of_the_motion() {
     check(
         "begin pad 0.2
         motion homed pad 0.2
@@ -528,7 +528,7 @@ fn a_drive_that_stops_by_itself_has_begun_the_stop() {
 }
 
 #[test]
-fn a_hang_that_is_over_soon_or_is_none_of_a_critical_module_is_no_loss() {
+fn a_short_hang_or_one_of_an_uncritical_module_is_no_loss() {
     check(&format!(
         "begin pad 0.4
         speed 0.4
@@ -579,7 +579,7 @@ fn what_a_driver_commanded_before_it_hung_moves_the_robot_until_the_drive_misses
 }
 
 #[test]
-fn stop_is_left_by_an_operator_alone() {
+fn only_an_operator_leads_out_of_stop() {
     check(
         "operator power STOP
         state power STOP
@@ -613,7 +613,7 @@ fn restarts_wait_for_their_delays() {
 }
 
 #[test]
-fn life_pays_off_delays_and_an_operator_lifts_them() {
+fn uptime_reduces_restart_delays_and_an_operator_lifts_them() {
     check(
         "exit power
         start power
@@ -647,7 +647,7 @@ fn timestamps_do_not_go_back_on_a_channel_of_a_process() {
 }
 
 #[test]
-fn queues_overflow_where_something_is_broken_alone() {
+fn queues_overflow_only_where_a_fault_is_injected() {
     check(
         "fault can cut 500
         dropped can
@@ -660,7 +660,7 @@ fn queues_overflow_where_something_is_broken_alone() {
 }
 
 #[test]
-fn what_is_wanted_changes_by_command_alone() {
+fn the_wanted_state_changes_only_by_command() {
     check(
         "program power PAUSE
         row RUN PAUSE
@@ -669,7 +669,7 @@ fn what_is_wanted_changes_by_command_alone() {
 }
 
 #[test]
-fn in_calm_all_come_to_be_as_they_are_wanted_within_ten_seconds() {
+fn in_calm_all_modules_reach_their_wanted_state_within_ten_seconds() {
     let differs =
         |seconds: usize| format!("quiet watchdog \n calm \n {}", "row ERROR RUN \n +100 \n".repeat(seconds * 10));
     check(&format!("{} row RUN RUN", differs(9)));

@@ -1,4 +1,4 @@
-//! What is to happen, in a total order: by moment, then by who asked first.
+//! Scheduled events in a total order: by time, then by order of scheduling.
 
 use base::can::{Frame, Notice};
 use base::gamepad;
@@ -20,35 +20,35 @@ pub(super) enum Waiting {
     Words(PortId, Rc<[Word]>),
     Sent(PortId),
     I2c(PortId, i2c::Outcome),
-    I2cAsked(PortId, i2c::Transfer),
+    I2cRequested(PortId, i2c::Transfer),
     OneWire(PortId, w1::Answer),
     Gamepad(PortId, Rc<gamepad::Event>),
     Store(PortId, store::Answer),
     Exited(u32, ExitStatus),
     Started(Rc<str>, u32),
     Unstartable(Rc<str>, Rc<str>),
-    Beating(u32),
-    Silent(u32, Instant),
+    HeartbeatStarted(u32),
+    HeartbeatLate(u32, Instant),
     Terminate,
     Start,
 }
 
-/// What happens at a moment besides timers and wires.
+/// Events apart from timers and wires.
 pub(super) enum Happening {
     Deliver(Rc<Message>),
     Inject(Message),
     Tell(u32, Waiting),
-    /// What has come for a process that is late is served.
+    /// A delayed event of a slow process is served.
     Serve(u32, Waiting),
-    /// It is looked whether processes beat.
+    /// Heartbeats are checked.
     Look,
-    /// The children of a process have waited for it.
+    /// The children of a process have waited for it long enough.
     Lonely(u32),
-    /// A process that is kept is started again.
+    /// A supervised process is restarted.
     Again(usize),
 }
 
-/// A happening and its place in the order of all.
+/// A scheduled event and its position in the total order.
 pub(super) struct Entry {
     pub at: Instant,
     pub number: u64,

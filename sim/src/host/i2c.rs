@@ -1,5 +1,5 @@
-//! An I2C bus: one transfer after the other, each as long as its bits take. Who emulates the chips is asked at the
-//! START and answers at once; the master hears of it when the STOP is over.
+//! An I2C bus: one transfer after the other, each as long as its bits take. The process that emulates the chips
+//! receives the transfer at the START and answers at once; the master receives the outcome after the STOP.
 
 use super::news::Traffic;
 use super::owner::Owner;
@@ -14,31 +14,31 @@ use std::collections::VecDeque;
 pub(super) struct I2cWire {
     pub hz: u32,
     pub ports: Vec<Owner>,
-    /// Who emulates the chips.
+    /// Port of the process that emulates the chips.
     chips: Option<Owner>,
     queue: VecDeque<(Owner, Transfer)>,
     now: Now,
-    /// Questions that were given up, and whose answers may still come.
+    /// Number of abandoned requests whose answers may still arrive.
     stale: u32,
     pub traffic: Traffic,
 }
 
-/// What is on the wire.
+/// Current state of the wire.
 #[derive(Debug)]
 enum Now {
     Nothing,
-    /// Who emulates the chips was asked; given up at the moment.
+    /// A request to the chips: its time, and the time at which it is abandoned.
     Asked(Instant, Instant),
-    /// This came of it, and is over at the moment.
+    /// End of the transfer, and its outcome.
     Answered(Instant, Outcome),
 }
 
-/// Whom to tell.
+/// Event of the bus.
 #[derive(Debug, PartialEq)]
-pub(super) enum Told {
-    /// Who emulates the chips: what the master does.
+pub(super) enum I2cEvent {
+    /// For the emulator of the chips: a transfer of the master.
     Asked(Owner, Transfer),
-    /// A master: what came of its transfer.
+    /// For a master: the outcome of its transfer.
     Over(Owner, Transfer, Outcome),
 }
 
@@ -63,7 +63,7 @@ impl I2cWire {
         }
     }
 
-    /// What the chips make of the transfer that they were asked about.
+    /// Processes the chips' answer to the current transfer.
     pub fn answer(&mut self, now: Instant, owner: Owner, outcome: Outcome) {
         if self.chips != Some(owner) {
             return;
@@ -84,8 +84,8 @@ impl I2cWire {
         }
     }
 
-    /// What is to be told at `now`, one at a time.
-    pub fn handle_timeout(&mut self, now: Instant) -> Option<Told> {
+    /// Next event at `now`; called until `None`.
+    pub fn handle_timeout(&mut self, now: Instant) -> Option<I2cEvent> {
         match &self.now {
             Now::Nothing => self.start(now),
             Now::Asked(_, until) if *until <= now => {
@@ -101,12 +101,12 @@ impl I2cWire {
         }
     }
 
-    fn start(&mut self, now: Instant) -> Option<Told> {
+    fn start(&mut self, now: Instant) -> Option<I2cEvent> {
         let (_, transfer) = self.queue.front()?;
         match self.chips {
             Some(chips) => {
                 self.now = Now::Asked(now, now + STRETCH_MAX);
-                Some(Told::Asked(chips, transfer.clone()))
+                Some(I2cEvent::Asked(chips, transfer.clone()))
             }
             None => {
                 let outcome = Err(Error::NoAddress);
@@ -116,19 +116,19 @@ impl I2cWire {
         }
     }
 
-    fn finish(&mut self, busy: Duration, outcome: Outcome) -> Option<Told> {
+    fn finish(&mut self, busy: Duration, outcome: Outcome) -> Option<I2cEvent> {
         self.now = Now::Nothing;
         self.traffic.sent += 1;
         self.traffic.errors += u64::from(outcome.is_err());
         self.traffic.busy += busy;
-        self.queue.pop_front().map(|(owner, transfer)| Told::Over(owner, transfer, outcome))
+        self.queue.pop_front().map(|(owner, transfer)| I2cEvent::Over(owner, transfer, outcome))
     }
 
     pub fn close(&mut self, pid: u32) {
         self.ports.retain(|owner| owner.pid != pid);
         let busy = !matches!(self.now, Now::Nothing);
         if busy && self.queue.front().is_some_and(|(owner, _)| owner.pid == pid) {
-            // The lines are free again; what the chips say of it is for nobody.
+            // The lines are free again; the late answer is ignored.
             self.stale += u32::from(matches!(self.now, Now::Asked(..)));
             self.now = Now::Nothing;
         }
@@ -169,24 +169,24 @@ mod tests {
     fn reading_a_byte_takes_forty_clocks() {
         let mut wire = wire();
         wire.send(owner(2), read_byte());
-        assert_eq!(wire.handle_timeout(at(100)), Some(Told::Asked(owner(1), read_byte())));
+        assert_eq!(wire.handle_timeout(at(100)), Some(I2cEvent::Asked(owner(1), read_byte())));
         let outcome = Ok(Bytes::from_slice(&[41]).unwrap());
         wire.answer(at(100), owner(1), outcome.clone());
         // Two STARTs, four bytes, STOP and the pause.
         assert_eq!(wire.poll_timeout(), Some(at(100 + 400)));
         assert_eq!(wire.handle_timeout(at(499)), None);
-        assert_eq!(wire.handle_timeout(at(500)), Some(Told::Over(owner(2), read_byte(), outcome)));
+        assert_eq!(wire.handle_timeout(at(500)), Some(I2cEvent::Over(owner(2), read_byte(), outcome)));
         assert_eq!((wire.poll_timeout(), wire.traffic.busy), (None, Duration::from_micros(400)));
     }
 
     #[test]
-    fn without_chips_nobody_acknowledges_and_a_master_that_is_gone_is_told_nothing() {
+    fn without_chips_no_address_is_acknowledged_and_a_gone_master_gets_no_answer() {
         let mut wire = wire();
         wire.close(1);
         wire.send(owner(2), read_byte());
         assert_eq!(wire.handle_timeout(at(0)), None);
         let over = wire.poll_timeout().unwrap();
-        assert_eq!(wire.handle_timeout(over), Some(Told::Over(owner(2), read_byte(), Err(Error::NoAddress))));
+        assert_eq!(wire.handle_timeout(over), Some(I2cEvent::Over(owner(2), read_byte(), Err(Error::NoAddress))));
         wire.send(owner(2), read_byte());
         assert_eq!(wire.handle_timeout(at(1000)), None);
         wire.close(2);
@@ -194,17 +194,17 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_comes_after_the_master_gave_up_is_not_taken_for_the_next_one() {
+    fn a_late_answer_is_not_taken_for_that_of_the_next_transfer() {
         let mut wire = wire();
         wire.send(owner(2), read_byte());
         wire.send(owner(2), read_byte());
-        assert!(matches!(wire.handle_timeout(at(0)), Some(Told::Asked(..))));
-        assert_eq!(wire.handle_timeout(at(35_000)), Some(Told::Over(owner(2), read_byte(), Err(Error::Stretched))));
-        assert!(matches!(wire.handle_timeout(at(35_000)), Some(Told::Asked(..))));
+        assert!(matches!(wire.handle_timeout(at(0)), Some(I2cEvent::Asked(..))));
+        assert_eq!(wire.handle_timeout(at(35_000)), Some(I2cEvent::Over(owner(2), read_byte(), Err(Error::Stretched))));
+        assert!(matches!(wire.handle_timeout(at(35_000)), Some(I2cEvent::Asked(..))));
         wire.answer(at(36_000), owner(1), Ok(Bytes::from_slice(&[1]).unwrap()));
         wire.answer(at(36_000), owner(1), Ok(Bytes::from_slice(&[2]).unwrap()));
         let told = wire.handle_timeout(at(37_000));
-        assert_eq!(told, Some(Told::Over(owner(2), read_byte(), Ok(Bytes::from_slice(&[2]).unwrap()))));
+        assert_eq!(told, Some(I2cEvent::Over(owner(2), read_byte(), Ok(Bytes::from_slice(&[2]).unwrap()))));
     }
 
     #[test]

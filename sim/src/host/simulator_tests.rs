@@ -1,4 +1,4 @@
-//! The simulator in the virtual host, with a driver that knows nothing but a script.
+//! The simulator in the virtual host, with a scripted driver.
 
 use crate::host::{self, News, Virtual};
 use base::can::Frame;
@@ -16,7 +16,7 @@ use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulat
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-/// Brings the propulsion up, drives it at 0.5 m/s with a heartbeat of 50 ms, asks the odometry board at 4 Hz.
+/// Initializes the propulsion, drives it at 0.5 m/s with a heartbeat of 50 ms, polls the odometry board at 4 Hz.
 struct Script {
     ports: [PortSpec; 2],
     beat: Ticker,
@@ -82,7 +82,7 @@ struct Run {
     ticks: Rc<Cell<i16>>,
     round_trip: Rc<Cell<u64>>,
     truth: Rc<RefCell<simulation::DataTruth>>,
-    /// What the script's CAN port said besides frames: ms, what.
+    /// Events of the script's CAN port apart from frames: ms, event.
     told: Rc<RefCell<Vec<String>>>,
 }
 
@@ -182,7 +182,7 @@ fn fault(fault: &str, value: f64, duration: f64) -> simulation::CmdFault {
 }
 
 #[test]
-fn a_master_that_is_bus_off_is_told_so_stops_the_robot_and_comes_back() {
+fn a_master_that_is_bus_off_stops_the_robot_and_recovers() {
     let mut run = run(1);
     run.machine.inject(Instant::from_millis(10_000), fault("bus_off", 0.0, 0.5));
     run.machine.run_until(Instant::from_millis(10_140));
@@ -200,11 +200,11 @@ fn a_master_that_is_bus_off_is_told_so_stops_the_robot_and_comes_back() {
         format!("10704 {}", health("Active")),
     ];
     assert_eq!(*run.told.borrow(), expected);
-    assert!(run.machine.traffic("can.main").unwrap().dropped > 0, "what was sent in between");
+    assert!(run.machine.traffic("can.main").unwrap().dropped > 0, "output sent in between");
 }
 
 #[test]
-fn a_master_that_is_cut_off_learns_that_nobody_hears_it() {
+fn a_master_that_is_cut_off_detects_missing_acknowledgements() {
     let mut run = run(1);
     run.machine.inject(Instant::from_millis(10_000), fault("cut", 0.0, 0.3));
     run.machine.run_until(Instant::from_millis(11_000));
@@ -214,7 +214,7 @@ fn a_master_that_is_cut_off_learns_that_nobody_hears_it() {
         |what: &str| told.iter().position(|line| line.contains(what)).unwrap_or_else(|| panic!("{what} {told:?}"));
     assert!(position("NoAcknowledge") < position("Passive, transmit_errors: 128"), "{told:?}");
     assert!(!told.iter().any(|line| line.contains("Down")), "{told:?}");
-    // It is heard again: its counter goes down by the frame.
+    // It is connected again: its counter decreases with the frame.
     assert!(told.last().unwrap().contains("Warning") || told.last().unwrap().contains("Active"), "{told:?}");
 }
 

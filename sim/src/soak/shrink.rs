@@ -1,7 +1,7 @@
 //! Fewer faults that do the same harm (Zeller, Hildebrandt 2002: delta debugging).
 
-/// The smallest list that was found of which `fails` is true, no single item of which can be taken away; `fails` of the
-/// whole list must be. It is asked `tries` times at most; with no more of them the best list so far is returned.
+/// Smallest sublist found for which `fails` is true and from which no single item can be removed; `fails` must be true
+/// for the whole list. `fails` is called at most `tries` times; after that the best list so far is returned.
 pub fn shrink<T: Clone>(whole: &[T], mut tries: u32, mut fails: impl FnMut(&[T]) -> bool) -> Vec<T> {
     let mut best = whole.to_vec();
     let mut pieces = 2;
@@ -37,7 +37,7 @@ mod tests {
     use super::shrink;
 
     #[test]
-    fn what_is_left_is_what_it_takes() {
+    fn shrinking_keeps_exactly_the_necessary_faults() {
         let whole: Vec<u32> = (0..100).collect();
         let mut asked = 0;
         let left = shrink(&whole, 1000, |list| {
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn with_few_tries_it_is_not_the_smallest() {
+    fn shrinking_with_few_attempts_is_not_minimal() {
         let whole: Vec<u32> = (0..100).collect();
         let left = shrink(&whole, 2, |list| list.contains(&7));
         assert!(left.len() < 100 && left.contains(&7));

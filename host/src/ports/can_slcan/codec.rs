@@ -1,60 +1,60 @@
-//! Lawicel's ASCII protocol, as `slcan` adapters, `slcand` and python-can speak it: a line a frame, ended by CR.
+//! Lawicel's ASCII protocol as `slcan` adapters, `slcand` and python-can use it: one line per frame, ended by CR.
 //!
-//! | line | is |
+//! | line | meaning |
 //! |---|---|
-//! | `tIIILDD…`, `TIIIIIIIILDD…` | a data frame of 11 or 29 bits of identifier, hexadecimal |
-//! | `rIIIL`, `RIIIIIIIIL` | a remote frame |
-//! | nothing; BEL in place of CR | yes; no |
-//! | `z`, `Z` | a frame was taken |
-//! | `FXX` | the controller's flags |
-//! | `saRRRTTT` | its state (a, w, p, b) and counters, decimal, as Linux' driver expects it from some |
+//! | `tIIILDD…`, `TIIIIIIIILDD…` | data frame with an 11-bit or 29-bit identifier, hexadecimal |
+//! | `rIIIL`, `RIIIIIIIIL` | remote frame |
+//! | empty; BEL in place of CR | acknowledged; rejected |
+//! | `z`, `Z` | frame accepted |
+//! | `FXX` | flags of the controller |
+//! | `saRRRTTT` | state (a, w, p, b) and error counters, decimal, as Linux's driver expects from some adapters |
 //!
-//! Four hexadecimal digits may follow a frame, a time in ms that some adapters add. Nothing here allocates.
+//! Four hexadecimal digits may follow a frame: a time in ms that some adapters add. Nothing here allocates.
 
 use base::can::{BusState, Frame, Health, Id};
 use std::fmt::Write;
 
-/// The longest line of a frame, with a time and its end.
+/// Length of the longest line: a frame with a time, and the end of line.
 pub const LINE_MAX: usize = 1 + 8 + 1 + 16 + 4 + 1;
 const CR: u8 = 0x0D;
 const BEL: u8 = 0x07;
-/// Flags: both queues, data overrun.
+/// Flags: receive queue full, transmit queue full, data overrun.
 const OVERRUN: u8 = 0x01 | 0x08;
 const WARNING: u8 = 0x04;
 const PASSIVE: u8 = 0x20;
 const BUS_ERROR: u8 = 0x80;
 
-/// What an adapter says.
+/// Decoded line of an adapter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Said {
+pub enum AdapterLine {
     /// A frame from the bus.
     Frame(Frame),
-    /// It has done what it was asked.
-    Yes,
-    /// It has not.
-    No,
-    /// Flags.
+    /// The last command was executed.
+    Acknowledged,
+    /// The last command was rejected.
+    Rejected,
+    /// Flags of the controller.
     Flags(Flags),
-    /// State and counters.
+    /// State and error counters.
     Health(Health),
-    /// No line of an adapter.
+    /// Not a valid line.
     Malformed,
-    /// Something that does not concern us.
+    /// A valid line that is of no interest.
     Other,
 }
 
-/// What an adapter's flags say. The counters are not among them.
+/// Flags of an adapter; they do not include the error counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flags {
     /// The controller's state; bus-off has no flag.
     pub state: BusState,
-    /// Frames were lost for want of room.
+    /// Frames were lost because of a full queue.
     pub lost: bool,
-    /// There was an error on the wire.
+    /// An error occurred on the wire.
     pub error: bool,
 }
 
-/// The command for a bit rate; none where there is none for it.
+/// Command for a bit rate; `None` if the protocol has none.
 pub fn bitrate_command(bitrate: u32) -> Option<&'static str> {
     const COMMANDS: [(u32, &str); 9] = [
         (10_000, "S0\r"),
@@ -86,17 +86,17 @@ pub fn encode(frame: &Frame, line: &mut String) {
     line.push('\r');
 }
 
-/// Makes lines of what comes in any pieces.
+/// Splits received bytes into lines.
 #[derive(Debug, Default)]
 pub struct Lines {
     line: Vec<u8>,
-    /// Too long to be a line: passed over to its end.
+    /// Line too long: bytes are skipped until its end.
     too_long: bool,
 }
 
 impl Lines {
-    /// Takes a byte; what is said when it ends a line.
-    pub fn push(&mut self, byte: u8) -> Option<Said> {
+    /// Adds a byte; returns the decoded line if the byte ends one.
+    pub fn push(&mut self, byte: u8) -> Option<AdapterLine> {
         if byte != CR && byte != BEL {
             self.too_long |= self.line.len() >= LINE_MAX;
             if !self.too_long {
@@ -104,37 +104,37 @@ impl Lines {
             }
             return None;
         }
-        let said = match &self.line[..] {
-            _ if self.too_long => Said::Malformed,
-            // A line before BEL was cut off by it.
-            _ if byte == BEL => Said::No,
+        let decoded = match &self.line[..] {
+            _ if self.too_long => AdapterLine::Malformed,
+            // BEL aborts an incomplete line.
+            _ if byte == BEL => AdapterLine::Rejected,
             line => decode(line),
         };
-        self.forget();
-        Some(said)
+        self.clear();
+        Some(decoded)
     }
 
-    /// Forgets a line that has begun.
-    pub fn forget(&mut self) {
+    /// Discards an incomplete line.
+    pub fn clear(&mut self) {
         self.line.clear();
         self.too_long = false;
     }
 }
 
-fn decode(line: &[u8]) -> Said {
+fn decode(line: &[u8]) -> AdapterLine {
     let Some((kind, rest)) = line.split_first() else {
-        return Said::Yes;
+        return AdapterLine::Acknowledged;
     };
     let said = match kind {
-        b't' | b'T' | b'r' | b'R' => frame(*kind, rest).map(Said::Frame),
-        b'z' | b'Z' if rest.is_empty() => Some(Said::Yes),
-        b'F' if rest.len() == 2 => hex(rest).map(|flags| Said::Flags(of_flags(flags as u8))),
-        b's' => health(rest).map(Said::Health),
-        // A version, a number, or another computer's command on the same line: C, O, S, L, F, V, N and more.
-        b'A'..=b'Z' | b'a'..=b'z' => Some(Said::Other),
+        b't' | b'T' | b'r' | b'R' => frame(*kind, rest).map(AdapterLine::Frame),
+        b'z' | b'Z' if rest.is_empty() => Some(AdapterLine::Acknowledged),
+        b'F' if rest.len() == 2 => hex(rest).map(|flags| AdapterLine::Flags(of_flags(flags as u8))),
+        b's' => health(rest).map(AdapterLine::Health),
+        // A version, a number, or another computer's command on the same line: C, O, S, L, F, V, N and others.
+        b'A'..=b'Z' | b'a'..=b'z' => Some(AdapterLine::Other),
         _ => None,
     };
-    said.unwrap_or(Said::Malformed)
+    said.unwrap_or(AdapterLine::Malformed)
 }
 
 fn frame(kind: u8, rest: &[u8]) -> Option<Frame> {
@@ -179,7 +179,7 @@ fn health(rest: &[u8]) -> Option<Health> {
     Some(Health { state, transmit_errors: number(transmit)?, receive_errors: number(receive)? })
 }
 
-/// At most eight digits.
+/// Parses up to eight digits.
 fn hex(digits: &[u8]) -> Option<u32> {
     digits.iter().try_fold(0, |number, digit| Some(number << 4 | char::from(*digit).to_digit(16)?))
 }
@@ -188,7 +188,7 @@ fn hex(digits: &[u8]) -> Option<u32> {
 mod tests {
     use super::*;
 
-    fn said(text: &str) -> Vec<Said> {
+    fn said(text: &str) -> Vec<AdapterLine> {
         let mut lines = Lines::default();
         text.bytes().filter_map(|byte| lines.push(byte)).collect()
     }
@@ -205,17 +205,20 @@ mod tests {
         for (text, frame) in cases {
             let mut line = String::new();
             encode(&frame, &mut line);
-            assert_eq!((line.as_str(), said(text)), (text, vec![Said::Frame(frame)]));
+            assert_eq!((line.as_str(), said(text)), (text, vec![AdapterLine::Frame(frame)]));
             assert!(line.len() <= LINE_MAX);
         }
-        // Small letters, and a time.
-        assert_eq!(said("t1811ab1F2a\r"), [Said::Frame(Frame::standard(0x181, &[0xAB]))]);
+        // Lower-case letters, and a time.
+        assert_eq!(said("t1811ab1F2a\r"), [AdapterLine::Frame(Frame::standard(0x181, &[0xAB]))]);
     }
 
     #[test]
-    fn answers_flags_and_what_is_not_for_us_are_told_apart() {
-        let flags = |state, lost, error| Said::Flags(Flags { state, lost, error });
-        assert_eq!(said("\rz\rZ\r\x07"), [Said::Yes, Said::Yes, Said::Yes, Said::No]);
+    fn answers_flags_and_foreign_lines_are_distinguished() {
+        let flags = |state, lost, error| AdapterLine::Flags(Flags { state, lost, error });
+        assert_eq!(
+            said("\rz\rZ\r\x07"),
+            [AdapterLine::Acknowledged, AdapterLine::Acknowledged, AdapterLine::Acknowledged, AdapterLine::Rejected]
+        );
         assert_eq!(
             said("F00\rF24\rF84\rF09\r"),
             [
@@ -225,8 +228,9 @@ mod tests {
                 flags(BusState::Active, true, false),
             ]
         );
-        let health =
-            |state, transmit_errors, receive_errors| Said::Health(Health { state, transmit_errors, receive_errors });
+        let health = |state, transmit_errors, receive_errors| {
+            AdapterLine::Health(Health { state, transmit_errors, receive_errors })
+        };
         assert_eq!(
             said("sw100000\rsp000130\rsb000255\rsa000000\r"),
             [
@@ -236,11 +240,11 @@ mod tests {
                 health(BusState::Active, 0, 0),
             ]
         );
-        assert_eq!(said("V1013\rNA123\rC\rS8\rO\r"), [Said::Other; 5]);
+        assert_eq!(said("V1013\rNA123\rC\rS8\rO\r"), [AdapterLine::Other; 5]);
     }
 
     #[test]
-    fn what_is_no_line_is_malformed_and_the_next_one_is_good() {
+    fn a_malformed_line_does_not_affect_the_next_one() {
         for bad in [
             "t",
             "t18",
@@ -266,16 +270,16 @@ mod tests {
         ] {
             let bytes = format!("{bad}\rt1811AB\r");
             let expected = match bad {
-                // Another computer asks for the flags.
-                "F" | "FGG" => vec![Said::Other, Said::Malformed],
-                _ => vec![Said::Malformed],
+                // Another computer polls the flags.
+                "F" | "FGG" => vec![AdapterLine::Other, AdapterLine::Malformed],
+                _ => vec![AdapterLine::Malformed],
             };
             let heard = said(&bytes);
             assert!(expected.contains(&heard[0]), "{bad}: {heard:?}");
-            assert_eq!(heard[1..], [Said::Frame(Frame::standard(0x181, &[0xAB]))], "{bad}");
+            assert_eq!(heard[1..], [AdapterLine::Frame(Frame::standard(0x181, &[0xAB]))], "{bad}");
         }
         let flood = "t".repeat(100_000) + "\rt1811AB\r";
-        assert_eq!(said(&flood), [Said::Malformed, Said::Frame(Frame::standard(0x181, &[0xAB]))]);
+        assert_eq!(said(&flood), [AdapterLine::Malformed, AdapterLine::Frame(Frame::standard(0x181, &[0xAB]))]);
     }
 
     #[test]

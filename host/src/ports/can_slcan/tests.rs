@@ -1,4 +1,4 @@
-//! The device on a pseudo-terminal whose other end plays the adapter.
+//! The device on a pseudo-terminal whose other end acts as the adapter.
 
 use super::*;
 use crate::ports::{Port, PortConfig, PortState};
@@ -6,11 +6,11 @@ use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
 
 const OPENING: &str = "\rC\rS8\rO\r";
 
-/// The adapter's end and the port, which has joined the bus.
+/// The adapter's end, and the port with its channel open.
 fn joined() -> (OwnedFd, Port) {
     let (adapter, mut port) = plugged();
     open_within(&mut port).unwrap();
-    assert_eq!(heard(&adapter, OPENING), OPENING);
+    assert_eq!(on_line(&adapter, OPENING), OPENING);
     (adapter, port)
 }
 
@@ -34,8 +34,8 @@ fn open_within(port: &mut Port) -> Result<(), Lost> {
     Err("never".into())
 }
 
-/// What the port has written, as much of it as is expected: a terminal hands on in its own time.
-fn heard(adapter: &OwnedFd, expected: &str) -> String {
+/// Output of the port, up to the length of the expected text: a terminal delivers with delay.
+fn on_line(adapter: &OwnedFd, expected: &str) -> String {
     let until = clock::now() + Duration::from_secs(2);
     let mut text = String::new();
     while text.len() < expected.len() && clock::now() < until {
@@ -48,7 +48,7 @@ fn heard(adapter: &OwnedFd, expected: &str) -> String {
     text
 }
 
-/// All that the port writes within some time.
+/// All output of the port within some time.
 fn all(adapter: &OwnedFd) -> String {
     let (mut text, mut bytes) = (String::new(), [0; 4096]);
     loop {
@@ -67,7 +67,7 @@ fn say(adapter: &OwnedFd, text: &str) {
     assert_eq!(write(adapter, text.as_bytes()), Ok(text.len()));
 }
 
-/// What the port hands out now and soon, in words.
+/// Results of reading the port now and shortly after, as text.
 fn drain(port: &mut Port, now: Instant) -> Vec<String> {
     let mut told = Vec::new();
     let until = clock::now() + Duration::from_millis(50);
@@ -103,15 +103,15 @@ fn it_joins_the_bus_and_frames_cross() {
     let frame = Frame::standard(0x601, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]);
     assert_eq!(port.device.send(now, &Output::Can(frame)), Ok(true));
     let line = "t60184041600000000000\r";
-    assert_eq!(heard(&adapter, line), line);
+    assert_eq!(on_line(&adapter, line), line);
     say(&adapter, "z\rrubbish\r??\r\x07");
     assert_eq!(drain(&mut port, now), ["MessageMalformed", "MessageMalformed", "PortOverrun"]);
     port.lose(now);
-    assert_eq!(heard(&adapter, "\rC\r"), "\rC\r");
+    assert_eq!(on_line(&adapter, "\rC\r"), "\rC\r");
 }
 
 #[test]
-fn extended_frames_are_passed_over_where_they_are_not_wanted() {
+fn extended_frames_are_skipped_unless_wanted() {
     let (adapter, port) = plugged();
     let mut port = port.expecting(Line::Can { bitrate: 1_000_000 }, false);
     open_within(&mut port).unwrap();
@@ -120,7 +120,7 @@ fn extended_frames_are_passed_over_where_they_are_not_wanted() {
 }
 
 #[test]
-fn flags_are_asked_for_now_and_then_and_become_notices() {
+fn flags_are_polled_and_become_notices() {
     let (adapter, mut port) = joined();
     let now = clock::now();
     let later = |n| now + n * Duration::from_millis(1100);
@@ -134,21 +134,21 @@ fn flags_are_asked_for_now_and_then_and_become_notices() {
     say(&adapter, "F20\r");
     assert_eq!(drain(&mut port, later(2)), [""; 0], "no news");
     assert_eq!((drain(&mut port, later(3)), all(&adapter)), (vec![], "F\rF\r".into()));
-    // No answer, no further question; a refusal ends them.
+    // Without an answer no further polling; a rejection ends it.
     assert_eq!((drain(&mut port, later(5)), all(&adapter)), (vec![], String::new()));
     say(&adapter, "\x07");
-    assert_eq!(drain(&mut port, later(5)), ["the adapter does not tell how its controller is"]);
+    assert_eq!(drain(&mut port, later(5)), ["the adapter does not report the state of its controller"]);
     assert_eq!((drain(&mut port, later(9)), all(&adapter)), (vec![], String::new()));
 }
 
 #[test]
-fn an_adapter_that_refuses_or_is_gone_or_bus_off_is_one_clear_line_and_is_opened_again() {
+fn an_adapter_that_refuses_vanishes_or_is_bus_off_is_reported_and_reopened() {
     let (adapter, mut port) = joined();
     say(&adapter, "\x07");
     assert_eq!(drain(&mut port, clock::now()), ["down: the adapter refuses 1000000 bit/s"]);
     assert_eq!(all(&adapter), "\rC\r");
     open_within(&mut port).unwrap();
-    assert_eq!(heard(&adapter, OPENING), OPENING);
+    assert_eq!(on_line(&adapter, OPENING), OPENING);
     say(&adapter, "\r\x07");
     assert_eq!(drain(&mut port, clock::now()), ["down: the adapter does not open its channel"]);
     assert_eq!(all(&adapter), "\rC\r");
@@ -167,13 +167,13 @@ fn an_adapter_that_refuses_or_is_gone_or_bus_off_is_one_clear_line_and_is_opened
 }
 
 #[test]
-fn a_rate_that_the_protocol_does_not_have_is_refused() {
+fn an_unsupported_bit_rate_is_rejected() {
     let why = CanSlcan::new("/dev/null".into(), 83_333).open().unwrap_err();
     assert_eq!(why, "/dev/null: the slcan protocol has no 83333 bit/s");
 }
 
 #[test]
-fn what_the_device_does_not_take_waits_in_order_and_not_for_long() {
+fn unsent_frames_wait_in_order_for_a_limited_time() {
     let (adapter, mut port) = joined();
     let now = clock::now();
     let frame = |n: u16| Output::Can(Frame::standard(n, &[0; 8]));

@@ -1,8 +1,8 @@
-//! `struct can_frame` (linux/can.h), and what the error frames of the kernel say (linux/can/error.h).
+//! `struct can_frame` (linux/can.h) and the kernel's error frames (linux/can/error.h).
 
 use base::can::{BusState, Frame, Health, Id, Notice};
 
-/// Identifier and flags, length, three bytes of padding, data.
+/// Size of a frame: identifier and flags, length, three bytes of padding, data.
 pub const FRAME: usize = 16;
 // linux/can.h
 const EXTENDED: u32 = 0x8000_0000;
@@ -18,7 +18,7 @@ const BUS_OFF: u32 = 0x0040;
 const BUS_ERROR: u32 = 0x0080;
 const RESTARTED: u32 = 0x0100;
 const COUNTERS: u32 = 0x0200;
-/// All classes but lost arbitration, which is no error.
+/// All classes except lost arbitration, which is not an error.
 pub const ERRORS: u32 =
     TX_TIMEOUT | CONTROLLER | PROTOCOL | TRANSCEIVER | ACK | BUS_OFF | BUS_ERROR | RESTARTED | COUNTERS;
 // The controller's state, byte 1.
@@ -27,40 +27,40 @@ const TX_OVERFLOW: u8 = 0x02;
 const WARNING: u8 = 0x04 | 0x08;
 const PASSIVE: u8 = 0x10 | 0x20;
 const ACTIVE: u8 = 0x40;
-/// Where in a frame an error was, byte 3: in the acknowledge slot.
+/// Position of an error in a frame, byte 3: the acknowledge slot.
 const IN_ACK_SLOT: u8 = 0x19;
 
-/// What came from the socket.
+/// Decoded frame of the socket.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Came {
+pub enum KernelFrame {
     /// A frame from the bus.
     Frame(Frame),
     /// An error frame of the kernel.
     Error(Error),
 }
 
-/// What an error frame says.
+/// Content of an error frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Error {
-    /// The controller's state and counters, where it says anything of them.
+    /// State and error counters of the controller, if contained.
     pub health: Option<Health>,
-    /// Nobody acknowledged what was sent.
+    /// No node acknowledged a frame.
     pub no_acknowledge: bool,
     /// A frame had an error on the wire.
     pub on_the_wire: bool,
-    /// The controller had no room for a frame that came.
+    /// The controller's receive buffer overflowed.
     pub lost: bool,
-    /// For people.
+    /// Explanation for people.
     pub note: Option<&'static str>,
 }
 
 impl Error {
-    /// True if the controller has left the bus.
+    /// True if the controller is bus-off.
     pub fn is_off(&self) -> bool {
         self.health.is_some_and(|health| health.state == BusState::Off)
     }
 
-    /// What a module is to be told at once; errors on the wire are counted.
+    /// Notices for the module; errors on the wire are counted instead.
     pub fn notices(&self) -> impl Iterator<Item = Notice> {
         let lost = self.lost.then_some(Notice::Lost(1));
         let alone = self.no_acknowledge.then_some(Notice::NoAcknowledge);
@@ -68,7 +68,7 @@ impl Error {
     }
 }
 
-/// The kernel's layout of a frame.
+/// Encodes a frame in the kernel's layout.
 pub fn encode(frame: &Frame) -> [u8; FRAME] {
     let id = match frame.id() {
         Id::Standard(id) => u32::from(id),
@@ -82,11 +82,11 @@ pub fn encode(frame: &Frame) -> [u8; FRAME] {
     raw
 }
 
-/// What the kernel's frame is; none when it is nothing that there is.
-pub fn decode(raw: &[u8; FRAME]) -> Option<Came> {
+/// Decodes a frame in the kernel's layout; `None` if it is invalid.
+pub fn decode(raw: &[u8; FRAME]) -> Option<KernelFrame> {
     let flags = u32::from_ne_bytes([raw[0], raw[1], raw[2], raw[3]]);
     if flags & ERROR != 0 {
-        return Some(Came::Error(error(flags, &raw[8..])));
+        return Some(KernelFrame::Error(error(flags, &raw[8..])));
     }
     let id = match flags & EXTENDED {
         0 => Id::Standard((flags & 0x7FF) as u16),
@@ -97,7 +97,7 @@ pub fn decode(raw: &[u8; FRAME]) -> Option<Came> {
         0 => Frame::new(id, &raw[8..8 + usize::from(length)]),
         _ => Frame::remote(id, length),
     };
-    frame.map(Came::Frame)
+    frame.map(KernelFrame::Frame)
 }
 
 fn error(class: u32, data: &[u8]) -> Error {
@@ -110,17 +110,17 @@ fn error(class: u32, data: &[u8]) -> Error {
         on_the_wire: is(PROTOCOL | BUS_ERROR) && !is(ACK) && !in_ack_slot,
         lost: controller & RX_OVERFLOW != 0,
         note: match () {
-            () if is(TX_TIMEOUT) => Some("a frame does not leave the controller: the kernel gave it up"),
-            () if is(TRANSCEIVER) => Some("the transceiver tells of an error: look at the cable and its supply"),
-            () if controller & TX_OVERFLOW != 0 => Some("the controller's transmit buffer ran over"),
+            () if is(TX_TIMEOUT) => Some("a frame did not leave the controller and was dropped by the kernel"),
+            () if is(TRANSCEIVER) => Some("the transceiver reports an error: check the cable and its supply"),
+            () if controller & TX_OVERFLOW != 0 => Some("the controller's transmit buffer overflowed"),
             () if is(RESTARTED) => Some("the controller was restarted"),
             () => None,
         },
     }
 }
 
-/// The counters stand in bytes 6 and 7; before Linux 6.0 no flag says so, and many drivers put them there all the same
-/// when they tell of a new state.
+/// The counters are in bytes 6 and 7. Before Linux 6.0 no flag marks them, but many drivers fill them in when they
+/// report a change of state.
 fn health(class: u32, controller: u8, transmit_errors: u8, receive_errors: u8) -> Option<Health> {
     let counted = BusState::of(transmit_errors, receive_errors);
     let state = match () {
@@ -147,24 +147,24 @@ mod tests {
             Frame::new(Id::Extended(0x1FFF_FFFF), &[0xFF; 8]).unwrap(),
         ];
         for frame in frames {
-            assert_eq!(decode(&encode(&frame)), Some(Came::Frame(frame)));
+            assert_eq!(decode(&encode(&frame)), Some(KernelFrame::Frame(frame)));
         }
     }
 
-    /// An error frame as `candump -L` writes it: class, data.
+    /// An error frame as `candump -L` prints it: class, data.
     fn told(class: u32, data: u64) -> Error {
         let mut raw = [0; FRAME];
         raw[..4].copy_from_slice(&(ERROR | class).to_ne_bytes());
         raw[4] = 8;
         raw[8..].copy_from_slice(&data.to_be_bytes());
-        let Some(Came::Error(error)) = decode(&raw) else { panic!("{class:x}") };
+        let Some(KernelFrame::Error(error)) = decode(&raw) else { panic!("{class:x}") };
         error
     }
 
     #[test]
     fn every_error_class_says_what_it_means() {
         let health = |state, transmit_errors, receive_errors| Some(Health { state, transmit_errors, receive_errors });
-        // linux/can/error.h, as can-dev and the SJA1000's driver fill it.
+        // As can-dev and the SJA1000's driver fill it (linux/can/error.h).
         let passive = told(0x204, 0x0020_0000_0000_8000);
         assert_eq!(passive, Error { health: health(BusState::Passive, 128, 0), ..Error::default() });
         assert_eq!(told(0x204, 0x0008_0000_0000_6000).health, health(BusState::Warning, 96, 0));
@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(told(0x88, 0x0000_040A_0000_0000), Error { on_the_wire: true, ..Error::default() });
         assert!(told(0x204, 0x0001_0000_0000_0000).lost);
         assert!(told(0x001, 0).note.is_some() && told(0x010, 0).note.is_some());
-        // Before 6.0: a class of the controller, counters without their flag.
+        // Before 6.0: class CONTROLLER with counters but without their flag.
         assert_eq!(told(0x004, 0x0010_0000_0000_0080).health, health(BusState::Passive, 0, 128));
         assert_eq!(told(0x002, 0xFF00_0000_0000_0000), Error::default());
     }

@@ -1,5 +1,5 @@
-//! What the kernel knows of a CAN interface, and restarting its controller: two messages of rtnetlink
-//! (linux/rtnetlink.h, if_link.h, can/netlink.h). Crates for it bring all of netlink for them.
+//! State of a CAN interface in the kernel, and the restart of its controller: two messages of rtnetlink
+//! (linux/rtnetlink.h, if_link.h, can/netlink.h). Crates for that contain all of netlink.
 
 use base::can::{BusState, Health};
 use nix::errno::Errno;
@@ -15,7 +15,7 @@ const RTM_NEWLINK: u16 = 16;
 const RTM_GETLINK: u16 = 18;
 const NLM_F_REQUEST: u16 = 1;
 const NLM_F_ACK: u16 = 4;
-/// `struct nlmsghdr`, `struct ifinfomsg`.
+/// Sizes of `struct nlmsghdr` and `struct ifinfomsg`.
 const HEADER: usize = 16;
 const INFO: usize = 16;
 const IFLA_TXQLEN: u16 = 13;
@@ -27,26 +27,26 @@ const IFLA_CAN_STATE: u16 = 4;
 const IFLA_CAN_RESTART_MS: u16 = 6;
 const IFLA_CAN_RESTART: u16 = 7;
 const IFLA_CAN_BERR_COUNTER: u16 = 8;
-/// The upper bits of an attribute's kind are flags.
+/// Mask of an attribute's type without its flag bits.
 const KIND: u16 = 0x3FFF;
-/// An interface's description takes one or two KiB.
+/// Size of the receive buffer; an interface's description takes one or two KiB.
 const ANSWER: usize = 16 * 1024;
 
-/// What is known of an interface; a virtual one knows nothing of bits.
+/// State of an interface; a virtual one has no bit timing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Link {
-    /// bit/s.
+    /// Bit rate, bit/s.
     pub bitrate: Option<u32>,
-    /// The controller's state, and its counters (0 where the driver does not tell).
+    /// State and error counters of the controller (0 if the driver does not report them).
     pub health: Option<Health>,
-    /// So long after bus-off the kernel restarts the controller by itself, ms; 0: never.
+    /// Delay after which the kernel restarts a controller that is bus-off, ms; 0: never.
     pub restart_ms: Option<u32>,
-    /// Frames of all processes that may wait.
+    /// Length of the transmit queue for frames of all processes.
     pub queue: Option<u32>,
 }
 
 impl Link {
-    /// Asks the kernel.
+    /// Queries the kernel.
     pub fn ask(interface: &str) -> io::Result<Self> {
         let answer = transact(&request(RTM_GETLINK, NLM_F_REQUEST, index(interface)?, &[]))?;
         Ok(Self::parse(answer.get(HEADER + INFO..).unwrap_or_default()))
@@ -64,7 +64,8 @@ impl Link {
                 _ => {}
             }
         }
-        // Some drivers take every error for no more than a warning, and count rightly: the worse of the two holds.
+        // Some drivers report every error state as a warning but count correctly: the worse of state and counters
+        // applies.
         if let Some(health) = &mut link.health {
             health.state = health.state.max(BusState::of(health.transmit_errors, health.receive_errors));
         }
@@ -73,7 +74,7 @@ impl Link {
 
     fn take(&mut self, (kind, value): (u16, &[u8])) {
         match kind {
-            // An interface that was never set up has a bit rate of 0.
+            // An interface that was never set up has bit rate 0.
             IFLA_CAN_BITTIMING => self.bitrate = number(value).filter(|rate| *rate > 0),
             IFLA_CAN_RESTART_MS => self.restart_ms = number(value),
             IFLA_CAN_STATE => {
@@ -82,7 +83,7 @@ impl Link {
                     Some(1) => BusState::Warning,
                     Some(2) => BusState::Passive,
                     Some(3) => BusState::Off,
-                    // Stopped, or asleep.
+                    // Stopped or sleeping.
                     _ => return,
                 };
                 self.health.get_or_insert_default().state = state;
@@ -100,7 +101,8 @@ impl Link {
     }
 }
 
-/// Restarts a controller that is bus-off; needs CAP_NET_ADMIN (`PermissionDenied`), and a driver that can.
+/// Restarts a controller that is bus-off; requires CAP_NET_ADMIN (else `PermissionDenied`) and a driver that supports
+/// it.
 pub fn restart(interface: &str) -> io::Result<()> {
     transact(&restart_request(index(interface)?)).map(drop)
 }
@@ -111,9 +113,8 @@ fn restart_request(index: u32) -> Vec<u8> {
     request(RTM_NEWLINK, NLM_F_REQUEST | NLM_F_ACK, index, &attribute(IFLA_LINKINFO, &info))
 }
 
-/// The interface's number. It is read in sysfs: asked by the ioctl (`if_nametoindex`) for one that is not there, the
-/// kernel runs modprobe for a module of that name, and its caller waits: for longer than a hang is given when an
-/// adapter is unplugged.
+/// Index of the interface, read from sysfs. The ioctl (`if_nametoindex`) would, for an absent interface, run modprobe
+/// for a module of that name and block the caller: longer than the hang detection permits when an adapter is unplugged.
 pub fn index(interface: &str) -> io::Result<u32> {
     let number = match fs::read_to_string(format!("{INTERFACES}/{interface}/ifindex")) {
         Ok(number) => number,
@@ -124,7 +125,7 @@ pub fn index(interface: &str) -> io::Result<u32> {
     number.trim().parse().map_err(|_| io::ErrorKind::InvalidData.into())
 }
 
-/// Asks, and takes what the kernel has answered when the asking is over.
+/// Sends a request and returns the kernel's answer.
 fn transact(request: &[u8]) -> io::Result<Vec<u8>> {
     let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
     let socket = socket(AddressFamily::Netlink, SockType::Raw, flags, SockProtocol::NetlinkRoute)?;
@@ -135,7 +136,7 @@ fn transact(request: &[u8]) -> io::Result<Vec<u8>> {
     check(answer)
 }
 
-/// The answer, unless it is an error.
+/// Returns the answer unless it is an error.
 fn check(answer: Vec<u8>) -> io::Result<Vec<u8>> {
     let kind = answer.get(4..6).map(|kind| u16::from_ne_bytes([kind[0], kind[1]]));
     if kind != Some(NLMSG_ERROR) {
@@ -162,7 +163,7 @@ fn request(kind: u16, flags: u16, index: u32, attributes: &[u8]) -> Vec<u8> {
     request
 }
 
-/// An attribute with its value, filled up to a multiple of four.
+/// Attribute with its value, padded to a multiple of four.
 fn attribute(kind: u16, value: &[u8]) -> Vec<u8> {
     let length = 4 + value.len();
     let mut attribute = Vec::with_capacity(length.next_multiple_of(4));
@@ -173,12 +174,12 @@ fn attribute(kind: u16, value: &[u8]) -> Vec<u8> {
     attribute
 }
 
-/// The number that a value begins with.
+/// Number at the start of a value.
 fn number(value: &[u8]) -> Option<u32> {
     value.first_chunk().map(|bytes| u32::from_ne_bytes(*bytes))
 }
 
-/// Attributes one after the other, as far as they are whole.
+/// Iterator over complete attributes.
 struct Attributes<'a>(&'a [u8]);
 
 impl<'a> Iterator for Attributes<'a> {
@@ -197,7 +198,8 @@ impl<'a> Iterator for Attributes<'a> {
 mod tests {
     use super::*;
 
-    /// An interface as linux/can/netlink.h describes it: 500 kbit/s, this state, 128 and 5 errors, restarted by hand.
+    /// An interface as linux/can/netlink.h describes it: 500 kbit/s, this state, 128 and 5 errors, no automatic
+    /// restart.
     fn can(state: u32) -> Vec<u8> {
         let bittiming = [500_000u32, 875, 125, 6, 7, 2, 1, 1].map(u32::to_ne_bytes).concat();
         let data = [
@@ -206,7 +208,7 @@ mod tests {
             attribute(IFLA_CAN_RESTART_MS, &0u32.to_ne_bytes()),
             attribute(IFLA_CAN_BERR_COUNTER, &[128u16, 5].map(u16::to_ne_bytes).concat()),
         ];
-        // The kernel marks what holds others; a name's length is no multiple of four.
+        // The kernel flags nested attributes; the length of a name is no multiple of four.
         let nested = |kind: u16, value: &[u8]| attribute(kind | 0x8000, value);
         let info = [attribute(IFLA_INFO_KIND, b"can\0"), nested(IFLA_INFO_DATA, &data.concat())].concat();
         let name = attribute(3, b"can0\0");
@@ -214,11 +216,11 @@ mod tests {
     }
 
     #[test]
-    fn an_interface_is_known_by_its_attributes() {
+    fn attributes_of_an_interface_are_parsed() {
         let health = Health { state: BusState::Passive, transmit_errors: 128, receive_errors: 5 };
         let expected = Link { bitrate: Some(500_000), health: Some(health), restart_ms: Some(0), queue: Some(10) };
         assert_eq!(Link::parse(&can(2)), expected);
-        // The driver says warning, as usb_8dev does at each error; bus-off no counter shows.
+        // The driver reports a warning, as usb_8dev does at each error; no counter shows bus-off.
         assert_eq!(Link::parse(&can(1)), expected);
         let off = Health { state: BusState::Off, ..health };
         assert_eq!(Link::parse(&can(3)), Link { health: Some(off), ..expected });
@@ -243,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_answers_for_an_interface_that_has_no_bits_and_refuses_to_restart_it() {
+    fn an_interface_without_bit_timing_is_queried_and_not_restarted() {
         let link = Link::ask("lo").unwrap();
         assert_eq!((link.bitrate, link.health, link.restart_ms), (None, None, None));
         assert!(link.queue.is_some());
@@ -253,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restart_is_asked_for_as_ip_does() {
+    fn the_restart_request_equals_that_of_ip() {
         // Header: length, RTM_NEWLINK, request and acknowledge; interface 7; link info: kind "can", data: restart, 1.
         let mut expected = vec![56, 0, 0, 0, 16, 0, 5, 0];
         expected.extend([0; 12]);

@@ -1,10 +1,10 @@
-//! The device on sockets that this kernel has.
+//! The device on sockets that every kernel has.
 
 use super::*;
 use base::can::Id;
 use std::net::{Ipv4Addr, UdpSocket};
 
-/// The interface with one end of a UDP connection for its socket, which counts what it loses as CAN's does.
+/// The interface with one end of a UDP connection as its socket, which counts losses like a CAN socket.
 fn connected() -> (CanSocket, UdpSocket) {
     let [ours, peer] = [(); 2].map(|()| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
     ours.connect(peer.local_addr().unwrap()).unwrap();
@@ -35,12 +35,12 @@ fn frames_that_found_the_buffer_full_are_counted_and_the_others_come_in_order() 
         }
     };
     drain(&mut port);
-    // Those lost since the last one that came are told with the next.
+    // Losses are reported together with the next frame.
     send(SENT);
     drain(&mut port);
     let count = SENT as usize + 1 - got.len();
     assert!(count > 0 && got.is_sorted(), "{got:?}");
-    assert_eq!(lost, [format!("lo: the receive buffer ran over: {count} frames are lost")]);
+    assert_eq!(lost, [format!("lo: the receive buffer overflowed: {count} frames are lost")]);
     assert_eq!((got.last(), told as usize), (Some(&Id::Standard(SENT as u16)), count));
 }
 
@@ -53,7 +53,7 @@ fn error(class: u32, data: u64) -> [u8; FRAME] {
     raw
 }
 
-/// What is handed out now, in words.
+/// Results of reading the port now, as text.
 fn drain(port: &mut CanSocket, now: Instant) -> Vec<String> {
     let mut told = Vec::new();
     loop {
@@ -76,11 +76,11 @@ fn drain(port: &mut CanSocket, now: Instant) -> Vec<String> {
 }
 
 #[test]
-fn error_frames_become_notices_and_many_of_a_kind_few() {
+fn error_frames_become_notices_at_a_limited_rate() {
     let (mut port, peer) = connected();
     let now = Instant::from_millis(1000);
     let send = |raw: [u8; FRAME]| peer.send(&raw).unwrap();
-    // A bus error in the data, three times; nobody acknowledges, twice.
+    // A bus error in the data, three times; a missing acknowledgement, twice.
     for _ in 0..3 {
         send(error(0x88, 0x0000_040A_0000_0000));
     }
@@ -91,20 +91,20 @@ fn error_frames_become_notices_and_many_of_a_kind_few() {
     send(encode(&Frame::standard(0x181, &[7])));
     assert_eq!(drain(&mut port, now), ["Errors(1)", "Passive 128 0", "[7]"]);
     send(error(0x20, 0));
-    assert_eq!(drain(&mut port, now + NEWS), ["NoAcknowledge"]);
+    assert_eq!(drain(&mut port, now + REPORT_INTERVAL), ["NoAcknowledge"]);
     send(encode(&Frame::standard(0x181, &[8])));
-    assert_eq!(drain(&mut port, now + 2 * NEWS), ["Errors(2)", "[8]"], "those that were not told");
+    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), ["Errors(2)", "[8]"], "the unreported ones");
     send(error(0x204, 0x0001_0000_0000_0000));
-    let ran_over = "the controller's receive buffer ran over";
-    assert_eq!(drain(&mut port, now + 2 * NEWS), [ran_over, "Active 0 0", "Lost(1)"]);
+    let ran_over = "the controller's receive buffer overflowed";
+    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), [ran_over, "Active 0 0", "Lost(1)"]);
     send(error(0x240, 0x0000_0000_0000_F800));
     assert_eq!(drain(&mut port, now), ["Off 248 0", "down: lo: bus-off"]);
 }
 
 #[test]
-fn a_frame_is_known_by_when_the_kernel_received_it() {
+fn a_frame_has_the_receive_time_of_the_kernel() {
     let (mut port, peer) = connected();
-    // The kernel begins to stamp a little after it is asked to.
+    // The kernel starts to stamp shortly after the request.
     std::thread::sleep(Duration::from_millis(100));
     let before = clock::now();
     peer.send(&encode(&Frame::standard(0x181, &[]))).unwrap();
@@ -118,7 +118,7 @@ fn a_frame_is_known_by_when_the_kernel_received_it() {
 }
 
 #[test]
-fn a_bit_rate_that_is_not_the_bus_s_is_one_clear_line_and_no_bit_rate_is_none() {
+fn a_wrong_bit_rate_is_reported_and_an_unknown_one_accepted() {
     let mut port = CanSocket::new("can0".into());
     port.expect(Line::Can { bitrate: 1_000_000 }, false);
     let at = |bitrate| Link { bitrate, ..Link::default() };
@@ -135,16 +135,16 @@ fn a_controller_that_the_kernel_restarts_is_waited_for() {
     let off = Health { state: BusState::Off, ..Health::default() };
     let link = |health, restart_ms| Link { health, restart_ms, ..Link::default() };
     let now = Instant::from_millis(1);
-    let by_itself = port.bring_back(now, &link(Some(off), Some(100)));
+    let by_itself = port.restart_controller(now, &link(Some(off), Some(100)));
     assert_eq!(by_itself, Err("can0: bus-off; the kernel restarts it after 100 ms (restart-ms)".into()));
-    assert_eq!(port.bring_back(now, &link(Some(off), Some(0))), Err("can0: bus-off".into()));
-    assert_eq!(port.bring_back(now, &link(Some(Health::default()), Some(0))), Ok(()));
-    assert_eq!(port.bring_back(now, &Link::default()), Ok(()));
+    assert_eq!(port.restart_controller(now, &link(Some(off), Some(0))), Err("can0: bus-off".into()));
+    assert_eq!(port.restart_controller(now, &link(Some(Health::default()), Some(0))), Ok(()));
+    assert_eq!(port.restart_controller(now, &Link::default()), Ok(()));
 }
 
 #[test]
-fn what_the_kernel_does_not_take_waits_and_leaves_in_order() {
-    // A pipe of messages that holds few of them.
+fn frames_that_the_kernel_does_not_take_are_queued_in_order() {
+    // A socket pair that holds few messages.
     let (ours, peer) = nix::sys::socket::socketpair(
         nix::sys::socket::AddressFamily::Unix,
         nix::sys::socket::SockType::SeqPacket,
@@ -179,7 +179,7 @@ fn what_the_kernel_does_not_take_waits_and_leaves_in_order() {
         next += 1;
     }
     assert_eq!(next, sent + 1);
-    // When nothing leaves, what waits is dropped.
+    // If nothing leaves, pending frames are dropped.
     while !port.wants_to_write() {
         assert_eq!(port.send(now, &frame(0)), Ok(true));
     }
@@ -195,18 +195,18 @@ fn a_socket_with_an_error_pending_is_not_up() {
     drop(peer);
     write(socket, b"to nobody").unwrap();
     assert_eq!(port.check(socket), Err(format!("lo: {}", Errno::ECONNREFUSED.desc())));
-    assert_eq!(port.check(socket), Ok(()), "told once");
+    assert_eq!(port.check(socket), Ok(()), "reported once");
 }
 
 #[test]
-fn a_frame_of_a_strange_length_loses_the_port() {
+fn a_frame_of_invalid_length_closes_the_port() {
     let (mut port, peer) = connected();
     peer.send(&[0; FRAME - 1]).unwrap();
-    assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: gives frames of a strange length");
+    assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: frames of invalid length");
 }
 
 #[test]
-fn an_interface_that_is_not_there_is_one_clear_line() {
+fn a_missing_interface_is_reported_in_one_line() {
     let reason = CanSocket::new("can_not_here".into()).open().unwrap_err();
     assert_eq!(reason, "can_not_here: there is no such interface");
 }

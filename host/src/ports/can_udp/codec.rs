@@ -1,42 +1,41 @@
-//! The datagrams of python-can's `udp_multicast`: one frame, one msgpack map of eleven pairs.
+//! Datagrams of python-can's `udp_multicast`: one frame each, as a msgpack map of eleven pairs.
 //!
-//! What is sent is byte for byte what python-can 4.6 sends. What is received may come from anyone: keys in any order,
-//! numbers in any width, some keys missing; what is not a classic CAN frame is refused with a reason. Nothing is
-//! allocated.
+//! The output equals that of python-can 4.6 byte for byte. Input may come from any sender: keys in any order, numbers
+//! of any width, some keys missing; anything but a classic CAN frame is rejected with a reason. Nothing is allocated.
 
 use base::can::{Frame, Id};
 use rmp::{Marker, decode, encode};
 use std::fmt;
 
-/// No datagram of ours is longer, and none that is may be a classic frame of anyone.
+/// Maximum length of a valid datagram, bytes.
 pub const DATAGRAM_MAX: usize = 512;
-/// Pairs in a map; python-can sends 11.
+/// Maximum number of pairs in a map; python-can sends 11.
 const PAIRS_MAX: u32 = 32;
 
-/// Why a datagram is no frame.
+/// Reason why a datagram is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Malformed {
-    /// It ends too early, or is not msgpack at all.
+    /// Truncated, or not msgpack.
     Broken,
-    /// It is not a map, or one of too many pairs.
+    /// Not a map, or one of too many pairs.
     NotAMap,
-    /// A key that is not known, or known and of another type.
+    /// An unknown key, or a value of the wrong type.
     Key,
     /// Bytes after the map.
     Trailing,
-    /// No `arbitration_id`, or one that does not fit its kind.
+    /// `arbitration_id` is missing or out of range for its kind.
     Identifier,
     /// More than 8 bytes, or `dlc` and data do not agree.
     Length,
-    /// CAN FD or an error frame: not for us.
+    /// CAN FD or an error frame, which are not supported.
     NotClassic,
 }
 
 impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Broken => "it is cut short or no msgpack",
-            Self::NotAMap => "it is no map",
+            Self::Broken => "truncated, or not msgpack",
+            Self::NotAMap => "it is not a map",
             Self::Key => "a key is unknown or of a wrong type",
             Self::Trailing => "bytes follow the frame",
             Self::Identifier => "its identifier is missing or out of range",
@@ -46,7 +45,7 @@ impl fmt::Display for Malformed {
     }
 }
 
-/// Writes the datagram of `frame`; `timestamp` is in seconds since the UNIX epoch (receivers replace it).
+/// Encodes `frame`; `timestamp` is in seconds since the UNIX epoch (receivers replace it).
 pub fn encode(frame: &Frame, timestamp: f64, datagram: &mut Vec<u8>) {
     datagram.clear();
     // Writing to a Vec cannot fail.
@@ -82,10 +81,10 @@ fn flag(out: &mut Vec<u8>, key: &str, value: bool) -> Result<(), encode::ValueWr
     encode::write_bool(out, value).map_err(encode::ValueWriteError::InvalidMarkerWrite)
 }
 
-/// What a map said so far.
+/// Values of a map parsed so far.
 struct Parts<'a> {
     id: Option<u64>,
-    // python-can's default.
+    // Default of python-can.
     extended: bool,
     remote: bool,
     classic: bool,
@@ -93,7 +92,7 @@ struct Parts<'a> {
     data: &'a [u8],
 }
 
-/// The frame of a datagram.
+/// Decodes a datagram.
 pub fn decode(datagram: &[u8]) -> Result<Frame, Malformed> {
     let mut rest = datagram;
     let pairs = decode::read_map_len(&mut rest).map_err(|_| Malformed::NotAMap)?;
@@ -109,7 +108,7 @@ pub fn decode(datagram: &[u8]) -> Result<Frame, Malformed> {
 }
 
 impl<'a> Parts<'a> {
-    /// Takes the value of `key` from the front of `rest`; returns what follows it.
+    /// Parses the value of `key` at the front of `rest`; returns the remainder.
     fn take(&mut self, key: &str, mut rest: &'a [u8]) -> Result<&'a [u8], Malformed> {
         match key {
             "arbitration_id" => self.id = Some(uint(&mut rest)?),
@@ -161,7 +160,7 @@ fn bytes<'a>(rest: &mut &'a [u8]) -> Result<&'a [u8], Malformed> {
     split(rest, length as usize)
 }
 
-/// A time may be a float of either width or an integer.
+/// Skips a time, which may be a float of either width or an integer.
 fn number(rest: &mut &[u8]) -> Result<(), Malformed> {
     let mut copy = *rest;
     let width = match decode::read_marker(&mut copy).map_err(|_| Malformed::Broken)? {
@@ -268,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_classic_frame_is_refused_with_the_reason() {
+    fn anything_but_a_classic_frame_is_rejected_with_the_reason() {
         let id: (&str, &[u8]) = ("arbitration_id", b"\x05");
         let base: (&str, &[u8]) = ("is_extended_id", b"\xC2");
         let refused = |pairs: &[(&str, &[u8])]| decode(&map(pairs)).unwrap_err();

@@ -1,47 +1,47 @@
-//! A gamepad as lines of text: what a stream or a file of events holds. docs/gamepad.md has the format for people.
+//! A gamepad as lines of text: the format of a stream or a file of events, described in docs/gamepad.md.
 //!
-//! Read as if somebody wanted to harm the reader: a line is bounded, and what is no line is told and skipped.
+//! Safe against hostile input: the length of a line is bounded, and an invalid line is reported and skipped.
 
 use base::Duration;
 use base::gamepad::{self, Axis, Button, Device, Event};
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// A line is not longer, bytes.
+/// Maximum length of a line, bytes.
 const LINE_MAX: usize = 256;
-/// Nobody waits longer between two lines.
+/// Maximum wait between two lines, s.
 const WAIT_MAX: f64 = 3600.0;
 
-/// What a line asks for.
+/// Effect of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// This happens.
+    /// An event.
     Event(Event),
-    /// The next line comes so much later.
+    /// The next line follows after this time.
     Wait(Duration),
 }
 
-/// Makes lines of bytes.
+/// Parser of the lines.
 #[derive(Debug, Default)]
 pub struct Reader {
     bytes: Vec<u8>,
-    /// Of which so many were taken.
+    /// Number of bytes already parsed.
     taken: usize,
-    /// The rest of a line that is too long is skipped.
+    /// Skipping the rest of a line that is too long.
     skips: bool,
-    /// What is being described.
+    /// Device description in progress.
     device: Option<Box<Device>>,
 }
 
 impl Reader {
-    /// Takes bytes; to be drained by [`Reader::poll`] before more come.
+    /// Adds bytes; drain with [`Reader::poll`] before adding more.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.drain(..self.taken);
         self.taken = 0;
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// The next line that asks for something, or what is wrong with one.
+    /// Returns the next line with an effect, or the error of an invalid one.
     pub fn poll(&mut self) -> Option<Result<Line, String>> {
         loop {
             let rest = &self.bytes[self.taken..];
@@ -67,12 +67,12 @@ impl Reader {
             match self.take(line) {
                 Some(Some(asked)) => return Some(Ok(asked)),
                 Some(None) => {}
-                None => return Some(Err(format!("no line of a gamepad: {}", shortened(line)))),
+                None => return Some(Err(format!("not a line of a gamepad: {}", shortened(line)))),
             }
         }
     }
 
-    /// A line; within it nothing where it only describes.
+    /// Parses a line; `Some(None)` if it only describes.
     fn take(&mut self, line: &str) -> Option<Option<Line>> {
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         if word == "device" {
@@ -142,7 +142,7 @@ fn flag(word: &str) -> Option<bool> {
 pub fn encode(event: &Event, out: &mut String) {
     let axis = |code: u16| named(gamepad::axis_name(code), code);
     let button = |code: u16| named(gamepad::button_name(code), code);
-    // Writing to a text does not fail.
+    // Writing to a String cannot fail.
     let _ = match event {
         Event::Found(device) => {
             let _ = writeln!(out, "device {}", device.name());
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn encoded_events_are_decoded_unchanged() {
         for line in read(SESSION.as_bytes(), 64) {
             if let Ok(Line::Event(event)) = line {
                 let mut text = String::new();
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_line_is_told_and_skipped() {
+    fn an_invalid_line_is_reported_and_skipped() {
         for wrong in [
             "found",
             "axis ABS_X 0 1 0 0 0",
@@ -227,7 +227,7 @@ mod tests {
         ] {
             let found = read(format!("{wrong}\ngone\n").as_bytes(), 999);
             let shown: String = wrong.chars().flat_map(char::escape_debug).collect();
-            assert_eq!(found, [Err(format!("no line of a gamepad: {shown}")), Ok(Line::Event(Event::Gone))]);
+            assert_eq!(found, [Err(format!("not a line of a gamepad: {shown}")), Ok(Line::Event(Event::Gone))]);
         }
         let found = read(format!("device {}\nabs {}\ngone\n", "x".repeat(5000), "\u{fffd}".repeat(90)).as_bytes(), 100);
         assert_eq!(found.len(), 3, "{found:?}");
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_with_too_much_is_cut_and_told() {
+    fn a_device_description_is_truncated_and_reported() {
         let mut text = String::from("device x\n");
         (0..40).for_each(|code| text.push_str(&format!("axis {code} 0 1 0 0 0\n")));
         text.push_str("found\n");
@@ -243,7 +243,7 @@ mod tests {
         assert_eq!(found.iter().filter(|line| line.is_err()).count(), 40 - gamepad::AXES_MAX);
     }
 
-    /// Random bytes and changed sessions: never a panic, never more than a line is kept.
+    /// Random bytes and damaged sessions: never a panic, never more than a line is buffered.
     #[test]
     fn any_bytes_are_survived() {
         let mut chance = 0x9E37_79B9_7F4A_7C15_u64;

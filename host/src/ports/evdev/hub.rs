@@ -1,8 +1,8 @@
-//! The simulator's end of a gamepad's stream: a UNIX socket in the run folder. Whoever connects hears the simulated
-//! gamepad; who writes lines there plays one, to the simulator, until he hangs up.
+//! The simulator's end of a gamepad's stream: a UNIX socket in the run folder. Clients receive the simulated gamepad's
+//! events; a client that writes lines acts as the gamepad for the simulator until it hangs up.
 
 use super::codec;
-use super::stream::{Stream, Told};
+use super::stream::{Stream, StreamItem};
 use super::{Device, Lost, Received};
 use base::gamepad::{self, Event};
 use base::{Fault, Instant};
@@ -14,34 +14,34 @@ use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::{fs, io};
 
-/// So many may be connected; more are hung up on.
+/// Maximum number of clients; further ones are disconnected.
 const CLIENTS_MAX: usize = 8;
 
-/// The socket.
+/// Server of the stream.
 pub struct Hub {
     path: PathBuf,
     opened: Option<(Epoll, UnixListener)>,
     pub(super) clients: Vec<Client>,
-    /// The gamepad as it was told, for those who come later.
+    /// The gamepad as last described, for clients that connect later.
     device: Option<Box<gamepad::Device>>,
     current: Option<Event>,
 }
 
 pub(super) struct Client {
     stream: Stream,
-    /// It has said something: it plays, and is told nothing.
+    /// It has sent lines: it acts as the gamepad and receives nothing.
     plays: bool,
 }
 
 impl Hub {
-    /// A socket of that name, made anew and removed at the end.
+    /// Creates the port for a socket of that name, which is created anew and removed at the end.
     pub fn new(path: PathBuf) -> Self {
         Self { path, opened: None, clients: Vec::new(), device: None, current: None }
     }
 
     fn listen(&self) -> io::Result<(Epoll, UnixListener)> {
         let any = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
-        // It is there under its name when it listens.
+        // Renamed into place once it listens.
         let early = self.path.with_extension("new");
         let _ = fs::remove_file(&early);
         let listener = UnixListener::bind(&early)?;
@@ -51,7 +51,7 @@ impl Hub {
         Ok((any, listener))
     }
 
-    /// Takes those who have connected.
+    /// Accepts new clients.
     fn accept(&mut self) {
         let Some((any, listener)) = &self.opened else { return };
         while let Ok((socket, _)) = listener.accept() {
@@ -63,15 +63,15 @@ impl Hub {
                 continue;
             }
             let found = self.device.clone().map(Event::Found);
-            if found.is_none_or(|found| tell(&stream, &found)) {
+            if found.is_none_or(|found| send_event(&stream, &found)) {
                 self.clients.push(Client { stream, plays: false });
             }
         }
     }
 }
 
-/// False when it does not take it whole: what follows would make no sense to it.
-fn tell(stream: &Stream, event: &Event) -> bool {
+/// Sends an event; false if it could not be written completely, after which the stream would be invalid.
+fn send_event(stream: &Stream, event: &Event) -> bool {
     let mut text = String::new();
     codec::encode(event, &mut text);
     write(stream.file(), text.as_bytes()) == Ok(text.len())
@@ -101,14 +101,14 @@ impl Device for Hub {
         let mut place = 0;
         while let Some(client) = self.clients.get_mut(place) {
             match client.stream.poll() {
-                Told::Event(event) => {
+                StreamItem::Event(event) => {
                     client.plays = true;
                     let event = self.current.insert(event);
                     return Ok(Received::input(now, Input::Gamepad(event.as_input())));
                 }
-                Told::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
-                Told::Nothing => place += 1,
-                Told::End => {
+                StreamItem::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
+                StreamItem::Nothing => place += 1,
+                StreamItem::End => {
                     if self.clients.remove(place).plays {
                         return Ok(Received::input(now, Input::Gamepad(gamepad::Input::Gone)));
                     }
@@ -121,7 +121,7 @@ impl Device for Hub {
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
         let Output::Gamepad(event) = output else { return Ok(false) };
         gamepad::keep(&mut self.device, event);
-        self.clients.retain(|client| client.plays || tell(&client.stream, event));
+        self.clients.retain(|client| client.plays || send_event(&client.stream, event));
         Ok(true)
     }
 }

@@ -1,4 +1,4 @@
-//! An event device of the kernel (`linux/input.h`): what it is, and what it tells.
+//! An event device of the kernel (`linux/input.h`): its description and its events.
 
 use crate::sys;
 use base::gamepad::{self, Axis, Button, Device, Event};
@@ -12,7 +12,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
 
-// Types of events and what they can be (linux/input-event-codes.h).
+// Event types and codes (linux/input-event-codes.h).
 const EV_SYN: u16 = 0;
 const EV_KEY: u16 = 1;
 const EV_ABS: u16 = 3;
@@ -20,7 +20,7 @@ const SYN_REPORT: u16 = 0;
 const SYN_DROPPED: u16 = 3;
 const ABS_COUNT: usize = 0x40;
 const KEY_COUNT: usize = 0x300;
-/// Below it are keyboards' keys.
+/// Codes below are keyboard keys.
 const BTN_MISC: u16 = 0x100;
 const BTN_TOOL_PEN: u16 = 0x140;
 const BTN_TOUCH: u16 = 0x14A;
@@ -31,21 +31,21 @@ const KEYS_HELD: u8 = 0x18;
 const BITS: u8 = 0x20;
 const ABS: u8 = 0x40;
 
-/// `struct input_event`: a time, then type, code, value.
+/// Size of `struct input_event`: a time, then type, code, value.
 const EVENT: usize = size_of::<libc::input_event>();
-/// Read at once.
+/// Maximum number of events per read.
 const EVENTS: usize = 32;
 
-/// An opened device.
+/// An open event device.
 pub struct Kernel {
     file: OwnedFd,
-    /// Events were lost: the rest of the frame is worth nothing, and then the device is asked how it is.
+    /// Events were lost: the rest of the frame is discarded, then the state is queried.
     lost: bool,
 }
 
-/// A bit of a bit field as the kernel fills it, in words of its own.
+/// A bit of a bit field that the kernel fills in machine words.
 fn bit(bits: &[u8], number: usize) -> bool {
-    // In a word of a big-endian machine the bytes are the other way round.
+    // On a big-endian machine the bytes of a word are in reverse order.
     let word = size_of::<libc::c_ulong>();
     let byte = if cfg!(target_endian = "big") { (number / 8) ^ (word - 1) } else { number / 8 };
     bits.get(byte).is_some_and(|byte| byte >> (number % 8) & 1 != 0)
@@ -56,13 +56,13 @@ fn errno(error: io::Error) -> Errno {
 }
 
 impl Kernel {
-    /// Opens it.
+    /// Opens a device file.
     pub fn open(path: &Path) -> nix::Result<Self> {
         let flags = OFlag::O_RDONLY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC | OFlag::O_NOCTTY;
         Ok(Self { file: open(path, flags, Mode::empty())?, lost: false })
     }
 
-    /// From now on nobody else hears it.
+    /// Grabs the device exclusively.
     pub fn grab(&self) -> nix::Result<()> {
         sys::grab_events(self.file.as_fd()).map_err(errno)
     }
@@ -77,7 +77,7 @@ impl Kernel {
         Ok(answer)
     }
 
-    /// What it is, and how it is now.
+    /// Queries the description and the current state.
     pub fn describe(&self) -> nix::Result<Device> {
         let name = self.ask::<256>(NAME)?;
         let name = String::from_utf8_lossy(name.split(|byte| *byte == 0).next().unwrap_or_default()).into_owned();
@@ -98,8 +98,8 @@ impl Kernel {
         Ok(device)
     }
 
-    /// Reads what is there. An error says that it is lost: ENODEV when it was unplugged.
-    pub fn read(&mut self, told: &mut VecDeque<Event>) -> nix::Result<()> {
+    /// Reads available events. An error means that the device is lost: ENODEV after unplugging.
+    pub fn read(&mut self, events: &mut VecDeque<Event>) -> nix::Result<()> {
         let mut bytes = [0; EVENT * EVENTS];
         let count = match read(&self.file, &mut bytes) {
             Ok(0) => return Err(Errno::ENODEV),
@@ -110,30 +110,30 @@ impl Kernel {
         for event in bytes[..count].chunks_exact(EVENT) {
             let Some(&[a, b, c, d, value @ ..]) = event.last_chunk::<8>() else { continue };
             let (kind, code) = (u16::from_ne_bytes([a, b]), u16::from_ne_bytes([c, d]));
-            self.on_event(kind, code, i32::from_ne_bytes(value), told)?;
+            self.on_event(kind, code, i32::from_ne_bytes(value), events)?;
         }
         Ok(())
     }
 
-    fn on_event(&mut self, kind: u16, code: u16, value: i32, told: &mut VecDeque<Event>) -> nix::Result<()> {
+    fn on_event(&mut self, kind: u16, code: u16, value: i32, events: &mut VecDeque<Event>) -> nix::Result<()> {
         match (kind, code, value) {
             (EV_SYN, SYN_DROPPED, _) => self.lost = true,
             (EV_SYN, SYN_REPORT, _) if self.lost => {
                 self.lost = false;
-                told.push_back(Event::Found(Box::new(self.describe()?)));
+                events.push_back(Event::Found(Box::new(self.describe()?)));
             }
             _ if self.lost => {}
-            (EV_SYN, SYN_REPORT, _) => told.push_back(Event::Frame),
-            (EV_ABS, ..) => told.push_back(Event::Axis { code, value }),
-            // 2 is the repeat of a key that is held.
-            (EV_KEY, BTN_MISC.., 0 | 1) => told.push_back(Event::Button { code, pressed: value == 1 }),
+            (EV_SYN, SYN_REPORT, _) => events.push_back(Event::Frame),
+            (EV_ABS, ..) => events.push_back(Event::Axis { code, value }),
+            // Value 2 is the repetition of a key that is held.
+            (EV_KEY, BTN_MISC.., 0 | 1) => events.push_back(Event::Button { code, pressed: value == 1 }),
             _ => {}
         }
         Ok(())
     }
 }
 
-/// True if a device is one that `auto` takes: two axes and a button, and no tablet or touch screen.
+/// True if `auto` accepts the device: two axes and a button, and not a tablet or touch screen.
 pub fn is_gamepad(device: &Device) -> bool {
     let has = |code: u16| device.button(code).is_some();
     device.axes().len() >= 2
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gamepad_is_no_mouse_tablet_keyboard_or_touch_screen() {
+    fn a_gamepad_is_distinguished_from_other_input_devices() {
         let device = |axes: &[u16], buttons: &[u16]| {
             let mut device = Device::new("x");
             for code in axes {

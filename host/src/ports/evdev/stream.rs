@@ -10,41 +10,42 @@ use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFl
 use nix::unistd::read;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-/// Bytes per read.
+/// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
-/// Reads and lines without an event before others have their turn, for this long.
+/// Maximum number of reads and lines without an event; then the stream pauses for [`PAUSE`], so that others are
+/// served.
 const READS_MAX: usize = 64;
-const BREATH: Duration = Duration::from_millis(1);
+const PAUSE: Duration = Duration::from_millis(1);
 
 const TIMER: u64 = 0;
 const FILE: u64 = 1;
 
-/// What a stream had for us.
-pub enum Told {
-    /// Nothing more for now.
+/// Result of reading a stream.
+pub enum StreamItem {
+    /// Empty: nothing more for now.
     Nothing,
-    /// This happened.
+    /// An event.
     Event(Event),
-    /// A line is wrong.
+    /// An invalid line.
     Wrong(String),
-    /// It has ended.
+    /// The stream has ended.
     End,
 }
 
-/// The stream.
+/// Stream of lines.
 pub struct Stream {
     file: OwnedFd,
     reader: Reader,
     timer: TimerFd,
-    /// Readable when the file is, or when what it waits for is over.
+    /// Readable if the file is, or if the current wait has ended.
     both: Epoll,
-    /// A file is always readable, and no epoll takes it.
+    /// False for a file, which is always readable and not accepted by epoll.
     polled: bool,
     waits: bool,
 }
 
 impl Stream {
-    /// A stream of lines from `file`, which does not block.
+    /// Creates the stream of a non-blocking descriptor.
     pub fn new(file: OwnedFd) -> nix::Result<Self> {
         let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)?;
@@ -57,58 +58,58 @@ impl Stream {
         Ok(Self { file, reader: Reader::default(), timer, both, polled, waits: false })
     }
 
-    /// To wait for.
+    /// Descriptor to wait for.
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.both.0.as_fd()
     }
 
-    /// True if it is a file, which ends once.
+    /// True for a file, which ends once.
     pub fn is_file(&self) -> bool {
         !self.polled
     }
 
-    /// The file itself.
+    /// Descriptor of the source.
     pub fn file(&self) -> BorrowedFd<'_> {
         self.file.as_fd()
     }
 
-    /// Takes one thing.
-    pub fn poll(&mut self) -> Told {
+    /// Returns the next result.
+    pub fn poll(&mut self) -> StreamItem {
         match self.try_poll() {
             Ok(told) => told,
-            Err(Errno::EAGAIN | Errno::EINTR) => Told::Nothing,
-            // Whoever wrote is gone, in whatever manner.
-            Err(_) => Told::End,
+            Err(Errno::EAGAIN | Errno::EINTR) => StreamItem::Nothing,
+            // The writer is gone, for whatever reason.
+            Err(_) => StreamItem::End,
         }
     }
 
-    fn try_poll(&mut self) -> nix::Result<Told> {
+    fn try_poll(&mut self) -> nix::Result<StreamItem> {
         if self.waits {
             let mut count = [0; 8];
             read(&self.timer, &mut count)?;
             self.waits = false;
-            self.heed(true)?;
+            self.set_interest(true)?;
         }
         for _ in 0..READS_MAX {
             match self.reader.poll() {
-                Some(Ok(Line::Event(event))) => return Ok(Told::Event(event)),
+                Some(Ok(Line::Event(event))) => return Ok(StreamItem::Event(event)),
                 Some(Ok(Line::Wait(Duration::ZERO))) => {}
                 Some(Ok(Line::Wait(wait))) => return self.pause(wait),
-                Some(Err(why)) => return Ok(Told::Wrong(why)),
-                // A FIFO that nobody has opened to write looks ended to who reads it.
-                None if self.polled && !self.is_readable()? => return Ok(Told::Nothing),
+                Some(Err(why)) => return Ok(StreamItem::Wrong(why)),
+                // A FIFO without a writer reads as ended.
+                None if self.polled && !self.is_readable()? => return Ok(StreamItem::Nothing),
                 None => {
                     let mut bytes = [0; READ_MAX];
                     let count = read(&self.file, &mut bytes)?;
                     if count == 0 {
-                        return Ok(Told::End);
+                        return Ok(StreamItem::End);
                     }
                     self.reader.push(&bytes[..count]);
                 }
             }
         }
-        // Nothing but remarks, and no end of them.
-        self.pause(BREATH)
+        // Only comments without end.
+        self.pause(PAUSE)
     }
 
     fn is_readable(&self) -> nix::Result<bool> {
@@ -117,16 +118,16 @@ impl Stream {
         Ok(events[..count].iter().any(|event| event.data() == FILE))
     }
 
-    fn pause(&mut self, wait: Duration) -> nix::Result<Told> {
+    fn pause(&mut self, wait: Duration) -> nix::Result<StreamItem> {
         self.timer.set(Expiration::OneShot(TimeSpec::from_duration(wait)), TimerSetTimeFlags::empty())?;
         self.waits = true;
-        self.heed(false)?;
-        Ok(Told::Nothing)
+        self.set_interest(false)?;
+        Ok(StreamItem::Nothing)
     }
 
-    /// While it waits, that more could be read is no reason to wake.
-    fn heed(&self, heed: bool) -> nix::Result<()> {
-        match (self.polled, heed) {
+    /// Enables or disables waking for input, which is not needed during a wait.
+    fn set_interest(&self, interested: bool) -> nix::Result<()> {
+        match (self.polled, interested) {
             (false, _) => Ok(()),
             (true, true) => self.both.add(&self.file, EpollEvent::new(EpollFlags::EPOLLIN, FILE)),
             (true, false) => self.both.delete(&self.file),

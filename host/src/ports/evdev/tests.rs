@@ -1,4 +1,4 @@
-//! Gamepads of lines: files, FIFOs, sockets, and what comes and goes.
+//! Gamepads of lines from files, FIFOs and sockets, and their coming and going.
 
 use super::*;
 use crate::clock;
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 const PAD: &str = "device A pad\naxis ABS_X 0 255 0 0 128\naxis ABS_Y 0 255 0 0 128\nbutton BTN_TL 0\nfound\n";
 
-/// A folder of the test's own, removed at the end.
+/// A folder for one test, removed at its end.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -40,7 +40,7 @@ fn port(folder: &Folder) -> Gamepad {
     port
 }
 
-/// What a device tells until it tells nothing for a while.
+/// Events of a device until it is silent for a while.
 fn told(device: &mut dyn Device, millis: u16) -> String {
     let mut told = Vec::new();
     loop {
@@ -75,13 +75,13 @@ fn a_file_is_played_at_its_pace() {
     let begin = clock::now();
     assert_eq!(told(&mut port, 30), "gone, found A pad, key 310 1, frame");
     assert!(clock::now().since(begin) < Duration::from_millis(100));
-    assert_eq!(told(&mut port, 80), "abs 1 0, frame, MessageMalformed no line of a gamepad: rubbish, gone");
+    assert_eq!(told(&mut port, 80), "abs 1 0, frame, MessageMalformed not a line of a gamepad: rubbish, gone");
     assert!(clock::now().since(begin) >= Duration::from_millis(100));
     assert_eq!(told(&mut port, 250), "", "once");
 }
 
 #[test]
-fn a_fifo_is_a_gamepad_while_somebody_writes_there() {
+fn a_fifo_is_a_gamepad_while_it_has_a_writer() {
     let folder = Folder::new();
     mkfifo(&folder.path(), Mode::S_IRWXU).unwrap();
     let mut port = port(&folder);
@@ -101,12 +101,12 @@ fn a_fifo_is_a_gamepad_while_somebody_writes_there() {
 }
 
 #[test]
-fn what_comes_later_is_found_when_it_comes() {
+fn a_device_that_appears_later_is_found() {
     let folder = Folder::new();
     let mut port = port(&folder);
     assert_eq!(told(&mut port, 10), "gone");
     File::create(folder.0.join("other")).unwrap();
-    assert_eq!(told(&mut port, 10), "", "it is looked at what matters");
+    assert_eq!(told(&mut port, 10), "", "only relevant changes trigger a search");
     let early = folder.0.join("early");
     fs::write(&early, PAD).unwrap();
     fs::rename(&early, folder.path()).unwrap();
@@ -121,7 +121,7 @@ fn a_folder_that_is_not_there_is_a_port_that_is_down() {
 }
 
 #[test]
-fn remarks_without_end_hold_up_nobody() {
+fn endless_comments_do_not_block_other_ports() {
     let folder = Folder::new();
     fs::write(folder.path(), "#\n".repeat(200_000) + PAD).unwrap();
     let mut port = port(&folder);
@@ -133,14 +133,14 @@ fn remarks_without_end_hold_up_nobody() {
     while let Received::Nothing = port.receive(clock::now()).unwrap() {
         turns += 1;
         let mut fds = [PollFd::new(port.fd().unwrap(), PollFlags::POLLIN)];
-        assert_eq!(poll(&mut fds, PollTimeout::from(10_000_u16)), Ok(1), "it goes on by itself");
+        assert_eq!(poll(&mut fds, PollTimeout::from(10_000_u16)), Ok(1), "it continues without a trigger");
     }
-    // 64 reads of 1024 bytes, and others have theirs.
+    // 64 reads of 1024 bytes, then others are served.
     assert_eq!(turns, 400_000 / (64 * 1024));
 }
 
 #[test]
-fn what_is_no_event_device_is_told() {
+fn a_file_that_is_not_an_event_device_is_reported() {
     let folder = Folder::new();
     fs::write(folder.path(), "").unwrap();
     let mut port = Gamepad::new(GamepadPlace::Device(folder.path()), false);
@@ -169,7 +169,7 @@ fn pad() -> Event {
 }
 
 #[test]
-fn the_simulator_s_gamepad_is_heard_by_all_who_connect_whenever() {
+fn all_clients_receive_the_simulated_gamepad() {
     let folder = Folder::new();
     let (mut hub, mut first) = connected(&folder);
     assert_eq!(told(&mut first, 10), "gone");
@@ -211,7 +211,7 @@ fn a_simulator_that_ends_takes_its_gamepad_with_it_and_a_new_one_is_found() {
 }
 
 #[test]
-fn who_writes_to_the_simulator_plays_a_gamepad_until_he_hangs_up() {
+fn a_client_that_writes_acts_as_the_gamepad_until_it_hangs_up() {
     let folder = Folder::new();
     let (mut hub, _port) = connected(&folder);
     let mut player = UnixStream::connect(folder.path()).unwrap();
@@ -222,7 +222,7 @@ fn who_writes_to_the_simulator_plays_a_gamepad_until_he_hangs_up() {
 }
 
 #[test]
-fn who_does_not_read_is_hung_up_on_and_comes_back() {
+fn a_client_that_does_not_read_is_disconnected_and_reconnects() {
     let folder = Folder::new();
     let (mut hub, mut port) = connected(&folder);
     told(&mut port, 10);
@@ -244,7 +244,7 @@ fn who_does_not_read_is_hung_up_on_and_comes_back() {
         }
     }
     assert_eq!(last.first(), Some(&false));
-    // A line that was cut off is told; then it connects anew and hears how the gamepad is.
+    // The truncated line is reported; then it reconnects and receives the current state of the gamepad.
     let rest = told(&mut port, 200);
     assert!(last.contains(&true) || rest.contains("gone"), "{last:?} {rest}");
     assert_eq!(told(&mut hub, 10), "");

@@ -1,5 +1,5 @@
-//! An adapter of the kernel's, by i2c-dev: `I2C_RDWR`, or, where the adapter speaks SMBus only, `I2C_SMBUS` for those
-//! transfers that are such commands.
+//! An adapter of the kernel through i2c-dev: `I2C_RDWR`, or, if the adapter supports only SMBus, `I2C_SMBUS` for those
+//! transfers that match an SMBus command.
 
 use super::{Blocking, Done, sys};
 use crate::ports::Lost;
@@ -10,7 +10,7 @@ use std::io;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 
-// I2C_SMBUS_QUICK and so on (linux/i2c.h).
+// SMBus transaction types (linux/i2c.h).
 const QUICK: u32 = 0;
 const BYTE: u32 = 1;
 const BYTE_DATA: u32 = 2;
@@ -19,33 +19,34 @@ const PROC_CALL: u32 = 4;
 const BLOCK_DATA: u32 = 5;
 const I2C_BLOCK_DATA: u32 = 8;
 
-/// The longest block of SMBus.
+/// Maximum length of an SMBus block, bytes.
 const BLOCK_MAX: usize = 32;
 
 pub struct Dev {
     path: PathBuf,
     file: File,
-    /// It makes plain transfers.
+    /// Supports plain transfers.
     plain: bool,
-    /// It reads blocks.
+    /// Supports block reads.
     blocks: bool,
-    /// What it cannot do was said.
-    told: bool,
+    /// A missing capability was reported.
+    reported: bool,
 }
 
 impl Dev {
     pub fn open(path: &Path) -> Result<Self, Lost> {
         let named = |error: io::Error| format!("{}: {error}", path.display());
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(named)?;
-        let functions = sys::functions(file.as_fd()).map_err(|_| format!("{} is no I2C adapter", path.display()))?;
+        let functions =
+            sys::functions(file.as_fd()).map_err(|_| format!("{} is not an I2C adapter", path.display()))?;
         let plain = functions & sys::FUNC_I2C != 0;
         if !plain && functions & sys::FUNC_READ_BYTE_DATA == 0 {
-            return Err(format!("{}: the adapter makes neither plain transfers nor SMBus commands", path.display()));
+            return Err(format!("{}: the adapter supports neither plain transfers nor SMBus commands", path.display()));
         }
-        Ok(Self { path: path.into(), file, plain, blocks: functions & sys::FUNC_READ_BLOCK != 0, told: false })
+        Ok(Self { path: path.into(), file, plain, blocks: functions & sys::FUNC_READ_BLOCK != 0, reported: false })
     }
 
-    /// By `I2C_RDWR`.
+    /// Executes a transfer with `I2C_RDWR`.
     fn plain(&self, transfer: &Transfer) -> io::Result<Bytes> {
         let (mut write, mut read) = (transfer.write.clone(), [0; MAX]);
         let (count, block) = match transfer.read {
@@ -63,7 +64,7 @@ impl Dev {
         Ok(read[..count.min(MAX)].iter().copied().collect())
     }
 
-    /// By `I2C_SMBUS`; none when it is none of its commands.
+    /// Executes a transfer with `I2C_SMBUS`; `None` if it matches no SMBus command.
     fn command(&self, transfer: &Transfer) -> Option<io::Result<Bytes>> {
         let Command { read, command, size, mut data } = Command::of(transfer)?;
         let done = sys::smbus(self.file.as_fd(), transfer.address.get(), read, command, size, &mut data);
@@ -80,9 +81,9 @@ impl Dev {
     }
 
     fn refuse(&mut self, what: &str) -> Done {
-        let told = std::mem::replace(&mut self.told, true);
+        let reported = std::mem::replace(&mut self.reported, true);
         let note = format!("{}: the adapter cannot {what}", self.path.display());
-        (Err(Error::Other), (!told).then_some(note))
+        (Err(Error::Other), (!reported).then_some(note))
     }
 }
 
@@ -90,24 +91,24 @@ impl Blocking for Dev {
     fn transfer(&mut self, transfer: &Transfer) -> Result<Done, Lost> {
         let done = match transfer.read {
             Read::Block { .. } if self.plain && !self.blocks => {
-                return Ok(self.refuse("read a block whose length the chip says"));
+                return Ok(self.refuse("read a block of variable length"));
             }
             _ if self.plain => self.plain(transfer),
             _ => match self.command(transfer) {
                 Some(done) => done,
-                None => return Ok(self.refuse("make this transfer: it speaks SMBus only")),
+                None => return Ok(self.refuse("make this transfer, because it supports SMBus only")),
             },
         };
         match done {
             Ok(read) => Ok((Ok(read), None)),
-            // While its file is open an adapter cannot go: what tells that it wants to is that its name has gone.
+            // An adapter cannot go while its file is open; its name disappears when it was unplugged.
             Err(_) if !self.path.exists() => Err("the adapter is gone".into()),
             Err(error) => Ok((outcome(&error), None)),
         }
     }
 }
 
-/// What an adapter's error is (Documentation/i2c/fault-codes.rst). Which byte was refused it does not say.
+/// Converts an adapter's error (Documentation/i2c/fault-codes.rst), which does not tell which byte was refused.
 fn outcome(error: &io::Error) -> Outcome {
     Err(match Errno::from_raw(error.raw_os_error().unwrap_or(0)) {
         Errno::ENXIO | Errno::EREMOTEIO | Errno::ENODEV => Error::NoAddress,
@@ -118,7 +119,7 @@ fn outcome(error: &io::Error) -> Outcome {
     })
 }
 
-/// What an `I2C_SMBUS` call is told.
+/// Arguments of an `I2C_SMBUS` call.
 #[derive(Debug, PartialEq)]
 struct Command {
     read: bool,
@@ -128,7 +129,7 @@ struct Command {
 }
 
 impl Command {
-    /// The command that says the same on the wire.
+    /// Finds the SMBus command with the same bytes on the wire.
     fn of(transfer: &Transfer) -> Option<Self> {
         let new = |read, command, size| Self { read, command, size, data: [0; sys::SMBUS_DATA] };
         let word = |read, command, low, high, size| {
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn transfers_that_are_smbus_commands_are_known() {
+    fn smbus_commands_are_recognized() {
         let command = |write: &[u8], read| {
             let Command { read, command, size, data } = Command::of(&transfer(write, read))?;
             Some((read, command, size, data[..4].to_vec()))
@@ -209,9 +210,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_adapter_is_refused_by_name() {
+    fn a_file_that_is_not_an_adapter_is_rejected_by_name() {
         let why = |path: &str| Dev::open(Path::new(path)).err().unwrap();
-        assert_eq!(why("/dev/null"), "/dev/null is no I2C adapter");
+        assert_eq!(why("/dev/null"), "/dev/null is not an I2C adapter");
         assert!(why("/dev/no-such-i2c").starts_with("/dev/no-such-i2c: "));
     }
 }

@@ -1,5 +1,5 @@
-//! Two lines of a GPIO chip as a bus: `i2c`'s bit-banged master in real time. How fast it can be is the chip's affair:
-//! a bit takes three calls of the kernel or four.
+//! Two lines of a GPIO chip as a bus: the bit-banged master of `i2c` in real time. The speed depends on the chip: each
+//! bit takes three or four system calls.
 
 use super::{Blocking, Done, sys};
 use crate::clock;
@@ -14,13 +14,13 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::path::Path;
 use std::thread;
 
-/// Up to here waiting is done by looking at the clock: waking up takes as long.
+/// Shorter waits are busy, because waking up takes as long.
 const SHORT: Duration = Duration::from_micros(100);
 
 pub struct Gpio {
     /// SDA, then SCL.
     lines: OwnedFd,
-    /// Kept open, so that it can be seen who has its lines: theirs have no name.
+    /// Kept open so that tools can find the holder of the lines, whose descriptors have no name.
     _chip: File,
     master: Master,
 }

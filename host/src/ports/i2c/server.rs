@@ -1,5 +1,5 @@
-//! The simulator's end of its bus: who connects is a master. Their transfers are served one after the other, in the
-//! order in which they came.
+//! The simulator's end of its bus: each client is a master. Transfers are served one after the other, in order of
+//! arrival.
 
 use super::socket::{listener, read, write};
 use crate::ports::{Device, Lost, Received};
@@ -16,10 +16,10 @@ use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 
-/// As many masters at once: the driver, and some tools.
+/// Maximum number of masters: the driver and some tools.
 const MASTERS: usize = 8;
 
-/// The bus.
+/// Server of the simulated bus.
 pub struct Server {
     path: PathBuf,
     open: Option<Open>,
@@ -28,15 +28,15 @@ pub struct Server {
 
 struct Open {
     listener: UnixListener,
-    /// Which file is ours: another may have made its own meanwhile.
+    /// Inode of our socket file, in case another process replaced it.
     inode: u64,
-    /// Readable when anything is to be done.
+    /// Readable if anything is to be served.
     all: Epoll,
     masters: Vec<Master>,
     number: u64,
-    /// Whose turn it is.
+    /// Index of the master to be served next.
     turn: usize,
-    /// Who waits for what comes of a transfer, in order.
+    /// Masters that wait for an outcome, in order.
     waiting: VecDeque<u64>,
 }
 
@@ -46,7 +46,7 @@ struct Master {
 }
 
 impl Server {
-    /// A bus that will be offered there.
+    /// Creates the port of a bus offered at `path`.
     pub fn new(path: PathBuf) -> Self {
         Self { path, open: None, transfer: None }
     }
@@ -63,7 +63,7 @@ impl Open {
                 }
                 Err(error) => return Err(error.to_string()),
             };
-            // One too many is closed at once.
+            // Excess masters are disconnected at once.
             if self.masters.len() < MASTERS {
                 self.number += 1;
                 self.all.add(&socket, EpollEvent::new(EpollFlags::EPOLLIN, self.number)).map_err(Errno::desc)?;
@@ -72,7 +72,7 @@ impl Open {
         }
     }
 
-    /// The next transfer, of each master in turn; or what was wrong with one, who is let go.
+    /// Reads the next transfer, from each master in turn; an invalid one is an error, and its master is disconnected.
     fn next(&mut self) -> Option<Result<Transfer, &'static str>> {
         let mut look = self.masters.len();
         while look > 0 {
@@ -91,7 +91,7 @@ impl Open {
                     }
                     None => {
                         self.masters.remove(self.turn);
-                        return Some(Err("a master on its socket sent what is no transfer; it was let go"));
+                        return Some(Err("a master on its socket sent an invalid transfer and was disconnected"));
                     }
                 },
                 Err(_gone) => {
@@ -106,7 +106,7 @@ impl Open {
     fn answer(&mut self, datagram: &[u8]) {
         let Some(number) = self.waiting.pop_front() else { return };
         let place = self.masters.iter().position(|master| master.number == number);
-        // Who does not read what it asked for is let go.
+        // A master that does not read its outcomes is disconnected.
         if let Some(place) = place.filter(|place| !matches!(write(&self.masters[*place].socket, datagram), Ok(true))) {
             self.masters.remove(place);
         }
@@ -143,7 +143,7 @@ impl Device for Server {
         match open.next() {
             None => Ok(Received::Nothing),
             Some(Err(why)) => Ok(Received::Fault(Fault::MessageMalformed, why.into())),
-            Some(Ok(transfer)) => Ok(Received::input(now, Input::I2cAsked(self.transfer.insert(transfer)))),
+            Some(Ok(transfer)) => Ok(Received::input(now, Input::I2cRequested(self.transfer.insert(transfer)))),
         }
     }
 

@@ -1,4 +1,4 @@
-//! The simulator's bus: a socket in the run folder, a datagram for each transfer and one for what came of it.
+//! The simulator's bus: a socket in the run folder, with one datagram per transfer and one per outcome.
 
 use crate::ports::{Device, Lost, Received};
 use base::Instant;
@@ -13,10 +13,10 @@ use std::fs::File;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
-/// The longest path of a socket's address (`sun_path`, with its end).
+/// Maximum length of a socket's path (`sun_path` without its terminating zero).
 const PATH_MAX: usize = 107;
 
-/// A client's end.
+/// The client's end.
 pub struct Socket {
     path: PathBuf,
     socket: Option<OwnedFd>,
@@ -25,7 +25,7 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// The bus that the simulator offers there.
+    /// Creates the port of the bus that the simulator offers at `path`.
     pub fn new(path: PathBuf) -> Self {
         Self { path, socket: None, waiting: 0, outcome: Ok(Default::default()) }
     }
@@ -53,8 +53,8 @@ impl Device for Socket {
         match read(socket)? {
             None => Ok(Received::Nothing),
             Some(datagram) => {
-                self.outcome = codec::parse_outcome(&datagram).ok_or("it answered what is no outcome")?;
-                self.waiting = self.waiting.checked_sub(1).ok_or("it answered what was not asked")?;
+                self.outcome = codec::parse_outcome(&datagram).ok_or("it sent an invalid outcome")?;
+                self.waiting = self.waiting.checked_sub(1).ok_or("it sent an outcome without a transfer")?;
                 Ok(Received::input(now, Input::I2c(&self.outcome)))
             }
         }
@@ -71,13 +71,13 @@ impl Device for Socket {
     }
 }
 
-/// A datagram, if one is there. `Err`: the other side is gone.
+/// Reads a datagram, if available. `Err`: the peer is gone.
 pub(super) fn read(socket: &impl AsRawFd) -> Result<Option<Vec<u8>>, Lost> {
-    // One byte more than any good one, to tell those that were cut off.
+    // One byte more than any valid one, to detect truncation.
     let mut datagram = [0; DATAGRAM_MAX + 1];
     loop {
         return match recv(socket.as_raw_fd(), &mut datagram, MsgFlags::MSG_DONTWAIT) {
-            // An empty datagram cannot be told from the end, and is none of ours.
+            // An empty datagram looks like the end of the connection, and is never sent.
             Ok(0) => Err("the simulator is gone".into()),
             Ok(count) => Ok(Some(datagram[..count].to_vec())),
             Err(Errno::EAGAIN) => Ok(None),
@@ -87,7 +87,7 @@ pub(super) fn read(socket: &impl AsRawFd) -> Result<Option<Vec<u8>>, Lost> {
     }
 }
 
-/// Sends a datagram; false when there is no room.
+/// Sends a datagram; false if the socket buffer is full.
 pub(super) fn write(socket: &impl AsRawFd, datagram: &[u8]) -> Result<bool, Lost> {
     loop {
         return match send(socket.as_raw_fd(), datagram, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL) {
@@ -99,7 +99,7 @@ pub(super) fn write(socket: &impl AsRawFd, datagram: &[u8]) -> Result<bool, Lost
     }
 }
 
-/// A socket that offers a bus at `path`, in place of whatever was there.
+/// Creates a listening socket at `path`; replaces an existing file.
 pub(super) fn listener(path: &Path) -> Result<OwnedFd, Lost> {
     let named = |errno: Errno| format!("{}: {}", path.display(), errno.desc());
     let socket = seqpacket().map_err(named)?;
@@ -116,7 +116,7 @@ fn seqpacket() -> nix::Result<OwnedFd> {
     socket(AddressFamily::Unix, SockType::SeqPacket, flags, None)
 }
 
-/// Calls with the address of a path, however long that is.
+/// Calls a function with the address of a path of any length.
 fn at(path: &Path, call: impl FnOnce(&UnixAddr) -> nix::Result<()>) -> Result<(), Lost> {
     let named = |why: &str| format!("{}: {why}", path.display());
     let (folder, name) = (path.parent().unwrap_or(Path::new(".")), path.file_name().unwrap_or_default());

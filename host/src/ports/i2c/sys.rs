@@ -1,4 +1,4 @@
-//! The calls of i2c-dev (linux/i2c-dev.h, i2c.h) and of the GPIO character device, version 2 (linux/gpio.h).
+//! System calls of i2c-dev (linux/i2c-dev.h, i2c.h) and of the GPIO character device, version 2 (linux/gpio.h).
 #![allow(unsafe_code)]
 
 use nix::libc;
@@ -6,11 +6,11 @@ use std::io;
 use std::mem;
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 
-/// The adapter makes plain transfers, `I2C_FUNC_I2C`.
+/// Plain transfers, `I2C_FUNC_I2C`.
 pub const FUNC_I2C: libc::c_ulong = 0x0000_0001;
-/// It makes the SMBus command that reads a byte of a register, without which it is of no use here.
+/// SMBus command that reads the byte of a register, which is required here.
 pub const FUNC_READ_BYTE_DATA: libc::c_ulong = 0x0008_0000;
-/// It reads blocks whose length is their first byte, `I2C_M_RECV_LEN`.
+/// Reading blocks whose first byte is their length, `I2C_M_RECV_LEN`.
 pub const FUNC_READ_BLOCK: libc::c_ulong = 0x0100_0000;
 
 const I2C_SLAVE: libc::Ioctl = 0x0703;
@@ -45,10 +45,10 @@ struct Smbus {
     data: *mut [u8; SMBUS_DATA],
 }
 
-/// `union i2c_smbus_data`: a byte, a word in the machine's order, or length and block.
+/// Size of `union i2c_smbus_data`: a byte, a word in native byte order, or length and block.
 pub const SMBUS_DATA: usize = 34;
 
-/// What the adapter can do.
+/// Capabilities of the adapter.
 pub fn functions(adapter: BorrowedFd<'_>) -> io::Result<libc::c_ulong> {
     let mut functions: libc::c_ulong = 0;
     // SAFETY: the kernel fills a live unsigned long.
@@ -56,9 +56,8 @@ pub fn functions(adapter: BorrowedFd<'_>) -> io::Result<libc::c_ulong> {
     Ok(functions)
 }
 
-/// Writes, then reads, as one transfer: nothing written and something to read begins with the reading. `block`: the
-/// first byte read is the length of a block, with so many bytes around it, itself included; `read` has room for 32
-/// more.
+/// Writes, then reads, in one transfer; without bytes to write it begins with the read. `block`: the first byte read is
+/// the length of a block, which is surrounded by `block` bytes including itself; `read` has room for 32 more.
 pub fn transfer(
     adapter: BorrowedFd<'_>,
     address: u8,
@@ -81,13 +80,12 @@ pub fn transfer(
     });
     let mut messages: Vec<Message> = write.map(|write| message(0, write)).into_iter().chain(read).collect();
     let data = Messages { messages: messages.as_mut_ptr(), count: messages.len() as u32 };
-    // SAFETY: the kernel reads live messages, as many as counted; each has the address and the length of a slice that
-    // is borrowed mutably until this returns, and with RECV_LEN the kernel checks that there is room for the longest
-    // block.
+    // SAFETY: the kernel reads `count` live messages; each has the address and the length of a slice that is borrowed
+    // mutably until this returns, and with RECV_LEN the kernel checks that there is room for the longest block.
     check(unsafe { libc::ioctl(adapter.as_raw_fd(), I2C_RDWR, &raw const data) })
 }
 
-/// One SMBus command of the kernel's, `I2C_SMBUS_*` in `size`.
+/// Executes one SMBus command; `size` is one of `I2C_SMBUS_*`.
 pub fn smbus(
     adapter: BorrowedFd<'_>,
     address: u8,
@@ -144,7 +142,7 @@ const GET_LINE: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x07, size_of::
 const GET_VALUES: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0E, size_of::<Values>()) as libc::Ioctl;
 const SET_VALUES: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0F, size_of::<Values>()) as libc::Ioctl;
 
-/// Takes lines of a GPIO chip as open-drain outputs, released; bit 0 of their values is the first of them.
+/// Requests lines of a GPIO chip as open-drain outputs, released; bit 0 of their values is the first line.
 pub fn open_drain(chip: BorrowedFd<'_>, lines: [u32; 2]) -> io::Result<OwnedFd> {
     // SAFETY: all zeros is a valid request, of no lines.
     let mut request: Request = unsafe { mem::zeroed() };
@@ -160,7 +158,7 @@ pub fn open_drain(chip: BorrowedFd<'_>, lines: [u32; 2]) -> io::Result<OwnedFd> 
     Ok(unsafe { OwnedFd::from_raw_fd(request.fd) })
 }
 
-/// The levels of both lines.
+/// Levels of both lines.
 pub fn levels(lines: BorrowedFd<'_>) -> io::Result<[bool; 2]> {
     let mut values = Values { bits: 0, mask: 0b11 };
     // SAFETY: the kernel reads and fills a live gpio_v2_line_values.
@@ -168,7 +166,7 @@ pub fn levels(lines: BorrowedFd<'_>) -> io::Result<[bool; 2]> {
     Ok([values.bits & 1 != 0, values.bits & 2 != 0])
 }
 
-/// Releases or pulls both lines.
+/// Releases (true) or pulls down (false) each line.
 pub fn set_levels(lines: BorrowedFd<'_>, [first, second]: [bool; 2]) -> io::Result<()> {
     let mut values = Values { bits: u64::from(first) | u64::from(second) << 1, mask: 0b11 };
     // SAFETY: the kernel reads a live gpio_v2_line_values.

@@ -1,4 +1,4 @@
-//! The simulator's socket, both ends; what a thread's transfers come to.
+//! Both ends of the simulator's socket; transfers in a thread.
 
 use super::*;
 use base::i2c::{Address, Bytes, Error, Read};
@@ -17,7 +17,7 @@ fn read_register(register: u8) -> Transfer {
 
 fn asked(server: &mut Server) -> Option<Transfer> {
     match server.receive(Instant::ZERO).unwrap() {
-        Received::Input { input: Input::I2cAsked(transfer), .. } => Some(transfer.clone()),
+        Received::Input { input: Input::I2cRequested(transfer), .. } => Some(transfer.clone()),
         Received::Nothing => None,
         _ => panic!(),
     }
@@ -66,11 +66,11 @@ fn each_master_gets_its_own_outcomes_in_order() {
     assert_eq!((said(&mut two), said(&mut two)), (Some(0x13), None));
     drop(server);
     assert!(one.receive(Instant::ZERO).is_err() && !path.exists());
-    assert!(one.open().unwrap_err().contains("advee-i2c-"), "nobody offers it any more");
+    assert!(one.open().unwrap_err().contains("advee-i2c-"), "no server any more");
 }
 
 #[test]
-fn a_master_that_goes_with_a_question_open_leaves_the_others_theirs() {
+fn a_master_that_disconnects_does_not_take_the_outcomes_of_others() {
     let path = path("gone");
     let (mut server, mut one) = opened(&path);
     let mut two = Socket::new(path);
@@ -87,7 +87,7 @@ fn a_master_that_goes_with_a_question_open_leaves_the_others_theirs() {
 }
 
 #[test]
-fn who_sends_what_is_no_transfer_is_let_go_and_the_others_stay() {
+fn a_master_that_sends_an_invalid_transfer_is_disconnected_alone() {
     let path = path("bad");
     let (mut server, mut good) = opened(&path);
     let bad = socket(AddressFamily::Unix, SockType::SeqPacket, SockFlag::empty(), None).unwrap();
@@ -124,7 +124,7 @@ fn a_path_may_be_longer_than_the_address_of_a_socket() {
 }
 
 #[test]
-fn why_an_adapter_refuses_is_told_before_the_outcome() {
+fn the_note_about_a_refusal_precedes_the_outcome() {
     let mut bus = I2c::dev("/dev/i2c-none".into());
     let work = |_: Transfer| Ok((Err(Error::Other), Some("the adapter cannot".to_string())));
     bus.worker = Some(Worker::start("i2c", &mut bus.life, work).unwrap());

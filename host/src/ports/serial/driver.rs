@@ -1,10 +1,10 @@
-//! What drives a terminal: `tcsetattr` never fails, so one must know whom one talks to. Tried on Linux 6.1:
+//! Driver of a terminal: `tcsetattr` never fails, so its capabilities must be known. Tested on Linux 6.1:
 //!
 //! | driver | `PARENB \| CMSPAR` | effect | direction (`TIOCSRS485`) |
 //! |---|---|---|---|
 //! | pseudo-terminal | `PARENB` dropped silently | none; `PARMRK` only doubles `FF` | no |
 //! | `serial8250` | kept | parity on the wire | no, unless the board's driver adds it |
-//! | `ftdi_sio` | kept, even where the device refuses it: only the kernel's log tells | parity on the wire; errors by USB packet | no |
+//! | `ftdi_sio` | kept, even if refused (only in the kernel log) | parity on the wire; errors by USB packet | no |
 //! | a UART of the serial core with a direction pin | kept | parity on the wire | yes |
 
 use nix::sys::stat::{fstat, major, minor};
@@ -13,30 +13,30 @@ use std::fs;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
 
-/// Major numbers of the other sides of pseudo-terminals (`linux/major.h`).
+/// Major numbers of the other ends of pseudo-terminals (`linux/major.h`).
 const PSEUDO: std::ops::RangeInclusive<u64> = 136..=143;
 
 /// Major number of terminals of USB adapters (`linux/usb/serial.h`).
 const USB_SERIAL: u64 = 188;
 
-/// A terminal's driver in the kernel.
+/// Kernel driver of a terminal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Driver {
-    /// The other side of a pseudo-terminal: no wire, no parity.
+    /// Other end of a pseudo-terminal: no wire, no parity.
     Pseudo,
     /// `ftdi_sio`, `serial8250`, …
     Named(String),
-    /// The kernel does not say.
+    /// Not reported by the kernel.
     Unknown,
 }
 
 impl Driver {
-    /// True if the terminal is a USB adapter's: `ttyUSB0`, whatever its driver.
+    /// True for the terminal of a USB adapter, `ttyUSB0`, whatever its driver.
     pub fn is_usb_serial(terminal: BorrowedFd<'_>) -> bool {
         fstat(terminal).is_ok_and(|state| major(state.st_rdev) == USB_SERIAL)
     }
 
-    /// Asks the kernel.
+    /// Queries the kernel.
     pub fn of(terminal: BorrowedFd<'_>) -> Self {
         let Ok(state) = fstat(terminal) else {
             return Self::Unknown;
@@ -49,8 +49,8 @@ impl Driver {
         Self::of_device(&device).map_or(Self::Unknown, Self::Named)
     }
 
-    /// The nearest driver at or above a device. Newer kernels put devices `port` and `ctrl` of the serial core between
-    /// a UART and its terminal: their drivers say nothing.
+    /// Nearest driver at or above a device. Newer kernels insert devices `port` and `ctrl` of the serial core between a
+    /// UART and its terminal; their drivers are ignored.
     fn of_device(device: &Path) -> Option<String> {
         let mut device = fs::canonicalize(device).ok()?;
         while device.starts_with("/sys/devices") {
@@ -64,8 +64,7 @@ impl Driver {
         None
     }
 
-    /// What is known of its mark and space parity (the table above), where it is not simply good: a line for
-    /// people.
+    /// Limitations of its mark and space parity (see the table above), as a note for people.
     #[must_use]
     pub fn parity(&self) -> Option<String> {
         match self {
@@ -76,7 +75,7 @@ impl Driver {
             ),
             Self::Named(name) if matches!(name.as_str(), "serial8250" | "serial" | "lab_uart9") => None,
             Self::Pseudo => None,
-            other => Some(format!("{other} was never tried with mark and space parity: advee rs485 scan tells")),
+            other => Some(format!("{other} was never tested with mark and space parity: try advee rs485 scan")),
         }
     }
 }

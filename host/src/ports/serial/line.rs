@@ -1,4 +1,4 @@
-//! Opening a serial device, and setting it up: what was asked for is read back, and what it cannot do is said.
+//! Opening and configuration of a serial device: the settings are read back, and unsupported ones are reported.
 
 use super::driver::Driver;
 use super::{Direction, TerminalConfig, Transport};
@@ -12,17 +12,17 @@ use nix::sys::termios::{FlushArg, tcflush};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-/// What a receiver of 11 bits forgives, parts of the asked rate: half a bit over its length, shared by both ends.
+/// Maximum relative error of the bit rate: half a bit over the 11 bits of a word, shared by both ends.
 const BAUD_TOLERANCE: f64 = 0.02;
 
-/// An opened device.
+/// An open device.
 pub struct Opened {
     pub file: OwnedFd,
-    /// Lines for people: what is not as asked, and not bad enough to refuse.
+    /// Notes for people: differences from the requested settings that are tolerable.
     pub notes: Vec<String>,
 }
 
-/// Opens a device raw, 8 data bits, 1 stop bit, no parity or space parity, and keeps others out.
+/// Opens a device in raw mode, 8 data bits, 1 stop bit, no parity or space parity, and locks it exclusively.
 pub fn open_terminal(config: &TerminalConfig) -> Result<Opened, Lost> {
     let named = |why: &dyn std::fmt::Display| format!("{}: {why}", config.path.display());
     let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
@@ -67,20 +67,20 @@ fn set_up(
         && driver != Driver::Pseudo
         && let Err(error) = sys::set_low_latency(file)
     {
-        notes.push(format!("low_latency: {driver} does not take it: {error}"));
+        notes.push(format!("low_latency: {driver} does not support it: {error}"));
     }
     Ok(())
 }
 
-/// The settings for nine bits at the rate of `config`, in place of what the device has.
+/// Settings for nine bits at the rate of `config`, based on the device's.
 fn raw(settings: termios2, config: &TerminalConfig) -> termios2 {
     let parity = config.transport == Transport::Parity;
     let mut raw = settings;
-    // A break is not ignored: it reads as an address word, and so ends the frame that it broke.
+    // A break is not ignored: it reads as an address word and so ends the frame that it interrupted.
     raw.c_iflag = if parity { libc::INPCK | libc::PARMRK } else { 0 };
     raw.c_oflag = 0;
     raw.c_lflag = 0;
-    // No CIBAUD bits: the input's speed is the output's.
+    // Without CIBAUD bits the input speed equals the output speed.
     raw.c_cflag = libc::CS8 | libc::CREAD | libc::CLOCAL | libc::BOTHER;
     if parity {
         raw.c_cflag |= libc::PARENB | CMSPAR;
@@ -99,7 +99,7 @@ pub fn with_parity(settings: &termios2, mark: bool) -> termios2 {
     settings
 }
 
-/// What a port made of the settings: what it did not take, in words.
+/// Compares the requested settings with those in effect; the error names the first unsupported one.
 fn compare(asked: &termios2, got: &termios2) -> Result<(), String> {
     let differs = |flags: libc::tcflag_t| (asked.c_cflag ^ got.c_cflag) & flags != 0;
     let wants_parity = asked.c_cflag & libc::PARENB != 0;
@@ -125,9 +125,10 @@ fn switch_direction(file: BorrowedFd<'_>, direction: Direction) -> Result<(), St
     let asked = Rs485Direction::new(flags, delay_before_ms, delay_after_ms);
     match sys::set_rs485_direction(file, asked) {
         Ok(got) if got == asked => Ok(()),
-        Ok(got) => Err(format!("the port makes something else of it: asked for {asked}, it has {got}")),
+        Ok(got) => Err(format!("the port uses other settings: requested {asked}, in effect {got}")),
         Err(error) if error.raw_os_error() == Some(libc::ENOTTY) => {
-            Err("the port does not switch directions (TIOCSRS485): leave the key out where the adapter does".into())
+            Err("the port does not support direction control (TIOCSRS485): leave the key out where the adapter does"
+                .into())
         }
         Err(error) => Err(error.to_string()),
     }
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_driver_drops_silently_is_named() {
+    fn settings_that_a_driver_drops_are_named() {
         let asked = raw(blank(), &config(Transport::Parity));
         let made = |change: fn(&mut termios2)| {
             let mut got = asked;
@@ -178,6 +179,6 @@ mod tests {
         assert_eq!(made(|got| got.c_cflag &= !CMSPAR), Err("mark and space parity (CMSPAR)".into()));
         assert_eq!(made(|got| got.c_cflag &= !libc::CSIZE), Err("8 data bits, 1 stop bit, no parity".into()));
         assert_eq!(made(|got| got.c_ospeed = 9600), Err("250000 Bd (it stays at 9600)".into()));
-        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "what a divisor leaves");
+        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "within the tolerance of a divisor");
     }
 }

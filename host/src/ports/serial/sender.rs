@@ -1,22 +1,21 @@
-//! Sending nine bits by mark and space parity, on a thread of its own: changing the parity waits for the wire.
+//! Sends nine bits by mark and space parity on a separate thread, because a change of parity waits for the wire.
 //!
 //! For each run of words of one parity (an address, then the rest of its frame):
 //!
-//! 1. all that was written must have left (the UART's shift register too, where its driver can tell), then mark or space
-//!    parity is set; so no word leaves in the parity of its neighbour;
-//! 2. `write`: the whole run;
+//! 1. wait until all written data has left (including the UART's shift register, if the driver reports it), then set
+//!    mark or space parity, so that no word leaves in the parity of its neighbour;
+//! 2. `write` the whole run;
 //!
-//! and at the end all must have left again: only now is the output sent. A frame's last run has space parity, so the
-//! line hears in space parity before any board may answer (two words of silence). While an address leaves, the line
-//! hears in mark parity too: on a half-duplex bus nobody talks then; on a full-duplex link what comes in that one
-//! word's time is read with its ninth bits turned round, and is lost to the CRC.
+//! and finally wait again until all data has left: only then does the output count as sent. The last run of a frame has
+//! space parity, so the line receives in space parity before any board may answer (two words of silence). While an
+//! address leaves, the line receives in mark parity too: on a half-duplex bus nobody else sends then; on a full-duplex
+//! link, input during that one word is read with inverted ninth bits and rejected by its CRC.
 //!
-//! The kernel's own waiting (`tcdrain`, `TCSETSW2`) looks whether the wire is done at ticks: the serial core at every
-//! second one, which is a gap of 4 to 8 ms between an address and the rest where a tick is 4 ms; boards forgive 5 ms.
-//! So we look ourselves (`TIOCSERGETLSR`), and leave it to the kernel only where a driver does not tell. Those of USB
-//! adapters tell what the device said some time ago (`ftdi_sio`: with the last packet received): there we wait until
-//! the device has all, and then for as long as that takes on the wire. The gap is measured, and said when it is too
-//! long.
+//! The kernel's own waiting (`tcdrain`, `TCSETSW2`) polls the wire at timer ticks, in the serial core at every second
+//! one. With a tick of 4 ms this makes a gap of 4 to 8 ms between an address and the rest; boards accept 5 ms. So this
+//! module polls itself (`TIOCSERGETLSR`) and uses the kernel's waiting only if a driver does not report. Drivers of USB
+//! adapters report an outdated state (`ftdi_sio`: that of the last packet received): there it waits until the device
+//! has all data, and then for their time on the wire. The gap is measured, and reported if it is too long.
 
 use super::BITS_PER_WORD;
 use super::driver::Driver;
@@ -39,30 +38,30 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender as Jobs, channel};
 use std::thread;
 
-/// A board drops a frame with a longer gap between two words (`docs/facts/boards.md` 1).
+/// Maximum gap between two words; a board drops a frame with a longer one (`docs/facts/boards.md` 1).
 const GAP_MAX: Duration = Duration::from_millis(5);
-/// From a USB adapter's having a byte to its start bit, and some.
+/// Maximum time from a USB adapter's receipt of a byte to its start bit, with reserve.
 const ADAPTER: Duration = Duration::from_millis(1);
-/// A device that takes no byte for so long will take none.
+/// Time after which a device that accepts no bytes counts as failed.
 const STUCK_MS: u16 = 1000;
 
-/// What became of an output: the longest gap inside it, or why the device is lost.
+/// Result of an output: the longest gap inside it, or the reason why the device is lost.
 type Done = io::Result<Duration>;
 
-/// The thread's handle.
+/// Handle of the thread.
 pub struct Sender {
     jobs: Jobs<Vec<Word>>,
     done: Receiver<Done>,
     ready: Arc<EventFd>,
-    /// Readable when the device is, or when an output has left.
+    /// Readable if the device is, or if an output has left.
     both: Epoll,
-    /// Outputs that have not left.
+    /// Number of outputs that have not left.
     pub waiting: usize,
     slow: bool,
 }
 
 impl Sender {
-    /// Starts the thread. It ends with the handle, after what it is just sending.
+    /// Starts the thread. It ends after the handle was dropped and the current output was sent.
     pub fn start(file: Arc<OwnedFd>) -> io::Result<Self> {
         let settings = sys::line_settings(file.as_fd())?;
         let ready = Arc::new(EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK)?);
@@ -86,24 +85,24 @@ impl Sender {
         Ok(Self { jobs, done, ready, both, waiting: 0, slow: false })
     }
 
-    /// To wait for, in place of the device.
+    /// Descriptor to wait for, in place of the device's.
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.both.0.as_fd()
     }
 
-    /// Hands over an output.
+    /// Queues an output.
     pub fn send(&mut self, words: Vec<Word>) {
         self.waiting += 1;
-        // A thread that is gone has said why.
+        // A thread that has ended reported its reason.
         let _ = self.jobs.send(words);
     }
 
-    /// True if an output has left since, and a line for people if that was slow, once.
+    /// Result of an output that has left since, with a note for people, once, if a gap was too long.
     pub fn sent(&mut self) -> Option<io::Result<Option<String>>> {
         let done = match self.done.try_recv() {
             Ok(done) => done,
             Err(_) => {
-                // What makes it quiet; another output that leaves just now makes it ready again.
+                // Clears the readiness; an output that leaves from now on sets it again.
                 let _ = self.ready.read();
                 self.done.try_recv().ok()?
             }
@@ -122,17 +121,17 @@ impl Sender {
     }
 }
 
-/// What sending needs of a line.
+/// Operations on a line.
 trait Line {
-    /// Waits until all has left, then changes the parity: mark, or space.
+    /// Waits until all data has left, then sets mark or space parity.
     fn set_parity(&mut self, mark: bool) -> io::Result<()>;
     fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
-    /// Waits until all has left.
+    /// Waits until all data has left.
     fn drain(&mut self) -> io::Result<()>;
     fn now(&self) -> Instant;
 }
 
-/// Sends an output; the longest time between two of its runs, the wire's own for the first of them left in.
+/// Sends an output; returns the longest time between two of its runs, including the first run's time on the wire.
 fn send(line: &mut impl Line, words: &[Word]) -> Done {
     let (mut gap, mut written, mut last) = (Duration::ZERO, None, false);
     for (mark, run) in runs(words) {
@@ -140,7 +139,7 @@ fn send(line: &mut impl Line, words: &[Word]) -> Done {
         gap = gap.max(written.map_or(Duration::ZERO, |at| line.now().since(at)));
         let bytes: Vec<u8> = run.iter().map(|word| word.byte).collect();
         line.write(&bytes)?;
-        // After the rest of a frame another one may follow as late as it likes.
+        // After the rest of a frame, another one may follow at any time.
         (written, last) = (mark.then(|| line.now()), mark);
     }
     if last { line.set_parity(false) } else { line.drain() }?;
@@ -150,9 +149,9 @@ fn send(line: &mut impl Line, words: &[Word]) -> Done {
 struct Tty {
     file: Arc<OwnedFd>,
     settings: termios2,
-    /// On a USB adapter.
+    /// True for the terminal of a USB adapter.
     by_usb: bool,
-    /// Bytes since all had left.
+    /// Number of bytes written since all data had left.
     written: u32,
 }
 
@@ -172,7 +171,7 @@ impl Line for Tty {
                 Err(Errno::EAGAIN) => {
                     let mut room = [PollFd::new(self.file.as_fd(), PollFlags::POLLOUT)];
                     if poll(&mut room, PollTimeout::from(STUCK_MS))? == 0 {
-                        return Err(io::Error::new(io::ErrorKind::TimedOut, "it takes no bytes"));
+                        return Err(io::Error::new(io::ErrorKind::TimedOut, "it accepts no bytes"));
                     }
                 }
                 Err(Errno::EINTR) => {}
@@ -195,10 +194,10 @@ impl Line for Tty {
 }
 
 impl Tty {
-    /// Waits until all has left; false, at once, where the driver does not tell.
+    /// Waits until all data has left; returns false at once if the driver does not report it.
     fn wait_until_sent(&mut self) -> io::Result<bool> {
         let word = Duration::from_nanos(BITS_PER_WORD * 1_000_000_000 / u64::from(self.settings.c_ospeed.max(1)));
-        // What may wait in the driver is less than its buffer of a page.
+        // The driver buffers less than a page.
         let until = clock::now() + Duration::from_millis(STUCK_MS.into()) + word * 4096;
         let written = std::mem::take(&mut self.written);
         loop {
@@ -215,7 +214,7 @@ impl Tty {
                 None => return Ok(false),
                 Some(true) => return Ok(true),
                 Some(false) if clock::now() > until => {
-                    return Err(io::Error::new(io::ErrorKind::TimedOut, "what was written does not leave"));
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the written data is not sent"));
                 }
                 Some(false) => thread::sleep(word),
             }
@@ -227,7 +226,7 @@ impl Tty {
 mod tests {
     use super::*;
 
-    /// A line that writes down what is done to it; a change of parity takes `change`.
+    /// A line that records all operations; a change of parity takes `change`.
     #[derive(Default)]
     struct Log {
         did: Vec<String>,
@@ -278,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn the_line_is_left_in_space_parity_to_hear_addresses() {
+    fn the_line_is_left_in_space_parity_to_receive_addresses() {
         let mut line = Log::default();
         send(&mut line, &[Word::data(1), Word::address(2)]).unwrap();
         assert_eq!(line.did, ["drain, space", "[01]", "drain, mark", "[02]", "drain, space"]);
@@ -293,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_goes_ends_the_output_at_once() {
+    fn a_vanishing_device_ends_the_output_at_once() {
         let mut line = Log { breaks_at: Some(2), ..Log::default() };
         assert!(send(&mut line, &frame()).is_err());
         assert_eq!(line.did, ["drain, mark", "[20]", "drain, space"]);

@@ -1,5 +1,5 @@
-//! The command that makes a port an EIA-485 port, where a board wants a register written for it: run before each
-//! opening, never waited for.
+//! Set-up command of a port, for boards that need a register written to enable EIA-485: run before each opening,
+//! without blocking.
 
 use crate::clock;
 use crate::ports::Lost;
@@ -8,14 +8,14 @@ use base::{Duration, Instant};
 use std::io::Read;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
-/// It may take so long.
-const LIMIT: Duration = Duration::from_secs(5);
-/// One that failed is tried again after this.
-const AGAIN: Duration = Duration::from_secs(5);
-/// So much of what it complains is passed on.
-const COMPLAINT_MAX: u64 = 200;
+/// Timeout of the command.
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// Delay before a failed command is retried.
+const RETRY_DELAY: Duration = Duration::from_secs(5);
+/// Maximum length of its error output in the report, bytes.
+const ERROR_OUTPUT_MAX: u64 = 200;
 
-/// A command and how far it is.
+/// A command and its progress.
 pub struct Setup {
     command: Vec<String>,
     state: State,
@@ -29,24 +29,25 @@ enum State {
 }
 
 impl Setup {
-    /// A program and its arguments; nothing at all is done at once.
+    /// Creates a command from a program and its arguments; an empty one succeeds at once.
     pub fn new(command: Vec<String>) -> Self {
         Self { command, state: State::NotRun }
     }
 
-    /// True if it is running.
+    /// True while it is running.
     pub fn runs(&self) -> bool {
         matches!(self.state, State::Runs { .. })
     }
 
-    /// The next opening wants it run anew.
+    /// Requires a new run before the next opening.
     pub fn forget(&mut self) {
         if matches!(self.state, State::Done) {
             self.state = State::NotRun;
         }
     }
 
-    /// Starts it, or looks after it. `Ok` when the port may be opened; look again soon while [`Setup::runs`].
+    /// Starts the command or checks on it. `Ok` if the port may be opened; to be called again soon while
+    /// [`Setup::runs`].
     pub fn proceed(&mut self) -> Result<(), Lost> {
         let now = clock::now();
         if let State::Failed { again, .. } = self.state
@@ -56,20 +57,20 @@ impl Setup {
         }
         if let (State::NotRun, Some((program, arguments))) = (&self.state, self.command.split_first()) {
             self.state = match start(program, arguments) {
-                Ok(child) => State::Runs { child, until: now + LIMIT },
+                Ok(child) => State::Runs { child, until: now + TIMEOUT },
                 Err(error) => self.failed(now, &error.to_string()),
             };
         }
         if let State::Runs { child, until } = &mut self.state {
             let news = match child.try_wait() {
-                Ok(None) if now < *until => return Err(format!("set-up command {} runs", self.command[0])),
+                Ok(None) if now < *until => return Err(format!("set-up command {} is running", self.command[0])),
                 Ok(None) => {
-                    // Killed and reaped: not to be left over.
+                    // Killed and reaped, so that no zombie is left.
                     let _ = child.kill().and_then(|()| child.wait());
-                    Err(format!("it takes longer than {} s", LIMIT.as_secs()))
+                    Err(format!("it took longer than {} s", TIMEOUT.as_secs()))
                 }
                 Ok(Some(status)) if status.success() => Ok(()),
-                Ok(Some(status)) => Err(complaint(child, status)),
+                Ok(Some(status)) => Err(describe_failure(child, status)),
                 Err(error) => Err(error.to_string()),
             };
             self.state = match news {
@@ -84,7 +85,7 @@ impl Setup {
     }
 
     fn failed(&self, now: Instant, why: &str) -> State {
-        State::Failed { why: format!("set-up command {}: {why}", self.command.join(" ")), again: now + AGAIN }
+        State::Failed { why: format!("set-up command {}: {why}", self.command.join(" ")), again: now + RETRY_DELAY }
     }
 }
 
@@ -103,14 +104,14 @@ fn start(program: &str, arguments: &[String]) -> std::io::Result<Child> {
     command.spawn()
 }
 
-/// How it ended, and the first line of what it said of that. It has ended, but what it started may hold its stderr
-/// open: only what is there is read.
-fn complaint(child: &mut Child, status: ExitStatus) -> String {
+/// Exit status and first line of stderr. The command has ended, but its children may hold stderr open: only available
+/// data is read.
+fn describe_failure(child: &mut Child, status: ExitStatus) -> String {
     let mut said = Vec::new();
     if let Some(stderr) = &mut child.stderr {
         use nix::fcntl::{FcntlArg, OFlag, fcntl};
         if fcntl(&*stderr, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).is_ok() {
-            let _ = stderr.take(COMPLAINT_MAX).read_to_end(&mut said);
+            let _ = stderr.take(ERROR_OUTPUT_MAX).read_to_end(&mut said);
         }
     }
     let said = String::from_utf8_lossy(&said);
@@ -136,13 +137,13 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_succeeds_opens_the_way_and_none_does_too() {
+    fn a_successful_or_empty_command_permits_opening() {
         assert_eq!(run(&["/bin/true"]), Ok(()));
         assert_eq!(run(&[]), Ok(()));
     }
 
     #[test]
-    fn a_command_that_fails_is_a_line_with_what_it_said() {
+    fn a_failed_command_is_reported_with_its_error_output() {
         let failed = run(&["/bin/sh", "-c", "echo no such register >&2; exit 3"]).unwrap_err();
         assert!(failed.starts_with("set-up command /bin/sh -c "), "{failed}");
         assert!(failed.ends_with("exit status: 3: no such register"), "{failed}");
@@ -151,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_runs_once_an_opening_and_a_failed_one_not_at_every_try() {
+    fn a_command_runs_once_per_opening_and_is_retried_with_a_delay() {
         let file = std::env::temp_dir().join(format!("advee-setup-{}", std::process::id()));
         let script = format!("echo x >> {}; exit $(wc -l < {} | tr -d ' ')", file.display(), file.display());
         let mut setup = Setup::new(vec!["/bin/sh".into(), "-c".into(), script]);

@@ -1,4 +1,4 @@
-//! Serial devices on pseudo-terminals: all that has no parity.
+//! Serial devices on pseudo-terminals: everything except parity.
 
 use super::*;
 use crate::clock;
@@ -30,7 +30,7 @@ fn a_pseudo_terminal_is_refused_for_parity_by_the_name_of_its_driver() {
 }
 
 #[test]
-fn a_port_without_a_wire_does_not_tell_whether_all_has_left() {
+fn a_port_without_a_wire_does_not_report_the_end_of_transmission() {
     let side = offer(&path("wire"));
     assert_eq!(sys::line_has_sent(side.file.as_ref().unwrap().as_fd()).unwrap(), None);
     let (no_terminal, _other) = nix::unistd::pipe().unwrap();
@@ -38,7 +38,7 @@ fn a_port_without_a_wire_does_not_tell_whether_all_has_left() {
 }
 
 #[test]
-fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
+fn a_stale_link_is_removed_before_the_first_terminal_is_open() {
     let link = path("left");
     std::os::unix::fs::symlink("/dev/pts/0", &link).unwrap();
     let _side = Serial::pseudo(link.clone(), 115_200);
@@ -46,7 +46,7 @@ fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
 }
 
 #[test]
-fn a_rate_beyond_the_list_of_posix_is_set_as_asked() {
+fn a_rate_beyond_the_list_of_posix_is_set_exactly() {
     let link = path("rate");
     let side = offer(&link);
     let mut device = Serial::terminal(TerminalConfig::new(link, 250_000));
@@ -56,13 +56,13 @@ fn a_rate_beyond_the_list_of_posix_is_set_as_asked() {
 }
 
 #[test]
-fn what_a_port_cannot_do_is_a_line_that_says_so() {
+fn unsupported_settings_are_reported_in_one_line() {
     let link = path("direction");
     let _side = offer(&link);
     let direction = Direction { rts_on_send: true, rts_after_send: false, delay_before_ms: 0, delay_after_ms: 0 };
     let config = TerminalConfig { direction: Some(direction), ..TerminalConfig::new(link.clone(), 115_200) };
     let refused = Serial::terminal(config).open().unwrap_err();
-    assert!(refused.contains("rs485_direction: the port does not switch directions (TIOCSRS485)"), "{refused}");
+    assert!(refused.contains("rs485_direction: the port does not support direction control (TIOCSRS485)"), "{refused}");
     let low_latency = TerminalConfig { low_latency: true, ..TerminalConfig::new(link, 115_200) };
     let mut device = Serial::terminal(low_latency);
     assert_eq!((device.open(), device.notes.len()), (Ok(()), 0), "a pseudo-terminal collects nothing");
@@ -72,17 +72,17 @@ fn what_a_port_cannot_do_is_a_line_that_says_so() {
     );
 }
 
-/// Tries to open the port until `done`, for two seconds at most; what was told meanwhile.
+/// Attempts to open the port until `done`, for two seconds at most; returns the reports.
 fn try_until(port: &mut Port, done: impl Fn(&Port) -> bool) -> Vec<Result<(), Lost>> {
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for _ in 0..400 {
-        told.extend(port.try_open(clock::now()));
+        reported.extend(port.try_open(clock::now()));
         if done(port) {
-            return told;
+            return reported;
         }
         thread::sleep(std::time::Duration::from_millis(5));
     }
-    panic!("{told:?}")
+    panic!("{reported:?}")
 }
 
 #[test]
@@ -91,7 +91,7 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
     let first = offer(&link);
     let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
-    // Half a word waits in the codec when the adapter is pulled.
+    // Half a word is in the codec when the adapter is unplugged.
     write(first.file.as_ref().unwrap(), &[0x55]).unwrap();
     while !matches!(port.device.receive(clock::now()), Ok(Received::Input { .. })) {}
     drop(first);
@@ -99,18 +99,18 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
         thread::sleep(std::time::Duration::from_millis(1));
         port.device.receive(clock::now()).err()
     });
-    assert!(lost.is_some(), "a read tells");
+    assert!(lost.is_some(), "detected by reading");
     port.lose(clock::now());
     let away_until = clock::now() + Duration::from_millis(100);
-    let told = try_until(&mut port, |_| clock::now() > away_until);
-    assert_eq!(told, [Err(format!("{}: No such file or directory", link.display()))], "once");
+    let reported = try_until(&mut port, |_| clock::now() > away_until);
+    assert_eq!(reported, [Err(format!("{}: No such file or directory", link.display()))], "once");
     let mut second = offer(&link);
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
     let words = [Word::address(0x20), Word::data(1)];
     assert_eq!(second.send(clock::now(), &Output::Words(words.to_vec())), Ok(true));
     for _ in 0..200 {
         if let Received::Input { input: Input::Words(heard), .. } = port.device.receive(clock::now()).unwrap() {
-            assert_eq!(heard, words, "nothing of what was half read before");
+            assert_eq!(heard, words, "without the half word from before");
             return;
         }
         thread::sleep(std::time::Duration::from_millis(1));
@@ -126,7 +126,7 @@ fn the_set_up_command_is_run_before_each_opening_and_its_failure_keeps_the_port_
     let setup = vec!["/bin/sh".into(), "-c".into(), script];
     let config = TerminalConfig { setup, ..TerminalConfig::new(link.clone(), 115_200) };
     let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(config.clone()));
-    // That it takes a while is no news.
+    // The wait is not reported.
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
     port.lose(clock::now());
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
@@ -134,8 +134,8 @@ fn the_set_up_command_is_run_before_each_opening_and_its_failure_keeps_the_port_
     drop(port);
     let setup = vec!["/bin/sh".into(), "-c".into(), "echo no such register >&2; exit 3".into()];
     let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(TerminalConfig { setup, ..config }));
-    let told = try_until(&mut port, |port| matches!(port.state, PortState::Down { told: true, .. }));
-    let [Err(why)] = &told[..] else { panic!("{told:?}") };
+    let reported = try_until(&mut port, |port| matches!(port.state, PortState::Down { reported: true, .. }));
+    let [Err(why)] = &reported[..] else { panic!("{reported:?}") };
     assert!(why.contains("exit status: 3: no such register"), "{why}");
     let _ = fs::remove_file(count);
     drop(side);

@@ -1,7 +1,7 @@
-//! What is asked of a folder of log files, done by calls that may block.
+//! Requests to a folder of log files, executed with calls that may block.
 //!
-//! Everything in the folder is reached from its descriptor, name by name, and no symbolic link in it is followed: what
-//! is written and removed lies in the folder, whatever anybody put there. The folder itself may be a link to another
+//! Everything in the folder is reached from its descriptor, name by name, and no symbolic link is followed: files are
+//! written and removed only inside the folder, whatever anybody put there. The folder itself may be a link to another
 //! disk.
 
 use base::store::{Answer, Entry, Request, Trouble, is_name};
@@ -21,16 +21,16 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-/// Folders in folders, at most.
+/// Maximum depth of nested folders.
 const DEPTH: u32 = 8;
-/// Entries that are told of; of more, those with the first names, which are the oldest runs.
+/// Maximum number of entries listed: those with the first names, which are the oldest runs.
 const ENTRIES: usize = 10_000;
-/// A folder may be listed incompletely while its entries go.
+/// Maximum number of attempts: a folder may be listed incompletely while entries are being removed.
 const REMOVE_TRIES: u32 = 8;
-/// Who repairs files looks at a new one no longer than this.
+/// Number of attempts to lock a new file; a repair inspects it only briefly.
 const LOCK_TRIES: u32 = 50;
 
-/// The folder, and the file in it that is written.
+/// The folder, and the open file in it.
 pub struct Disk {
     folder: PathBuf,
     open: Option<Open>,
@@ -39,29 +39,29 @@ pub struct Disk {
 struct Open {
     name: String,
     file: File,
-    /// Bytes of it that are whole.
+    /// Length of its completely written records, bytes.
     length: u64,
-    /// Says to who repairs files that this one is being written.
+    /// Shows a repair that this file is being written.
     _lock: Option<Flock<File>>,
 }
 
 impl Disk {
-    /// A folder that is made with the first file.
+    /// Creates the state of a folder, which is created with the first file.
     pub fn new(folder: &Path) -> Self {
         Self { folder: std::path::absolute(folder).unwrap_or_else(|_| folder.into()), open: None }
     }
 
-    /// Does what is asked, however long it takes.
+    /// Executes a request, which may block.
     pub fn perform(&mut self, request: Request) -> Answer {
         let done = match request {
             Request::Create { name } | Request::Remove { name } if !is_name(&name) => {
-                Err(Trouble::Other(format!("{name:?} is no name of a file here")))
+                Err(Trouble::Other(format!("{name:?} is no valid file name")))
             }
             Request::Create { name } => self.create(name),
             Request::Append { bytes, sync } => self.append(&bytes, sync),
             Request::Remove { name } => self.remove(&name),
             Request::List => {
-                // Somebody makes room: what has no name any more holds its bytes as long as it is open.
+                // The caller wants space: a file without a name keeps its bytes as long as it is open.
                 self.open.take_if(|open| open.is_removed());
                 return self
                     .list()
@@ -71,7 +71,7 @@ impl Disk {
         done.map_or_else(Answer::Failed, |()| Answer::Done { free: self.free() })
     }
 
-    /// As much as anybody but root may still write; of the disk where the folder will be, where it is not yet.
+    /// Free space for users other than root, bytes; of the folder's future disk if it does not exist yet.
     #[allow(clippy::unnecessary_cast, reason = "machines of 32 bits have narrower ones")]
     fn free(&self) -> u64 {
         let there = self.folder.ancestors().find_map(|folder| statvfs(folder).ok());
@@ -83,7 +83,7 @@ impl Disk {
             file.sync_data().map_err(|error| trouble(&name, &error))?;
         }
         let named = |error: io::Error| trouble(&name, &error);
-        make(&self.folder).map_err(|error| trouble(&self.folder.display().to_string(), &error))?;
+        create_folder(&self.folder).map_err(|error| trouble(&self.folder.display().to_string(), &error))?;
         let root = File::open(&self.folder).map_err(named)?;
         let (folder, last) = match name.split_once('/') {
             Some((run, last)) => {
@@ -100,9 +100,9 @@ impl Disk {
         let file =
             openat(&folder, last, flags, Mode::from_bits_truncate(0o666)).map_err(|errno| named(errno.into()))?;
         let file = File::from(file);
-        let lock = hold(&file);
+        let lock = lock_new(&file);
         if let Err(error) = folder.sync_all() {
-            // It would not be there after a power cut.
+            // Without fsync of the folder the file would be lost by a power failure.
             let _ = unlinkat(&folder, last, UnlinkatFlags::NoRemoveDir);
             return Err(named(error));
         }
@@ -142,7 +142,7 @@ impl Disk {
                 root => OwnedFd::from(root?),
             };
             let mut names = BTreeSet::new();
-            each(&root, |name| {
+            for_each(&root, |name| {
                 if let Some(name) = name.to_str().ok().filter(|name| is_name(name)) {
                     names.insert(name.to_string());
                     if names.len() > ENTRIES {
@@ -152,7 +152,7 @@ impl Disk {
                 Ok(())
             })?;
             let entry = |name: String| {
-                let stat = look(&root, &CString::new(&*name).ok()?).ok()?;
+                let stat = stat(&root, &CString::new(&*name).ok()?).ok()?;
                 let bytes = match kind(&stat) {
                     SFlag::S_IFREG => stat.st_size as u64,
                     SFlag::S_IFDIR => open_folder(&root, &*name).map_or(0, |folder| size(folder, DEPTH)),
@@ -172,7 +172,7 @@ impl Open {
     }
 
     fn append(&mut self, bytes: &[u8], sync: bool) -> io::Result<()> {
-        // What goes into a file without a name is for nobody.
+        // Data of a file without a name would be lost.
         if self.is_removed() {
             return Err(io::Error::other("it was removed"));
         }
@@ -180,20 +180,20 @@ impl Open {
         let synced = written.and_then(|()| if sync { self.file.sync_data() } else { Ok(()) });
         match synced {
             Ok(()) => self.length += bytes.len() as u64,
-            // Where that fails, too, the next one is written over it.
+            // If this fails too, the next record overwrites the partial one.
             Err(_) => drop(self.file.set_len(self.length)),
         }
         synced
     }
 }
 
-/// Makes a folder whose name survives a power cut.
-fn make(folder: &Path) -> io::Result<()> {
+/// Creates a folder so that it survives a power failure.
+fn create_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
     let Some(above) = folder.parent() else { return Ok(()) };
-    make(above)?;
+    create_folder(above)?;
     match fs::create_dir(folder) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         _ => {}
@@ -201,8 +201,8 @@ fn make(folder: &Path) -> io::Result<()> {
     File::open(above)?.sync_all()
 }
 
-/// Takes the lock on a new file; none where its file system has no locks.
-fn hold(file: &File) -> Option<Flock<File>> {
+/// Locks a new file; `None` if its file system has no locks.
+fn lock_new(file: &File) -> Option<Flock<File>> {
     let mut file = file.try_clone().ok()?;
     for _ in 0..LOCK_TRIES {
         match Flock::lock(file, FlockArg::LockExclusiveNonblock) {
@@ -220,7 +220,7 @@ fn open_folder<P: ?Sized + nix::NixPath>(above: impl AsFd, name: &P) -> io::Resu
     Ok(openat(above, name, flags, Mode::empty())?)
 }
 
-fn look(folder: impl AsFd, name: &CString) -> nix::Result<FileStat> {
+fn stat(folder: impl AsFd, name: &CString) -> nix::Result<FileStat> {
     fstatat(folder, name.as_c_str(), AtFlags::AT_SYMLINK_NOFOLLOW)
 }
 
@@ -228,24 +228,24 @@ fn kind(stat: &FileStat) -> SFlag {
     SFlag::from_bits_truncate(stat.st_mode) & SFlag::S_IFMT
 }
 
-/// Tells of each entry of a folder.
-fn each(folder: &OwnedFd, mut tell: impl FnMut(CString) -> io::Result<()>) -> io::Result<()> {
+/// Calls `visit` with each entry of a folder.
+fn for_each(folder: &OwnedFd, mut visit: impl FnMut(CString) -> io::Result<()>) -> io::Result<()> {
     for entry in
         Dir::openat(folder, ".", OFlag::O_RDONLY | OFlag::O_DIRECTORY | OFlag::O_CLOEXEC, Mode::empty())?.iter()
     {
         let entry = entry?;
         if !matches!(entry.file_name().to_bytes(), b"." | b"..") {
-            tell(entry.file_name().into())?;
+            visit(entry.file_name().into())?;
         }
     }
     Ok(())
 }
 
-/// The bytes of all files in a folder. What cannot be seen counts nothing: this is for who makes room.
+/// Total size of all files in a folder, bytes. Unreadable ones count 0, since this serves to make space.
 fn size(folder: OwnedFd, depth: u32) -> u64 {
     let mut bytes = 0;
-    let _ = each(&folder, |name| {
-        if let Ok(stat) = look(&folder, &name) {
+    let _ = for_each(&folder, |name| {
+        if let Ok(stat) = stat(&folder, &name) {
             bytes += match kind(&stat) {
                 SFlag::S_IFREG => stat.st_size as u64,
                 SFlag::S_IFDIR if depth > 0 => open_folder(&folder, &*name).map_or(0, |inner| size(inner, depth - 1)),
@@ -257,7 +257,7 @@ fn size(folder: OwnedFd, depth: u32) -> u64 {
     bytes
 }
 
-/// Removes a file, a link, or a folder with all that is in it.
+/// Removes a file, a link, or a folder with its content.
 fn remove_all(folder: &OwnedFd, name: &CString, depth: u32) -> nix::Result<()> {
     match unlinkat(folder, name.as_c_str(), UnlinkatFlags::NoRemoveDir) {
         Err(Errno::EISDIR) if depth > 0 => {}
@@ -265,7 +265,7 @@ fn remove_all(folder: &OwnedFd, name: &CString, depth: u32) -> nix::Result<()> {
     }
     let inner = open_folder(folder, name.as_c_str()).map_err(errno)?;
     for _ in 0..REMOVE_TRIES {
-        each(&inner, |name| Ok(remove_all(&inner, &name, depth - 1)?)).map_err(errno)?;
+        for_each(&inner, |name| Ok(remove_all(&inner, &name, depth - 1)?)).map_err(errno)?;
         match unlinkat(folder, name.as_c_str(), UnlinkatFlags::RemoveDir) {
             Err(Errno::ENOTEMPTY) => {}
             result => return result,

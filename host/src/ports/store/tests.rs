@@ -1,4 +1,4 @@
-//! Folders made for the test; disks that are full or read-only where mounting is allowed.
+//! Folders for tests; full and read-only disks where mounting is permitted.
 
 use super::*;
 use crate::ports::threaded::Threaded;
@@ -17,7 +17,7 @@ use std::time::Duration;
 
 type Store = Threaded<Files>;
 
-/// A folder of our own, gone at the end.
+/// A folder for one test, removed at its end.
 struct Made(PathBuf);
 
 impl Made {
@@ -81,7 +81,7 @@ fn listed(disk: &mut Disk) -> Vec<(String, u64)> {
 }
 
 #[test]
-fn files_are_made_written_listed_and_removed() {
+fn files_are_created_written_listed_and_removed() {
     let made = Made::new("life");
     let mut disk = made.disk();
     assert_eq!((listed(&mut disk), failed(disk.perform(append(b"x")))), (vec![], "no file is open".into()));
@@ -109,7 +109,7 @@ fn files_are_made_written_listed_and_removed() {
 }
 
 #[test]
-fn what_is_being_written_is_not_removed() {
+fn an_open_file_is_not_removed() {
     let made = Made::new("own");
     let mut disk = made.disk();
     done(disk.perform(create("run/log_000.mcap")));
@@ -131,7 +131,7 @@ fn nothing_outside_is_touched() {
     symlink(&outside, folder.join("link")).unwrap();
     symlink(&outside, folder.join("run/link")).unwrap();
     symlink(outside.join("new"), folder.join("run/log_000.mcap")).unwrap();
-    assert_eq!(listed(&mut disk), [("run".into(), 0)], "neither is what a link leads to counted");
+    assert_eq!(listed(&mut disk), [("run".into(), 0)], "targets of links are not counted");
     for name in ["", "/etc/passwd", "../outside/new", "run/../../outside", ".", "a/b/c", "run/\0", "run\n/x"] {
         assert!(failed(disk.perform(create(name))).contains("is no name"), "{name:?}");
         assert!(failed(disk.perform(remove(name))).contains("is no name"), "{name:?}");
@@ -146,7 +146,7 @@ fn nothing_outside_is_touched() {
 }
 
 #[test]
-fn a_folder_that_is_removed_is_told_and_made_again() {
+fn a_removed_folder_is_reported_and_created_again() {
     let made = Made::new("removed");
     let mut disk = made.disk();
     done(disk.perform(create("run/log_000.mcap")));
@@ -159,7 +159,7 @@ fn a_folder_that_is_removed_is_told_and_made_again() {
 }
 
 #[test]
-fn a_file_where_the_folder_should_be_is_told() {
+fn a_file_in_place_of_the_folder_is_reported() {
     let made = Made::new("file");
     fs::write(made.0.join("log"), "").unwrap();
     let mut disk = made.disk();
@@ -168,9 +168,9 @@ fn a_file_where_the_folder_should_be_is_told() {
     failed(disk.perform(Request::List));
 }
 
-/// Runs a test on a disk of 1 MB that nobody else sees; skips where this machine mounts none.
+/// Runs a test on a disk of 1 MB that no other process sees; skipped if mounting is not permitted.
 fn on_a_small_disk(name: &'static str, test: impl FnOnce(&Made) + Send + 'static) {
-    // A mount namespace of this thread and those that it starts; it goes with them.
+    // Mount namespace of this thread and its children; it ends with them.
     let tested = thread::spawn(move || {
         let made = Made::new(name);
         let mounted = unshare(CloneFlags::CLONE_NEWNS).is_ok()
@@ -189,7 +189,7 @@ fn mount(args: &[&str]) -> bool {
 }
 
 #[test]
-fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
+fn writes_to_a_full_disk_are_atomic_and_resume_with_free_space() {
     on_a_small_disk("full", |made| {
         let mut disk = made.disk();
         done(disk.perform(create("old/log_000.mcap")));
@@ -199,17 +199,17 @@ fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
         assert!(free < 200_000, "{free}");
         for _ in 0..3 {
             assert_eq!(disk.perform(append(&[3; 300_000])), Answer::Failed(Trouble::Full));
-            assert_eq!(made.read("run/log_000.mcap"), [2; 300_000], "what was half written is taken back");
+            assert_eq!(made.read("run/log_000.mcap"), [2; 300_000], "a partial write is undone");
         }
         assert_eq!(listed(&mut disk), [("old".into(), 600_000), ("run".into(), 300_000)]);
         done(disk.perform(remove("old")));
         done(disk.perform(append(&[4; 300_000])));
         assert_eq!(made.read("run/log_000.mcap")[300_000..], [4; 300_000]);
-        // Bytes of a file that somebody else removes are free when it is looked what is there.
+        // Bytes of a file that another process removes are free at the next query of the free space.
         fs::remove_file(made.0.join("log/run/log_000.mcap")).unwrap();
         assert_eq!(listed(&mut disk), [("run".into(), 0)]);
         assert!(done(disk.perform(create("run/log_001.mcap"))) > 900_000);
-        // No room for another name.
+        // No space for another name.
         let files = (0..100).find_map(|n| match disk.perform(create(&format!("run/log_{n:03}"))) {
             Answer::Failed(trouble) => Some(trouble),
             _ => None,
@@ -219,7 +219,7 @@ fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
 }
 
 #[test]
-fn a_disk_that_becomes_read_only_is_told_as_such() {
+fn a_disk_that_becomes_read_only_is_reported_as_such() {
     on_a_small_disk("read-only", |made| {
         let mut disk = made.disk();
         done(disk.perform(create("run/log_000.mcap")));
@@ -236,7 +236,7 @@ fn a_disk_that_becomes_read_only_is_told_as_such() {
 }
 
 #[test]
-fn a_folder_that_may_not_be_written_is_told_as_such() {
+fn a_folder_without_write_permission_is_reported_as_such() {
     if nix::unistd::geteuid().is_root() {
         testing::machine_or_skip::<()>(Err("a user other than root, who may write everywhere".into()));
         return;
@@ -263,11 +263,11 @@ fn wait(store: &mut Store) -> Answer {
     }
 }
 
-/// Whether the disk of the test below lets anything through.
+/// True while the disk of the test below blocks.
 static STUCK: AtomicBool = AtomicBool::new(true);
 
 #[test]
-fn a_disk_that_does_not_come_back_leaves_the_loop_free() {
+fn a_blocked_disk_does_not_block_the_loop() {
     let made = Made::new("slow");
     let mut store = Store::new(Files::new(made.0.join("log")));
     store.service.before = |_| {
@@ -288,7 +288,7 @@ fn a_disk_that_does_not_come_back_leaves_the_loop_free() {
             store
         }),
     );
-    // Nothing in there has waited for the disk.
+    // None of these calls waited for the disk.
     told.recv_timeout(Duration::from_secs(10)).unwrap();
     let mut store = loops.join().unwrap();
     STUCK.store(false, Ordering::Relaxed);
@@ -296,7 +296,7 @@ fn a_disk_that_does_not_come_back_leaves_the_loop_free() {
     assert!(free > Some(0));
     assert_eq!(made.read("run/log_000.mcap").len(), 700_000);
     store.close();
-    while store.life.lasts() {
+    while store.life.is_alive() {
         thread::yield_now();
     }
     store.open().unwrap();

@@ -1,7 +1,7 @@
-//! The simulator's end of a 1-Wire bus: a folder as the kernel's `w1_therm` fills `/sys/bus/w1/devices`.
+//! The simulator's end of a 1-Wire bus: a folder with the layout of `/sys/bus/w1/devices` as `w1_therm` fills it.
 //!
-//! The run folder may lie on a disk, and a disk may keep a writer waiting for seconds: a thread of its own writes. It
-//! writes what holds when it comes to it, and leaves out what held meanwhile.
+//! The run folder may be on a disk, which may block a writer for seconds: a separate thread writes. It writes the
+//! latest state and skips those superseded meanwhile.
 
 use crate::ports::worker::{Life, Worker};
 use crate::ports::{Device, Lost, Received};
@@ -16,36 +16,36 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
-/// The end of the process waits so long for the folder to be removed.
+/// Maximum time that the end of the process waits for the removal of the folder.
 const REMOVED_WITHIN: Duration = Duration::from_millis(100);
 
-/// What each thermometer says that is there; none: nothing yet.
+/// Result of each thermometer that is present; `None`: no measurement yet.
 type Bus = BTreeMap<Rom, Option<Result<i32, Error>>>;
 
-/// The folder.
+/// Port with the folder.
 pub struct Folder {
     path: PathBuf,
     bus: Bus,
     worker: Option<Worker<Bus, ()>>,
     life: Life,
-    /// The thread writes, and what it writes is out of date.
+    /// The thread is writing a state that is out of date.
     writes: bool,
     stale: bool,
 }
 
-/// The thread's side; when it goes, so does the folder.
-struct Filler {
+/// The thread's side; dropping it removes the folder.
+struct FolderWriter {
     path: PathBuf,
     written: Bus,
 }
 
 impl Folder {
-    /// A folder that will be made there.
+    /// Creates the port of a folder that does not exist yet.
     pub fn new(path: PathBuf) -> Self {
         Self { path, bus: Bus::new(), worker: None, life: Life::default(), writes: false, stale: false }
     }
 
-    /// True if the thread has not written all yet.
+    /// True if the thread has not written everything yet.
     #[cfg(test)]
     pub(super) fn is_writing(&self) -> bool {
         self.writes
@@ -53,42 +53,42 @@ impl Folder {
 
     fn write(&mut self) {
         match &mut self.worker {
-            Some(worker) if !self.writes => (self.writes, self.stale) = (worker.give(self.bus.clone()), false),
+            Some(worker) if !self.writes => (self.writes, self.stale) = (worker.queue(self.bus.clone()), false),
             _ => self.stale = true,
         }
     }
 }
 
-impl Filler {
+impl FolderWriter {
     fn fill(&mut self, bus: Bus) -> io::Result<()> {
         fs::create_dir_all(&self.path)?;
         for rom in self.written.keys().filter(|rom| !bus.contains_key(rom)) {
             fs::remove_dir_all(self.path.join(rom.to_string()))?;
         }
-        for (rom, says) in &bus {
+        for (rom, value) in &bus {
             if !self.written.contains_key(rom) {
                 fs::create_dir_all(self.path.join(rom.to_string()))?;
             }
-            if let Some(says) = says.filter(|_| self.written.get(rom) != Some(says)) {
-                self.put(*rom, says)?;
+            if let Some(value) = value.filter(|_| self.written.get(rom) != Some(value)) {
+                self.put(*rom, value)?;
             }
         }
         self.written = bus;
         Ok(())
     }
 
-    fn put(&self, rom: Rom, says: Result<i32, Error>) -> io::Result<()> {
+    fn put(&self, rom: Rom, value: Result<i32, Error>) -> io::Result<()> {
         let device = self.path.join(rom.to_string());
         let put = |name: &str, text: String| {
-            // Whole or not at all, as the kernel's.
+            // Atomically, as the kernel does.
             let fresh = device.join("new");
             fs::write(&fresh, text)?;
             fs::rename(&fresh, device.join(name))
         };
-        let pad = scratchpad(says.unwrap_or(0));
+        let pad = scratchpad(value.unwrap_or(0));
         let bytes: Vec<String> = pad.iter().map(|byte| format!("{byte:02x}")).collect();
         let (bytes, crc) = (bytes.join(" "), pad[8]);
-        match says {
+        match value {
             Ok(value) => {
                 put("w1_slave", format!("{bytes} : crc={crc:02x} YES\n{bytes} t={value}\n"))?;
                 put("temperature", format!("{value}\n"))
@@ -100,13 +100,13 @@ impl Filler {
     }
 }
 
-impl Drop for Filler {
+impl Drop for FolderWriter {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.path);
     }
 }
 
-/// A DS18B20's memory: temperature in sixteenths, alarms, 12 bits, what is reserved, check.
+/// Memory of a DS18B20: temperature in sixteenths of a degree, alarms, 12-bit resolution, reserved bytes, CRC.
 fn scratchpad(millidegrees: i32) -> [u8; 9] {
     let [low, high, ..] = (millidegrees * 2 / 125).to_le_bytes();
     let mut pad = [low, high, 0x4B, 0x46, 0x7F, 0xFF, 0x0C, 0x10, 0];
@@ -122,13 +122,13 @@ fn crc8(byte: u8) -> u8 {
 impl Device for Folder {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        if self.life.lasts() {
-            return Err("what was there is still being removed".into());
+        if self.life.is_alive() {
+            return Err("its former folder is still being removed".into());
         }
-        let mut filler = Filler { path: self.path.clone(), written: Bus::new() };
+        let mut filler = FolderWriter { path: self.path.clone(), written: Bus::new() };
         let mut fresh = true;
         let work = move |bus| {
-            // What an earlier life left there.
+            // Left by an earlier process.
             if std::mem::take(&mut fresh) {
                 let _ = fs::remove_dir_all(&filler.path);
             }
@@ -163,15 +163,15 @@ impl Device for Folder {
 
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
         match output {
-            Output::OneWireIs(Answer::List(list)) => {
+            Output::OneWireState(Answer::List(list)) => {
                 self.bus.retain(|rom, _| list.contains(rom));
                 for rom in list {
                     self.bus.entry(*rom).or_default();
                 }
             }
-            Output::OneWireIs(Answer::Temperature(rom, says)) => {
+            Output::OneWireState(Answer::Temperature(rom, value)) => {
                 if let Some(said) = self.bus.get_mut(rom) {
-                    *said = Some(*says);
+                    *said = Some(*value);
                 }
             }
             _ => return Ok(false),
@@ -185,7 +185,7 @@ impl Drop for Folder {
     fn drop(&mut self) {
         self.close();
         let tries = REMOVED_WITHIN.as_millis();
-        (0..tries).take_while(|_| self.life.lasts()).for_each(|_| thread::sleep(Duration::from_millis(1)));
+        (0..tries).take_while(|_| self.life.is_alive()).for_each(|_| thread::sleep(Duration::from_millis(1)));
     }
 }
 
@@ -195,11 +195,11 @@ mod tests {
 
     #[test]
     fn a_scratchpad_is_one_of_a_real_ds18b20() {
-        // 21.5 °C; the check by the table of Maxim application note 27.
+        // 21.5 °C; CRC by the table of Maxim application note 27.
         let pad = scratchpad(21_500);
         assert_eq!(pad[..2], [0x58, 0x01]);
         assert_eq!(pad.iter().fold(0, |crc, byte| crc8(crc ^ byte)), 0, "with its check the remainder is 0");
-        // Application note 27: 02 1C B8 01 00 00 00 has the check A2.
+        // Application note 27: 02 1C B8 01 00 00 00 has the CRC A2.
         assert_eq!([0x02, 0x1C, 0xB8, 0x01, 0, 0, 0].iter().fold(0, |crc, byte| crc8(crc ^ byte)), 0xA2);
         assert_eq!(scratchpad(-10_125)[..2], [0x5E, 0xFF]);
     }

@@ -1,5 +1,5 @@
-//! What the files of `w1_therm` say (Documentation/w1/slaves/w1_therm.rst). They come from a driver of a slow, long and
-//! unplugged wire: whatever stands in them is an answer.
+//! Files of `w1_therm` (Documentation/w1/slaves/w1_therm.rst). Their driver may be on a slow, long or unplugged wire:
+//! any content is an answer.
 
 use base::w1::{Answer, Error, List, MAX, Request, Rom};
 use nix::errno::Errno;
@@ -7,12 +7,12 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
-/// No file of a thermometer has more bytes.
+/// Maximum size of a thermometer's file, bytes.
 const FILE_MAX: u64 = 256;
-/// What the family measures, thousandths of a degree.
+/// Measuring range of the family, thousandths of a degree.
 const RANGE: std::ops::RangeInclusive<i32> = -55_000..=125_000;
 
-/// Answers a request by what is in `folder`.
+/// Answers a request from the files in `folder`.
 pub fn answer(folder: &Path, request: Request) -> Answer {
     match request {
         Request::List => Answer::List(list(folder)),
@@ -28,12 +28,12 @@ fn list(folder: &Path) -> List {
     roms.into_iter().take(MAX).collect()
 }
 
-/// By `w1_slave`, which every version of the driver has and which says whether the check was right; by `temperature`
-/// where there is no such file.
+/// Reads `w1_slave`, which every version of the driver has and which includes the CRC check; `temperature` if that file
+/// is absent.
 fn temperature(device: &Path) -> Result<i32, Error> {
     match file(&device.join("w1_slave")) {
         Ok(text) => slave(&text),
-        // What nobody has filled is of a device that has just left.
+        // An empty file belongs to a device that has just gone.
         Err(Error::Absent) => match file(&device.join("temperature"))?.as_str() {
             "" => Err(Error::Absent),
             text => number(text),
@@ -49,30 +49,30 @@ fn file(path: &Path) -> Result<String, Error> {
     String::from_utf8(bytes).map_err(|_| Error::Nonsense)
 }
 
-/// A device that goes while its file is open fails with one of the kernel's errors of a missing device.
+/// A device that goes while its file is open fails with one of the kernel's errors for a missing device.
 fn why(error: &io::Error) -> Error {
     match Errno::from_raw(error.raw_os_error().unwrap_or(0)) {
         Errno::ENOENT | Errno::ENOTDIR | Errno::ENODEV | Errno::ENXIO => Error::Absent,
-        // What the driver says when no try had a right check.
+        // Error of the driver if no attempt had a valid CRC.
         Errno::EIO => Error::Crc,
         _ => Error::Other,
     }
 }
 
-/// What `w1_slave` says: the scratchpad twice, once with `crc=57 YES`, once with `t=23125`.
+/// Parses `w1_slave`: the scratchpad twice, once with `crc=57 YES`, once with `t=23125`.
 pub fn slave(text: &str) -> Result<i32, Error> {
     let mut lines = text.lines();
     let (check, value) = (lines.next().unwrap_or(""), lines.next().unwrap_or(""));
     match check.split_whitespace().last() {
         Some("YES") => number(value.rsplit_once("t=").ok_or(Error::Nonsense)?.1),
         Some("NO") => Err(Error::Crc),
-        // The driver found nobody, or was interrupted.
+        // The driver found no device, or was interrupted.
         None => Err(Error::Absent),
         Some(_) => Err(Error::Nonsense),
     }
 }
 
-/// What `temperature` says: thousandths of a degree.
+/// Parses `temperature`: thousandths of a degree.
 pub fn number(text: &str) -> Result<i32, Error> {
     text.trim().parse().ok().filter(|value| RANGE.contains(value)).ok_or(Error::Nonsense)
 }

@@ -1,4 +1,4 @@
-//! Thermometers in a folder that is made for the test.
+//! Thermometers in a folder for one test.
 
 use super::*;
 use crate::ports::threaded::Threaded;
@@ -9,7 +9,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::fs;
 use std::path::Path;
 
-/// A folder of our own, gone at the end.
+/// A folder for one test, removed at its end.
 struct Made(PathBuf);
 
 impl Made {
@@ -56,7 +56,7 @@ fn ask(device: &mut dyn Device, request: Request) -> Answer {
 const GOOD: &[u8] = b"72 01 4b 46 7f ff 0e 10 57 : crc=57 YES\n72 01 4b 46 7f ff 0e 10 57 t=23125\n";
 
 #[test]
-fn what_the_kernel_writes_is_a_temperature() {
+fn temperatures_are_parsed_from_the_kernel_s_files() {
     let made = Made::new("good");
     made.file("28-0316a2795bff/w1_slave", GOOD);
     assert_eq!(made.temperature(), Ok(23_125));
@@ -66,7 +66,7 @@ fn what_the_kernel_writes_is_a_temperature() {
 }
 
 #[test]
-fn what_is_damaged_missing_or_nonsense_is_told_as_such() {
+fn damaged_missing_and_invalid_values_are_distinguished() {
     let made = Made::new("bad");
     assert_eq!(made.temperature(), Err(Error::Absent));
     for (text, error) in [
@@ -82,14 +82,14 @@ fn what_is_damaged_missing_or_nonsense_is_told_as_such() {
         made.file("28-0316a2795bff/w1_slave", text);
         assert_eq!(made.temperature(), Err(error), "{:?}", String::from_utf8_lossy(text));
     }
-    // A folder where a file should be.
+    // A folder in place of a file.
     fs::remove_file(made.0.join("28-0316a2795bff/w1_slave")).unwrap();
     fs::create_dir(made.0.join("28-0316a2795bff/w1_slave")).unwrap();
     assert_eq!(made.temperature(), Err(Error::Other));
 }
 
 #[test]
-fn thermometers_alone_are_listed_in_order_and_not_too_many() {
+fn only_thermometers_are_listed_in_order_and_bounded() {
     let made = Made::new("list");
     let list = |made: &Made| match read::answer(&made.0, Request::List) {
         Answer::List(list) => list.iter().map(ToString::to_string).collect::<Vec<_>>(),
@@ -104,7 +104,7 @@ fn thermometers_alone_are_listed_in_order_and_not_too_many() {
     assert_eq!(list(&made).len(), base::w1::MAX);
 }
 
-/// Waits for what the folder's thread writes.
+/// Waits until the folder's thread has written everything.
 fn settle(folder: &mut Folder) {
     while folder.is_writing() {
         poll(&mut [PollFd::new(folder.fd().unwrap(), PollFlags::POLLIN)], PollTimeout::NONE).unwrap();
@@ -113,7 +113,7 @@ fn settle(folder: &mut Folder) {
 }
 
 #[test]
-fn the_simulator_s_folder_is_read_as_the_kernel_s() {
+fn the_simulator_s_folder_is_read_like_the_kernel_s() {
     let made = Made::new("both");
     made.file("28-00000000000b/w1_slave", GOOD);
     let (mut folder, mut port) = (Folder::new(made.0.clone()), Threaded::new(Thermometers(made.0.clone())));
@@ -122,7 +122,7 @@ fn the_simulator_s_folder_is_read_as_the_kernel_s() {
     settle(&mut folder);
     assert_eq!(ask(&mut port, Request::List), Answer::List([].into_iter().collect()));
     let is = |folder: &mut Folder, answer| {
-        assert_eq!(folder.send(Instant::ZERO, &Output::OneWireIs(answer)), Ok(true));
+        assert_eq!(folder.send(Instant::ZERO, &Output::OneWireState(answer)), Ok(true));
         settle(folder);
     };
     is(&mut folder, Answer::List([rom()].into_iter().collect()));
@@ -138,13 +138,13 @@ fn the_simulator_s_folder_is_read_as_the_kernel_s() {
 }
 
 #[test]
-fn what_changes_faster_than_it_is_written_is_left_out() {
+fn superseded_values_are_not_written() {
     let made = Made::new("fast");
     let mut folder = Folder::new(made.0.clone());
     folder.open().unwrap();
-    folder.send(Instant::ZERO, &Output::OneWireIs(Answer::List([rom()].into_iter().collect()))).unwrap();
+    folder.send(Instant::ZERO, &Output::OneWireState(Answer::List([rom()].into_iter().collect()))).unwrap();
     for value in 0..1000 {
-        let is = Output::OneWireIs(Answer::Temperature(rom(), Ok(value)));
+        let is = Output::OneWireState(Answer::Temperature(rom(), Ok(value)));
         assert_eq!(folder.send(Instant::ZERO, &is), Ok(true));
     }
     settle(&mut folder);

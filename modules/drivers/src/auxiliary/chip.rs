@@ -1,4 +1,4 @@
-//! One fan controller: its rounds, what they found, and what an operator is told of it.
+//! State of one fan controller: its readings and their reports.
 
 use super::config::{ChipConfig, ConfigError};
 use base::i2c::{Error, Outcome, Transfer};
@@ -7,24 +7,24 @@ use i2c::max6615::{Event, Max6615, Reading};
 use messages::lowlevel::{DataTemperature, Fan, Node, Temperature};
 use module::Actions;
 
-/// An over-temperature is over this far below the limit, °C.
+/// An over-temperature ends at this difference below the limit, °C.
 const HYSTERESIS_C: f64 = 2.0;
 
-/// A chip and its driver.
+/// A fan controller and its driver.
 #[derive(Debug)]
 pub(super) struct Chip {
     config: ChipConfig,
     driver: Max6615,
-    /// What the last round found; none: nothing is known.
+    /// Result of the last round; `None` if unknown.
     reading: Option<Reading>,
-    /// Above its limit, each channel.
+    /// Over-temperature of each channel.
     over: [bool; 2],
-    /// The clocks of the transfer that is under way, as far as it is written.
+    /// Clocks on the wire of the current transfer, as far as known.
     clocks: u64,
     requests: i64,
     retries: i64,
     timeouts: i64,
-    /// Least, most and sum of the round trips since it was asked last, and how many.
+    /// Minimum, maximum, sum and number of the round trips since the last statistics.
     round_trips: Option<(Duration, Duration, Duration, u32)>,
 }
 
@@ -51,13 +51,13 @@ impl Chip {
     pub fn poll_transfer(&mut self) -> Option<Transfer> {
         let transfer = self.driver.poll_transfer()?;
         self.requests += 1;
-        // START, address and what is written, and the same before what is read; STOP, and the pause after it.
+        // START, address and the written bytes; again for the read bytes; STOP and the pause after it.
         let addresses = u64::from(!transfer.begins_with_read()) + u64::from(transfer.reads());
         self.clocks = 10 * addresses + 9 * transfer.write.len() as u64 + 2;
         Some(transfer)
     }
 
-    /// What came of it, and after how long; the clocks that it took on the wire.
+    /// Processes the outcome of a transfer and its duration; returns its clocks on the wire.
     pub fn on_outcome(&mut self, outcome: &Outcome, after: Duration) -> u64 {
         self.driver.handle_outcome(outcome);
         match outcome {
@@ -74,7 +74,7 @@ impl Chip {
         }
     }
 
-    /// The port is gone: what is under way has no outcome.
+    /// The port is lost: the current transfer has no outcome.
     pub fn forget(&mut self) {
         self.reading = None;
         // A few failures end a round.
@@ -87,42 +87,42 @@ impl Chip {
         while self.driver.poll_event().is_some() {}
     }
 
-    /// Whether it is there and configured.
-    pub fn is_there(&self) -> bool {
+    /// True if the chip answers and is configured.
+    pub fn is_present(&self) -> bool {
         self.reading.is_some()
     }
 
-    /// For people: name, address, bus.
+    /// Name, address and bus for people.
     fn text(&self, bus: &str) -> String {
         format!("{} ({} on {bus})", self.config.name, self.config.chip.address)
     }
 
-    /// Tells of what a transfer has brought to an end.
+    /// Reports the events of the last transfer.
     pub fn report(&mut self, bus: &str, out: &mut Actions) {
         while let Some(event) = self.driver.poll_event() {
             let text = self.text(bus);
             match event {
                 Event::Found { revision } => out.note(format!("{text}: MAX6615 revision {revision}, configured")),
-                Event::Reset => out.note(format!("{text} had forgotten its configuration: configured anew")),
+                Event::Reset => out.note(format!("{text} had lost its configuration: configured again")),
                 Event::Reading(reading) => self.on_reading(reading, bus, out),
-                // Told when the round is over, each time: the port may have gone since.
+                // Reported at the end of each round, because the port may have been lost since.
                 Event::Lost(_) => {}
             }
         }
     }
 
-    /// No more is to be asked of it.
+    /// The round has ended: nothing more is read in this period.
     pub fn round_over(&mut self, bus: &str, out: &mut Actions) {
         let Some(why) = self.driver.lost_by() else { return };
         self.reading = None;
-        let message = format!("{}: {why}; looked for once a second", self.text(bus));
+        let message = format!("{}: {why}; retried once a second", self.text(bus));
         out.raise(Severity::Error, Fault::ChipLost, self.config.name.as_str(), message);
     }
 
-    /// Its transfer does not come back.
+    /// The adapter does not finish the chip's transfer.
     pub fn hangs(&mut self, bus: &str, out: &mut Actions) {
         self.reading = None;
-        let message = format!("{}: the adapter does not come back from a transfer", self.text(bus));
+        let message = format!("{}: the adapter does not finish a transfer", self.text(bus));
         out.raise(Severity::Error, Fault::ChipLost, self.config.name.as_str(), message);
     }
 
@@ -134,12 +134,12 @@ impl Chip {
                 let (value, limit) = (reading.temperature_c[place], f64::from(self.config.chip.limit_c[place]));
                 let above = if self.over[place] { limit - HYSTERESIS_C } else { limit };
                 self.over[place] = reading.over[place] || value > above;
-                tell_over(&channel.name, value, limit, self.over[place], out);
+                report_over_temperature(&channel.name, value, limit, self.over[place], out);
             }
             if let Some(fan) = &self.config.fans[place] {
                 let (name, rpm) = (fan.name.as_str(), reading.rpm[place]);
                 if reading.failed[place] {
-                    let message = format!("{name} fails: {rpm:.0} rpm at {:.0} %", reading.duty[place] * 100.0);
+                    let message = format!("{name} failed: {rpm:.0} rpm at {:.0} %", reading.duty[place] * 100.0);
                     out.raise(Severity::Error, Fault::FanFailed, name, message);
                 } else {
                     out.clear(Fault::FanFailed, name, format!("{name} turns again: {rpm:.0} rpm"));
@@ -148,8 +148,8 @@ impl Chip {
         }
     }
 
-    /// Adds what is known.
-    pub fn tell(&self, message: &mut DataTemperature) {
+    /// Adds the known values to a message.
+    pub fn add_to(&self, message: &mut DataTemperature) {
         for (place, channel) in self.config.channels.iter().enumerate() {
             let value = self.reading.map_or(f64::NAN, |reading| reading.temperature_c[place]);
             let over = self.reading.is_some() && self.over[place];
@@ -168,7 +168,7 @@ impl Chip {
         }
     }
 
-    /// How it fared on the bus.
+    /// Statistics of the chip on the bus.
     pub fn node(&mut self) -> Node {
         let seconds = self.round_trips.take().map(|(least, most, sum, count)| {
             [least.as_secs_f64(), sum.as_secs_f64() / f64::from(count), most.as_secs_f64()]
@@ -177,7 +177,7 @@ impl Chip {
         Node {
             name: self.config.name.clone(),
             address: i32::from(self.config.chip.address.get()),
-            state: if self.is_there() { Node::OK } else { Node::LOST },
+            state: if self.is_present() { Node::OK } else { Node::LOST },
             requests: self.requests,
             retries: self.retries,
             timeouts: self.timeouts,
@@ -189,12 +189,16 @@ impl Chip {
     }
 }
 
-/// Tells of an over-temperature, and that it is over.
-pub(super) fn tell_over(name: &str, value: f64, limit: f64, over: bool, out: &mut Actions) {
+/// Reports the begin or end of an over-temperature.
+pub(super) fn report_over_temperature(name: &str, value: f64, limit: f64, over: bool, out: &mut Actions) {
     if over {
-        let message = format!("{name} is {value:.1} °C hot, above its limit of {limit:.0} °C");
+        let message = format!("{name} is at {value:.1} °C, above its limit of {limit:.0} °C");
         out.raise(Severity::Error, Fault::OverTemperature, name, message);
     } else {
-        out.clear(Fault::OverTemperature, name, format!("{name} is {value:.1} °C, below its limit of {limit:.0} °C"));
+        out.clear(
+            Fault::OverTemperature,
+            name,
+            format!("{name} is at {value:.1} °C, below its limit of {limit:.0} °C"),
+        );
     }
 }

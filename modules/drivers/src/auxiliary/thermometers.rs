@@ -1,32 +1,32 @@
-//! The thermometers on 1-Wire: who is there, what each says, and who is not connected.
+//! Thermometers on 1-Wire: presence and value of each.
 
-use super::chip::tell_over;
+use super::chip::report_over_temperature;
 use super::config::{Thermometer, W1Config};
 use base::w1::{Error, List, MAX, Request, Rom};
 use base::{Fault, Severity};
 use messages::lowlevel::{DataTemperature, Temperature};
 use module::{Actions, PortId};
 
-/// What a DS18B20 says that has measured nothing since its supply came, thousandths of a degree.
-const POWER_ON: i32 = 85_000;
-/// One that was hotter than this before may well be at that.
+/// Reading of a DS18B20 that has not measured since power-on, thousandths of a degree.
+const POWER_ON_MILLIDEGREES: i32 = 85_000;
+/// Last value above which [`POWER_ON_MILLIDEGREES`] is a plausible measurement, °C.
 const HOT_C: f64 = 80.0;
-/// A thermometer that fails so often in a row is reported; until then its last value stands.
-const FAILURES: u8 = 3;
-/// An over-temperature is over this far below the limit, °C.
+/// Number of consecutive failures that are reported; until then the last value is kept.
+const FAILURES_MAX: u8 = 3;
+/// An over-temperature ends at this difference below the limit, °C.
 const HYSTERESIS_C: f64 = 2.0;
 
-/// All of them.
+/// State of all thermometers.
 #[derive(Debug)]
 pub(super) struct Thermometers {
     bus: String,
     port: PortId,
-    /// What a port is asked that is not there has no answer.
+    /// The port is up; requests to a closed port are not answered.
     up: bool,
-    /// Those that are configured, in that order; then those that were found besides, by their codes.
+    /// The configured thermometers in that order, then others found on the bus, named by their codes.
     all: Vec<State>,
     configured: usize,
-    /// Whose turn it is; none: nothing is under way.
+    /// Current request; `None` if there is none.
     turn: Option<Turn>,
 }
 
@@ -39,8 +39,8 @@ enum Turn {
 #[derive(Debug)]
 struct State {
     known: Thermometer,
-    /// Whether it is on the bus; none until that is known.
-    there: Option<bool>,
+    /// Present on the bus; `None` if unknown.
+    present: Option<bool>,
     value_c: Option<f64>,
     over: bool,
     failures: u8,
@@ -48,7 +48,7 @@ struct State {
 
 impl State {
     fn new(known: Thermometer) -> Self {
-        Self { known, there: None, value_c: None, over: false, failures: 0 }
+        Self { known, present: None, value_c: None, over: false, failures: 0 }
     }
 }
 
@@ -58,7 +58,7 @@ impl Thermometers {
         Self { bus: config.bus, port, up: false, configured: all.len(), all, turn: None }
     }
 
-    /// Looks who is there and asks each, unless that is still going on.
+    /// Lists the bus and reads each thermometer, unless that is still in progress.
     pub fn begin(&mut self, out: &mut Actions) {
         if self.up && self.turn.is_none() {
             self.turn = Some(Turn::List);
@@ -66,7 +66,7 @@ impl Thermometers {
         }
     }
 
-    /// The port is there.
+    /// The port came up.
     pub fn up(&mut self, asks: bool, out: &mut Actions) {
         self.up = true;
         if asks {
@@ -74,12 +74,12 @@ impl Thermometers {
         }
     }
 
-    /// The port is gone: what is under way has no answer.
+    /// The port is lost: the current request has no answer.
     pub fn down(&mut self, why: &str, out: &mut Actions) {
         (self.up, self.turn) = (false, None);
         out.note(format!("{}: {why}; tried again", self.bus));
         for place in 0..self.all.len() {
-            self.set_there(place, false, out);
+            self.set_present(place, false, out);
         }
     }
 
@@ -95,29 +95,29 @@ impl Thermometers {
             }
         }
         for place in 0..self.all.len() {
-            let there = list.contains(&self.all[place].known.rom);
-            self.set_there(place, there, out);
+            let present = list.contains(&self.all[place].known.rom);
+            self.set_present(place, present, out);
         }
-        // A stranger that has left is nobody's.
+        // A thermometer that is not configured is dropped when it disappears.
         let configured = self.configured;
         let mut place = 0;
         self.all.retain(|state| {
             place += 1;
-            place <= configured || state.there == Some(true)
+            place <= configured || state.present == Some(true)
         });
         self.next(0, asks, out);
     }
 
-    pub fn on_said(&mut self, rom: Rom, said: Result<i32, Error>, asks: bool, out: &mut Actions) {
+    pub fn on_answer(&mut self, rom: Rom, answer: Result<i32, Error>, asks: bool, out: &mut Actions) {
         let Some(Turn::Of(place)) = self.turn else { return };
         if self.all.get(place).is_none_or(|state| state.known.rom != rom) {
             return;
         }
         let state = &mut self.all[place];
         let name = state.known.name.clone();
-        match said {
-            Ok(POWER_ON) if state.value_c.is_none_or(|before| before < HOT_C) => {
-                self.failed(place, "it says 85 °C: its supply was gone", out);
+        match answer {
+            Ok(POWER_ON_MILLIDEGREES) if state.value_c.is_none_or(|before| before < HOT_C) => {
+                self.failed(place, "it reads 85 °C after a loss of its supply", out);
             }
             Ok(millidegrees) => {
                 let value = f64::from(millidegrees) / 1000.0;
@@ -125,18 +125,18 @@ impl Thermometers {
                 out.clear(Fault::ThermometerBad, name.as_str(), format!("{name} measures again"));
                 if let Some(limit) = state.known.limit_c {
                     state.over = value > if state.over { limit - HYSTERESIS_C } else { limit };
-                    tell_over(&name, value, limit, state.over, out);
+                    report_over_temperature(&name, value, limit, state.over, out);
                 }
             }
-            Err(Error::Absent) => self.set_there(place, false, out),
+            Err(Error::Absent) => self.set_present(place, false, out),
             Err(error) => self.failed(place, &error.to_string(), out),
         }
         self.next(place + 1, asks, out);
     }
 
-    /// Asks the next one that is there.
+    /// Reads the next thermometer that is present.
     fn next(&mut self, from: usize, asks: bool, out: &mut Actions) {
-        let place = (from..self.all.len()).find(|place| asks && self.all[*place].there == Some(true));
+        let place = (from..self.all.len()).find(|place| asks && self.all[*place].present == Some(true));
         self.turn = place.map(Turn::Of);
         if let Some(place) = place {
             out.ask_w1(self.port, Request::Temperature(self.all[place].known.rom));
@@ -146,7 +146,7 @@ impl Thermometers {
     fn failed(&mut self, place: usize, why: &str, out: &mut Actions) {
         let state = &mut self.all[place];
         state.failures = state.failures.saturating_add(1);
-        if state.failures >= FAILURES {
+        if state.failures >= FAILURES_MAX {
             (state.value_c, state.over) = (None, false);
             let name = state.known.name.as_str();
             let message = format!("{name} ({} on {}): {why}", state.known.rom, self.bus);
@@ -154,26 +154,26 @@ impl Thermometers {
         }
     }
 
-    fn set_there(&mut self, place: usize, there: bool, out: &mut Actions) {
+    fn set_present(&mut self, place: usize, present: bool, out: &mut Actions) {
         let state = &mut self.all[place];
-        let before = state.there.replace(there);
-        if before == Some(there) {
+        let before = state.present.replace(present);
+        if before == Some(present) {
             return;
         }
         let (name, rom) = (&state.known.name, state.known.rom);
-        if there {
+        if present {
             out.note(format!("{name} ({rom} on {}): connected", self.bus));
         } else {
             out.note(format!("{name} ({rom} on {}): not connected", self.bus));
             (state.value_c, state.over, state.failures) = (None, false, 0);
-            // Of one that is not there nothing is known.
+            // Nothing is known of an absent thermometer.
             out.clear(Fault::ThermometerBad, name.as_str(), format!("{name} is not connected"));
             out.clear(Fault::OverTemperature, name.as_str(), format!("{name} is not connected"));
         }
     }
 
-    /// Adds what is known.
-    pub fn tell(&self, message: &mut DataTemperature) {
+    /// Adds the known values to a message.
+    pub fn add_to(&self, message: &mut DataTemperature) {
         message.temperatures.extend(self.all.iter().map(|state| Temperature {
             name: state.known.name.clone(),
             value: state.value_c.unwrap_or(f64::NAN),

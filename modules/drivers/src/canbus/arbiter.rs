@@ -1,6 +1,7 @@
-//! Who may move the robot (design, section 4): priorities, time to live, and that nothing resumes by itself.
+//! Arbitration of motion commands (docs/design.md, section 4): priorities, time to live, and no resumption without a
+//! release.
 //!
-//! Pure policy over what the sources said. Knows no drive and no bus.
+//! Pure policy over the sources' commands; independent of drives and bus.
 
 use base::{Duration, Instant, Key};
 use messages::lowlevel::CmdMotion;
@@ -10,12 +11,12 @@ use std::ops::RangeInclusive;
 /// Maximum number of sources that are remembered; a further one takes the row of the one that has been silent longest.
 pub const SOURCES_MAX: usize = 8;
 
-/// A source of commands, by its row in the arbiter's table: one name at one priority, as long as no other source has taken
-/// the row.
+/// Source of commands, identified by its row in the arbiter's table: one name at one priority until another source
+/// takes the row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SourceId(u8);
 
-/// All rows.
+/// All rows of the table.
 const IDS: [SourceId; SOURCES_MAX] = {
     let mut ids = [SourceId(0); SOURCES_MAX];
     let mut row = 0;
@@ -36,38 +37,38 @@ impl Key for SourceId {
     }
 }
 
-/// What a source asked for.
+/// Motion requested by a source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command {
-    /// m/s, of the rear axle's middle.
+    /// Speed of the rear axle's middle, m/s.
     pub speed: f64,
-    /// rad, of the equivalent single front wheel; counter-clockwise.
+    /// Steering angle of the equivalent single front wheel, rad; counter-clockwise.
     pub steering: f64,
     /// 0 planner, 1 remote operator, 2 gamepad, 3 maintenance.
     pub priority: i8,
-    /// The sender.
+    /// Source of the command.
     pub source: SourceId,
 }
 
-/// The planner's priority; all above are manual sources.
+/// Priority of the planner; all higher ones are manual sources.
 pub const PLANNER: i8 = 0;
-/// All priorities.
+/// Valid priorities.
 pub const PRIORITIES: RangeInclusive<i8> = PLANNER..=3;
 
-/// What the arbiter says to a command.
+/// Decision on a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It moves the robot now.
     Holds,
     /// Another source holds the motion.
     Overruled,
-    /// Another source of the same priority holds the motion: worth telling people.
+    /// Another source of the same priority holds the motion, which is reported to people.
     Contested,
-    /// The source must send zero, or be silent, first: something was released since it began.
+    /// The source must send zero or nothing first: motion was released since it began.
     NotReleased,
-    /// The planner must be let go by an operator first.
+    /// An operator must release the planner first.
     Latched,
-    /// The robot is stopped for a fault: nobody moves it.
+    /// The robot is stopped for a fault: no source moves it.
     Blocked,
 }
 
@@ -76,33 +77,39 @@ struct Source {
     name: String,
     command: Command,
     at: Instant,
-    /// It may move the robot: it has sent zero, or nothing, since the last release.
+    /// True if it may move the robot: it has sent zero or nothing since the last release.
     armed: bool,
 }
 
-/// The arbiter.
+/// Arbiter of the motion.
 #[derive(Debug)]
 pub struct Arbiter {
     ttl: Duration,
-    /// At most [`SOURCES_MAX`].
+    /// At most [`SOURCES_MAX`] rows.
     sources: Vec<Source>,
-    /// The source that moves the robot; kept after it fell silent until the robot stands.
+    /// Source that moves the robot; kept after its last command until the robot stands.
     holder: Option<SourceId>,
     latched: bool,
-    /// An operator's word from before this moment lets nobody go: the last stop's end, the last manual command.
-    since: Instant,
+    /// Releases by an operator from before this time are void: the end of the last stop, or the last manual command.
+    release_after: Instant,
 }
 
 impl Arbiter {
-    /// An arbiter that lets a command live for `ttl`. The planner begins latched.
+    /// Creates an arbiter with commands valid for `ttl`. The planner is latched at first.
     #[must_use]
     pub fn new(ttl: Duration) -> Self {
         let ttl = if sabotage::is(Bug::TimeToLiveIgnored) { Duration::from_secs(60) } else { ttl };
-        Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true, since: Instant::ZERO }
+        Self {
+            ttl,
+            sources: Vec::with_capacity(SOURCES_MAX),
+            holder: None,
+            latched: true,
+            release_after: Instant::ZERO,
+        }
     }
 
-    /// Takes a command received at `at`; `blocked` says that a stop for a fault is in force. Returns its source, whose name
-    /// is not looked at again, and the verdict.
+    /// Processes a command received at `at`; `blocked` if a stop for a fault is in force. Returns the source, so that
+    /// its name need not be looked up again, and the verdict.
     pub fn command(&mut self, at: Instant, command: &CmdMotion, blocked: bool) -> (SourceId, Verdict) {
         let id = self.place(at, command);
         (id, self.judge(at, id, command, blocked))
@@ -135,13 +142,13 @@ impl Arbiter {
         }
         if manual {
             self.latched = true;
-            self.since = self.since.max(at);
+            self.release_after = self.release_after.max(at);
         }
         self.holder = Some(id);
         Verdict::Holds
     }
 
-    /// The command that moves the robot at `now`, if any.
+    /// Command that moves the robot at `now`, if any.
     #[must_use]
     pub fn current(&self, now: Instant) -> Option<Command> {
         let source = &self.sources[self.holder?.index()];
@@ -149,21 +156,22 @@ impl Arbiter {
         (may && now.since(source.at) < self.ttl).then_some(source.command)
     }
 
-    /// The name of a source.
+    /// Name of a source.
     #[must_use]
     pub fn name(&self, source: SourceId) -> &str {
         self.sources.get(source.index()).map_or("", |source| &source.name)
     }
 
-    /// The priority of a source; [`PLANNER`] for a row that no source has taken.
+    /// Priority of a source; [`PLANNER`] for an unused row.
     #[must_use]
     pub fn priority(&self, source: SourceId) -> i8 {
         self.sources.get(source.index()).map_or(PLANNER, |source| source.command.priority)
     }
 
-    /// What was decided at `now` has been carried out. A holder whose command was dead then has been stopped: where it was
-    /// not silent, but heard late, its next command must not move the robot again as if nothing had been.
-    pub fn decided(&mut self, now: Instant) {
+    /// To be called after the decision at `now` was carried out. A holder whose command had expired by then has been
+    /// stopped: if it was not silent but received late, its next command must not move the robot again without a
+    /// release.
+    pub fn expire_holder(&mut self, now: Instant) {
         if self.current(now).is_none()
             && let Some(holder) = self.holder
         {
@@ -172,51 +180,51 @@ impl Arbiter {
         }
     }
 
-    /// When the current command dies.
+    /// Expiry of the current command.
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
         let current = self.current(now)?;
         Some(self.sources[current.source.index()].at + self.ttl)
     }
 
-    /// The robot stands: a holder that is silent, or heard late, lets go, and is as one that was stopped.
-    pub fn standing(&mut self, now: Instant) {
+    /// The robot stands: a holder without a valid command loses the motion and must be released like a stopped one.
+    pub fn on_standstill(&mut self, now: Instant) {
         if self.current(now).is_none() {
-            self.decided(now);
+            self.expire_holder(now);
             self.holder = None;
         }
     }
 
-    /// The robot is being stopped for a fault, a PAUSE, or by an operator: whoever moves must ask anew. To be called
-    /// again when the reason is over: what an operator said before does not count.
-    pub fn stopped(&mut self, now: Instant) {
+    /// The robot is being stopped for a fault, a PAUSE, or by an operator: all sources must be released again. To be
+    /// called again at the end of the cause: releases given before do not count.
+    pub fn disarm_all(&mut self, now: Instant) {
         self.latched = true;
-        self.since = now;
+        self.release_after = now;
         self.holder = None;
         for source in &mut self.sources {
             source.armed &= source.command.speed == 0.0;
         }
     }
 
-    /// An operator lets the planner go: a `cmd_goal`, or a manual `cmd_state` RUN, received at `at`. Without effect
-    /// while a manual source moves the robot, and when it was said before the last stop was over.
+    /// An operator releases the planner by a `cmd_goal` or a manual `cmd_state` RUN, received at `at`. Without effect
+    /// while a manual source moves the robot, and if received before the end of the last stop.
     pub fn release_planner(&mut self, at: Instant) {
         let manual = self.current(at).is_some_and(|command| command.priority > PLANNER);
-        if !manual && at >= self.since {
+        if !manual && at >= self.release_after {
             self.latched = false;
         }
     }
 
-    /// The priority of a living source that a command of `id` cannot overrule.
+    /// Priority of an active source that a command of `id` cannot overrule.
     fn rival(&self, at: Instant, id: SourceId, priority: i8) -> Option<i8> {
         let holder = self.holder.filter(|holder| *holder != id)?;
         let held = self.sources[holder.index()].command.priority;
         let stronger = held > priority && self.current(at).is_some();
-        // Of two equal priorities the first holds until it is silent and the robot stands.
+        // Of two equal priorities the first one holds until it is silent and the robot stands.
         (stronger || held == priority).then_some(held).filter(|_| !sabotage::is(Bug::TwoAuthorities))
     }
 
-    /// The row of a command's source, which a new one takes from the one that has been silent longest. The holder keeps
+    /// Row of a command's source; a new source takes that of the source that has been silent longest. The holder keeps
     /// its own.
     fn place(&mut self, at: Instant, command: &CmdMotion) -> SourceId {
         let &CmdMotion { speed, steering, priority, source: ref name, .. } = command;
@@ -224,7 +232,7 @@ impl Arbiter {
         if let Some(row) = self.sources.iter().position(same) {
             return IDS[row];
         }
-        // A source that was never seen has sent nothing since any release.
+        // A new source has sent nothing since any release.
         let silent = at - self.ttl;
         if self.sources.len() < SOURCES_MAX {
             let source = IDS[self.sources.len()];
@@ -235,7 +243,7 @@ impl Arbiter {
         let others = IDS.into_iter().filter(|id| Some(*id) != self.holder);
         let source = others.min_by_key(|id| self.sources[id.index()].at).unwrap_or(IDS[0]);
         let row = &mut self.sources[source.index()];
-        // Where even the oldest lives, this may be one that was forgotten a moment ago: it must send zero.
+        // If even the oldest is active, this source may be one that was just displaced: it must send zero.
         row.at = if at.since(row.at) < self.ttl { at } else { silent };
         row.name.clone_from(name);
         row.command = Command { speed, steering, priority, source };
@@ -244,7 +252,7 @@ impl Arbiter {
     }
 }
 
-/// Whether a priority is one that a command may carry.
+/// True if a command may carry this priority.
 #[must_use]
 pub fn is_priority(priority: i8) -> bool {
     PRIORITIES.contains(&priority)
@@ -292,7 +300,7 @@ mod tests {
         assert_eq!(bench.say(10, "pad", 2, 0.2), Holds);
         assert_eq!(bench.moves(11), Some(0.2));
         assert_eq!(bench.say(50, "op", 1, 0.4), Overruled);
-        // The gamepad falls silent at 260; the operator has never let go of the stick.
+        // The gamepad is silent from 260 on; the operator has never released the stick.
         assert_eq!(bench.say(270, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(320, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.moves(321), None);
@@ -306,17 +314,17 @@ mod tests {
         assert_eq!(bench.say(0, "a", 1, 0.4), Holds);
         assert_eq!(bench.say(10, "b", 1, 0.1), Contested);
         assert_eq!(bench.say(300, "b", 1, 0.0), Contested);
-        bench.0.standing(Instant::from_millis(1310));
+        bench.0.on_standstill(Instant::from_millis(1310));
         assert_eq!(bench.say(320, "b", 1, 0.1), Holds);
         assert_eq!(bench.say(330, "a", 1, 0.4), Contested);
     }
 
     #[test]
-    fn a_source_that_is_heard_late_while_the_robot_stands_does_not_go_on() {
+    fn a_source_received_late_at_standstill_does_not_continue() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        // Served at 260, received at 200: the driver was late, and the robot was told to stop before.
-        bench.0.standing(Instant::from_millis(1255));
+        // Served at 260, received at 200: the driver was late, and the robot was stopped before.
+        bench.0.on_standstill(Instant::from_millis(1255));
         assert_eq!(bench.say(200, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(250, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(300, "op", 1, 0.4), Holds);
@@ -326,25 +334,25 @@ mod tests {
     fn after_a_stop_a_source_must_send_zero_or_nothing_first() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.stopped(Instant::from_millis(1001));
+        bench.0.disarm_all(Instant::from_millis(1001));
         assert_eq!(bench.moves(1), None);
         assert_eq!(bench.say_blocked(50, "op", 1, 0.4), Blocked);
-        // The fault is over, the source has not let go.
+        // The fault is cleared, the source was not released.
         assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");
-        bench.0.stopped(Instant::from_millis(1360));
+        bench.0.disarm_all(Instant::from_millis(1360));
         assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(450, "op", 1, 0.4), Holds);
     }
 
     #[test]
-    fn a_source_that_was_heard_late_and_stopped_must_send_zero_or_nothing_too() {
+    fn a_source_received_late_and_stopped_must_send_zero_or_nothing_too() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.decided(Instant::from_millis(1249));
+        bench.0.expire_holder(Instant::from_millis(1249));
         assert_eq!(bench.say(200, "op", 1, 0.4), Holds);
-        // What was received at 240 ms is served when the command of 200 ms has died.
-        bench.0.decided(Instant::from_millis(1450));
+        // Received at 240 ms, served when the command of 200 ms has expired.
+        bench.0.expire_holder(Instant::from_millis(1450));
         assert_eq!(bench.say(240, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(440, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.moves(460), None);
@@ -360,16 +368,16 @@ mod tests {
         assert_eq!(bench.say(270, "op", 1, 0.1), Holds);
         bench.0.release_planner(Instant::from_millis(1280));
         assert_eq!(bench.say(300, "planner", 0, 0.4), Overruled);
-        bench.0.standing(Instant::from_millis(1600));
+        bench.0.on_standstill(Instant::from_millis(1600));
         assert_eq!(bench.say(1000, "planner", 0, 0.4), Latched);
         bench.0.release_planner(Instant::from_millis(2100));
         assert_eq!(bench.say(1300, "planner", 0, 0.4), Holds);
     }
 
     #[test]
-    fn what_an_operator_said_before_the_stop_was_over_does_not_let_the_planner_go() {
+    fn a_release_before_the_end_of_the_stop_does_not_release_the_planner() {
         let mut bench = Bench::new();
-        bench.0.stopped(Instant::from_millis(1100));
+        bench.0.disarm_all(Instant::from_millis(1100));
         bench.0.release_planner(Instant::from_millis(1099));
         assert_eq!(bench.say(110, "planner", 0, 0.4), Latched);
         bench.0.release_planner(Instant::from_millis(1120));
@@ -377,14 +385,14 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_was_forgotten_for_others_is_not_a_new_one() {
+    fn a_displaced_source_is_not_a_new_one() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.stopped(Instant::from_millis(1001));
+        bench.0.disarm_all(Instant::from_millis(1001));
         for n in 0..8 {
             bench.say(10 + n, &format!("s{n}"), 3, 0.0);
         }
-        bench.0.stopped(Instant::from_millis(1020));
+        bench.0.disarm_all(Instant::from_millis(1020));
         assert_eq!(bench.say(50, "op", 1, 0.4), NotReleased);
     }
 
@@ -399,7 +407,7 @@ mod tests {
         let current = bench.0.current(Instant::from_millis(1101)).map(|command| command.source);
         assert_eq!(current, holder);
         assert_eq!(current.map(|source| (bench.0.name(source), bench.0.priority(source))), Some(("op", 3)));
-        // Silent, but not yet seen to stand.
+        // Silent, but the robot is not known to stand.
         assert_eq!(bench.say(600, "other", 3, 0.1), Contested);
         assert_eq!(bench.say(610, "op", 3, 0.4), Holds);
     }

@@ -1,4 +1,4 @@
-//! The bus itself: its load, what its controller says, and what stands against motion from its side.
+//! State of the bus: its load, its controller's reports, and its objections to motion.
 
 use base::can::{BusState, Frame, Health, INTERMISSION, Notice, frame_bits};
 use base::{Deadlines, Duration, Fault, Instant, Severity};
@@ -8,24 +8,24 @@ use messages::Hold;
 use messages::lowlevel::{DataBus, Node};
 use module::Actions;
 
-/// `LL_DATA_BUS` is sent, and what was counted is judged, this often.
-const PERIOD: Duration = Duration::from_secs(1);
-/// So many frames with errors within a period are told of: a good bus has none.
+/// Period of `LL_DATA_BUS` and of evaluating the error counts.
+const STATISTICS_PERIOD: Duration = Duration::from_secs(1);
+/// Number of frames with errors within a period that is reported: a good bus has none.
 const ERRORS_MAX: u32 = 10;
-/// A frame that nobody acknowledged stands against motion this long: while it lasts it is repeated at once.
-const UNACKNOWLEDGED: Duration = Duration::from_millis(500);
+/// Time for which a missing acknowledgement blocks motion: while the cause lasts the frame is repeated at once.
+const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(500);
 
 base::deadlines! {
-    /// What the bus waits for.
+    /// Deadlines of the bus.
     enum Timer {
         /// `LL_DATA_BUS` is published. Set from the start on.
         Statistics,
-        /// A frame without acknowledgement no longer stands against motion. Set while it does.
+        /// A missing acknowledgement no longer blocks motion. Set while it does.
         Unacknowledged,
     }
 }
 
-/// One CAN bus, as its driver sees it.
+/// A CAN bus as seen by its driver.
 pub(super) struct Bus {
     name: String,
     bitrate: u32,
@@ -33,7 +33,7 @@ pub(super) struct Bus {
     health: Health,
     frames: i64,
     errors: i64,
-    /// Since the last period's end: bits on the wire, frames with errors.
+    /// Since the end of the last period: bits on the wire, frames with errors.
     bits: u64,
     recent_errors: u32,
     deadlines: Deadlines<Timer>,
@@ -62,8 +62,8 @@ impl Bus {
         self.up
     }
 
-    /// A frame crossed the wire, from us or to us.
-    pub(super) fn crossed(&mut self, frame: &Frame) {
+    /// Counts a frame on the wire, sent or received.
+    pub(super) fn count_frame(&mut self, frame: &Frame) {
         self.frames = self.frames.saturating_add(1);
         self.bits += u64::from(frame_bits(frame) + INTERMISSION);
     }
@@ -78,13 +78,13 @@ impl Bus {
             }
             None => out.clear(Fault::PortDown, name, format!("{name} is up")),
         }
-        // What is down is neither passive nor alone.
+        // A bus that is down is neither error-passive nor without acknowledgement.
         self.deadlines.clear(Timer::Unacknowledged);
         self.clear_passive(out);
         self.clear_unacknowledged(out);
     }
 
-    /// What the controller tells.
+    /// Processes a notice of the controller.
     pub(super) fn on_notice(&mut self, now: Instant, notice: Notice, out: &mut Actions) {
         match notice {
             Notice::Health(health) => self.on_health(health, out),
@@ -92,13 +92,14 @@ impl Bus {
                 self.errors = self.errors.saturating_add(i64::from(count));
                 self.recent_errors = self.recent_errors.saturating_add(count);
             }
-            // The host has told it already.
+            // Already reported by the host.
             Notice::Lost(count) => self.errors = self.errors.saturating_add(i64::from(count)),
             Notice::NoAcknowledge => {
                 self.errors = self.errors.saturating_add(1);
-                self.deadlines.set(Timer::Unacknowledged, now + UNACKNOWLEDGED);
+                self.deadlines.set(Timer::Unacknowledged, now + UNACKNOWLEDGED_TIMEOUT);
                 let name = self.name.as_str();
-                let message = format!("nobody on {name} acknowledges what is sent: the cable, its ends, the bit rate?");
+                let message =
+                    format!("nobody on {name} acknowledges what is sent: check cable, termination and bit rate");
                 out.raise(Severity::Error, Fault::CanUnacknowledged, name, message);
             }
         }
@@ -109,7 +110,7 @@ impl Bus {
         match health.state {
             BusState::Active | BusState::Warning => return self.clear_passive(out),
             BusState::Passive => {}
-            // The port says so at once.
+            // The port reports it at once.
             BusState::Off => return,
         }
         let Health { transmit_errors, receive_errors, .. } = health;
@@ -127,10 +128,10 @@ impl Bus {
 
     fn clear_unacknowledged(&self, out: &mut Actions) {
         let name = self.name.as_str();
-        out.clear(Fault::CanUnacknowledged, name, format!("what is sent on {name} is acknowledged"));
+        out.clear(Fault::CanUnacknowledged, name, format!("frames on {name} are acknowledged"));
     }
 
-    /// What stands against motion from the bus's side.
+    /// Objection of the bus to motion.
     pub(super) fn objection(&self) -> Option<Hold> {
         match (self.up, self.deadlines.get(Timer::Unacknowledged)) {
             (false, _) => Some(Hold::BusDown),
@@ -139,34 +140,34 @@ impl Bus {
         }
     }
 
-    /// Serves what is due; true when it is time for [`Self::message`].
+    /// Serves the deadlines; true if [`Self::message`] is due.
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) -> bool {
         if self.deadlines.take(Timer::Unacknowledged, now) {
             self.clear_unacknowledged(out);
         }
-        let due = self.deadlines.tick(Timer::Statistics, now, PERIOD);
+        let due = self.deadlines.tick(Timer::Statistics, now, STATISTICS_PERIOD);
         if due {
-            self.judge(out);
+            self.report_errors(out);
         }
         due
     }
 
-    fn judge(&mut self, out: &mut Actions) {
+    fn report_errors(&mut self, out: &mut Actions) {
         let name = self.name.as_str();
         match std::mem::take(&mut self.recent_errors) {
             0 => out.clear(Fault::CanErrors, name, format!("the wire of {name} is clean")),
             count if count >= ERRORS_MAX => {
                 let message =
-                    format!("{count} frames with errors within a second on {name}: the cable, its ends, noise?");
+                    format!("{count} frames with errors within a second on {name}: check cable, termination and noise");
                 out.raise(Severity::Warning, Fault::CanErrors, name, message);
             }
             _ => {}
         }
     }
 
-    /// `LL_DATA_BUS`, but for its nodes; begins a new period.
+    /// `LL_DATA_BUS` without its nodes; starts a new period.
     pub(super) fn message(&mut self, timestamp: i64) -> DataBus {
-        let wire = f64::from(self.bitrate.max(1)) * PERIOD.as_secs_f64();
+        let wire = f64::from(self.bitrate.max(1)) * STATISTICS_PERIOD.as_secs_f64();
         let state = match (self.up, self.health.state) {
             (false, _) => DataBus::CLOSED,
             (true, BusState::Active) => DataBus::ACTIVE,
@@ -190,7 +191,7 @@ impl Bus {
     }
 }
 
-/// A node's row in `LL_DATA_BUS`: its SDO transfers, as these alone are asked and answered.
+/// Row of a node in `LL_DATA_BUS`: its SDO transfers, the only requests with answers.
 pub(super) fn node(name: &str, id: u8, master: &mut Master) -> Node {
     let stats = master.stats(id).copied().unwrap_or_default();
     let recent = master.take_round_trips(id);
@@ -207,7 +208,7 @@ pub(super) fn node(name: &str, id: u8, master: &mut Master) -> Node {
         requests: stats.requests.into(),
         retries: stats.retries.into(),
         timeouts: stats.timeouts.into(),
-        // CAN's own CRC leaves none to be seen here.
+        // Never detectable here: CAN controllers drop frames with CRC errors.
         crc_errors: 0,
         round_trip_min: seconds(recent.min),
         round_trip_mean: seconds(recent.mean()),

@@ -1,5 +1,5 @@
-//! What both drives have in common: a node that boots, is lost and comes back, an axis that is walked through its
-//! states, faults that are told once and reset calmly.
+//! Common part of both drives: booting, loss and return of the node, the axis state machine, and faults, which are
+//! reported once and reset with pauses.
 
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::Master;
@@ -10,23 +10,24 @@ use messages::{Hold, lowlevel};
 use module::Actions;
 use std::fmt;
 
-/// A command that must arrive is repeated this often: a frame may be lost where CAN is carried by UDP.
-const REPEAT: Duration = Duration::from_millis(50);
-/// A fault is reset this often; whether anything moves then is not decided here.
-const RESET: Duration = Duration::from_secs(1);
-/// An axis that did not obey, or left by itself, stands against motion at least this long.
-const TROUBLE: Duration = Duration::from_millis(500);
-/// Event-driven PDOs tell changes only: after this long without one the drive is asked what it measures.
-const QUIET: Duration = Duration::from_millis(400);
-/// What was measured longer ago is not known any more.
-const KNOWN: Duration = Duration::from_secs(1);
+/// Period of repeating a command that has not taken effect: a frame may be lost if CAN is carried by UDP.
+const REPEAT_PERIOD: Duration = Duration::from_millis(50);
+/// Period of resetting a fault; motion is decided elsewhere.
+const FAULT_RESET_PERIOD: Duration = Duration::from_secs(1);
+/// Minimum time for which an axis that did not obey, or left operation by itself, blocks motion.
+const TROUBLE_MIN: Duration = Duration::from_millis(500);
+/// Time without a PDO after which the drive's measured values are read, because event-driven PDOs report changes only.
+const READ_AFTER: Duration = Duration::from_millis(400);
+/// Age beyond which measured values count as unknown.
+const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
 
-/// So many questions in a row without an answer, and it counts as deaf.
-const UNANSWERED: u8 = 2;
-/// Deaf for so long, it is booted anew: what made it so (a foreign SDO, an NMT command) ends with a reset of its communication.
-const DEAF: Duration = Duration::from_secs(2);
+/// Number of consecutive unanswered requests after which the drive counts as not answering.
+const UNANSWERED_MAX: u8 = 2;
+/// Time without answers after which the drive is booted again: a reset of its communication ends possible causes (a
+/// foreign SDO, an NMT command).
+const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Why a drive is not booted.
+/// Reason why a drive is not booted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Absence {
     Booting,
@@ -34,56 +35,56 @@ pub(super) enum Absence {
     Lost(LostReason),
 }
 
-/// What a drive did that was not commanded, or did not do.
+/// Uncommanded action of a drive, or failure to obey.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Trouble {
-    /// It left operation.
+    /// The axis left operation.
     Dropped { to: PowerState, statusword: u16 },
-    /// It does not reach a state.
+    /// The axis does not reach a state.
     Stuck { state: Option<PowerState>, goal: Goal, statusword: u16, controlword: u16, why: Why },
-    /// It does not acknowledge its set-point.
+    /// The drive does not acknowledge its set-point.
     NoTarget,
 }
 
-/// What stands against motion from a drive's side.
+/// Objection of a drive to motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Objection {
     Absent(Absence),
-    /// Requests are not answered.
-    Deaf,
+    /// The drive does not answer requests.
+    NotAnswering,
     Trouble(Trouble),
-    /// In fault, with the error code of its emergency; 0: none was received.
+    /// The drive is in fault, with the error code of its emergency; 0 if none was received.
     Fault(u16),
-    /// Its state was not received yet.
-    Unseen,
+    /// The drive's state was not received yet.
+    StateUnknown,
 }
 
 impl Objection {
-    /// The cause on `LL_DATA_HOLD`.
+    /// Cause in `LL_DATA_HOLD`.
     pub(super) fn hold(self) -> Hold {
         match self {
             Self::Absent(Absence::Booting) => Hold::DriveBooting,
             Self::Absent(Absence::BootFailed(..)) => Hold::DriveBootFailed,
             Self::Absent(Absence::Lost(_)) => Hold::DriveLost,
-            Self::Deaf => Hold::DriveDeaf,
+            Self::NotAnswering => Hold::DriveDeaf,
             Self::Trouble(Trouble::Dropped { .. }) => Hold::DriveDropped,
             Self::Trouble(Trouble::Stuck { .. }) => Hold::DriveStuck,
             Self::Trouble(Trouble::NoTarget) => Hold::DriveNoTarget,
             Self::Fault(_) => Hold::DriveFault,
-            Self::Unseen => Hold::DriveUnseen,
+            Self::StateUnknown => Hold::DriveUnseen,
         }
     }
 }
 
-/// In a sentence that begins with the drive.
+/// Predicate of a sentence whose subject is the drive.
 impl fmt::Display for Objection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Absent(absence) => absence.fmt(f),
-            Self::Deaf => f.write_str("does not answer"),
+            Self::NotAnswering => f.write_str("does not answer"),
             Self::Trouble(trouble) => trouble.fmt(f),
             Self::Fault(code) => write!(f, "is {}", InFault(*code)),
-            Self::Unseen => f.write_str("has not told its state"),
+            Self::StateUnknown => f.write_str("has not told its state"),
         }
     }
 }
@@ -101,7 +102,9 @@ impl fmt::Display for Absence {
 impl fmt::Display for Trouble {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Dropped { to, statusword } => write!(f, "left by itself to {to}, statusword 0x{statusword:04X}"),
+            Self::Dropped { to, statusword } => {
+                write!(f, "left by itself to {to}, statusword 0x{statusword:04X}")
+            }
             Self::Stuck { state, goal, statusword, controlword, why } => {
                 match state {
                     Some(state) => write!(f, "stays {state}")?,
@@ -115,8 +118,8 @@ impl fmt::Display for Trouble {
     }
 }
 
-/// A fault, with its error code. A drive that broke before it was booted has told its emergency to nobody, and the reset
-/// of the boot-up takes its error history.
+/// Displays a fault with its error code. The emergency of a drive that failed before it was booted was lost, and the
+/// reset at boot-up clears its error history.
 struct InFault(u16);
 
 impl fmt::Display for InFault {
@@ -129,43 +132,44 @@ impl fmt::Display for InFault {
 }
 
 base::deadlines! {
-    /// What a drive waits for, beside its axis.
+    /// Deadlines of a drive, apart from those of its axis.
     enum Timer {
-        /// The drive is asked what it measures. Set while it is booted.
+        /// The drive's measured values are read. Set while it is booted.
         Ask,
         /// The last command is sent again. Set while it is booted.
         Repeat,
         /// A fault is reset. Set while the drive is in fault.
         Reset,
-        /// What the drive did uncommanded, or did not do, is judged again. Set while it stands against motion.
+        /// Trouble with the drive is evaluated again. Set while it blocks motion.
         Trouble,
-        /// The drive is booted anew: requests are not answered, whatever its heartbeat says. Set while that is so.
-        Deaf,
+        /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
+        /// so.
+        NotAnswering,
     }
 }
 
-/// One drive.
+/// State of one drive.
 pub(super) struct Drive {
     /// `propulsion` or `steering`.
     pub(super) name: &'static str,
     pub(super) node: u8,
     pub(super) axis: Axis,
     booted: bool,
-    /// Why it is not booted.
+    /// Reason why it is not booted.
     why: Absence,
-    /// Of the last emergency since it was booted.
+    /// Error code of the last emergency since it was booted.
     error_code: u16,
     trouble: Option<Trouble>,
     deadlines: Deadlines<Timer>,
     sent: Option<[u8; 6]>,
     changed: bool,
-    /// What was seen last may not be so: the drive is to be asked.
-    doubt: bool,
-    /// When it last told what it measures.
+    /// The last known state may be outdated: the drive is to be read.
+    outdated: bool,
+    /// Time of its last measured value.
     measured: Instant,
-    /// Questions under way.
-    asked: u8,
-    /// Questions in a row that it did not answer.
+    /// Number of pending requests.
+    pending: u8,
+    /// Number of consecutive requests without an answer.
     unanswered: u8,
 }
 
@@ -182,9 +186,9 @@ impl Drive {
             deadlines: Deadlines::new(),
             sent: None,
             changed: true,
-            doubt: false,
+            outdated: false,
             measured: Instant::ZERO,
-            asked: 0,
+            pending: 0,
             unanswered: 0,
         }
     }
@@ -198,11 +202,11 @@ impl Drive {
         self.sent = None;
         self.error_code = 0;
         self.deadlines.set(Timer::Repeat, now);
-        self.deadlines.set(Timer::Ask, now + QUIET);
+        self.deadlines.set(Timer::Ask, now + READ_AFTER);
         self.changed = true;
-        // A fault that it had is gone with its reset, or told anew.
+        // An earlier fault was cleared by the reset, or will be reported again.
         for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch, Fault::DriveFault] {
-            out.clear(fault, self.name, format!("{} drive (node {}) is there and set up", self.name, self.node));
+            out.clear(fault, self.name, format!("{} drive (node {}) is booted and configured", self.name, self.node));
         }
     }
 
@@ -212,7 +216,7 @@ impl Drive {
             _ => Fault::DriveBootFailed,
         };
         self.why = Absence::BootFailed(step, reason);
-        let message = format!("{} drive (node {}) {}; tried again each second", self.name, self.node, self.why);
+        let message = format!("{} drive (node {}) {}; retried each second", self.name, self.node, self.why);
         out.raise(Severity::Error, fault, self.name, message);
     }
 
@@ -220,8 +224,8 @@ impl Drive {
         self.booted = false;
         self.axis.lost();
         self.deadlines.clear_all();
-        (self.trouble, self.doubt) = (None, false);
-        (self.asked, self.unanswered) = (0, 0);
+        (self.trouble, self.outdated) = (None, false);
+        (self.pending, self.unanswered) = (0, 0);
         self.why = Absence::Lost(reason);
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
@@ -231,8 +235,8 @@ impl Drive {
     pub(super) fn on_emergency(&mut self, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
         self.error_code = emergency.code;
         self.changed = true;
-        // The statusword that goes with it may have been lost.
-        self.doubt |= emergency.code != 0;
+        // The accompanying statusword may have been lost.
+        self.outdated |= emergency.code != 0;
         let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
         let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
         let message = format!(
@@ -246,7 +250,7 @@ impl Drive {
         out.report(severity, Fault::DriveEmergency, self.name, message);
     }
 
-    /// Where the axis shall be; a drive that is not booted is not asked.
+    /// Sets the goal of the axis; ignored while the drive is not booted.
     pub(super) fn set_goal(&mut self, now: Instant, goal: Goal) {
         if self.booted {
             self.axis.set_goal(now, goal);
@@ -258,66 +262,69 @@ impl Drive {
         self.drain(now, out);
     }
 
-    /// It told what it measures.
+    /// A measured value was received.
     pub(super) fn on_measured(&mut self, now: Instant) {
         self.measured = now;
         if self.booted {
-            self.deadlines.set(Timer::Ask, now + QUIET);
+            self.deadlines.set(Timer::Ask, now + READ_AFTER);
         }
-        self.deadlines.clear(Timer::Deaf);
+        self.deadlines.clear(Timer::NotAnswering);
     }
 
-    /// A question is under way.
+    /// A request was sent.
     pub(super) fn on_asked(&mut self) {
-        self.asked = self.asked.saturating_add(1);
+        self.pending = self.pending.saturating_add(1);
     }
 
-    /// A question has ended, without an answer or with one.
+    /// A request has ended, with or without an answer.
     pub(super) fn on_answer(&mut self, now: Instant, answered: bool, out: &mut Actions) {
-        self.asked = self.asked.saturating_sub(1);
+        self.pending = self.pending.saturating_sub(1);
         if answered {
             self.unanswered = 0;
             return;
         }
-        // One frame that is lost is asked for again.
+        // A single lost frame is requested again.
         self.unanswered = self.unanswered.saturating_add(1);
-        self.doubt = true;
-        if self.unanswered >= UNANSWERED && self.booted && !self.is_deaf() {
-            self.deadlines.set(Timer::Deaf, now + DEAF);
-            let message =
-                format!("{} drive (node {}) lives but does not answer; the robot stops", self.name, self.node);
+        self.outdated = true;
+        if self.unanswered >= UNANSWERED_MAX && self.booted && !self.is_not_answering() {
+            self.deadlines.set(Timer::NotAnswering, now + UNANSWERED_TIMEOUT);
+            let message = format!(
+                "{} drive (node {}) sends heartbeats but does not answer; the robot stops",
+                self.name, self.node
+            );
             out.report(Severity::Error, Fault::DriveFault, self.name, message);
         }
     }
 
-    /// Whether it is to be booted anew, as it has been deaf for too long; said again where that did not help.
-    pub(super) fn gives_up(&mut self, now: Instant) -> bool {
-        let due = self.deadlines.is_due(Timer::Deaf, now);
+    /// True if the drive is to be booted again because it has not answered for too long; repeated if that does not
+    /// help.
+    pub(super) fn must_reboot(&mut self, now: Instant) -> bool {
+        let due = self.deadlines.is_due(Timer::NotAnswering, now);
         if due {
-            self.deadlines.set(Timer::Deaf, now + DEAF);
+            self.deadlines.set(Timer::NotAnswering, now + UNANSWERED_TIMEOUT);
         }
         due
     }
 
-    /// True while requests are not answered although the drive lives.
-    fn is_deaf(&self) -> bool {
-        self.deadlines.is_set(Timer::Deaf)
+    /// True while requests are not answered although the drive sends heartbeats.
+    fn is_not_answering(&self) -> bool {
+        self.deadlines.is_set(Timer::NotAnswering)
     }
 
-    /// Whether what it measured is still so, as far as can be known.
+    /// True if its measured values are recent, as far as can be known.
     pub(super) fn is_known(&self, now: Instant) -> bool {
-        self.booted && now.since(self.measured) < KNOWN
+        self.booted && now.since(self.measured) < MEASURED_AGE_MAX
     }
 
-    /// It does not do as it is told: stands against motion until it was seen stopped.
-    pub(super) fn distrust(&mut self, now: Instant, why: Trouble) {
+    /// The drive does not obey: blocks motion until it was seen stopped.
+    pub(super) fn block_until_stopped(&mut self, now: Instant, why: Trouble) {
         self.set_trouble(now, why);
-        self.doubt = true;
+        self.outdated = true;
     }
 
     fn set_trouble(&mut self, now: Instant, why: Trouble) {
         self.trouble = Some(why);
-        self.deadlines.set(Timer::Trouble, now + TROUBLE);
+        self.deadlines.set(Timer::Trouble, now + TROUBLE_MIN);
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
@@ -325,7 +332,7 @@ impl Drive {
             self.changed = true;
             match event {
                 AxisEvent::Fault { statusword } => {
-                    self.deadlines.set(Timer::Reset, now + RESET);
+                    self.deadlines.set(Timer::Reset, now + FAULT_RESET_PERIOD);
                     let fault = InFault(self.error_code);
                     let message =
                         format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
@@ -337,7 +344,7 @@ impl Drive {
                 AxisEvent::Stuck { state, goal, statusword, controlword, why } => {
                     let why = Trouble::Stuck { state, goal, statusword, controlword, why };
                     out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
-                    self.distrust(now, why);
+                    self.block_until_stopped(now, why);
                 }
                 AxisEvent::State { from: Some(PowerState::Fault), .. } => {
                     self.deadlines.clear(Timer::Reset);
@@ -348,40 +355,40 @@ impl Drive {
         }
     }
 
-    /// Serves what is due; to be called after every event, before the frames are made.
+    /// Serves the deadlines; called after every event, before frames are generated.
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Trouble, now)
             && let Some(why) = self.trouble.take()
             && !self.axis.is_reached()
         {
-            // It was told to stop and does not: that is no passing trouble.
-            self.distrust(now, why);
+            // The drive does not obey a stop: not a temporary problem.
+            self.block_until_stopped(now, why);
         }
         if self.deadlines.is_due(Timer::Ask, now) {
-            self.deadlines.set(Timer::Ask, now + QUIET);
-            self.doubt = true;
+            self.deadlines.set(Timer::Ask, now + READ_AFTER);
+            self.outdated = true;
         }
         if self.deadlines.is_due(Timer::Reset, now) {
-            self.deadlines.set(Timer::Reset, now + RESET);
+            self.deadlines.set(Timer::Reset, now + FAULT_RESET_PERIOD);
             self.axis.reset_fault(now);
-            self.doubt = true;
+            self.outdated = true;
         }
         self.axis.handle_timeout(now);
         self.drain(now, out);
     }
 
-    /// Sends its frame when it says something new, or something that has not been seen done.
+    /// Sends the command frame if it differs from the last one, or has not taken effect.
     pub(super) fn send(&mut self, now: Instant, master: &mut Master, rpdo: u8, data: [u8; 6]) {
         if !self.booted {
             return;
         }
-        let repeat = self.deadlines.tick(Timer::Repeat, now, REPEAT) && !self.is_at_rest();
+        let repeat = self.deadlines.tick(Timer::Repeat, now, REPEAT_PERIOD) && !self.is_at_rest();
         if (self.sent != Some(data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
             self.sent = Some(data);
         }
     }
 
-    /// Nothing is on its way: what was commanded has been seen, and it is not motion.
+    /// True if nothing is pending: the command took effect, and it is not motion.
     fn is_at_rest(&self) -> bool {
         match self.axis.goal() {
             Goal::Enabled => false,
@@ -389,25 +396,25 @@ impl Drive {
         }
     }
 
-    /// What stands against motion from this drive's side.
+    /// Objection of this drive to motion.
     pub(super) fn objection(&self) -> Option<Objection> {
         if !self.booted {
             return Some(Objection::Absent(self.why));
         }
-        if self.is_deaf() {
-            return Some(Objection::Deaf);
+        if self.is_not_answering() {
+            return Some(Objection::NotAnswering);
         }
         if let Some(why) = self.trouble {
             return Some(Objection::Trouble(why));
         }
         match self.axis.state() {
             Some(PowerState::Fault | PowerState::FaultReactionActive) => Some(Objection::Fault(self.error_code)),
-            None => Some(Objection::Unseen),
+            None => Some(Objection::StateUnknown),
             Some(_) => None,
         }
     }
 
-    /// Its row in `LL_DATA_AXES`, but for what it measures.
+    /// Row of the drive in `LL_DATA_AXES`, without measured values.
     pub(super) fn row(&self, master: &Master, position: f64, velocity: f64) -> lowlevel::Axis {
         lowlevel::Axis {
             name: self.name.into(),
@@ -420,19 +427,19 @@ impl Drive {
         }
     }
 
-    /// Its node, and whether it is to be asked for its state; once.
-    pub(super) fn take_doubt(&mut self) -> (u8, bool) {
-        (self.node, std::mem::take(&mut self.doubt) && self.booted && self.asked == 0)
+    /// Node id, and true once if its state is to be read.
+    pub(super) fn take_outdated(&mut self) -> (u8, bool) {
+        (self.node, std::mem::take(&mut self.outdated) && self.booted && self.pending == 0)
     }
 
-    /// Whether something of its state changed since the last call.
+    /// True if the drive's state changed since the last call.
     pub(super) fn take_changed(&mut self) -> bool {
         std::mem::take(&mut self.changed)
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let mut due = self.deadlines;
-        // Nothing to repeat; the grid goes on.
+        // Nothing to repeat, but the period is kept.
         if self.is_at_rest() {
             due.clear(Timer::Repeat);
         }

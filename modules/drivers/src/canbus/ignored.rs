@@ -1,12 +1,12 @@
-//! Sources whose last command was not followed, and why: at most one cause a source, for as long as a command lives.
+//! Sources whose last command was not followed, with one cause each, for the time to live of a command.
 
 use super::arbiter::{Arbiter, PLANNER, SOURCES_MAX, SourceId};
 use base::{Deadlines, Instant, Key};
 use messages::Hold;
-use module::Standing;
+use module::ActiveHold;
 
-/// A cause for each source of the arbiter. A source that takes another one's row is put here at once, as the arbiter
-/// takes it with a command.
+/// Cause of each source of the arbiter. A source that takes a row of the arbiter's table is entered here with the same
+/// command.
 #[derive(Debug, Default)]
 pub(super) struct Ignored {
     causes: [Option<Hold>; SOURCES_MAX],
@@ -14,34 +14,35 @@ pub(super) struct Ignored {
 }
 
 impl Ignored {
-    /// The last command of a source was not followed for this cause; `None`: it was, or moves nothing.
+    /// Enters the cause for which the last command of a source was not followed; `None` if it was, or commands no
+    /// motion.
     pub(super) fn put(&mut self, until: Instant, source: SourceId, hold: Option<Hold>) {
         self.causes[source.index()] = hold;
         self.deadlines.replace(source, hold.map(|_| until));
     }
 
-    /// Forgets what is older than a command lives.
-    pub(super) fn forget(&mut self, now: Instant) {
+    /// Removes entries older than a command's time to live.
+    pub(super) fn expire(&mut self, now: Instant) {
         while let Some(source) = self.deadlines.pop(now) {
             self.causes[source.index()] = None;
         }
     }
 
-    /// When [`Self::forget`] has something to do.
+    /// Deadline of [`Self::forget`].
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         self.deadlines.next()
     }
 
-    /// True if the planner is among them.
+    /// True if the planner is among the sources.
     pub(super) fn has_planner(&self, arbiter: &Arbiter) -> bool {
         self.rows().any(|(source, _)| arbiter.priority(source) == PLANNER)
     }
 
-    /// As `LL_DATA_HOLD` has them, the highest priority first.
-    pub(super) fn standing<'a>(&'a self, arbiter: &'a Arbiter) -> impl Iterator<Item = Standing<'a>> + Clone {
+    /// Rows for `LL_DATA_HOLD`, highest priority first.
+    pub(super) fn active_holds<'a>(&'a self, arbiter: &'a Arbiter) -> impl Iterator<Item = ActiveHold<'a>> + Clone {
         let of_priority = move |priority| self.rows().filter(move |(source, _)| arbiter.priority(*source) == priority);
         let rows = super::arbiter::PRIORITIES.rev().flat_map(of_priority);
-        rows.map(|(source, hold)| Standing::new(hold, arbiter.name(source)))
+        rows.map(|(source, hold)| ActiveHold::new(hold, arbiter.name(source)))
     }
 
     fn rows(&self) -> impl Iterator<Item = (SourceId, Hold)> + Clone + '_ {
@@ -74,12 +75,12 @@ mod tests {
         ignored.put(late, planner, Some(Hold::PlannerLatched));
         ignored.put(late, nobody, None);
         let told = |ignored: &Ignored, arbiter: &Arbiter| {
-            ignored.standing(arbiter).map(|row| (row.hold, row.subject.to_owned())).collect::<Vec<_>>()
+            ignored.active_holds(arbiter).map(|row| (row.hold, row.subject.to_owned())).collect::<Vec<_>>()
         };
         let latched = (Hold::PlannerLatched, "planner".to_owned());
         assert_eq!(told(&ignored, &arbiter), [(Hold::Contested, "web".into()), latched.clone()]);
         assert_eq!((ignored.poll_timeout(), ignored.has_planner(&arbiter)), (Some(early), true));
-        ignored.forget(early);
+        ignored.expire(early);
         assert_eq!(told(&ignored, &arbiter), [latched]);
         for n in 0..1000 {
             let (source, _) = arbiter.command(Instant::from_millis(1 + n), &command(1, &format!("s{n}")), true);
@@ -88,7 +89,7 @@ mod tests {
         let rows = told(&ignored, &arbiter);
         assert!(rows.len() == SOURCES_MAX && !ignored.has_planner(&arbiter));
         assert!(rows.contains(&(Hold::NotReleased, "s999".into())), "{rows:?}");
-        ignored.forget(Instant::from_millis(2000));
+        ignored.expire(Instant::from_millis(2000));
         assert_eq!((told(&ignored, &arbiter), ignored.poll_timeout()), (vec![], None));
     }
 }

@@ -1,10 +1,10 @@
-//! What stands against any motion, with the figures of each cause: compared by value after every event, put into words only
-//! when a message is made.
+//! Objections to any motion with their details: compared by value after every event, converted to text only for
+//! messages.
 
 use super::{Canbus, NAME, drive, steering, surroundings};
 use base::Fault;
 use messages::Hold;
-use module::Standing;
+use module::ActiveHold;
 
 /// One of the two axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,23 +13,23 @@ pub(super) enum Axis {
     Steering,
 }
 
-/// Why the robot must not move.
+/// Reason why the robot must not move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Objection {
     /// [`Hold::BusDown`] or [`Hold::BusUnacknowledged`].
     Bus(Hold),
     SecondMaster,
     Drive(Axis, drive::Objection),
-    /// This module is not in RUN: the cause of its state.
+    /// The module is not in RUN: the cause of its state.
     State(Hold),
     Around(surroundings::Objection),
-    /// A command was out of limits a moment ago.
+    /// A command was out of limits recently.
     Refused,
     NotHomed(steering::NotHomed),
 }
 
 impl Objection {
-    /// The fault that the stop is reported as; the others have reports of their own.
+    /// Fault as which the stop is reported; `None` for causes with their own reports.
     pub(super) fn fault(self) -> Option<Fault> {
         match self {
             Self::Around(around) => around.fault(),
@@ -39,8 +39,8 @@ impl Objection {
 }
 
 impl Canbus {
-    /// As `LL_DATA_HOLD` has it.
-    pub(super) fn standing(&self, objection: Objection) -> Standing<'_> {
+    /// Row in `LL_DATA_HOLD`.
+    pub(super) fn active_hold(&self, objection: Objection) -> ActiveHold<'_> {
         let bus = self.config.bus.as_str();
         let (hold, subject) = match objection {
             Objection::Bus(hold) => (hold, bus),
@@ -51,19 +51,19 @@ impl Canbus {
             Objection::Refused => (Hold::CommandRefused, ""),
             Objection::NotHomed(why) => (why.hold(), self.steering.drive.name),
         };
-        Standing::new(hold, subject)
+        ActiveHold::new(hold, subject)
     }
 
-    /// The sentence in `LL_DATA_MOTION`, with the figures that the cause has.
+    /// Text in `LL_DATA_MOTION`, with the details of the cause.
     pub(super) fn words(&self, objection: Objection) -> String {
         match objection {
             Objection::Drive(axis, objection) => format!("the {} drive {objection}", self.drive(axis).name),
             Objection::NotHomed(steering::NotHomed::Failed(error)) => {
-                let Standing { hold, subject, .. } = self.standing(objection);
+                let ActiveHold { hold, subject, .. } = self.active_hold(objection);
                 format!("{}: {error}", hold.words(subject))
             }
             _ => {
-                let Standing { hold, subject, .. } = self.standing(objection);
+                let ActiveHold { hold, subject, .. } = self.active_hold(objection);
                 hold.words(subject)
             }
         }

@@ -1,4 +1,4 @@
-//! The drive of the rear axle: m/s in, rpm of the motor shaft out.
+//! Drive of the rear axle: converts m/s to rpm of the motor shaft.
 
 use super::Config;
 use super::drive::Drive;
@@ -11,8 +11,9 @@ use canopen::{Master, NodeConfig};
 use messages::lowlevel;
 use module::Actions;
 
-/// As often as the master's heartbeat, which keeps a drive at its last speed.
-const BLIND: Duration = Duration::from_millis(50);
+/// Period of stop commands to a drive that is not booted: that of the master's heartbeat, which keeps a drive at its
+/// last speed.
+const BLIND_STOP_PERIOD: Duration = Duration::from_millis(50);
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
@@ -20,16 +21,16 @@ pub(super) struct Propulsion {
     units: Units,
     target_rpm: i32,
     goal: Goal,
-    /// As the drive says, m/s; NaN before it did.
+    /// Measured speed, m/s; NaN if unknown.
     speed: f64,
-    /// When a drive that is not booted is told to stop, the next time.
+    /// Next stop command to a drive that is not booted.
     blind: Option<Instant>,
 }
 
 impl Propulsion {
     pub(super) fn new(config: &Config) -> Self {
         let own = &config.propulsion;
-        // The drive's rates are rpm and rpm/s; its position is not used.
+        // The drive's speeds are rpm and rpm/s; its position is not used.
         let units = Units::new(own.rpm_per_mps, own.rpm_per_mps, own.rpm_per_mps);
         let parameters = cia402::Parameters {
             // A margin above the limit of commands, for the drive's own controller.
@@ -69,23 +70,23 @@ impl Propulsion {
         self.drive.on_measured(now);
     }
 
-    /// How fast it turns is not known until it tells.
+    /// The speed is unknown until the next measured value.
     pub(super) fn on_lost(&mut self) {
         self.speed = f64::NAN;
     }
 
-    /// Whether it is known to turn slower than `limit`, m/s.
+    /// True if its speed is known to be below `limit`, m/s.
     pub(super) fn is_slower(&self, now: Instant, limit: f64) -> bool {
         self.drive.is_known(now) && self.speed.abs() < limit
     }
 
-    /// Drive at `speed`, m/s.
+    /// Drives at `speed`, m/s.
     pub(super) fn drive(&mut self, speed: f64) {
         self.goal = Goal::Enabled;
         self.target_rpm = self.units.velocity(speed);
     }
 
-    /// Stop by the quick stop ramp, and stay stopped.
+    /// Stops by the quick stop ramp and stays stopped.
     pub(super) fn quick_stop(&mut self) {
         self.goal = Goal::QuickStop;
         self.target_rpm = 0;
@@ -98,10 +99,10 @@ impl Propulsion {
         self.drive.send(now, master, epos::PDOS.rpdo, data);
     }
 
-    /// A quick stop for a drive that is not booted. It may turn yet, at its last speed: this module was started anew, or
-    /// the bus was away for less than the drive's patience, and our heartbeat is there again. To be asked after every
-    /// event, and sent before all else: a reset of its communication makes it deaf, and does not stop it. Until it is
-    /// booted it is told again and again; one that is not operational does not listen.
+    /// Quick stop of a drive that is not booted. It may still turn at its last speed: after a restart of this module,
+    /// or a bus failure shorter than the drive's timeout, it receives our heartbeat again. To be called after every
+    /// event, and sent before all other frames: a reset of its communication makes it deaf without stopping it.
+    /// Repeated until it is booted, because a drive that is not operational ignores PDOs.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
         if !bus_is_up || self.drive.is_booted() {
             self.blind = None;
@@ -110,7 +111,7 @@ impl Propulsion {
         if self.blind.is_some_and(|at| now < at) {
             return None;
         }
-        self.blind = Some(now + BLIND);
+        self.blind = Some(now + BLIND_STOP_PERIOD);
         let rpdo = Service::Rpdo { node: self.drive.node, number: epos::PDOS.rpdo };
         Some(Frame::standard(rpdo.cob_id(), &cia402::pack(epos::QUICK_STOP, 0)))
     }
@@ -119,7 +120,7 @@ impl Propulsion {
         earliest([self.blind, self.drive.poll_timeout()])
     }
 
-    /// m/s as the drive measures it; zero before it told.
+    /// Measured speed, m/s; 0 if unknown.
     pub(super) fn speed(&self) -> f64 {
         if self.speed.is_nan() { 0.0 } else { self.speed }
     }

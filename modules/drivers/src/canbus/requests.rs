@@ -1,7 +1,7 @@
-//! `LL_CMD_SDO`: objects of any node, read and written for engineers while the robot is up.
+//! `LL_CMD_SDO`: engineers' access to the objects of any node while the robot is up.
 //!
-//! What moves a drive, or guards it, belongs to this driver and is not written for anybody; the rest of a drive of
-//! ours is written only while the robot stands.
+//! Objects that move or supervise a drive belong to this driver and cannot be written; the other objects of our drives
+//! can be written only while the robot stands.
 
 use base::Instant;
 use canopen::master::{RequestError, Ticket};
@@ -9,57 +9,57 @@ use canopen::{Abort, Master, sdo};
 use messages::lowlevel::{CmdSdo, DataSdo};
 use module::Actions;
 
-/// Requests under way at a time; further ones are refused.
-const MAX: usize = 32;
+/// Maximum number of pending requests; further ones are rejected.
+const PENDING_MAX: usize = 32;
 
-/// Longer data is written by block transfer, where the node knows that.
-const BLOCK: usize = 128;
+/// Length above which data is written by block transfer, if the node supports that, bytes.
+const BLOCK_MIN: usize = 128;
 
-/// A request under way.
+/// A pending request.
 struct Pending {
     ticket: Ticket,
     request: CmdSdo,
 }
 
-/// All of them.
+/// All pending requests.
 #[derive(Default)]
 pub(super) struct Requests(Vec<Pending>);
 
-/// What the driver knows of the node that is asked.
+/// Relation of the requested node to this driver.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Whose {
-    /// A drive of ours; the robot is known to stand, or not.
+pub(super) enum NodeOwner {
+    /// One of our drives; `standing` if the robot is known to stand.
     Ours { standing: bool },
-    /// Some other node's.
+    /// Any other node.
     Others,
 }
 
 impl Requests {
-    /// Begins, or answers at once with why not.
+    /// Starts a request, or answers at once with the reason of rejection.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
         request: &CmdSdo,
-        whose: Whose,
+        owner_of: NodeOwner,
         master: &mut Master,
         out: &mut Actions,
     ) {
-        if let Err(abort) = self.begin(now, request, whose, master) {
+        if let Err(abort) = self.begin(now, request, owner_of, master) {
             answer(now, request, Err(abort), out);
         }
     }
 
-    fn begin(&mut self, now: Instant, request: &CmdSdo, whose: Whose, master: &mut Master) -> Result<(), Abort> {
+    fn begin(&mut self, now: Instant, request: &CmdSdo, owner_of: NodeOwner, master: &mut Master) -> Result<(), Abort> {
         let node = u8::try_from(request.node).ok().filter(|node| (1..=127).contains(node)).ok_or(Abort::NO_RESOURCE)?;
         let index = u16::try_from(request.index).map_err(|_| Abort::NO_OBJECT)?;
         let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
-        if self.0.len() >= MAX {
+        if self.0.len() >= PENDING_MAX {
             return Err(Abort::OUT_OF_MEMORY);
         }
         let data = request.data.as_slice();
         let ticket = if request.write {
-            may_write(index, whose)?;
-            let write = if data.len() > BLOCK { Master::sdo_write_block } else { Master::sdo_write };
+            may_write(index, owner_of)?;
+            let write = if data.len() > BLOCK_MIN { Master::sdo_write_block } else { Master::sdo_write };
             write(master, now, node, index, sub, data)
         } else {
             master.sdo_read(now, node, index, sub)
@@ -69,12 +69,12 @@ impl Requests {
             RequestError::QueueFull => Abort::OUT_OF_MEMORY,
             RequestError::TooLong => Abort::TOO_LONG,
         })?;
-        // What was sent once is not kept twice.
+        // The data is in the transfer and not needed again.
         self.0.push(Pending { ticket, request: CmdSdo { data: Vec::new(), ..request.clone() } });
         Ok(())
     }
 
-    /// A transfer ended; false when it was not one of these.
+    /// A transfer ended; false if it is not one of these requests.
     pub(super) fn on_end(
         &mut self,
         now: Instant,
@@ -91,17 +91,17 @@ impl Requests {
     }
 }
 
-/// Whether an object may be written for somebody else.
-fn may_write(index: u16, whose: Whose) -> Result<(), Abort> {
-    match (whose, index) {
-        (Whose::Others, _) => Ok(()),
+/// Checks that an object may be written by an engineer.
+fn may_write(index: u16, owner_of: NodeOwner) -> Result<(), Abort> {
+    match (owner_of, index) {
+        (NodeOwner::Others, _) => Ok(()),
         // Identifiers, error control, PDOs; controlword, mode, halt and quick stop reactions, set-points, homing.
-        (Whose::Ours { .. }, 0x1005..=0x1007 | 0x100C | 0x100D | 0x1010..=0x1019 | 0x1029 | 0x1400..=0x1BFF)
-        | (Whose::Ours { .. }, 0x6007 | 0x6040 | 0x605A..=0x6060 | 0x6071 | 0x607A | 0x607C | 0x6098 | 0x60FF) => {
+        (NodeOwner::Ours { .. }, 0x1005..=0x1007 | 0x100C | 0x100D | 0x1010..=0x1019 | 0x1029 | 0x1400..=0x1BFF)
+        | (NodeOwner::Ours { .. }, 0x6007 | 0x6040 | 0x605A..=0x6060 | 0x6071 | 0x607A | 0x607C | 0x6098 | 0x60FF) => {
             Err(Abort::LOCAL_CONTROL)
         }
-        (Whose::Ours { standing: false }, _) => Err(Abort::DEVICE_STATE),
-        (Whose::Ours { standing: true }, _) => Ok(()),
+        (NodeOwner::Ours { standing: false }, _) => Err(Abort::DEVICE_STATE),
+        (NodeOwner::Ours { standing: true }, _) => Ok(()),
     }
 }
 

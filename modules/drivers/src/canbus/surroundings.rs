@@ -1,44 +1,44 @@
-//! What besides the drives the motion depends on: the critical modules, the watchdog, the PAUSE line, the estimate.
+//! Conditions of motion outside the drives: the critical modules, the watchdog, the PAUSE line, the estimate.
 
 use base::{Deadlines, Duration, Fault, Instant};
 use messages::{Hold, StopSource, common, lowlevel, middlelevel};
 use module::sabotage::{self, Bug};
 
-/// `CM_DATA_PROCESSES` comes ten times a second; without it for this long the watchdog is not heard.
-const WATCHDOG_SILENT: Duration = Duration::from_millis(250);
-/// `LL_EVENT_STOP` comes every 500 ms; without it for this long the PAUSE line is unknown.
-const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
-/// The planner may not drive by an estimate older than this.
-const ESTIMATE_OLD: Duration = Duration::from_millis(200);
+/// `CM_DATA_PROCESSES` is sent ten times a second; after this time without it the watchdog counts as silent.
+const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(250);
+/// `LL_EVENT_STOP` is sent every 500 ms; after this time without it the state of the PAUSE line is unknown.
+const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
+/// Maximum age of an estimate by which the planner may drive.
+const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 
 base::deadlines! {
-    /// When what was received last is too old. A deadline that has come stays: so does what follows from it.
+    /// Deadlines of received data. A past deadline stays, and so does its consequence.
     enum Timer {
-        /// The watchdog is silent. Set from its first list on: without it this module is run by hand, and nothing guards
-        /// the others.
+        /// The watchdog is silent. Set from its first list on: without a list this module was started by a person, and
+        /// the others are not supervised.
         Watchdog,
-        /// The state of the PAUSE line is unknown. Set where there is a power controller.
+        /// The state of the PAUSE line is unknown. Set if there is a power controller.
         Pause,
-        /// The estimate is too old for the planner. Set while there is one.
+        /// The estimate is too old for the planner. Set if there is one.
         Estimate,
     }
 }
 
-/// Why the robot must not move, whatever anybody commands.
+/// Reason why the robot must not move, whatever the command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Objection {
-    /// A module that the motion depends on does not run: its place in the configuration's list.
+    /// A module that motion depends on does not run: its index in the configuration's list.
     Critical(usize),
-    /// The watchdog was heard once and is not heard now.
+    /// The watchdog has become silent.
     WatchdogSilent,
-    /// The PAUSE line is engaged, by this source.
+    /// The PAUSE line is engaged by this source.
     Paused(StopSource),
-    /// The PAUSE line is not heard of.
+    /// The state of the PAUSE line is unknown.
     PauseUnknown,
 }
 
 impl Objection {
-    /// The fault to report it as; an engaged PAUSE line is not a fault.
+    /// Fault as which it is reported; an engaged PAUSE line is not a fault.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         match self {
@@ -49,52 +49,52 @@ impl Objection {
     }
 }
 
-/// State of the PAUSE line as reported last.
+/// Last reported state of the PAUSE line.
 #[derive(Clone, Debug, PartialEq)]
 enum PauseLine {
     /// Nothing was received yet.
     Unknown,
     Open,
-    /// By a source, and its name as it was reported.
+    /// Source, and its name as reported.
     Engaged(StopSource, String),
 }
 
-/// What was last heard of the surroundings, each with when.
+/// Last received data about the surroundings.
 #[derive(Debug)]
 pub struct Surroundings {
     critical: Vec<String>,
-    /// Those that the motion depends on while the planner commands it.
+    /// Modules that motion depends on while the planner commands it.
     planning: Vec<String>,
     has_pause_line: bool,
-    /// Places in `critical` of those that do not run.
+    /// Indices in `critical` of modules that do not run.
     critical_missing: Vec<usize>,
-    /// Places in `planning` of those that do not run.
+    /// Indices in `planning` of modules that do not run.
     planning_missing: Vec<usize>,
     pause: PauseLine,
     deadlines: Deadlines<Timer>,
 }
 
 impl Surroundings {
-    /// Nothing heard yet. `has_pause_line`: the robot has a power controller that tells of the PAUSE line.
+    /// Creates the state with nothing received. `has_pause_line`: a power controller reports the PAUSE line.
     #[must_use]
     pub fn new(critical: Vec<String>, planning: Vec<String>, has_pause_line: bool) -> Self {
         let mut deadlines = Deadlines::new();
         if has_pause_line {
-            deadlines.set(Timer::Pause, Instant::ZERO + PAUSE_UNKNOWN);
+            deadlines.set(Timer::Pause, Instant::ZERO + PAUSE_TIMEOUT);
         }
         let pause = if has_pause_line { PauseLine::Unknown } else { PauseLine::Open };
         let (critical_missing, planning_missing) = (Vec::new(), Vec::new());
         Self { critical, planning, has_pause_line, critical_missing, planning_missing, pause, deadlines }
     }
 
-    /// The watchdog's list, received at `at`.
+    /// Processes the watchdog's list, received at `at`.
     pub fn on_processes(&mut self, at: Instant, list: &common::DataProcesses) {
         let runs = |name: &str| list.processes.iter().any(|p| p.module == name && p.phase == common::Process::RUNNING);
         let missing = |names: &[String], missing: &mut Vec<usize>| {
             missing.clear();
             missing.extend((0..names.len()).filter(|place| !runs(&names[*place])));
         };
-        self.deadlines.set(Timer::Watchdog, at + WATCHDOG_SILENT);
+        self.deadlines.set(Timer::Watchdog, at + WATCHDOG_TIMEOUT);
         missing(&self.planning, &mut self.planning_missing);
         missing(&self.critical, &mut self.critical_missing);
         if sabotage::is(Bug::CriticalIgnored) {
@@ -102,39 +102,39 @@ impl Surroundings {
         }
     }
 
-    /// The PAUSE line, received at `at`.
+    /// Processes the state of the PAUSE line, received at `at`.
     pub fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
         let engaged = stop.engaged && !sabotage::is(Bug::PauseIgnored);
         let source = StopSource::from_name(&stop.source);
         self.pause = if engaged { PauseLine::Engaged(source, stop.source.clone()) } else { PauseLine::Open };
         if self.has_pause_line {
-            self.deadlines.set(Timer::Pause, at + PAUSE_UNKNOWN);
+            self.deadlines.set(Timer::Pause, at + PAUSE_TIMEOUT);
         }
     }
 
-    /// An estimate, received at `at`; a lost one does not count.
+    /// Processes an estimate, received at `at`; a lost one does not count.
     pub fn on_estimate(&mut self, at: Instant, estimate: &middlelevel::DataEstimate) {
         let known = estimate.quality >= middlelevel::DataEstimate::COARSE;
-        self.deadlines.replace(Timer::Estimate, known.then_some(at + ESTIMATE_OLD));
+        self.deadlines.replace(Timer::Estimate, known.then_some(at + ESTIMATE_AGE_MAX));
     }
 
-    /// All that stands against any motion at `now`, the weightiest first.
+    /// All objections to any motion at `now`, main one first.
     pub fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
         let pause = match &self.pause {
             _ if self.deadlines.is_due(Timer::Pause, now) => Some(Objection::PauseUnknown),
             PauseLine::Unknown => Some(Objection::PauseUnknown),
-            // Whoever says so: without a power controller too.
+            // From any sender, even without a power controller.
             PauseLine::Engaged(source, _) => Some(Objection::Paused(*source)),
             PauseLine::Open => None,
         };
         let silent = self.deadlines.is_due(Timer::Watchdog, now) && !sabotage::is(Bug::WatchdogNotMissed);
-        // A list that is old tells nothing of the modules.
+        // An outdated list says nothing about the modules.
         let missing = if silent { &[][..] } else { &self.critical_missing };
         let missing = missing.iter().map(|place| Objection::Critical(*place));
         pause.into_iter().chain(silent.then_some(Objection::WatchdogSilent)).chain(missing)
     }
 
-    /// The cause on `LL_DATA_HOLD`, and the name of its subject.
+    /// Cause in `LL_DATA_HOLD` with its subject.
     #[must_use]
     pub fn hold(&self, objection: Objection) -> (Hold, &str) {
         match objection {
@@ -148,8 +148,8 @@ impl Surroundings {
         }
     }
 
-    /// Why the planner may not drive, beyond what stands against any motion: it, or the estimator, does not run, or it
-    /// has no estimate to drive by. Each with the name of its subject.
+    /// Further objections to motion by the planner: planner or estimator does not run, or there is no valid estimate.
+    /// Each with its subject.
     pub fn objections_to_planner(&self, now: Instant) -> impl Iterator<Item = (Hold, &str)> + Clone + '_ {
         let missing = self.planning_missing.iter().map(|place| (Hold::PlannerModule, name(&self.planning, *place)));
         let located = self.deadlines.get(Timer::Estimate).is_some_and(|old| now < old);
@@ -157,7 +157,7 @@ impl Surroundings {
         missing.chain((!located).then_some((Hold::PlannerNoEstimate, "")))
     }
 
-    /// When, after `now`, silence may make an objection or an old estimate, if nothing is heard until then.
+    /// Next deadline after `now` at which missing data becomes an objection.
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
         self.deadlines.next_after(now)
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_critical_module_that_does_not_run_stands_against_motion() {
+    fn a_critical_module_that_does_not_run_blocks_motion() {
         let mut around = Surroundings::new(vec!["eyes".into()], vec![], false);
         assert_eq!(around.objection(at(0)), None, "run by hand, without a watchdog");
         around.on_processes(at(0), &processes(&["nerves"]));
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pause_line_must_be_known_and_open_where_there_is_one() {
+    fn the_pause_line_must_be_known_and_released_if_present() {
         let mut around = Surroundings::new(vec![], vec![], true);
         assert_eq!(around.objection(at(0)), Some(Objection::PauseUnknown), "nothing was received yet");
         let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_stands_is_listed_with_its_subject() {
+    fn all_objections_are_listed_with_their_subjects() {
         let mut around = Surroundings::new(vec!["eyes".into(), "nerves".into(), "ears".into()], vec![], true);
         around.on_processes(at(0), &processes(&["nerves"]));
         let told = |around: &Surroundings, now| {
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_deadline_that_is_past_hides_none_that_comes() {
+    fn a_past_deadline_does_not_hide_a_future_one() {
         let mut around = Surroundings::new(vec![], vec![], true);
         around.on_processes(at(0), &processes(&[]));
         around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() });
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_or_old_estimate_does_not_carry_the_planner() {
+    fn a_lost_or_old_estimate_stops_the_planner() {
         let mut around = Surroundings::new(vec![], vec![], false);
         let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_module_that_the_planner_needs_stands_against_the_planner_alone() {
+    fn a_module_that_the_planner_needs_blocks_only_the_planner() {
         let mut around = Surroundings::new(vec![], vec!["map".into()], false);
         let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);

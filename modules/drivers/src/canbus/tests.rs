@@ -1,4 +1,4 @@
-//! The module against fake drives, in virtual time: each rule of who may move the robot, and what stops it.
+//! The module with fake drives in virtual time: every rule about permission to move, and every cause of a stop.
 
 mod bus;
 mod fake;
@@ -53,7 +53,7 @@ fn config() -> Config {
     }
 }
 
-/// The module, both drives, a wire that takes no time, and a watchdog that finds everything well.
+/// The module, both drives, a wire without delay, and a watchdog that reports all modules running.
 struct Robot {
     bench: Bench,
     epos: Fake,
@@ -92,7 +92,7 @@ impl Robot {
         robot
     }
 
-    /// Booted, homed, nobody commands.
+    /// Booted and homed, without a command.
     fn ready() -> Self {
         let mut robot = Self::new();
         robot.pass(3000);
@@ -183,18 +183,18 @@ impl Robot {
         self.motion().reason.clone()
     }
 
-    /// All that stands against motion: cause and subject.
+    /// Cause and subject of all holds.
     fn holds(&self) -> Vec<(Hold, &str)> {
         let cause = |hold: &lowlevel::Hold| hold.cause().expect("a number of this version");
         self.holds.holds.iter().map(|hold| (cause(hold), hold.subject.as_str())).collect()
     }
 
-    /// The weightiest of it.
+    /// Main hold.
     fn hold(&self) -> Option<Hold> {
         self.holds.first()
     }
 
-    /// The last RPDO4 and when it left.
+    /// Last RPDO4 and its time.
     fn last_rpdo4(&self) -> (Instant, [u8; 6]) {
         let (at, frame) = self.frames.iter().rev().find(|(_, frame)| frame.id() == can::Id::Standard(0x501)).unwrap();
         (*at, frame.data().try_into().unwrap())
@@ -235,7 +235,7 @@ fn a_command_is_on_the_bus_in_the_same_turn() {
 }
 
 #[test]
-fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
+fn silence_is_a_quick_stop_after_the_time_to_live() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     assert!(robot.moves());
@@ -253,7 +253,7 @@ fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
 }
 
 #[test]
-fn a_command_out_of_limits_or_not_a_number_stops_whoever_moves() {
+fn a_command_out_of_limits_or_not_a_number_stops_any_source() {
     for (speed, steering) in [(f64::NAN, 0.0), (0.0, f64::INFINITY), (1.3, 0.0), (0.4, -0.7)] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
@@ -261,7 +261,7 @@ fn a_command_out_of_limits_or_not_a_number_stops_whoever_moves() {
         robot.command(speed, steering);
         assert!(!robot.moves(), "{speed} {steering}");
         assert!(robot.errors.contains(&(Fault::MotionRefused, Severity::Error)));
-        // The honest source goes on commanding and must let go first.
+        // The correct source keeps commanding and must send zero or nothing first.
         robot.drive(0.4, 600);
         assert!(!robot.moves());
         robot.drive(0.0, 100);
@@ -321,21 +321,21 @@ fn a_lost_drive_stops_the_other_one_and_is_booted_again() {
     robot.drive(0.4, 500);
     robot.icla.alive = false;
     robot.drive(0.4, 250);
-    assert!(!robot.moves(), "the propulsion goes on without steering");
+    assert!(!robot.moves(), "the propulsion continues without steering");
     assert_eq!(robot.bench.shell.state(), State::Error);
     assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Error)));
     robot.icla.alive = true;
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Run);
     assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Notice)));
-    assert!(robot.motion().homed && !robot.moves(), "homed again, and waits to be asked anew");
+    assert!(robot.motion().homed && !robot.moves(), "homed again, waiting for a new command");
     robot.drive(0.0, 100);
     robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
 }
 
 #[test]
-fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
+fn a_drive_in_fault_stops_the_robot_and_is_reset_with_pauses() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     let now = robot.bench.now();
@@ -354,7 +354,7 @@ fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
 
 #[test]
 fn a_drive_that_is_not_the_configured_one_never_moves() {
-    // Node 1 answers as the steering drive does.
+    // Node 1 answers like the steering drive.
     let mut robot = Robot::with(icla::dictionary(1), config());
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Init);
@@ -372,16 +372,16 @@ fn a_drive_that_is_not_the_configured_one_never_moves() {
 fn another_master_on_the_bus_stops_the_robot() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
-    // Its heartbeat would keep the drives running when ours is gone.
+    // Its heartbeat would keep the drives running after ours is gone.
     robot.bench.can(PortId(0), can::Frame::standard(0x77F, &[0x05]));
     robot.drive(0.4, 200);
     assert!(!robot.moves());
     assert_eq!(robot.holds()[0], (Hold::SecondMaster, "can.main"));
-    // Nor does the steering move: what is asked of it waits.
+    // The steering does not move either: its goal waits.
     robot.pass(1000);
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     robot.pass(1000);
-    assert!(!robot.motion().homed, "it was homed meanwhile");
+    assert!(!robot.motion().homed, "it was homed");
     robot.pass(12_000);
     robot.drive(0.4, 300);
     assert!(robot.moves(), "{}", robot.reason());
@@ -411,7 +411,7 @@ fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
 }
 
 #[test]
-fn a_lost_port_is_told_and_everything_begins_again_when_it_is_back() {
+fn a_lost_port_is_reported_and_its_return_restarts_everything() {
     let mut robot = Robot::ready();
     robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("cable pulled") });
     robot.pass(500);
@@ -441,7 +441,7 @@ fn the_end_waits_until_the_robot_stands() {
 }
 
 #[test]
-fn homing_is_for_the_steering_and_for_a_robot_that_stands() {
+fn homing_applies_to_the_steering_at_standstill() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     let homing = |axis: &str| lowlevel::CmdHoming { timestamp: 0, axis: axis.into() };
@@ -474,7 +474,7 @@ fn any_frames_on_the_bus_are_survived() {
         robot.pass(random() % 2);
     }
     robot.pass(10_000);
-    // Homing may have met with a false statusword; then it waits for somebody's word.
+    // Homing may have seen a wrong statusword; then it waits for an operator's command.
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     robot.pass(10_000);
     assert!(robot.motion().homed, "{}", robot.reason());

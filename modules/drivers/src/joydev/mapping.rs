@@ -1,8 +1,8 @@
-//! What a device's axes and buttons are for, and why one cannot drive the robot.
+//! Assignment of a device's axes and buttons, and reasons why a device cannot drive the robot.
 //!
 //! A gamepad by the kernel's rule (`Documentation/input/gamepad.rst`) has `BTN_SOUTH`, its left stick is `ABS_X` and
 //! `ABS_Y`, its right one `ABS_RX` and `ABS_RY`. A joystick has `BTN_TRIGGER` and `ABS_X`, `ABS_Y`. Values grow to the
-//! right and towards the one who holds it.
+//! right and towards the user.
 
 use super::config::{Config, StickConfig};
 use base::gamepad::{
@@ -12,39 +12,39 @@ use base::gamepad::{
 use std::borrow::Cow;
 use std::fmt;
 
-/// Where such devices have what asks for the speed: the first that it has.
+/// Axes for the speed, in order of preference.
 const SPEED: &[u16] = &[ABS_Y, ABS_RY, ABS_HAT0Y];
-/// And for the steering, a gamepad and any other.
+/// Axes for the steering of a gamepad, and of other devices.
 const STEERING_OF_PAD: &[u16] = &[ABS_RX, ABS_X, ABS_HAT0X];
 const STEERING: &[u16] = &[ABS_X, ABS_RX, ABS_WHEEL, ABS_HAT0X];
-/// And the dead-man button.
+/// Dead-man buttons, in order of preference.
 const DEAD_MAN: &[u16] = &[BTN_TL, BTN_TRIGGER];
 
-/// What a device's axes and buttons are for.
+/// Assignment of a device's axes and buttons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
-    /// Forward is positive, m/s.
+    /// Axis of the speed, m/s; forward is positive.
     pub speed: Stick,
-    /// Left is positive, rad.
+    /// Axis of the steering, rad; left is positive.
     pub steering: Stick,
-    /// Held, it lets the sticks move the robot.
+    /// Button that must be held for the sticks to move the robot.
     pub dead_man: u16,
 }
 
-/// Why a device cannot drive the robot.
+/// Reason why a device cannot drive the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// There is no axis for this.
+    /// It has no axis for this purpose.
     NoAxis(&'static str),
-    /// The axis that is set for this is not there.
+    /// It lacks the axis that is configured for this purpose.
     AxisMissing(&'static str, u16),
-    /// There is one axis for both.
+    /// It has only one axis for both.
     OneAxis(u16),
-    /// An axis that has no two ends with a middle.
+    /// The range of an axis is too small or inverted.
     NoRange(Axis),
-    /// There is no button.
+    /// It has no button.
     NoButton,
-    /// The button that is set for the dead man is not there.
+    /// It lacks the configured dead-man button.
     ButtonMissing(u16),
 }
 
@@ -52,31 +52,31 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::NoAxis(what) => write!(f, "it has no axis for the {what}"),
-            Self::AxisMissing(what, code) => write!(f, "it has no {}, which is set for the {what}", axis(code)),
+            Self::AxisMissing(what, code) => write!(f, "it has no {}, which is configured for the {what}", axis(code)),
             Self::OneAxis(code) => write!(f, "it has only {} for speed and steering", axis(code)),
             Self::NoRange(Axis { code, min, max, .. }) => write!(f, "its {} goes from {min} to {max}", axis(code)),
             Self::NoButton => f.write_str("it has no button for the dead man"),
-            Self::ButtonMissing(code) => write!(f, "it has no {}, which is set for the dead man", button(code)),
+            Self::ButtonMissing(code) => write!(f, "it has no {}, which is configured for the dead man", button(code)),
         }
     }
 }
 
-/// An axis for people.
+/// Name of an axis for people.
 pub fn axis(code: u16) -> Cow<'static, str> {
     axis_name(code).map_or_else(|| format!("axis {code:#04x}").into(), Cow::Borrowed)
 }
 
-/// A button for people.
+/// Name of a button for people.
 pub fn button(code: u16) -> Cow<'static, str> {
     button_name(code).map_or_else(|| format!("button {code:#05x}").into(), Cow::Borrowed)
 }
 
 impl Mapping {
-    /// Says what is for what, by the configuration and else by what the device has.
+    /// Assigns axes and buttons by the configuration, or else by those that the device has.
     pub fn of(config: &Config, device: &Device) -> Result<Self, Refusal> {
         let is_pad = device.button(BTN_SOUTH).is_some();
         let steering = if is_pad { STEERING_OF_PAD } else { STEERING };
-        // What is set for one is not taken for the other.
+        // An axis that is configured for one purpose is not used for the other.
         let speed = pick(device, "speed", config.speed.axis, config.steering.axis, SPEED)?;
         let steering = pick(device, "steering", config.steering.axis, Some(speed.code), steering)?;
         let has = |code: &u16| device.button(*code).is_some();
@@ -96,7 +96,7 @@ impl Mapping {
     }
 }
 
-/// The axis for something: the one that is set, else the first of the usual ones, else any.
+/// Selects the axis for a purpose: the configured one, else the first of the usual ones, else any.
 fn pick<'a>(
     device: &'a Device,
     what: &'static str,
@@ -119,7 +119,7 @@ fn pick<'a>(
     }
 }
 
-/// An axis that asks for something.
+/// An axis with its conversion to a requested value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stick {
     /// `ABS_…`
@@ -134,13 +134,13 @@ pub struct Stick {
 
 impl Stick {
     fn new(config: &StickConfig, axis: &Axis) -> Result<Self, Refusal> {
-        // Where the least is above the greatest, values are not where the device says: the kernel passes on 0 to -1 for
-        // a byte whose upper end was misread.
+        // With minimum above maximum the device's description is wrong: the kernel passes on 0 to -1 for a byte whose
+        // upper end was misread.
         if i64::from(axis.max) - i64::from(axis.min) < 2 {
             return Err(Refusal::NoRange(*axis));
         }
         let half = (f64::from(axis.max) - f64::from(axis.min)) / 2.0;
-        // What would leave less than a tenth of the way is no dead zone but nonsense.
+        // A dead zone that leaves less than a tenth of the range is invalid.
         let flat = Some(f64::from(axis.flat) / half).filter(|flat| (0.0..=0.9).contains(flat));
         Ok(Self {
             code: axis.code,
@@ -153,28 +153,28 @@ impl Stick {
         })
     }
 
-    /// Where it is on its way, -1 to 1; what is beyond an end is at it.
-    fn way(&self, raw: i32) -> f64 {
+    /// Relative deflection, -1 to 1; values beyond an end are clamped.
+    fn deflection(&self, raw: i32) -> f64 {
         let (min, max, raw) = (f64::from(self.min), f64::from(self.max), f64::from(raw.clamp(self.min, self.max)));
         (2.0 * (raw - min) / (max - min) - 1.0).clamp(-1.0, 1.0)
     }
 
-    /// Whether it is in the middle.
+    /// True if the stick is centred.
     pub fn is_centred(&self, raw: i32) -> bool {
         // The middle of 0 to 255 is between two values.
         let step = 1.0 / (f64::from(self.max) - f64::from(self.min));
-        self.way(raw).abs() <= self.dead_zone.max(step)
+        self.deflection(raw).abs() <= self.dead_zone.max(step)
     }
 
-    /// What it asks for, at most its limit either way.
-    pub fn asks(&self, raw: i32) -> f64 {
+    /// Requested value, limited to the configured limit either way.
+    pub fn value(&self, raw: i32) -> f64 {
         if self.is_centred(raw) {
             return 0.0;
         }
-        let way = self.way(raw);
-        let size = (way.abs() - self.dead_zone) / (1.0 - self.dead_zone);
+        let deflection = self.deflection(raw);
+        let size = (deflection.abs() - self.dead_zone) / (1.0 - self.dead_zone);
         let size = (1.0 - self.expo) * size + self.expo * size * size * size;
-        (self.limit * size.min(1.0)).copysign(self.sign * way)
+        (self.limit * size.min(1.0)).copysign(self.sign * deflection)
     }
 }
 
@@ -207,20 +207,20 @@ mod tests {
     }
 
     #[test]
-    fn the_ends_ask_for_the_limit_and_the_middle_for_nothing() {
+    fn the_ends_give_the_limit_and_the_middle_zero() {
         let stick = stick(STICK, 0, 255);
-        assert_eq!([0, 127, 128, 255].map(|raw| stick.asks(raw)), [0.6, 0.0, 0.0, -0.6]);
+        assert_eq!([0, 127, 128, 255].map(|raw| stick.value(raw)), [0.6, 0.0, 0.0, -0.6]);
         // 10 % of 127.5 around 127.5.
         assert!(stick.is_centred(115) && !stick.is_centred(114) && stick.is_centred(140) && !stick.is_centred(141));
-        assert!(stick.asks(114) > 0.0 && stick.asks(114) < 0.01, "it begins softly");
-        assert_eq!([i32::MIN, i32::MAX].map(|raw| stick.asks(raw)), [0.6, -0.6], "beyond the ends");
+        assert!(stick.value(114) > 0.0 && stick.value(114) < 0.01, "it begins softly");
+        assert_eq!([i32::MIN, i32::MAX].map(|raw| stick.value(raw)), [0.6, -0.6], "beyond the ends");
     }
 
     #[test]
     fn expo_is_fine_near_the_middle_and_keeps_the_ends() {
         let stick = stick(StickConfig { expo: 0.5, dead_zone: 0.0, inverted: true, ..STICK }, -1000, 1000);
-        assert_eq!([-1000, 0, 1000].map(|raw| stick.asks(raw)), [-0.6, 0.0, 0.6]);
-        assert!((stick.asks(500) - 0.6 * (0.25 + 0.0625)).abs() < 1e-12);
+        assert_eq!([-1000, 0, 1000].map(|raw| stick.value(raw)), [-0.6, 0.0, 0.6]);
+        assert!((stick.value(500) - 0.6 * (0.25 + 0.0625)).abs() < 1e-12);
     }
 
     #[test]
@@ -230,23 +230,23 @@ mod tests {
             for max in values.into_iter().filter(|max| i64::from(*max) - i64::from(min) > 1) {
                 for config in [STICK, StickConfig { expo: 1.0, dead_zone: 0.9, ..STICK }] {
                     let stick = stick(config, min, max);
-                    let all = values.map(|raw| stick.asks(raw));
-                    assert!(all.iter().all(|asked| asked.abs() <= 0.6), "{min} {max} {all:?}");
+                    let all = values.map(|raw| stick.value(raw));
+                    assert!(all.iter().all(|demand| demand.abs() <= 0.6), "{min} {max} {all:?}");
                     assert!(all.is_sorted_by(|a, b| a >= b), "{min} {max} {all:?}");
-                    assert!(stick.asks(min) == 0.6 && stick.asks(max) == -0.6, "{min} {max} {all:?}");
+                    assert!(stick.value(min) == 0.6 && stick.value(max) == -0.6, "{min} {max} {all:?}");
                 }
             }
         }
     }
 
     #[test]
-    fn what_the_device_says_of_its_noise_is_heeded_and_nonsense_is_not() {
+    fn a_valid_dead_zone_of_the_device_is_used() {
         let dead_zone = |flat| Stick::new(&STICK, &Axis { flat, ..raw(ABS_Y, -100, 100) }).unwrap().dead_zone;
         assert_eq!([0, 5, 30, 90, 91, -7, i32::MAX].map(dead_zone), [0.1, 0.1, 0.3, 0.9, 0.1, 0.1, 0.1]);
     }
 
     #[test]
-    fn an_axis_without_a_way_is_refused() {
+    fn an_axis_without_a_range_is_rejected() {
         for (min, max) in [(5, 5), (0, 1), (0, -1), (i32::MAX, i32::MIN)] {
             let odd = device(&[raw(ABS_X, 0, 255), raw(ABS_Y, min, max)], &[BTN_TL]);
             assert_eq!(mapped(&odd), Err(format!("its ABS_Y goes from {min} to {max}")));
@@ -254,11 +254,11 @@ mod tests {
     }
 
     #[test]
-    fn a_device_is_used_as_its_kind_is_built() {
+    fn axes_and_buttons_are_assigned_by_kind_of_device() {
         let axes = |codes: &[u16]| codes.iter().map(|code| raw(*code, -1, 1)).collect::<Vec<_>>();
         let of = |codes: &[u16], buttons: &[u16]| mapped(&device(&axes(codes), buttons));
         assert_eq!(mapped(&pad()), Ok((ABS_Y, ABS_RX, BTN_TL)));
-        // A gamepad without a right stick; a joystick; a wheel; a pad that has a cross only; two sticks of any name.
+        // A gamepad without a right stick; a joystick; a wheel; a pad with only a D-pad; two sticks of any name.
         assert_eq!(of(&[ABS_X, ABS_Y], &[BTN_SOUTH, BTN_TL]), Ok((ABS_Y, ABS_X, BTN_TL)));
         assert_eq!(of(&[ABS_X, ABS_Y, ABS_RX], &[BTN_THUMB, BTN_TRIGGER]), Ok((ABS_Y, ABS_X, BTN_TRIGGER)));
         assert_eq!(of(&[ABS_WHEEL, ABS_Y], &[0x123]), Ok((ABS_Y, ABS_WHEEL, 0x123)));
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_lacks_something_is_refused_with_what_it_lacks() {
+    fn an_incomplete_device_is_rejected_with_the_reason() {
         let one = device(&[raw(ABS_Y, 0, 255)], &[BTN_TL]);
         assert_eq!(mapped(&one).unwrap_err(), "it has only ABS_Y for speed and steering");
         assert_eq!(mapped(&device(&[], &[BTN_TL])).unwrap_err(), "it has no axis for the speed");
@@ -276,17 +276,26 @@ mod tests {
     }
 
     #[test]
-    fn what_is_set_must_be_there() {
+    fn configured_axes_and_buttons_must_exist() {
         let refused = |change: fn(&mut Config)| {
             let mut config = config();
             change(&mut config);
             Mapping::of(&config, &pad()).unwrap_err().to_string()
         };
-        assert_eq!(refused(|c| c.speed.axis = Some(ABS_WHEEL)), "it has no ABS_WHEEL, which is set for the speed");
-        assert_eq!(refused(|c| c.steering.axis = Some(0x3F)), "it has no axis 0x3f, which is set for the steering");
-        assert_eq!(refused(|c| c.dead_man = Some(0x2FF)), "it has no button 0x2ff, which is set for the dead man");
+        assert_eq!(
+            refused(|c| c.speed.axis = Some(ABS_WHEEL)),
+            "it has no ABS_WHEEL, which is configured for the speed"
+        );
+        assert_eq!(
+            refused(|c| c.steering.axis = Some(0x3F)),
+            "it has no axis 0x3f, which is configured for the steering"
+        );
+        assert_eq!(
+            refused(|c| c.dead_man = Some(0x2FF)),
+            "it has no button 0x2ff, which is configured for the dead man"
+        );
         let swapped = Config { steering: StickConfig { axis: Some(ABS_Y), ..STICK }, ..config() };
         let mapping = Mapping::of(&swapped, &pad()).unwrap();
-        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes what is left");
+        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes the remaining axis");
     }
 }

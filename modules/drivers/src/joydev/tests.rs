@@ -1,4 +1,4 @@
-//! The driver and a gamepad, in virtual time.
+//! The driver and a gamepad in virtual time.
 
 use super::*;
 use base::gamepad::{ABS_RX, ABS_RY, ABS_X, ABS_Y, Axis, BTN_NORTH, BTN_SOUTH, BTN_TL, BTN_TR, BTN_WEST, Button};
@@ -20,7 +20,7 @@ pub(super) fn config() -> Config {
     }
 }
 
-/// A gamepad with two sticks of 16 bits, as most are.
+/// A gamepad with two sticks of 16 bits, the common type.
 pub(super) fn pad() -> Device {
     let mut device = Device::new("a pad");
     for code in [ABS_X, ABS_Y, ABS_RX, ABS_RY] {
@@ -51,7 +51,7 @@ impl Rig {
         rig
     }
 
-    /// The same with a gamepad at rest.
+    /// Additionally with a gamepad at rest.
     fn with_pad() -> Self {
         let mut rig = Self::new(config());
         rig.found(&pad());
@@ -89,7 +89,7 @@ impl Rig {
         self.collect();
     }
 
-    /// A line for each command, report, note and state: what the robot and people see. `LL_DATA_JOYDEV` apart.
+    /// A line for each command, report, note and state, without `LL_DATA_JOYDEV`.
     fn collect(&mut self) {
         for (at, action) in self.bench.done() {
             let ms = at.as_nanos() / 1_000_000;
@@ -143,7 +143,7 @@ fn nothing_is_commanded_without_the_button() {
 }
 
 #[test]
-fn an_absent_gamepad_is_a_state_and_no_error() {
+fn an_absent_gamepad_is_not_an_error() {
     let mut rig = Rig::new(config());
     rig.news(News::Gone);
     rig.news(News::Gone);
@@ -161,7 +161,7 @@ fn an_absent_gamepad_is_a_state_and_no_error() {
 }
 
 #[test]
-fn five_times_a_second_it_tells_what_the_gamepad_does() {
+fn the_gamepad_is_published_five_times_a_second() {
     let mut rig = Rig::with_pad();
     rig.push(ABS_Y, -32_768);
     rig.press(BTN_TL, true);
@@ -187,12 +187,12 @@ fn unplugging_is_one_zero_at_once_and_then_nothing() {
     rig.found(&held);
     rig.pass(ms(130));
     let told = "1070 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL\n\
-                1070 Warning GamepadNotReleased: BTN_TL was held before: let it go first";
+                1070 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told);
     rig.press(BTN_TL, false);
     rig.press(BTN_TL, true);
     rig.pass(ms(40));
-    let told = "1200 Notice GamepadNotReleased: the dead-man button does what it is to do\n1200 0.000 0.000";
+    let told = "1200 Notice GamepadNotReleased: the dead-man button is effective again\n1200 0.000 0.000";
     assert_eq!(rig.take(), told);
 }
 
@@ -222,23 +222,23 @@ fn a_stick_off_the_middle_must_go_there_first() {
         rig.push(code, 3000);
         rig.push(ABS_Y, -32_768);
         rig.pass(ms(45));
-        let told = "60 Notice GamepadNotReleased: the dead-man button does what it is to do\n100 0.600 0.000";
+        let told = "60 Notice GamepadNotReleased: the dead-man button is effective again\n100 0.600 0.000";
         assert_eq!(rig.take(), told, "{name}");
     }
 }
 
 #[test]
-fn what_happens_in_one_frame_is_judged_together() {
+fn events_of_one_frame_are_evaluated_together() {
     let mut rig = Rig::with_pad();
     rig.news(News::Button { code: BTN_TL, pressed: true });
     rig.news(News::Axis { code: ABS_Y, value: -32_768 });
     rig.news(News::Frame);
     rig.pass(ms(10));
-    assert!(rig.take().contains("ABS_Y off its middle"));
+    assert!(rig.take().contains("ABS_Y off centre"));
 }
 
 #[test]
-fn letting_go_counts_within_a_frame() {
+fn a_release_within_a_frame_counts() {
     let mut rig = Rig::with_pad();
     rig.press(BTN_TL, true);
     rig.push(ABS_Y, -32_768);
@@ -252,7 +252,7 @@ fn letting_go_counts_within_a_frame() {
 }
 
 #[test]
-fn when_events_were_lost_the_button_must_be_let_go() {
+fn after_lost_events_the_button_must_be_released() {
     let mut rig = Rig::with_pad();
     rig.press(BTN_TL, true);
     rig.push(ABS_Y, -32_768);
@@ -263,11 +263,11 @@ fn when_events_were_lost_the_button_must_be_let_go() {
     device.set_axis(ABS_Y, -32_768);
     rig.found(&device);
     rig.pass(ms(500));
-    assert_eq!(rig.take(), "60 0.000 0.000\n60 Warning GamepadNotReleased: BTN_TL was held before: let it go first");
+    assert_eq!(rig.take(), "60 0.000 0.000\n60 Warning GamepadNotReleased: BTN_TL was held before: release it first");
 }
 
 #[test]
-fn in_pause_it_tells_and_does_not_command_and_in_stop_it_does_neither() {
+fn in_pause_it_publishes_without_commands_and_in_stop_neither() {
     let mut rig = Rig::with_pad();
     rig.press(BTN_TL, true);
     rig.push(ABS_Y, -32_768);
@@ -278,7 +278,7 @@ fn in_pause_it_tells_and_does_not_command_and_in_stop_it_does_neither() {
     assert_eq!(rig.data(ms(1000)).len(), 5);
     rig.command(State::Run);
     rig.pass(ms(500));
-    let told = "1060 RUN\n1060 Warning GamepadNotReleased: BTN_TL was held before: let it go first";
+    let told = "1060 RUN\n1060 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told, "nothing resumes by itself");
     rig.command(State::Stop);
     assert_eq!(rig.data(ms(1000)).len(), 0);
@@ -299,7 +299,7 @@ fn in_pause_it_tells_and_does_not_command_and_in_stop_it_does_neither() {
 }
 
 #[test]
-fn slow_and_fast_are_shares_of_the_limit() {
+fn slow_and_fast_scale_the_limit() {
     let gear = |button, scale| Some(Gear { button, scale });
     let config = Config { scale: 0.5, slow: gear(BTN_WEST, 0.25), fast: gear(BTN_NORTH, 1.0), ..config() };
     let mut rig = Rig::new(config);
@@ -316,7 +316,7 @@ fn slow_and_fast_are_shares_of_the_limit() {
 }
 
 #[test]
-fn one_that_says_nothing_for_too_long_counts_as_let_go_where_that_is_set() {
+fn a_silent_gamepad_counts_as_released_if_configured() {
     let mut rig = Rig::new(Config { quiet: Some(ms(500)), ..config() });
     rig.found(&pad());
     rig.press(BTN_TL, true);
@@ -326,13 +326,13 @@ fn one_that_says_nothing_for_too_long_counts_as_let_go_where_that_is_set() {
     rig.pass(ms(480));
     assert!(rig.take().ends_with("950 0.600 0.000"));
     rig.pass(ms(500));
-    let told = "990 0.000 0.000\n990 the gamepad has said nothing for too long: it counts as let go\n\
-                990 Warning GamepadNotReleased: BTN_TL was held before: let it go first";
+    let told = "990 0.000 0.000\n990 the gamepad has been silent for too long: it counts as released\n\
+                990 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told);
 }
 
 #[test]
-fn an_odd_device_is_connected_refused_with_the_reason_and_commands_nothing() {
+fn an_unsuitable_device_is_reported_and_commands_nothing() {
     let mut odd = Device::new("one stick");
     odd.add_axis(Axis { code: ABS_Y, min: 0, max: 255, fuzz: 0, flat: 0, value: 0 });
     odd.add_button(Button { code: BTN_TL, pressed: false });
@@ -349,7 +349,7 @@ fn an_odd_device_is_connected_refused_with_the_reason_and_commands_nothing() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_meant_is_refused() {
+fn a_contradictory_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);
@@ -366,8 +366,8 @@ fn a_configuration_that_cannot_be_meant_is_refused() {
     assert_eq!(refused(|c| c.scale = 0.0), ConfigError::Number);
 }
 
-/// Whatever comes in whatever order: commands are within the limits, only in RUN and while the button is held; the last
-/// one before a silence is zero.
+/// For any sequence of inputs: commands are within the limits, only in RUN and while the button is held; the last one
+/// before a silence is zero.
 #[test]
 fn nothing_moves_the_robot_but_a_button_that_is_held() {
     let mut chance = 0x2545_F491_4F6C_DD1D_u64;

@@ -1,36 +1,35 @@
-//! Orders for the channels: what is asked for, what was told, what has come of it. The board itself keeps the order in
-//! which several start or stop, and the time between them.
+//! Orders for the channels: requested, sent, completed. The board itself staggers the switching of several channels.
 
 use base::{Duration, Instant};
 use rs485::boards::psc1::CHANNELS;
 
-/// The board switches one channel a second at most; then it has had time enough.
-const PATIENCE: Duration = Duration::from_secs(CHANNELS.len() as u64 + 3);
-/// A channel that is restarted rests this long.
-const REST: Duration = Duration::from_secs(2);
+/// The board switches at most one channel a second; after this time it should have finished.
+const SWITCH_TIMEOUT: Duration = Duration::from_secs(CHANNELS.len() as u64 + 3);
+/// Off time of a channel that is restarted.
+const RESTART_PAUSE: Duration = Duration::from_secs(2);
 
-/// What becomes of a channel.
+/// State of an order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Order {
-    /// It shall be so, and be on again afterwards; once told, until when it may take.
-    Set { on: bool, again: bool, told: Option<Instant> },
-    /// It is off, and is started then.
+    /// Switch the channel to `on`, and on again afterwards if `again`; once it was sent, its deadline.
+    Set { on: bool, again: bool, accepted: Option<Instant> },
+    /// Off, to be started at this time.
     Rests { until: Instant },
 }
 
-/// What came of an order.
+/// Result of an order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
-    /// The channel is as it was ordered.
+    /// The channel has the ordered state.
     Done { channel: usize, on: bool },
-    /// The board did not switch it.
+    /// The board did not switch the channel.
     Stuck { channel: usize, on: bool },
 }
 
-/// The channels.
+/// State of the channels.
 #[derive(Debug, Default)]
 pub(super) struct Channels {
-    /// Which are on, as the board said last.
+    /// Channels that are on, as last reported.
     state: Option<u8>,
     orders: [Option<Order>; CHANNELS.len()],
 }
@@ -43,20 +42,20 @@ impl Channels {
     /// Orders a channel on or off; `again`: off, and on again.
     pub fn order(&mut self, channel: usize, on: bool, again: bool) {
         if let Some(order) = self.orders.get_mut(channel) {
-            *order = Some(Order::Set { on, again, told: None });
+            *order = Some(Order::Set { on, again, accepted: None });
         }
     }
 
-    /// Forgets all orders.
+    /// Discards all orders.
     pub fn forget(&mut self) {
         self.orders = Default::default();
     }
 
-    /// What the board is to be told: the channels, and their states.
-    pub fn telling(&self) -> Option<(u8, u8)> {
+    /// Channels to be sent to the board, and their states.
+    pub fn outstanding(&self) -> Option<(u8, u8)> {
         let (mut mask, mut states) = (0, 0);
         for (channel, order) in self.orders.iter().enumerate() {
-            if let Some(Order::Set { on, told: None, .. }) = order {
+            if let Some(Order::Set { on, accepted: None, .. }) = order {
                 mask |= 1 << channel;
                 states |= u8::from(*on) << channel;
             }
@@ -64,28 +63,28 @@ impl Channels {
         (mask != 0).then_some((mask, states))
     }
 
-    /// The board was told this, and means to.
-    pub fn told(&mut self, now: Instant, mask: u8, states: u8) {
+    /// The board accepted these orders.
+    pub fn accepted(&mut self, now: Instant, mask: u8, states: u8) {
         for (channel, order) in self.orders.iter_mut().enumerate() {
-            if let Some(Order::Set { on, told: told @ None, .. }) = order
+            if let Some(Order::Set { on, accepted: accepted @ None, .. }) = order
                 && mask >> channel & 1 == 1
                 && states >> channel & 1 == u8::from(*on)
             {
-                *told = Some(now + PATIENCE);
+                *accepted = Some(now + SWITCH_TIMEOUT);
             }
         }
     }
 
-    /// The board says which channels are on.
+    /// Processes the reported states of the channels.
     pub fn on_state(&mut self, now: Instant, state: u8) -> Vec<Outcome> {
         self.state = Some(state);
         let mut outcomes = Vec::new();
         for (channel, order) in self.orders.iter_mut().enumerate() {
             let is = state >> channel & 1 == 1;
-            if let Some(Order::Set { on, again, told: Some(until) }) = *order {
+            if let Some(Order::Set { on, again, accepted: Some(until) }) = *order {
                 if is == on {
                     outcomes.push(Outcome::Done { channel, on });
-                    *order = again.then(|| Order::Rests { until: now + REST });
+                    *order = again.then(|| Order::Rests { until: now + RESTART_PAUSE });
                 } else if until <= now {
                     outcomes.push(Outcome::Stuck { channel, on });
                     *order = None;
@@ -95,12 +94,12 @@ impl Channels {
         outcomes
     }
 
-    /// Lets those start again that have rested; true when there is something to tell.
+    /// Starts channels whose off time has ended; true if there is something to send.
     pub fn on_timer(&mut self, now: Instant) -> bool {
         let mut rested = false;
         for order in &mut self.orders {
             if matches!(order, Some(Order::Rests { until }) if *until <= now) {
-                *order = Some(Order::Set { on: true, again: false, told: None });
+                *order = Some(Order::Set { on: true, again: false, accepted: None });
                 rested = true;
             }
         }

@@ -1,87 +1,89 @@
-//! The end, in good order: the modules are ended one after the other, those that were started last first; then the
-//! supply is let go, then the computer is halted.
+//! Orderly shutdown: the modules are ended one after the other in reverse order of their start, then the supply is
+//! released, then the computer is halted.
 
 use base::{Deadlines, Duration, Instant};
 use messages::common::{CmdState, DataProcesses, Process};
 use module::{Actions, State};
 
-/// TERMINATE is said again this often: the bus may lose a message.
-const REPEAT: Duration = Duration::from_millis(500);
-/// A module may take this long; where no watchdog tells of it, [`REPEAT`].
-const MODULE: Duration = Duration::from_secs(3);
-/// What the computer needs to halt, of the time that the board gives.
-const HALT: Duration = Duration::from_secs(10);
-/// The board is told within this time that the supply is needed no more, or not at all.
-const RELEASE: Duration = Duration::from_secs(1);
+/// Period of repeating TERMINATE: the bus may lose a message.
+const REPEAT_PERIOD: Duration = Duration::from_millis(500);
+/// Timeout of a module; without a watchdog that reports its end, [`REPEAT_PERIOD`].
+const MODULE_TIMEOUT: Duration = Duration::from_secs(3);
+/// Time that the computer needs to halt, of the time that the board gives.
+const HALT_RESERVE: Duration = Duration::from_secs(10);
+/// Timeout of telling the board that the supply is no longer needed.
+const RELEASE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// What it is for.
+/// Purpose of a shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Aim {
-    /// The supply is cut, whatever we do.
+pub(super) enum ShutdownPurpose {
+    /// The supply is about to be cut.
     Cut,
-    /// An operator wants all off.
+    /// An operator commanded power-off.
     Off,
-    /// An operator wants the computer restarted.
+    /// An operator commanded a restart of the computer.
     Reboot,
 }
 
 base::deadlines! {
-    /// What a shutdown waits for.
+    /// Deadlines of a shutdown.
     enum Timer {
-        /// The module that is being ended, or the board that is to cut all, has had its time.
+        /// Timeout of the module that is being ended, or of the release of the supply.
         Step,
-        /// TERMINATE is sent to the module that is being ended, for the first time or again.
+        /// TERMINATE is sent to the current module, for the first time or again.
         Terminate,
-        /// The rest of the modules is not waited for any more: the computer must be halted in time.
+        /// The remaining modules are not waited for: the computer must be halted in time.
         Latest,
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// The module of this place is being ended.
+    /// The module with this index is being ended.
     Ending { place: usize },
-    /// The board is told to cut all.
+    /// The board is being told to cut the supply.
     Releasing,
     /// The computer may be halted.
     Ready,
 }
 
-/// A shutdown under way.
+/// A shutdown in progress.
 #[derive(Debug)]
 pub(super) struct Shutdown {
-    pub aim: Aim,
-    /// In the order of their end.
+    pub aim: ShutdownPurpose,
+    /// Modules in the order of their end.
     modules: Vec<String>,
     stage: Stage,
     deadlines: Deadlines<Timer>,
-    /// The watchdog tells of the modules.
+    /// The watchdog reports the modules.
     guarded: bool,
 }
 
 impl Shutdown {
-    /// Begins now. `modules` in the order of their start; `seconds` until the supply is cut, where it is.
-    pub fn new(now: Instant, aim: Aim, modules: &[String], seconds: Option<u8>) -> Self {
+    /// Starts at `now`. `modules` in the order of their start; `seconds` until the supply is cut, if it is.
+    pub fn new(now: Instant, aim: ShutdownPurpose, modules: &[String], seconds: Option<u8>) -> Self {
         let modules: Vec<String> = modules.iter().rev().cloned().collect();
         let latest = match seconds {
-            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT),
-            None => now + MODULE * (modules.len() as u32 + 1),
+            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT_RESERVE),
+            None => now + MODULE_TIMEOUT * (modules.len() as u32 + 1),
         };
-        let deadlines =
-            Deadlines::new().with(Timer::Step, now + REPEAT).with(Timer::Terminate, now).with(Timer::Latest, latest);
+        let deadlines = Deadlines::new()
+            .with(Timer::Step, now + REPEAT_PERIOD)
+            .with(Timer::Terminate, now)
+            .with(Timer::Latest, latest);
         Self { aim, modules, stage: Stage::Ending { place: 0 }, deadlines, guarded: false }
     }
 
-    /// The module that is being ended.
+    /// Module that is being ended.
     fn ending(&self) -> Option<&String> {
         if let Stage::Ending { place } = self.stage { self.modules.get(place) } else { None }
     }
 
-    /// The watchdog's list: goes on when the module is down.
+    /// Processes the watchdog's list: continues once the module is down.
     pub fn on_processes(&mut self, now: Instant, list: &DataProcesses) {
         if matches!(self.stage, Stage::Ending { .. }) && !self.guarded {
             self.guarded = true;
-            self.deadlines.set(Timer::Step, now + MODULE);
+            self.deadlines.set(Timer::Step, now + MODULE_TIMEOUT);
         }
         let down = |name: &String| {
             let process = list.processes.iter().find(|process| process.module == *name);
@@ -95,19 +97,19 @@ impl Shutdown {
     fn next(&mut self, now: Instant) {
         if let Stage::Ending { place } = self.stage {
             self.stage = Stage::Ending { place: place + 1 };
-            self.deadlines.set(Timer::Step, now + if self.guarded { MODULE } else { REPEAT });
+            self.deadlines.set(Timer::Step, now + if self.guarded { MODULE_TIMEOUT } else { REPEAT_PERIOD });
             self.deadlines.set(Timer::Terminate, now);
         }
     }
 
-    /// Does what is due.
+    /// Serves the deadlines.
     pub fn advance(&mut self, now: Instant, source: &str, out: &mut Actions) {
         if matches!(self.stage, Stage::Ending { .. }) && self.deadlines.take(Timer::Step, now) {
             self.next(now);
         }
         match self.stage {
             Stage::Ending { place } if place >= self.modules.len() || self.deadlines.is_due(Timer::Latest, now) => {
-                let until = if self.aim == Aim::Off { now + RELEASE } else { now };
+                let until = if self.aim == ShutdownPurpose::Off { now + RELEASE_TIMEOUT } else { now };
                 self.stage = Stage::Releasing;
                 self.deadlines = Deadlines::new().with(Timer::Step, until);
             }
@@ -120,7 +122,7 @@ impl Shutdown {
     }
 
     fn terminate(&mut self, now: Instant, source: &str, out: &mut Actions) {
-        self.deadlines.set(Timer::Terminate, now + REPEAT);
+        self.deadlines.set(Timer::Terminate, now + REPEAT_PERIOD);
         if let Some(module) = self.ending().cloned() {
             let timestamp = out.timestamp(now);
             let state = State::Terminate as i8;
@@ -128,9 +130,9 @@ impl Shutdown {
         }
     }
 
-    /// Whether the board is to be told to cut all.
+    /// True if the board is to be told to cut the supply.
     pub fn releases(&self) -> bool {
-        self.stage == Stage::Releasing && self.aim == Aim::Off
+        self.stage == Stage::Releasing && self.aim == ShutdownPurpose::Off
     }
 
     /// The board was told.
@@ -139,7 +141,7 @@ impl Shutdown {
         self.deadlines.clear_all();
     }
 
-    /// Whether the computer may be halted.
+    /// True if the computer may be halted.
     pub fn is_ready(&self) -> bool {
         self.stage == Stage::Ready
     }

@@ -1,4 +1,4 @@
-//! The driver against an emulated controller, on a small wire in virtual time.
+//! The driver with an emulated controller on a simulated wire in virtual time.
 
 use super::*;
 use crate::testing::Rig;
@@ -31,7 +31,7 @@ fn config() -> Config {
     }
 }
 
-/// A controller that switches at once what it switches.
+/// A controller that switches without delay.
 struct Board {
     on: u8,
     stuck: u8,
@@ -74,7 +74,7 @@ fn rig() -> Rig<Board> {
     rig_of(config())
 }
 
-/// Lets time pass on a link on which the board tells of the PAUSE line as it should.
+/// Lets time pass while the board reports the PAUSE line as it should.
 fn pass(rig: &mut Rig<Board>, mut millis: u64) {
     while millis > 0 {
         rig.says(0x80, &[0, 0]);
@@ -114,7 +114,7 @@ fn processes(rig: &mut Rig<Board>, running: &[&str]) {
 }
 
 #[test]
-fn what_the_board_says_of_the_pause_line_is_an_event_at_once() {
+fn a_report_on_the_pause_line_is_an_event_at_once() {
     let mut rig = rig();
     rig.says(0x80, &[0, 0]);
     rig.run(ms(500));
@@ -131,7 +131,7 @@ fn what_the_board_says_of_the_pause_line_is_an_event_at_once() {
 }
 
 #[test]
-fn a_board_that_is_silent_is_told_of_and_nothing_is_made_up_for_it() {
+fn a_silent_board_is_reported_and_nothing_is_invented() {
     let mut rig = rig();
     rig.says(0x80, &[0, 0]);
     rig.run(ms(1100));
@@ -146,7 +146,7 @@ fn a_board_that_is_silent_is_told_of_and_nothing_is_made_up_for_it() {
 }
 
 #[test]
-fn the_pause_line_is_told_of_in_stop_too() {
+fn the_pause_line_is_published_in_stop_too() {
     let mut rig = rig();
     rig.command(State::Stop);
     rig.run(ms(2000));
@@ -154,11 +154,11 @@ fn the_pause_line_is_told_of_in_stop_too() {
     rig.run(ms(1000));
     let stops = stops(&mut rig);
     assert_eq!((stops.len(), stops[0].1.source.as_str()), (1, "button"));
-    assert!(power(&mut rig).len() <= 1, "and nothing is asked");
+    assert!(power(&mut rig).len() <= 1, "nothing is polled");
 }
 
 #[test]
-fn what_it_cannot_say_of_the_line_is_reported_and_dropped() {
+fn an_implausible_report_on_the_line_is_dropped() {
     let mut rig = rig();
     rig.says(0x80, &[2, 1]);
     rig.run(ms(10));
@@ -177,13 +177,13 @@ fn power_is_published_once_a_second_with_names_and_charge() {
     let channels: Vec<(&str, bool)> = last.channels.iter().map(|channel| (channel.name.as_str(), channel.on)).collect();
     assert_eq!((channels[0], channels[4], channels[7]), (("host", true), ("monitor", false), ("switch", true)));
     assert_eq!((last.voltage, last.channels[4].current), (26.3, 0.02));
-    // 5.8 A at first: 26.3 V + 5.8 A x 17.6 mohm are 3.3003 V a cell.
+    // 5.8 A at first: 26.3 V + 5.8 A x 17.6 mohm are 3.3003 V per cell.
     assert!((last.charge - 0.70).abs() < 0.01, "{}", last.charge);
     assert!(last.remaining > 4.5 * 3600.0 && last.remaining < 8.0 * 3600.0, "{}", last.remaining);
 }
 
 #[test]
-fn a_low_battery_is_told_once_and_when_it_is_charged() {
+fn a_low_battery_and_its_recovery_are_reported_once() {
     let mut rig = rig_of(Config { reserve: 0.69, ..config() });
     pass(&mut rig, 200_000);
     assert_eq!(rig.news(), "", "70 % by its voltage, 5.8 A");
@@ -200,7 +200,7 @@ fn channels_are_switched_and_restarted() {
     order(&mut rig, 4, CmdPower::OFF);
     order(&mut rig, 5, CmdPower::OFF);
     pass(&mut rig, 1500);
-    // The first went out at once.
+    // The first order was sent at once.
     assert_eq!(rig.board.told, [(0x10, 0), (0x20, 0)]);
     assert_eq!(rig.news(), "power channel monitor is off\npower channel audio is off");
     order(&mut rig, 4, CmdPower::ON);
@@ -268,7 +268,7 @@ fn before_the_supply_is_cut_the_modules_are_ended_last_first_and_the_computer_is
 }
 
 #[test]
-fn modules_that_do_not_end_hold_the_end_up_no_longer_than_there_is_time() {
+fn modules_that_do_not_end_delay_the_halt_for_a_limited_time() {
     let mut rig = rig();
     rig.says(0x81, &[12]);
     for _ in 0..30 {
@@ -281,7 +281,7 @@ fn modules_that_do_not_end_hold_the_end_up_no_longer_than_there_is_time() {
 }
 
 #[test]
-fn without_a_watchdog_each_module_is_told_and_given_half_a_second() {
+fn without_a_watchdog_each_module_has_half_a_second() {
     let mut rig = rig();
     rig.says(0x81, &[60]);
     rig.run(ms(1500));
@@ -291,7 +291,7 @@ fn without_a_watchdog_each_module_is_told_and_given_half_a_second() {
 }
 
 #[test]
-fn switching_the_host_off_ends_everything_and_tells_the_board() {
+fn switching_the_host_off_ends_everything_and_releases_the_supply() {
     let mut rig = rig();
     order(&mut rig, 0, CmdPower::OFF);
     processes(&mut rig, &[]);
@@ -326,7 +326,7 @@ fn a_simulated_robot_halts_no_computer() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_is_refused() {
+fn an_invalid_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);

@@ -1,31 +1,31 @@
-//! What the boards answer, or fail to: from what is heard to messages.
+//! Conversion of the boards' answers and failures to messages.
 
 use super::odometry::Step;
 use super::{Kind, Rs485a};
-use crate::line::Heard;
+use crate::line::BusEvent;
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataIrs, DataRanges, DataSrfs};
 use module::Actions;
 use rs485::boards::{Implausible, sd1, so1};
 use std::mem;
 
-/// `LL_DATA_RANGES` comes at least this often, whether boards answer or not.
-const RANGES_AGAIN: Duration = Duration::from_secs(1);
-/// Jumps of counters are reported this often at most.
-const JUMPS_EVERY: Duration = Duration::from_secs(10);
+/// Maximum interval of `LL_DATA_RANGES`, even if no board answers.
+const RANGES_PERIOD_MAX: Duration = Duration::from_secs(1);
+/// Minimum interval between reports of counter jumps.
+const JUMP_REPORT_INTERVAL: Duration = Duration::from_secs(10);
 
 impl Rs485a {
-    pub(super) fn on_heard(&mut self, now: Instant, heard: &Heard, out: &mut Actions) {
-        match heard {
-            Heard::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
-            Heard::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
-            Heard::Back | Heard::Unasked { .. } => {}
+    pub(super) fn on_bus_event(&mut self, now: Instant, event: &BusEvent, out: &mut Actions) {
+        match event {
+            BusEvent::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
+            BusEvent::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
+            BusEvent::Recovered | BusEvent::Unsolicited { .. } => {}
         }
     }
 
     fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
         let understood = match self.nodes.iter().find(|node| node.address == to).map(|node| node.kind) {
-            // It has let go of the PAUSE line.
+            // The board has released the PAUSE line.
             Some(Kind::Sd1) if instruction == sd1::CLEAR_PAUSE_SRC.code => return,
             Some(Kind::Sd1) => {
                 let both = self.line.judge(to, sd1::Both::parse(data), out);
@@ -42,7 +42,7 @@ impl Rs485a {
         }
     }
 
-    /// The board did not say what it was asked.
+    /// A request to a board failed.
     fn on_failure(&mut self, now: Instant, to: u8, instruction: u8, out: &mut Actions) {
         if instruction == sd1::GET_BOTH_DATA.code {
             self.on_ranges(now, to, None, out);
@@ -67,7 +67,7 @@ impl Rs485a {
         out.publish(DataIrs { timestamp, irs });
     }
 
-    /// `LL_DATA_RANGES`; again in a second where nothing new comes until then.
+    /// Publishes `LL_DATA_RANGES`, repeated after a second without new readings.
     pub(super) fn publish_readings(&mut self, now: Instant, out: &mut Actions) {
         if self.ranges.is_empty() {
             self.repeat = Instant::NEVER;
@@ -75,13 +75,13 @@ impl Rs485a {
         }
         let readings = self.ranges.readings(|at| out.timestamp(at));
         out.publish(DataRanges { timestamp: out.timestamp(now), readings });
-        self.repeat = now + RANGES_AGAIN;
+        self.repeat = now + RANGES_PERIOD_MAX;
     }
 
     fn on_ticks(&mut self, now: Instant, board: u8, counts: (i16, i16), out: &mut Actions) {
         match self.odometry.answer(now, out.timestamp(now), counts) {
             Step::First => {}
-            Step::Way(odo) => out.publish(odo),
+            Step::Motion(odo) => out.publish(odo),
             Step::Jump { ticks: (left, right) } => {
                 self.jumps += 1;
                 if now < self.jumps_quiet {
@@ -90,18 +90,18 @@ impl Rs485a {
                 let (name, board) = self.line.name(board);
                 let again = match mem::take(&mut self.jumps) {
                     1 => String::new(),
-                    jumps => format!(", {jumps} times since it was told"),
+                    jumps => format!(", {jumps} times since the last report"),
                 };
                 let message =
                     format!("{board} was reset: its counters jumped by {left} and {right}{again}; odometry goes on");
                 out.report(Severity::Warning, Fault::BoardImplausible, name, message);
-                self.jumps_quiet = now + JUMPS_EVERY;
+                self.jumps_quiet = now + JUMP_REPORT_INTERVAL;
             }
         }
     }
 }
 
-/// The counters of the left and the right wheel.
+/// Counters of the left and the right wheel.
 fn wheels(data: &[u8]) -> Result<(i16, i16), Implausible> {
     match so1::parse_ticks(data)?[..] {
         [left, right, ..] => Ok((left, right)),

@@ -1,33 +1,33 @@
-//! From the SO1's counters to `LL_DATA_ODO`: over gaps, resets and wraps without a jump.
+//! Conversion of the SO1's counters to `LL_DATA_ODO`, without jumps over gaps, resets and wraps.
 
 use super::config::Wheels;
 use base::{Duration, Instant};
 use messages::lowlevel::DataOdo;
 use navitools::odometry::{Odometry, SteeredWheels, tick_difference};
 
-/// No wheel is faster than the robot's top speed times this: at full lock the outer front wheel makes 1.5 times the
-/// way of the rear axle's middle, and a robot may be pushed.
-const FASTER: f64 = 2.5;
-/// Ticks that two answers may differ by beyond any speed: what a wheel rocks.
-const SLACK: f64 = 32.0;
-/// Speed does not change faster, m/s²; but a counter that is back near 0 has been reset.
+/// Maximum speed of a wheel relative to the robot's top speed: at full lock the outer front wheel travels 1.5 times the
+/// distance of the rear axle's middle, and a robot may be pushed.
+const WHEEL_SPEED_RATIO_MAX: f64 = 2.5;
+/// Tolerance of the difference between two answers, ticks: a wheel may rock.
+const ROCKING_TICKS: f64 = 32.0;
+/// Maximum acceleration, m/s²; a greater change of a counter that is back near 0 indicates a reset.
 const ACCELERATION_MPS2: f64 = 3.0;
 
-/// What an answer of the SO1 means.
+/// Interpretation of an answer of the SO1.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// The counters' first values, also after too long a gap: nothing can be said of the way.
+    /// First values of the counters, or values after too long a gap: the distance is unknown.
     First,
-    /// The counters cannot have got there by driving: the board was reset. Taken as first values.
+    /// The change is impossible by driving: the board was reset. Used as first values.
     Jump {
-        /// Ticks of the left and the right wheel.
+        /// Difference of the left and the right wheel, ticks.
         ticks: (i32, i32),
     },
-    /// The way since the last answer.
-    Way(DataOdo),
+    /// Motion since the last answer.
+    Motion(DataOdo),
 }
 
-/// Follows the counters.
+/// Tracks the counters.
 #[derive(Debug)]
 pub struct Follower {
     odometry: Odometry,
@@ -41,7 +41,7 @@ pub struct Follower {
 struct Last {
     at: Instant,
     counts: (i16, i16),
-    /// Ticks per second from the answer before to that one, if there was one.
+    /// Ticks per second between the two answers before, if known.
     speeds: Option<(f64, f64)>,
 }
 
@@ -52,14 +52,15 @@ impl Follower {
         Self {
             odometry: Odometry::new(SteeredWheels::new(wheels.wheelbase_m, wheels.track_m), metres_per_tick),
             metres_per_tick,
-            ticks_per_s: ticks_per_s * FASTER,
-            // Half a turn of a 16-bit counter: 4.2 s for Advee (docs/facts/robot.md 1.2).
+            ticks_per_s: ticks_per_s * WHEEL_SPEED_RATIO_MAX,
+            // Half the range of a 16-bit counter: 4.2 s for Advee (docs/facts/robot.md 1.2).
             gap_max: Duration::from_secs_f64((f64::from(i16::MAX) / ticks_per_s).min(3600.0)),
             last: None,
         }
     }
 
-    /// Takes the counters of an answer that came at `at`, later than the one before; `timestamp` goes into the message.
+    /// Processes the counters of an answer received at `at`, later than the previous one; `timestamp` goes into the
+    /// message.
     pub fn answer(&mut self, at: Instant, timestamp: i64, counts: (i16, i16)) -> Step {
         let first = Last { at, counts, speeds: None };
         let Some(last) = self.last.replace(first).filter(|last| at.since(last.at) <= self.gap_max) else {
@@ -69,18 +70,18 @@ impl Follower {
         let seconds = at.since(last.at).as_secs_f64().max(1e-6);
         let ticks = (tick_difference(counts.0, last.counts.0), tick_difference(counts.1, last.counts.1));
         let speeds = (f64::from(ticks.0) / seconds, f64::from(ticks.1) / seconds);
-        if self.too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
+        if self.is_too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
             self.start(counts);
             return Step::Jump { ticks };
         }
         self.last = Some(Last { speeds: Some(speeds), ..first });
-        let way = self.odometry.update(counts.0, counts.1);
+        let motion = self.odometry.update(counts.0, counts.1);
         let path = self.odometry.path();
         let (ticks_left, ticks_right) = self.odometry.ticks();
-        Step::Way(DataOdo {
+        Step::Motion(DataOdo {
             timestamp,
-            translation: way.translation / seconds,
-            rotation: way.rotation / seconds,
+            translation: motion.translation / seconds,
+            rotation: motion.rotation / seconds,
             path: path.translation,
             heading: path.rotation,
             ticks_left,
@@ -93,22 +94,22 @@ impl Follower {
         self.odometry.update(left, right);
     }
 
-    fn too_far(&self, (left, right): (i32, i32), seconds: f64) -> bool {
-        f64::from(left.abs().max(right.abs())) > self.ticks_per_s * seconds + SLACK
+    fn is_too_far(&self, (left, right): (i32, i32), seconds: f64) -> bool {
+        f64::from(left.abs().max(right.abs())) > self.ticks_per_s * seconds + ROCKING_TICKS
     }
 
-    /// Both counters came nearer to 0, as near as driving since a reset allows, and by a jump of the speed.
+    /// True if both counters moved towards 0, as near as driving since a reset allows, with a jump of the speed.
     fn was_reset(&self, last: &Last, counts: (i16, i16), speeds: (f64, f64), seconds: f64) -> bool {
         let Some(before) = last.speeds else {
             return false;
         };
-        let near = self.ticks_per_s * seconds + SLACK;
+        let near = self.ticks_per_s * seconds + ROCKING_TICKS;
         let nearer = |new: i16, old: i16| f64::from(new).abs() <= near && new.unsigned_abs() < old.unsigned_abs();
         let change = (speeds.0 - before.0).abs().max((speeds.1 - before.1).abs()) * seconds;
-        // The speeds are means over two intervals: the change is what the acceleration makes of both.
+        // The speeds are means over two intervals: the acceleration acts over both.
         nearer(counts.0, last.counts.0)
             && nearer(counts.1, last.counts.1)
-            && change > 2.0 * ACCELERATION_MPS2 * seconds * seconds / self.metres_per_tick + SLACK
+            && change > 2.0 * ACCELERATION_MPS2 * seconds * seconds / self.metres_per_tick + ROCKING_TICKS
     }
 }
 
@@ -120,9 +121,9 @@ mod tests {
         follower.answer(Instant::from_millis(ms), 0, (left, right))
     }
 
-    fn way(step: Step) -> DataOdo {
+    fn motion(step: Step) -> DataOdo {
         match step {
-            Step::Way(odo) => odo,
+            Step::Motion(odo) => odo,
             other => panic!("{other:?}"),
         }
     }
@@ -135,7 +136,7 @@ mod tests {
     fn straight_driving_over_a_wrap_is_measured_in_metres_per_second() {
         let mut follower = advee();
         assert_eq!(follow(&mut follower, 0, 32_700, 32_700), Step::First);
-        let odo = way(follow(&mut follower, 100, -32_510, -32_510));
+        let odo = motion(follow(&mut follower, 100, -32_510, -32_510));
         // 326 ticks of 0.1534 mm in 0.1 s.
         assert!((odo.translation - 0.5001).abs() < 1e-3, "{odo:?}");
         assert_eq!((odo.rotation, odo.heading, odo.ticks_left, odo.ticks_right), (0.0, 0.0, 326, 326));
@@ -146,7 +147,7 @@ mod tests {
     fn standing_still_nothing_turns() {
         let mut follower = advee();
         follow(&mut follower, 0, 5, 7);
-        let odo = way(follow(&mut follower, 50, 5, 7));
+        let odo = motion(follow(&mut follower, 50, 5, 7));
         assert_eq!((odo.translation, odo.rotation), (0.0, 0.0));
     }
 
@@ -154,11 +155,11 @@ mod tests {
     fn after_a_gap_of_more_than_half_a_wrap_the_counters_start_anew() {
         let mut follower = advee();
         follow(&mut follower, 0, 0, 0);
-        let odo = way(follow(&mut follower, 100, 300, 300));
-        assert_eq!(way(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left, 20_300);
-        // 4.2 s later than the answer at 4.2 s: one more millisecond is too much.
+        let odo = motion(follow(&mut follower, 100, 300, 300));
+        assert_eq!(motion(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left, 20_300);
+        // 4.2 s later than the answer at 4.2 s: one more millisecond is too long.
         assert_eq!(follow(&mut follower, 8400, 30_000, 30_000), Step::First);
-        let later = way(follow(&mut follower, 8500, 30_010, 30_010));
+        let later = motion(follow(&mut follower, 8500, 30_010, 30_010));
         assert_eq!(later.ticks_left, 20_310);
         assert!(later.path > odo.path && later.translation < 0.1);
     }
@@ -169,7 +170,7 @@ mod tests {
         follow(&mut follower, 0, 5000, 5000);
         follow(&mut follower, 50, 5200, 5200);
         assert_eq!(follow(&mut follower, 100, 12, 13), Step::Jump { ticks: (-5188, -5187) });
-        let odo = way(follow(&mut follower, 150, 212, 213));
+        let odo = motion(follow(&mut follower, 150, 212, 213));
         assert_eq!((odo.ticks_left, odo.ticks_right), (400, 400));
     }
 
@@ -188,10 +189,10 @@ mod tests {
         let mut speed: f64 = 1.2;
         follow(&mut follower, 10, -2000, -2000);
         for poll in 1..200 {
-            // Quick stops from 1.2 m/s, to and fro over zero.
+            // Quick stops from 1.2 m/s, back and forth across zero.
             speed = if poll % 40 < 20 { (speed - 1.5 * 0.05).max(-1.2) } else { (speed + 1.5 * 0.05).min(1.2) };
             count += speed * 0.05 / 1.534e-4;
-            assert!(matches!(follow(&mut follower, 50 * poll, count as i16, count as i16), Step::Way(_)), "{poll}");
+            assert!(matches!(follow(&mut follower, 50 * poll, count as i16, count as i16), Step::Motion(_)), "{poll}");
         }
     }
 }

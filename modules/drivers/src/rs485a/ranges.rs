@@ -1,10 +1,10 @@
-//! The table of range finders, and what their boards last measured with each, and when.
+//! Table of range finders with the last measurement of each and its instant.
 //!
-//! A distance board fires its sonars in slots, sweep after sweep, and is synchronised with nothing; its answer holds the
-//! last finished slot of each channel (`docs/facts/boards.md`, timing of the boards). So an answer alone gives a window in
-//! which a channel fired, a sweep long; the published instant is its middle. Where the board is asked more often than it
-//! sweeps, a distance that changed since the answer before narrows the window, and one that did not is the same
-//! measurement, which keeps its instant. A channel fires once a sweep, so what was known of its last firing narrows the
+//! A distance board fires its sonars in slots, sweep after sweep, synchronised with nothing; its answer contains the
+//! last finished slot of each channel (`docs/facts/boards.md`, timing of the boards). So an answer alone gives a window
+//! of one sweep in which a channel fired; the published instant is its middle. If the board is polled faster than it
+//! sweeps, a distance that changed since the previous answer narrows the window, and an unchanged one is the same
+//! measurement and keeps its instant. Since a channel fires once per sweep, the window of its last firing narrows the
 //! next one too.
 
 use super::config::{Config, Kind, Ranger};
@@ -12,16 +12,16 @@ use base::{Duration, Instant};
 use messages::lowlevel::{Range, Reading};
 use rs485::boards::sd1::{Both, IR_CYCLE, NO_ECHO, OUT_OF_RANGE, SLOT, SRFS, SWEEP};
 
-/// Deviation of a board's sweep from its nominal duration: 0.5 %, that of a ceramic resonator.
+/// Maximum deviation of a board's sweep from its nominal duration: 0.5 %, that of a ceramic resonator.
 const SWEEP_TOLERANCE: Duration = Duration::from_millis(1);
 /// Maximum number of sweeps over which the last firing predicts the next one.
 const SWEEPS_PREDICTED: u32 = 8;
 
-/// What all SD1 boards last measured, published as one: when all have answered, failed, or are not waited for.
+/// Last measurements of all SD1 boards, published together once all have answered, failed, or are not waited for.
 #[derive(Debug)]
 pub struct Ranges {
     boards: Vec<Board>,
-    /// In order of their numbers.
+    /// Sorted by number.
     srfs: Vec<Ranger>,
     irs: Vec<Ranger>,
     latest: Option<Instant>,
@@ -31,26 +31,26 @@ pub struct Ranges {
 struct Board {
     address: u8,
     last: Option<Answer>,
-    /// Start of the transaction under way, or of the last one.
+    /// Start of the current or last transaction.
     asked: Instant,
-    /// The board may have been reset before this answer was measured: a channel that has not fired yet reads as one
-    /// without an echo until then.
+    /// End of the first sweep after a possible reset: until then a channel that has not fired yet reads like one
+    /// without an echo.
     swept: Instant,
     /// Last firing of each sonar and measurement of the infrared rangers; kept when the board fails.
     fired: [Option<Firing>; SRFS],
     floor: Option<Instant>,
-    /// Has answered, or failed to, since the last publication.
+    /// Has answered or failed since the last publication.
     done: bool,
 }
 
-/// An answer, which holds what the board had measured by then: at the earliest when it was asked.
+/// An answer; its measurements were complete at the earliest when it was requested.
 #[derive(Debug)]
 struct Answer {
     asked: Instant,
     both: Both,
 }
 
-/// When a sonar fired: between `from` and `to`, published as `at`.
+/// Window of a sonar's firing, from `from` to `to`, published as `at`.
 #[derive(Clone, Copy, Debug)]
 struct Firing {
     at: Instant,
@@ -63,7 +63,7 @@ impl Firing {
         Self { at: from + to.since(from) / 2, from, to }
     }
 
-    /// The firing `sweeps` later, as far as it lies in `window`.
+    /// Window `sweeps` later, intersected with `window`.
     fn later(&self, sweeps: u32, window: &Self) -> Option<Self> {
         let from = self.from + (SWEEP - SWEEP_TOLERANCE) * sweeps;
         let to = self.to + (SWEEP + SWEEP_TOLERANCE) * sweeps;
@@ -71,7 +71,7 @@ impl Firing {
         (from <= to).then(|| Self::between(from, to))
     }
 
-    /// The firing after `self` that lies in `window`, all possible numbers of sweeps later.
+    /// Firing after `self` within `window`, for all possible numbers of sweeps in between.
     fn next(&self, window: &Self) -> Option<Self> {
         let possible = (1..=SWEEPS_PREDICTED).filter_map(|sweeps| self.later(sweeps, window));
         possible.reduce(|first, last| Self::between(first.from, last.to))
@@ -115,7 +115,7 @@ impl Board {
             let next = || fired.and_then(|fired| fired.next(&window)).unwrap_or(window);
             *fired = Some(known.unwrap_or_else(next));
         }
-        // Of the infrared rangers' cycle that was over last.
+        // The last completed cycle of the infrared rangers.
         self.floor = Some(Firing::between(asked - 2 * IR_CYCLE, received - IR_CYCLE).at);
         self.last = Some(Answer { asked, both });
     }
@@ -146,19 +146,19 @@ impl Ranges {
         self.srfs.is_empty() && self.irs.is_empty()
     }
 
-    /// A board is asked for its ranges.
+    /// A board is being asked for its ranges.
     pub fn asked(&mut self, now: Instant, address: u8) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
             board.asked = now;
         }
     }
 
-    /// Whether the board's round was over already: what stands is to be published before its news.
+    /// True if the board already finished this round: publish before processing its next answer.
     pub fn is_done(&self, address: u8) -> bool {
         self.boards.iter().any(|board| board.address == address && board.done)
     }
 
-    /// The board measured this, or failed to say.
+    /// Stores a board's measurement, or its failure.
     pub fn put(&mut self, at: Instant, address: u8, both: Option<Both>) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
             board.done = true;
@@ -170,13 +170,13 @@ impl Ranges {
         }
     }
 
-    /// Whether all boards that are waited for have said something.
+    /// True if all boards that are waited for have answered or failed.
     pub fn complete(&self, waited_for: impl Fn(u8) -> bool) -> bool {
         let mut boards = self.boards.iter();
         boards.clone().any(|board| board.done) && boards.all(|board| board.done || !waited_for(board.address))
     }
 
-    /// All sonars and all infrared rangers as in 2011, and when the last board spoke; starts the next round.
+    /// All sonars and infrared rangers in the form of 2011, and the time of the last answer; starts the next round.
     pub fn publish(&mut self) -> (Instant, Vec<Range>, Vec<Range>) {
         self.boards.iter_mut().for_each(|board| board.done = false);
         let at = self.latest.unwrap_or_default();
@@ -190,7 +190,7 @@ impl Ranges {
         sonars.chain(infrareds).collect()
     }
 
-    /// Nothing of what the boards said holds any more.
+    /// Discards all measurements.
     pub fn forget(&mut self) {
         for board in &mut self.boards {
             board.fail();
@@ -202,7 +202,7 @@ impl Ranges {
         self.boards.iter().find(|board| board.address == ranger.board)
     }
 
-    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<Heard>) -> Vec<Range> {
+    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<Echo>) -> Vec<Range> {
         let range = |ranger: &Ranger| {
             let answer = self.board(ranger).and_then(|board| board.last.as_ref());
             let heard = answer.and_then(|answer| measured(&answer.both, usize::from(ranger.channel)));
@@ -217,7 +217,7 @@ impl Ranges {
         &self,
         ranger: &Ranger,
         kind: i8,
-        measured: impl Fn(&Both, usize) -> Option<Heard>,
+        measured: impl Fn(&Both, usize) -> Option<Echo>,
         timestamp: impl Fn(Instant) -> i64,
     ) -> Reading {
         let Ranger { id, channel, x, y, theta, beam, .. } = *ranger;
@@ -242,13 +242,13 @@ impl Ranges {
     }
 }
 
-/// Distance of the echo of a channel, m; the inner none: no echo.
-type Heard = Option<f64>;
+/// Distance of a channel's echo, m; `None`: no echo.
+type Echo = Option<f64>;
 
-fn sonar(both: &Both, channel: usize) -> Option<Heard> {
+fn sonar(both: &Both, channel: usize) -> Option<Echo> {
     both.srfs.get(channel).map(|mm| (*mm != NO_ECHO).then(|| f64::from(*mm) / 1000.0))
 }
 
-fn infrared(both: &Both, channel: usize) -> Option<Heard> {
+fn infrared(both: &Both, channel: usize) -> Option<Echo> {
     both.irs.get(channel).map(|mm| (*mm != OUT_OF_RANGE).then(|| f64::from(*mm) / 1000.0))
 }

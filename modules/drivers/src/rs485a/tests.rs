@@ -1,4 +1,4 @@
-//! The driver against emulated boards, on a small wire in virtual time.
+//! The driver with emulated boards on a simulated wire in virtual time.
 
 use super::*;
 use base::serial::Word;
@@ -40,14 +40,14 @@ fn config() -> Config {
             node("sd1_front", FRONT, Kind::Sd1, 4.0),
             node("sd1_rear", REAR, Kind::Sd1, 4.0),
         ],
-        // Last first: the driver orders them.
+        // In reverse: the driver sorts them.
         srfs: (0..16).rev().map(|id| ranger(id, 8)).collect(),
         irs: (0..4).rev().map(|id| ranger(id, 2)).collect(),
         wheels: Wheels::default(),
     }
 }
 
-/// A board behind its slave: what it measures, and how it misbehaves.
+/// A board behind its slave: its measurements and its faults.
 struct FakeBoard {
     slave: Slave,
     dead: bool,
@@ -55,7 +55,7 @@ struct FakeBoard {
     status: Status,
     srfs: sd1::Srfs,
     irs: sd1::Irs,
-    /// Approaches a wall: its sonars fire in their slots, and read where it was then.
+    /// Approaches a wall: its sonars fire in their slots and measure the distance at that time.
     approach: Option<Approach>,
     ticks: Vec<i16>,
     /// Ticks per second, from 0 at `driving_since`.
@@ -64,19 +64,19 @@ struct FakeBoard {
     asked: Vec<u8>,
 }
 
-/// A robot that drives towards a wall all its sonars look at.
+/// A robot that drives towards a wall that all its sonars face.
 #[derive(Clone, Copy, Debug)]
 struct Approach {
-    /// Beginning of the board's first slot.
+    /// Begin of the board's first slot.
     phase: Duration,
-    /// m/s.
+    /// Speed, m/s.
     speed: f64,
     /// Distance at time zero, m.
     from: f64,
 }
 
 impl Approach {
-    /// The last finished slot of each channel at `now`, mm.
+    /// Last finished slot of each channel at `now`, mm.
     fn srfs(&self, now: Instant) -> sd1::Srfs {
         let slots = now.since(Instant::ZERO + self.phase).as_nanos() / sd1::SLOT.as_nanos();
         let measure = |channel: u128| {
@@ -87,7 +87,7 @@ impl Approach {
         (0..8).map(|channel| measure(channel).unwrap_or(sd1::NO_ECHO)).collect()
     }
 
-    /// When the sonar fired that measured this, s.
+    /// Time at which the sonar that measured this fired, s.
     fn fired(&self, distance: f64) -> f64 {
         (self.from - distance) / self.speed
     }
@@ -140,13 +140,13 @@ struct Wire {
     boards: [FakeBoard; 3],
     words: VecDeque<(Instant, Word, bool)>,
     sent: Option<Instant>,
-    /// The port takes what is sent and never says that it has left.
+    /// The port accepts output but never reports that it has left.
     port_stuck: bool,
     log: Vec<(Instant, Action)>,
 }
 
 impl Wire {
-    /// On a wire where nothing is open yet.
+    /// Creates a wire whose port is closed.
     fn closed() -> Self {
         Self::with(config())
     }
@@ -240,7 +240,7 @@ impl Wire {
         }
     }
 
-    /// Takes the messages of one kind since the last call, and when they were sent.
+    /// Takes the messages of one kind since the last call, with their times.
     fn take<T>(&mut self, kind: impl Fn(&Message) -> Option<T>) -> Vec<(Instant, T)> {
         let mut taken = Vec::new();
         self.log.retain(|(at, action)| match action {
@@ -270,7 +270,7 @@ impl Wire {
         self.take(|message| if let Message::LlDataBus(bus) = message { Some(bus.clone()) } else { None })
     }
 
-    /// Takes reports and states: what an operator sees.
+    /// Reports and states as an operator sees them.
     fn news(&mut self) -> String {
         let mut news = Vec::new();
         for (_, action) in std::mem::take(&mut self.log) {
@@ -286,7 +286,7 @@ impl Wire {
         news.join("\n")
     }
 
-    /// The reports so far, as people read them.
+    /// Texts of the reports so far.
     fn texts(&self) -> Vec<String> {
         let texts = self.log.iter().filter_map(|(_, action)| match action {
             Action::Report(report) => Some(report.message.clone()),
@@ -312,7 +312,7 @@ fn valid(ranges: &[Range]) -> Vec<i32> {
 }
 
 #[test]
-fn boards_let_go_of_the_pause_line_when_a_person_commands_run() {
+fn boards_release_the_pause_line_when_a_person_commands_run() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     let asked = |wire: &Wire| {
@@ -332,7 +332,7 @@ fn boards_let_go_of_the_pause_line_when_a_person_commands_run() {
     assert_eq!(command("*", State::Run, true), [2, 2, 0]);
     let ranges =
         wire.log.iter().filter(|(_, action)| matches!(action, Action::Publish(Message::LlDataSrfs(_)))).count();
-    assert!(ranges >= 6, "the rounds of ranges go on: {ranges}");
+    assert!(ranges >= 6, "the rounds of ranges continue: {ranges}");
     assert!(!wire.log.iter().any(|(_, action)| matches!(action, Action::Report(_))));
 }
 
@@ -398,9 +398,9 @@ fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
     assert_eq!(wire.news(), "Warning BoardDegraded sd1_front\nError BoardLost sd1_front");
     wire.run(ms(5000));
     let srfs = wire.srfs();
-    assert_eq!(srfs.len(), 20, "the other board's data goes on");
+    assert_eq!(srfs.len(), 20, "the other board's data continues");
     assert_eq!(wire.bus().last().unwrap().1.nodes[1].state, 2);
-    // Asked once a second, without retries.
+    // Polled once a second, without retries.
     let timeouts = |wire: &mut Wire| {
         wire.run(ms(4000));
         wire.bus().iter().map(|(_, bus)| bus.nodes[1].timeouts).collect::<Vec<_>>()
@@ -450,7 +450,7 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
     assert_eq!(wire.bench.shell.state(), State::Init);
     wire.port(Input::Down("no such device"));
     assert_eq!(wire.bench.shell.state(), State::Error);
-    assert_eq!(wire.texts(), ["rs485.a is down: no such device; tried again"]);
+    assert_eq!(wire.texts(), ["rs485.a is down: no such device; retrying"]);
     wire.port(Input::Up);
     wire.run(ms(100));
     assert_eq!(wire.bench.shell.state(), State::Run);
@@ -475,7 +475,7 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
 }
 
 #[test]
-fn in_stop_nothing_is_asked_and_in_pause_all_goes_on() {
+fn nothing_is_polled_in_stop_and_everything_in_pause() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.command(State::Pause);
@@ -486,11 +486,11 @@ fn in_stop_nothing_is_asked_and_in_pause_all_goes_on() {
     wire.boards.iter_mut().for_each(|board| board.asked.clear());
     wire.run(ms(5000));
     assert!(wire.boards.iter().all(|board| board.asked.is_empty()));
-    assert_eq!(wire.bus().len(), 7, "statistics go on");
+    assert_eq!(wire.bus().len(), 7, "statistics continue");
     wire.odo();
     wire.command(State::Run);
     wire.run(ms(15));
-    assert_eq!(wire.odo().len(), 0, "after 5 s the counters start anew");
+    assert_eq!(wire.odo().len(), 0, "after 5 s the counters restart");
     wire.run(ms(100));
     assert_eq!(wire.odo().len(), 2);
 }
@@ -524,7 +524,7 @@ fn a_board_that_does_not_know_its_instruction_is_reported_once_and_cleared() {
 }
 
 #[test]
-fn an_answer_that_cannot_be_is_dropped_and_reported_once() {
+fn an_implausible_answer_is_dropped_and_reported_once() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.news();
@@ -563,7 +563,7 @@ fn a_reset_of_the_odometry_board_makes_no_jump() {
 }
 
 #[test]
-fn counters_that_jump_all_the_time_are_told_every_ten_seconds_with_their_number() {
+fn repeated_counter_jumps_are_reported_every_ten_seconds_with_their_number() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.news();
@@ -574,7 +574,7 @@ fn counters_that_jump_all_the_time_are_told_every_ten_seconds_with_their_number(
     let texts = wire.texts();
     assert_eq!(texts.len(), 2, "{texts:?}");
     assert_eq!(texts[0], "so1 (0x20 on rs485.a) was reset: its counters jumped by 9000 and 9000; odometry goes on");
-    assert!(texts[1].contains(", 200 times since it was told; ") && !texts[1].contains('\n'), "{texts:?}");
+    assert!(texts[1].contains(", 200 times since the last report; ") && !texts[1].contains('\n'), "{texts:?}");
 }
 
 #[test]
@@ -583,7 +583,7 @@ fn a_port_that_does_not_send_is_reported_and_no_board_is_blamed() {
     wire.run(ms(1000));
     wire.news();
     wire.port_stuck = true;
-    // The boards hear nothing of what is stuck.
+    // The boards receive nothing of the stuck output.
     wire.boards.iter_mut().for_each(|board| board.dead = true);
     wire.run(ms(20_000));
     wire.port_stuck = false;
@@ -620,7 +620,7 @@ fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
     wire.port(Input::Up);
     wire.run(ms(3000));
     let (_, bus) = wire.bus().pop().unwrap();
-    // One round is 74 words; the boards' 200 us and two words of silence are owed three times.
+    // One round is 74 words, plus three times the boards' 200 us and two words of silence.
     let bound = 74.0 / (74.0 + 3.0 * (200.0 / 95.486 + 2.0));
     assert!(bus.load > 0.95 * bound, "{} of {bound}", bus.load);
     let requests: Vec<i64> = bus.nodes.iter().map(|node| node.requests).collect();
@@ -628,7 +628,7 @@ fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_is_refused() {
+fn an_invalid_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);
@@ -652,7 +652,7 @@ fn words(text: &str) -> Vec<Word> {
 }
 
 #[test]
-fn what_is_on_the_wire_stands_in_the_boards_page() {
+fn the_wire_traffic_matches_the_documentation() {
     let mut config = config();
     config.nodes.truncate(2);
     config.srfs.retain(|ranger| ranger.board == FRONT);
@@ -681,7 +681,7 @@ fn what_is_on_the_wire_stands_in_the_boards_page() {
             if !sent.is_empty() {
                 break;
             }
-            assert!(bench.step(bench.now() + ms(100)), "nothing is asked");
+            assert!(bench.step(bench.now() + ms(100)), "nothing is polled");
         }
         assert_eq!(sent, words(asked));
         bench.event(Event::Port { port: PORT, input: Input::Sent });
@@ -713,7 +713,7 @@ fn statuses(ranges: &DataRanges) -> String {
 }
 
 #[test]
-fn a_reading_says_whether_it_was_measured_silent_or_is_not_known() {
+fn a_reading_is_measured_silent_or_unknown() {
     let mut wire = Wire::closed();
     wire.run(ms(1500));
     let before = wire.ranges();
@@ -739,7 +739,7 @@ fn a_reading_says_whether_it_was_measured_silent_or_is_not_known() {
 }
 
 #[test]
-fn ranges_of_a_board_that_fails_or_lies_are_not_known_at_once() {
+fn ranges_of_a_failing_or_implausible_board_are_unknown_at_once() {
     let mut wire = Wire::open();
     wire.run(ms(2000));
     wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
@@ -760,7 +760,7 @@ fn ranges_of_a_board_that_fails_or_lies_are_not_known_at_once() {
 }
 
 #[test]
-fn a_board_that_is_back_has_heard_nothing_only_after_a_sweep() {
+fn a_recovered_board_is_silent_only_after_a_sweep() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.front().dead = true;
@@ -774,7 +774,7 @@ fn a_board_that_is_back_has_heard_nothing_only_after_a_sweep() {
 }
 
 #[test]
-fn in_stop_and_without_a_port_ranges_are_not_known_and_that_is_published() {
+fn unknown_ranges_are_published_in_stop_and_without_a_port() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.ranges();
@@ -792,8 +792,8 @@ fn in_stop_and_without_a_port_ranges_are_not_known_and_that_is_published() {
     assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "u".repeat(20));
 }
 
-/// How far the instants of readings are off at most, ms, and in the mean square: at this rate, over all phases of the
-/// board's slots, once `settle` has passed.
+/// Maximum and root mean square error of the readings' instants, ms, at this rate, over all phases of the board's
+/// slots, after `settle`.
 fn instants(rate_hz: f64, settle: Duration) -> (f64, f64) {
     let (mut worst, mut squares, mut count) = (0.0f64, 0.0, 0.0);
     for phase in 0..21 {
@@ -820,7 +820,7 @@ fn instants(rate_hz: f64, settle: Duration) -> (f64, f64) {
 
 #[test]
 fn each_reading_has_the_instant_at_which_its_sonar_fired_whatever_the_rate() {
-    // 4 Hz and less: a whole sweep may have passed since, and nothing narrows it down.
+    // At 4 Hz and below a whole sweep may have passed since, and nothing narrows the window.
     for rate in [2.0, 4.0] {
         let (worst, rms) = instants(rate, ms(1000));
         assert!(worst < 112.0 && rms < 68.0, "{rate} Hz: {worst:.1} ms at most, {rms:.1} ms");

@@ -1,4 +1,4 @@
-//! From an answer of the scanner to sightings, each at its own instant, none twice.
+//! Conversion of the scanner's answers to sightings, each with its own instant, without duplicates.
 
 use base::{Duration, Epoch, Instant};
 use messages::lowlevel::{Beacon, DataBeacons};
@@ -8,18 +8,18 @@ use rs485::frame::OVERHEAD;
 use rs485::word_time;
 use std::collections::BTreeMap;
 
-/// A sweep takes 1 s: what is this old the board has not kept.
-const OLD_MS: u16 = 2000;
-/// Two sightings of a beacon that are nearer to each other than this are one, told twice: a quarter of a sweep.
-const SAME: Duration = Duration::from_millis(250);
-/// After it was told, the board may still have sightings of the sweep before, for this long.
-const SETTLES: Duration = Duration::from_millis(1500);
+/// Maximum plausible age of a sighting, ms; a sweep takes 1 s.
+const AGE_MAX_MS: u16 = 2000;
+/// Two sightings of a beacon at a smaller interval are the same one, reported twice: a quarter of a sweep.
+const SAME_SIGHTING: Duration = Duration::from_millis(250);
+/// Time after a change of the selection for which the board may still report sightings of the previous sweep.
+const SETTLING_TIME: Duration = Duration::from_millis(1500);
 
-/// What is known of the scanner's sightings.
+/// State of the scanner's sightings.
 #[derive(Debug)]
 pub(super) struct Sightings {
     word: Duration,
-    /// Which beacons it looks for, since when; none: all.
+    /// Selected beacons, and the time of the selection; empty: all.
     active: Vec<u8>,
     since: Instant,
     last: BTreeMap<u8, Instant>,
@@ -30,32 +30,32 @@ impl Sightings {
         Self { word: word_time(baud), active: Vec::new(), since: Instant::ZERO, last: BTreeMap::new() }
     }
 
-    /// It was told to look for these.
-    pub fn looks_for(&mut self, now: Instant, ids: &[u8]) {
+    /// The board was told to look for these beacons.
+    pub fn select(&mut self, now: Instant, ids: &[u8]) {
         self.active = ids.to_vec();
         self.since = now;
     }
 
-    /// Reads an answer whose last word was received at `now`; and whether a beacon is in it that the board should not
-    /// look for: it has forgotten what it was told.
+    /// Parses an answer whose last word was received at `now`. The flag is true if it contains a beacon that is not
+    /// selected: the board has lost its settings.
     ///
     /// # Errors
-    /// When the answer cannot be.
+    /// The answer is implausible.
     pub fn read(&mut self, now: Instant, epoch: Epoch, data: &[u8]) -> Result<(DataBeacons, bool), Implausible> {
         let sightings = parse_beacons(data)?;
-        if let Some(index) = sightings.iter().position(|sighting| sighting.age_ms > OLD_MS) {
+        if let Some(index) = sightings.iter().position(|sighting| sighting.age_ms > AGE_MAX_MS) {
             return Err(Implausible::Value { index, value: sightings[index].age_ms.into() });
         }
-        // Ages are those at the answer's first word.
+        // Ages are relative to the answer's first word.
         let said = now - self.word * (data.len() + OVERHEAD) as u32;
         let (mut beacons, mut stranger) = (Vec::new(), false);
         for sighting in &sightings {
             if !self.active.is_empty() && !self.active.contains(&sighting.id) {
-                stranger |= now.since(self.since) > SETTLES;
+                stranger |= now.since(self.since) > SETTLING_TIME;
                 continue;
             }
             let at = said - Duration::from_millis(sighting.age_ms.into());
-            if self.last.get(&sighting.id).is_some_and(|last| at.since(*last) < SAME) {
+            if self.last.get(&sighting.id).is_some_and(|last| at.since(*last) < SAME_SIGHTING) {
                 continue;
             }
             self.last.insert(sighting.id, at);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sighting_that_is_told_twice_is_published_once() {
+    fn a_repeated_sighting_is_published_once() {
         let mut sightings = Sightings::new(115_200);
         assert_eq!(read(&mut sightings, 5000, &[sighting(1, 3)]).0.len(), 1);
         assert_eq!(read(&mut sightings, 5995, &[sighting(1, 998)]).0.len(), 0);
@@ -110,16 +110,16 @@ mod tests {
     }
 
     #[test]
-    fn who_was_not_to_be_looked_for_is_left_out_and_tells_that_the_board_forgot() {
+    fn an_unselected_beacon_is_dropped_and_reveals_a_reset() {
         let mut sightings = Sightings::new(115_200);
-        sightings.looks_for(at(5000), &[2]);
+        sightings.select(at(5000), &[2]);
         assert_eq!(read(&mut sightings, 6000, &[sighting(1, 3)]), (vec![], false), "of the sweep before");
         let (seen, stranger) = read(&mut sightings, 7000, &[sighting(1, 3), sighting(2, 3)]);
         assert_eq!((seen.len(), stranger), (1, true));
     }
 
     #[test]
-    fn an_age_that_cannot_be_is_implausible() {
+    fn an_impossible_age_is_implausible() {
         let mut sightings = Sightings::new(115_200);
         let old = build_beacons(&[sighting(1, 3), sighting(2, 2001)]);
         let why = sightings.read(at(9000), Epoch::default(), &old);

@@ -1,11 +1,11 @@
 //! Motion authority among web users, and the validity of their commands.
 //!
-//! A pure state machine: time is handed in, its output is drained with [`Authority::poll`], its deadline is
-//! [`Authority::poll_timeout`]. It knows no socket, no bus and no JSON.
+//! A pure state machine, independent of sockets, bus and JSON: time is passed in, output is drained with
+//! [`Authority::poll`], the deadline is [`Authority::poll_timeout`].
 //!
-//! One holds the authority; it ends with its socket. Holding it one drives by holds, a press of the pad each: commands
-//! at 20 Hz that carry the page's clock. How old one is, is judged by the least difference of both clocks that was
-//! seen: what the network kept longer than that counts as late. A hold that has ended, however, is over for good.
+//! One client holds the authority; it ends with its socket. It drives by holds, one for each press of the pad: commands
+//! at 20 Hz that carry the page's clock. Their age follows from the minimum difference of both clocks observed so far:
+//! commands that the network delayed beyond that count as late. A hold that has ended is not resumed.
 
 use super::access::{Role, text};
 use base::{Duration, Instant};
@@ -14,109 +14,109 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Validity of a command from its creation: 250 ms less the time to wake up and send.
-pub const VALID: Duration = Duration::from_millis(240);
-/// A hold without a good command for so long ends.
-pub const SILENCE: Duration = Duration::from_millis(200);
-/// Between the zeros at the end, and how many there are after the first.
+pub const COMMAND_TTL: Duration = Duration::from_millis(240);
+/// Time without a valid command after which a hold ends.
+pub const SILENCE_MAX: Duration = Duration::from_millis(200);
+/// Interval of the zeros at the end, and their number after the first.
 const ZEROS_PERIOD: Duration = Duration::from_millis(50);
-const ZEROS: u8 = 2;
+const ZEROS_COUNT: u8 = 2;
 /// Delays at which the resume command for the planner is repeated: the drives do not acknowledge that they are ready.
-const RESUME: [Duration; 4] =
+const RESUME_DELAYS: [Duration; 4] =
     [Duration::from_millis(100), Duration::from_millis(300), Duration::from_millis(700), Duration::from_millis(1500)];
-/// The least difference of the clocks is forgotten so slowly, s per s: two quartzes differ by less.
-const DRIFT: f64 = 2e-4;
+/// Rate at which the minimum difference of the clocks is relaxed, s per s: two quartz clocks differ by less.
+const DRIFT_S_PER_S: f64 = 2e-4;
 /// Greatest value of a page's clock, ms: 300 years.
 const CLOCK_MAX: f64 = 1e13;
 
-/// A socket; another one after each connection.
+/// Number of a socket; new for each connection.
 pub type ClientId = u32;
 
 /// Limits of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Limits {
-    /// m/s
+    /// Maximum speed, m/s.
     pub speed: f64,
-    /// rad
+    /// Maximum steering angle, rad.
     pub steering: f64,
 }
 
 /// Holder of the motion authority.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Holder {
-    /// Socket.
+    /// Number of its socket.
     pub id: ClientId,
     /// Name.
     #[serde(serialize_with = "text")]
     pub name: Arc<str>,
     /// Role.
     pub role: Role,
-    /// A hold is under way.
+    /// True during a hold.
     pub driving: bool,
-    /// s since it took it.
+    /// Time since it took the authority, s.
     pub since: f64,
 }
 
 /// A command of a hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
-    /// Which press of the pad.
+    /// Number of the press of the pad.
     pub hold: u64,
-    /// Which command.
+    /// Sequence number.
     pub seq: u64,
     /// Time of creation, ms on the page's clock.
     pub t: f64,
-    /// m/s
+    /// Speed, m/s.
     pub speed: f64,
-    /// rad
+    /// Steering angle, rad.
     pub steering: f64,
 }
 
 /// Output; `source` is the user's name on the bus.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Say {
+pub enum Output {
     /// A motion command.
     Motion {
-        /// Whose.
+        /// User.
         source: Arc<str>,
-        /// m/s
+        /// Speed, m/s.
         speed: f64,
-        /// rad
+        /// Steering angle, rad.
         steering: f64,
     },
     /// Zero command.
     Zero {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// The drives are to hold the quick stop.
+    /// Commands the drives to hold the quick stop.
     Pause {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// The drives may go on.
+    /// Permits the drives to move again.
     Run {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// The planner may go on.
+    /// Permits the planner to continue.
     Planner {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// A client is to know who holds the authority.
+    /// Informs a client of the holder.
     Authority {
         /// Addressee.
         to: ClientId,
-        /// Why that has changed; empty at the start.
+        /// Reason of the change; empty at the start.
         why: String,
     },
     /// A client's hold has ended.
     Ended {
         /// Addressee.
         to: ClientId,
-        /// Which.
+        /// Number of the hold.
         hold: u64,
-        /// Why.
+        /// Reason.
         why: String,
     },
 }
@@ -124,21 +124,21 @@ pub enum Say {
 /// Counters of rejected commands, and of changes of authority.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Motion commands passed on.
+    /// Motion commands forwarded.
     pub passed: u64,
-    /// They came too late.
+    /// Late commands.
     pub late: u64,
-    /// Repeated, or out of order.
+    /// Commands repeated or out of order.
     pub repeated: u64,
     /// Commands of an ended hold.
     pub over: u64,
     /// Commands of users without authority.
     pub not_holder: u64,
-    /// Out of limits, or no number.
+    /// Commands out of limits or not a number.
     pub refused: u64,
     /// Holds that the server has ended.
     pub ended: u64,
-    /// Number of times that the authority was taken.
+    /// Number of takeovers of the authority.
     pub taken: u64,
     /// Of these, from another user.
     pub taken_over: u64,
@@ -146,7 +146,7 @@ pub struct Counts {
     pub stops: u64,
 }
 
-/// The least difference of two clocks.
+/// Minimum difference of two clocks.
 #[derive(Clone, Copy, Debug)]
 struct Offset {
     least_ms: f64,
@@ -160,7 +160,7 @@ struct Client {
     role: Role,
     source: Arc<str>,
     seq: Option<u64>,
-    /// The newest hold that has begun or ended.
+    /// Newest hold that has begun or ended.
     hold: u64,
     /// Newest hold whose rejection has been reported.
     told: Option<u64>,
@@ -168,14 +168,15 @@ struct Client {
 }
 
 impl Client {
-    /// Age of a message created at `t`; `None` if `t` is no valid time.
+    /// Age of a message created at `t`; `None` if `t` is invalid.
     fn age(&mut self, now: Instant, t: f64) -> Option<Duration> {
         if !(0.0..=CLOCK_MAX).contains(&t) {
             return None;
         }
         let offset = now.as_nanos() as f64 / 1e6 - t;
-        let before =
-            self.offset.map_or(offset, |Offset { least_ms, at }| least_ms + now.since(at).as_secs_f64() * 1e3 * DRIFT);
+        let before = self
+            .offset
+            .map_or(offset, |Offset { least_ms, at }| least_ms + now.since(at).as_secs_f64() * 1e3 * DRIFT_S_PER_S);
         let least_ms = offset.min(before);
         self.offset = Some(Offset { least_ms, at: now });
         Some(Duration::from_secs_f64((offset - least_ms).max(0.0) / 1e3))
@@ -208,7 +209,7 @@ struct Resume {
 
 impl Resume {
     fn next(&self) -> Instant {
-        self.since + RESUME[self.step.min(RESUME.len() - 1)]
+        self.since + RESUME_DELAYS[self.step.min(RESUME_DELAYS.len() - 1)]
     }
 }
 
@@ -219,16 +220,16 @@ pub struct Authority {
     clients: Vec<Client>,
     next: ClientId,
     holder: Option<(ClientId, Instant)>,
-    /// The holder's.
+    /// Current hold of the holder.
     hold: Option<Hold>,
     endings: Vec<Ending>,
     resume: Option<Resume>,
-    out: VecDeque<Say>,
+    out: VecDeque<Output>,
     counts: Counts,
 }
 
 impl Authority {
-    /// Makes an authority without users.
+    /// Creates an authority without users.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -256,7 +257,7 @@ impl Authority {
         self.counts
     }
 
-    /// Present holder.
+    /// Current holder.
     #[must_use]
     pub fn holder(&self, now: Instant) -> Option<Holder> {
         let (id, since) = self.holder?;
@@ -265,7 +266,7 @@ impl Authority {
         Some(Holder { id, name: name.clone(), role: *role, driving: self.hold.is_some(), since })
     }
 
-    /// True if this one holds it.
+    /// True if this client holds the authority.
     #[must_use]
     pub fn holds(&self, client: ClientId) -> bool {
         self.holder.is_some_and(|(id, _)| id == client)
@@ -276,7 +277,7 @@ impl Authority {
         let id = self.next;
         self.next = self.next.wrapping_add(1).max(1);
         self.clients.push(Client { id, name, role, source, seq: None, hold: 0, told: None, offset: None });
-        self.out.push_back(Say::Authority { to: id, why: String::new() });
+        self.out.push_back(Output::Authority { to: id, why: String::new() });
         id
     }
 
@@ -291,7 +292,7 @@ impl Authority {
         self.clients.retain(|other| other.id != client);
     }
 
-    /// Takes a sign of life, created at `t` on its clock and received now.
+    /// Processes a ping, created at `t` on the client's clock and received now.
     pub fn ping(&mut self, now: Instant, client: ClientId, t: f64) {
         self.handle_timeout(now);
         if let Some(client) = self.client(client) {
@@ -299,10 +300,10 @@ impl Authority {
         }
     }
 
-    /// Takes the authority, from no one or from exactly the holder that the user was shown.
+    /// Takes the authority, from no holder or from exactly the holder that the user was shown.
     ///
     /// # Errors
-    /// Why not, in words.
+    /// Reason of the refusal.
     pub fn take(&mut self, now: Instant, client: ClientId, from: Option<ClientId>) -> Result<(), String> {
         self.handle_timeout(now);
         let name = self.name(client);
@@ -332,10 +333,10 @@ impl Authority {
         Ok(())
     }
 
-    /// Gives it back.
+    /// Returns the authority.
     ///
     /// # Errors
-    /// It is not its own.
+    /// The client does not hold it.
     pub fn release(&mut self, now: Instant, client: ClientId) -> Result<(), String> {
         self.handle_timeout(now);
         if !self.holds(client) {
@@ -350,7 +351,8 @@ impl Authority {
         Ok(())
     }
 
-    /// A command of a hold: passed on, or counted as what it is. What is no honest command ends the hold.
+    /// Processes a command of a hold: forwards it, or counts the reason of its rejection. An invalid command ends the
+    /// hold.
     pub fn drive(&mut self, now: Instant, id: ClientId, drive: Drive) {
         self.handle_timeout(now);
         let (holds, limits) = (self.holds(id), self.limits);
@@ -380,7 +382,7 @@ impl Authority {
                 None => self.tell(id, drive.hold, &why),
             };
         };
-        if age >= VALID {
+        if age >= COMMAND_TTL {
             self.counts.late += 1;
             if active.is_none() {
                 client.hold = client.hold.max(drive.hold);
@@ -399,13 +401,13 @@ impl Authority {
         // A new command replaces its pending zeros; manual driving does not resume the planner.
         self.endings.retain(|ending| ending.source != source || ending.pause);
         self.resume = None;
-        let (silence, valid) = (now + SILENCE, now + (VALID - age));
+        let (silence, valid) = (now + SILENCE_MAX, now + (COMMAND_TTL - age));
         self.hold = Some(Hold { number: drive.hold, until: silence.min(valid), silent: silence <= valid });
         self.counts.passed += 1;
-        self.out.push_back(Say::Motion { source, speed: drive.speed, steering: drive.steering });
+        self.out.push_back(Output::Motion { source, speed: drive.speed, steering: drive.steering });
     }
 
-    /// The hand is off.
+    /// The user released the pad.
     pub fn zero(&mut self, now: Instant, id: ClientId, hold: u64, seq: u64) {
         self.handle_timeout(now);
         let Some(client) = self.client(id) else { return };
@@ -416,7 +418,7 @@ impl Authority {
         }
     }
 
-    /// Takes an unintelligible message: its intent is unknown, so its hold ends.
+    /// Processes an unintelligible message: its intent is unknown, so its hold ends.
     pub fn nonsense(&mut self, now: Instant, id: ClientId) {
         self.handle_timeout(now);
         if self.holds(id) && self.hold.is_some() {
@@ -431,7 +433,7 @@ impl Authority {
         let (name, source) = (client.name.clone(), client.source.clone());
         self.counts.stops += 1;
         self.resume = None;
-        self.out.push_back(Say::Pause { source: source.clone() });
+        self.out.push_back(Output::Pause { source: source.clone() });
         self.end_hold(now, Some(format!("{name} has stopped the robot")));
         if !self.endings.iter().any(|ending| ending.source == source && ending.next == now + ZEROS_PERIOD) {
             self.begin_zeros(now, source.clone());
@@ -439,12 +441,13 @@ impl Authority {
         self.endings.iter_mut().filter(|ending| ending.source == source).for_each(|ending| ending.pause = true);
     }
 
-    /// Lets the drives, and then the planner, go on. The caller has seen that it holds the authority.
+    /// Permits the drives, and then the planner, to continue. The caller has checked that the client holds the
+    /// authority.
     pub fn resume(&mut self, now: Instant, id: ClientId) {
         self.handle_timeout(now);
         let Some(source) = self.client(id).map(|client| client.source.clone()) else { return };
         self.endings.iter_mut().for_each(|ending| ending.pause = false);
-        self.out.push_back(Say::Run { source: source.clone() });
+        self.out.push_back(Output::Run { source: source.clone() });
         self.resume = Some(Resume { source, since: now, step: 0 });
     }
 
@@ -456,23 +459,23 @@ impl Authority {
         }
         for Ending { source, pause, left, next } in &mut self.endings {
             if *next <= now {
-                self.out.push_back(Say::Zero { source: source.clone() });
+                self.out.push_back(Output::Zero { source: source.clone() });
                 if *pause {
-                    self.out.push_back(Say::Pause { source: source.clone() });
+                    self.out.push_back(Output::Pause { source: source.clone() });
                 }
                 (*left, *next) = (*left - 1, now + ZEROS_PERIOD);
             }
         }
         self.endings.retain(|ending| ending.left > 0);
         if let Some(resume) = self.resume.as_mut().filter(|resume| resume.next() <= now) {
-            self.out.push_back(Say::Planner { source: resume.source.clone() });
-            // Missed repetitions are not made up for.
-            resume.step = RESUME.iter().filter(|after| resume.since + **after <= now).count();
+            self.out.push_back(Output::Planner { source: resume.source.clone() });
+            // Missed repetitions are skipped.
+            resume.step = RESUME_DELAYS.iter().filter(|after| resume.since + **after <= now).count();
         }
-        self.resume.take_if(|resume| resume.step >= RESUME.len());
+        self.resume.take_if(|resume| resume.step >= RESUME_DELAYS.len());
     }
 
-    /// Instant of the next [`Self::handle_timeout`].
+    /// Deadline of the next [`Self::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         let endings = self.endings.iter().map(|ending| ending.next);
@@ -481,18 +484,18 @@ impl Authority {
     }
 
     /// Next output, in order.
-    pub fn poll(&mut self) -> Option<Say> {
+    pub fn poll(&mut self) -> Option<Output> {
         self.out.pop_front()
     }
 
-    /// Ends the hold, if there is one, with zero; reports the reason, if any, to its user.
+    /// Ends the current hold, if any, with zero; reports the reason, if any, to its user.
     fn end_hold(&mut self, now: Instant, why: Option<String>) {
         let (Some(hold), Some((id, _))) = (self.hold.take(), self.holder) else { return };
         let Some(source) = self.client(id).map(|client| client.source.clone()) else { return };
         self.begin_zeros(now, source);
         if let Some(why) = why {
             self.counts.ended += 1;
-            self.out.push_back(Say::Ended { to: id, hold: hold.number, why });
+            self.out.push_back(Output::Ended { to: id, hold: hold.number, why });
             if let Some(client) = self.client(id) {
                 client.told = Some(hold.number);
             }
@@ -500,18 +503,18 @@ impl Authority {
     }
 
     fn begin_zeros(&mut self, now: Instant, source: Arc<str>) {
-        self.out.push_back(Say::Zero { source: source.clone() });
+        self.out.push_back(Output::Zero { source: source.clone() });
         let pause = self.endings.iter().any(|ending| ending.source == source && ending.pause);
         self.endings.retain(|ending| ending.source != source);
-        self.endings.push(Ending { source, pause, left: ZEROS, next: now + ZEROS_PERIOD });
+        self.endings.push(Ending { source, pause, left: ZEROS_COUNT, next: now + ZEROS_PERIOD });
     }
 
-    /// Hands the authority to a user, or to no one; informs all.
+    /// Gives the authority to a user, or to nobody; informs all.
     fn hand_to(&mut self, now: Instant, client: Option<ClientId>, why: impl Fn(ClientId) -> String) {
         self.holder = client.map(|id| (id, now));
         self.resume = None;
         for Client { id, .. } in &self.clients {
-            self.out.push_back(Say::Authority { to: *id, why: why(*id) });
+            self.out.push_back(Output::Authority { to: *id, why: why(*id) });
         }
     }
 
@@ -519,7 +522,7 @@ impl Authority {
     fn tell(&mut self, to: ClientId, hold: u64, why: &str) {
         let Some(client) = self.client(to) else { return };
         if client.told.replace(hold) != Some(hold) {
-            self.out.push_back(Say::Ended { to, hold, why: why.into() });
+            self.out.push_back(Output::Ended { to, hold, why: why.into() });
         }
     }
 

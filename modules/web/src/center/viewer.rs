@@ -1,15 +1,16 @@
-//! `/ws/view`: the WebSocket of a viewer. It gets the newest parts, each once, and names the channels that it watches.
+//! `/ws/view`: the WebSocket of a viewer, which receives the newest parts, each once, and selects the channels to
+//! watch.
 //!
-//! A picture that waits in a queue of the network would be taken for new by whoever gets it. So a ping follows every
-//! few pictures, which browsers answer by themselves, and while two of them are unanswered no picture is sent: what is
-//! on its way to a viewer is never more than [`PICTURES`] × [`PINGS`] pictures, 0.6 s.
+//! An update that waits in a network queue would be taken for current. So a ping follows every few updates, which
+//! browsers answer by themselves, and while two of them are unanswered no update is sent: at most [`UPDATES_PER_PING`]
+//! × [`UNANSWERED_PINGS_MAX`] updates, 0.6 s, are on their way to a viewer.
 
 use super::access::Who;
-use super::show::Show;
+use super::view_publisher::ViewPublisher;
 use super::{Center, demo};
 use crate::app::App;
 use crate::request::refused;
-use crate::socket::{BATCH, Line, Over, STALLED};
+use crate::socket::{BATCH, EndReason, Line, STALL_TIMEOUT};
 use crate::stats::Refusal;
 use axum::Extension;
 use axum::extract::State;
@@ -20,18 +21,18 @@ use axum::response::Response;
 use serde::Deserialize;
 use tokio::time::{Instant, sleep_until};
 
-/// The longest message of a viewer, bytes.
+/// Maximum length of a viewer's message, bytes.
 const MESSAGE_MAX: usize = 4 << 10;
-/// Channels that a viewer may watch.
+/// Maximum number of channels that a viewer may watch.
 const WATCHED_MAX: usize = 8;
 /// Maximum length of a channel's name (LCM).
 const NAME_MAX: usize = 63;
 /// Number of updates between two pings.
-const PICTURES: u32 = 3;
+const UPDATES_PER_PING: u32 = 3;
 /// Maximum number of unanswered pings.
-const PINGS: u32 = 2;
-/// Size of the write buffer, bytes: the longest message shown as JSON, and some.
-const WAITS_MAX: usize = 2 << 20;
+const UNANSWERED_PINGS_MAX: u32 = 2;
+/// Size of the write buffer, bytes: the longest message shown as JSON, with reserve.
+const WRITE_BUFFER_MAX: usize = 2 << 20;
 
 /// `/ws/view`
 pub async fn upgrade(
@@ -50,14 +51,14 @@ pub async fn upgrade(
     upgrade
         .read_buffer_size(MESSAGE_MAX)
         .write_buffer_size(BATCH)
-        .max_write_buffer_size(WAITS_MAX)
+        .max_write_buffer_size(WRITE_BUFFER_MAX)
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)
         .on_upgrade(move |socket| async move {
             tokio::select! {
                 () = serve(socket, &app, demo) => {}
-                // Its new role counts when it connects again.
-                () = app.keeper.forgotten(who.device) => {}
+                // Its new role takes effect when it reconnects.
+                () = app.session_store.forgotten(who.device) => {}
             }
             drop(seat);
         })
@@ -77,18 +78,18 @@ async fn serve(socket: WebSocket, app: &App, demo: Option<String>) {
     line.close(over).await;
 }
 
-/// Shows a recorded run.
-async fn play(line: &mut Line, app: &App, run: &str) -> Over {
+/// Plays a recorded run.
+async fn play(line: &mut Line, app: &App, run: &str) -> EndReason {
     let Center { demos, config, .. } = &*app.center;
     let Ok(permit) = demos.clone().try_acquire_owned() else {
-        return Over::Sent(close_code::AGAIN, "as many recorded runs are played as may be at once".into());
+        return EndReason::Sent(close_code::AGAIN, "as many recorded runs are played as may be at once".into());
     };
     let run = match demo::open(&app.center, run, permit).await {
         Ok(run) => run,
         // Maximum length of a reason, bytes (RFC 6455, 5.5).
-        Err(why) => return Over::Sent(close_code::POLICY, why.chars().take(120).filter(char::is_ascii).collect()),
+        Err(why) => return EndReason::Sent(close_code::POLICY, why.chars().take(120).filter(char::is_ascii).collect()),
     };
-    let show = Show::new(config.clone());
+    let show = ViewPublisher::new(config.clone());
     let scene = run.scene.json();
     tokio::select! {
         over = talk(line, app, &show, scene) => over,
@@ -106,7 +107,7 @@ fn demo_of(uri: &Uri) -> Option<String> {
 }
 
 /// Serves the viewer to its end.
-async fn talk(line: &mut Line, app: &App, show: &Show, scene: String) -> Over {
+async fn talk(line: &mut Line, app: &App, show: &ViewPublisher, scene: String) -> EndReason {
     let (mut turns, mut place) = show.join();
     let mut end = app.end.clone();
     let mut flow = Flow::new();
@@ -125,8 +126,8 @@ async fn talk(line: &mut Line, app: &App, show: &Show, scene: String) -> Over {
                 outgoing.extend(show.news(&mut place).into_iter().map(Message::Text));
                 outgoing.extend(flow.sent());
             }
-            () = sleep_until(flow.asked_at + STALLED), if !flow.is_free() => break line.stalled(),
-            _ = end.changed() => break Over::Sent(close_code::AWAY, "the robot's web server ends".into()),
+            () = sleep_until(flow.asked_at + STALL_TIMEOUT), if !flow.is_free() => break line.stalled(),
+            _ = end.changed() => break EndReason::Sent(close_code::AWAY, "the robot's web server ends".into()),
         }
     };
     show.leave(place);
@@ -136,7 +137,7 @@ async fn talk(line: &mut Line, app: &App, show: &Show, scene: String) -> Over {
 /// Updates on their way to a viewer.
 struct Flow {
     pictures: u32,
-    /// Pings sent, and the last one that was answered: by their numbers.
+    /// Number of pings sent, and of the last one answered.
     asked: u32,
     answered: u32,
     asked_at: Instant,
@@ -149,20 +150,20 @@ impl Flow {
 
     /// True if more may be sent.
     fn is_free(&self) -> bool {
-        self.asked.wrapping_sub(self.answered) < PINGS
+        self.asked.wrapping_sub(self.answered) < UNANSWERED_PINGS_MAX
     }
 
-    /// A picture was sent; what is to follow it.
+    /// Counts a sent update; returns the ping that follows it, if due.
     fn sent(&mut self) -> Option<Message> {
         self.pictures += 1;
-        if self.pictures < PICTURES {
+        if self.pictures < UPDATES_PER_PING {
             return None;
         }
         (self.pictures, self.asked, self.asked_at) = (0, self.asked.wrapping_add(1), Instant::now());
         Some(Message::Ping(self.asked.to_be_bytes().to_vec().into()))
     }
 
-    /// A ping was answered, and so are those before it (RFC 6455, 5.5.3). Numbers that were never asked say nothing.
+    /// A ping was answered, and so are those before it (RFC 6455, 5.5.3). Unknown numbers are ignored.
     fn answered(&mut self, payload: &[u8]) {
         let Ok(number) = <[u8; 4]>::try_from(payload).map(u32::from_be_bytes) else { return };
         if self.asked.wrapping_sub(number) < self.asked.wrapping_sub(self.answered) {
@@ -178,8 +179,8 @@ struct Watch {
     watch: Vec<String>,
 }
 
-/// The channels that somebody wants to watch from now on, if that is what it says.
-fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, Over> {
+/// Parses the message of a viewer: the channels to watch from now on, if it contains them.
+fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, EndReason> {
     let asked = match said {
         Message::Pong(payload) => {
             flow.answered(&payload);

@@ -1,4 +1,4 @@
-//! What of the robot every viewer may see, and what each of them still has to be sent. No socket, no clock.
+//! Topics that every viewer may see, and pending output of each viewer. No sockets, no clock.
 //!
 //! A slow viewer gets the newest message of each channel: older ones are dropped from its queue, and counted. Other
 //! viewers are not affected.
@@ -23,7 +23,7 @@ pub struct Limits {
 
 impl Limits {
     /// Defaults: a robot has some hundred topics and 60 kB/s.
-    pub const USUAL: Self = Self { topics: 2000, message: 512 << 10, queue: 512 << 10 };
+    pub const DEFAULT: Self = Self { topics: 2000, message: 512 << 10, queue: 512 << 10 };
 }
 
 /// Step of the time sent to viewers, ns.
@@ -34,7 +34,7 @@ const SOURCES_MAX: usize = 8;
 /// Time for which a full message is kept beside a newer partial one, ns: full state is published once a second.
 const FULL_AGE: u64 = 3_000_000_000;
 
-/// A viewer's number.
+/// Number of a viewer.
 pub type ViewerId = u64;
 
 /// Counters since the start.
@@ -56,7 +56,7 @@ pub struct Counts {
 pub struct Hub {
     limits: Limits,
     topics: BTreeMap<u32, Entry>,
-    /// Their numbers in the order in which they came.
+    /// Their numbers in order of appearance.
     order: Vec<u32>,
     viewers: BTreeMap<ViewerId, Viewer>,
     next: ViewerId,
@@ -67,25 +67,24 @@ pub struct Hub {
 
 struct Entry {
     topic: Topic,
-    /// The newest of what each channel of the bus had for it, for who comes later; none where it is no state of
-    /// anything.
+    /// Newest message of each channel of the bus, for later viewers; absent if the topic is not a state.
     latest: BTreeMap<String, Kept>,
 }
 
 /// Kept messages of a channel that publishes full state now and then, and changes in between.
 struct Kept {
-    newest: Said,
-    fullest: Said,
+    newest: LatestMessage,
+    fullest: LatestMessage,
 }
 
 #[derive(Clone)]
-struct Said {
+struct LatestMessage {
     time: u64,
     data: Bytes,
 }
 
 struct Viewer {
-    /// Channel to its own number for it.
+    /// Numbers of the viewer's subscriptions, by channel.
     subscriptions: BTreeMap<u32, u32>,
     queue: VecDeque<Queued>,
     bytes: usize,
@@ -100,7 +99,7 @@ struct Viewer {
 struct Queued {
     channel: u32,
     subscription: u32,
-    said: Said,
+    said: LatestMessage,
 }
 
 /// Message for a viewer.
@@ -113,7 +112,7 @@ pub enum Outgoing {
 }
 
 impl Hub {
-    /// Makes an empty hub.
+    /// Creates an empty hub.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -145,8 +144,8 @@ impl Hub {
         self.viewers.len()
     }
 
-    /// Takes a message of a topic, from a channel of the bus, at `time` ns since the UNIX epoch. Viewers are woken by
-    /// [`Self::stir`].
+    /// Processes a message of a topic, from a channel of the bus, at `time` ns since the UNIX epoch. Viewers are woken
+    /// by [`Self::wake_viewers`].
     pub fn publish(&mut self, topic: &Topic, from: &str, time: u64, data: &[u8]) {
         let id = u32::from(topic.id);
         self.counts.published += 1;
@@ -168,7 +167,7 @@ impl Hub {
         if !wanted && !entry.is_state() {
             return;
         }
-        let said = Said { time, data: Bytes::copy_from_slice(data) };
+        let said = LatestMessage { time, data: Bytes::copy_from_slice(data) };
         if entry.is_state() {
             entry.keep(from, said.clone());
         }
@@ -182,8 +181,8 @@ impl Hub {
         }
     }
 
-    /// Wakes those who have something new.
-    pub fn stir(&mut self) {
+    /// Wakes viewers with new messages.
+    pub fn wake_viewers(&mut self) {
         for id in std::mem::take(&mut self.stirred) {
             if let Some(viewer) = self.viewers.get(&id) {
                 viewer.wake.notify_one();
@@ -191,11 +190,11 @@ impl Hub {
         }
     }
 
-    /// Adds a viewer: its number, and the notification that there is something to [take](Self::take).
+    /// Adds a viewer; returns its number, and the notification that [`take`](Self::take) has output.
     pub fn join(&mut self) -> (ViewerId, Arc<Notify>) {
         let (id, wake) = (self.next, Arc::new(Notify::new()));
         self.next += 1;
-        // The channels that are there, to begin with.
+        // Announces the existing channels first.
         wake.notify_one();
         let viewer = Viewer {
             subscriptions: BTreeMap::new(),
@@ -209,19 +208,19 @@ impl Hub {
         (id, wake)
     }
 
-    /// A viewer has gone.
+    /// Removes a viewer.
     pub fn leave(&mut self, id: ViewerId) {
         self.viewers.remove(&id);
     }
 
-    /// A viewer wants a channel, and gets its newest message at once where that is a state of something.
+    /// Adds a subscription; queues the newest message of the channel if that is a state.
     ///
     /// # Errors
-    /// In words for it: there is no such channel, it has it already, or has used the number.
+    /// Text for the user: unknown channel, duplicate subscription, or number already in use.
     pub fn subscribe(&mut self, id: ViewerId, wanted: Subscription) -> Result<(), String> {
         let Subscription { id: subscription, channel_id } = wanted;
         let Some(viewer) = self.viewers.get_mut(&id) else { return Ok(()) };
-        // Only announced channels: each viewer has its own.
+        // Announced channels only: each viewer has its own.
         let known = self.order[..viewer.told].contains(&channel_id);
         let Some(entry) = self.topics.get(&channel_id).filter(|_| known) else {
             return Err(format!("there is no channel {channel_id}"));
@@ -241,7 +240,7 @@ impl Hub {
         Ok(())
     }
 
-    /// A viewer wants no more of its subscription.
+    /// Removes a subscription.
     ///
     /// # Errors
     /// Text: no subscription with this number.
@@ -272,14 +271,14 @@ impl Hub {
             let Some(queued) = viewer.queue.pop_front() else { break };
             viewer.bytes -= queued.len();
             length += queued.len();
-            let Said { time, data } = &queued.said;
+            let LatestMessage { time, data } = &queued.said;
             if *time >= viewer.time + CLOCK_STEP {
                 viewer.time = *time;
                 outgoing.push(Outgoing::Binary(protocol::time(*time)));
             }
             outgoing.push(Outgoing::Binary(protocol::message_data(queued.subscription, *time, data)));
         }
-        // The rest, when it comes back for it.
+        // Continues with the rest at the next call.
         if viewer.told < self.order.len() || !viewer.queue.is_empty() {
             viewer.wake.notify_one();
         }
@@ -287,7 +286,7 @@ impl Hub {
     }
 }
 
-/// The first of these topics, some `at_most` bytes of them, at least one; and how many they are.
+/// Announcement of the first topics, about `at_most` bytes, at least one; and their number.
 fn advertise(topics: &BTreeMap<u32, Entry>, ids: &[u32], at_most: usize) -> (String, usize) {
     let mut length = 0;
     let channels: Vec<Channel<'_>> = ids
@@ -319,7 +318,7 @@ impl Entry {
         !name.contains("_CMD_") && !name.contains("_EVENT_") && !["/marks", "/rosout"].contains(&&**name)
     }
 
-    fn keep(&mut self, from: &str, said: Said) {
+    fn keep(&mut self, from: &str, said: LatestMessage) {
         if let Some(kept) = self.latest.get_mut(from) {
             let old = said.time.saturating_sub(kept.fullest.time) > FULL_AGE;
             if old || said.data.len() >= kept.fullest.data.len() {
@@ -332,22 +331,22 @@ impl Entry {
     }
 
     /// Kept messages, in order of time.
-    fn kept(&self) -> Vec<Said> {
+    fn kept(&self) -> Vec<LatestMessage> {
         let more = self.latest.values().filter(|kept| self.gathers() && kept.fullest.time < kept.newest.time);
-        let mut kept: Vec<Said> = more.map(|kept| kept.fullest.clone()).collect();
+        let mut kept: Vec<LatestMessage> = more.map(|kept| kept.fullest.clone()).collect();
         kept.extend(self.latest.values().map(|kept| kept.newest.clone()));
         kept.sort_by_key(|said| said.time);
         kept
     }
 
-    /// True if a viewer puts its picture together of several messages.
+    /// True if viewers combine several messages of the topic.
     fn gathers(&self) -> bool {
         ["/scene", "/tf"].contains(&&*self.topic.name)
     }
 }
 
 impl Viewer {
-    /// Puts a message into the queue; how many others it took the place of.
+    /// Queues a message; returns the number of messages dropped for it.
     fn push(&mut self, queued: Queued, limit: usize) -> u64 {
         self.bytes += queued.len();
         self.queue.push_back(queued);
@@ -390,7 +389,7 @@ mod tests {
         Topic { id, name: name.into(), schema_name: "p/msg/T".into(), schema_text: "int32 a\n".into() }
     }
 
-    /// What a viewer gets: channel texts as they are, messages as subscription and payload, times not.
+    /// Output for a viewer: channel texts unchanged, messages as subscription and payload, without times.
     fn taken(hub: &mut Hub, id: ViewerId) -> Vec<String> {
         let shown = |outgoing| match outgoing {
             Outgoing::Text(text) => Some(text),
@@ -407,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_later_sees_how_things_are_but_no_command_of_long_ago() {
+    fn a_late_client_gets_the_current_state_but_no_old_commands() {
         let mut hub = Hub::new(LIMITS);
         hub.publish(&topic(0, "/plan"), "ML_DATA_PLAN", 1, b"old");
         hub.publish(&topic(0, "/plan"), "ML_DATA_PLAN", 2, b"new");
@@ -424,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_put_together_of_several_messages_is_kept_whole() {
+    fn a_topic_of_several_messages_is_kept_complete() {
         let mut hub = Hub::new(LIMITS);
         let scene = topic(0, "/scene");
         hub.publish(&scene, "ML_DATA_ESTIMATE", 1_000_000_000, b"ellipse and outline");
@@ -438,11 +437,11 @@ mod tests {
         let (id, _) = hub.join();
         taken(&mut hub, id);
         hub.subscribe(id, wanted(1, 0)).unwrap();
-        assert_eq!(taken(&mut hub, id), ["1: obstacles", "1: x"], "what is full is not old");
+        assert_eq!(taken(&mut hub, id), ["1: obstacles", "1: x"], "a full message is not outdated");
     }
 
     #[test]
-    fn a_slow_viewer_gets_the_newest_of_each_and_nobody_else_less() {
+    fn a_slow_client_gets_the_newest_and_does_not_slow_others() {
         let mut hub = Hub::new(LIMITS);
         let (fast, slow) = (topic(0, "/fast"), topic(1, "/slow"));
         let viewers = [hub.join().0, hub.join().0];
@@ -470,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_or_too_many_is_counted_and_not_shown() {
+    fn excess_data_is_counted_and_not_shown() {
         let mut hub = Hub::new(LIMITS);
         for id in 0..5 {
             hub.publish(&topic(id, &format!("/{id}")), "C", 0, b"");
@@ -492,7 +491,7 @@ mod tests {
         assert!(hub.subscribe(id, wanted(6, 7)).is_err(), "no such channel");
         hub.unsubscribe(id, 5).unwrap();
         assert!(hub.unsubscribe(id, 5).is_err());
-        assert!(taken(&mut hub, id).is_empty(), "what waited is gone with the subscription");
+        assert!(taken(&mut hub, id).is_empty(), "pending messages are dropped with the subscription");
         hub.subscribe(id, wanted(5, 1)).unwrap();
         assert_eq!(taken(&mut hub, id), ["5: b"]);
         hub.leave(id);
@@ -500,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn many_channels_are_told_in_pieces_and_the_rest_is_not_forgotten() {
+    fn many_channels_are_advertised_in_pieces_completely() {
         let mut hub = Hub::new(Limits { topics: 100, ..LIMITS });
         for id in 0..100 {
             hub.publish(&topic(id, &format!("/{id}")), "C", 0, b"");

@@ -1,4 +1,4 @@
-//! Times and order on a quiet wire, and what happens on a bad one.
+//! Timing and order on a wire without faults, and the effects of faults.
 
 use super::*;
 use module::PortId;
@@ -47,7 +47,7 @@ fn the_lowest_identifier_wins_and_each_port_keeps_its_order() {
     let mut order = Vec::new();
     while let Some(due) = wire.poll_timeout() {
         wire.handle_timeout(due);
-        if let Some(Told::Frame(owner, frame)) = wire.poll_told() {
+        if let Some(WireEvent::Frame(owner, frame)) = wire.poll_event() {
             order.push((owner.pid, frame.id()));
         }
     }
@@ -65,7 +65,7 @@ fn frames_follow_each_other_with_three_bits_between() {
     let mut ends = Vec::new();
     while let Some(due) = wire.poll_timeout() {
         wire.handle_timeout(due);
-        if wire.poll_told().is_some() {
+        if wire.poll_event().is_some() {
             ends.push(due.as_nanos());
         }
     }
@@ -73,22 +73,22 @@ fn frames_follow_each_other_with_three_bits_between() {
     assert_eq!(ends, [a, a + 3 * 2000 + b]);
 }
 
-/// Serves the wire until `end`; what it told, one a line: µs, port, what.
+/// Serves the wire until `end`; returns its events, one per line: µs, port, event.
 fn story(wire: &mut CanWire, end: Instant) -> Vec<String> {
     let mut lines = Vec::new();
     while let Some(due) = wire.poll_timeout().filter(|due| *due <= end) {
         wire.handle_timeout(due);
-        while let Some(told) = wire.poll_told() {
+        while let Some(told) = wire.poll_event() {
             let what = match told {
-                Told::Frame(owner, frame) => format!("{} frame {:?}", owner.pid, frame.data()),
-                Told::Lost(frame) => format!("- lost {:?}", frame.data()),
-                Told::Off(owner) => format!("{} off", owner.pid),
-                Told::Back(owner) => format!("{} back", owner.pid),
-                Told::Notice(owner, Notice::Health(health)) => {
+                WireEvent::Frame(owner, frame) => format!("{} frame {:?}", owner.pid, frame.data()),
+                WireEvent::Lost(frame) => format!("- lost {:?}", frame.data()),
+                WireEvent::Off(owner) => format!("{} off", owner.pid),
+                WireEvent::Back(owner) => format!("{} back", owner.pid),
+                WireEvent::Notice(owner, Notice::Health(health)) => {
                     let [transmit, receive] = [health.transmit_errors, health.receive_errors];
                     format!("{} {:?} {transmit} {receive}", owner.pid, health.state)
                 }
-                Told::Notice(owner, notice) => format!("{} {notice:?}", owner.pid),
+                WireEvent::Notice(owner, notice) => format!("{} {notice:?}", owner.pid),
             };
             lines.push(format!("{} {what}", due.as_nanos() / 1000));
         }
@@ -101,7 +101,7 @@ fn us(micros: u64) -> Instant {
 }
 
 #[test]
-fn alone_on_its_wire_a_port_gets_passive_tries_for_ever_and_is_never_off() {
+fn a_port_alone_on_its_wire_becomes_passive_and_never_bus_off() {
     let mut wire = wire(1_000_000, 1);
     let sent = frame(0x181, &[1]);
     wire.send(Instant::ZERO, owner(1), sent);
@@ -119,7 +119,7 @@ fn alone_on_its_wire_a_port_gets_passive_tries_for_ever_and_is_never_off() {
     ];
     assert_eq!(story(&mut wire, us(250_000)), expected);
     assert_eq!((wire.traffic.sent, wire.traffic.errors), (0, 0));
-    // Someone comes, and hears it at the next try: the 17th began at 16 * (one + 3) + 8.
+    // Another node joins and receives the next attempt: the 17th began at 16 * (one + 3) + 8.
     let first = 16 * (one + 3) + 8;
     let next = first + (250_000 - first).div_ceil(one + 3 + 8) * (one + 3 + 8);
     wire.join(owner(2), &"other".into(), false);
@@ -130,7 +130,7 @@ fn alone_on_its_wire_a_port_gets_passive_tries_for_ever_and_is_never_off() {
 #[test]
 fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
     let mut wire = wire(1_000_000, 2);
-    assert!(wire.suffer(Instant::ZERO, Ailment::Corrupt(2), Instant::NEVER));
+    assert!(wire.inject(Instant::ZERO, InjectedFault::Corrupt(2), Instant::NEVER));
     let (a, b) = (frame(0x181, &[1]), frame(0x182, &[2]));
     let [bits_a, bits_b] = [&a, &b].map(|frame| u64::from(frame_bits(frame)));
     wire.send(Instant::ZERO, owner(1), a);
@@ -143,7 +143,7 @@ fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
     let after = destroyed + 3 + bits_b;
     let told = ["1 Active 8 0", "1 Errors(1)", "2 Active 0 1", "2 Errors(1)"].map(|what| format!("{destroyed} {what}"));
     assert_eq!(lines[1..], [&told[..], &[format!("{after} 1 frame [2]")]].concat());
-    // The counters go down by the frame, which is told with the next small news.
+    // The counters decrease with the frame, which is reported with the next minor notice.
     let rest = story(&mut wire, us(200_000));
     assert_eq!(
         rest,
@@ -153,9 +153,9 @@ fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
 }
 
 #[test]
-fn a_port_whose_every_frame_is_destroyed_goes_off_flushes_and_comes_back_later_each_time() {
+fn a_port_with_only_destroyed_frames_goes_bus_off_with_back_off() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(20_000_000));
+    wire.inject(Instant::ZERO, InjectedFault::Corrupt(1), us(20_000_000));
     let (mut offs, mut backs, mut healths) = (Vec::new(), Vec::new(), Vec::new());
     for turn in 0..200_000 {
         let now = us(turn * 100);
@@ -176,21 +176,21 @@ fn a_port_whose_every_frame_is_destroyed_goes_off_flushes_and_comes_back_later_e
     assert_eq!(healths[..2], ["1 Passive 128 0", "1 Off 255 0"]);
     let pauses: Vec<_> = offs.iter().zip(&backs).map(|(off, back)| back - off).collect();
     assert_eq!(pauses, [100, 200, 400, 800, 1600, 3200, 5000, 5000].map(|ms| ms * 1000 + 1408));
-    // 32 tries of a frame; at least 5 s of peace make the pause short again.
+    // 32 attempts per frame; at least 5 s without errors reset the delay.
     assert_eq!(wire.traffic.errors, 32 * offs.len() as u64);
     let calm = us(40_000_000);
     story(&mut wire, calm);
-    wire.suffer(calm, Ailment::BusOff, Instant::NEVER);
+    wire.inject(calm, InjectedFault::BusOff, Instant::NEVER);
     let back = story(&mut wire, us(40_200_000));
     assert!(back.contains(&"40101408 1 back".to_string()), "{back:?}");
 }
 
 #[test]
-fn who_is_cut_off_is_alone_and_says_nothing_old_when_it_is_back() {
+fn a_port_that_was_cut_off_sends_no_old_frames_afterwards() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
     wire.join(owner(2), &"boards".into(), true);
-    wire.suffer(Instant::ZERO, Ailment::Cut, us(500_000));
+    wire.inject(Instant::ZERO, InjectedFault::Cut, us(500_000));
     for n in 0..50 {
         let now = us(n * 10_000);
         wire.send(now, owner(1), frame(0x200, &[n as u8]));
@@ -201,7 +201,7 @@ fn who_is_cut_off_is_alone_and_says_nothing_old_when_it_is_back() {
         assert!(!wire.hears(now, owner(1)) && wire.hears(now, owner(2)));
     }
     assert_eq!(wire.controllers[0].health().transmit_errors, 128);
-    // The one in the controller is the first of all; of the others only those of the last 50 ms are left.
+    // The frame in the controller is first; of the others only those of the last 50 ms are left.
     let told = story(&mut wire, us(520_000));
     let frames: Vec<_> = told.iter().filter_map(|line| line.split_once("frame [")?.1.strip_suffix(']')).collect();
     assert_eq!(frames, ["0", "46", "47", "48", "49"]);
@@ -209,11 +209,11 @@ fn who_is_cut_off_is_alone_and_says_nothing_old_when_it_is_back() {
 }
 
 #[test]
-fn passive_senders_on_either_side_of_a_cut_do_not_wake_each_other_for_ever() {
+fn passive_senders_on_both_sides_of_a_cut_settle() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
     wire.join(owner(2), &"boards".into(), false);
-    wire.suffer(Instant::ZERO, Ailment::Cut, us(500_000));
+    wire.inject(Instant::ZERO, InjectedFault::Cut, us(500_000));
     wire.send(us(0), owner(1), frame(0x200, &[]));
     wire.send(us(0), owner(2), frame(0x180, &[]));
     let mut turns = 0;
@@ -226,9 +226,9 @@ fn passive_senders_on_either_side_of_a_cut_do_not_wake_each_other_for_ever() {
 }
 
 #[test]
-fn a_passive_sender_lets_others_begin_first() {
+fn a_passive_sender_yields_to_others() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(3000));
+    wire.inject(Instant::ZERO, InjectedFault::Corrupt(1), us(3000));
     wire.send(Instant::ZERO, owner(1), frame(0x001, &[1]));
     while !wire.controllers[0].is_passive() {
         let due = wire.poll_timeout().unwrap();
@@ -242,12 +242,12 @@ fn a_passive_sender_lets_others_begin_first() {
 }
 
 #[test]
-fn noise_is_as_likely_as_it_is_said_and_repeats_with_its_seed() {
+fn noise_has_its_configured_rate_and_repeats_with_its_seed() {
     let run = |seed| {
         let mut wire = CanWire::new(1_000_000, Random::new(seed), None);
         wire.join(owner(1), &"a".into(), false);
         wire.join(owner(2), &"b".into(), false);
-        wire.suffer(Instant::ZERO, Ailment::Noise(5e-4), Instant::NEVER);
+        wire.inject(Instant::ZERO, InjectedFault::Noise(5e-4), Instant::NEVER);
         for n in 0..10_000 {
             wire.send(us(n * 500), owner(1), frame(0x181, &n.to_le_bytes()));
             story(&mut wire, us(n * 500 + 499));
@@ -256,7 +256,7 @@ fn noise_is_as_likely_as_it_is_said_and_repeats_with_its_seed() {
     };
     let traffic = run(1);
     assert_eq!((traffic, traffic.sent, traffic.dropped), (run(1), 10_000, 0));
-    // Some 120 bits: 6 % of the tries.
+    // About 120 bits: 6 % of the attempts.
     let share = traffic.errors as f64 / (traffic.errors + traffic.sent) as f64;
     assert!((0.05..0.065).contains(&share), "{share}");
     assert_ne!(traffic.errors, run(2).errors);
@@ -265,14 +265,14 @@ fn noise_is_as_likely_as_it_is_said_and_repeats_with_its_seed() {
 #[test]
 fn the_next_process_of_a_module_finds_its_controller_as_it_is() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(us(10), Ailment::BusOff, Instant::NEVER);
+    wire.inject(us(10), InjectedFault::BusOff, Instant::NEVER);
     wire.close(1);
     assert!(!wire.join(owner(3), &"module 1".into(), false), "it is still off");
     assert_eq!(wire.controllers.len(), 2);
     let back = story(&mut wire, us(200_000));
     assert!(back.contains(&"101418 3 back".to_string()), "{back:?}");
     wire.close(3);
-    // An interface that nobody uses acknowledges.
+    // An unused interface acknowledges.
     wire.send(us(300_000), owner(2), frame(0x181, &[1]));
     assert!(story(&mut wire, us(301_000)).iter().any(|line| line.ends_with("2 frame [1]")));
 }
@@ -280,7 +280,7 @@ fn the_next_process_of_a_module_finds_its_controller_as_it_is() {
 #[test]
 fn a_lost_frame_is_lost_once() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(Instant::ZERO, Ailment::Lose(2), Instant::NEVER);
+    wire.inject(Instant::ZERO, InjectedFault::Lose(2), Instant::NEVER);
     for n in 0..3 {
         wire.send(Instant::ZERO, owner(1), frame(0x181, &[n]));
     }

@@ -1,4 +1,4 @@
-//! The bus itself, and the objects that are read and written for engineers.
+//! The bus itself, and engineers' access to objects.
 
 use super::*;
 use base::can::{BusState, Health, Notice};
@@ -29,14 +29,14 @@ impl Robot {
 }
 
 #[test]
-fn the_bus_tells_its_load_its_frames_and_its_nodes_each_second() {
+fn load_frames_and_nodes_of_the_bus_are_published_each_second() {
     let mut robot = Robot::ready();
     robot.pass(1000);
     let before = robot.bus().clone();
     robot.drive(0.4, 1000);
     let bus = robot.bus();
     assert_eq!((bus.bus.as_str(), bus.state, bus.errors), ("can.main", DataBus::ACTIVE, 0));
-    // 20 Hz of RPDO4, three heartbeats, and what the drives tell: some 100 frames of 100 bits at 1 Mbit/s.
+    // 20 Hz of RPDO4, three heartbeats, and the drives' PDOs: about 100 frames of 100 bits at 1 Mbit/s.
     let frames = bus.frames - before.frames;
     assert!((60..400).contains(&frames), "{frames}");
     assert!(bus.load > 60e-6 * frames as f64 && bus.load < 135e-6 * frames as f64, "{} of {frames} frames", bus.load);
@@ -54,7 +54,7 @@ fn the_bus_tells_its_load_its_frames_and_its_nodes_each_second() {
 }
 
 #[test]
-fn a_passive_controller_is_told_and_told_to_be_well_again() {
+fn a_passive_controller_and_its_recovery_are_reported() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 300);
     let health = |state, transmit_errors| Notice::Health(Health { state, transmit_errors, receive_errors: 0 });
@@ -72,7 +72,7 @@ fn a_passive_controller_is_told_and_told_to_be_well_again() {
 }
 
 #[test]
-fn bus_off_is_told_as_what_it_is_and_not_as_passive_first() {
+fn bus_off_is_reported_as_such_and_not_as_passive_first() {
     let mut robot = Robot::ready();
     robot.notice(Notice::Health(Health { state: BusState::Off, transmit_errors: 0, receive_errors: 0 }));
     robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("bus-off") });
@@ -82,7 +82,7 @@ fn bus_off_is_told_as_what_it_is_and_not_as_passive_first() {
 }
 
 #[test]
-fn what_nobody_acknowledges_stops_the_robot_and_nothing_resumes_by_itself() {
+fn a_missing_acknowledgement_stops_the_robot_and_nothing_resumes_by_itself() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 300);
     assert!(robot.moves());
@@ -99,7 +99,7 @@ fn what_nobody_acknowledges_stops_the_robot_and_nothing_resumes_by_itself() {
 }
 
 #[test]
-fn errors_and_lost_frames_are_counted_and_a_bad_wire_is_told_once() {
+fn errors_and_lost_frames_are_counted_and_a_bad_wire_reported_once() {
     let mut robot = Robot::ready();
     robot.pass(1000);
     for _ in 0..20 {
@@ -110,19 +110,19 @@ fn errors_and_lost_frames_are_counted_and_a_bad_wire_is_told_once() {
     assert_eq!(robot.bus().errors, 120);
     robot.pass(2000);
     assert_eq!(robot.told(Fault::CanErrors), [Severity::Warning, Severity::Notice]);
-    // One now and then is what a CRC is for.
+    // Occasional errors are handled by the CRC.
     robot.notice(Notice::Errors(3));
     robot.pass(2000);
     assert_eq!(robot.told(Fault::CanErrors).len(), 2);
 }
 
 #[test]
-fn an_engineer_reads_objects_of_the_drives_and_is_told_why_not() {
+fn an_engineer_reads_objects_of_the_drives_or_gets_the_abort_code() {
     let mut robot = Robot::ready();
     let answer = robot.sdo(1, 0x1018, 1, None);
     assert_eq!((answer.request, answer.node, answer.index, answer.subindex), (77, 1, 0x1018, 1));
     assert_eq!((answer.abort_code, answer.data), (0, vec![0xFB, 0, 0, 0]));
-    // What the driver itself asks for now and then.
+    // Objects that the driver itself reads at times.
     for (node, index, len) in [(1, 0x6041, 2), (2, 0x6064, 4), (1, 0x606C, 4)] {
         let answer = robot.sdo(node, index, 0, None);
         assert_eq!((answer.abort_code, answer.data.len()), (0, len), "0x{index:04X}");
@@ -135,7 +135,7 @@ fn an_engineer_reads_objects_of_the_drives_and_is_told_why_not() {
 }
 
 #[test]
-fn an_engineer_writes_what_does_not_move_a_drive_and_only_while_the_robot_stands() {
+fn an_engineer_writes_only_safe_objects_and_only_at_standstill() {
     let mut robot = Robot::ready();
     assert_eq!(robot.sdo(1, 0x6084, 0, Some(&[0x10, 0x27, 0, 0])).abort_code, 0);
     assert_eq!(robot.epos.node.get(0x6084, 0), Some(10_000));

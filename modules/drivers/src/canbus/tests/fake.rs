@@ -1,4 +1,4 @@
-//! A drive that is no more than its objects: it obeys at once. What a drive really does is the simulator's affair.
+//! A drive reduced to its objects, which obeys at once. Realistic behaviour is up to the simulator.
 
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
@@ -9,11 +9,11 @@ use canopen::{Dictionary, Node, NodeEvent};
 pub struct Fake {
     pub node: Node,
     pub power: Drive,
-    /// It takes part in the bus.
+    /// Takes part in the bus.
     pub alive: bool,
-    /// What it sends is lost, but for its heartbeat.
+    /// Frames that it sends are lost, except heartbeats.
     pub mute: bool,
-    /// It does not obey its controlword any more.
+    /// Ignores its controlword.
     pub stubborn: bool,
     homing: Option<Instant>,
     bits: u16,
@@ -58,7 +58,7 @@ impl Fake {
         None
     }
 
-    /// Something breaks inside: the drive tells and stops.
+    /// Simulates an internal failure: the drive sends an emergency and stops.
     pub fn fault(&mut self, now: Instant, code: u16) {
         self.power.fault();
         self.power.fault_reaction_done();

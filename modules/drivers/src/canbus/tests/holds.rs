@@ -1,18 +1,18 @@
-//! What stands against motion, as `LL_DATA_HOLD` lists it: all of it, in order, with the moment it began.
+//! Holds as listed in `LL_DATA_HOLD`: all of them, in order, with the time at which each began.
 
 use super::super::objection::{Axis, Objection};
 use super::super::{drive, steering};
 use super::*;
 use canopen::master::{BootError, LostReason, Step};
 use messages::middlelevel::{CmdGoal, DataEstimate, Waypoint};
-use module::Standing;
+use module::ActiveHold;
 
 fn pause(engaged: bool, source: &str) -> lowlevel::EventStop {
     lowlevel::EventStop { timestamp: 0, engaged, source: source.into() }
 }
 
 #[test]
-fn all_that_stands_is_listed_the_weightiest_first() {
+fn all_holds_are_listed_main_one_first() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     assert_eq!((robot.holds(), robot.reason().as_str()), (vec![], ""), "it drives");
@@ -31,7 +31,7 @@ fn all_that_stands_is_listed_the_weightiest_first() {
     assert_eq!(robot.reason(), "PAUSE is engaged by bumper2");
     let latched: Vec<bool> = robot.holds.holds.iter().map(|hold| hold.latched).collect();
     assert_eq!(latched, [false, false, false, true]);
-    // One of them is over; the others have stood since the same moments as before.
+    // One has ended; the others keep their begin.
     let since = |robot: &Robot, hold: Hold| {
         robot.holds.holds.iter().find(|row| row.cause() == Some(hold)).map(|row| row.since).expect("it stands")
     };
@@ -62,7 +62,7 @@ fn the_list_is_published_five_times_a_second_and_on_change() {
 }
 
 #[test]
-fn who_pulled_pause_is_a_number() {
+fn the_source_of_pause_is_a_number() {
     let mut robot = Robot::ready();
     for (source, hold) in [
         ("bumper1", Hold::PauseBumper),
@@ -85,7 +85,7 @@ fn who_pulled_pause_is_a_number() {
 }
 
 #[test]
-fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() {
+fn ignored_sources_are_named_and_the_planner_with_its_missing_needs() {
     let mut robot = Robot::ready();
     let command = |robot: &mut Robot, source: &str, priority| {
         robot.bench.message(lowlevel::CmdMotion {
@@ -104,7 +104,7 @@ fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() 
     assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
     assert_eq!(robot.holds.holds[0].words(), "planner must be let go by an operator first");
     robot.pass(300);
-    // Two gamepads and the planner behind a hand.
+    // Two gamepads and the planner behind a manual source.
     robot.drive(0.0, 50);
     robot.drive(0.4, 100);
     command(&mut robot, "planner", 0);
@@ -126,7 +126,7 @@ fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() 
         (Hold::PlannerLatched, "planner"),
     ];
     assert_eq!(robot.holds(), stands);
-    // Whoever lets go is not named any more.
+    // A released source is no longer named.
     robot.pass(300);
     robot.bench.message(pause(false, ""));
     robot.exchange();
@@ -134,7 +134,7 @@ fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() 
 }
 
 #[test]
-fn a_planner_that_is_stopped_for_its_estimate_says_so_before_it_is_to_be_let_go() {
+fn a_lost_estimate_is_listed_before_the_latched_planner() {
     let mut robot = Robot::ready();
     let goal = Message::from(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
     robot.bench.event(Event::Message { at: robot.bench.now(), message: &goal });
@@ -152,7 +152,7 @@ fn a_planner_that_is_stopped_for_its_estimate_says_so_before_it_is_to_be_let_go(
 }
 
 #[test]
-fn causes_are_compared_without_strings_and_their_words_are_those_of_the_list() {
+fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
     fn is_plain<T: Copy + PartialEq>(_: T) {}
     let canbus = Canbus::new(config()).expect("a good configuration");
     let steering = |objection| Objection::Drive(Axis::Steering, objection);
@@ -163,13 +163,13 @@ fn causes_are_compared_without_strings_and_their_words_are_those_of_the_list() {
         (steering(drive::Objection::Absent(absent)), "the steering drive is lost: heartbeat missing"),
         (steering(drive::Objection::Absent(failed)), "the steering drive cannot be booted: device type: no heartbeat"),
         (steering(drive::Objection::Fault(0)), "the steering drive is in fault since before it was booted"),
-        (steering(drive::Objection::Deaf), "the steering drive does not answer"),
-        (steering(drive::Objection::Unseen), "the steering drive has not told its state"),
+        (steering(drive::Objection::NotAnswering), "the steering drive does not answer"),
+        (steering(drive::Objection::StateUnknown), "the steering drive has not told its state"),
         (Objection::NotHomed(steering::NotHomed::Failed(homing)), "homing the steering failed: takes too long"),
     ] {
         is_plain(objection);
         assert_eq!(canbus.words(objection), words);
-        let Standing { hold, subject, .. } = canbus.standing(objection);
+        let ActiveHold { hold, subject, .. } = canbus.active_hold(objection);
         assert!(words.starts_with(&hold.words(subject)), "{hold:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! What goes wrong in ways that heartbeats do not show, and what was said before a stop.
+//! Failures that heartbeats do not reveal, and messages from before a stop.
 
 use super::*;
 use base::can::Id;
@@ -36,7 +36,7 @@ fn arbiter_planner() -> i8 {
 }
 
 #[test]
-fn an_estimate_that_comes_back_does_not_let_the_planner_go_again() {
+fn a_recovered_estimate_does_not_release_the_planner() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());
     robot.plan(0.4, 500, true);
@@ -75,7 +75,7 @@ fn a_planner_that_dies_stops_the_robot_at_once_and_a_manual_source_drives_withou
 }
 
 #[test]
-fn a_goal_from_before_the_end_of_a_stop_does_not_let_the_planner_go() {
+fn a_goal_from_before_the_end_of_a_stop_does_not_release_the_planner() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());
     robot.plan(0.4, 500, true);
@@ -108,10 +108,10 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
 }
 
 #[test]
-fn a_drive_that_turns_while_it_is_booted_again_is_told_to_stop_before_all_else() {
+fn a_turning_drive_is_stopped_before_it_is_booted_again() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
-    // Shorter than the drive's patience with the master's heartbeat.
+    // Shorter than the drive's timeout of the master's heartbeat.
     robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("bus-off") });
     robot.exchange();
     robot.pass(20);
@@ -146,7 +146,7 @@ fn a_command_from_the_future_lives_no_longer_than_any_other() {
 fn the_robot_does_not_drive_before_it_steers() {
     let mut robot = Robot::ready();
     robot.pass(500);
-    // Quick-stopped by PAUSE, then let go: both drives are to be enabled again, and the steering does not obey.
+    // Quick-stopped by PAUSE, then released: both drives are to be enabled again, and the steering does not obey.
     let pause = |engaged| lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() };
     robot.bench.message(pause(true));
     robot.pass(200);
@@ -158,7 +158,7 @@ fn the_robot_does_not_drive_before_it_steers() {
 }
 
 #[test]
-fn a_stop_that_is_not_seen_done_is_commanded_for_ever_and_stands_against_motion() {
+fn an_unconfirmed_stop_is_repeated_and_blocks_motion() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     robot.epos.stubborn = true;
@@ -181,7 +181,7 @@ fn a_stop_that_is_not_seen_done_is_commanded_for_ever_and_stands_against_motion(
 }
 
 #[test]
-fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
+fn a_drive_that_sends_only_heartbeats_stops_the_robot() {
     for propulsion in [true, false] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
@@ -203,7 +203,7 @@ fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
 }
 
 #[test]
-fn a_drive_that_stays_deaf_is_booted_anew() {
+fn a_drive_that_does_not_answer_is_booted_again() {
     for propulsion in [true, false] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
@@ -225,9 +225,9 @@ fn a_drive_that_stays_deaf_is_booted_anew() {
 }
 
 #[test]
-fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
+fn the_steering_is_homed_only_at_known_standstill() {
     let mut robot = Robot::ready();
-    // It rolls, pushed; the frame that would tell so is lost, and then the steering is to be homed.
+    // The robot rolls, pushed; the frame that would report it is lost, then the steering is to be homed.
     robot.epos.mute = true;
     robot.epos.node.set(0x606C, 0, 1000);
     robot.pass(20);
@@ -237,7 +237,7 @@ fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
     robot.pass(100);
     assert!(robot.errors.contains(&(Fault::CommandForbidden, Severity::Warning)));
     assert!(robot.motion().homed);
-    // The steering reboots: it is homed when the robot stands, not before.
+    // The steering reboots: it is homed once the robot stands, not before.
     let now = robot.bench.now();
     robot.icla.node.power_on(now);
     robot.pass(3000);
@@ -248,7 +248,7 @@ fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
 }
 
 #[test]
-fn a_fault_of_a_drive_that_reboots_is_over_and_the_next_one_is_told() {
+fn a_reboot_clears_the_fault_of_a_drive_and_the_next_one_is_reported() {
     let mut robot = Robot::ready();
     for n in 1..3 {
         let now = robot.bench.now();
@@ -264,7 +264,7 @@ fn a_fault_of_a_drive_that_reboots_is_over_and_the_next_one_is_told() {
 }
 
 #[test]
-fn a_priority_that_nobody_has_is_refused() {
+fn an_invalid_priority_is_rejected() {
     for priority in [-1, 4, i8::MIN, i8::MAX] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);

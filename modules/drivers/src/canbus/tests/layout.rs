@@ -1,4 +1,4 @@
-//! A steering drive whose PDOs are not those of the descriptor: refused, or changed where the configuration says so.
+//! A steering drive whose PDOs differ from the descriptor: rejected, or reconfigured if the configuration permits that.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! What the authority says to what it hears: by hand, and for random pages on random networks.
+//! Outputs of the authority for given inputs: scripted, and for random pages on random networks.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn at(ms: u64) -> Instant {
 
 const LIMITS: Limits = Limits { speed: 0.5, steering: 0.4 };
 
-/// A desk with clients of which number `n` is called after its letter and counts its clock from there.
+/// An authority with clients; number `n` is named by its letter, and its clock starts there.
 struct Bench {
     authority: Authority,
     seq: u64,
@@ -25,24 +25,24 @@ impl Bench {
         bench
     }
 
-    /// What it says, a word each.
+    /// Its outputs, one word each.
     fn said(&mut self) -> Vec<String> {
         let mut said = Vec::new();
         while let Some(say) = self.authority.poll() {
             said.push(match say {
-                Say::Motion { source, speed, .. } => format!("{source} {speed}"),
-                Say::Zero { source } => format!("{source} 0"),
-                Say::Pause { source } => format!("{source} pause"),
-                Say::Run { source } => format!("{source} run"),
-                Say::Planner { source } => format!("{source} planner"),
-                Say::Authority { to, why } => format!("{to}: {why}"),
-                Say::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
+                Output::Motion { source, speed, .. } => format!("{source} {speed}"),
+                Output::Zero { source } => format!("{source} 0"),
+                Output::Pause { source } => format!("{source} pause"),
+                Output::Run { source } => format!("{source} run"),
+                Output::Planner { source } => format!("{source} planner"),
+                Output::Authority { to, why } => format!("{to}: {why}"),
+                Output::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
             });
         }
         said
     }
 
-    /// Said at `t`, heard at `ms`.
+    /// Created at `t`, received at `ms`.
     fn drive(&mut self, ms: u64, client: ClientId, hold: u64, t: u64, speed: f64) -> Vec<String> {
         self.seq += 1;
         let drive = Drive { hold, seq: self.seq, t: t as f64, speed, steering: 0.1 };
@@ -71,7 +71,7 @@ fn timed(words: &[(u64, &str)]) -> Vec<(u64, String)> {
 }
 
 #[test]
-fn one_holds_it_and_others_are_told() {
+fn one_client_holds_the_authority_and_others_are_informed() {
     let mut bench = Bench::new(2);
     assert_eq!(bench.take(0, 1, None).unwrap(), ["1: the robot is yours", "2: a holds the robot"]);
     assert!(bench.take(1, 1, None).unwrap().is_empty(), "it has it already");
@@ -82,13 +82,13 @@ fn one_holds_it_and_others_are_told() {
     assert!(bench.authority.release(at(4), 1).is_err());
     bench.authority.release(at(5), 2).unwrap();
     assert_eq!(bench.said(), ["1: b has released the robot", "2: you have released the robot"]);
-    assert!(bench.take(6, 1, Some(2)).is_ok(), "nobody is taken over from");
+    assert!(bench.take(6, 1, Some(2)).is_ok(), "no holder to take over from");
     bench.authority.leave(at(7), 1);
     assert_eq!(bench.authority.holder(at(7)), None);
 }
 
 #[test]
-fn a_hold_ends_with_three_zeros_and_is_over_for_good() {
+fn a_hold_ends_with_three_zeros_and_is_not_resumed() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     assert_eq!(bench.drive(100, 1, 1, 100, 0.3), ["a 0.3"]);
@@ -98,45 +98,45 @@ fn a_hold_ends_with_three_zeros_and_is_over_for_good() {
     assert_eq!(bench.wait(2000), timed(&[(220, "a 0"), (270, "a 0")]));
     assert_eq!(bench.drive(2000, 1, 1, 2000, 0.3), Vec::<String>::new(), "its seq was used by the zero");
     assert_eq!(bench.drive(2001, 1, 1, 2001, 0.3), ["1: hold 1: this hold is over: press anew"]);
-    assert!(bench.drive(2002, 1, 1, 2002, 0.3).is_empty(), "told once");
+    assert!(bench.drive(2002, 1, 1, 2002, 0.3).is_empty(), "reported once");
     assert_eq!(bench.drive(2003, 1, 2, 2003, 0.3), ["a 0.3"]);
 }
 
 #[test]
-fn silence_ends_a_hold_and_a_new_press_says_no_more_zeros() {
+fn silence_ends_a_hold_and_a_new_press_stops_the_zeros() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
     assert_eq!(bench.wait(299), []);
     let ended = timed(&[(300, "a 0"), (300, "1: hold 1: nothing was heard for 0.2 s")]);
     assert_eq!(bench.wait(300), ended);
-    assert_eq!(bench.drive(310, 1, 1, 310, 0.3), Vec::<String>::new(), "over, and told already");
+    assert_eq!(bench.drive(310, 1, 1, 310, 0.3), Vec::<String>::new(), "ended, and already reported");
     assert_eq!(bench.drive(320, 1, 2, 320, 0.3), ["a 0.3"]);
     assert_eq!(bench.wait(519), []);
 }
 
 #[test]
-fn what_the_network_kept_is_late() {
+fn commands_delayed_by_the_network_are_late() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     bench.authority.ping(at(90), 1, 80.0);
     assert_eq!(bench.drive(100, 1, 1, 90, 0.3), ["a 0.3"]);
-    // Said at 140, and on the robot's clock at 150: good until 390 and a little for drift, though silence would end
-    // later.
+    // Created at 140, which is 150 on the robot's clock: valid until 390 plus a little for drift, although silence
+    // would end later.
     assert_eq!(bench.drive(280, 1, 1, 140, 0.3), ["a 0.3"]);
     assert_eq!(bench.drive(385, 1, 1, 134, 0.3), Vec::<String>::new(), "241 ms old");
     assert_eq!(bench.wait(389), []);
     let ended = timed(&[(390, "a 0"), (390, "1: hold 1: what was heard came too late")]);
     assert_eq!(bench.wait(391), ended);
     bench.wait(900);
-    // A press that begins late is none.
+    // A press that begins late is not accepted.
     assert_eq!(bench.drive(1000, 1, 2, 700, 0.3), ["1: hold 2: what was heard came too late: press anew"]);
     assert!(bench.drive(1001, 1, 2, 991, 0.3).is_empty());
     assert_eq!(bench.authority.counts().late, 2);
 }
 
 #[test]
-fn what_is_heard_after_the_end_but_before_the_timer_is_after_the_end() {
+fn input_after_the_end_but_before_the_timer_is_ignored() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -145,7 +145,7 @@ fn what_is_heard_after_the_end_but_before_the_timer_is_after_the_end() {
 }
 
 #[test]
-fn repeated_late_foreign_and_impossible_ones_move_nothing() {
+fn repeated_late_foreign_and_invalid_commands_move_nothing() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -163,13 +163,13 @@ fn repeated_late_foreign_and_impossible_ones_move_nothing() {
     }
     bench.drive(140, 1, 9, 140, 0.3);
     bench.authority.drive(at(141), 1, Drive { hold: 9, seq: 999, t: f64::NAN, speed: 0.1, steering: 0.0 });
-    assert_eq!(bench.said()[0], "a 0", "a time that is none");
+    assert_eq!(bench.said()[0], "a 0", "an invalid time");
     let counts = bench.authority.counts();
     assert_eq!((counts.repeated, counts.not_holder, counts.refused, counts.over), (1, 2, 5, 4));
 }
 
 #[test]
-fn losing_it_leaving_and_nonsense_end_the_hold() {
+fn lost_authority_disconnection_and_invalid_input_end_the_hold() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -182,11 +182,11 @@ fn losing_it_leaving_and_nonsense_end_the_hold() {
     bench.drive(150, 2, 2, 150, 0.2);
     bench.authority.leave(at(155), 2);
     assert_eq!(bench.said(), ["b 0", "1: b has gone: nobody holds the robot", "2: b has gone: nobody holds the robot"]);
-    assert_eq!(bench.wait(1000).iter().filter(|(_, word)| word == "b 0").count(), 2, "its zeros are said all the same");
+    assert_eq!(bench.wait(1000).iter().filter(|(_, word)| word == "b 0").count(), 2, "its zeros are sent nevertheless");
 }
 
 #[test]
-fn everybody_stops_it_and_the_planner_goes_on_when_the_drives_do() {
+fn every_client_may_stop_and_the_planner_resumes_with_the_drives() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -204,7 +204,7 @@ fn everybody_stops_it_and_the_planner_goes_on_when_the_drives_do() {
 }
 
 #[test]
-fn clocks_that_drift_are_followed() {
+fn clock_drift_is_tracked() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     // An hour at 20 Hz; the page's clock is 100 ppm slow.
@@ -229,7 +229,7 @@ impl Chance {
     }
 }
 
-/// What is under way to the server: when it comes, and what it is.
+/// Message on its way to the server.
 #[derive(Clone, Debug)]
 enum Way {
     Ping { t: f64 },
@@ -243,8 +243,8 @@ enum Way {
     Leave,
 }
 
-/// Two operators with clocks of their own press, let go, take over and stop; the network delays, repeats and mixes up.
-/// Whatever happens, the rules hold.
+/// Two operators with their own clocks press, release, take over and stop; the network delays, repeats and reorders.
+/// The rules hold in every case.
 #[test]
 fn no_network_moves_the_robot_against_the_rules() {
     let mut moved = 0;
@@ -261,7 +261,7 @@ fn run(seed: u64) -> usize {
     for name in ["a", "b"] {
         authority.join(name.into(), Role::Operator, name.into());
     }
-    // When, in which order for the same moment, from whom, what.
+    // Arrival time, order among equal times, sender, message.
     let mut ways: Vec<(u64, u64, ClientId, Way)> = Vec::new();
     let (mut seqs, mut holds, mut pressed) = ([0_u64; 2], [0_u64; 2], [false; 2]);
     let worst = [1, 40, 200, 800][chance.below(4) as usize];
@@ -341,9 +341,9 @@ fn run(seed: u64) -> usize {
 
 #[derive(Default)]
 struct Judge {
-    /// Who moves the robot by which hold, and until when a zero must have been said.
+    /// Client that moves the robot, its hold, and the deadline for a zero.
     moving: Option<(ClientId, u64, Instant)>,
-    /// The newest hold of each that has ended.
+    /// Newest ended hold of each client.
     over: [u64; 3],
     moved: usize,
 }
@@ -352,13 +352,13 @@ impl Judge {
     fn hear(&mut self, now: Instant, authority: &mut Authority, said: Option<(ClientId, Drive, u64)>) {
         let holder = authority.holder(now).map(|holder| holder.id);
         if let Some((_, _, until)) = self.moving {
-            assert!(now <= until, "no zero within 250 ms after the last good command was said");
+            assert!(now <= until, "no zero within 250 ms after the last good command");
         }
         while let Some(say) = authority.poll() {
             match say {
-                Say::Motion { source, speed, .. } => {
+                Output::Motion { source, speed, .. } => {
                     let (client, drive, at_ms) = said.expect("only a command moves the robot");
-                    assert_eq!((speed, Some(client)), (drive.speed, holder), "of who holds it, and as it was said");
+                    assert_eq!((speed, Some(client)), (drive.speed, holder), "from the holder, unchanged");
                     assert_eq!(&*source, ["", "a", "b"][client as usize]);
                     assert!(speed.abs() <= LIMITS.speed);
                     assert!(now.since(at(at_ms)) < Duration::from_millis(250), "late");
@@ -369,7 +369,7 @@ impl Judge {
                     self.moving = Some((client, drive.hold, at(at_ms) + Duration::from_millis(250)));
                     self.moved += 1;
                 }
-                Say::Zero { source } => {
+                Output::Zero { source } => {
                     if let Some((client, hold, _)) =
                         self.moving.filter(|(client, ..)| ["", "a", "b"][*client as usize] == &*source)
                         && !authority.holder(now).is_some_and(|holder| holder.driving && holder.id == client)
