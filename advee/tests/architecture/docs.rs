@@ -10,7 +10,7 @@ const NOT_OURS: [&str; 9] = ["target", "node_modules", "dist", "dev", "run", "lo
 const WIDTH: usize = 120;
 
 /// Lines that are wider, of Rust and of Markdown. Both numbers may only fall: whoever wraps some lowers them.
-const WIDER: [(&str, usize); 2] = [("rs", 270), ("md", 800)];
+const WIDER: [(&str, usize); 2] = [("rs", 270), ("md", 131)];
 
 /// Files below the checkout that end so.
 fn files(extension: &str) -> Vec<PathBuf> {
