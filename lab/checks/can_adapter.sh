@@ -1,6 +1,6 @@
 #!/bin/sh
 # A USB adapter whose controller goes bus-off, on a real kernel's driver: the bit rate is compared, the controller is
-# restarted by whoever may, and frames flow again.
+# restarted by a program with the permission, and frames flow again.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"

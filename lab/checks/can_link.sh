@@ -1,5 +1,6 @@
 #!/bin/sh
-# The robot on two SJA1000 of one bus: paused, its interface down, the card gone and back, floods of foreign frames.
+# The robot on two SJA1000 of one bus: paused, its interface down, the card removed and returned, floods of foreign
+# frames.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"
@@ -36,7 +37,7 @@ stands || fail "it drives on, by a command of before"
 recorded
 let_go
 once "can.main is up"
-# Nothing that waited: a quick stop, for it may turn yet, then the drives are set up.
+# No queued frames: a quick stop, because a drive may still turn, then the drives are configured.
 first=$(grep -e " [356]0[12]#" "$HOME/back" | grep -v -m 1 -e " 501#0B0000000000")
 case $first in *" 60"[12]"#"*) ;; *) fail "an old command on the bus: $first" ;; esac
 drive

@@ -1,6 +1,6 @@
 #!/bin/sh
-# A CANopen slave that others wrote (durand, PyPI) on the second SJA1000: our master scans, reads and writes it, commands it,
-# and gives it its node id.
+# A foreign CANopen slave (durand, PyPI) on the second SJA1000: our master scans, reads and writes it, commands it, and
+# assigns its node id.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# The whole robot on USB adapters: the driver's is unplugged while it drives, and returns.
+# The whole robot on USB adapters: the driver's adapter is unplugged while the robot drives, and returns.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"

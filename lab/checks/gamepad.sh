@@ -1,6 +1,6 @@
 #!/bin/sh
-# A gamepad of the kernel's, made by uinput, drives the simulated robot: with its dead-man button only; that it is pulled
-# while it drives stops the robot.
+# A kernel gamepad, created by uinput, drives the simulated robot: with its dead-man button only; unplugging it while
+# the robot drives stops the robot.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 needs python3
@@ -14,7 +14,7 @@ plug() {
     exec 3>"$HOME/pad"
 }
 
-# What a robot needs to drive.
+# Requirements of a robot that drives.
 awk 'BEGIN { RS = ""; ORS = "\n\n" } !/^\[\[modules/ || /name = "(simulator|driver_power|driver_rs485a|driver_canbus|driver_joydev)"/' \
     conf/advee/modules.toml >"$HOME/modules"
 cat "$HOME/modules" >conf/advee/modules.toml

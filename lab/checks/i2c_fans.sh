@@ -1,6 +1,6 @@
 #!/bin/sh
-# The fan controller over i2c-dev, on an adapter of the kernel's with models/i2c_usb.py at its other end: the tools read and
-# write it; the robot's driver configures it, reads it, and tells what breaks and that it is over.
+# The fan controller over i2c-dev, on an adapter of the kernel's with models/i2c_usb.py at its other end: the tools
+# read and write it; the robot's driver configures it, reads it, and reports faults and their end.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . lab/checks/i2c_adapter.sh
@@ -51,7 +51,7 @@ tool "is held by driver_aux" dump 0x18
 step "a fan stalls: the other one helps"
 model stall 1
 expect "fan_left fails: 0 rpm at"
-# It gets there by its rate of change.
+# The duty changes at its rate of change.
 full() { [ "$(i2cget -y "${adapter#*-}" 0x18 0x0e)" = 0xf0 ]; }
 within 20 full || fail "the other fan is not driven to full duty"
 model turn 1

@@ -1,5 +1,5 @@
 #!/bin/sh
-# The machine is what it says it is: a Debian kernel, our executable in memory, a share that the host reads.
+# The machine is as configured: a Debian kernel, our executable in memory, a share that the host reads.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 uname -srv

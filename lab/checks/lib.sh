@@ -1,5 +1,5 @@
-# What the checks share. A check that sources it has `set -eu`, and ends with `skip`, `fail`, or by itself. It stands in the
-# checkout, whose configuration is the robot's; what is written there goes to the guest's memory.
+# Functions shared by the checks. A check that sources it has `set -eu`, and ends with `skip`, `fail`, or by itself. Its
+# working folder is the checkout, with the robot's configuration; writes to it go to the guest's memory.
 
 cd "$LAB_SOURCE"
 log=$HOME/said # what the robot says
@@ -21,7 +21,7 @@ needs() { # PROGRAM...: all of them, or the check is skipped
     done
 }
 
-# From here on `expect`, `count` and `once` look at what is new in the log.
+# From here on `expect`, `count` and `once` consider only new lines of the log.
 step() { # WHAT
     echo "== $*"
     touch "$log"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# A root that cannot be written, and a disk that is full: the recorder says so, and the robot drives.
+# A read-only root, and a full disk: the recorder reports it, and the robot drives.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 running

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Who guards whom, under a real systemd: each link that dies or hangs comes back, and the modules are taken over.
+# The chain of supervision under a real systemd: each link that dies or hangs is restarted, and the modules are adopted.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 running

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installed it stands; started it says when it is ready, in words; it runs as its own user, in its sandbox.
+# The installed robot does not run; after its start it reports readiness in words; it runs as its own user, in its
+# sandbox.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs

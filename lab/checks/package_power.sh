@@ -1,5 +1,5 @@
 #!/bin/sh
-# halt_command: the robot's user may not end the computer; what it runs instead does.
+# halt_command: the robot's user may not shut down the computer; the program that it runs instead does.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 running

@@ -1,6 +1,6 @@
 #!/bin/sh
-# An upgrade stands the robot still, keeps configuration and logs, and starts it again; removed it is stopped; purged
-# nothing is left.
+# An upgrade stops the robot, keeps configuration and logs, and starts it again; removal stops it; purging leaves
+# nothing.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs

@@ -1,5 +1,5 @@
 #!/bin/sh
-# The installed robot is driven from outside, through its web server: package_web.py is who drives.
+# The installed robot is driven from outside, through its web server, by package_web.py.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs

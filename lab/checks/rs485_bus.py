@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The simulated EIA-485 bus is one: what a port sends all others hear in the time of a wire, judged by their own parity.
+"""The simulated EIA-485 bus behaves as one: all other ports receive what a port sends, at wire speed, by their own
+parity.
 
 This is the ruler that the other checks measure with: nothing of ours runs here but the kernel module.
 """
@@ -59,7 +60,7 @@ class Port:
         return told[4], told[6], told[8], told[9]
 
     def direction(self, *told):
-        """Sets (flags, ms before, ms after); what the port made of it."""
+        """Sets (flags, ms before, ms after); returns the values that the port accepted."""
         fcntl.ioctl(self.file, TIOCSRS485, struct.pack("8I", *told, 0, 0, 0, 0, 0))
         return struct.unpack("8I", fcntl.ioctl(self.file, TIOCGRS485, bytes(32)))[:3]
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# The whole robot over a kernel's serial ports: buses of 9-bit words with addresses in mark parity, on wires that take their
-# time. It runs and drives; a board falls silent and comes back.
+# The whole robot over a kernel's serial ports: buses of 9-bit words with addresses in mark parity, on wires with real
+# timing. It runs and drives; a board falls silent and returns.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/rs485_lib.sh"
@@ -14,7 +14,7 @@ set_ports() { # BUS=N...: the driver's port is /dev/ttyLABN, the simulator's boa
 }
 
 step "start"
-# Boards give a frame up after a gap of 5 ms, which a process without priority may have beside others.
+# Boards discard a frame after a gap of 5 ms, which may occur in a process without priority.
 rt_priorities driver_rs485a=42 driver_rs485b=42 driver_power=42 simulator=40
 "$ADVEE" --config "$HOME/conf/advee" up --headless --sim --run-dir /run/advee --set web.enabled=false \
     --set rs485.a.rs485_direction.rts_on_send=true $(set_ports a=0 b=5 power=10) >>"$log" 2>&1 &
@@ -22,7 +22,7 @@ up=$!
 expect "the steering is homed" 60
 has_priorities
 
-# What was before: starting, four processes with priorities and locked memory are in each other's way.
+# Ignores the start, when four processes with priorities and locked memory delay each other.
 step "drive"
 before=$(errors a)
 drive

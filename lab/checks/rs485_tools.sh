@@ -1,6 +1,7 @@
 #!/bin/sh
-# `advee rs485` over a kernel's serial ports, at boards that were written from docs/facts/boards.md alone: three of them on one
-# bus at terminals of their own, known by addresses that are marked in parity; they drop a frame with a gap, as real ones do.
+# `advee rs485` over a kernel's serial ports, with boards that were written from docs/facts/boards.md alone: three of
+# them on one bus with a terminal each, addressed by words marked in parity; they drop a frame with a gap, as real ones
+# do.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 master=/dev/ttyLAB15

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Nine bits through a USB adapter: the kernel's ftdi_sio on a model of the FT232R, whose wire leads to the simulator's boards.
-# The adapter is pulled while a driver asks them, and comes back under another number.
+# Nine bits through a USB adapter: the kernel's ftdi_sio on a model of the FT232R, whose wire leads to the simulator's
+# boards. The adapter is unplugged while a driver polls them, and returns under another number.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/rs485_lib.sh"

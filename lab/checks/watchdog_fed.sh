@@ -1,5 +1,5 @@
 #!/bin/sh
-# The computer's own watchdog does not reset while all is well, while what died is started again, nor after a clean end:
+# The computer's own watchdog does not reset while all is healthy, during a restart, nor after a clean shutdown:
 # the kernel's software watchdog and a device on PCI.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"

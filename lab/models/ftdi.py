@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""ftdi.py LINK BY_ID: a USB adapter to EIA-485 with an FT232R, plugged into the kernel that runs this; its wire is the serial
-line of two-byte words at LINK, where the simulator has the boards.
+"""ftdi.py LINK BY_ID: a USB adapter to EIA-485 with an FT232R, plugged into the kernel that runs this; its wire is the
+serial line of two-byte words at LINK, where the simulator has the boards.
 
 Told by lines on its standard input: `plug`, `unplug`, `other` (plugs in a second one, which takes the first free number),
 `end`; answers each with a line on its standard output. While it is plugged in, BY_ID leads to its device file, as udev
@@ -36,7 +36,7 @@ BITS = 11
 
 
 class Ft232r(usbip.Device):
-    """The chip. `wire(ninth, byte)` is called for each character that has left; `heard` is told what comes."""
+    """The chip. `wire(ninth, byte)` is called for each character sent; `heard` is called with received ones."""
 
     vendor, product, release = 0x0403, 0x6001, 0x0600
     endpoints = ((0x81, usbip.BULK, 64, 0), (0x02, usbip.BULK, 64, 0))
@@ -57,7 +57,7 @@ class Ft232r(usbip.Device):
         self.parity, self.baud, self.latency = 0, 9600, 16
         self.received = collections.deque()  # (byte, error)
         self.due = None
-        # What was sent in which parity, and how many characters were spoilt by a change of it.
+        # Characters sent in each parity, and the number spoilt by a change of parity.
         self.sent = collections.Counter()
 
     # -- from the host ------------------------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ class Ft232r(usbip.Device):
                     self.wire(NINTH.get(parity, 1), 0 if self.spoilt else byte)
 
     def heard(self, words):
-        """Characters that come: (ninth, byte) each."""
+        """Receives characters: (ninth, byte) each."""
         with self.lock:
             for ninth, byte in words:
                 wrong = self.parity in NINTH and NINTH[self.parity] != ninth
@@ -125,7 +125,7 @@ class Ft232r(usbip.Device):
             self.news.notify_all()
 
     def hand_on(self):
-        """Offers what came, once it has waited for the latency timer."""
+        """Offers received characters, after the latency timer."""
         with self.lock:
             while True:
                 left = self.due - time.monotonic() if self.due else None
@@ -136,7 +136,7 @@ class Ft232r(usbip.Device):
                 self.ready(0x81)
 
     def give(self, endpoint, length):
-        # Packets of nothing but status, which a real one sends all the time, are left out.
+        # Packets with status only, which a real chip sends continuously, are left out.
         if not self.received or self.due:
             return None
         error = self.received[0][1]
@@ -158,7 +158,7 @@ class TwoByte:
             os.write(file, bytes([byte, ninth]))
 
     def listen(self, heard):
-        """Opens the line whenever it is there, and passes on what comes."""
+        """Opens the line whenever it exists, and forwards received words."""
         while True:
             try:
                 self.file, self.rest = os.open(self.link, os.O_RDWR | os.O_NOCTTY), b""
@@ -179,7 +179,7 @@ class TwoByte:
 
 
 def terminal(chip):
-    """The name of the terminal that the kernel made of it."""
+    """The name of the terminal that the kernel created for it."""
     found = glob.glob(f"/sys/bus/usb/devices/*-{chip.port + 1}:1.0/ttyUSB*")
     return os.path.basename(found[0]) if found else None
 
