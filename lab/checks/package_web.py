@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Outside: a person with a browser. Pairs by the code, takes control, holds to drive, sees the speed in the view, lets
+"""Runs outside, as a person with a browser. Pairs by the code, takes control, holds to drive, sees the speed in the view, lets
 go, sees it stand.
 
-The robot's clock is the emulated processor's, and goes as it likes. So time is taken from what the robot shows, and a hold
-that was lost because this machine was busy is begun anew, as a hand would.
+The robot's clock is the emulated processor's, and its rate varies. Time is therefore taken from the robot's messages, and
+a hold that was lost because this machine was busy is started again, as a person would.
 """
 
 import http.client

@@ -2,7 +2,7 @@
 """The simulated EIA-485 bus behaves as one: all other ports receive what a port sends, at wire speed, by their own
 parity.
 
-This is the ruler that the other checks measure with: nothing of ours runs here but the kernel module.
+The other checks rely on this bus: nothing of ours runs here but the kernel module.
 """
 
 import fcntl

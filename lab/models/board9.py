@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """board9.py PORT ADDRESS...: boards on EIA-485 at a terminal with nine bits by parity, each with its address.
 
-They know their firmware version, the last byte of it their address, and nothing else, and drop a frame with a gap, as boards do.
-Written from docs/facts/boards.md 1 alone, so that a fault which master and simulator might share is seen.
+They only answer requests for their firmware version, whose last byte is their address, and drop a frame with a gap, as
+real boards do. Written from docs/facts/boards.md 1 alone, to detect faults that master and simulator might share.
 """
 
 import fcntl

@@ -1,5 +1,5 @@
-"""A bridge from I2C to 1-Wire (DS2482-100) and a thermometer on it (DS18B20), as the kernel's drivers ds2482 and
-w1_therm know them. Sources: the commands and status bits of drivers/w1/masters/ds2482.c; the ROM search, the commands
+"""A bridge from I2C to 1-Wire (DS2482-100) and a thermometer on it (DS18B20), as used by the kernel's drivers ds2482
+and w1_therm. Sources: the commands and status bits of drivers/w1/masters/ds2482.c; the ROM search, the commands
 and the scratchpad of drivers/w1/w1.c and slaves/w1_therm.c."""
 
 # Commands of the bridge.

@@ -2,14 +2,16 @@
 """ftdi.py LINK BY_ID: a USB adapter to EIA-485 with an FT232R, plugged into the kernel that runs this; its wire is the
 serial line of two-byte words at LINK, where the simulator has the boards.
 
-Told by lines on its standard input: `plug`, `unplug`, `other` (plugs in a second one, which takes the first free number),
-`end`; answers each with a line on its standard output. While it is plugged in, BY_ID leads to its device file, as udev
-would have it.
+Commands on standard input, one per line: `plug`, `unplug`, `other` (plugs in a second one, which takes the first free
+number), `end`; each is answered with a line on standard output. While it is plugged in, BY_ID is a link to its device
+file, as udev would create it.
 
-The chip is modelled as far as nine bits go: its transmitter has a FIFO and a shift register and takes a wire's time; the
-parity that is set counts when a character begins, and one under which it changes is spoilt; received characters wait for
-the latency timer or a full packet; an error is told by packet, so one holds characters of one kind.
-Sources: FTDI, FT232R USB UART IC data sheet 2.15; AN232B-04 (latency, status bytes); the kernel's ftdi_sio.h (requests).
+The chip is modelled as far as needed for nine bits: its transmitter has a FIFO and a shift register and takes the time
+of the wire; the parity at the beginning of a character applies, and a character during which it changes is spoilt;
+received characters wait for the latency timer or a full packet; errors are reported per packet, so a packet has
+characters of one kind.
+Sources: FTDI, FT232R USB UART IC data sheet 2.15; AN232B-04 (latency, status bytes); the kernel's ftdi_sio.h
+(requests).
 """
 
 import collections

@@ -2,14 +2,14 @@
 """i2c_usb.py COMMANDS LOG: an I2C adapter on USB (i2c-tiny-usb) with a MAX6615 at 0x18 and a 1-Wire bridge DS2482 at
 0x1a.
 
-It obeys the lines of the FIFO COMMANDS, and writes each to LOG when it is done:
+Executes the commands read from the FIFO COMMANDS, one per line, and writes each to LOG when it is done:
 
   plug, unplug          the adapter
-  sda low, sda free     a line held low by something broken: whoever reads hears zeros, and takes them for acknowledges
-  scl low, scl free     the adapter waits for the clock, and does not come back
-  gone, back            the fan controller's supply; it comes back as at power-on
+  sda low, sda free     a line held low by a defect: a reader receives zeros, and takes them for acknowledges
+  scl low, scl free     the adapter waits for the clock, and its transfer does not return
+  gone, back            the fan controller's supply off, on; it returns in its power-on state
   reset                 both at once
-  stall N, turn N       fan 1 or 2 is held, let go
+  stall N, turn N       fan 1 or 2 is held, released
   hot N CELSIUS         a channel's temperature
   battery CELSIUS       the thermometer's on 1-Wire; `battery off`, `battery on`: its plug
 """
@@ -21,7 +21,7 @@ import ds2482
 import max6615
 import usbip
 
-# Requests of the adapter (i2c-tiny-usb.c of the kernel): a message of a transfer; these bits mark the first and the last.
+# Requests of the adapter (i2c-tiny-usb.c of the kernel): a message of a transfer, with bits for the first and the last.
 ECHO, FUNCTIONS, SET_DELAY, GET_STATUS, TRANSFER = 0, 1, 2, 3, 4
 FIRST, LAST = 1, 2
 READS = 1  # I2C_M_RD, in what the kernel hands over as the value
