@@ -24,7 +24,7 @@ expect "the steering is homed"
 once "can.main is down"
 drive
 
-step "interface gone and back"
+step "interface removed and returned"
 ip link delete vcan0
 expect "can.main is down: vcan0: "
 add

@@ -35,7 +35,7 @@ pad key 1
 sleep 0.2
 pad abs -20000
 within 5 moves || fail "it does not drive: $(truth speed)"
-step "let go"
+step "released"
 pad key 0
 within 3 stands || fail "it drives without the dead-man button"
 pad abs 0
@@ -44,10 +44,10 @@ pad key 1
 sleep 0.2
 pad abs -20000
 within 5 moves || fail "it does not drive again: $(truth speed)"
-step "pulled while it drives"
+step "unplugged while it drives"
 exec 3>&-
 within 3 stands || fail "it drives without a gamepad"
-step "and plugged in again"
+step "plugged in again"
 plug
 expect "advee uinput pad"
 pad key 1

@@ -18,7 +18,7 @@ told() { # PATTERN [SECONDS]: the temperatures that are told have it, by then
     "$ADVEE" lcm echo LL_DATA_TEMPERATURE --for "${2:-3}" >"$HOME/temperatures" || true
     grep -q -E -e "$1" "$HOME/temperatures" || {
         cat "$HOME/temperatures"
-        fail "LL_DATA_TEMPERATURE never said: $1"
+        fail "not in LL_DATA_TEMPERATURE: $1"
     }
 }
 

@@ -27,7 +27,7 @@ tool() { # TEXT COMMAND...: the tool says the text, however it ends
     text=$1
     shift
     "$ADVEE" i2c "$@" --port "$adapter" >"$HOME/tool" 2>&1 || true
-    grep -q -e "$text" "$HOME/tool" || fail "advee i2c $* said: $(cat "$HOME/tool")"
+    grep -q -e "$text" "$HOME/tool" || fail "output of advee i2c $*: $(cat "$HOME/tool")"
 }
 
 step "the tools"
@@ -71,7 +71,7 @@ once "fan1 (0x18 on i2c.aux): nobody answers"
 model back
 expect "fan1 (0x18 on i2c.aux) answers again"
 configured
-step "for a moment"
+step "briefly"
 model reset
 expect "had forgotten its configuration: configured anew"
 configured
@@ -82,13 +82,13 @@ expect "fan1 (0x18 on i2c.aux): register 02 was given 1e and reads 00; looked fo
 model sda free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
-step "the adapter does not come back"
+step "the adapter does not return"
 model scl low
-expect "fan1 (0x18 on i2c.aux): the adapter does not come back from a transfer"
+expect "fan1 (0x18 on i2c.aux): the adapter does not return from a transfer"
 model scl free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
-step "the adapter is pulled"
+step "the adapter is unplugged"
 model unplug
 expect "i2c.aux is down: the adapter is gone"
 within 10 no_adapter || fail "it is still there"
@@ -98,7 +98,7 @@ expect "fan1 (0x18 on i2c.aux): MAX6615 revision 1, configured"
 find_adapter && configured
 step "while it hangs"
 model scl low
-expect "the adapter does not come back from a transfer"
+expect "the adapter does not return from a transfer"
 model unplug
 expect "i2c.aux is down: "
 within 10 no_adapter || fail "it is still there"

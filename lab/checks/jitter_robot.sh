@@ -33,7 +33,7 @@ look() { # NAME: both at once
     # SYNC each 10 ms and the heartbeat each 50 ms within 1 ms; no thread near the 200 ms that are a hang.
     awk '/ SYNC / { seen = 1; if ($8 > 1000) exit 1 } END { exit !seen }' "$HOME/can" || fail "SYNC is uneven"
     awk '/heartbeat 127/ { seen = 1; if ($9 > 1000) exit 1 } END { exit !seen }' "$HOME/can" || fail "the heartbeat is uneven"
-    awk '/^driver_canbus main/ { seen = 1; if ($8 > 60000) exit 1 } END { exit !seen }' "$HOME/beats" || fail "it beats unevenly"
+    awk '/^driver_canbus main/ { seen = 1; if ($8 > 60000) exit 1 } END { exit !seen }' "$HOME/beats" || fail "its heartbeats are uneven"
 }
 
 look idle
@@ -41,6 +41,6 @@ nice -n 19 "$HOME/hackbench" -l 1000000 -g 1 >/dev/null 2>&1 &
 nice -n 19 sh -c "while :; do :; done" &
 sleep 0.5
 look loaded
-grep -q "hang\|killed" "$log" && fail "a module was taken for hanging"
+grep -q "hang\|killed" "$log" && fail "a module was judged as hanging"
 kill -TERM $up
-wait $up || fail "it did not end well"
+wait $up || fail "it did not end in good order"

@@ -32,10 +32,10 @@ news() { tail -n +$((seen + 1)) "$log"; }
 
 count() { news | grep -c -e "$1" || true; } # TEXT
 
-once() { [ "$(count "$1")" = 1 ] || fail "said $(count "$1") times: $1"; } # TEXT
+once() { [ "$(count "$1")" = 1 ] || fail "printed $(count "$1") times: $1"; } # TEXT
 
 expect() { # TEXT [SECONDS]: the robot says it, within 30 s of the guest's time unless told
-    within "${2:-30}" said "$1" || fail "never said: $1"
+    within "${2:-30}" said "$1" || fail "never printed: $1"
     news | grep -m 1 -e "$1"
 }
 

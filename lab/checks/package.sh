@@ -22,7 +22,7 @@ pristine=/run/lab/pristine # what was there before any package of ours
 
 debs() { # until the host has built them
     [ -e $pristine ] || things >$pristine
-    within 300 test -e "$LAB_SHARE/debs/done" || fail "no package came from outside"
+    within 300 test -e "$LAB_SHARE/debs/done" || fail "no package was built outside"
     [ ! -e "$LAB_SHARE/debs/skip" ] || skip "$(cat "$LAB_SHARE/debs/skip")"
 }
 

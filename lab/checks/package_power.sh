@@ -6,10 +6,10 @@ running
 as_robot() { setpriv --reuid=advee --regid=advee --clear-groups "$@"; }
 
 grep 'halt_command = .*advee-power", "poweroff"' /opt/advee/conf/robot.toml || fail "the robot would run something else"
-if as_robot systemctl poweroff; then fail "its user may end the computer"; fi
-if as_robot /opt/advee/bin/advee-power suspend; then fail "it may wish for anything"; fi
+if as_robot systemctl poweroff; then fail "its user may shut down the computer"; fi
+if as_robot /opt/advee/bin/advee-power suspend; then fail "it may request anything"; fi
 is active || fail "it does not run"
 echo "now the machine resets"
 as_robot /opt/advee/bin/advee-power poweroff
 sleep 60
-fail "nobody listens"
+fail "the request is not executed"

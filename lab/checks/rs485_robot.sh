@@ -27,18 +27,18 @@ step "drive"
 before=$(errors a)
 drive
 load
-[ "$(errors a)" = "$before" ] || fail "a wire that nobody disturbs has errors"
+[ "$(errors a)" = "$before" ] || fail "an undisturbed wire has errors"
 all_run || fail "$("$ADVEE" state)"
 [ "$(count "driver_.* ms after an address")" = 0 ] || fail "frames have gaps"
 
-step "the direction of the line is the port's, as configured"
+step "the port switches the direction of the line as configured"
 python3 -c 'import fcntl, os, struct
 port = os.open("/dev/ttyLAB0", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 told = struct.unpack("8I", fcntl.ioctl(port, 0x542E, bytes(32)))[:3]
 print("TIOCGRS485", told)
-assert told == (0b011, 0, 0)' || fail "TIOCGRS485 says something else"
+assert told == (0b011, 0, 0)' || fail "TIOCGRS485 returns another setting"
 
-step "a board falls silent, and comes back"
+step "a board falls silent, and returns"
 "$ADVEE" fault so1 silent --for 3
 expect "so1 (0x20 on rs485.a) does not answer: its data is invalid"
 expect "so1 (0x20 on rs485.a) answers again"
