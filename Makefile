@@ -114,7 +114,7 @@ bench:
 	cargo bench -p planner --locked --bench plan
 	cargo bench -p lcm --locked --bench lcm
 
-# The documentation as a site in target/book; needs mdbook: `cargo install mdbook`, or a package of it.
+# The documentation as a site in target/book; needs mdbook: `cargo install mdbook`, or its package where there is one.
 docs:
 	@command -v mdbook >/dev/null || { echo "make docs: mdbook is missing: cargo install mdbook"; exit 1; }
 	@tools/require python3

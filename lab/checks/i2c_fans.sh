@@ -82,9 +82,9 @@ expect "fan1 (0x18 on i2c.aux): register 02 was given 1e and reads 00; looked fo
 model sda free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
-step "the adapter does not return"
+step "the adapter does not finish a transfer"
 model scl low
-expect "fan1 (0x18 on i2c.aux): the adapter does not return from a transfer"
+expect "fan1 (0x18 on i2c.aux): the adapter does not come back from a transfer"
 model scl free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
@@ -98,7 +98,7 @@ expect "fan1 (0x18 on i2c.aux): MAX6615 revision 1, configured"
 find_adapter && configured
 step "while it hangs"
 model scl low
-expect "the adapter does not return from a transfer"
+expect "the adapter does not come back from a transfer"
 model unplug
 expect "i2c.aux is down: "
 within 10 no_adapter || fail "it is still there"

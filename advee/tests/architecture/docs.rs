@@ -9,7 +9,7 @@ const NOT_OURS: [&str; 9] = ["target", "node_modules", "dist", "dev", "run", "lo
 /// Columns of a line, in code and comments as in prose; tables and URLs may be wider.
 const WIDTH: usize = 120;
 
-/// Lines that are wider, of Rust and of Markdown. Both numbers may only fall: whoever wraps some lowers them.
+/// Number of wider lines in Rust and in Markdown. Both numbers may only decrease: lower them after wrapping some.
 const WIDER: [(&str, usize); 2] = [("rs", 270), ("md", 131)];
 
 /// Files below the checkout that end so.
