@@ -20,7 +20,7 @@ model battery 55
 expect "battery is 55.0 °C hot, above its limit of 50 °C"
 model battery 20
 expect "battery is 20.0 °C, below its limit"
-step "it is disconnected"
+step "it is pulled"
 model battery off
 expect "battery (28-000000000001 on w1): not connected" 60
 model battery on
