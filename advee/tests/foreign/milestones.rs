@@ -1,7 +1,7 @@
 use base::Instant;
 use module::{Actions, Channel, Event, Message, Module};
 
-/// Notes each 100 m that the robot has driven.
+/// Reports every 100 m of driven distance.
 #[derive(Default)]
 pub struct Milestones {
     passed: u32,
