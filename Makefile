@@ -1,7 +1,7 @@
-# Two commands: `make run` drives the simulated robot, `make test` checks everything.
-# On a fresh Debian 12 with git, make and a Rust tool chain each installs what else it needs.
+# Two main targets: `make run` starts the simulated robot, `make test` checks everything.
+# On a fresh Debian 12 with git, make and a Rust tool chain each target installs its other requirements.
 
-# `make run PROFILE=quick`: built in a fraction of the time, for the time between two edits.
+# `make run PROFILE=quick`: builds in a fraction of the time, for use between two edits.
 PROFILE = release
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
@@ -15,18 +15,18 @@ build: web
 	@tools/require cc
 	cargo build --profile $(PROFILE) --locked
 
-# The page of the web diagnostic center: built once, taken into the program.
+# The page of the web diagnostic center: built once, included in the executable.
 web: $(PAGE)/dist/index.html
 
 $(PAGE)/dist/index.html: $(PAGE)/package-lock.json $(PAGE)/tsconfig.json $(PAGE)/build.mjs $(PAGE)/icons.mjs $(shell find $(PAGE)/src -type f)
 	@tools/require node
 	cd $(PAGE) && npm ci --silent && npm run --silent build
 
-# The page's types and units.
+# The page's type check and unit tests.
 web-test: web
 	cd $(PAGE) && npm run --silent test
 
-# The page in a browser, against the live simulated robot; without a browser its tests are skipped, but for make test.
+# The page in a browser, against the live simulated robot; skipped without a browser, except under make test.
 e2e: web
 	@tools/require chromium || [ "$$ADVEE_PEERS" != required ]
 	cargo build -p advee --locked
@@ -38,7 +38,7 @@ screenshots: web
 	cargo build -p advee --locked
 	cd $(PAGE) && npm run --silent screenshots
 
-# Peers that a package registry has must be there; what only the machine can give is skipped, and listed at the end.
+# Peers that a package registry provides are required; tests that need a device are skipped without it, and listed.
 test: export ADVEE_PEERS := required
 test: export ADVEE_SKIPPED := $(CURDIR)/target/skipped
 test: lint web-test
@@ -53,7 +53,7 @@ test: lint web-test
 	tools/arm-check --short
 	@tools/skipped $(ADVEE_SKIPPED)
 
-# What was changed since main, within some minutes.
+# Tests of the changes since main, within some minutes.
 test-fast: web
 	@tools/require cc
 	tools/test-fast
@@ -63,7 +63,7 @@ lint: web
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
-# Real kernel drivers, a real init system: in virtual machines (lab/README.md).
+# Tests on real kernel drivers and a real init system, in virtual machines (lab/README.md).
 lab: build lab-test
 	-@tools/require qemu kbuild can-utils ip i2c-tools deb mmdebstrap python3-venv rt-tests
 	-@tools/venv
@@ -71,13 +71,14 @@ lab: build lab-test
 	lab/lab
 	python3 -m unittest discover -q -s lab/tests -p test_machine.py
 
-# What of it belongs to every test; where no machine can be had, it lists what was left out, but for make test.
+# The part of the lab that belongs to every test; without a virtual machine it lists the skipped checks, except under
+# make test.
 lab-short: lab-test
 	@tools/require qemu kbuild can-utils ip || [ "$$ADVEE_PEERS" != required ]
 	cargo build -p advee --locked
 	ADVEE=target/debug/advee lab/lab --short
 
-# The lab's runner itself; needs no machine.
+# Tests of the lab's runner; they need no virtual machine.
 lab-test:
 	@tools/require python3
 	python3 -m unittest discover -q -s lab/tests -p test_runner.py
@@ -87,12 +88,12 @@ deb: web
 	@tools/require cc deb
 	packaging/deb $(ARCH)
 
-# The same source gives the same executable and the same package: built twice, in two folders.
+# Checks that the same source gives the same executable and package: builds them twice, in two folders.
 reproducible: web
 	@tools/require cc deb
 	packaging/reproducible $(ARCH)
 
-# The packages for arm64, armhf and armel, tried under emulation beside this machine's (docs/arm.md).
+# The packages for arm64, armhf and armel, tested under emulation, and this machine's (docs/arm.md).
 arm: deb
 	@tools/require cc arm
 	tools/arm-check

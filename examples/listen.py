@@ -3,7 +3,7 @@
 
     pip install python-can msgpack
 
-Prints one line per kind of frame: how often it was seen, and the last data.
+Prints one line per kind of frame: its count, and the last data.
 """
 import sys
 import time

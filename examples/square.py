@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Drives a square with rounded corners, on the official LCM and nothing of ours but the message definitions.
+"""Drives a square with rounded corners, with the official LCM and only the message definitions of this project.
 
     pip install lcm
     lcm-gen -p --ppath build messages/*/*.lcm
     PYTHONPATH=build python3 examples/square.py [SIDE_M]
 
-Commands the robot on LL_CMD_MOTION as a remote operator, steers by its odometry (LL_DATA_ODO), and prints where the
-simulator says it went (SIM_DATA_TRUTH) as one line of JSON. Exit status 1 when the robot does not move or does not
-come back to where it began.
+Commands the robot on LL_CMD_MOTION as a remote operator, steers by its odometry (LL_DATA_ODO), and prints the true
+path from the simulator (SIM_DATA_TRUTH) as one line of JSON. Exit status 1 if the robot does not move or does not
+return to its start.
 """
 import json
 import math
@@ -39,7 +39,7 @@ for channel, where, message_type in (("LL_DATA_ODO", odo, data_odo_t), ("LL_DATA
 
 
 def command(speed, steering):
-    """Sends one command, then listens until the next one is due."""
+    """Sends one command, then receives messages until the next one is due."""
     message = cmd_motion_t()
     message.timestamp = int(time.time() * 1e6)
     message.speed, message.steering = speed, steering
@@ -51,7 +51,7 @@ def command(speed, steering):
 
 
 def drive(speed, steering, until, limit):
-    """Commands until `until()` or for `limit` seconds; false when the time ran out."""
+    """Commands until `until()` or for `limit` seconds; returns false on timeout."""
     end = time.monotonic() + limit
     while not until():
         if time.monotonic() > end:
@@ -70,7 +70,7 @@ ahead = odo[0].heading
 for corner in range(1, 5):
     path = odo[0].path
     arrived = drive(SPEED, 0, lambda: odo[0].path >= path + side, 10 + 5 * side)
-    # Counted from the start: what one corner turns too far, the next does not add to.
+    # Relative to the start, so that errors of the corners do not accumulate.
     turned = drive(SPEED, STEERING, lambda: odo[0].heading >= ahead + corner * math.pi / 2, 20)
     if not (arrived and turned):
         command(0, 0)

@@ -1,6 +1,6 @@
 //! Writes the manual pages and the completion of shells, from the command line's own definition: `manual FOLDER`.
 //!
-//! A program beside the robot's: none of it is in the executable. The folder gets `man1/`, `bash/`, `zsh/` and `fish/`.
+//! A separate program: none of it is in the executable. The folder gets `man1/`, `bash/`, `zsh/` and `fish/`.
 
 use clap_complete::{Shell, generate_to};
 use clap_mangen::Man;
@@ -8,7 +8,7 @@ use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// What the page of `advee` itself says beyond its commands; troff.
+/// Text of the page of `advee` itself beyond its commands; troff.
 const FILES: &str = include_str!("advee.1.part");
 
 fn main() -> io::Result<()> {

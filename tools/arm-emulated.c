@@ -1,13 +1,13 @@
-/* What Debian 12's qemu-user does not pass on to the kernel, for programs that are tried under it (tools/arm ARCH run).
+/* Calls that Debian 12's qemu-user does not forward to the kernel, for programs tested under it (tools/arm ARCH run).
  *
  * SO_TIMESTAMPNS   by SO_TIMESTAMP, which it knows: the kernel's own receive time, in whole microseconds.
- * SO_RXQ_OVFL      the kernel's count of datagrams that were dropped is not told: as if there were none.
- * SO_DETACH_FILTER by another filter, which lets everything pass.
- * IP_MULTICAST_IF  not set: multicast leaves by the route, which is what programs without an interface in their URL ask for.
- * TCGETS2, TCSETS2  by TCGETS and TCSETS: a speed is remembered, not set. Enough for a pseudo-terminal, which has none.
- * readdir          by readdir64: a kernel of 64 bits gives places in a folder that 32 bits do not hold, one of 32 bits would not.
+ * SO_RXQ_OVFL      the kernel's count of dropped datagrams is not available: it is zero.
+ * SO_DETACH_FILTER by another filter, which accepts everything.
+ * IP_MULTICAST_IF  not set: multicast uses the route, as required by programs without an interface in their URL.
+ * TCGETS2, TCSETS2  by TCGETS and TCSETS: a speed is stored, not set. Enough for a pseudo-terminal.
+ * readdir          by readdir64: offsets in a folder from a 64-bit kernel do not fit 32 bits.
  *
- * Everything else goes where it went. No part of the program that is delivered.
+ * All other calls are passed on. Not part of the delivered program.
  */
 #define _GNU_SOURCE
 #include <asm/termbits.h>

@@ -1,6 +1,6 @@
 #!/bin/sh
 # A USB adapter whose controller goes bus-off, on a real kernel's driver: the bit rate is compared, the controller is
-# restarted by whoever may, and frames flow again.
+# restarted by a program with the permission, and frames flow again.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"
@@ -27,7 +27,7 @@ alive() { # the master's heartbeat is on the bus
 plug_in usb2can usb2can
 set_up can1 500000 0
 
-step "a bit rate that is not the bus's"
+step "a bit rate other than the bus's"
 set_up can0 250000 0
 drives env
 expect "can0: runs at 250000 bit/s, the bus is configured for 500000"
@@ -42,7 +42,7 @@ adapter off
 expect "can.main is down: can0: bus-off"
 expect "can.main is up"
 once "can.main is down"
-[ "$(count error-passive)" = 0 ] || fail "bus-off is told as error-passive, too"
+[ "$(count error-passive)" = 0 ] || fail "bus-off is also reported as error-passive"
 [ "$(opened)" = $((times + 1)) ] || fail "the adapter was opened $(opened) times, was $times"
 alive
 
@@ -55,7 +55,7 @@ expect "can0: bus-off; the kernel restarts it after 1500 ms"
 expect "can.main is up"
 alive
 
-step "the controller gets error-passive, and well again"
+step "the controller becomes error-passive, and recovers"
 adapter warning
 adapter passive
 expect "the controller of can.main is error-passive: transmit errors 128, receive errors 0"
@@ -71,7 +71,7 @@ expect "frames with errors within a second on can.main"
 expect "the wire of can.main is clean"
 once "frames with errors"
 
-step "nobody acknowledges: the only other node leaves the bus"
+step "no acknowledge: the only other node leaves the bus"
 ip link set can1 down
 expect "nobody on can.main acknowledges what is sent"
 sleep 3
@@ -83,13 +83,13 @@ expect "the controller of can.main is error-active"
 alive
 finish
 
-step "bus-off: nobody may restart it"
+step "bus-off: without permission to restart it"
 set_up can0 500000 0
 drives "setpriv --inh-caps=-net_admin --bounding-set=-net_admin"
 alive
 adapter off
 expect "can0: bus-off, and restarting it needs CAP_NET_ADMIN"
-step "but a person"
+step "restarted by a person"
 ip link set can0 type can restart
 expect "can.main is up"
 alive

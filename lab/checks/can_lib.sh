@@ -1,12 +1,11 @@
-# What the checks of CAN share: sourced after lib.sh. The driver has can0, the simulator's drives have can1, where there are
-# two interfaces on one bus.
-# shellcheck shell=sh disable=SC2034,SC2086
+# Functions shared by the checks of CAN: sourced after lib.sh. The driver has can0, the simulator's drives have can1,
+# where there are two interfaces on one bus. shellcheck shell=sh disable=SC2034,SC2086
 
 run=$HOME/run
 on="--sim --run-dir $run --set can.main.interface=can0"
 boards='modules.simulator.args=["--set", "can.main.interface=can1"]'
 
-# What is read once is in memory: else time goes on while the machine waits for a file.
+# Files that were read once are in memory: otherwise time passes while the machine waits for a file.
 warm() { # PROGRAM...: besides those that every check uses
     for program in sh ip awk candump cansend cat date grep kill sed seq sleep stdbuf tail wc "$@"; do
         path=$(command -v "$program") || continue

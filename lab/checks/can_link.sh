@@ -1,5 +1,6 @@
 #!/bin/sh
-# The robot on two SJA1000 of one bus: paused, its interface down, the card gone and back, floods of foreign frames.
+# The robot on two SJA1000 of one bus: paused, its interface down, the card removed and returned, floods of foreign
+# frames.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"
@@ -14,7 +15,7 @@ step "PAUSE while driving: quick stop on the bus"
 keep_driving
 record can1 "$HOME/pause"
 "$ADVEE" state driver_canbus PAUSE
-within 3 stands || fail "it drives on"
+within 3 stands || fail "it continues to drive"
 recorded
 has "$HOME/pause" " 501#0B00" # the EPOS's quick stop
 "$ADVEE" state driver_canbus RUN
@@ -32,16 +33,16 @@ ip link set can0 up
 expect "can.main is up"
 expect "the steering is homed"
 sleep 1
-stands || fail "it drives on, by a command of before"
+stands || fail "it drives on, by an old command"
 recorded
 let_go
 once "can.main is up"
-# Nothing that waited: a quick stop, for it may turn yet, then the drives are set up.
+# No queued frames: a quick stop, because a drive may still turn, then the drives are configured.
 first=$(grep -e " [356]0[12]#" "$HOME/back" | grep -v -m 1 -e " 501#0B0000000000")
 case $first in *" 60"[12]"#"*) ;; *) fail "an old command on the bus: $first" ;; esac
 drive
 
-step "interface gone while driving, and back"
+step "interface removed while driving, and returned"
 driver=/sys/bus/pci/drivers/kvaser_pci
 card=$(basename "$(readlink /sys/class/net/can0/device)")
 keep_driving
@@ -53,12 +54,12 @@ let_go
 was=$(cat /sys/class/net/can1/ifindex)
 echo "$card" >$driver/bind
 set_up can0 500000 0
-[ "$(cat /sys/class/net/can0/ifindex)" -gt "$was" ] || fail "it has the number of before"
+[ "$(cat /sys/class/net/can0/ifindex)" -gt "$was" ] || fail "it has the old number"
 expect "can.main is up"
 expect "the steering is homed"
 drive
 
-step "a flood of frames that are nobody's here"
+step "a flood of frames without a receiver"
 before=$(wc -l <"$log")
 timeout 4 cangen can1 -e -g 0 -p 10 &
 flood=$!
@@ -66,15 +67,15 @@ sleep 1
 drive
 wait $flood || true
 
-step "a flood of all frames there are, NMT and the drives' own among them"
+step "a flood of all kinds of frames, including NMT and those of the drives"
 timeout 1 cangen can1 -g 0 -p 10 || true
 within 5 stands || fail "it drives by foreign commands"
 expect "no other master on can.main"
 stands || fail "it drives by foreign commands"
-[ $(($(wc -l <"$log") - before)) -lt 300 ] || fail "too many words about it"
+[ $(($(wc -l <"$log") - before)) -lt 300 ] || fail "too many messages about it"
 ! grep -e panicked -e ModuleDied -e ModuleHung "$log" || fail "a module died"
 
-step "what foreign SDOs have made of the drives ends with a new driver, which boots them"
+step "a restarted driver boots the drives and undoes foreign SDO writes"
 kill -9 "$(pgrep -f "advee run driver_canbus")"
 expect "the steering is homed" 60
 drive

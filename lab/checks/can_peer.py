@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""can_peer.py NODE [INTERFACE CHANNEL PORT]: a CANopen slave by durand (PyPI), on can1 unless told; node 255 has no id yet.
+"""can_peer.py NODE [INTERFACE CHANNEL PORT]: a CANopen slave by durand (PyPI), on can1 by default; node 255 is
+unconfigured.
 
-0x2000 keeps any bytes; 0x2001 is a number from 10 to 20; 0x2002 can only be read.
+0x2000 stores any bytes; 0x2001 is a number from 10 to 20; 0x2002 can only be read.
 """
 
 import sys

@@ -1,12 +1,12 @@
 #!/bin/sh
-# A CANopen slave that others wrote (durand, PyPI) on the second SJA1000: our master scans, reads and writes it, commands it,
-# and gives it its node id.
+# A foreign CANopen slave (durand, PyPI) on the second SJA1000: our master scans, reads and writes it, commands it, and
+# assigns its node id.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"
 needs ip
 python=$LAB_SOURCE/.venv/bin/python
-"$python" -c "import can, durand" 2>/dev/null || skip "no durand in .venv (tools/venv makes it)"
+"$python" -c "import can, durand" 2>/dev/null || skip "no durand in .venv (tools/venv installs it)"
 for interface in can0 can1; do set_up $interface 500000 0; done
 
 slave() { # NODE
@@ -24,17 +24,17 @@ says() { # TEXT COMMAND...
     text=$1
     shift
     said=$(can "$@" 2>&1) || true
-    echo "$said" | grep -e "$text" || fail "it says: $said"
+    echo "$said" | grep -e "$text" || fail "output: $said"
 }
 
 same() { # LENGTH [OPTION]: goes there and comes back
     head -c "$1" /dev/urandom >"$HOME/there"
     can sdo download 5 0x2000 "$HOME/there" $2
     can sdo upload 5 0x2000 "$HOME/back" $2
-    cmp "$HOME/there" "$HOME/back" || fail "it holds something else"
+    cmp "$HOME/there" "$HOME/back" || fail "it contains other data"
 }
 
-step "who is there"
+step "scan"
 slave 5
 says "00004C41  00004231  00010002  0000BEEF .* a slave by durand" scan
 
@@ -48,14 +48,14 @@ says "value too high (0x06090031)" sdo write 5 0x2001 21 --type u16
 says "object does not exist (0x06020000)" sdo read 5 0x2005 --type u16
 says "attempt to write a read-only object (0x06010002)" sdo write 5 0x2002 1 --type u16
 
-step "NMT, and the heartbeat that shows it"
+step "NMT, confirmed by the heartbeat"
 can sdo write 5 0x1017 100
 says "operational" nmt start 5
 says "stopped" nmt stop 5
 says "pre-operational" nmt preop 5
 says "has booted" nmt reset 5
 
-step "a node without id"
+step "a node without node id"
 kill $slave
 wait $slave || true
 slave 255

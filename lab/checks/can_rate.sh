@@ -1,7 +1,7 @@
 #!/bin/sh
-# Frames a second through two SJA1000 without loss: by our own CAN port, and by can-utils beside it. The processor is
-# emulated and the controllers have no wire: a figure of drivers and programs, not of a bus, which carries 3704 to 4504
-# frames of 8 bytes a second at 500 kbit/s.
+# Frames per second through two SJA1000 without loss: by our own CAN port, and by can-utils for comparison. The
+# processor is emulated and the controllers have no wire: a figure of drivers and programs, not of a bus, which carries
+# 3704 to 4504 frames of 8 bytes a second at 500 kbit/s.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"

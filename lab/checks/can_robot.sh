@@ -1,5 +1,5 @@
 #!/bin/sh
-# The whole robot on two SJA1000 of one bus: the driver has one, the simulator's drives the other.
+# The whole robot on two SJA1000 of one bus: the driver uses one, the simulator's drives the other.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"

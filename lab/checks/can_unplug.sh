@@ -1,5 +1,5 @@
 #!/bin/sh
-# The whole robot on USB adapters: the driver's is unplugged while it drives, and returns.
+# The whole robot on USB adapters: the driver's adapter is unplugged while the robot drives, and returns.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"
@@ -22,12 +22,12 @@ let_go
 sleep 1
 once "can.main is down"
 [ ! -e /sys/class/net/can0 ] || fail "it is still there"
-"$ADVEE" state driver_canbus | grep -e ERROR || fail "driver_canbus does not say ERROR"
+"$ADVEE" state driver_canbus | grep -e ERROR || fail "driver_canbus is not in ERROR"
 
 step "plugged in again"
 adapter plug
 within 10 test -e /sys/class/net/can0 || fail "the adapter does not return"
-[ "$(cat /sys/class/net/can0/ifindex)" != "$number" ] || fail "it has the number of before"
+[ "$(cat /sys/class/net/can0/ifindex)" != "$number" ] || fail "it has the old number"
 set_up can0 500000 0
 expect "can.main is up"
 expect "the steering is homed"

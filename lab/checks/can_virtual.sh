@@ -1,5 +1,5 @@
 #!/bin/sh
-# The robot on a virtual interface of the kernel: bus-off as error frames tell it, the interface deleted, frames lost.
+# The robot on a virtual interface of the kernel: bus-off reported by error frames, the interface deleted, frames lost.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/can_lib.sh"
@@ -24,7 +24,7 @@ expect "the steering is homed"
 once "can.main is down"
 drive
 
-step "interface gone and back"
+step "interface removed and returned"
 ip link delete vcan0
 expect "can.main is down: vcan0: "
 add

@@ -1,6 +1,6 @@
 #!/bin/sh
-# A gamepad of the kernel's, made by uinput, drives the simulated robot: with its dead-man button only; that it is pulled
-# while it drives stops the robot.
+# A kernel gamepad, created by uinput, drives the simulated robot: with its dead-man button only; unplugging it while
+# the robot drives stops the robot.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 needs python3
@@ -14,7 +14,7 @@ plug() {
     exec 3>"$HOME/pad"
 }
 
-# What a robot needs to drive.
+# Requirements of a robot that drives.
 awk 'BEGIN { RS = ""; ORS = "\n\n" } !/^\[\[modules/ || /name = "(simulator|driver_power|driver_rs485a|driver_canbus|driver_joydev)"/' \
     conf/advee/modules.toml >"$HOME/modules"
 cat "$HOME/modules" >conf/advee/modules.toml
@@ -35,7 +35,7 @@ pad key 1
 sleep 0.2
 pad abs -20000
 within 5 moves || fail "it does not drive: $(truth speed)"
-step "let go"
+step "released"
 pad key 0
 within 3 stands || fail "it drives without the dead-man button"
 pad abs 0
@@ -44,10 +44,10 @@ pad key 1
 sleep 0.2
 pad abs -20000
 within 5 moves || fail "it does not drive again: $(truth speed)"
-step "pulled while it drives"
+step "unplugged while it drives"
 exec 3>&-
 within 3 stands || fail "it drives without a gamepad"
-step "and plugged in again"
+step "plugged in again"
 plug
 expect "advee uinput pad"
 pad key 1

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Two lines of a GPIO chip as an I2C bus, on the kernel's gpio-sim: how our adapter takes the lines, pulls and releases them,
-what it says when it cannot have them, and when the chip goes. No chip answers there: gpio-sim wires nothing to anything."""
+"""Two lines of a GPIO chip as an I2C bus, on the kernel's gpio-sim: how our adapter requests, pulls and releases the
+lines, and its errors when they are busy and when the chip disappears. No chip answers there: gpio-sim has no wires."""
 
 import fcntl
 import os
@@ -29,19 +29,19 @@ def read(path):
 
 
 def plug(live):
-    """The chip comes, or goes whoever holds it."""
+    """Creates the chip, or removes it even while its lines are held."""
     write(f"{CONFIG}/live", str(int(live)))
     return f"/dev/{read(f'{CONFIG}/bank/chip_name')}" if live else None
 
 
 def level(line):
-    """What the chip has on a line."""
+    """The level of a line at the chip."""
     device, chip = read(f"{CONFIG}/dev_name"), read(f"{CONFIG}/bank/chip_name")
     return read(f"/sys/devices/platform/{device}/{chip}/sim_gpio{line}/value")
 
 
 def info(chip, line):
-    """Name, consumer and flags of a line, by the kernel."""
+    """Name, consumer and flags of a line, from the kernel."""
     told = bytearray(256)
     struct.pack_into("=I", told, 64, line)
     with open(chip, "rb") as f:
@@ -67,7 +67,7 @@ def same(what, is_, should):
 
 
 def refused(place, why):
-    """The tool says in one line what it cannot have."""
+    """Checks that the tool reports an unavailable line in one line."""
     done = subprocess.run([ADVEE, "i2c", "scan", "--port", place], text=True, capture_output=True, check=False)
     print(done.stderr.strip())
     if done.returncode == 0 or why not in done.stderr or len(done.stderr.splitlines()) != 1:
@@ -88,7 +88,7 @@ def main():
     chip = plug(True)
     bus = f"gpio:{chip}:{SDA}:{SCL}"
 
-    # What it cannot have.
+    # Unavailable lines.
     refused(f"gpio:{chip}:{TAKEN}:{SCL}", f"{chip}: lines {TAKEN} and {SCL}: Device or resource busy")
     refused(f"gpio:{chip}:{SDA}:99", "Invalid argument")
     refused(f"gpio:{chip}:{SDA}:{SDA}", "expected /dev/i2c-1")
@@ -97,7 +97,7 @@ def main():
     for line in (SDA, SCL):
         same(f"line {line} is free after what was refused", info(chip, line)[2] & USED, 0)
 
-    # The driver has them.
+    # The driver holds the lines.
     with open(LOG, "w", encoding="utf-8") as log:
         settings = [f"i2c.aux.bus='{bus}'", "i2c.aux.hz=1000"]
         command = [ADVEE, "run", "driver_aux", *(word for one in settings for word in ("--set", one))]
@@ -107,13 +107,13 @@ def main():
         told, consumer, flags = info(chip, line)
         same(f"name of line {line}", told, name)
         same("its consumer", consumer, "advee i2c")
-        # The kernel tells of an open-drain line that is released as it was asked for: an output.
+        # The kernel reports a released open-drain line as requested: an output.
         same("an open-drain output, not inverted", flags & (OUTPUT | OPEN_DRAIN | ACTIVE_LOW), OUTPUT | OPEN_DRAIN)
     refused(bus, "is held by driver_aux")
     for line in (SDA, SCL):
         until(lambda line=line: level(line) == "0", f"line {line} is pulled")
 
-    # The chip goes while they are held.
+    # The chip disappears while they are held.
     plug(False)
     until(lambda: "i2c.aux is down: " in read(LOG), "the driver says that its bus is gone")
     driver.send_signal(signal.SIGTERM)

@@ -1,4 +1,5 @@
-# What the checks on models/i2c_usb.py share: the model runs, its adapter is plugged in and has the name $adapter.
+# Functions shared by the checks on models/i2c_usb.py: the model runs, its adapter is plugged in and has the name
+# $adapter.
 
 model() { # LINE: the model does it
     : >"$HOME/obeyed"
@@ -17,13 +18,13 @@ told() { # PATTERN [SECONDS]: the temperatures that are told have it, by then
     "$ADVEE" lcm echo LL_DATA_TEMPERATURE --for "${2:-3}" >"$HOME/temperatures" || true
     grep -q -E -e "$1" "$HOME/temperatures" || {
         cat "$HOME/temperatures"
-        fail "LL_DATA_TEMPERATURE never said: $1"
+        fail "not in LL_DATA_TEMPERATURE: $1"
     }
 }
 
 needs python3
 mkfifo "$HOME/model"
-# Appended to, so that it can be cut short meanwhile.
+# Opened for appending, so that it can be truncated meanwhile.
 touch "$HOME/obeyed"
 python3 lab/models/i2c_usb.py "$HOME/model" "$HOME/obeyed" &
 model plug

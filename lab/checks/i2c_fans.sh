@@ -1,6 +1,6 @@
 #!/bin/sh
-# The fan controller over i2c-dev, on an adapter of the kernel's with models/i2c_usb.py at its other end: the tools read and
-# write it; the robot's driver configures it, reads it, and tells what breaks and that it is over.
+# The fan controller over i2c-dev, on an adapter of the kernel's with models/i2c_usb.py at its other end: the tools
+# read and write it; the robot's driver configures it, reads it, and reports faults and their end.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . lab/checks/i2c_adapter.sh
@@ -27,7 +27,7 @@ tool() { # TEXT COMMAND...: the tool says the text, however it ends
     text=$1
     shift
     "$ADVEE" i2c "$@" --port "$adapter" >"$HOME/tool" 2>&1 || true
-    grep -q -e "$text" "$HOME/tool" || fail "advee i2c $* said: $(cat "$HOME/tool")"
+    grep -q -e "$text" "$HOME/tool" || fail "output of advee i2c $*: $(cat "$HOME/tool")"
 }
 
 step "the tools"
@@ -51,7 +51,7 @@ tool "is held by driver_aux" dump 0x18
 step "a fan stalls: the other one helps"
 model stall 1
 expect "fan_left fails: 0 rpm at"
-# It gets there by its rate of change.
+# The duty changes at its rate of change.
 full() { [ "$(i2cget -y "${adapter#*-}" 0x18 0x0e)" = 0xf0 ]; }
 within 20 full || fail "the other fan is not driven to full duty"
 model turn 1
@@ -71,7 +71,7 @@ once "fan1 (0x18 on i2c.aux): nobody answers"
 model back
 expect "fan1 (0x18 on i2c.aux) answers again"
 configured
-step "for a moment"
+step "briefly"
 model reset
 expect "had lost its configuration: configured again"
 configured
@@ -88,7 +88,7 @@ expect "fan1 (0x18 on i2c.aux): the adapter does not finish a transfer"
 model scl free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
-step "the adapter is pulled"
+step "the adapter is unplugged"
 model unplug
 expect "i2c.aux is down: the adapter is gone"
 within 10 no_adapter || fail "it is still there"

@@ -1,16 +1,17 @@
 #!/bin/sh
-# How late cyclictest and our own loop wake up, in turns, idle and beside a machine full of work; times are instructions
-# here (16 ns each), so what is measured is how much the kernel and we do between the clock's interrupt and the work. With
-# PREEMPT_RT our loop may take a fifth more than cyclictest, 99.9 of 100 times; an ordinary kernel's figures are only shown.
+# Wake-up latency of cyclictest and of our own loop, in turns, idle and under load; times are instructions here (16 ns
+# each), so the result is the amount of work of the kernel and the loop between the clock's interrupt and the module.
+# With PREEMPT_RT the p99.9 of our loop may be 1.2 times that of cyclictest; an ordinary kernel's figures are only
+# shown.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 needs cyclictest hackbench
-# Not a part of the kernel's tick of 4 ms: so the wake-ups meet it in every way.
+# Not a divisor of the kernel's tick of 4 ms, so that the wake-ups occur at all phases of it.
 interval=490
 seconds=3
 bus=udpm://239.255.76.67:7667
 
-# From memory, and once: a page that is read over a share while time is measured takes seconds of it.
+# From memory, and once before: a page read over a share during the measurement takes seconds.
 cd "$HOME"
 for program in cyclictest hackbench; do
     cp "$(command -v "$program")" "$HOME/"
@@ -21,7 +22,7 @@ done
 theirs() { # FILE: appends a histogram, "us count" a line
     "$HOME/cyclictest" -m -p 80 -i $interval -D $seconds -q -h 50000 >said
     grep -E '^[0-9]{6} [0-9]+' said | grep -v ' 000000$' >>"$1" || true
-    # What is beyond the histogram counts as the largest.
+    # Values beyond the histogram count as the maximum.
     beyond=$(sed -n 's/^# Histogram Overflows: 0*\([0-9]\)/\1/p' said)
     largest=$(sed -n 's/^# Max Latencies: 0*\([0-9]\)/\1/p' said)
     [ "${beyond:-0}" = 0 ] || echo "$largest $beyond" >>"$1"
@@ -56,16 +57,16 @@ measure() { # NAME ROUNDS
         theirs "$1.theirs"
         ours "$1.ours" ttl=0
     done
-    # Through shared memory somebody looks once a second who else listens, alone on the bus ourselves: two files of /proc,
-    # 130 000 instructions. It is shown beside.
+    # With shared memory one program, here the only one, checks once a second for other receivers: two files of /proc,
+    # 130 000 instructions. Shown separately.
     ours "$1.shared" "ttl=0&shm=auto"
 }
 
 measure idle 1
-# Nice, so that this script has its turns; a real-time thread is before all of them.
+# Low priority, so that this script gets its turns; a real-time thread precedes all of them.
 nice -n 19 "$HOME/hackbench" -l 1000000 -g 2 >/dev/null 2>&1 &
 hackbench=$!
-# Pages that come and go, processes that begin and end, a processor that is never idle.
+# Page allocation, short processes, a processor that is never idle.
 nice -n 19 sh -c "while head -c 16M /dev/zero >filled && rm filled; do :; done" &
 nice -n 19 sh -c "while :; do :; done" &
 sleep 0.5

@@ -1,5 +1,5 @@
-# What the checks share. A check that sources it has `set -eu`, and ends with `skip`, `fail`, or by itself. It stands in the
-# checkout, whose configuration is the robot's; what is written there goes to the guest's memory.
+# Functions shared by the checks. A check that sources it has `set -eu`, and ends with `skip`, `fail`, or by itself. Its
+# working folder is the checkout, with the robot's configuration; writes to it go to the guest's memory.
 
 cd "$LAB_SOURCE"
 log=$HOME/said # what the robot says
@@ -21,7 +21,7 @@ needs() { # PROGRAM...: all of them, or the check is skipped
     done
 }
 
-# From here on `expect`, `count` and `once` look at what is new in the log.
+# From here on `expect`, `count` and `once` consider only new lines of the log.
 step() { # WHAT
     echo "== $*"
     touch "$log"
@@ -32,10 +32,10 @@ news() { tail -n +$((seen + 1)) "$log"; }
 
 count() { news | grep -c -e "$1" || true; } # TEXT
 
-once() { [ "$(count "$1")" = 1 ] || fail "said $(count "$1") times: $1"; } # TEXT
+once() { [ "$(count "$1")" = 1 ] || fail "printed $(count "$1") times: $1"; } # TEXT
 
 expect() { # TEXT [SECONDS]: the robot says it, within 30 s of the guest's time unless told
-    within "${2:-30}" said "$1" || fail "never said: $1"
+    within "${2:-30}" said "$1" || fail "never printed: $1"
     news | grep -m 1 -e "$1"
 }
 

@@ -1,5 +1,5 @@
-# What the checks of the package share. The packages themselves are built on the host meanwhile (package_debs): two, of
-# which one is an upgrade. The robot is the simulated one unless a check says otherwise.
+# Functions shared by the checks of the package. The packages are built on the host at the same time (package_debs):
+# two, of which one is an upgrade. The robot is the simulated one unless a check sets another.
 
 . "$LAB_SOURCE/lab/checks/lib.sh"
 cd /
@@ -7,9 +7,9 @@ advee=/usr/bin/advee
 export ADVEE=$advee
 export DEBIAN_FRONTEND=noninteractive
 
-# All that a package could leave, with who owns it; not what changes by itself.
+# All files that a package could leave, with their owners; except those that change by themselves.
 things() {
-    # dpkg takes an empty /opt away, which no package owns.
+    # dpkg removes an empty /opt, which no package owns.
     find / -xdev \( -path /proc -o -path /sys -o -path /lab -o -path "$LAB_SOURCE" -o -path /var/log -o -path /var/lib/dpkg -o \
         -path /var/cache -o -path /tmp -o -path /var/tmp -o -path /root \) -prune -o ! -path /opt -printf '%p %u %g %M\n' | sort
     find /run /dev/shm -xdev \( -path /run/lab -o -path /run/systemd -o -path /run/udev -o -path /run/log -o -path /run/dbus \) \
@@ -22,7 +22,7 @@ pristine=/run/lab/pristine # what was there before any package of ours
 
 debs() { # until the host has built them
     [ -e $pristine ] || things >$pristine
-    within 300 test -e "$LAB_SHARE/debs/done" || fail "no package came from outside"
+    within 300 test -e "$LAB_SHARE/debs/done" || fail "no package was built outside"
     [ ! -e "$LAB_SHARE/debs/skip" ] || skip "$(cat "$LAB_SHARE/debs/skip")"
 }
 
@@ -50,7 +50,7 @@ restarts() { show NRestarts; }
 main() { show MainPID; }
 module() { # NAME: its process
     for process in /proc/[0-9]*; do
-        # The list may be older than a process.
+        # The list may be older than the process.
         if [ "$(tr '\0' ' ' 2>/dev/null <"$process/cmdline" | cut -d' ' -f2,3)" = "run $1" ]; then
             echo "${process#/proc/}"
         fi

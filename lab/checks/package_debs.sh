@@ -1,6 +1,6 @@
 #!/bin/sh
-# Outside: the packages that the guest installs, of the executable under test, into $LAB_SHARE/debs: old.deb, and new.deb
-# with a higher version. What has not changed is not built again.
+# Outside: the packages that the guest installs, of the executable under test, into $LAB_SHARE/debs: old.deb, and
+# new.deb with a higher version. Unchanged parts are not built again.
 set -eu
 cd "$(dirname "$0")/../.."
 share=$LAB_SHARE/debs

@@ -1,5 +1,5 @@
 #!/bin/sh
-# A root that cannot be written, and a disk that is full: the recorder says so, and the robot drives.
+# A read-only root, and a full disk: the recorder reports it, and the robot drives.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 running
@@ -8,17 +8,17 @@ systemctl stop advee
 recorder() { "$advee" lcm echo CM_DATA_LOG --for 2.5 | tail -n 1; }
 records() { recorder | grep -q 'recording=true'; }
 
-step "the root can only be read"
+step "the root is read-only"
 journalctl --relinquish-var
-mount -o remount,ro / || fail "the root cannot be made so"
+mount -o remount,ro / || fail "the root cannot be remounted"
 trap 'mount -o remount,rw /' EXIT
 ! touch /opt/advee/log/written 2>/dev/null || fail "the log folder can be written"
 systemctl start advee || fail "it does not start"
 homed
 status
 recorder
-recorder | grep 'recording=false' || fail "it says that it records"
-journalctl --no-pager -u advee | grep -m 1 -i 'read-only' || fail "nobody says why"
+recorder | grep 'recording=false' || fail "it reports that it records"
+journalctl --no-pager -u advee | grep -m 1 -i 'read-only' || fail "the reason is not reported"
 drive
 systemctl stop advee
 mount -o remount,rw /
@@ -32,11 +32,11 @@ systemctl start advee || fail "it does not start"
 homed
 status
 recorder
-recorder | grep 'recording=false' || fail "it says that it records"
+recorder | grep 'recording=false' || fail "it reports that it records"
 drive
 systemctl stop advee
 
-step "with room again it records"
+step "with free space again it records"
 umount /opt/advee/log
 systemctl start advee
 within 60 all_run || fail "not all modules RUN"

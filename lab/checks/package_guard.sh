@@ -1,17 +1,17 @@
 #!/bin/sh
-# Who guards whom, under a real systemd: each link that dies or hangs comes back, and the modules are taken over.
+# The chain of supervision under a real systemd: each link that dies or hangs is restarted, and the modules are adopted.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 running
 before=$(restarts)
 
-step "the watchdog is killed: advee up starts another, which takes the modules over"
+step "the watchdog is killed: advee up starts a new one, which adopts the modules"
 watchdog=$(module watchdog) power=$(module driver_power) up=$(main)
 kill -9 "$watchdog"
 within 10 other watchdog "$watchdog" || fail "it did not return"
 within 20 all_run || fail "not all modules RUN again"
-[ "$(module driver_power)" = "$power" ] || fail "driver_power was started anew"
-[ "$(main)" = "$up" ] || fail "all was started anew"
+[ "$(module driver_power)" = "$power" ] || fail "driver_power was restarted"
+[ "$(main)" = "$up" ] || fail "everything was restarted"
 drive
 
 step "the watchdog hangs: the same"
@@ -19,31 +19,31 @@ watchdog=$(module watchdog)
 kill -STOP "$watchdog"
 within 10 other watchdog "$watchdog" || fail "it did not return"
 within 20 all_run || fail "not all modules RUN again"
-[ "$(main)" = "$up" ] || fail "all was started anew"
+[ "$(main)" = "$up" ] || fail "everything was restarted"
 
-step "advee up is killed: systemd starts another, whose watchdog takes the modules over"
+step "advee up is killed: systemd starts a new one, whose watchdog adopts the modules"
 watchdog=$(module watchdog) power=$(module driver_power) up=$(main)
 kill -9 "$up"
-within 10 renewed "$up" || fail "systemd starts no other"
+within 10 renewed "$up" || fail "systemd does not restart it"
 within 10 gone "$watchdog" || fail "the watchdog outlives it"
 within 20 other watchdog "$watchdog" || fail "no new watchdog"
 within 30 all_run || fail "not all modules RUN again"
 [ "$(restarts)" = $((before + 1)) ] || fail "it was started again $(restarts) times"
-[ "$(module driver_power)" = "$power" ] || fail "driver_power was started anew"
+[ "$(module driver_power)" = "$power" ] || fail "driver_power was restarted"
 homed
 drive
 
 step "advee up hangs: WatchdogSec"
 up=$(main)
 kill -STOP "$up"
-within 40 renewed "$up" || fail "nobody ended it"
+within 40 renewed "$up" || fail "it was not ended"
 within 40 all_run || fail "not all modules RUN again"
 [ "$(restarts)" = $((before + 2)) ] || fail "it was started again $(restarts) times"
-journalctl --no-pager -u advee | grep 'Watchdog timeout' || fail "it was not for the watchdog"
+journalctl --no-pager -u advee | grep 'Watchdog timeout' || fail "the reason was not the watchdog"
 homed
 drive
 
-step "limits of modules hold in its cgroup; with them, too, advee up comes back when it is killed"
+step "limits of modules apply in its cgroup; with them advee up is restarted when killed, too"
 sed -i '/^name = "logger"/a memory_max = 200000000' /opt/advee/conf/modules.toml
 systemctl restart advee || fail "it does not start"
 within 30 all_run || fail "not all modules RUN"
@@ -57,7 +57,7 @@ within 40 all_run || fail "not all modules RUN again"
 journalctl --no-pager -u advee | grep -c 'Failed to attach' || true
 sed -i '/^memory_max = 200000000/d' /opt/advee/conf/modules.toml
 
-step "told to stop it leaves nothing"
+step "a stop leaves no process"
 systemctl stop advee
 is inactive || fail "it is $(show ActiveState)"
 [ -z "$(module watchdog)$(module driver_power)$(module simulator)" ] || fail "something is left over"

@@ -1,12 +1,13 @@
 #!/bin/sh
-# Installed it stands; started it says when it is ready, in words; it runs as its own user, in its sandbox.
+# The installed robot does not run; after its start it reports readiness in words; it runs as its own user, in its
+# sandbox.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs
 can_up() { [ "$(cat /sys/class/net/can0/operstate 2>/dev/null)" = up ]; }
 no_can() { ! [ -e /sys/class/net/can0 ]; }
 
-step "installed: it stands, and waits to be told"
+step "installed: it does not run until commanded"
 install_deb old
 is inactive || fail "it was started"
 ! systemctl --quiet is-enabled advee || fail "it was enabled"
@@ -14,12 +15,12 @@ id advee
 for group in dialout i2c gpio input; do id -nG advee | grep -qw $group || fail "its user is not in $group"; done
 [ "$(stat -c '%U %a' /opt/advee/log)" = "advee 750" ] || fail "the log folder is $(stat -c '%U %a' /opt/advee/log)"
 
-step "without any hardware it runs all the same, and says what is missing"
+step "without any hardware it runs nevertheless, and reports what is missing"
 systemctl start advee || fail "it does not start"
 status
 is active || fail "it is not ready"
 "$advee" state
-journalctl --no-pager -u advee | grep -m 1 'can0' || fail "nothing is said of can0"
+journalctl --no-pager -u advee | grep -m 1 'can0' || fail "can0 is not mentioned"
 [ "$(ps -o user= -p "$(main)" 2>/dev/null || stat -c %U /proc/"$(main)")" = advee ] || fail "it runs as another user"
 systemctl stop advee
 is inactive || fail "it does not stop"
@@ -28,11 +29,11 @@ is inactive || fail "it does not stop"
 step "a CAN interface comes up, by itself when its controller appears"
 modprobe kvaser_pci
 within 20 test -e /sys/class/net/can0 || fail "there is no controller"
-! can_up || fail "it is up before anybody said how"
+! can_up || fail "it is up without a configuration"
 cp /usr/share/doc/advee/examples/can0.conf /opt/advee/conf/
 systemctl start advee-can@can0 || fail "it does not come up"
 ip -details link show can0
-ip -details link show can0 | grep -q 'bitrate 500000 ' || fail "its bit rate is another"
+ip -details link show can0 | grep -q 'bitrate 500000 ' || fail "its bit rate is wrong"
 modprobe -r kvaser_pci
 within 20 no_can || fail "it is still there"
 modprobe kvaser_pci
@@ -52,7 +53,7 @@ is inactive || fail "it does not stop"
 ls -la /run/advee 2>/dev/null && fail "its run folder is left over"
 journalctl --no-pager -u advee | grep -iE 'denied|not permitted|read-only' && fail "something is not permitted"
 
-step "what modules.toml asks of the processor and of memory is permitted"
+step "processor and memory settings of modules.toml are permitted"
 sed -i '/^name = "driver_canbus"/a rt_priority = 20' /opt/advee/conf/modules.toml
 sed -i '/^name = "logger"/a nice = -5' /opt/advee/conf/modules.toml
 systemctl start advee || fail "it does not start"
@@ -61,14 +62,14 @@ chrt -p "$(module driver_canbus)" | grep -q 'priority: 20' || fail "driver_canbu
 chrt -p "$(module watchdog)" | grep -q 'priority: 21' || fail "the watchdog is not above it"
 grep VmLck "/proc/$(module driver_canbus)/status"
 [ "$(sed -n 's/^VmLck:[^0-9]*\([0-9]*\) kB/\1/p' "/proc/$(module driver_canbus)/status")" -gt 1000 ] || fail "its memory is not locked"
-[ "$(cut -d' ' -f19 "/proc/$(module logger)/stat")" = -5 ] || fail "the logger is not served more"
+[ "$(cut -d' ' -f19 "/proc/$(module logger)/stat")" = -5 ] || fail "the logger's nice value is not set"
 systemctl stop advee
 sed -i '/^rt_priority = 20/d; /^nice = -5/d' /opt/advee/conf/modules.toml
 
-step "a configuration that is refused is not tried again and again"
+step "a refused configuration is not retried"
 sed -i 's/^wheelbase_m = .*/wheelbase_m = -1/' /opt/advee/conf/robot.toml
 systemctl start advee && fail "it starts"
 is failed || fail "it is $(show ActiveState)"
 [ "$(restarts)" = 0 ] || fail "it was tried again $(restarts) times"
-journalctl --no-pager -n 5 -u advee | grep -m 1 'wheelbase_m' || fail "it does not say why"
+journalctl --no-pager -n 5 -u advee | grep -m 1 'wheelbase_m' || fail "the reason is not reported"
 sed -i 's/^wheelbase_m = .*/wheelbase_m = 0.60/' /opt/advee/conf/robot.toml

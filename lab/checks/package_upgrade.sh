@@ -1,12 +1,12 @@
 #!/bin/sh
-# An upgrade stands the robot still, keeps configuration and logs, and starts it again; removed it is stopped; purged
-# nothing is left.
+# An upgrade stops the robot, keeps configuration and logs, and starts it again; removal stops it; purging leaves
+# nothing.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs
 ! present || dpkg --purge advee
 
-step "upgraded while it runs: it stands meanwhile, what was changed stays, and it runs again"
+step "upgraded while it runs: stopped meanwhile, changed files are kept, and it runs again"
 install_deb old
 systemctl enable advee
 running
@@ -15,22 +15,22 @@ within 20 test -n "$(ls /opt/advee/log)" || fail "there are no logs"
 run=$(ls /opt/advee/log | head -n 1)
 up=$(main)
 install_deb new
-[ "$(dpkg-query -W -f='${Version}' advee)" = 1.1 ] || fail "it is not the new one"
+[ "$(dpkg-query -W -f='${Version}' advee)" = 1.1 ] || fail "it is not the new version"
 is active || fail "it does not run again"
 [ "$(main)" != "$up" ] || fail "it was not stopped"
-[ "$(restarts)" = 0 ] || fail "it fell over"
-tail -n 1 /opt/advee/conf/robot.toml | grep '# ours' || fail "what was changed is lost"
+[ "$(restarts)" = 0 ] || fail "it failed"
+tail -n 1 /opt/advee/conf/robot.toml | grep '# ours' || fail "changes are lost"
 grep -- '--sim' /etc/default/advee || fail "its arguments are lost"
 [ -d "/opt/advee/log/$run" ] || fail "the logs are lost"
 systemctl --quiet is-enabled advee || fail "it is not enabled any more"
 within 60 all_run || fail "not all modules RUN"
 
-step "upgraded while it stands: it stays so"
+step "upgraded while stopped: it stays stopped"
 systemctl stop advee
 install_deb old
 is inactive || fail "it was started"
 
-step "one that runs otherwise is not pulled away from under"
+step "a robot that was started otherwise keeps its executable"
 install -d -o advee /run/advee
 setpriv --reuid=advee --regid=advee --init-groups /opt/advee/bin/advee up --sim --goal none --headless >"$HOME/by-hand" 2>&1 &
 by_hand=$!
@@ -45,10 +45,10 @@ step "removed: stopped; configuration and logs stay"
 systemctl start advee
 dpkg --remove advee
 [ -z "$(module watchdog)$(module driver_power)" ] || fail "it runs on"
-[ -d "/opt/advee/log/$run" ] && [ -e /opt/advee/conf/robot.toml ] || fail "something of its owner's is lost"
+[ -d "/opt/advee/log/$run" ] && [ -e /opt/advee/conf/robot.toml ] || fail "a file of the owner is lost"
 ! [ -e /usr/bin/advee ] || fail "it is still there"
 
 step "purged: nothing is left"
 dpkg --purge advee
 things >"$HOME/after"
-diff $pristine "$HOME/after" || fail "not all is as it was"
+diff $pristine "$HOME/after" || fail "the original state is not restored"

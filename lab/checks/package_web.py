@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Outside: a person with a browser. Pairs by the code, takes control, holds to drive, sees the speed in the view, lets go,
-sees it stand.
+"""Runs outside, as a person with a browser. Pairs by the code, takes control, holds to drive, sees the speed in the view, lets
+go, sees it stand.
 
-The robot's clock is the emulated processor's, and goes as it likes. So time is taken from what the robot shows, and a hold
-that was lost because this machine was busy is begun anew, as a hand would.
+The robot's clock is the emulated processor's, and its rate varies. Time is therefore taken from the robot's messages, and
+a hold that was lost because this machine was busy is started again, as a person would.
 """
 
 import http.client
@@ -27,14 +27,14 @@ LIMIT_S = 150
 
 
 def told(name, text):
-    """Appears in the share as a whole."""
+    """Writes a file of the share atomically."""
     with open(f"{SHARE}/{name}.new", "w", encoding="utf-8") as f:
         f.write(text)
     os.rename(f"{SHARE}/{name}.new", f"{SHARE}/{name}")
 
 
 def code():
-    """The operator's, once the guest tells it; None when the guest's check is skipped."""
+    """The operator's code, once the guest has written it; None if the guest's check is skipped."""
     for _ in range(6000):
         if os.path.exists(f"{SHARE}/code"):
             with open(f"{SHARE}/code", encoding="utf-8") as f:
@@ -68,7 +68,7 @@ def pair(eight_digits):
 
 
 def connected(path, cookie):
-    """A WebSocket of the page's."""
+    """A WebSocket as the page uses it."""
     from websockets.sync.client import connect
 
     there = socket.create_connection((ADDRESS, int(PORT)), timeout=30)
@@ -80,7 +80,7 @@ def heard(connection, timeout=30):
 
 
 class Driver:
-    """Who drives; `now` is the robot's clock, s."""
+    """The driver; `now` is the robot's clock, s."""
 
     def __init__(self, view, command):
         self.view, self.command = view, command
@@ -88,7 +88,7 @@ class Driver:
         self.hold = self.seq = 0
 
     def look(self):
-        """The next picture of the motion: (robot's time, motion)."""
+        """The next update of the motion: (robot's time, motion)."""
         while time.monotonic() < self.until:
             part = heard(self.view)
             motion = part["motion"]["value"] if part["part"] == "drive" else None
@@ -100,7 +100,7 @@ class Driver:
         self.command.send(json.dumps(command))
 
     def news(self):
-        """What the server has answered meanwhile."""
+        """The answers of the server so far."""
         while True:
             try:
                 yield heard(self.command, timeout=0)
@@ -116,7 +116,7 @@ class Driver:
         raise SystemExit(f"no {kind}")
 
     def drive(self):
-        """Holds for some seconds of the robot's; the fastest that was seen."""
+        """Holds for some seconds of the robot's time; returns the highest speed."""
         fastest, driven, last = 0.0, 0.0, None
         self.hold += 1
         while driven < DRIVEN_S:
@@ -136,7 +136,7 @@ class Driver:
         return fastest
 
     def let_go(self):
-        """How long until it is seen to stand, by the robot's clock."""
+        """Time until it is seen to stand still, by the robot's clock."""
         self.seq += 1
         self.say(type="zero", hold=self.hold, seq=self.seq)
         begun = None
@@ -148,7 +148,7 @@ class Driver:
 
 
 def skip(why):
-    """The guest's check says why it is skipped."""
+    """The guest's check reports why it is skipped."""
     os.makedirs(f"{SHARE}/debs", exist_ok=True)
     told("debs/skip", why + "\n")
     told("debs/done", "")

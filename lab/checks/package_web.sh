@@ -1,11 +1,11 @@
 #!/bin/sh
-# The installed robot is driven from outside, through its web server: package_web.py is who drives.
+# The installed robot is driven from outside, through its web server, by package_web.py.
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs
 present || install_deb old
 
-step "the web server is opened to the network, as docs/install.md says"
+step "the web server is opened to the network, as in docs/install.md"
 umask 077
 od -An -tx1 -N 24 /dev/urandom | tr -d ' \n' >/opt/advee/conf/web.token
 chown advee /opt/advee/conf/web.token
@@ -16,10 +16,10 @@ sed -i 's|^listen = .*|listen = "0.0.0.0:8080"|; s|^hosts = .*|hosts = ["robot.l
 running
 from=$(truth x)
 
-step "who drives is told the code, and nothing else"
+step "the driver outside gets the code, and nothing else"
 "$advee" web code --json >"$LAB_SHARE/code.new"
 mv "$LAB_SHARE/code.new" "$LAB_SHARE/code"
-within 200 test -e "$LAB_SHARE/driven" || fail "nobody drove"
+within 200 test -e "$LAB_SHARE/driven" || fail "it was not driven"
 cat "$LAB_SHARE/driven"
 to=$(truth x)
 echo "it was at x = $from m, and is at $to m"

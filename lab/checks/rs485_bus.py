@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The simulated EIA-485 bus is one: what a port sends all others hear in the time of a wire, judged by their own parity.
+"""The simulated EIA-485 bus behaves as one: all other ports receive what a port sends, at wire speed, by their own
+parity.
 
-This is the ruler that the other checks measure with: nothing of ours runs here but the kernel module.
+The other checks rely on this bus: nothing of ours runs here but the kernel module.
 """
 
 import fcntl
@@ -59,7 +60,7 @@ class Port:
         return told[4], told[6], told[8], told[9]
 
     def direction(self, *told):
-        """Sets (flags, ms before, ms after); what the port made of it."""
+        """Sets (flags, ms before, ms after); returns the values that the port accepted."""
         fcntl.ioctl(self.file, TIOCSRS485, struct.pack("8I", *told, 0, 0, 0, 0, 0))
         return struct.unpack("8I", fcntl.ioctl(self.file, TIOCGRS485, bytes(32)))[:3]
 
@@ -74,8 +75,8 @@ def main():
     master, one, two = Port(0), Port(1), Port(2)
     master.frame("42", "44 41 ff 00")
     same("an address and its frame, in space parity", one.heard(), "ff 00 42 44 41 ff ff 00")
-    same("the other board hears the same", two.heard(), "ff 00 42 44 41 ff ff 00")
-    same("the sender hears nothing", master.heard(), "")
+    same("the other board receives the same", two.heard(), "ff 00 42 44 41 ff ff 00")
+    same("the sender receives nothing", master.heard(), "")
     one.set("mark")
     master.frame("ff", "01")
     same("in mark parity the address is plain, the rest marked", one.heard(), "ff ff ff 00 01")
@@ -85,8 +86,8 @@ def main():
     before = two.count()
     one.set("space", termios.B9600)
     master.frame("42", "44")
-    same("another rate hears garbage", one.heard(), "ff 00 42 ff 00 44")
-    same("one of the right rate counts a parity error", [b - a for a, b in zip(before, two.count())], [2, 0, 1, 0])
+    same("at another rate garbage is received", one.heard(), "ff 00 42 ff 00 44")
+    same("at the right rate a parity error is counted", [b - a for a, b in zip(before, two.count())], [2, 0, 1, 0])
     one.set("space")
     two.heard()
 
@@ -95,25 +96,25 @@ def main():
     termios.tcdrain(master.file)
     took = (time.monotonic() - begin) * 1e3
     print(f"384 characters of 11 bits at 38400 Bd: {took:.1f} ms, the wire's own is 110.0")
-    same("they take their time on the wire, and the kernel's two looks for the end at most", 110.0 <= took < 125, True)
-    same("all of them came", (len(one.heard().split()), len(two.heard().split())), (384, 384))
+    same("duration on the wire, plus at most two polls of the kernel for the end", 110.0 <= took < 125, True)
+    same("all of them arrived", (len(one.heard().split()), len(two.heard().split())), (384, 384))
 
     one.send("41" * 4)
     two.send("42" * 4)
-    same("two that talk at once spoil each other", master.heard(), " ".join(["ff 00 00"] * 8))
+    same("two simultaneous senders spoil each other", master.heard(), " ".join(["ff 00 00"] * 8))
     one.heard()
     two.heard()
     master.send("41")
     master.set("mark", when=termios.TCSANOW)
-    same("parity that changes under a character spoils it", one.heard(), "ff 00 00")
+    same("a parity change during a character spoils it", one.heard(), "ff 00 00")
     master.set("space")
     termios.tcsendbreak(master.file, 0)
     same("a break", (one.heard(), one.count()[3]), ("ff 00 00", 1))
     two.heard()
 
-    same("the direction is kept", master.direction(0b011, 3, 0), (0b011, 3, 0))
-    same("and what the port cannot do is not", master.direction(0b011, 0, 3), (0b011, 0, 0))
-    same("a receiver that is asked hears itself", (master.direction(0b10011, 0, 0), master.send("41"), master.heard()),
+    same("the direction setting is kept", master.direction(0b011, 3, 0), (0b011, 3, 0))
+    same("an unsupported setting is not", master.direction(0b011, 0, 3), (0b011, 0, 0))
+    same("with RX_DURING_TX a port receives its own data", (master.direction(0b10011, 0, 0), master.send("41"), master.heard()),
          ((0b10011, 0, 0), None, "41"))
     master.direction(0b011, 3, 0)
     begin = time.monotonic()

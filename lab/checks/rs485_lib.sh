@@ -1,7 +1,7 @@
-# What the checks of EIA-485 share: sourced after lib.sh.
+# Functions shared by the checks of EIA-485: sourced after lib.sh.
 # shellcheck shell=sh
 
-# What is read once is in memory: else time goes on while the machine waits for a file.
+# Files that were read once are in memory: otherwise time passes while the machine waits for a file.
 warm() {
     for program in awk cat date grep python3 sed sh sleep tail wc "$ADVEE"; do
         path=$(command -v "$program")

@@ -1,6 +1,7 @@
 #!/bin/sh
-# `advee rs485` over a kernel's serial ports, at boards that were written from docs/facts/boards.md alone: three of them on one
-# bus at terminals of their own, known by addresses that are marked in parity; they drop a frame with a gap, as real ones do.
+# `advee rs485` over a kernel's serial ports, with boards that were written from docs/facts/boards.md alone: three of
+# them on one bus with a terminal each, addressed by words marked in parity; they drop a frame with a gap, as real ones
+# do.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 master=/dev/ttyLAB15
@@ -17,12 +18,12 @@ rs485() { # EXIT-STATUS COMMAND...: at our port; what it says goes to $log
     [ $status = "$expected" ] || fail "advee rs485 $*: exit status $status"
 }
 
-says() { grep -e "$1" "$log" || fail "does not say: $1"; } # TEXT
+says() { grep -e "$1" "$log" || fail "not in the output: $1"; } # TEXT
 
 board 16 0x20
 board 17 0x11
 board 18 0xfe # an address that is nearly a mark
-step "three boards on one bus, each known by its address"
+step "three boards on one bus, each with its address"
 rs485 0 scan --first 16 --last 33
 says "^0x11 .* 1\.2 "
 says "^0x20 .* 1\.2 "
@@ -35,20 +36,20 @@ rs485 0 poll 0x20 version --count 20
 says "good .* 20  100.00 %"
 says "round trip"
 
-step "somebody listens to both ways"
+step "a listener for both directions"
 "$ADVEE" rs485 monitor --port /dev/ttyLAB19 --transport parity --for 3 >"$HOME/heard" 2>&1 &
 monitor=$!
 sleep 0.5
 rs485 0 version 0x11
 wait $monitor || fail "the listener: exit status $?"
 cat "$HOME/heard"
-grep -q "1 requests, 1 good answers, 0 damaged" "$HOME/heard" || fail "the listener did not hear it"
+grep -q "1 requests, 1 good answers, 0 damaged" "$HOME/heard" || fail "the listener did not receive it"
 
 step "another rate"
 rs485 1 scan --first 16 --last 18 --baud 57600
 says "nobody answers: power, wires, A and B, baud"
 
-step "two boards of one address collide"
+step "two boards with one address collide"
 board 19 0x11
 rs485 0 scan --first 16 --last 18
 says "^0x11 .*damaged: .*two boards at one address?"

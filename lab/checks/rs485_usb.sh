@@ -1,6 +1,6 @@
 #!/bin/sh
-# Nine bits through a USB adapter: the kernel's ftdi_sio on a model of the FT232R, whose wire leads to the simulator's boards.
-# The adapter is pulled while a driver asks them, and comes back under another number.
+# Nine bits through a USB adapter: the kernel's ftdi_sio on a model of the FT232R, whose wire leads to the simulator's
+# boards. The adapter is unplugged while a driver polls them, and returns under another number.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . "$LAB_SOURCE/lab/checks/rs485_lib.sh"
@@ -13,7 +13,7 @@ adapter() { # COMMAND TEXT: to the model, and what it answers
     answers=$(wc -l <"$HOME/adapter")
     echo "$1" >&3
     within 30 answered || fail "the adapter does not answer to $1"
-    tail -n 1 "$HOME/adapter" | grep "$2" || fail "the adapter says $(cat "$HOME/adapter")"
+    tail -n 1 "$HOME/adapter" | grep "$2" || fail "output of the adapter: $(cat "$HOME/adapter")"
 }
 
 answered() { [ "$(wc -l <"$HOME/adapter")" -gt "$answers" ]; }
@@ -32,7 +32,7 @@ adapter plug "ttyUSB0"
 cat "$HOME/poll"
 grep -q "good .* 20  100.00 %" "$HOME/poll" || fail "not all polls were answered well"
 
-step "a driver asks, and the adapter is pulled"
+step "the adapter is unplugged while a driver polls"
 "$ADVEE" run driver_rs485a $robot >>"$log" 2>&1 &
 driver=$!
 expect "so1 (0x20 on rs485.a): firmware 1.0"
@@ -41,7 +41,7 @@ expect "rs485.a is down: "
 sleep 2
 once "rs485.a is down: "
 
-step "it comes back under another number"
+step "it returns under another number"
 adapter other "ttyUSB0"
 adapter plug "ttyUSB1"
 expect "rs485.a is up"

@@ -1,10 +1,10 @@
 #!/bin/sh
-# A thermometer on 1-Wire, behind a bridge on I2C: the kernel's ds2482, w1 and w1_therm with models/ds2482.py at their other
-# end, read by the robot's driver.
+# A thermometer on 1-Wire, behind a bridge on I2C: the kernel's ds2482, w1 and w1_therm with models/ds2482.py at their
+# other end, read by the robot's driver.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"
 . lab/checks/i2c_adapter.sh
-# What udev would do.
+# Replaces udev.
 modprobe -a ds2482 w1_therm
 echo ds2482 0x1a >"/sys/bus/i2c/devices/i2c-${adapter#*-}/new_device"
 sensor=/sys/bus/w1/devices/28-000000000001

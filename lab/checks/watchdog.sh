@@ -1,5 +1,5 @@
-# What the checks of the computer's own watchdog share: a robot of one critical module, another copy of our executable, so that
-# it can be taken away, and a device that resets the machine 4 s after it was fed last.
+# Functions shared by the checks of the computer's own watchdog: a robot of one critical module, a copy of our
+# executable that can be removed, and a device that resets the machine 4 s after it was last fed.
 
 device=
 

@@ -1,5 +1,5 @@
-"""Virtual machines of the lab: what they boot, how they start, what they say."""
+"""Virtual machines of the lab: kernels and file systems, start, output."""
 
 
 class LabError(Exception):
-    """Why the lab cannot do what it was asked, in one line: what, where, what helps."""
+    """The reason why the lab cannot run, in one line: what, where, what helps."""

@@ -20,16 +20,16 @@ XZ = b"\xfd7zXZ\0"
 
 
 class Cache:
-    """The folder `root`, with an apt state of its own: the system's lists stay as they are."""
+    """The folder `root`, with a separate apt state: the system's lists are not changed."""
 
     def __init__(self, root, say):
         self.root = os.path.abspath(root)
         self.say = say
-        # What apt said of its lists, once they were fetched.
+        # The messages of apt about its lists, once they were fetched.
         self.updated = ""
         for folder in ("lists/partial", "archives/partial"):
             os.makedirs(self.path("apt", folder), exist_ok=True)
-        # One run at a time fills it; an unfinished folder of a run that was ended goes.
+        # One run at a time fills it; an unfinished folder of an earlier run is removed.
         self.lock = open(self.path("lock"), "w")
 
     def path(self, *parts):
@@ -48,11 +48,11 @@ class Cache:
         return self.package("busybox-static") + "/bin/busybox"
 
     def package(self, name):
-        """The folder of what a package holds."""
+        """The folder with the content of a package."""
         return self.made(f"package-{name}", lambda new: self.unpack(name, new))
 
     def tree(self, packages):
-        """A minimal Debian with these packages: what another machine than this one would have."""
+        """A minimal Debian with these packages: the root of a machine other than this one."""
         key = hashlib.sha256(" ".join(packages).encode()).hexdigest()[:12]
 
         def make(new):
@@ -64,7 +64,7 @@ class Cache:
         return self.made(f"debian-{key}", make)
 
     def made(self, name, make):
-        """The folder of this name; where there is none, what `make` puts into an empty one."""
+        """The folder of this name; if there is none, a new one filled by `make`."""
         path = self.path(name)
         fcntl.flock(self.lock, fcntl.LOCK_EX)
         try:
@@ -87,8 +87,8 @@ class Cache:
             raise LabError(f"apt knows no {KERNELS[flavour]}: is this Debian?")
         package, version = found.groups()
         self.unpack(package, new)
-        # vmlinuz is a loader and the kernel as xz: QEMU starts the kernel itself through its PVH note, and the guest need
-        # not unpack it, which takes an emulated processor 3 s.
+        # vmlinuz is a loader and the kernel as xz: QEMU starts the kernel itself through its PVH note, so the guest
+        # need not unpack it, which takes an emulated processor 3 s.
         with open(f"{new}/boot/vmlinuz-{version}", "rb") as f:
             image = f.read()
         if XZ not in image:
@@ -97,16 +97,16 @@ class Cache:
             f.write(lzma.LZMADecompressor().decompress(image[image.index(XZ):]))
         for folder in ("boot", "usr"):
             shutil.rmtree(f"{new}/{folder}", ignore_errors=True)
-        # kmod's also writes the indexes that kmod and udev in the guest read.
+        # kmod's depmod also writes the indexes that kmod and udev in the guest read.
         depmod = shutil.which("depmod", path=os.environ["PATH"] + ":/usr/sbin:/sbin")
         self.run(*([depmod] if depmod else [self.path("package-busybox-static/bin/busybox"), "depmod"]), "-b", new, version)
 
     def depends(self, package):
-        """What a package depends on, by name."""
+        """The dependencies of a package, by name."""
         return re.findall(r"Depends: (\S+)", self.apt("apt-cache", "depends", package))
 
     def unpack(self, name, new):
-        # A fresh folder: what broke off in an earlier one is not taken for a package, nor left there. apt checks its sums.
+        # A fresh folder: an aborted download is not mistaken for a package, nor left there. apt checks the sums.
         folder = self.path("download")
         shutil.rmtree(folder, ignore_errors=True)
         os.makedirs(folder)
@@ -120,7 +120,7 @@ class Cache:
         options = ["-q", "-o", f"Dir::State::lists={state}/lists", "-o", f"Dir::Cache={state}"]
         options += ["-o", "APT::Sandbox::User=", "-o", "Debug::NoLocking=1", "-o", "Acquire::Retries=2"]
         if not self.updated:
-            # Some lists may do where others fail, so that is no error yet.
+            # Some lists may suffice if others fail, so this is not an error yet.
             self.updated = self.run("apt-get", *options, "update", errors=True).strip() or "up to date"
         try:
             return self.run(tool, *options, *arguments, cwd=cwd)
@@ -129,7 +129,7 @@ class Cache:
             raise LabError(f"{error} ({why.group(1)})" if why else str(error)) from None
 
     def run(self, *command, cwd=None, errors=False):
-        """What it prints, or with `errors` what it complains of."""
+        """The output of a command, or with `errors` its error messages."""
         try:
             done = subprocess.run(command, cwd=cwd, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                   stderr=subprocess.PIPE, check=False)

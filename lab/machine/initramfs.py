@@ -1,14 +1,14 @@
-"""The guest's first file system: busybox, the modules that reach the shares, and our own start."""
+"""The guest's initial file system: busybox, the modules for the shares, and our own start."""
 
 import os
 
-# What it takes to reach the host's folders and to be heard by it.
+# Modules for access to the host's folders and for output to it.
 MODULES = ["virtio_pci", "9p", "9pnet_virtio", "overlay", "virtio_console"]
 GUEST = os.path.join(os.path.dirname(os.path.abspath(__file__)), "guest")
 
 
 def build(busybox, tree, settings):
-    """A cpio archive. `tree` is the kernel's modules, `settings` what guest/init and guest/main read."""
+    """A cpio archive. `tree` is the kernel's modules, `settings` the input of guest/init and guest/main."""
     archive = Cpio()
     for folder in ("bin", "dev", "proc", "sys", "modules"):
         archive.add(folder, 0o040755)
@@ -35,7 +35,7 @@ def quoted(value):
 
 
 def load_order(tree, wanted):
-    """The files of the modules and of all they need, in the order of loading."""
+    """The files of the modules and of their dependencies, in the order of loading."""
     needs = {}
     with open(f"{tree}/modules.dep", encoding="utf-8") as f:
         for line in f:

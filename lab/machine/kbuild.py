@@ -1,7 +1,7 @@
-"""Kernel modules that Debian does not ship, built for a kernel of the cache: sources of lab/kernel, and of the kernel where
-those name some (in a file `sources`), and Debian's headers.
+"""Builds kernel modules that Debian does not ship for a kernel of the cache: from lab/kernel, from files of the
+kernel's source (listed in a file `sources`), and from Debian's headers.
 
-Needs gcc, make, xz and libelf on this machine, no root, and nothing installed of the headers.
+Needs gcc, make, xz and libelf on this machine, no root, and no installed headers.
 """
 
 import glob
@@ -13,16 +13,16 @@ import subprocess
 from . import LabError
 
 SOURCES = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "kernel")
-# Where the packages of headers lie when they are installed; their makefiles name it.
+# Folder of the header packages when they are installed; their makefiles name it.
 INSTALLED = "/usr/src/"
 
 
 class Missing(LabError):
-    """What it takes to build is not here: no fault of the source."""
+    """The requirements of the build are missing: not an error of the source."""
 
 
 class Broken(LabError):
-    """The source does not build: the first line says of what, the others why."""
+    """The source does not build: the first line names it, the others have the reason."""
 
 
 def build(cache, flavour, name):
@@ -70,7 +70,7 @@ def kernel_sources(cache, version, source):
             cache.unpack(f"linux-source-{series}", new)
             members = [f"linux-source-{series}/{name}" for name in names]
             archive = f"{new}{INSTALLED}linux-source-{series}.tar.xz"
-            # All that follows the last of them is left packed.
+            # Everything after the last of them stays packed.
             cache.run("tar", "-C", new, "--occurrence", "--strip-components=1", "-xJf", archive, *members)
         except LabError as error:
             raise Missing(f"no source of Linux {series}: {error}") from None
@@ -81,7 +81,7 @@ def kernel_sources(cache, version, source):
 
 
 def digest(folder):
-    """What tells one state of a source from another."""
+    """A digest of the state of a source."""
     sums = hashlib.sha256()
     for path in sorted(glob.glob(f"{folder}/**", recursive=True)):
         if os.path.isfile(path):
@@ -91,7 +91,7 @@ def digest(folder):
 
 
 def unpack_headers(cache, flavour, version, new):
-    """The headers of a kernel, what they depend on beside them, and their makefiles led there."""
+    """The headers of a kernel with their dependencies, and their makefiles redirected to them."""
     package = f"linux-headers-{version}"
     try:
         for name in [package, *cache.depends(package)]:

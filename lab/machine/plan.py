@@ -1,4 +1,4 @@
-"""lab.toml: which machines there are, and which checks run in them."""
+"""lab.toml: the machines, and the checks that run in them."""
 
 import dataclasses
 import os
@@ -9,7 +9,7 @@ from . import LabError
 
 @dataclasses.dataclass
 class Machine:
-    """A virtual machine; what the keys mean stands in lab.toml."""
+    """A virtual machine; lab.toml describes the keys."""
 
     name: str
     kernel: str = "std"
@@ -28,7 +28,7 @@ class Machine:
 
 @dataclasses.dataclass
 class Check:
-    """A script of lab/checks, and how it is run."""
+    """A script of lab/checks, with its settings."""
 
     name: str
     machine: str

@@ -1,4 +1,4 @@
-"""One boot of a machine: QEMU's arguments, what the guest says, how it ends."""
+"""One boot of a machine: QEMU's arguments, the guest's output, the result."""
 
 import contextlib
 import os
@@ -13,19 +13,19 @@ import time
 from . import LabError
 
 QEMU = "qemu-system-x86_64"
-# How long a guest may take until its first check, of wall time: it takes 3 s, 25 s with systemd on a busy host.
+# Maximum wall time of a guest until its first check: it takes 3 s, 25 s with systemd on a busy host.
 UP_WITHIN = 300
-# How a kernel begins its last words.
+# Beginning of a kernel's panic message.
 PANIC = "Kernel panic"
-# A line of the guest's is cut here.
+# Maximum length of a line of the guest.
 LINE_MAX = 4096
-# KVM that does not run this kernel is given up after it.
+# KVM is given up if the kernel does not run within this time.
 LIFE_WITHIN = 15
 
 
 def kvm_works():
-    """Whether KVM runs an unmodified kernel: backed by the processor. A /dev/kvm alone is not enough: the back end pvm
-    starts one under the instruction emulator, some hundred times slower than QEMU's own translator."""
+    """True if KVM runs an unmodified kernel on the processor. A /dev/kvm alone is not enough: the back end pvm starts
+    one under the instruction emulator, some hundred times slower than QEMU's own translator."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as f:
             flags = re.search(r"^flags\s*:(.*)$", f.read(), re.M).group(1).split()
@@ -42,8 +42,8 @@ def free_port():
 
 
 class Boot:
-    """A running guest, until `end()`, which any thread may call. `lines()` yields what it says; then `ended` says why it is over: `done`, `time limit`, `reset`
-    (a reset, a panic, a power-off that was not ours) or `not up`."""
+    """A running guest, until `end()`, which any thread may call. `lines()` yields its output; then `ended` is the
+    reason for its end: `done`, `time limit`, `reset` (a reset, a panic, an unexpected power-off) or `not up`."""
 
     def __init__(self, machine, files, work, kvm=False):
         self.console_path = f"{work}/console"
@@ -53,11 +53,11 @@ class Boot:
         self.web = free_port() if machine.network else None
         self.limit = (LIFE_WITHIN if kvm else UP_WITHIN, "not up")
         open(self.console_path, "w", encoding="utf-8").close()
-        # Whoever kills the lab ends the machine, too.
+        # If the lab is killed, the machine ends, too.
         guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
         if not shutil.which(QEMU):
             raise LabError(f"{QEMU} is missing: apt-get install --no-install-recommends qemu-system-x86")
-        # Its input stays open: at its end QEMU takes the port for unplugged, and the guest's writes wait for ever.
+        # Its input stays open: at end of file QEMU treats the port as unplugged, and the guest's writes block forever.
         self.process = subprocess.Popen([*guard, *self.arguments(machine, files, kvm)], stdin=subprocess.PIPE,
                                         stdout=subprocess.PIPE, start_new_session=True)
 
@@ -67,8 +67,8 @@ class Boot:
             return ["-fsdev", options, "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}"]
 
         if machine.ns_per_instruction:
-            # Time is what the guest has executed: what the host does beside it does not count. While the guest is idle,
-            # time goes on as the host's, or jumps to what comes next: then a file that is read over a share takes hours.
+            # The clock counts executed instructions, independent of the host's load. While the guest is idle, time
+            # follows the host's, or jumps to the next event: then reading a file over a share takes hours.
             shift = machine.ns_per_instruction.bit_length() - 1
             idle = "off" if machine.skip_idle else "on"
             clock = ["-accel", "tcg,thread=single,tb-size=256", "-icount", f"shift={shift},sleep={idle}", "-cpu", "max"]
@@ -96,7 +96,7 @@ class Boot:
         return arguments + machine.qemu
 
     def within(self, seconds):
-        """The time limit of what runs from now on, from this call on, of wall time."""
+        """Sets the time limit, wall time from this call on."""
         self.limit = (time.monotonic() - self.started + seconds, "time limit")
 
     def lines(self):
@@ -119,7 +119,7 @@ class Boot:
             for line in lines:
                 self.up = self.up or time.monotonic() - self.started
                 yield line[:LINE_MAX].decode(errors="replace").rstrip("\r")
-        # isa-debug-exit: twice what was written, and one.
+        # isa-debug-exit: twice the value written, plus one.
         self.ended = "done" if self.process.wait() == 3 else "reset" if self.up else "not up"
 
     def end(self):
@@ -129,7 +129,7 @@ class Boot:
             self.process.wait()
 
     def console(self, lines=30):
-        """The end of what the kernel said; where it panicked, from there on."""
+        """The end of the kernel's output; after a panic, from there on."""
         with open(self.console_path, "rb") as f:
             f.seek(max(0, os.fstat(f.fileno()).st_size - 65536))
             said = f.read().decode(errors="replace").splitlines()

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""board9.py PORT ADDRESS...: boards on EIA-485 at a terminal that carries nine bits by parity, each known by its address.
+"""board9.py PORT ADDRESS...: boards on EIA-485 at a terminal with nine bits by parity, each with its address.
 
-They know their firmware version, the last byte of it their address, and nothing else, and drop a frame with a gap, as boards do.
-Written from docs/facts/boards.md 1 alone, so that a fault which master and simulator might share is seen.
+They only answer requests for their firmware version, whose last byte is their address, and drop a frame with a gap, as
+real boards do. Written from docs/facts/boards.md 1 alone, to detect faults that master and simulator might share.
 """
 
 import fcntl
@@ -30,7 +30,7 @@ def crc(data):
 
 
 def set_parity(port, mark):
-    """Once all has left the wire: the kernel's own waiting for that takes up to 8 ms."""
+    """Waits until everything is sent: the kernel's own wait for that takes up to 8 ms."""
     while not fcntl.ioctl(port, TIOCSERGETLSR, bytes(4))[0] & 1:
         time.sleep(0.0001)
     settings = termios.tcgetattr(port)
@@ -43,7 +43,7 @@ def set_parity(port, mark):
 
 
 def words(data, rest):
-    """(ninth, byte) of each whole word of what a terminal read; what is left of it goes to `rest`."""
+    """(ninth, byte) of each complete word read from a terminal; the remainder goes to `rest`."""
     data = bytes(rest) + data
     rest.clear()
     at = 0

@@ -1,6 +1,6 @@
-"""A bridge from I2C to 1-Wire (DS2482-100) and a thermometer on it (DS18B20), as the kernel's drivers ds2482 and w1_therm
-know them. Sources: the commands and status bits of drivers/w1/masters/ds2482.c; the ROM search, the commands and the scratchpad of
-drivers/w1/w1.c and slaves/w1_therm.c."""
+"""A bridge from I2C to 1-Wire (DS2482-100) and a thermometer on it (DS18B20), as used by the kernel's drivers ds2482
+and w1_therm. Sources: the commands and status bits of drivers/w1/masters/ds2482.c; the ROM search, the commands
+and the scratchpad of drivers/w1/w1.c and slaves/w1_therm.c."""
 
 # Commands of the bridge.
 RESET, SET_POINTER, CONFIGURE, WIRE_RESET, WIRE_BIT, WIRE_WRITE, WIRE_READ, TRIPLET = 0xF0, 0xE1, 0xD2, 0xB4, 0x87, 0xA5, 0x96, 0x78
@@ -103,7 +103,7 @@ class Ds2482:
         elif command == CONFIGURE:
             self.configuration, self.pointer = value & 0xF, CONFIGURATION
         elif command == WIRE_RESET:
-            # All of them, not the first alone.
+            # All of them, not only the first.
             self.status |= PRESENT if [one for one in self.there() if one.reset()] else 0
         elif command == WIRE_WRITE:
             for one in self.there():
@@ -113,13 +113,14 @@ class Ds2482:
             for one in self.there():
                 self.data &= one.read()
         elif command == WIRE_BIT:
-            # A read slot; nobody is busy for long enough to hold it low.
+            # A read slot; no device is busy long enough to hold it low.
             self.status |= BIT if value & 0x80 else 0
         elif command == TRIPLET:
             self.triplet(value >> 7)
 
     def triplet(self, wanted):
-        """Two bits are read, in which all say their code's and its opposite, one is written: who differs, drops out."""
+        """Two bits are read, a code bit of all devices and its complement, one is written: devices that differ drop
+        out."""
         searched = [one for one in self.there() if one.state == "search"]
         bits = {one.bit_of_code(one.place) for one in searched}
         one, zero = 1 in bits, 0 in bits

@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""ftdi.py LINK BY_ID: a USB adapter to EIA-485 with an FT232R, plugged into the kernel that runs this; its wire is the serial
-line of two-byte words at LINK, where the simulator has the boards.
+"""ftdi.py LINK BY_ID: a USB adapter to EIA-485 with an FT232R, plugged into the kernel that runs this; its wire is the
+serial line of two-byte words at LINK, where the simulator has the boards.
 
-Told by lines on its standard input: `plug`, `unplug`, `other` (plugs in a second one, which takes the first free number),
-`end`; answers each with a line on its standard output. While it is plugged in, BY_ID leads to its device file, as udev
-would have it.
+Commands on standard input, one per line: `plug`, `unplug`, `other` (plugs in a second one, which takes the first free
+number), `end`; each is answered with a line on standard output. While it is plugged in, BY_ID is a link to its device
+file, as udev would create it.
 
-The chip is modelled as far as nine bits go: its transmitter has a FIFO and a shift register and takes a wire's time; the
-parity that is set counts when a character begins, and one under which it changes is spoilt; received characters wait for
-the latency timer or a full packet; an error is told by packet, so one holds characters of one kind.
-Sources: FTDI, FT232R USB UART IC data sheet 2.15; AN232B-04 (latency, status bytes); the kernel's ftdi_sio.h (requests).
+The chip is modelled as far as needed for nine bits: its transmitter has a FIFO and a shift register and takes the time
+of the wire; the parity at the beginning of a character applies, and a character during which it changes is spoilt;
+received characters wait for the latency timer or a full packet; errors are reported per packet, so a packet has
+characters of one kind.
+Sources: FTDI, FT232R USB UART IC data sheet 2.15; AN232B-04 (latency, status bytes); the kernel's ftdi_sio.h
+(requests).
 """
 
 import collections
@@ -36,7 +38,7 @@ BITS = 11
 
 
 class Ft232r(usbip.Device):
-    """The chip. `wire(ninth, byte)` is called for each character that has left; `heard` is told what comes."""
+    """The chip. `wire(ninth, byte)` is called for each character sent; `heard` is called with received ones."""
 
     vendor, product, release = 0x0403, 0x6001, 0x0600
     endpoints = ((0x81, usbip.BULK, 64, 0), (0x02, usbip.BULK, 64, 0))
@@ -57,7 +59,7 @@ class Ft232r(usbip.Device):
         self.parity, self.baud, self.latency = 0, 9600, 16
         self.received = collections.deque()  # (byte, error)
         self.due = None
-        # What was sent in which parity, and how many characters were spoilt by a change of it.
+        # Characters sent in each parity, and the number spoilt by a change of parity.
         self.sent = collections.Counter()
 
     # -- from the host ------------------------------------------------------------------------------------------------
@@ -116,7 +118,7 @@ class Ft232r(usbip.Device):
                     self.wire(NINTH.get(parity, 1), 0 if self.spoilt else byte)
 
     def heard(self, words):
-        """Characters that come: (ninth, byte) each."""
+        """Receives characters: (ninth, byte) each."""
         with self.lock:
             for ninth, byte in words:
                 wrong = self.parity in NINTH and NINTH[self.parity] != ninth
@@ -125,7 +127,7 @@ class Ft232r(usbip.Device):
             self.news.notify_all()
 
     def hand_on(self):
-        """Offers what came, once it has waited for the latency timer."""
+        """Offers received characters, after the latency timer."""
         with self.lock:
             while True:
                 left = self.due - time.monotonic() if self.due else None
@@ -136,7 +138,7 @@ class Ft232r(usbip.Device):
                 self.ready(0x81)
 
     def give(self, endpoint, length):
-        # Packets of nothing but status, which a real one sends all the time, are left out.
+        # Packets with status only, which a real chip sends continuously, are left out.
         if not self.received or self.due:
             return None
         error = self.received[0][1]
@@ -158,7 +160,7 @@ class TwoByte:
             os.write(file, bytes([byte, ninth]))
 
     def listen(self, heard):
-        """Opens the line whenever it is there, and passes on what comes."""
+        """Opens the line whenever it exists, and forwards received words."""
         while True:
             try:
                 self.file, self.rest = os.open(self.link, os.O_RDWR | os.O_NOCTTY), b""
@@ -179,7 +181,7 @@ class TwoByte:
 
 
 def terminal(chip):
-    """The name of the terminal that the kernel made of it."""
+    """The name of the terminal that the kernel created for it."""
     found = glob.glob(f"/sys/bus/usb/devices/*-{chip.port + 1}:1.0/ttyUSB*")
     return os.path.basename(found[0]) if found else None
 

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""i2c_usb.py COMMANDS LOG: an I2C adapter on USB (i2c-tiny-usb) with a MAX6615 at 0x18 and a 1-Wire bridge DS2482 at 0x1a.
+"""i2c_usb.py COMMANDS LOG: an I2C adapter on USB (i2c-tiny-usb) with a MAX6615 at 0x18 and a 1-Wire bridge DS2482 at
+0x1a.
 
-It obeys the lines of the FIFO COMMANDS, and writes each to LOG when it is done:
+Executes the commands read from the FIFO COMMANDS, one per line, and writes each to LOG when it is done:
 
   plug, unplug          the adapter
-  sda low, sda free     a line held low by something broken: whoever reads hears zeros, and takes them for acknowledges
-  scl low, scl free     the adapter waits for the clock, and does not come back
-  gone, back            the fan controller's supply; it comes back as at power-on
+  sda low, sda free     a line held low by a defect: a reader receives zeros, and takes them for acknowledges
+  scl low, scl free     the adapter waits for the clock, and its transfer does not return
+  gone, back            the fan controller's supply off, on; it returns in its power-on state
   reset                 both at once
-  stall N, turn N       fan 1 or 2 is held, let go
+  stall N, turn N       fan 1 or 2 is held, released
   hot N CELSIUS         a channel's temperature
   battery CELSIUS       the thermometer's on 1-Wire; `battery off`, `battery on`: its plug
 """
@@ -20,11 +21,11 @@ import ds2482
 import max6615
 import usbip
 
-# Requests of the adapter (i2c-tiny-usb.c of the kernel): a message of a transfer, its first and last by these bits.
+# Requests of the adapter (i2c-tiny-usb.c of the kernel): a message of a transfer, with bits for the first and the last.
 ECHO, FUNCTIONS, SET_DELAY, GET_STATUS, TRANSFER = 0, 1, 2, 3, 4
 FIRST, LAST = 1, 2
 READS = 1  # I2C_M_RD, in what the kernel hands over as the value
-# I2C_FUNC_I2C, I2C_FUNC_SMBUS_EMUL: no block whose length the chip says.
+# I2C_FUNC_I2C, I2C_FUNC_SMBUS_EMUL: no block whose length is sent by the chip.
 CAN = 0x0EFF0009
 IDLE, ACKNOWLEDGED, REFUSED = 0, 1, 2
 
@@ -44,7 +45,7 @@ class Adapter(usbip.Device):
 
     def submitted(self, sequence, endpoint, setup, data, length):
         if self.scl_low and setup[0] & 0x60 and TRANSFER <= setup[1] <= TRANSFER | FIRST | LAST:
-            # No answer, until the kernel takes it back.
+            # No answer, until the kernel cancels the request.
             self.asked[endpoint].append((sequence, length, data))
             return
         super().submitted(sequence, endpoint, setup, data, length)
@@ -69,7 +70,7 @@ class Adapter(usbip.Device):
         chip = self.chips.get(address)
         self.status = ACKNOWLEDGED if chip and chip.start(bool(reads)) else REFUSED
         if self.status == REFUSED:
-            # What nobody pulls low is ones.
+            # Bits that no device pulls low are ones.
             return b"\xff" * length
         if reads:
             return bytes(chip.read() for _ in range(length))
@@ -115,7 +116,7 @@ def main():
     adapter = Adapter({0x18: fan_controller, 0x1A: ds2482.Ds2482([thermometer])})
     with open(log, "a", encoding="ascii") as done:
         while True:
-            # Opened anew for each writer.
+            # Opened again for each writer.
             with open(commands, encoding="ascii") as lines:
                 for line in lines:
                     with adapter.lock:

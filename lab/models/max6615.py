@@ -1,5 +1,5 @@
-"""A MAX6615 with two fans, byte by byte on its bus, by docs/facts/robot.md 2.3 alone: the driver and its own emulated chip have
-another author, so that each judges the other."""
+"""A MAX6615 with two fans, byte by byte on its bus, by docs/facts/robot.md 2.3 alone: independent of
+the driver and its own emulated chip, so that they verify each other."""
 
 import time
 
@@ -53,7 +53,7 @@ class Max6615:
     # -- on the bus -------------------------------------------------------------------------------------------------
 
     def start(self, reading):
-        """Its address was called: whether it acknowledges."""
+        """Called with its address: returns True if it acknowledges."""
         self.advance()
         self.pointed = reading
         return self.there
@@ -81,7 +81,7 @@ class Max6615:
         if register in (0x1E, 0x1F):
             return (self.eighths(register - 0x1E) & 7) << 5
         if register == 0x05:
-            # It stays until it is read and the channel is no longer above its limit.
+            # The flag stays until it is read and the channel is no longer above its limit.
             said, self.over = self.over, 0
             self.watch()
             return said
@@ -93,7 +93,7 @@ class Max6615:
             return self.registers[0x1C] | self.fans[0].failed << 7 | self.fans[1].failed << 6
         return self.registers.get(register, IDENTITY.get(register, 0))
 
-    # -- what it does -----------------------------------------------------------------------------------------------
+    # -- behaviour --------------------------------------------------------------------------------------------------
 
     def eighths(self, channel):
         return max(0, int(self.temperature[channel] * 8))
@@ -104,7 +104,7 @@ class Max6615:
                 self.over |= 0x80 >> channel
 
     def advance(self):
-        """To the present, at most a minute."""
+        """Simulates up to the present, at most a minute."""
         now = time.monotonic()
         self.time = max(self.time, now - 60)
         while self.time + TICK <= now:

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""usb_can.py COMMANDS LOG KIND...: CAN adapters on USB, all on one bus, for the running kernel, by USB/IP. KIND: `usb2can`
-(driver usb_8dev, which restarts a controller that is bus-off) or `candle` (gs_usb, which may be unplugged: usb_8dev of Linux
-5.14 and later then frees its buffers twice).
+"""usb_can.py COMMANDS LOG KIND...: CAN adapters on USB, all on one bus, for the running kernel, by USB/IP. KIND:
+`usb2can` (driver usb_8dev, which restarts a controller that is bus-off) or `candle` (gs_usb, which may be unplugged:
+usb_8dev of Linux 5.14 and later then frees its buffers twice).
 
-It obeys the lines of the FIFO COMMANDS, each a word and the number of an adapter: `unplug`, `plug`; for a usb2can also `off`,
-`warning`, `passive`, `active`, what its controller tells of itself and stays at, and `stuff`, a frame with an error. What a
-driver asks of an adapter is written to LOG: `0 open`, `0 close`.
+Executes the commands read from the FIFO COMMANDS, each a word and the number of an adapter: `unplug`, `plug`; for a
+usb2can also `off`, `warning`, `passive`, `active`, the state that its controller reports and keeps, and `stuff`, a frame
+with an error. Requests of the driver are written to LOG: `0 open`, `0 close`.
 
-A frame leaves an adapter when another one is open and acknowledges it. Else it is sent again and again, as a controller
-does: its transmit errors go up by eight each time, to 128, where it is passive; the adapter takes no further frames. There
-is no bit time and no arbitration. Source: drivers/net/can/usb/usb_8dev.c and gs_usb.c of the kernel.
+A frame is sent when another adapter is open and acknowledges it. Otherwise it is repeated, as by a controller: the
+transmit error counter rises by eight each time, to 128, where it is passive; the adapter accepts no further frames.
+There is no bit time and no arbitration. Source: drivers/net/can/usb/usb_8dev.c and gs_usb.c of the kernel.
 """
 
 import collections
@@ -23,7 +23,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import usbip
 
 Frame = collections.namedtuple("Frame", "number extended remote length data")
-# s between two of the attempts at sending that nobody acknowledges.
+# s between two attempts at sending a frame that is not acknowledged.
 ATTEMPT = 0.01
 ACTIVE, WARNING, PASSIVE, OFF, STUFF, NO_ACKNOWLEDGE = 0x00, 0x02, 0x03, 0x04, 0x20, 0x23
 
@@ -37,7 +37,7 @@ class Bus:
         threading.Thread(target=self.attempts, daemon=True).start()
 
     def attempts(self):
-        """What nobody acknowledges is sent again."""
+        """Sends a frame again that was not acknowledged."""
         with self.lock:
             while True:
                 waiting = [adapter for adapter in self.adapters if adapter.on and adapter.asked[adapter.OUT]]

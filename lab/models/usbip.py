@@ -1,9 +1,9 @@
-"""USB devices modelled in Python, for the kernel that runs them: it reaches them through its own USB/IP host controller
+"""USB devices modelled in Python, for the running kernel: it accesses them through its own USB/IP host controller
 (vhci_hcd), so that the kernel's drivers of serial, CAN and I2C adapters run on them unchanged.
 
-A model is a `Device` with a description and three methods: `control`, `take` (what the host sends), `give` (what it is
-sent). They are called one at a time, with `lock` held; other threads hold it while they touch the model's state, and call
-`send` or `ready` when there is something new. Control, bulk and interrupt endpoints; no isochronous ones.
+A model is a `Device` with a description and three methods: `control`, `take` (data from the host), `give` (data to
+the host). They are called one at a time, with `lock` held; other threads hold it while they access the model's state,
+and call `send` or `ready` when there is new data. Control, bulk and interrupt endpoints; no isochronous ones.
 Source: Documentation/usb/usbip_protocol.rst of the kernel; Universal Serial Bus Specification 2.0, chapter 9.
 """
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Stands for QEMU in the tests: reads the settings out of the first file system, and runs the checks right here."""
+"""Replaces QEMU in the tests: reads the settings from the initial file system, and runs the checks on this machine."""
 
 import os
 import re
@@ -14,9 +14,9 @@ with open(console, "w", encoding="utf-8") as f:
 for check in settings["CHECKS"].split():
     name, script = check.split(":")
     print(f"\n{settings['TOKEN']} begin {name}", flush=True)
-    # A check finds its machine by this, to end it.
+    # By this a check finds its machine, to end it.
     environment = {**os.environ, "GUEST": str(os.getpid()), "CONSOLE": console}
-    # What runs in a machine ends with it.
+    # Processes in a machine end with it.
     command = ["setpriv", "--pdeathsig", "KILL", f"{settings['SOURCE']}/lab/checks/{script}"]
     status = subprocess.run(command, env=environment, check=False).returncode
     print(f"\n{settings['TOKEN']} end {status}", flush=True)

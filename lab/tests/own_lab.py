@@ -1,4 +1,4 @@
-"""A lab of a test's own: the runner copied beside checks that the test writes, a cache that is filled, a script in QEMU's
+"""A separate lab for a test: a copy of the runner, checks written by the test, a filled cache, a script in QEMU's
 place."""
 
 import os
@@ -11,12 +11,12 @@ import unittest
 
 LAB = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 GUEST = os.path.join(LAB, "tests", "guest.py")
-# Nobody listens there: the network is away.
+# No server listens there: no network.
 NO_NETWORK = {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
 
 
 class OwnLab(unittest.TestCase):
-    """A lab of its own, with checks of its own."""
+    """A separate lab with its own checks."""
 
     def setUp(self):
         self.folder = tempfile.mkdtemp(prefix="advee-lab-test.")
@@ -40,7 +40,7 @@ class OwnLab(unittest.TestCase):
         os.chmod(self.path(name), 0o755)
 
     def fill_cache(self):
-        """As it is when all is fetched."""
+        """The cache after everything was fetched."""
         names = ("virtio_pci", "9p", "9pnet_virtio", "overlay", "virtio_console")
         modules = "cache/kernel-std/lib/modules/6.1.0-1-amd64"
         self.write(f"{modules}/modules.dep", "".join(f"{name}.ko:\n" for name in names))
@@ -60,18 +60,18 @@ class OwnLab(unittest.TestCase):
     def environment(self, **more):
         path = os.pathsep.join([self.path("bin"), *os.environ["PATH"].split(os.pathsep)])
         told = {"PATH": path, "LAB_CACHE": self.path("cache"), "ADVEE": self.path("advee")}
-        # What make test asks of the real lab is no part of this one's.
+        # Settings of make test for the real lab do not apply to this one.
         inherited = {name: value for name, value in os.environ.items() if not name.startswith("ADVEE_")}
         return {**inherited, **NO_NETWORK, **told, **more}
 
     def start(self, *arguments, **environment):
         return subprocess.Popen([sys.executable, self.path("lab", "lab"), *arguments], env=self.environment(**environment),
                                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                # A shell that starts the tests in the background lets them ignore it.
+                                # Tests started by a shell in the background would ignore it.
                                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
     def run_lab(self, *arguments, **environment):
-        """(exit status, what it said)."""
+        """(exit status, output)."""
         lab = self.start(*arguments, **environment)
         said, _ = lab.communicate(timeout=600)
         return lab.returncode, said

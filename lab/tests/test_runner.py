@@ -1,4 +1,4 @@
-"""The runner and its cache on their bad days. No virtual machine: guest.py stands for QEMU, and nothing is fetched."""
+"""Error handling of the runner and its cache. No virtual machine: guest.py replaces QEMU, and nothing is fetched."""
 
 import os
 import shutil
@@ -108,7 +108,7 @@ class Runner(OwnLab):
     # -- what is missing --------------------------------------------------------------------------------------------
 
     def cannot_run(self, why, **environment):
-        """One line says why, and with --short how many checks were left out."""
+        """One line has the reason, and with --short the number of skipped checks."""
         status, said = self.run_lab(**environment)
         self.assertEqual(status, 2, said)
         [line] = [line for line in said.splitlines() if not line.startswith("fetching ")]
@@ -147,7 +147,7 @@ class Runner(OwnLab):
         shutil.rmtree(self.path("cache", "package-busybox-static"))
         self.write("cache/package-busybox-static.new/bin/busybox", "half of it")
         self.write("cache/download/busybox-static_1.deb", "half of it")
-        # apt and dpkg as they are with a network.
+        # apt and dpkg as with a network.
         self.write("bin/apt-get", "#!/bin/sh\ncase \"$*\" in *download*) echo whole >busybox-static_2.deb ;; esac\n")
         self.write("bin/dpkg-deb", "#!/bin/sh\nmkdir -p \"$3/bin\"; cp \"$2\" \"$3/bin/busybox\"\n")
         status, said = self.run_lab()
@@ -155,7 +155,7 @@ class Runner(OwnLab):
         with open(self.path("cache", "package-busybox-static", "bin", "busybox"), encoding="utf-8") as f:
             self.assertEqual(f.read(), "whole\n")
         self.assertEqual([name for name in os.listdir(self.path("cache")) if name.endswith(".new") or name == "download"], [])
-        # A download that fails leaves none that counts.
+        # A failed download leaves no usable file.
         shutil.rmtree(self.path("cache", "package-busybox-static"))
         self.write("bin/dpkg-deb", "#!/bin/sh\nmkdir -p \"$3/bin\"; echo 'no end of archive' >&2; exit 2\n")
         status, said = self.run_lab()

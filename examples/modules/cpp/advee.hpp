@@ -1,4 +1,4 @@
-// What every module of the robot does, for modules in C++17 on the official LCM (docs/writing-a-module.md).
+// The contract of a module, for modules in C++17 on the official LCM (docs/writing-a-module.md).
 //
 //     class Watch : public advee::Module {
 //     public:
@@ -9,11 +9,11 @@
 //     };
 //     int main(int argc, char **argv) { return advee::run<Watch>(advee::Options("watch", argc, argv)); }
 //
-// One loop serves the bus, timers and the module's own descriptors, and beats; all handlers are called from it and must
-// come back soon: one that takes 200 ms is a hang. Around them the loop announces the state each second and on change,
-// obeys state commands by the table, reports a fault once and its end once and lists the active ones, ends at
-// TERMINATE, at SIGTERM, and when the watchdog that started it is gone for good. Needs what the official lcm-gen makes
-// of messages/*.lcm, and liblcm 1.3.1 or later; advee.py is the same in Python.
+// One loop serves the bus, timers and the module's own descriptors, and sends heartbeats; all handlers are called from
+// it and must return quickly: one that takes 200 ms is a hang. Around them the loop announces the state each second and
+// on change, obeys state commands by the table, reports each fault when it is raised and when it is cleared, lists the
+// active ones, and ends at TERMINATE, at SIGTERM, and when the watchdog that started it is gone without a successor.
+// Needs the output of the official lcm-gen for messages/*.lcm, and liblcm 1.3.1 or later. advee.py: the same in Python.
 #pragma once
 
 #include <algorithm>
@@ -47,19 +47,19 @@
 namespace advee {
 
 constexpr double ANNOUNCE = 1.0; // s between two announcements
-constexpr double BEAT = 0.05;    // s between two beats
-constexpr double LOOK = 0.5;     // s between two looks for the watchdog
-constexpr int ORPHANED = 6;      // looks without its CM_DATA_PROCESSES: it is gone, and none came in its place
+constexpr double BEAT = 0.05;    // s between two heartbeats
+constexpr double LOOK = 0.5;     // s between two checks for the watchdog
+constexpr int ORPHANED = 6;      // checks without CM_DATA_PROCESSES: the watchdog is gone, without a successor
 constexpr std::size_t FAULTS_MAX = 256; // active faults in a list; further ones are not reported
 constexpr std::size_t TEXT_MAX = 512;   // bytes of a subject or a message in a list
-constexpr int BURST = 64;        // messages taken in one turn of the loop, so that a flood delays nothing else for long
+constexpr int BURST = 64;        // maximum messages per cycle of the loop, so that a flood delays nothing else for long
 
 // Exit codes: a class plus a number 0 to 16.
 enum Exit : int { RESOURCE = 0x10, DEVICE = 0x20, OTHER = 0x40 };
-// Fault numbers that all modules share (docs/faults.md). A module's own begin at 0x8001.
+// Fault numbers shared by all modules (docs/faults.md). A module's own numbers begin at 0x8001.
 constexpr int COMMAND_FORBIDDEN = 0x0001, MESSAGE_MALFORMED = 0x0002, UNHANDLED = 0x8000;
 
-// The states of a module, what a fault is about, and how grave it is, by their values on the wire.
+// The states of a module, types and severities of faults, by their values on the wire.
 enum class State : std::int8_t { Unknown, Init, Stop, Run, Error, Terminate, Pause };
 enum class Kind : std::int8_t { Unknown, Timeout, Resource, Device };
 enum class Severity : std::int8_t { Notice, Warning, Error };
@@ -76,7 +76,7 @@ inline double now()
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Now, in µs since 1970, for messages: no step of the clock turns it back.
+// Current time for messages, µs since 1970; a step of the wall clock never turns it back.
 inline std::int64_t timestamp()
 {
     using namespace std::chrono;
@@ -84,9 +84,9 @@ inline std::int64_t timestamp()
     return duration_cast<microseconds>(epoch + steady_clock::now().time_since_epoch()).count();
 }
 
-// The command line of a module: --name, --state (RUN, PAUSE or STOP: the one after INIT) and --lcm-url; what else there
-// is stays in `rest`. The watchdog gives the same by the environment variables ADVEE_MODULE, ADVEE_STATE and
-// LCM_DEFAULT_URL; an argument goes before. What cannot be ends the process.
+// The command line of a module: --name, --state (RUN, PAUSE or STOP: the one after INIT) and --lcm-url; other arguments
+// are kept in `rest`. The watchdog passes the same by the environment variables ADVEE_MODULE, ADVEE_STATE and
+// LCM_DEFAULT_URL; arguments have priority. An invalid command line ends the process.
 struct Options {
     std::string name, lcm_url;
     State state = State::Run;
@@ -113,7 +113,7 @@ struct Options {
         state = first == "RUN" ? State::Run : first == "PAUSE" ? State::Pause : State::Stop;
     }
 
-    // Says why and ends: a command line that cannot be is a resource that is not there.
+    // Prints the reason and exits with RESOURCE: the command line is invalid.
     [[noreturn]] void refuse(const std::string &why) const
     {
         std::fprintf(stderr, "%s: %s\n", name.c_str(), why.c_str());
@@ -128,13 +128,13 @@ private:
     }
 };
 
-// What one thread beats with.
+// The heartbeat of one thread.
 class Beat {
 public:
     Beat() = default;
     Beat(int page, off_t place) : page(page), place(place), due(now() + BEAT) {}
 
-    // To be called in the thread's loop at least each 50 ms; comes back at once.
+    // To be called in the thread's loop at least each 50 ms; does not block.
     void operator()()
     {
         if (page < 0 || now() < due)
@@ -143,7 +143,7 @@ public:
         ++count;
         const std::uint8_t bytes[] = {std::uint8_t(count), std::uint8_t(count >> 8), std::uint8_t(count >> 16),
                                       std::uint8_t(count >> 24)};
-        // A page that cannot be written is a beat that is missing, which the watchdog sees.
+        // A failed write is a missing heartbeat, which the watchdog detects.
         (void)!pwrite(page, bytes, sizeof bytes, place);
     }
 
@@ -154,7 +154,7 @@ private:
     std::uint32_t count = 1;
 };
 
-// This process's page of beats (docs/beats.md). Without a page, when started by hand, all of it does nothing.
+// The heartbeat page of this process (docs/beats.md). Without a page, when started by hand, it has no effect.
 class Beats {
 public:
     Beats()
@@ -171,8 +171,8 @@ public:
             close(page);
     }
 
-    // What the thread of that name beats with; it belongs to that thread. From this call on silence is a hang, so begin
-    // when the loop does. A page has room for 63 threads.
+    // Returns the heartbeat of the thread of that name, for use by that thread only. From this call on silence is a
+    // hang, so make it when the loop begins. Maximum number of threads: 63.
     Beat thread(const std::string &name)
     {
         const std::lock_guard<std::mutex> lock(mutex);
@@ -187,7 +187,7 @@ public:
         for (int n = 0; n < 4; ++n)
             head[8 + n] = char(pid >> 8 * n);
         head[12] = char(threads);
-        // The number of threads last: an entry counts when it is whole.
+        // The number of threads last: an entry counts when it is complete.
         if (pwrite(page, entry.data(), entry.size(), place) < 0 || pwrite(page, head.data(), head.size(), 0) < 0)
             std::perror("page of beats");
         return Beat(page, place + 48);
@@ -200,7 +200,7 @@ private:
     std::mutex mutex;
 };
 
-// SIGTERM and SIGINT as a descriptor. Before anything starts a thread, as LCM does: all of them inherit the mask.
+// SIGTERM and SIGINT as a descriptor. Created before any thread is started, as LCM does: all threads inherit the mask.
 class Signals {
 public:
     Signals()
@@ -219,7 +219,7 @@ public:
     int fd;
 };
 
-// A module: derive from it, subscribe in the constructor, say working() when the device is there.
+// A module: derive from it, subscribe in the constructor, call working() when the device is there.
 class Module {
 public:
     explicit Module(const Options &options) : name(options.name), bus(options.lcm_url), wanted(options.state)
@@ -238,7 +238,7 @@ public:
     Module &operator=(const Module &) = delete;
     virtual ~Module() = default;
 
-    // Runs until it ends, and returns the exit code.
+    // Runs until the module ends, and returns the exit code.
     int run()
     {
         try {
@@ -260,15 +260,15 @@ public:
     }
 
 protected:
-    // The state has changed, and that has been announced. In Terminate it is the last call.
+    // Called after a change of state has been announced. In Terminate it is the last call.
     virtual void on_state(State) {}
 
     State state() const { return current; }
 
-    // Whether it may act on the world: in RUN alone.
+    // True if the module may act: only in RUN.
     bool acts() const { return current == State::Run; }
 
-    // Calls the handler for each message. One that is none of that type is dropped and reported once.
+    // Calls the handler for each message. A message of another type is dropped and reported once.
     template <class Message> void subscribe(const std::string &from, std::function<void(const Message &)> handler)
     {
         channel(from, [this, from, handler](const lcm::ReceiveBuffer &raw) {
@@ -277,7 +277,7 @@ protected:
             try {
                 if (message.decode(raw.data, 0, int(raw.data_size)) >= 0)
                     why.clear();
-            } catch (const std::exception &error) { // counts that cannot be
+            } catch (const std::exception &error) { // invalid counts
                 why = error.what();
             }
             if (why.empty())
@@ -288,26 +288,26 @@ protected:
         });
     }
 
-    // Sends a message of a type that lcm-gen made.
+    // Publishes a message of a type generated by lcm-gen.
     template <class Message> void publish(const std::string &to, const Message &message)
     {
         bus.publish(to, &message);
     }
 
-    // Calls the handler each so many seconds; what was missed is dropped.
+    // Calls the handler with this period; missed calls are dropped.
     void every(double seconds, std::function<void()> handler)
     {
         timers.push_back(std::make_unique<Timer>(Timer{now() + seconds, seconds, std::move(handler)}));
     }
 
-    // Calls the handler when this descriptor can be read.
+    // Calls the handler when this descriptor is readable.
     void watch(int fd, std::function<void()> handler)
     {
         polled.push_back({fd, POLLIN, 0});
         handlers.push_back(std::make_unique<std::function<void()>>(std::move(handler)));
     }
 
-    // The device is there: leads out of INIT, and out of ERROR to where that came from. May be said again.
+    // Reports the device as present: leads out of INIT, and out of ERROR to the previous state. May be repeated.
     void working()
     {
         lost = false;
@@ -317,7 +317,7 @@ protected:
             enter(wanted);
     }
 
-    // The device is lost: ERROR, until working(). Go on trying. May be said again.
+    // Reports the device as lost: ERROR, until working(). Keep trying. May be repeated.
     void failed()
     {
         lost = true;
@@ -327,9 +327,8 @@ protected:
         enter(State::Error);
     }
 
-    // Reports a fault, once until clear(). Its number, 0x8001 or above, means one thing for good; `subject` tells
-    // faults of one number apart, where several things can have it. Raised again it is listed with the new severity and
-    // text.
+    // Raises a fault; reported once until clear(). The meaning of its number, 0x8001 or above, never changes; `subject`
+    // distinguishes faults of one number. Raised again, it is listed with the new severity and text.
     void fault(int number, Kind kind, Severity severity, const std::string &text, const std::string &subject = "",
                const char *file = __builtin_FILE(), int line = __builtin_LINE())
     {
@@ -349,7 +348,7 @@ protected:
         }
     }
 
-    // The fault stands no more: says so, if it was reported.
+    // Clears a fault; reported if it was active.
     void clear(int number, const std::string &text, const std::string &subject = "",
                const char *file = __builtin_FILE(), int line = __builtin_LINE())
     {
@@ -363,7 +362,7 @@ protected:
         report(number, kind, Severity::Notice, text, at, false, file, line);
     }
 
-    // Reports why it cannot go on, and ends with this exit code, or that of the kind. The watchdog starts it again.
+    // Reports a fatal error, and ends with this exit code, or that of the kind. The watchdog restarts the module.
     void fatal(int number, Kind kind, const std::string &text, int exit = 0, const char *file = __builtin_FILE(),
                int line = __builtin_LINE())
     {
@@ -371,7 +370,7 @@ protected:
         code = exit ? exit : kind == Kind::Resource ? RESOURCE : kind == Kind::Device ? DEVICE : OTHER;
     }
 
-    // Ends in good order, as a TERMINATE command does.
+    // Ends the module in good order, as a TERMINATE command does.
     void end()
     {
         if (current == State::Terminate)
@@ -382,7 +381,7 @@ protected:
     }
 
     const std::string name; // on the bus
-    Beats beats;            // for threads of the module's own; the loop's beat is run()'s
+    Beats beats;            // for the module's own threads; the loop's heartbeat is sent by run()
 
 private:
     struct Timer {
@@ -390,7 +389,7 @@ private:
         std::function<void()> handler;
     };
 
-    // What is known of an active fault: as it was raised last, and when it was first.
+    // An active fault: as it was last raised, and the time when it was first raised.
     struct Active {
         Kind kind;
         Severity severity;
@@ -398,7 +397,7 @@ private:
         std::string message;
     };
 
-    // A channel and who wants it.
+    // A channel and its handler.
     struct Channel {
         std::function<void(const lcm::ReceiveBuffer &)> handler;
         std::exception_ptr thrown;
@@ -407,7 +406,7 @@ private:
         {
             try {
                 handler(*raw);
-            } catch (...) { // must not pass through liblcm, which is C
+            } catch (...) { // exceptions must not pass through liblcm, which is C
                 thrown = std::current_exception();
             }
         }
@@ -454,14 +453,14 @@ private:
 
     void look_for_watchdog()
     {
-        // Looks are counted, not seconds: one who was held up himself looks once, and then hears what has come.
+        // Checks are counted, not seconds: a delayed process checks once, and then receives the queued messages.
         if (++unheard <= ORPHANED)
             return;
         std::fprintf(stderr, "%s: the watchdog is gone: it ends\n", name.c_str());
         end();
     }
 
-    // Whether a command leads from one state to another: the table, TERMINATE apart.
+    // True if the table allows a command from one state to another; without TERMINATE.
     static bool allows(State from, State to, bool manual)
     {
         switch (to) {
@@ -488,7 +487,7 @@ private:
             if (current == State::Init)
                 wanted = to;
             enter(to);
-            // It was led through STOP out of ERROR; its device is lost as before.
+            // A command led it through STOP out of ERROR; its device is still lost.
             if (lost && (current == State::Run || current == State::Pause))
                 failed();
         } else {
@@ -515,7 +514,7 @@ private:
         publish("CM_DATA_STATE", message);
     }
 
-    // Says which faults are active; before the report of the same moment, which so is known by its subject.
+    // Publishes the active faults, before the report of the same moment, so that its subject is known.
     void list(std::int64_t at)
     {
         common::data_faults_t message;
@@ -534,7 +533,7 @@ private:
         publish("CM_DATA_FAULTS", message);
     }
 
-    // The beginning of a text, where it is too long for a list; no character of it is cut in two.
+    // The text, truncated to the maximum length in a list; characters are never split.
     static std::string clipped(const std::string &text)
     {
         std::size_t end = std::min(text.size(), TEXT_MAX);
@@ -568,17 +567,17 @@ private:
     std::vector<std::unique_ptr<std::function<void()>>> handlers;
     std::map<std::pair<int, std::string>, Active> faults;
     State current = State::Init, before_error = State::Init, wanted;
-    bool lost = false; // what the module said last of its device
-    int unheard = 0;   // looks for the watchdog since it was heard
-    int code = -1; // not below 0: it ends with this
+    bool lost = false; // last report of the module about its device
+    int unheard = 0;   // checks since the last message of the watchdog
+    int code = -1; // 0 or above: the module ends with this code
 };
 
-// Makes the module of this class and runs it to its end; the exit code. Further arguments go to its constructor.
+// Creates the module of this class, runs it, and returns the exit code. Further arguments go to its constructor.
 template <class Watch, class... Arguments> int run(const Options &options, Arguments &&...arguments)
 {
     try {
         return Watch(options, std::forward<Arguments>(arguments)...).run();
-    } catch (const std::exception &error) { // of its constructor: it has not spoken yet
+    } catch (const std::exception &error) { // from its constructor: it has not announced itself yet
         std::fprintf(stderr, "%s: %s\n", options.name.c_str(), error.what());
         return OTHER;
     }

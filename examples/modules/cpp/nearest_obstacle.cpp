@@ -1,6 +1,6 @@
-// Tells where the nearest thing is that a sonar sees, on LL_DATA_NEAREST, and reports what is too near.
+// Publishes the nearest obstacle seen by a sonar on LL_DATA_NEAREST, and reports one that is too near.
 //
-//     nearest_obstacle [METRES]        too near is nearer than this, 0.25 m
+//     nearest_obstacle [METRES]        limit for "too near" [0.25]
 //
 // A module in C++: docs/writing-a-module.md. Its device is LL_DATA_SRFS; its message is its own, data_nearest_t.lcm.
 #include "advee.hpp"
@@ -12,8 +12,8 @@ using advee::Severity;
 
 namespace {
 
-constexpr double MARGIN = 0.1; // m beyond the limit: enough to say that there is room again
-constexpr double SILENT = 1.0; // s; the sonars are asked at least four times a second
+constexpr double MARGIN = 0.1; // m beyond the limit: clears the fault
+constexpr double SILENT = 1.0; // s; the sonars are polled at least four times a second
 constexpr int SONARS_SILENT = 0x8001, TOO_NEAR = 0x8002;
 
 class NearestObstacle : public advee::Module {

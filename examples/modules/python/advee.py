@@ -1,4 +1,4 @@
-"""What every module of the robot does, for modules in Python on the official LCM (docs/writing-a-module.md).
+"""The contract of a module, for modules in Python on the official LCM (docs/writing-a-module.md).
 
     class Watch(advee.Module):
         def __init__(self, args):
@@ -11,11 +11,12 @@
     if __name__ == "__main__":
         advee.run(Watch, advee.arguments("watch").parse_args())
 
-One loop serves the bus, timers and the module's own descriptors, and beats; all handlers are called from it and must come
-back soon: one that takes 200 ms is a hang. Around them the loop announces the state each second and on change, obeys state
-commands by the table, reports a fault once and its end once and lists the active ones, ends at TERMINATE, at SIGTERM, and when the watchdog that
-started it is gone for good. What the official lcm-gen makes of messages/*.lcm is looked for in PYTHONPATH and in the folder
-`types` beside this file. Needs Python 3.9 and the package lcm; advee.hpp is the same in C++.
+One loop serves the bus, timers and the module's own descriptors, and sends heartbeats; all handlers are called from it
+and must return quickly: one that takes 200 ms is a hang. Around them the loop announces the state each second and on
+change, obeys state commands by the table, reports each fault when it is raised and when it is cleared, lists the active
+ones, and ends at TERMINATE, at SIGTERM, and when the watchdog that started it is gone without a successor. The output
+of the official lcm-gen for messages/*.lcm is searched in PYTHONPATH and in the folder `types` beside this file. Needs
+Python 3.9 and the package lcm; advee.hpp is the same in C++.
 """
 import argparse
 import enum
@@ -44,7 +45,7 @@ BURST = 64                  # messages taken in one turn of the loop, so that a 
 
 # Exit codes: a class plus a number 0 to 16.
 RESOURCE, DEVICE, OTHER = 0x10, 0x20, 0x40
-# Fault numbers that all modules share (docs/faults.md). A module's own begin at 0x8001.
+# Fault numbers shared by all modules (docs/faults.md). A module's own numbers begin at 0x8001.
 COMMAND_FORBIDDEN, MESSAGE_MALFORMED, UNHANDLED = 0x0001, 0x0002, 0x8000
 
 
@@ -54,16 +55,16 @@ class State(enum.IntEnum):
 
 
 class Kind(enum.IntEnum):
-    """What a fault is about."""
+    """Type of a fault."""
     UNKNOWN, TIMEOUT, RESOURCE, DEVICE = range(4)
 
 
 class Severity(enum.IntEnum):
-    """How grave: news, not as it should be, work that is not being done."""
+    """Severity: information, irregularity, work that is not being done."""
     NOTICE, WARNING, ERROR = range(3)
 
 
-# Which commands are obeyed in which state: any, or only those of a person. TERMINATE is obeyed in all of them.
+# Commands that are obeyed in each state: any, or only manual ones. TERMINATE is obeyed in all states.
 ANY, MANUAL = (False, True), (True,)
 COMMANDS = {
     State.INIT: {State.STOP: MANUAL},
@@ -77,24 +78,24 @@ _EPOCH_NS = time.time_ns() - time.monotonic_ns()
 
 
 def timestamp():
-    """Now, in µs since 1970, for messages: no step of the clock turns it back."""
+    """Current time for messages, µs since 1970; a step of the wall clock never turns it back."""
     return (_EPOCH_NS + time.monotonic_ns()) // 1000
 
 
 def _clipped(text):
-    """The beginning of a text, where it is too long for a list."""
+    """The text, truncated to the maximum length in a list."""
     return text.encode()[:TEXT_MAX].decode(errors="ignore").replace("\0", " ")
 
 
 class _Arguments(argparse.ArgumentParser):
     def error(self, message):
-        """A command line that cannot be is a resource that is not there; argparse's own 2 is no class of ours."""
+        """Exits with RESOURCE for an invalid command line, because argparse's own code 2 is not in a class of ours."""
         self.exit(RESOURCE, f"{self.prog}: {message}\n")
 
 
 def arguments(name, description=None):
-    """The command line of a module: an argparse.ArgumentParser with what all have. The watchdog gives the same by the
-    environment variables ADVEE_MODULE, ADVEE_STATE and LCM_DEFAULT_URL; an argument goes before."""
+    """The command line of a module: an argparse.ArgumentParser with the common arguments. The watchdog passes the same
+    by the environment variables ADVEE_MODULE, ADVEE_STATE and LCM_DEFAULT_URL; arguments have priority."""
     def first_state(text):
         if text not in ("RUN", "PAUSE", "STOP"):
             raise argparse.ArgumentTypeError(f"{text}: expected RUN, PAUSE or STOP")
@@ -110,7 +111,7 @@ def arguments(name, description=None):
 
 
 def run(module, args):
-    """Makes the module of this class and runs it to its end; ends the process with its exit code."""
+    """Creates the module of this class, runs it, and ends the process with its exit code."""
     try:
         code = module(args).run()
     except Exception:  # of its constructor: it has not spoken yet
@@ -120,7 +121,7 @@ def run(module, args):
 
 
 class Beats:
-    """This process's page of beats (docs/beats.md). Without a page, when started by hand, all of it does nothing."""
+    """The heartbeat page of this process (docs/beats.md). Without a page, when started by hand, it has no effect."""
 
     def __init__(self, path=os.environ.get("ADVEE_BEATS")):
         self._page, self._threads, self._lock = None, 0, threading.Lock()
@@ -131,15 +132,15 @@ class Beats:
                 print(f"no page of beats: {error}", file=sys.stderr)
 
     def thread(self, name):
-        """A function for the thread of that name to call in its loop at least each 50 ms; it comes back at once. From
-        this call on silence is a hang, so begin when the loop does. A page has room for 63 threads."""
+        """Returns a function for the thread of that name to call in its loop at least each 50 ms; it does not block.
+        From this call on silence is a hang, so make it when the loop begins. Maximum number of threads: 63."""
         if self._page is None:
             return lambda: None
         with self._lock:
             place = 64 + 64 * self._threads
             os.pwrite(self._page, struct.pack("<48sI12x", name.encode()[:48], 1), place)
             self._threads += 1
-            # The number of threads last: an entry counts when it is whole.
+            # The number of threads last: an entry counts when it is complete.
             os.pwrite(self._page, struct.pack("<4sIII", b"BEAT", 1, os.getpid(), self._threads), 0)
         count, due = 1, time.monotonic() + BEAT
 
@@ -156,10 +157,10 @@ class Beats:
 
 
 class Module:
-    """A module: derive from it, subscribe in the constructor, say working() when the device is there."""
+    """A module: derive from it, subscribe in the constructor, call working() when the device is there."""
 
     def __init__(self, args):
-        """`args` are what arguments() has parsed."""
+        """`args` are the arguments parsed by arguments()."""
         self.name, self.state, self.beats = args.name, State.INIT, Beats()
         self._wanted, self._before_error, self._failed = args.state, State.INIT, False
         self._faults, self._timers, self._handlers, self._code = {}, [], {}, None
@@ -179,15 +180,15 @@ class Module:
     # --- for the module ---
 
     def on_state(self, state):
-        """To be overridden: the state has changed, and that has been announced. In TERMINATE it is the last call."""
+        """To be overridden: called after a change of state has been announced. In TERMINATE it is the last call."""
 
     @property
     def acts(self):
-        """Whether it may act on the world: in RUN alone."""
+        """True if the module may act: only in RUN."""
         return self.state == State.RUN
 
     def subscribe(self, channel, message_type, handler):
-        """Calls handler(message) for each message. One that is none of that type is dropped and reported once."""
+        """Calls handler(message) for each message. A message of another type is dropped and reported once."""
         def decoded(_channel, data):
             try:
                 message = message_type.decode(data)
@@ -199,20 +200,20 @@ class Module:
         self._lcm.subscribe(channel, decoded).set_queue_capacity(BURST)
 
     def publish(self, channel, message):
-        """Sends a message of a type that lcm-gen made."""
+        """Publishes a message of a type generated by lcm-gen."""
         self._lcm.publish(channel, message.encode())
 
     def every(self, seconds, handler):
-        """Calls handler() each so many seconds; what was missed is dropped."""
+        """Calls handler() with this period; missed calls are dropped."""
         self._timers.append([time.monotonic() + seconds, seconds, handler])
 
     def watch(self, fileno, handler):
-        """Calls handler() when this descriptor can be read."""
+        """Calls handler() when this descriptor is readable."""
         self._handlers[fileno] = handler
         self._poll.register(fileno, select.POLLIN)
 
     def working(self):
-        """The device is there: leads out of INIT, and out of ERROR to where that came from. May be said again."""
+        """Reports the device as present: leads out of INIT, and out of ERROR to the previous state. May be repeated."""
         self._failed = False
         if self.state == State.ERROR and self._before_error != State.INIT:
             self._enter(self._before_error)
@@ -220,16 +221,15 @@ class Module:
             self._enter(self._wanted)
 
     def failed(self):
-        """The device is lost: ERROR, until working(). Go on trying. May be said again."""
+        """Reports the device as lost: ERROR, until working(). Keep trying. May be repeated."""
         self._failed = True
         if self.state in (State.INIT, State.RUN, State.PAUSE, State.STOP):
             self._before_error = self.state
             self._enter(State.ERROR)
 
     def fault(self, number, kind, severity, text, subject=""):
-        """Reports a fault, once until clear(). Its number, 0x8001 or above, means one thing for good; `subject` tells
-        faults of one number apart, where several things can have it. Raised again it is listed with the new severity and
-        text."""
+        """Raises a fault; reported once until clear(). The meaning of its number, 0x8001 or above, never changes;
+        `subject` distinguishes faults of one number. Raised again, it is listed with the new severity and text."""
         active = self._faults.get((number, subject))
         if active is not None:
             news, active["severity"], active["message"] = active["severity"] != severity, severity, text
@@ -242,19 +242,19 @@ class Module:
             self._report(number, kind, severity, text, since)
 
     def clear(self, number, text, subject=""):
-        """The fault stands no more: says so, if it was reported."""
+        """Clears a fault; reported if it was active."""
         if (number, subject) in self._faults:
             now, kind = timestamp(), self._faults.pop((number, subject))["kind"]
             self._list(now)
             self._report(number, kind, Severity.NOTICE, text, now)
 
     def fatal(self, number, kind, text, code=None):
-        """Reports why it cannot go on, and ends with this exit code, or that of the kind. The watchdog starts it again."""
+        """Reports a fatal error, and ends with this exit code, or the kind's one. The watchdog restarts the module."""
         self._report(number, kind, Severity.ERROR, text, timestamp(), fatal=True)
         self._code = code or {Kind.RESOURCE: RESOURCE, Kind.DEVICE: DEVICE}.get(kind, OTHER)
 
     def end(self):
-        """Ends in good order, as a TERMINATE command does."""
+        """Ends the module in good order, as a TERMINATE command does."""
         if self.state != State.TERMINATE:
             self._enter(State.TERMINATE)
             if self._code is None:
@@ -263,7 +263,7 @@ class Module:
     # --- the loop ---
 
     def run(self):
-        """Runs until it ends, and returns the exit code."""
+        """Runs until the module ends, and returns the exit code."""
         asked = (signal.SIGTERM, signal.SIGINT)
         wake, woken = socket.socketpair()  # a signal writes its number to the one, so that poll returns for the other
         for side in wake, woken:
@@ -304,7 +304,7 @@ class Module:
                 return
 
     def _hear(self):
-        """Hands on one message, if there is one. LCM gives up when a signal comes just then: so once more."""
+        """Dispatches one message, if there is one. LCM fails if a signal interrupts it: then it is tried again."""
         try:
             return self._lcm.handle_timeout(0)
         except OSError:
@@ -314,7 +314,7 @@ class Module:
         self._unheard = 0
 
     def _look_for_watchdog(self):
-        # Looks are counted, not seconds: one who was held up himself looks once, and then hears what has come.
+        # Checks are counted, not seconds: a delayed process checks once, and then receives the queued messages.
         self._unheard += 1
         if self._unheard > ORPHANED:
             print(f"{self.name}: the watchdog is gone: it ends", file=sys.stderr)
@@ -329,7 +329,7 @@ class Module:
             if self.state == State.INIT:
                 self._wanted = State(command.state)
             self._enter(State(command.state))
-            # It was led through STOP out of ERROR; its device is lost as before.
+            # A command led it through STOP out of ERROR; its device is still lost.
             if self._failed and self.state in (State.RUN, State.PAUSE):
                 self.failed()
         elif command.state in list(State):
@@ -350,7 +350,7 @@ class Module:
         self._list(timestamp())
 
     def _list(self, now):
-        """Says which faults are active; before the report of the same moment, which so is known by its subject."""
+        """Publishes the active faults, before the report of the same moment, so that its subject is known."""
         message = data_faults_t()
         message.timestamp, message.module = now, self.name
         for (number, subject), active in sorted(self._faults.items()):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tells the operator that the battery sags, long before its charge is near the reserve: a weak cell shows under load.
+"""Reports a low battery voltage, long before the charge is near the reserve: a weak cell shows under load.
 
     battery_watch.py [--below VOLTS]
 
@@ -11,8 +11,8 @@ import advee
 from advee import Kind, Severity
 from lowlevel import data_power_t
 
-MARGIN = 0.5    # V above the limit: enough to say that it is well again
-SILENT = 3.0    # s; the power controller is asked each second
+MARGIN = 0.5    # V above the limit: clears the fault
+SILENT = 3.0    # s; the power controller is polled each second
 POWER_SILENT, BATTERY_SAGS = 0x8001, 0x8002
 
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-2.0
-/* The kernel's irq_sim.c as part of a module: what it calls that modules may not, by what they may. */
+/* The kernel's irq_sim.c as part of a module: calls that are not exported to modules are replaced by exported ones. */
 #include <linux/interrupt.h>
 #include <linux/irq.h>
 #include <linux/irqdesc.h>

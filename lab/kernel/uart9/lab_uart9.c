@@ -2,17 +2,17 @@
 /*
  * Serial ports on simulated EIA-485 buses.
  *
- * buses * ports ports, /dev/ttyLAB0 on, that many to a bus: what one sends all others of its bus
- * receive, in the time that it takes on a wire.  Each character carries a ninth bit, made from the
- * sender's termios (PARENB, PARODD, CMSPAR) and judged by the receiver's.  So mark and space
+ * buses * ports ports, from /dev/ttyLAB0 on: all ports of a bus receive what one of them sends, in
+ * the time that it takes on a wire.  Each character carries a ninth bit, derived from the sender's
+ * termios (PARENB, PARODD, CMSPAR) and checked by the receiver's.  Therefore mark and space
  * parity, INPCK, PARMRK, rates that differ, collisions and breaks pass through the kernel's own
  * serial core and line discipline, and TIOCSRS485 and TIOCSERGETLSR are theirs.
  *
  * It is stricter than most chips: a character that is in the shift register when its port's
  * settings change is spoilt, as is one that meets another on its wire.
  *
- * A bus is a pair of wires that all share, or, with full=, has a pair each way: port 0 talks on
- * one, the others on the other.
+ * A bus is a pair of wires shared by all ports, or, with full=, has a pair in each direction: port
+ * 0 sends on one, the others on the other.
  */
 #include <linux/hrtimer.h>
 #include <linux/module.h>
