@@ -2,7 +2,7 @@
 //! reaction time (docs/facts/robot.md 5).
 
 use crate::config::{Body, Config, Limits, Manners};
-use crate::obstacles::{Echoed, Hit, Obstacles};
+use crate::obstacles::{DirectedEcho, Hit, Obstacles};
 use crate::people::Person;
 use crate::track::Sample;
 use base::{Duration, Instant};
@@ -151,7 +151,7 @@ pub fn echo_speed_limit(now: Instant, forward: bool, obstacles: &Obstacles, conf
         return 0.0;
     }
     let near = obstacles.echoes(now, forward, &config.body).filter(|echo| echo.distance < ECHO_BRAKING_M);
-    let speed = |echo: Echoed| {
+    let speed = |echo: DirectedEcho| {
         let keep = if echo.mapped { MAPPED_DISTANCE_MIN_M } else { manners.stop_distance / 2.0 };
         let speed = stopping_speed(echo.distance - keep, echo.closing, limits, manners);
         // A first echo may be a false alarm: the robot brakes until the next round, but not to a stop.

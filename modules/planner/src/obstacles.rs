@@ -167,7 +167,7 @@ pub struct Obstacles {
     people: People,
     /// Cones of the current round; a reused buffer.
     cones: Vec<Cone>,
-    round: Vec<Heard>,
+    round: Vec<Reading>,
 }
 
 impl Default for Obstacles {

@@ -160,7 +160,7 @@ impl Search {
             self.advance(field, u32::MAX);
         }
         match self.phase {
-            Phase::SearchError(why) => Err(why),
+            Phase::NoPath(why) => Err(why),
             _ => Ok(&self.path),
         }
     }
@@ -175,7 +175,7 @@ impl Search {
         self.raw.clear();
         self.phase = match self.prepare(field) {
             Ok(()) => Phase::Reach,
-            Err(why) => Phase::SearchError(why),
+            Err(why) => Phase::NoPath(why),
         };
     }
 
@@ -248,7 +248,7 @@ impl Search {
                 Phase::Reach => self.reach_start(field),
                 Phase::Search => self.expand(field),
                 Phase::Smooth { last } => self.smooth(field, last),
-                Phase::Idle | Phase::Found | Phase::SearchError(_) => break,
+                Phase::Idle | Phase::Found | Phase::NoPath(_) => break,
             }
         }
         self.status()
@@ -259,7 +259,7 @@ impl Search {
     pub fn status(&self) -> Status<'_> {
         match self.phase {
             Phase::Found => Status::Found(&self.path),
-            Phase::SearchError(why) => Status::NoPath(why),
+            Phase::NoPath(why) => Status::NoPath(why),
             _ if self.has_path => Status::Improving(&self.path),
             _ => Status::Searching,
         }
@@ -271,7 +271,7 @@ impl Search {
         let (sin, cos) = theta.sin_cos();
         self.depth = body.depth(field, x, y, sin, cos);
         if self.depth > body.half_width() {
-            self.phase = Phase::SearchError(SearchError::StartBlocked);
+            self.phase = Phase::NoPath(SearchError::StartBlocked);
             return;
         }
         let mut pops = REACH_STEPS_MAX;
@@ -279,11 +279,11 @@ impl Search {
         self.work += 1 + (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let known = pops > 0;
         if known && cost == f32::INFINITY && self.depth == 0.0 {
-            self.phase = Phase::SearchError(SearchError::Unreachable);
+            self.phase = Phase::NoPath(SearchError::Unreachable);
         } else if known {
             self.begin_pass(field);
         } else if self.work > self.budget.first {
-            self.phase = Phase::SearchError(SearchError::Budget);
+            self.phase = Phase::NoPath(SearchError::Budget);
         }
     }
 
@@ -296,7 +296,7 @@ impl Search {
         self.until_shot = 0;
         self.phase = Phase::Search;
         let Some((column, row)) = field.frame().cell(x, y) else {
-            self.phase = Phase::SearchError(SearchError::StartBlocked);
+            self.phase = Phase::NoPath(SearchError::StartBlocked);
             return;
         };
         let key = self.key(field, column, row, 0);
@@ -466,7 +466,7 @@ impl Search {
         if !found {
             // A path missed by the coarse pass may still exist.
             let again = why != SearchError::Budget && PASSES[self.pass - 1].1 > 1;
-            return if again { self.begin_pass(field) } else { self.phase = Phase::SearchError(why) };
+            return if again { self.begin_pass(field) } else { self.phase = Phase::NoPath(why) };
         }
         let last = self.pass >= PASSES.len() || self.work > self.allowed();
         self.smoothing.begin(self.start, &self.raw);

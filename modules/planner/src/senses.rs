@@ -273,7 +273,7 @@ impl Located {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ranges::{Heard, Mount};
+    use crate::ranges::{Measurement, Mount};
 
     fn ms(ms: u64) -> Instant {
         Instant::from_millis(ms)
@@ -293,14 +293,14 @@ mod tests {
         DataHold { timestamp, module: MOTION_MODULE.into(), holds: holds.iter().map(row).collect() }
     }
 
-    fn fired(at: Instant, heard: Heard) -> [Sounding; 1] {
-        [Sounding { id: 0, at, mount: Mount::default(), heard }]
+    fn fired(at: Instant, measurement: Measurement) -> [Sounding; 1] {
+        [Sounding { id: 0, at, mount: Mount::default(), measurement }]
     }
 
     fn ready() -> Senses {
         let mut senses = Senses { state: Some(State::Run), ..Senses::default() };
         senses.on_estimate(ms(1000), &estimate(1, 0.0));
-        senses.on_soundings(&fired(ms(1000), Heard::Silent));
+        senses.on_soundings(&fired(ms(1000), Measurement::Silent));
         senses.on_motion(ms(1000), &DataMotion { source: "planner".into(), ..Default::default() });
         senses.on_hold(ms(1000), &holds(0, &[]));
         senses
@@ -342,9 +342,9 @@ mod tests {
         senses.on_motion(ms(2000), &DataMotion { source: "planner".into(), ..Default::default() });
         senses.on_hold(ms(2000), &holds(0, &[]));
         assert_eq!(why(&senses, 2000), one(Hold::SonarsSilent, "", "waits: the sonars are not heard"));
-        senses.on_soundings(&fired(ms(2000), Heard::Unknown));
+        senses.on_soundings(&fired(ms(2000), Measurement::Unknown));
         assert_eq!(why(&senses, 2000).0.len(), 1, "messages of dead sonars are no readings");
-        senses.on_soundings(&fired(ms(2000), Heard::NoEcho));
+        senses.on_soundings(&fired(ms(2000), Measurement::NoEcho));
         assert_eq!(why(&senses, 2000).0, []);
         let silent = one(Hold::ModuleSilent, MOTION_MODULE, "waits: driver_canbus is not heard");
         senses.on_estimate(ms(2500), &estimate(4, 0.5));

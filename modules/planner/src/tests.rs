@@ -47,7 +47,7 @@ struct Robot {
     speed: f64,
     steering: f64,
     command: Motion,
-    heard: Instant,
+    commanded_at: Instant,
     /// Cause that `driver_canbus` reports against motion.
     stands: Option<Hold>,
     /// Causes for which the planner waits, as it publishes them.
@@ -71,7 +71,7 @@ struct Robot {
     old: bool,
     /// Distance that each sonar measures in its slot and measured in its last finished one, and its firing time.
     firing: [(i64, f64); 16],
-    heard_last: [(i64, f64); 16],
+    measured_last: [(i64, f64); 16],
     /// Sensed points, of all messages.
     sensed: Vec<Point>,
 }
@@ -92,7 +92,7 @@ impl Robot {
             speed: 0.0,
             steering: 0.0,
             command: Motion::default(),
-            heard: Instant::ZERO,
+            commanded_at: Instant::ZERO,
             stands: None,
             holds: DataHold::default(),
             discs: Vec::new(),
@@ -108,7 +108,7 @@ impl Robot {
             dead: 0..0,
             old: false,
             firing: [(0, f64::NAN); 16],
-            heard_last: [(0, f64::NAN); 16],
+            measured_last: [(0, f64::NAN); 16],
             sensed: Vec::new(),
         }
     }
@@ -121,14 +121,14 @@ impl Robot {
 
     fn sonar(&self, (x, y, theta): (f64, f64, f64)) -> f64 {
         let mount = self.pose * Pose::new(x, y, theta);
-        let heard = self.discs.iter().filter_map(|(at, radius)| {
+        let distances = self.discs.iter().filter_map(|(at, radius)| {
             let bearing = libm::atan2(at.y - mount.y, at.x - mount.x);
             let distance = mount.point().distance(*at);
             let beam = 0.48 + libm::asin((radius / distance).min(1.0));
             (wrap(bearing - mount.theta.radians()).abs() < beam && distance < 2.5)
                 .then_some((distance - radius).max(0.03))
         });
-        let nearest = heard.fold(f64::INFINITY, f64::min);
+        let nearest = distances.fold(f64::INFINITY, f64::min);
         if nearest.is_finite() && !self.blind { nearest } else { f64::NAN }
     }
 
@@ -144,7 +144,7 @@ impl Robot {
         let turn = (self.ticks / 7 % 3) as usize;
         for (id, &(x, y, degrees)) in SRFS.iter().enumerate() {
             if id % 8 % 3 == (turn + 2) % 3 {
-                self.heard_last[id] = self.firing[id];
+                self.measured_last[id] = self.firing[id];
             } else if id % 8 % 3 == turn {
                 self.firing[id] = (self.micros(), self.sonar((x, y, degrees.to_radians())));
             }
@@ -153,7 +153,7 @@ impl Robot {
 
     fn reading(&self, id: usize) -> Reading {
         let (x, y, degrees) = SRFS[id];
-        let (timestamp, distance) = self.heard_last[id];
+        let (timestamp, distance) = self.measured_last[id];
         let status = match distance {
             _ if self.dead.contains(&id) || timestamp == 0 => Reading::UNKNOWN,
             distance if distance.is_finite() => Reading::MEASURED,
@@ -167,7 +167,7 @@ impl Robot {
     fn step(&mut self) {
         let now = self.bench.now();
         let dt = STEP.as_secs_f64();
-        let obeyed = now.since(self.heard) < Duration::from_millis(250) && self.stands.is_none();
+        let obeyed = now.since(self.commanded_at) < Duration::from_millis(250) && self.stands.is_none();
         let aim = if obeyed { self.command } else { Motion { speed: 0.0, steering: self.steering } };
         let braking = self.speed.abs() > aim.speed.abs() || self.speed * aim.speed < 0.0;
         let most = dt * if braking { LIMITS.deceleration } else { LIMITS.acceleration };
@@ -227,7 +227,7 @@ impl Robot {
         for message in self.bench.published() {
             match message {
                 Message::LlCmdMotion(command) => {
-                    (self.command, self.heard) =
+                    (self.command, self.commanded_at) =
                         (Motion { speed: command.speed, steering: command.steering }, self.bench.now());
                     self.commands += 1;
                 }

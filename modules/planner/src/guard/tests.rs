@@ -3,7 +3,7 @@
 use super::*;
 use crate::config::{Body, Limits, Manners};
 use crate::obstacles::Fired;
-use crate::ranges::{Heard, Mount, Sounding};
+use crate::ranges::{Measurement, Mount, Sounding};
 
 const LEG: f64 = 0.06;
 
@@ -28,13 +28,14 @@ fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
         // On the edge of the body, facing outwards.
         let to_edge = (0.45 / cos.abs()).min(0.30 / sin.abs());
         let (x, y) = (0.30 + to_edge * cos, to_edge * sin);
-        let heard = person.map(|at| (libm::hypot(at.x - x, at.y - y) - LEG, libm::atan2(at.y - y, at.x - x)));
+        let nearest = person.map(|at| (libm::hypot(at.x - x, at.y - y) - LEG, libm::atan2(at.y - y, at.x - x)));
         let within = |&(distance, bearing): &(f64, f64)| {
             navitools::wrap(bearing - theta).abs() < 0.48 && (0.03..2.5).contains(&distance)
         };
-        let heard = heard.filter(within).map_or(Heard::Silent, |(distance, _)| Heard::Echo(distance));
+        let measurement =
+            nearest.filter(within).map_or(Measurement::Silent, |(distance, _)| Measurement::Echo(distance));
         let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
-        Fired { sounding: Sounding { id, at, mount, heard }, robot: Pose::default(), speed: 0.0 }
+        Fired { sounding: Sounding { id, at, mount, measurement }, robot: Pose::default(), speed: 0.0 }
     };
     (0..16).map(sonar).collect()
 }
@@ -60,11 +61,11 @@ fn observe(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles)
 }
 
 /// Straight path, forwards or in reverse.
-fn way(forward: bool) -> Vec<Sample> {
+fn path(forward: bool) -> Vec<Sample> {
     let along = if forward { 0.05 } else { -0.05 };
     let sample = |n: i32| {
-        let way = 0.05 * f64::from(n);
-        Sample { pose: Pose::new(along * f64::from(n), 0.0, 0.0), forward, way, curvature: 0.0, speed: 0.8 }
+        let distance = 0.05 * f64::from(n);
+        Sample { pose: Pose::new(along * f64::from(n), 0.0, 0.0), forward, distance, curvature: 0.0, speed: 0.8 }
     };
     (0..60).map(sample).collect()
 }
@@ -72,7 +73,7 @@ fn way(forward: bool) -> Vec<Sample> {
 /// Speed allowed by [`person_speed_limit`] on a straight path forwards after a person was detected.
 fn allowed(x: f64, y: f64, velocity: (f64, f64), rounds: i32) -> f64 {
     let (now, obstacles) = observe(Point { x, y }, velocity, rounds);
-    person_speed_limit(now, &way(true), &obstacles, &config())
+    person_speed_limit(now, &path(true), &obstacles, &config())
 }
 
 #[test]
@@ -81,7 +82,7 @@ fn without_people_around_the_full_speed_is_allowed() {
     let mut obstacles = Obstacles::new();
     let now = Instant::from_millis(10_000);
     obstacles.update(now, Pose::default(), &round(now, None), |point| config.body.covers(point, 0.0), |_| false);
-    assert_eq!(person_speed_limit(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert_eq!(person_speed_limit(now, &path(true), &obstacles, &config), config.limits.speed);
     assert_eq!(person_speed_limit(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
 }
 
@@ -122,6 +123,6 @@ fn a_single_echo_ahead_is_braked_for_like_an_approaching_person() {
 fn a_person_behind_does_not_slow_forward_motion() {
     let (now, obstacles) = observe(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
     let config = config();
-    assert_eq!(person_speed_limit(now, &way(true), &obstacles, &config), config.limits.speed);
-    assert!(person_speed_limit(now, &way(false), &obstacles, &config) < 0.3);
+    assert_eq!(person_speed_limit(now, &path(true), &obstacles, &config), config.limits.speed);
+    assert!(person_speed_limit(now, &path(false), &obstacles, &config) < 0.3);
 }
