@@ -74,7 +74,9 @@ impl Model {
             return status(RobotStatus::Paused, reason);
         }
         let modules = self.modules(now);
-        if let Some(row) = modules.iter().find(|row| row.critical && row.phase != "running" && row.wanted != "TERMINATE") {
+        if let Some(row) =
+            modules.iter().find(|row| row.critical && row.phase != "running" && row.wanted != "TERMINATE")
+        {
             return status(RobotStatus::Fault, down(row));
         }
         let Some(motion) = self.motion.fresh(now) else {

@@ -232,7 +232,7 @@ impl Line {
                 let message = format!("{board} {}: its data is invalid, polled once a second", self.failure(node));
                 out.raise(Severity::Error, Fault::BoardLost, name, message);
             }
-            Event::Recovered { node } => {
+            Event::Back { node } => {
                 self.schedule.back(now, node);
                 self.schedule.demand(version_of(node));
                 let (name, board) = self.name(node);
