@@ -207,7 +207,7 @@ fn reports_of_a_fault_are_one_group_until_it_is_cleared() {
 fn a_channel_has_its_rate_and_the_table_is_bounded() {
     let mut traffic = Traffic::default();
     for n in 0..200 {
-        traffic.hear(T0 + Duration::from_millis(n * 50), "LL_DATA_MOTION", 100);
+        traffic.count(T0 + Duration::from_millis(n * 50), "LL_DATA_MOTION", 100);
     }
     let row = &traffic.rows(T0 + Duration::from_millis(9_950))[0];
     assert!((row.rate - 20.0).abs() < 0.5 && (row.bandwidth - 2000.0).abs() < 50.0, "{row:?}");
@@ -215,7 +215,7 @@ fn a_channel_has_its_rate_and_the_table_is_bounded() {
     let silent = &traffic.rows(T0 + Duration::from_secs(60))[0];
     assert_eq!((silent.rate, silent.count), (0.0, 200));
     for n in 0..2000 {
-        traffic.hear(T0, &format!("C{n}"), 1);
+        traffic.count(T0, &format!("C{n}"), 1);
     }
     assert_eq!((traffic.rows(T0).len(), traffic.others()), (1000, 1001));
 }
