@@ -6,7 +6,8 @@ use navitools::Point;
 use planner::map::Map;
 use rs485::boards::psc1;
 use simulator::world::World;
-use web::center::scene::{Beacon, Drive, Limits, Route, Scene, outline, rounded};
+use web::center::authority::Limits;
+use web::center::scene::{Beacon, Drive, Route, Scene, outline, rounded};
 
 /// The scene of a robot; where it is simulated of its world, else of the map that its planner has.
 #[must_use]

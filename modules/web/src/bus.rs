@@ -40,7 +40,7 @@ impl Ear {
             app.bus.turns.fetch_add(1, Relaxed);
             let more = self.take(&app);
             let (now, show) = (clock::now(), &app.center.show);
-            let holder = app.desk.holder().and_then(|holder| serde_json::to_value(holder).ok());
+            let holder = app.desk.holder();
             let due = show.turn(now, Beside { holder: holder.as_ref(), viewers: app.viewers() });
             let period = if app.hub().viewers() == 0 { ALONE } else { LOOKED_AT };
             if more {

@@ -1,5 +1,6 @@
 //! What stays as it is while a robot is looked at: its measures, the map that it drives on, the names of its parts.
 
+use super::authority::Limits;
 use logger::ros::Sensor;
 use planner::map::{Cell, Map};
 use serde::Serialize;
@@ -7,12 +8,11 @@ use serde::Serialize;
 /// Walls of a map are not more than this; of a finer map they are coarser.
 const WALLS_MAX: usize = 4000;
 
-/// `ScenePart` of modules/web/page/src/protocol.ts. Lengths in m, angles in rad; of the robot in its own frame, of all
-/// else in the map's.
+/// Constant part of the view, sent once after connecting and when it changes. Lengths in m, angles in rad; the robot in
+/// its own frame, everything else in the map frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "part", rename = "scene")]
 pub struct Scene {
-    /// Which part of the view: `scene`.
-    pub part: &'static str,
     /// Name.
     pub robot: String,
     /// Version of this program.
@@ -54,15 +54,6 @@ pub struct Demo {
     pub run: String,
     /// How long it takes, s.
     pub seconds: f64,
-}
-
-/// Greatest values, as a hand may ask for them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Limits {
-    /// m/s.
-    pub speed: f64,
-    /// rad.
-    pub steering: f64,
 }
 
 /// A beam of a ranging sensor.
@@ -117,7 +108,6 @@ pub struct Faults {
 impl Default for Scene {
     fn default() -> Self {
         Self {
-            part: "scene",
             robot: String::new(),
             version: env!("CARGO_PKG_VERSION"),
             simulated: false,
