@@ -1,7 +1,7 @@
 //! Why the robot does not act: one list of causes for all modules, by number, with the words that people read.
 //!
 //! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Words are made at the reader, here alone:
-//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test holds the two together.
+//! [`lowlevel::Hold::words`]. `make generate` makes the table of `docs/holds.md` from this list.
 //!
 //! | numbers | about |
 //! |---|---|
