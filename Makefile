@@ -6,7 +6,7 @@ PROFILE = release
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
 
-.PHONY: run build web web-test e2e screenshots test test-fast lint lab lab-short lab-test deb reproducible arm bench docs clean
+.PHONY: run build web web-test e2e screenshots test test-fast lint lab lab-short lab-test deb reproducible arm bench generate docs clean
 
 run: build
 	$(ADVEE) up --sim
@@ -113,6 +113,11 @@ bench:
 	cargo bench -p advee --locked --bench canopen
 	cargo bench -p planner --locked --bench plan
 	cargo bench -p lcm --locked --bench lcm
+
+# Files that are made from the source: types and numbers of the page, tables of docs/, docs/messages.md.
+generate:
+	@tools/require cc
+	cargo run -q -p generate --locked
 
 # The documentation as a site in target/book; needs mdbook: `cargo install mdbook`, or its package where there is one.
 docs:

@@ -1,7 +1,7 @@
 //! Causes for which the robot does not act: one list for all modules, by number, with their text for people.
 //!
 //! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Texts are made only here, at the reader:
-//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test compares the two.
+//! [`lowlevel::Hold::words`]. `make generate` makes the table of `docs/holds.md` from this list.
 //!
 //! | numbers | about |
 //! |---|---|

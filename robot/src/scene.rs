@@ -6,7 +6,8 @@ use navitools::Point;
 use planner::map::Map;
 use rs485::boards::psc1;
 use simulator::world::World;
-use web::center::scene::{Beacon, Drive, Limits, Route, Scene, outline, rounded};
+use web::center::authority::Limits;
+use web::center::scene::{Beacon, Drive, Route, Scene, outline, rounded};
 
 /// Scene of a robot, with its world if it is simulated, else with the map of its planner.
 #[must_use]

@@ -79,12 +79,12 @@ pub enum Kind {
 }
 
 macro_rules! faults {
-    ($($(#[$doc:meta])* $name:ident = $number:literal, $kind:ident;)*) => {
-        /// What can go wrong, by number. Numbers are never reused; the list for people is `docs/faults.md`, and a
-        /// test holds the two together.
+    ($($(#[doc = $means:literal])+ $name:ident = $number:literal, $kind:ident;)*) => {
+        /// What can go wrong, by number. Numbers are never reused; `make generate` makes the table of
+        /// `docs/faults.md` from this list.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(u16)]
-        pub enum Fault { $($(#[$doc])* $name = $number),* }
+        pub enum Fault { $($(#[doc = $means])+ $name = $number),* }
 
         impl Fault {
             /// All of them, in order of their numbers.
@@ -94,6 +94,12 @@ macro_rules! faults {
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$name => stringify!($name)),* }
+            }
+
+            /// Meaning, as a sentence.
+            #[must_use]
+            pub const fn means(self) -> &'static str {
+                match self { $(Self::$name => concat!($($means),+).trim_ascii_start()),* }
             }
 
             /// What it is about.

@@ -40,7 +40,7 @@ impl BusReader {
             app.bus.turns.fetch_add(1, Relaxed);
             let more = self.take(&app);
             let (now, show) = (clock::now(), &app.center.show);
-            let holder = app.command_queue.holder().and_then(|holder| serde_json::to_value(holder).ok());
+            let holder = app.command_queue.holder();
             let due = show.turn(now, ExtraState { holder: holder.as_ref(), viewers: app.viewers() });
             let period = if app.hub().viewers() == 0 { IDLE_POLL_PERIOD } else { POLL_PERIOD };
             if more {

@@ -1,4 +1,13 @@
-//! The diagnostic center in a browser; the protocol of page and server is `modules/web/page/src/protocol.ts`.
+//! The diagnostic center in a browser. Its protocol is two WebSockets, so that pictures never delay commands:
+//!
+//! - `/ws/view`, server to page: the parts of the view, each at its own rate; a slow page gets the newest only;
+//! - `/ws/command`, both ways: commands, answers, round-trip time, the holder of the motion authority.
+//!
+//! Text frames carry one JSON object each. Messages have the fields of `docs/messages.md`, in SI units and radians,
+//! counter-clockwise; NaN is `null`. A frame of more than 4 KiB, or more than 100 frames a second, closes the command
+//! socket.
+
+// `make generate` writes modules/web/page/src/protocol.ts from the comment above and the types of this folder.
 
 pub mod access;
 pub mod authority;

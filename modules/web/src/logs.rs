@@ -30,7 +30,7 @@ const INPUTS: &str = "inputs";
 /// Maximum number of bytes read at a time.
 const PIECE_BYTES: u64 = 128 << 10;
 
-/// `LogRun` of modules/web/page/src/protocol.ts.
+/// A run on the robot's disk. `GET /api/logs` (viewer): all, the newest first; files: `GET /api/logs/RUN/FILE`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Run {
     /// Name.

@@ -3,6 +3,7 @@
 use super::center::access::Role;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use serde::Serialize;
 use std::net::SocketAddr;
 
 /// Local address of the connection of a request.
@@ -44,8 +45,15 @@ pub fn cookie_name(headers: &HeaderMap, port: u16) -> String {
     format!("advee-{}", asked.and_then(|asked| asked.parse().ok()).unwrap_or(port))
 }
 
+/// Body of every answer that reports no success.
+#[derive(Serialize)]
+struct Refused<'a> {
+    /// Reason, for people.
+    why: &'a str,
+}
+
 /// Answer to a refused request, with the reason.
 pub fn refused(code: StatusCode, why: &str) -> Response {
-    let body = serde_json::json!({ "why": why }).to_string();
+    let body = serde_json::to_string(&Refused { why }).unwrap_or_default();
     (code, [(header::CONTENT_TYPE, "application/json")], body).into_response()
 }

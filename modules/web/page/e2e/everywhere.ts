@@ -2,7 +2,7 @@
 import { deepEqual, equal, ok } from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { HOLD } from "../src/holds";
+import { HOLD } from "../src/numbers";
 import { PROFILES, type Visit } from "./support/browser";
 import { scene } from "./support/scene";
 import { until } from "./support/until";

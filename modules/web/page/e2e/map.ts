@@ -1,6 +1,6 @@
 // The map under the hand: a goal by a tap and a confirmation, a route, the robot's own position.
 import { deepEqual, equal, match, ok } from "node:assert/strict";
-import { HOLD } from "../src/holds";
+import { HOLD } from "../src/numbers";
 import { PROFILES, type Visit } from "./support/browser";
 import { scene } from "./support/scene";
 import { until } from "./support/until";

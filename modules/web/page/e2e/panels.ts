@@ -1,6 +1,6 @@
 // What the panels show is what the bus says, and their commands reach it.
 import { deepEqual, equal, match, ok } from "node:assert/strict";
-import { HOLD } from "../src/holds";
+import { HOLD } from "../src/numbers";
 import { PROFILES } from "./support/browser";
 import { scene } from "./support/scene";
 import { pass, until } from "./support/until";

@@ -1,7 +1,7 @@
 // The pictures of docs/web.md: each view on a desk and on a phone, of one robot that does the same each time.
 import { mkdir, writeFile } from "node:fs/promises";
 import { join } from "node:path";
-import { HOLD } from "../src/holds";
+import { HOLD } from "../src/numbers";
 import { hasChromium, launch, type Profile, Visit } from "./support/browser";
 import { small } from "./support/picture";
 import { Robot, ROOT } from "./support/robot";

@@ -1,6 +1,6 @@
 // Stop: in the same place on every view, for every operator, and what comes after it.
 import { deepEqual, equal, match, ok } from "node:assert/strict";
-import { HOLD } from "../src/holds";
+import { HOLD } from "../src/numbers";
 import { PROFILES } from "./support/browser";
 import { scene } from "./support/scene";
 import { until } from "./support/until";

@@ -2,7 +2,7 @@
 // ?fixture=viewer, paused, lost, slow, other, stopped … show what is rare; without a word an engineer watches a patrol.
 import * as command from "./connection/command";
 import * as view from "./connection/view";
-import { HOLD } from "./holds";
+import { HOLD } from "./numbers";
 import type { Answer, Command, DrivePart, Holder, HoldRow, Part, Range, Reading, Role, Shown } from "./protocol";
 import { authority, commandLink, me, receive, viewLink } from "./state";
 

@@ -1,7 +1,8 @@
 import { deepEqual, equal, ok } from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { HOLD, isHeld, leading, leads, pausedByWords, standing } from "./holds";
+import { isHeld, leading, leads, pausedByWords, standing } from "./holds";
+import { HOLD } from "./numbers";
 import type { DrivePart, HoldRow } from "./protocol";
 
 /** A row with this number; its words are never read. */

@@ -1,23 +1,6 @@
-// Why the robot does not act, by number: those of docs/holds.md of which the page does something of its own. The words are the
-// robot's; nothing here reads them.
+// Causes for which the robot does not act, by number (docs/holds.md). The words are the robot's; nothing here reads them.
+import { HOLD } from "./numbers";
 import type { DrivePart, HoldRow } from "./protocol";
-
-export const HOLD = {
-  PauseUnknown: 101,
-  PauseBumper: 111,
-  PauseFloor: 112,
-  PauseButton: 113,
-  PauseOther: 119,
-  Homing: 222,
-  Centering: 223,
-  CriticalModule: 301,
-  ModulePaused: 312,
-  ModuleStopped: 313,
-  NobodyCommands: 401,
-  NotReleased: 405,
-  PlannerLatched: 406,
-  NoGoal: 601,
-} as const;
 
 const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseOther];
 const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal];

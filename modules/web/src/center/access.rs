@@ -150,7 +150,7 @@ impl Session {
     }
 }
 
-/// A paired device, as listed.
+/// A paired device. `GET /api/devices` (engineer): all.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Device {
     /// Number.

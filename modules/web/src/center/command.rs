@@ -1,5 +1,4 @@
-//! Messages of a page's command socket and their answers: `modules/web/page/src/protocol.ts` in Rust. Also the required
-//! roles, and the equivalent messages on the bus.
+//! Messages of a page's command socket and their answers, the required roles, and the equivalent messages on the bus.
 
 use super::access::Role;
 use super::authority::{Drive, Holder, Limits};
@@ -24,76 +23,51 @@ const DATA_MAX: usize = 1024;
 /// Greatest integer that JavaScript represents exactly.
 const INTEGER_MAX: u64 = (1 << 53) - 1;
 
-/// Message of a page.
+/// Page to `/ws/command`. `id`: a number of the page's choice, which the answer carries.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
-#[allow(missing_docs, reason = "protocol.ts has the words for each")]
+#[allow(missing_docs, reason = "the comment of a variant covers its fields")]
 pub enum Command {
-    Ping {
-        t: f64,
-    },
-    Take {
-        id: i64,
-        from: Option<u32>,
-    },
-    Release {
-        id: i64,
-    },
-    Drive {
-        hold: u64,
-        seq: u64,
-        t: f64,
-        speed: f64,
-        steering: f64,
-    },
-    Zero {
-        hold: u64,
-        seq: u64,
-    },
-    Stop {
-        id: i64,
-    },
-    Resume {
-        id: i64,
-    },
-    Goal {
-        id: i64,
-        waypoints: Vec<Place>,
-        r#loop: bool,
-    },
-    Route {
-        id: i64,
-        name: String,
-    },
-    Pose {
-        id: i64,
-        x: f64,
-        y: f64,
-        theta: f64,
-    },
-    Home {
-        id: i64,
-        axis: String,
-    },
-    Cancel {
-        id: i64,
-    },
+    /// Sent every 250 ms and answered at once. `t`: the page's clock, ms, monotonic.
+    Ping { t: f64 },
+    /// Takes the motion authority. `from`: the holder that the page shows, `null` for nobody. Refused if the holder has
+    /// changed meanwhile, so that nobody is taken over from by mistake.
+    Take { id: i64, from: Option<u32> },
+    /// Gives the motion authority back.
+    Release { id: i64 },
+    /// Sent at 20 Hz while the drive pad is pressed. `hold`: one more than at the last press; `seq`: one more than in
+    /// the last command of any hold; `t`: the page's clock when it was sent. Late, repeated and reordered commands are
+    /// dropped. A hold that has ended is never resumed: the robot moves again only after a new press.
+    Drive { hold: u64, seq: u64, t: f64, speed: f64, steering: f64 },
+    /// The drive pad is released: one zero command, then silence.
+    Zero { hold: u64, seq: u64 },
+    /// Any operator: zero, and PAUSE of `driver_canbus`; the quick stop is active until `resume`.
+    Stop { id: i64 },
+    /// Ends PAUSE of `driver_canbus` and releases the planner. Needs the motion authority.
+    Resume { id: i64 },
+    /// Waypoints to drive to. Needs the motion authority.
+    Goal { id: i64, waypoints: Vec<Place>, r#loop: bool },
+    /// A named route of the world. Needs the motion authority.
+    Route { id: i64, name: String },
+    /// Position for the estimator, m and rad, map frame. Needs the motion authority.
+    Pose { id: i64, x: f64, y: f64, theta: f64 },
+    /// Homes an axis. Needs the motion authority.
+    Home { id: i64, axis: String },
+    /// Cancels the goal. Any operator.
+    Cancel { id: i64 },
+    /// `action`: `start`, `stop` or `mark`, which takes `text`. Any operator.
     Log {
         id: i64,
         action: String,
         #[serde(default)]
         text: String,
     },
-    State {
-        id: i64,
-        module: String,
-        state: String,
-    },
-    Power {
-        id: i64,
-        channel: String,
-        action: String,
-    },
+    /// `state`: `RUN`, `PAUSE`, `STOP` or `TERMINATE`. Engineers.
+    State { id: i64, module: String, state: String },
+    /// `action`: `on`, `off` or `reboot`. Engineers.
+    Power { id: i64, channel: String, action: String },
+    /// Object of a CANopen node. `data`: hexadecimal, least significant byte first; absent: the object is read.
+    /// Engineers.
     Sdo {
         id: i64,
         node: u8,
@@ -102,13 +76,8 @@ pub enum Command {
         #[serde(default, deserialize_with = "there")]
         data: Option<String>,
     },
-    Fault {
-        id: i64,
-        target: String,
-        fault: String,
-        value: f64,
-        duration: f64,
-    },
+    /// Fault of the simulation; `duration` in s. Engineers.
+    Fault { id: i64, target: String, fault: String, value: f64, duration: f64 },
 }
 
 /// A waypoint; without an angle any heading is accepted.
@@ -141,17 +110,24 @@ pub struct Malformed {
     pub why: String,
 }
 
-/// Answer to a page.
+/// `/ws/command` to page.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
-#[allow(missing_docs, reason = "protocol.ts has the words for each")]
+#[allow(missing_docs, reason = "the comment of a variant covers its fields")]
 pub enum Answer<'a> {
+    /// First message: the number of this socket, and what its user may do. `limits` in m/s and rad.
     Welcome { you: u32, name: &'a str, role: Role, limits: Limits },
+    /// Answer to `ping`, with its `t`.
     Pong { t: f64 },
+    /// Sent after `welcome` and on each change. `why`: the reason, for the reader; empty at the start.
     Authority { holder: Option<Holder>, yours: bool, why: &'a str },
+    /// The server has ended a hold: zero was sent.
     Ended { hold: u64, why: &'a str },
+    /// The command was published; its effect appears in the view.
     Done { id: i64 },
+    /// The command was rejected.
     Refused { id: Option<i64>, why: &'a str },
+    /// Answer to `sdo`. `abort`: abort code of CiA 301, 0 where there is data.
     Sdo { id: i64, data: String, abort: u32, why: String },
 }
 

@@ -39,14 +39,16 @@ struct Latest {
     told: Option<(u64, Utf8Bytes)>,
 }
 
-/// `MessagePart` of modules/web/page/src/protocol.ts.
+/// The newest message of a watched channel, at most 20 Hz.
 #[derive(Serialize)]
-struct Part<'a> {
-    part: &'static str,
+#[serde(tag = "part", rename = "message")]
+struct MessagePart<'a> {
     channel: &'a str,
     r#type: &'static str,
+    /// s on a monotonic scale.
     at: f64,
     value: Option<Message>,
+    /// Reason for a missing value: the type is unknown, the bytes are malformed, or it is too long.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
 }
@@ -136,7 +138,7 @@ fn json(channel: &str, at: Instant, latest: &Latest) -> String {
         Some(Ok(message)) => (Some(message), None),
     };
     let r#type = known.map_or("", Channel::type_name);
-    let part = Part { part: "message", channel, r#type, at: at.as_nanos() as f64 / 1e9, value, error };
+    let part = MessagePart { channel, r#type, at: at.as_nanos() as f64 / 1e9, value, error };
     serde_json::to_string(&part).unwrap_or_default()
 }
 

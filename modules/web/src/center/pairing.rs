@@ -23,21 +23,28 @@ const BODY_TIME: Duration = Duration::from_secs(5);
 /// Lifetime of the cookie in the browser, s; on the server a session ends after 12 h without use.
 const COOKIE_AGE: u32 = 400 * 24 * 3600;
 
+/// `GET /api/me`, for everybody.
 #[derive(Serialize)]
 struct Me<'a> {
     robot: &'a str,
     version: &'static str,
     role: Role,
+    /// Name given when pairing; empty for a device that is not paired.
     name: &'a str,
 }
 
+/// `POST /api/pair`, with a code from the robot's console. Answers [`Me`] and sets the session's cookie (HttpOnly,
+/// SameSite=Strict); 403 for a wrong code, 429 after too many. `POST /api/unpair` ends the session.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Pair {
+    /// Eight digits; blanks are ignored.
     code: String,
+    /// Name shown to others: 1 to 40 characters.
     name: String,
 }
 
+/// `POST /api/devices/forget` (engineer): ends the session of a device.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Forget {

@@ -1,5 +1,6 @@
-//! The parts of the view as modules/web/page/src/protocol.ts has them, from the model.
+//! The parts of the view that are sent again and again, from the model.
 
+use super::authority::Holder;
 use base::Instant;
 use diagnostics::{ChannelRow, Ellipse, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
 use messages::{common, lowlevel, middlelevel, simulation};
@@ -12,18 +13,20 @@ const TEXTS_MAX: usize = 100;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ExtraState<'a> {
     /// Web user that holds the motion authority.
-    pub holder: Option<&'a serde_json::Value>,
+    pub holder: Option<&'a Holder>,
     /// Number of viewers, including those of Foxglove.
     pub viewers: usize,
 }
 
-/// `DrivePart`
+/// Motion, position and goal: 10 Hz, always. Without one for 1 s the connection is lost.
 #[derive(Serialize)]
-pub struct Drive<'a> {
-    part: &'static str,
+#[serde(tag = "part", rename = "drive")]
+pub struct DrivePart<'a> {
     status: Status,
     motion: Shown<'a, lowlevel::DataMotion>,
+    /// All causes for which the robot or its goal is held; empty: it acts.
     holds: Vec<HoldRow>,
+    /// The motion commands of all sources.
     commands: Vec<&'a lowlevel::CmdMotion>,
     stop: Shown<'a, lowlevel::EventStop>,
     odometry: Shown<'a, lowlevel::DataOdo>,
@@ -32,14 +35,14 @@ pub struct Drive<'a> {
     goal: Shown<'a, middlelevel::DataGoal>,
     truth: Shown<'a, simulation::DataTruth>,
     gamepad: Shown<'a, lowlevel::DataJoydev>,
-    holder: Option<&'a serde_json::Value>,
+    /// Holder of the motion authority among the web clients.
+    holder: Option<&'a Holder>,
 }
 
-impl<'a> Drive<'a> {
+impl<'a> DrivePart<'a> {
     /// State at `now`.
     pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
-            part: "drive",
             status: model.status(now),
             motion: model.motion.shown(now),
             holds: model.hold_rows(now),
@@ -56,21 +59,21 @@ impl<'a> Drive<'a> {
     }
 }
 
-/// `SensorsPart`
+/// Range finders and beacons: 5 Hz.
 #[derive(Serialize)]
-pub struct Sensors<'a> {
-    part: &'static str,
+#[serde(tag = "part", rename = "sensors")]
+pub struct SensorsPart<'a> {
     sonars: Shown<'a, lowlevel::DataSrfs>,
     infrareds: Shown<'a, lowlevel::DataIrs>,
+    /// All range finders, each with its own instant; `sonars` and `infrareds` are the view of 2011.
     ranges: Shown<'a, lowlevel::DataRanges>,
     beacons: Shown<'a, lowlevel::DataBeacons>,
 }
 
-impl<'a> Sensors<'a> {
+impl<'a> SensorsPart<'a> {
     /// State at `now`.
     pub fn of(model: &'a Model, now: Instant) -> Self {
         Self {
-            part: "sensors",
             sonars: model.sonars.shown(now),
             infrareds: model.infrareds.shown(now),
             ranges: model.ranges.shown(now),
@@ -79,25 +82,25 @@ impl<'a> Sensors<'a> {
     }
 }
 
-/// `MapPart`
+/// Path and obstacles: on change, at most 2 Hz, and every 5 s.
 #[derive(Serialize)]
-pub struct Map<'a> {
-    part: &'static str,
+#[serde(tag = "part", rename = "map")]
+pub struct MapPart<'a> {
     plan: Shown<'a, middlelevel::DataPlan>,
     obstacles: Shown<'a, middlelevel::DataObstacles>,
 }
 
-impl<'a> Map<'a> {
+impl<'a> MapPart<'a> {
     /// State at `now`.
     pub fn of(model: &'a Model, now: Instant) -> Self {
-        Self { part: "map", plan: model.plan.shown(now), obstacles: model.obstacles.shown(now) }
+        Self { plan: model.plan.shown(now), obstacles: model.obstacles.shown(now) }
     }
 }
 
-/// `SystemPart`
+/// Modules, devices, buses and faults: 1 Hz.
 #[derive(Serialize)]
-pub struct System<'a> {
-    part: &'static str,
+#[serde(tag = "part", rename = "system")]
+pub struct SystemPart<'a> {
     modules: Vec<ModuleRow>,
     axes: Shown<'a, lowlevel::DataAxes>,
     power: Shown<'a, lowlevel::DataPower>,
@@ -107,16 +110,17 @@ pub struct System<'a> {
     log: Shown<'a, common::DataLog>,
     clock: Shown<'a, simulation::DataClock>,
     errors: Vec<ShownGroup<'a>>,
+    /// The latest first, at most 100.
     texts: Vec<&'a ShownText>,
     channels: Vec<ChannelRow>,
+    /// Number of connected pages and Foxglove clients.
     viewers: usize,
 }
 
-impl<'a> System<'a> {
+impl<'a> SystemPart<'a> {
     /// State at `now`.
     pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
-            part: "system",
             modules: model.modules(now),
             axes: model.axes.shown(now),
             power: model.power.shown(now),

@@ -1,5 +1,6 @@
 //! Constant part of the view: dimensions of the robot, its map, the names of its parts.
 
+use super::authority::Limits;
 use logger::ros::Sensor;
 use planner::map::{Cell, Map};
 use serde::Serialize;
@@ -7,12 +8,11 @@ use serde::Serialize;
 /// Maximum number of walls of a map; a finer map is coarsened.
 const WALLS_MAX: usize = 4000;
 
-/// `ScenePart` of modules/web/page/src/protocol.ts. Lengths in m, angles in rad; the robot in its own frame, everything
-/// else in the map frame.
+/// Constant part of the view, sent once after connecting and when it changes. Lengths in m, angles in rad; the robot in
+/// its own frame, everything else in the map frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "part", rename = "scene")]
 pub struct Scene {
-    /// Name of the part: `scene`.
-    pub part: &'static str,
     /// Name of the robot.
     pub robot: String,
     /// Version of this program.
@@ -54,15 +54,6 @@ pub struct Demo {
     pub run: String,
     /// Duration, s.
     pub seconds: f64,
-}
-
-/// Limits of manual commands.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Limits {
-    /// Maximum speed, m/s.
-    pub speed: f64,
-    /// Maximum steering angle, rad.
-    pub steering: f64,
 }
 
 /// A beam of a ranging sensor.
@@ -117,7 +108,6 @@ pub struct Faults {
 impl Default for Scene {
     fn default() -> Self {
         Self {
-            part: "scene",
             robot: String::new(),
             version: env!("CARGO_PKG_VERSION"),
             simulated: false,

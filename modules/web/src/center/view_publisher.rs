@@ -3,7 +3,7 @@
 //! Without viewers nothing is encoded.
 
 use super::inspect::Inspector;
-use super::parts::{Drive, ExtraState, Map, Sensors, System};
+use super::parts::{DrivePart, ExtraState, MapPart, SensorsPart, SystemPart};
 use axum::extract::ws::Utf8Bytes;
 use base::{Duration, Instant, Ticker};
 use diagnostics::{Config, Model};
@@ -214,10 +214,10 @@ fn text(kind: Kind, model: &Model, now: Instant, beside: ExtraState<'_>) -> Stri
         serde_json::to_string(part).unwrap_or_default()
     }
     match kind {
-        Kind::Drive => json(&Drive::of(model, now, beside)),
-        Kind::Sensors => json(&Sensors::of(model, now)),
-        Kind::Map => json(&Map::of(model, now)),
-        Kind::System => json(&System::of(model, now, beside)),
+        Kind::Drive => json(&DrivePart::of(model, now, beside)),
+        Kind::Sensors => json(&SensorsPart::of(model, now)),
+        Kind::Map => json(&MapPart::of(model, now)),
+        Kind::System => json(&SystemPart::of(model, now, beside)),
     }
 }
 

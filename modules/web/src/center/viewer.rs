@@ -172,7 +172,7 @@ impl Flow {
     }
 }
 
-/// `Watch` of modules/web/page/src/protocol.ts.
+/// Page to `/ws/view`: the channels whose messages it is sent, at most eight; replaces the list before.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Watch {

@@ -2,7 +2,7 @@
 import { ok } from "node:assert/strict";
 import type { ChildProcess } from "node:child_process";
 import { createInterface } from "node:readline";
-import type { Motion, MotionCommand } from "../../src/protocol";
+import type { CmdMotion, DataMotion } from "../../src/protocol";
 import { pass, until } from "./until";
 
 export interface Heard {
@@ -44,8 +44,8 @@ export class Bus {
     this.commands = [];
   }
 
-  motion(): Motion | undefined {
-    return this.last["LL_DATA_MOTION"] as unknown as Motion | undefined;
+  motion(): DataMotion | undefined {
+    return this.last["LL_DATA_MOTION"] as unknown as DataMotion | undefined;
   }
   /** Whether driver_canbus lists one of these causes. */
   stands(...codes: number[]): boolean {
@@ -61,8 +61,8 @@ export class Bus {
     return this.commands.filter((each) => each.channel === channel);
   }
   /** What pages have driven since `forget`. */
-  driven(): (MotionCommand & { at: number })[] {
-    const all = this.said("LL_CMD_MOTION").map(({ at, message }) => ({ ...(message as unknown as MotionCommand), at }));
+  driven(): (CmdMotion & { at: number })[] {
+    const all = this.said("LL_CMD_MOTION").map(({ at, message }) => ({ ...(message as unknown as CmdMotion), at }));
     return all.filter(({ source }) => source.startsWith("web:"));
   }
   async hears(channel: string): Promise<Record<string, unknown>> {

@@ -8,7 +8,7 @@ import { createServer, type Server } from "node:net";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { promisify } from "node:util";
-import { HOLD } from "../../src/holds";
+import { HOLD } from "../../src/numbers";
 import { Bus } from "./bus";
 import { pass, until } from "./until";
 

@@ -1,6 +1,6 @@
 import { equal, ok } from "node:assert/strict";
 import { test } from "node:test";
-import { HOLD } from "../holds";
+import { HOLD } from "../numbers";
 import type { DrivePart, HoldRow } from "../protocol";
 import { advice } from "./advice";
 

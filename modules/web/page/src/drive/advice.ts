@@ -1,5 +1,6 @@
 // Why the robot does not move, and what to do about it. The words are the robot's own; the advice is by the numbers of what stands.
-import { HOLD, leads, pausedBy, pausedByWords } from "../holds";
+import { leads, pausedBy, pausedByWords } from "../holds";
+import { HOLD } from "../numbers";
 import type { DrivePart } from "../protocol";
 
 export interface Advice {

@@ -83,7 +83,7 @@ function walls({ on, camera, ink, at }: Brush, scene: ScenePart): void {
 function obstacles({ on, camera, ink, at }: Brush, part: MapPart): void {
   const cells = part.obstacles.value;
   if (!cells) return;
-  const side = Math.max(2, cells.size * camera.scale);
+  const side = Math.max(2, (cells.size ?? 0) * camera.scale);
   on.fillStyle = ink.obstacle;
   on.globalAlpha = stale(part.obstacles) ? 0.2 : 0.5;
   cells.x.forEach((x, i) => {

@@ -1,9 +1,9 @@
 import { equal } from "node:assert/strict";
 import { test } from "node:test";
-import type { DrivePart, Goal } from "../protocol";
+import type { DataGoal, DrivePart } from "../protocol";
 import { goalWords, positionWords } from "./words";
 
-const GOAL: Goal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
+const GOAL: DataGoal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
 
 test("a goal is told in the planner's words, else in ours", () => {
   equal(goalWords(GOAL), "Drives to waypoint 4, 2.0 m to go.");

@@ -1,6 +1,6 @@
 // The map in words, for who does not see it and for who wants figures.
 import { deg, num } from "../format";
-import type { DrivePart, Goal } from "../protocol";
+import type { DataGoal, DrivePart } from "../protocol";
 
 export const QUALITIES = ["lost", "searching", "coarse", "fine"] as const;
 
@@ -14,7 +14,7 @@ export function positionWords(part: DrivePart | null): string {
 }
 
 /** The planner's own words where it has some. */
-export function goalWords(goal: Goal | null | undefined): string {
+export function goalWords(goal: DataGoal | null | undefined): string {
   if (!goal) return "Nothing is known of a goal.";
   const left = goal.remaining === null || ![1, 3].includes(goal.status) ? "" : `, ${num(goal.remaining, 1, "m")} to go`;
   if (goal.message) return `${goal.message[0]?.toUpperCase()}${goal.message.slice(1)}${left}.`;

@@ -1,11 +1,9 @@
 // Each bus: load and errors; each node on it: how often it is asked, and how it answers.
 import { num } from "../../format";
-import type { BusState, Shown } from "../../protocol";
+import type { DataBus, Node, Shown } from "../../protocol";
 import { stale, system } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Facts, Table, type Tone } from "../../ui";
 import { count, hex, milliseconds, percent } from "../format";
-
-type Node = BusState["nodes"][number];
 
 const BUS: readonly (readonly [Tone, string])[] = [
   ["good", "active"],
@@ -71,7 +69,7 @@ export function BusList() {
   );
 }
 
-function Bus({ shown }: { shown: Shown<BusState> }) {
+function Bus({ shown }: { shown: Shown<DataBus> }) {
   const bus = shown.value;
   if (!bus) return null;
   return (

@@ -1,13 +1,11 @@
 // Temperatures against their limits, and fans.
 import { Fan, Thermometer } from "lucide-preact";
 import { num } from "../../format";
-import type { Temperatures } from "../../protocol";
+import type { Fan as FanRow, Temperature } from "../../protocol";
 import { stale, system } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Table } from "../../ui";
 import { percent } from "../format";
 
-type Temperature = Temperatures["temperatures"][number];
-type FanRow = Temperatures["fans"][number];
 
 const TEMPERATURES: Column<Temperature>[] = [
   { head: "Where", title: true, by: (row) => row.name, cell: (row) => row.name },

@@ -1,6 +1,6 @@
 // Beacons, odometry and the gamepad.
 import { deg, num, span } from "../../format";
-import type { Beacons } from "../../protocol";
+import type { DataBeacons } from "../../protocol";
 import { drive, sensors, since, stale } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Facts, Table } from "../../ui";
 import { count } from "../format";
@@ -15,7 +15,7 @@ interface Sighting {
 }
 
 /** Each beacon has an instant of its own: what it is old is that before the message, and what the message is old by now. */
-function sightings(value: Beacons, age: number): Sighting[] {
+function sightings(value: DataBeacons, age: number): Sighting[] {
   return value.beacons.map(({ id, bearing, strength, timestamp }) => {
     const before = Math.max(0, (value.timestamp - timestamp) / 1e6);
     return { id, bearing, strength, age: age + before };

@@ -28,15 +28,18 @@ export interface Soundings {
 
 const KNOWN: readonly Known[] = ["unknown", "silent", "measured"];
 
+/** NaN where a sender has none: nothing is drawn there. */
+function place(x: number | null, y: number | null, theta: number | null): Pick<Sounding, "x" | "y" | "theta"> {
+  return { x: x ?? NaN, y: y ?? NaN, theta: theta ?? NaN };
+}
+
 function ofReading(reading: Reading, timestamp: number): Sounding {
   const { id, x, y, theta, distance } = reading;
   const known = KNOWN[reading.status] ?? "unknown";
   const measured = known === "measured" && distance !== null;
   return {
     id,
-    x,
-    y,
-    theta,
+    ...place(x, y, theta),
     beam: reading.beam ?? 0,
     known: known === "measured" && !measured ? "unknown" : known,
     distance: measured ? distance : null,
@@ -46,7 +49,7 @@ function ofReading(reading: Reading, timestamp: number): Sounding {
 
 function ofRange({ id, x, y, theta, distance, valid }: Range, beam: number): Sounding {
   const measured = valid && distance !== null;
-  return { id, x, y, theta, beam, known: measured ? "measured" : "unknown", distance: measured ? distance : null, age: null };
+  return { id, ...place(x, y, theta), beam, known: measured ? "measured" : "unknown", distance: measured ? distance : null, age: null };
 }
 
 function of(part: SensorsPart, kind: number, old: Shown<unknown>, rows: Range[] | undefined, beam: number): Soundings {

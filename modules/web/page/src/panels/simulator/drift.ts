@@ -1,5 +1,5 @@
 // How far the estimate is from the truth.
-import type { Estimate, Truth } from "../../protocol";
+import type { DataEstimate, DataTruth } from "../../protocol";
 
 export interface Drift {
   /** m */
@@ -12,7 +12,7 @@ export interface Drift {
 }
 
 /** Null where either is not known. */
-export function drift(truth: Truth, estimate: Estimate): Drift | null {
+export function drift(truth: DataTruth, estimate: DataEstimate): Drift | null {
   const { x, y, theta } = truth;
   if (x === null || y === null || theta === null) return null;
   if (estimate.x === null || estimate.y === null || estimate.theta === null) return null;

@@ -1,0 +1,66 @@
+//! Files of the repository that are made from its source, so that nobody copies them by hand:
+//!
+//! | file | source |
+//! |---|---|
+//! | `modules/web/page/src/protocol.ts` | the types that `web` serializes, and the message definitions |
+//! | `modules/web/page/src/numbers.ts` | `base::Fault`, `messages::Hold` |
+//! | `docs/faults.md`, `docs/holds.md`: the tables | the same |
+//! | `docs/messages.md` | `messages::Channel`, the message definitions, the modules' sources |
+//!
+//! `make generate` writes them; the test `tests/current.rs` compares them with the repository.
+#![forbid(unsafe_code)]
+
+pub mod channels;
+pub mod numbers;
+pub mod protocol;
+pub mod text;
+pub mod traffic;
+pub mod typescript;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A generated file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Output {
+    /// Path below the root of the repository.
+    pub path: &'static str,
+    /// The whole file.
+    pub text: String,
+}
+
+/// Root of the repository.
+#[must_use]
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("tools/generate is two folders deep").into()
+}
+
+/// All generated files of the repository at `root`.
+///
+/// # Errors
+/// One line: a source that cannot be read, or has something that has no equivalent in a generated file.
+pub fn outputs(root: &Path) -> Result<Vec<Output>, String> {
+    let table = |path: &'static str, source: &str, rows: &str| {
+        let text = text::between_marks(&read(root, path)?, source, rows).map_err(|error| format!("{path}: {error}"))?;
+        Ok::<_, String>(Output { path, text })
+    };
+    let schema = lcm_gen::Schema::new(messages::LCM_FILES).map_err(|error| error.to_string())?;
+    let whole = |path, text| Output { path, text };
+    Ok(vec![
+        whole("modules/web/page/src/protocol.ts", protocol::page(root, &schema)?),
+        whole("modules/web/page/src/numbers.ts", numbers::page()),
+        table("docs/faults.md", "foundation/base/src/report.rs", &numbers::faults())?,
+        table("docs/holds.md", "messages/src/hold.rs", &numbers::holds())?,
+        whole("docs/messages.md", channels::page(&schema, &traffic::Traffic::read(root)?)?),
+    ])
+}
+
+/// A file of the repository.
+fn read(root: &Path, path: &str) -> Result<String, String> {
+    fs::read_to_string(root.join(path)).map_err(|error| format!("{path}: {error}"))
+}
+
+/// A Rust file of the repository.
+fn parse(root: &Path, path: &str) -> Result<syn::File, String> {
+    syn::parse_file(&read(root, path)?).map_err(|error| format!("{path}: {error}"))
+}
