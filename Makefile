@@ -62,6 +62,7 @@ lint: web
 	@tools/require cc
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 
 # Tests on real kernel drivers and a real init system, in virtual machines (lab/README.md).
 lab: build lab-test

@@ -1,4 +1,19 @@
 //! The command line: one file per command. Exit 0 only on success; an error is one clear line on stderr.
+//!
+//! ```
+//! let command = cli::command();
+//! assert_eq!(command.get_name(), "advee");
+//!
+//! // What `advee drive 0.3 -0.1 --for 2 --config conf/small` means.
+//! let line = ["advee", "drive", "0.3", "-0.1", "--for", "2", "--config", "conf/small"];
+//! let matches = command.clone().try_get_matches_from(line)?;
+//! let (name, drive) = matches.subcommand().expect("every line has a command");
+//! assert_eq!((name, drive.get_one::<f64>("speed")), ("drive", Some(&0.3)));
+//!
+//! // A speed that is not a number is an error, and nothing is sent.
+//! assert!(command.try_get_matches_from(["advee", "drive", "fast", "0"]).is_err());
+//! # Ok::<(), clap::Error>(())
+//! ```
 #![forbid(unsafe_code)]
 
 mod bench;

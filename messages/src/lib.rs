@@ -5,6 +5,26 @@
 //! UNIX epoch, all units SI, all angles radians.
 //!
 //! Independent of transports and modules.
+//!
+//! ```
+//! use messages::common::DataState;
+//! use messages::{Channel, Message};
+//!
+//! let state = DataState { timestamp: 1_767_225_600_000_000, module: "driver_canbus".into(), state: DataState::RUN };
+//! let message = Message::from(state);
+//! assert_eq!(message.channel(), Channel::CmDataState);
+//!
+//! // On the bus: the fingerprint of the type, then its members.
+//! let mut bytes = Vec::new();
+//! message.encode(&mut bytes)?;
+//! assert_eq!(bytes[..8], Channel::CmDataState.fingerprint().to_be_bytes());
+//!
+//! // Whoever receives it looks up the type by the name of the channel.
+//! assert_eq!(Message::receive("CM_DATA_STATE", &bytes), Some(Ok(message)));
+//! assert!(Message::receive("CM_DATA_STATE", &bytes[..20]).is_some_and(|received| received.is_err()));
+//! assert!(Message::receive("SOMETHING_ELSE", &bytes).is_none());
+//! # Ok::<(), messages::EncodeError>(())
+//! ```
 #![forbid(unsafe_code)]
 
 mod channels;

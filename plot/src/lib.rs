@@ -4,6 +4,31 @@
 //! Fed with messages from any source: a recording (`advee plot`) or an observer of a virtual machine. Memory is bounded
 //! for any input: a long run is shown with less detail. No file access. [`data`] is the content, [`map`], [`timeline`]
 //! and [`page`] are the layout, [`canvas`] is the drawing surface.
+//!
+//! ```
+//! use messages::simulation::DataTruth;
+//! use plot::{Footprint, Picture, Title};
+//! use simulator::world::World;
+//!
+//! // Ten seconds along the middle of a hall of 20 m by 12 m.
+//! let outline = Footprint { length_m: 0.9, width_m: 0.6, rear_overhang_m: 0.15 };
+//! let mut picture = Picture::new(World::hall(20.0, 12.0), Some(outline));
+//! assert!(picture.is_empty());
+//! let begin = 1_767_225_600_000_000; // µs since the UNIX epoch
+//! for second in 0..=10 {
+//!     let x = 4.0 + f64::from(second);
+//!     let truth = DataTruth { x, y: 6.0, ..DataTruth::default() };
+//!     picture.take(begin + 1_000_000 * i64::from(second), &truth.into());
+//! }
+//! picture.mark(begin + 5_000_000, "the middle");
+//! picture.entitle(Title { run: "2026_01_01_00_00_00".into(), ..Title::default() });
+//!
+//! let svg = picture.svg();
+//! assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+//! let png = picture.png()?;
+//! assert_eq!(png[..4], *b"\x89PNG");
+//! # Ok::<(), String>(())
+//! ```
 
 #![forbid(unsafe_code)]
 

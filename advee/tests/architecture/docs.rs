@@ -1,4 +1,5 @@
 //! Pages with broken relative links or invalid TOML, and lines that are too wide, in pages and in code.
+//! Each library has an example.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -127,6 +128,55 @@ fn fewer_and_fewer_lines_are_wider_than_they_may_be() {
         );
         println!("{count} lines of {extension} have more than {WIDTH} columns; {allowed} may");
     }
+}
+
+/// Number of Rust code blocks in the doc comments of a source file. Blocks that rustdoc does not compile and run as they
+/// stand (`ignore`, `compile_fail`, `text`, other languages) do not count.
+fn examples(source: &str) -> usize {
+    let (mut count, mut open) = (0, false);
+    for line in source.lines().map(str::trim_start) {
+        let Some(doc) = line.strip_prefix("//!").or_else(|| line.strip_prefix("///")) else {
+            open = false;
+            continue;
+        };
+        if let Some(attributes) = doc.trim().strip_prefix("```") {
+            let is_rust =
+                attributes.split(',').all(|word| ["", "rust", "no_run", "should_panic"].contains(&word.trim()));
+            count += usize::from(is_rust && !open);
+            open = !open;
+        }
+    }
+    count
+}
+
+#[test]
+fn every_library_shows_an_example() {
+    let mut without = Vec::new();
+    for folder in super::members().iter().filter(|folder| *folder != "foundation/testing") {
+        let sources = super::root().join(folder).join("src");
+        let Ok(lib) = fs::read_to_string(sources.join("lib.rs")) else { continue };
+        assert!(lib.lines().any(|line| line.starts_with("pub ")), "{folder} is a library without public items");
+        let text = |file: &PathBuf| fs::read_to_string(file).expect("readable");
+        if super::sources(&sources).iter().all(|file| examples(&text(file)) == 0) {
+            without.push(folder.clone());
+        }
+    }
+    assert!(without.is_empty(), "crates whose documentation has no example in Rust: {without:?}");
+}
+
+#[test]
+fn examples_are_blocks_of_rust_in_doc_comments() {
+    let block = |prefix: &str, attributes: &str| format!("{prefix} ```{attributes}\n{prefix} x\n{prefix} ```\n");
+    for attributes in ["", "rust", "no_run", "rust,should_panic"] {
+        assert_eq!(examples(&block("//!", attributes)), 1, "{attributes}");
+        assert_eq!(examples(&block("    ///", attributes)), 1, "{attributes}");
+    }
+    for attributes in ["text", "ignore", "toml", "compile_fail", "rust,ignore"] {
+        assert_eq!(examples(&block("//!", attributes)), 0, "{attributes}");
+    }
+    assert_eq!(examples(&block("//", "")), 0);
+    assert_eq!(examples(&block("//!", "text").repeat(2)), 0);
+    assert_eq!(examples(&(block("///", "") + "fn f() {}\n" + &block("///", ""))), 2);
 }
 
 #[test]

@@ -5,6 +5,35 @@
 //! and arm one timer at `poll_timeout`. Read [`wire`] first, then [`Master`] or [`Node`].
 //!
 //! Clause by clause: `docs/conformance/canopen.md`.
+//!
+//! A master boots a drive. On a robot a host moves the frames; here it is a loop:
+//!
+//! ```
+//! use base::{Duration, Instant};
+//! use canopen::drives::epos;
+//! use canopen::master::State;
+//! use canopen::{Event, Master, MasterConfig, Node};
+//!
+//! let config = epos::node_config("propulsion", &epos::parameters(1));
+//! let mut master = Master::new(MasterConfig::default(), &[config]).expect("a valid configuration");
+//! let mut drive = Node::new(epos::dictionary(1), Duration::from_millis(5));
+//! drive.power_on(Instant::ZERO);
+//!
+//! let mut events = Vec::new();
+//! for now in (1..500).map(Instant::from_millis) {
+//!     master.handle_timeout(now);
+//!     drive.handle_timeout(now);
+//!     while let Some(frame) = master.poll_tx() {
+//!         drive.handle_rx(now, &frame);
+//!     }
+//!     while let Some(frame) = drive.poll_tx() {
+//!         master.handle_rx(now, &frame);
+//!     }
+//!     events.extend(std::iter::from_fn(|| master.poll_event()));
+//! }
+//! assert!(events.contains(&Event::Booted { node: 1 }));
+//! assert_eq!(master.state(1), Some(State::Operational));
+//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -3,6 +3,39 @@
 //! time, then drains output, events and the next deadline.
 //!
 //! The wire contract is `docs/facts/boards.md` (sections 1 to 6); clause by clause: `docs/conformance/rs485.md`.
+//!
+//! A master asks a board for its version. On a robot a host moves the words; here it is a loop:
+//!
+//! ```
+//! use base::{Duration, Instant};
+//! use rs485::boards::{GET_VERSION, Version, sd1};
+//! use rs485::frame::Status;
+//! use rs485::master::{Config, Event, Master};
+//! use rs485::slave::{self, Slave};
+//!
+//! let mut master = Master::new(Config::default());
+//! let mut board = Slave::new(slave::Config::new(sd1::FRONT));
+//! master.request(GET_VERSION.ask(sd1::FRONT, &[])).expect("the master is idle");
+//!
+//! let (mut now, mut event) = (Instant::ZERO, None);
+//! while event.is_none() {
+//!     now += Duration::from_micros(100);
+//!     master.handle_timeout(now);
+//!     if let Some(transmit) = master.poll_tx(now) {
+//!         board.handle_rx(now, transmit.words);
+//!         master.handle_tx_done(now);
+//!     }
+//!     if board.poll_request().is_some_and(|asked| asked.instruction == GET_VERSION.code) {
+//!         board.respond(Status::Ok, &Version { major: 1, minor: 4 }.build());
+//!     }
+//!     if let Some(transmit) = board.poll_tx(now) {
+//!         master.handle_rx(now, transmit.words);
+//!     }
+//!     event = master.poll_event();
+//! }
+//! let Some(Event::Reply { data, .. }) = event else { panic!("{event:?}") };
+//! assert_eq!(Version::parse(&data), Some(Version { major: 1, minor: 4 }));
+//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -7,6 +7,27 @@
 //! each channel ([`ChannelRow`]).
 //!
 //! All tables are bounded: the bus is hostile input. No bus, clock or screen is used here.
+//!
+//! ```
+//! use base::{Duration, Instant};
+//! use diagnostics::{Config, Model, Word};
+//! use messages::{Message, lowlevel::DataMotion};
+//!
+//! let mut model = Model::new(Config { robot: "advee".into(), ..Config::default() });
+//! let now = Instant::from_millis(10_000);
+//! assert_eq!(model.status(now).word, Word::Silent);
+//!
+//! let motion = DataMotion { speed: 0.5, enabled: true, homed: true, ..DataMotion::default() };
+//! let message = Message::from(motion);
+//! model.hear(now, &message.channel_name(), 80, Some(message));
+//! assert_eq!(model.status(now).word, Word::Driving);
+//! assert_eq!(model.motion.fresh(now).map(|motion| motion.speed), Some(0.5));
+//!
+//! // LL_DATA_MOTION has a period of 50 ms: after two of them the speed counts as unknown.
+//! let later = now + Duration::from_millis(500);
+//! assert!(model.motion.fresh(later).is_none());
+//! assert_eq!(model.motion.age(later), Some(Duration::from_millis(500)));
+//! ```
 #![forbid(unsafe_code)]
 
 mod errors;

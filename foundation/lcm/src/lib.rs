@@ -6,6 +6,30 @@
 //! - [`codec`]: what stands in a payload; without features the crate is this alone, `no_std` with `alloc`.
 //! - `live` (feature `live`, on by default): all of that on this machine's sockets and files; feature `shm`, on by default,
 //!   adds memory that programs of one host share.
+//!
+//! With its default features the crate joins a bus by its URL; `memq://` is one within the process, for tests and
+//! examples, `udpm://239.255.76.67:7667` the network's:
+//!
+//! ```
+//! # #[cfg(feature = "live")]
+//! # {
+//! use lcm::{Url, live::Lcm, subscription::Queue};
+//!
+//! let (url, warnings) = Url::parse("memq://")?;
+//! assert!(warnings.is_empty());
+//! let mut lcm = Lcm::new(&url)?;
+//! lcm.subscribe_with("LL_DATA_.*", Queue::Newest(1))?;
+//! lcm.publish("LL_DATA_POSE", b"first")?;
+//! lcm.publish("LL_DATA_POSE", b"second")?;
+//! lcm.publish("CM_DATA_STATE", b"not subscribed")?;
+//!
+//! let message = lcm.recv()?.expect("a message waits");
+//! assert_eq!((message.channel, message.payload), ("LL_DATA_POSE", &b"second"[..]));
+//! assert!(lcm.recv()?.is_none());
+//! assert_eq!(lcm.stats().queue_dropped, 1);
+//! # }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 #![deny(unsafe_code)]
 

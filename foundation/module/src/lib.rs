@@ -5,6 +5,46 @@
 //! publishes texts, and ends in good order.
 //! The live host (`host`) and the virtual one (`sim`) use the shell only. This crate does not depend on sockets,
 //! processes or any single module.
+//!
+//! A module, and the shell that makes its fault one report however often it is raised:
+//!
+//! ```
+//! use base::{Fault, Instant, Severity};
+//! use module::bench::Bench;
+//! use module::{Actions, Channel, Event, Message, Module, Shell, ShellConfig};
+//!
+//! /// Raises a fault while the battery is below 24 V.
+//! struct Battery;
+//!
+//! impl Module for Battery {
+//!     fn subscriptions(&self) -> &[Channel] {
+//!         &[Channel::LlDataPower]
+//!     }
+//!
+//!     fn handle(&mut self, _now: Instant, event: Event<'_>, out: &mut Actions) {
+//!         match event {
+//!             Event::Start => out.working(),
+//!             Event::Message { message: Message::LlDataPower(power), .. } if power.voltage < 24.0 => {
+//!                 out.raise(Severity::Warning, Fault::BatteryLow, "", format!("{} V", power.voltage));
+//!             }
+//!             Event::Message { .. } => out.clear(Fault::BatteryLow, "", "charged"),
+//!             _ => {}
+//!         }
+//!     }
+//!
+//!     fn poll_timeout(&self) -> Option<Instant> {
+//!         None
+//!     }
+//! }
+//!
+//! let mut bench = Bench::new(Shell::new(ShellConfig::new("battery"), Box::new(Battery)));
+//! bench.start();
+//! for voltage in [23.5, 23.4, 23.3, 25.0] {
+//!     bench.message(messages::lowlevel::DataPower { voltage, ..Default::default() });
+//! }
+//! let reports = bench.published().into_iter().filter(|message| message.channel() == Channel::CmEventError);
+//! assert_eq!(reports.count(), 2); // raised and cleared
+//! ```
 #![forbid(unsafe_code)]
 
 mod action;

@@ -11,6 +11,43 @@
 //!
 //! `docs/replay.md` specifies the format for readers in other languages. Read [`call`] and [`answer`] for the content
 //! of a record.
+//!
+//! A second of a module, recorded and replayed:
+//!
+//! ```
+//! use base::{Duration, Instant};
+//! use module::{Actions, Event, Module, Shell, ShellConfig, State, bench::Bench};
+//! use record::{Header, Item, Player, Reader, Recorder};
+//! use std::sync::mpsc::channel;
+//!
+//! struct Idle;
+//!
+//! impl Module for Idle {
+//!     fn handle(&mut self, _now: Instant, _event: Event<'_>, out: &mut Actions) {
+//!         out.working();
+//!     }
+//!
+//!     fn poll_timeout(&self) -> Option<Instant> {
+//!         None
+//!     }
+//! }
+//!
+//! let shell = || Shell::new(ShellConfig::new("idle"), Box::new(Idle));
+//! let (program, module) = ("example 1.0".into(), "idle".into());
+//! let header = Header { program, module, wanted: State::Run, texts: Vec::new() };
+//! let (sink, file) = channel();
+//! let mut bench = Bench::new(shell());
+//! bench.shell.record(Recorder::new(&header, 1 << 20, move |bytes| sink.send(bytes.to_vec()).is_ok()));
+//! bench.start();
+//! bench.pass(Duration::from_secs(1));
+//!
+//! let file = file.try_iter().flatten().collect::<Vec<u8>>();
+//! let (mut reader, mut player) = (Reader::open(&file).unwrap(), Player::new(shell()));
+//! while let Some(Item::Record(record)) = reader.read().unwrap() {
+//!     assert!(player.play(&record).unwrap().is_ok());
+//! }
+//! assert_eq!(player.shell().state(), State::Run);
+//! ```
 #![forbid(unsafe_code)]
 
 mod answer;

@@ -5,6 +5,34 @@
 //! its threads is a hang. In addition all modules are judged by their announcement (`CM_DATA_STATE`) as in 2011: two
 //! seconds without one, checked every 200 ms, is a hang; for foreign modules without heartbeats this is the only
 //! criterion.
+//!
+//! A module is started, dies and is started again:
+//!
+//! ```
+//! use base::Duration;
+//! use module::bench::Bench;
+//! use module::{Action, Event, ExitStatus, ProcessCommand, ProcessEvent, Shell, ShellConfig};
+//! use watchdog::{Config, ModuleConfig, NAME, Watchdog};
+//!
+//! let (name, beat_timeout) = ("planner".to_string(), Duration::from_millis(200));
+//! let planner = ModuleConfig { name, depends: Vec::new(), beat_timeout, restart: true, critical: false };
+//! let watchdog = Watchdog::new(Config { modules: vec![planner], ..Config::default() });
+//! let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(watchdog)));
+//! let spawned = |bench: &mut Bench| {
+//!     let is_spawn = |action| matches!(action, Action::Process(ProcessCommand::Spawn { .. }));
+//!     bench.done().into_iter().any(|(_, action)| is_spawn(action))
+//! };
+//!
+//! bench.event(Event::Start);
+//! assert!(spawned(&mut bench));
+//! bench.event(Event::Process(ProcessEvent::Started { module: "planner", pid: 7 }));
+//! bench.pass(Duration::from_secs(1));
+//! assert!(!spawned(&mut bench));
+//!
+//! bench.event(Event::Process(ProcessEvent::Exited { pid: 7, status: ExitStatus::Signal(11) }));
+//! bench.pass(Duration::from_secs(1));
+//! assert!(spawned(&mut bench));
+//! ```
 #![forbid(unsafe_code)]
 
 mod guard;

@@ -12,6 +12,21 @@
 //! It runs as a module on the live host, like all others; the server has its own thread with a runtime for many
 //! sockets, and its own connection to the bus. It is not critical, and a slow or malicious viewer does not affect
 //! anybody else. Only `center::command_queue` and `center::objects` publish on the bus, for paired users.
+//!
+//! ```
+//! use web::ROUTES;
+//! use web::center::access::Role;
+//! use web::settings::Web;
+//!
+//! // Without a token file only this machine may connect.
+//! assert!(Web::default().listen.ip().is_loopback());
+//!
+//! // Each path needs a role; what changes something is for pages of the robot's own only.
+//! let view = ROUTES.iter().find(|route| route.path == "/ws/view").expect("the page lives by it");
+//! assert!(view.own && view.role == Role::Viewer);
+//! let unpair = ROUTES.iter().find(|route| route.path == "/api/unpair").expect("an operator ends a pairing");
+//! assert!(unpair.own && unpair.role == Role::Operator);
+//! ```
 #![forbid(unsafe_code)]
 
 mod app;
