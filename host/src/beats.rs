@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Environment variable with the path of the module's page.
 pub const VARIABLE: &str = "ADVEE_BEATS";
-/// Period of a thread's heartbeat; it may come [`EARLY_MAX`] earlier if the thread is awake.
+/// Period of a thread's heartbeat; it may come up to `EARLY_MAX` earlier if the thread is awake.
 pub const PERIOD: Duration = Duration::from_millis(50);
 const EARLY_MAX: Duration = Duration::from_millis(10);
 /// Period at which the watchdog shows that it reads a page.

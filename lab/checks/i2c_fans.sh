@@ -50,7 +50,7 @@ tool "is held by driver_aux" dump 0x18
 
 step "a fan stalls: the other one helps"
 model stall 1
-expect "fan_left fails: 0 rpm at"
+expect "fan_left failed: 0 rpm at"
 # The duty changes at its rate of change.
 full() { [ "$(i2cget -y "${adapter#*-}" 0x18 0x0e)" = 0xf0 ]; }
 within 20 full || fail "the other fan is not driven to full duty"

@@ -229,7 +229,7 @@ fn a_stopped_fan_and_its_return_are_reported() {
     rig.run(10.0);
     rig.chip.set_stalled(1, true);
     let log = rig.run(10.0);
-    assert!(news(&log)[0].starts_with("Error FanFailed: fan_right fails: 0 rpm at "), "{log}");
+    assert!(news(&log)[0].starts_with("Error FanFailed: fan_right failed: 0 rpm at "), "{log}");
     // The other fan compensates.
     assert!(log.ends_with("fan_left 100% turns, fan_right 51% stands failed"), "{log}");
     rig.chip.set_stalled(1, false);

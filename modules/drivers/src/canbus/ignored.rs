@@ -28,7 +28,7 @@ impl Ignored {
         }
     }
 
-    /// Deadline of [`Self::forget`].
+    /// Deadline of [`Self::expire`].
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         self.deadlines.next()
     }

@@ -215,7 +215,7 @@ fn a_stick_off_the_middle_must_go_there_first() {
         rig.press(BTN_TL, true);
         rig.pass(ms(60));
         let told = format!(
-            "0 Warning GamepadNotReleased: BTN_TL was pressed with {name} off its middle: let that go first\n\
+            "0 Warning GamepadNotReleased: BTN_TL was pressed with {name} off centre: release that first\n\
              0 0.000 0.000\n50 0.000 0.000"
         );
         assert_eq!(rig.take(), told);
