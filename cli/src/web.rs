@@ -3,7 +3,7 @@
 
 use super::{Common, Failed, Outcome, print};
 use ::web as server;
-use ::web::center::keeper;
+use ::web::center::session_store;
 use module::State;
 use robot::topology;
 use std::net::{SocketAddr, TcpListener};
@@ -49,7 +49,7 @@ pub fn web(common: &Common, command: &Web) -> Outcome {
 }
 
 fn show(common: &Common, code: &Code) -> Outcome {
-    let shown = keeper::shown(&common.run_dir());
+    let shown = session_store::shown(&common.run_dir());
     if shown.is_empty() {
         let folder = common.run_dir();
         return Err(
@@ -61,7 +61,7 @@ fn show(common: &Common, code: &Code) -> Outcome {
             print(serde_json::to_string(&server).map_err(|error| error.to_string())?)?;
             continue;
         }
-        let (operator, engineer) = (keeper::spaced(&server.operator), keeper::spaced(&server.engineer));
+        let (operator, engineer) = (session_store::spaced(&server.operator), session_store::spaced(&server.engineer));
         print(format_args!("operator  {operator}   {}", server.link(&server.operator)))?;
         print(format_args!("engineer  {engineer}   {}", server.link(&server.engineer)))?;
     }

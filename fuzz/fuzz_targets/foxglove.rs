@@ -51,7 +51,7 @@ libfuzzer_sys::fuzz_target!(|steps: Vec<(u8, u8, u16, &[u8])>| {
                 let name = format!("{}{}", name[usize::from(id % 4)], if id < 4 { String::new() } else { id.to_string() });
                 let topic = Topic { id, name: name.into(), schema_name: "p/msg/T".into(), schema_text: "int32 a".into() };
                 hub.publish(&topic, ["A", "B"][usize::from(what) / 8 % 2], u64::from(number), data);
-                hub.stir();
+                hub.wake_viewers();
             }
         }
     }

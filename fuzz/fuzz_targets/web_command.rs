@@ -4,7 +4,7 @@
 use base::{Duration, Instant};
 use libfuzzer_sys::fuzz_target;
 use web::center::access::Role;
-use web::center::authority::{Authority, Limits, Say};
+use web::center::authority::{Authority, Limits, Output};
 use web::center::command::{self, Command, Robot};
 
 fuzz_target!(|steps: Vec<(bool, u8, String)>| {
@@ -34,7 +34,7 @@ fuzz_target!(|steps: Vec<(bool, u8, String)>| {
         }
         authority.handle_timeout(now);
         while let Some(say) = authority.poll() {
-            if let Say::Motion { speed, steering, .. } = say {
+            if let Output::Motion { speed, steering, .. } = say {
                 assert!(authority.holds(page) && speed.abs() <= limits.speed && steering.abs() <= limits.steering);
             }
         }

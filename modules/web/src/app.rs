@@ -1,8 +1,8 @@
 //! State of the server that all routes share.
 
 use super::center::Center;
-use super::center::desk::Desk;
-use super::center::keeper::Keeper;
+use super::center::command_queue::CommandQueue;
+use super::center::session_store::SessionStore;
 use super::foxglove::hub::Hub;
 use super::stats::Stats;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -19,9 +19,9 @@ pub struct App {
     pub bus: Arc<BusCounts>,
     pub stats: Arc<Stats>,
     /// Paired devices.
-    pub keeper: Arc<Keeper>,
+    pub session_store: Arc<SessionStore>,
     /// Motion authority.
-    pub desk: Arc<Desk>,
+    pub command_queue: Arc<CommandQueue>,
     /// Permits for command sockets.
     pub commanders: Arc<Semaphore>,
     /// Permits for requested objects.

@@ -4,7 +4,7 @@
 //! nothing. The kernel's and the rings' times of reception stay with the messages.
 
 use super::app::App;
-use super::center::Beside;
+use super::center::ExtraState;
 use base::{Epoch, Instant};
 use host::bus::Bus;
 use host::clock;
@@ -13,19 +13,19 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 /// Read period while Foxglove is connected, and while it is not. For pages it reads when their next update is due.
-const LOOKED_AT: Duration = Duration::from_millis(40);
-const ALONE: Duration = Duration::from_millis(200);
+const POLL_PERIOD: Duration = Duration::from_millis(40);
+const IDLE_POLL_PERIOD: Duration = Duration::from_millis(200);
 /// Messages taken at a time: a flood waits, or is lost, while viewers are served.
 const BURST: usize = 2000;
 
 /// Reader of the bus.
-pub struct Ear {
+pub struct BusReader {
     bus: Bus,
     translator: Translator,
     epoch: Epoch,
 }
 
-impl Ear {
+impl BusReader {
     /// Joins the bus.
     ///
     /// # Errors
@@ -40,9 +40,9 @@ impl Ear {
             app.bus.turns.fetch_add(1, Relaxed);
             let more = self.take(&app);
             let (now, show) = (clock::now(), &app.center.show);
-            let holder = app.desk.holder().and_then(|holder| serde_json::to_value(holder).ok());
-            let due = show.turn(now, Beside { holder: holder.as_ref(), viewers: app.viewers() });
-            let period = if app.hub().viewers() == 0 { ALONE } else { LOOKED_AT };
+            let holder = app.command_queue.holder().and_then(|holder| serde_json::to_value(holder).ok());
+            let due = show.turn(now, ExtraState { holder: holder.as_ref(), viewers: app.viewers() });
+            let period = if app.hub().viewers() == 0 { IDLE_POLL_PERIOD } else { POLL_PERIOD };
             if more {
                 tokio::task::yield_now().await;
                 continue;
@@ -80,7 +80,7 @@ impl Ear {
             }
         }
         app.bus.lost.store(u32::try_from(self.bus.kernel_dropped()).unwrap_or(u32::MAX), Relaxed);
-        hub.stir();
+        hub.wake_viewers();
         taken == BURST
     }
 }

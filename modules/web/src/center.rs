@@ -3,21 +3,21 @@
 pub mod access;
 pub mod authority;
 pub mod command;
+pub mod command_queue;
 mod demo;
-pub mod desk;
 mod inspect;
-pub mod keeper;
 pub mod objects;
 pub mod operator;
 pub mod pairing;
 mod parts;
 pub mod scene;
-mod show;
+pub mod session_store;
+mod view_publisher;
 pub mod viewer;
 
-pub use parts::Beside;
+pub use parts::ExtraState;
 pub use scene::Scene;
-pub use show::Show;
+pub use view_publisher::ViewPublisher;
 
 use base::Instant;
 use record::Header;
@@ -31,7 +31,7 @@ const DOWNLOADS_MAX: usize = 8;
 /// State shared by all of its viewers.
 pub struct Center {
     /// The robot.
-    pub show: Show,
+    pub show: ViewPublisher,
     /// Constant part of the view.
     pub scene: Scene,
     /// Configuration of its model.
@@ -51,7 +51,7 @@ impl Center {
     #[must_use]
     pub fn new(scene: Scene, recorded: fn(&Header) -> Option<Scene>, config: diagnostics::Config, logs: &Path) -> Self {
         Self {
-            show: Show::new(config.clone()),
+            show: ViewPublisher::new(config.clone()),
             scene,
             recorded,
             config,

@@ -9,7 +9,7 @@
 //!   written to logs.
 
 use super::center::access::{Role, Who, is_same};
-use super::center::keeper::Keeper;
+use super::center::session_store::SessionStore;
 use super::request::{Reached, Unpaired, cookie_name, refused, single, without_port};
 use super::stats::{Refusal, Stats};
 use axum::extract::{Request, State};
@@ -103,7 +103,7 @@ fn key<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
 
 /// Guards every route, those too that are not there.
 pub async fn guarded(
-    State((guard, stats, keeper)): State<(Arc<Guard>, Arc<Stats>, Arc<Keeper>)>,
+    State((guard, stats, session_store)): State<(Arc<Guard>, Arc<Stats>, Arc<SessionStore>)>,
     mut request: Request,
     next: Next,
 ) -> Response {
@@ -115,7 +115,7 @@ pub async fn guarded(
         Ok((origin, unpaired)) => {
             let port = reached.map_or(0, |Reached(address)| address.port());
             let key = key(request.headers(), &cookie_name(request.headers(), port));
-            let paired = key.and_then(|key| keeper.access().who(clock::now(), key)).unwrap_or_default();
+            let paired = key.and_then(|key| session_store.access().who(clock::now(), key)).unwrap_or_default();
             let who = Who { role: paired.role.max(unpaired), ..paired };
             request.extensions_mut().insert(origin);
             request.extensions_mut().insert(Unpaired(unpaired));

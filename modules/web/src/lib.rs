@@ -1,16 +1,17 @@
-//! The robot's web server: what a browser, or Foxglove, is shown of the robot, from the robot itself.
+//! The robot's web server: its state for browsers and Foxglove, served by the robot itself.
 //!
 //! ```text
-//!   LCM bus ──► bus ─┬► foxglove::hub ──► foxglove::endpoint ──► /foxglove     a queue for each viewer
-//!                    └► center::show ───► center::viewer ──────► /ws/view      the newest for each viewer
+//!   LCM bus ──► bus ─┬► foxglove::hub ──► foxglove::endpoint ──► /foxglove      a queue for each viewer
+//!                    └► center::view_publisher ──► center::viewer ──► /ws/view  the newest for each viewer
 //!                                         pages ───────────────► / /layout.json /health
 //!                       module ──starts──► server ──► guard ──► router
-//!   LCM bus ◄── center::desk ◄── center::operator ◄── /ws/command    who may: center::access, keeper, authority
+//!   LCM bus ◄── center::command_queue ◄── center::operator ◄── /ws/command
+//!                       permissions: center::access, session_store, authority
 //! ```
 //!
-//! It runs as a module, on the live host, like all others; the server has a thread of its own with a runtime for many
-//! sockets, and its own place on the bus. Nobody waits for it: it is not critical, and a viewer that is slow, or lies,
-//! costs nobody else anything. Only `center::desk` and `center::objects` publish on the bus, for who is paired.
+//! It runs as a module on the live host, like all others; the server has its own thread with a runtime for many
+//! sockets, and its own connection to the bus. It is not critical, and a slow or malicious viewer does not affect
+//! anybody else. Only `center::command_queue` and `center::objects` publish on the bus, for paired users.
 #![forbid(unsafe_code)]
 
 mod app;

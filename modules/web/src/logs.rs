@@ -28,7 +28,7 @@ const NAME_MAX: usize = 100;
 /// Folder in a run whose files are listed too: recorded inputs of the modules.
 const INPUTS: &str = "inputs";
 /// Read at once, bytes.
-const PIECE: u64 = 128 << 10;
+const PIECE_BYTES: u64 = 128 << 10;
 
 /// `LogRun` of modules/web/page/src/protocol.ts.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -195,7 +195,7 @@ fn take(folder: &Path, run: &str, file: &str) -> io::Result<(File, u64)> {
 }
 
 fn piece(mut file: File, left: u64) -> io::Result<(File, Bytes)> {
-    let mut bytes = vec![0; left.min(PIECE) as usize];
+    let mut bytes = vec![0; left.min(PIECE_BYTES) as usize];
     file.read_exact(&mut bytes)?;
     Ok((file, bytes.into()))
 }

@@ -2,8 +2,8 @@
 
 use super::app::App;
 use super::center::command;
-use super::center::desk::Desk;
-use super::center::keeper::Keeper;
+use super::center::command_queue::CommandQueue;
+use super::center::session_store::SessionStore;
 use super::guard::Guard;
 use super::server::{Parts, Server, listen};
 use super::settings::Web as Section;
@@ -27,13 +27,13 @@ use super::foxglove::hub::{Hub, Limits};
 /// Period of checks on the server, and of retries for a refused address.
 const PERIOD: Duration = Duration::from_secs(1);
 /// While it ends it looks more often.
-const ENDING: Duration = Duration::from_millis(20);
+const END_CHECK_PERIOD: Duration = Duration::from_millis(20);
 /// Checks without a turn of the server's loop after which it counts as hung.
-const SILENT: u32 = 5;
+const MISSED_TURNS_MAX: u32 = 5;
 /// Maximum number of CANopen objects requested at a time.
 const OBJECTS_MAX: usize = 4;
 /// Length of credentials, characters; all visible.
-const TOKEN: std::ops::RangeInclusive<usize> = 16..=256;
+const TOKEN_LEN: std::ops::RangeInclusive<usize> = 16..=256;
 
 /// Parameters of the server.
 #[derive(Clone, Debug)]
@@ -67,7 +67,7 @@ pub struct Web {
     settings: Settings,
     server: Option<Server>,
     /// Paired devices, and the thread that stores them.
-    keeper: Option<(Arc<Keeper>, JoinHandle<()>)>,
+    session_store: Option<(Arc<SessionStore>, JoinHandle<()>)>,
     next: Option<Instant>,
     /// Turns of the server's loop at the last look that saw new ones, and looks since.
     turns: (u32, u32),
@@ -77,21 +77,21 @@ impl Web {
     /// A server that is not started yet.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
-        Self { settings, server: None, keeper: None, next: None, turns: (0, 0) }
+        Self { settings, server: None, session_store: None, next: None, turns: (0, 0) }
     }
 
     fn open(&mut self, now: Instant, out: &mut Actions) {
         self.next = Some(now + PERIOD);
         match start(&self.settings) {
-            Ok((server, keeper, keeps, broken)) => {
+            Ok((server, session_store, keeps, broken)) => {
                 self.server = Some(server);
                 self.turns = (0, 0);
                 let at = self.settings.web.listen;
                 out.clear(Fault::PortDown, NAME, format!("{at}: the web server is there"));
                 out.working();
                 out.note(format!("http://{at}/   Foxglove: ws://{at}/foxglove"));
-                broken.into_iter().chain(keeper.news()).for_each(|line| out.note(line));
-                self.keeper = Some((keeper, keeps));
+                broken.into_iter().chain(session_store.news()).for_each(|line| out.note(line));
+                self.session_store = Some((session_store, keeps));
             }
             Err(why) => {
                 out.raise(Severity::Warning, Fault::PortDown, NAME, why);
@@ -103,12 +103,12 @@ impl Web {
     fn look(&mut self, now: Instant, out: &mut Actions) {
         let Some(server) = &self.server else { return self.open(now, out) };
         self.next = Some(now + PERIOD);
-        let kept = self.keeper.iter().flat_map(|(keeper, _)| keeper.news());
+        let kept = self.session_store.iter().flat_map(|(session_store, _)| session_store.news());
         server.stats.take_news().into_iter().chain(kept).for_each(|line| out.note(line));
         let (seen, silent) = self.turns;
         let turns = server.bus.turns();
         self.turns = if turns == seen { (seen, silent + 1) } else { (turns, 0) };
-        if server.has_ended() || silent >= SILENT {
+        if server.has_ended() || silent >= MISSED_TURNS_MAX {
             out.report(Severity::Error, Fault::PortDown, NAME, "the web server stands still: it is started again");
             out.push(module::Action::Exit(exit::RESOURCE));
         }
@@ -120,11 +120,11 @@ impl Module for Web {
         match event {
             Event::Start => self.open(now, out),
             Event::Timer if self.next.is_some_and(|next| next <= now) => match &self.server {
-                Some(server) if server.is_ending() => self.next = Some(now + ENDING),
+                Some(server) if server.is_ending() => self.next = Some(now + END_CHECK_PERIOD),
                 _ => self.look(now, out),
             },
             Event::State(State::Terminate) => {
-                self.next = Some(now + ENDING);
+                self.next = Some(now + END_CHECK_PERIOD);
                 if let Some(server) = &self.server {
                     server.end();
                 }
@@ -144,8 +144,8 @@ impl Module for Web {
 
 impl Drop for Web {
     fn drop(&mut self) {
-        if let Some((keeper, keeps)) = self.keeper.take() {
-            keeper.close();
+        if let Some((session_store, keeps)) = self.session_store.take() {
+            session_store.close();
             // Its files are gone when the process is.
             let _ = keeps.join();
         }
@@ -153,7 +153,7 @@ impl Drop for Web {
 }
 
 /// Server, paired devices, the thread that stores them, and a remark on the stored ones.
-type Started = (Server, Arc<Keeper>, JoinHandle<()>, Option<String>);
+type Started = (Server, Arc<SessionStore>, JoinHandle<()>, Option<String>);
 
 fn start(settings: &Settings) -> Result<Started, String> {
     let Settings { robot, lcm_url, web, config, scene, center, recorded, critical, logs, run, commands } = settings;
@@ -166,18 +166,18 @@ fn start(settings: &Settings) -> Result<Started, String> {
         _ => format!("{at}: {error}"),
     })?;
     let guard = Guard { hosts: web.hosts.clone(), origins: web.origins.clone(), token };
-    let bus = bus::Ear::open(lcm_url, scene.clone())?;
-    let (keeper, broken) = Keeper::open(run, at, &web.hosts)?;
-    let keeper = Arc::new(keeper);
-    let limits = Limits::USUAL;
+    let bus = bus::BusReader::open(lcm_url, scene.clone())?;
+    let (session_store, broken) = SessionStore::open(run, at, &web.hosts)?;
+    let session_store = Arc::new(session_store);
+    let limits = Limits::DEFAULT;
     let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
     let app = App {
         hub: Arc::new(Mutex::new(Hub::new(limits))),
         center: Arc::new(Center::new(center.clone(), *recorded, model, logs)),
         bus: Arc::default(),
         stats: Arc::new(Stats::default()),
-        keeper: keeper.clone(),
-        desk: Desk::open(lcm_url, commands.clone())?,
+        session_store: session_store.clone(),
+        command_queue: CommandQueue::open(lcm_url, commands.clone())?,
         commanders: Arc::new(Semaphore::new(web.viewers.into())),
         objects: Arc::new(Semaphore::new(OBJECTS_MAX)),
         lcm_url: lcm_url.as_str().into(),
@@ -189,15 +189,15 @@ fn start(settings: &Settings) -> Result<Started, String> {
         end: watch::channel(false).1,
         started: std::time::Instant::now(),
     };
-    let desk = app.desk.clone();
+    let command_queue = app.command_queue.clone();
     let server = Server::start(Parts { listener, guard, bus, app }).map_err(|error| {
-        desk.close();
+        command_queue.close();
         format!("the web server: {error}")
     })?;
-    let theirs = keeper.clone();
+    let theirs = session_store.clone();
     let keeps = std::thread::Builder::new().name("web keep".into()).spawn(move || theirs.keep());
     match keeps {
-        Ok(keeps) => Ok((server, keeper, keeps, broken)),
+        Ok(keeps) => Ok((server, session_store, keeps, broken)),
         Err(error) => {
             server.end();
             Err(format!("the web server: {error}"))
@@ -215,15 +215,15 @@ pub fn token(path: &std::path::Path) -> Result<String, String> {
     if metadata.permissions().mode() & 0o077 != 0 {
         return Err(wrong(&"others may read it; chmod 600"));
     }
-    if metadata.len() > 1 + *TOKEN.end() as u64 {
-        return Err(wrong(&format_args!("it is longer than {} characters", TOKEN.end())));
+    if metadata.len() > 1 + *TOKEN_LEN.end() as u64 {
+        return Err(wrong(&format_args!("it is longer than {} characters", TOKEN_LEN.end())));
     }
     let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
     let token = text.trim_end();
     // Characters that a URL would have to escape are not allowed.
     let plain = token.chars().all(|c| c.is_ascii_alphanumeric() || "-._~".contains(c));
-    if !plain || !TOKEN.contains(&token.len()) {
-        let (from, to) = (TOKEN.start(), TOKEN.end());
+    if !plain || !TOKEN_LEN.contains(&token.len()) {
+        let (from, to) = (TOKEN_LEN.start(), TOKEN_LEN.end());
         return Err(wrong(&format_args!("expected {from} to {to} letters, digits and -._~ on one line")));
     }
     Ok(token.into())

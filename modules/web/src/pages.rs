@@ -88,7 +88,7 @@ fn look(app: &App) -> Health<'_> {
         bus_broken: app.bus.broken(),
         untranslated: app.bus.untranslated(),
         refused: app.stats.counts(),
-        commands: app.desk.counts(),
+        commands: app.command_queue.counts(),
     }
 }
 

@@ -52,7 +52,7 @@ pub const ROUTES: &[Route] = &[
 /// Every route, and the guard before it.
 pub fn router(app: App, guard: Guard) -> Router {
     let guarded =
-        middleware::from_fn_with_state((Arc::new(guard), app.stats.clone(), app.keeper.clone()), guard::guarded);
+        middleware::from_fn_with_state((Arc::new(guard), app.stats.clone(), app.session_store.clone()), guard::guarded);
     let mut router = Router::new();
     for Route { path, role, own, answers } in ROUTES {
         let needed =

@@ -24,15 +24,15 @@ use tokio::sync::{Semaphore, watch};
 /// Maximum number of connections that are no viewers.
 const CONNECTIONS_MAX: usize = 64;
 /// A request's line and headers have come within this time, and are not longer.
-const HEAD: Duration = Duration::from_secs(10);
+const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 const HEAD_MAX: usize = 16 << 10;
 const HEADERS_MAX: usize = 64;
 /// Send buffer in the kernel for a viewer, bytes: beyond it only the newest message counts.
 const SEND_BUFFER: usize = 128 << 10;
 /// The kernel gives up one that acknowledges nothing for so long, ms.
-const UNACKNOWLEDGED: u32 = 30_000;
+const UNACKNOWLEDGED_MAX_MS: u32 = 30_000;
 /// Time for closing messages to viewers at the end.
-const FAREWELL: Duration = Duration::from_millis(300);
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// The running server.
 pub struct Server {
@@ -51,7 +51,7 @@ pub struct Parts {
     /// Access rules.
     pub guard: Guard,
     /// The robot.
-    pub bus: bus::Ear,
+    pub bus: bus::BusReader,
     /// Shared by all who answer; its `end` is replaced.
     pub app: App,
 }
@@ -65,7 +65,7 @@ pub fn listen(at: SocketAddr) -> io::Result<TcpListener> {
     listener.set_nonblocking(true)?;
     // Connections have it from here.
     setsockopt(&listener, sockopt::SndBuf, &SEND_BUFFER)?;
-    setsockopt(&listener, sockopt::TcpUserTimeout, &UNACKNOWLEDGED)?;
+    setsockopt(&listener, sockopt::TcpUserTimeout, &UNACKNOWLEDGED_MAX_MS)?;
     Ok(listener)
 }
 
@@ -79,7 +79,7 @@ impl Server {
         let (end, ended) = watch::channel(false);
         let Parts { listener, guard, bus, mut app } = parts;
         app.end = ended.clone();
-        let (stats, counts, desk) = (app.stats.clone(), app.bus.clone(), app.desk.clone());
+        let (stats, counts, command_queue) = (app.stats.clone(), app.bus.clone(), app.command_queue.clone());
         let work = async move {
             let listener = match tokio::net::TcpListener::from_std(listener) {
                 Ok(listener) => listener,
@@ -89,14 +89,14 @@ impl Server {
             tokio::select! {
                 () = bus.hear(app.clone()) => {}
                 () = accept(listener, app, guard) => {}
-                _ = ended.changed() => tokio::time::sleep(FAREWELL).await,
+                _ = ended.changed() => tokio::time::sleep(CLOSE_TIMEOUT).await,
             }
         };
         let thread = std::thread::Builder::new().name("web".into()).spawn(move || {
             runtime.block_on(work);
             // Closing the sockets releases their holds.
             drop(runtime);
-            desk.close();
+            command_queue.close();
         })?;
         Ok(Self { thread, end, stats, bus: counts })
     }
@@ -154,7 +154,7 @@ async fn serve(stream: TcpStream, router: TowerToHyperService<axum::Router>, sta
         router.call(request)
     });
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEAD).max_buf_size(HEAD_MAX).max_headers(HEADERS_MAX);
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT).max_buf_size(HEAD_MAX).max_headers(HEADERS_MAX);
     let served = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
     if let Err(error) = served
         && (error.is_parse() || error.is_timeout())

@@ -12,17 +12,17 @@ use tokio::time::{Instant, sleep_until, timeout};
 /// Written at once, bytes.
 pub const BATCH: usize = 64 << 10;
 /// Time without progress after which a client is disconnected.
-pub const STALLED: Duration = Duration::from_secs(30);
+pub const STALL_TIMEOUT: Duration = Duration::from_secs(30);
 /// Maximum number of messages read in a second.
-const SPOKEN_MAX: u32 = 200;
+const MESSAGES_PER_SECOND_MAX: u32 = 200;
 const SECOND: Duration = Duration::from_secs(1);
 /// Number of refusals after which a client is disconnected.
 const REFUSED_MAX: u32 = 100;
 /// Saying good-bye takes no longer.
-const FAREWELL: Duration = Duration::from_millis(200);
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Reason for the end of a connection.
-pub enum Over {
+pub enum EndReason {
     /// The client has gone, or takes nothing.
     Gone,
     /// Disconnected with a close code (RFC 6455, 7.4) and a reason.
@@ -48,7 +48,7 @@ impl Line {
     ///
     /// # Errors
     /// It has gone, or takes nothing.
-    pub async fn send(&mut self, outgoing: Vec<Message>) -> Result<(), Over> {
+    pub async fn send(&mut self, outgoing: Vec<Message>) -> Result<(), EndReason> {
         if outgoing.is_empty() {
             return Ok(());
         }
@@ -59,26 +59,26 @@ impl Line {
             }
             socket.flush().await
         };
-        match timeout(STALLED, sending).await {
+        match timeout(STALL_TIMEOUT, sending).await {
             Ok(Ok(())) => Ok(()),
-            Ok(Err(_)) => Err(Over::Gone),
+            Ok(Err(_)) => Err(EndReason::Gone),
             Err(_) => Err(self.stalled()),
         }
     }
 
     /// Ends a line that takes nothing any more.
-    pub fn stalled(&self) -> Over {
+    pub fn stalled(&self) -> EndReason {
         self.stats.refuse(Refusal::SentAway, "");
-        Over::Gone
+        EndReason::Gone
     }
 
     /// Waits for input: texts, bytes and pongs. Cancelling the wait loses nothing.
     ///
     /// # Errors
     /// It has gone, or sent what is no frame.
-    pub async fn hear(&mut self) -> Result<Message, Over> {
+    pub async fn hear(&mut self) -> Result<Message, EndReason> {
         loop {
-            if self.spoken.0 >= SPOKEN_MAX {
+            if self.spoken.0 >= MESSAGES_PER_SECOND_MAX {
                 sleep_until(self.spoken.1 + SECOND).await;
             }
             if self.spoken.1.elapsed() >= SECOND {
@@ -87,13 +87,13 @@ impl Line {
             let said = self.socket.recv().await;
             self.spoken.0 += 1;
             match said {
-                None | Some(Ok(Message::Close(_))) => return Err(Over::Gone),
+                None | Some(Ok(Message::Close(_))) => return Err(EndReason::Gone),
                 Some(Ok(Message::Ping(_))) => {}
                 Some(Ok(said)) => return Ok(said),
-                Some(Err(error)) if is_of_the_line(&error) => return Err(Over::Gone),
+                Some(Err(error)) if is_of_the_line(&error) => return Err(EndReason::Gone),
                 Some(Err(error)) => {
                     self.stats.refuse(Refusal::Frame, &error.to_string());
-                    return Err(Over::Sent(close_code::POLICY, "a frame that is too long or broken".into()));
+                    return Err(EndReason::Sent(close_code::POLICY, "a frame that is too long or broken".into()));
                 }
             }
         }
@@ -103,21 +103,21 @@ impl Line {
     ///
     /// # Errors
     /// That was once too often.
-    pub fn refuse(&mut self, kind: Refusal, why: &str) -> Result<(), Over> {
+    pub fn refuse(&mut self, kind: Refusal, why: &str) -> Result<(), EndReason> {
         self.stats.refuse(kind, why);
         self.refused += 1;
         if self.refused < REFUSED_MAX {
             return Ok(());
         }
         self.stats.refuse(Refusal::SentAway, why);
-        Err(Over::Sent(close_code::POLICY, "too much that was refused".into()))
+        Err(EndReason::Sent(close_code::POLICY, "too much that was refused".into()))
     }
 
     /// Closes the connection.
-    pub async fn close(mut self, over: Over) {
-        if let Over::Sent(code, reason) = over {
+    pub async fn close(mut self, over: EndReason) {
+        if let EndReason::Sent(code, reason) = over {
             let farewell = Message::Close(Some(CloseFrame { code, reason: reason.as_ref().into() }));
-            let _ = timeout(FAREWELL, self.socket.send(farewell)).await;
+            let _ = timeout(CLOSE_TIMEOUT, self.socket.send(farewell)).await;
         }
     }
 }

@@ -14,17 +14,17 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Validity of a command from its creation: 250 ms less the time to wake up and send.
-pub const VALID: Duration = Duration::from_millis(240);
+pub const COMMAND_TTL: Duration = Duration::from_millis(240);
 /// A hold without a good command for so long ends.
-pub const SILENCE: Duration = Duration::from_millis(200);
+pub const SILENCE_MAX: Duration = Duration::from_millis(200);
 /// Between the zeros at the end, and how many there are after the first.
 const ZEROS_PERIOD: Duration = Duration::from_millis(50);
-const ZEROS: u8 = 2;
+const ZEROS_COUNT: u8 = 2;
 /// Delays at which the resume command for the planner is repeated: the drives do not acknowledge that they are ready.
-const RESUME: [Duration; 4] =
+const RESUME_DELAYS: [Duration; 4] =
     [Duration::from_millis(100), Duration::from_millis(300), Duration::from_millis(700), Duration::from_millis(1500)];
 /// The least difference of the clocks is forgotten so slowly, s per s: two quartzes differ by less.
-const DRIFT: f64 = 2e-4;
+const DRIFT_S_PER_S: f64 = 2e-4;
 /// Greatest value of a page's clock, ms: 300 years.
 const CLOCK_MAX: f64 = 1e13;
 
@@ -73,7 +73,7 @@ pub struct Drive {
 
 /// Output; `source` is the user's name on the bus.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Say {
+pub enum Output {
     /// A motion command.
     Motion {
         /// Whose.
@@ -174,8 +174,9 @@ impl Client {
             return None;
         }
         let offset = now.as_nanos() as f64 / 1e6 - t;
-        let before =
-            self.offset.map_or(offset, |Offset { least_ms, at }| least_ms + now.since(at).as_secs_f64() * 1e3 * DRIFT);
+        let before = self
+            .offset
+            .map_or(offset, |Offset { least_ms, at }| least_ms + now.since(at).as_secs_f64() * 1e3 * DRIFT_S_PER_S);
         let least_ms = offset.min(before);
         self.offset = Some(Offset { least_ms, at: now });
         Some(Duration::from_secs_f64((offset - least_ms).max(0.0) / 1e3))
@@ -208,7 +209,7 @@ struct Resume {
 
 impl Resume {
     fn next(&self) -> Instant {
-        self.since + RESUME[self.step.min(RESUME.len() - 1)]
+        self.since + RESUME_DELAYS[self.step.min(RESUME_DELAYS.len() - 1)]
     }
 }
 
@@ -223,7 +224,7 @@ pub struct Authority {
     hold: Option<Hold>,
     endings: Vec<Ending>,
     resume: Option<Resume>,
-    out: VecDeque<Say>,
+    out: VecDeque<Output>,
     counts: Counts,
 }
 
@@ -276,7 +277,7 @@ impl Authority {
         let id = self.next;
         self.next = self.next.wrapping_add(1).max(1);
         self.clients.push(Client { id, name, role, source, seq: None, hold: 0, told: None, offset: None });
-        self.out.push_back(Say::Authority { to: id, why: String::new() });
+        self.out.push_back(Output::Authority { to: id, why: String::new() });
         id
     }
 
@@ -380,7 +381,7 @@ impl Authority {
                 None => self.tell(id, drive.hold, &why),
             };
         };
-        if age >= VALID {
+        if age >= COMMAND_TTL {
             self.counts.late += 1;
             if active.is_none() {
                 client.hold = client.hold.max(drive.hold);
@@ -399,10 +400,10 @@ impl Authority {
         // A new command replaces its pending zeros; manual driving does not resume the planner.
         self.endings.retain(|ending| ending.source != source || ending.pause);
         self.resume = None;
-        let (silence, valid) = (now + SILENCE, now + (VALID - age));
+        let (silence, valid) = (now + SILENCE_MAX, now + (COMMAND_TTL - age));
         self.hold = Some(Hold { number: drive.hold, until: silence.min(valid), silent: silence <= valid });
         self.counts.passed += 1;
-        self.out.push_back(Say::Motion { source, speed: drive.speed, steering: drive.steering });
+        self.out.push_back(Output::Motion { source, speed: drive.speed, steering: drive.steering });
     }
 
     /// The hand is off.
@@ -431,7 +432,7 @@ impl Authority {
         let (name, source) = (client.name.clone(), client.source.clone());
         self.counts.stops += 1;
         self.resume = None;
-        self.out.push_back(Say::Pause { source: source.clone() });
+        self.out.push_back(Output::Pause { source: source.clone() });
         self.end_hold(now, Some(format!("{name} has stopped the robot")));
         if !self.endings.iter().any(|ending| ending.source == source && ending.next == now + ZEROS_PERIOD) {
             self.begin_zeros(now, source.clone());
@@ -444,7 +445,7 @@ impl Authority {
         self.handle_timeout(now);
         let Some(source) = self.client(id).map(|client| client.source.clone()) else { return };
         self.endings.iter_mut().for_each(|ending| ending.pause = false);
-        self.out.push_back(Say::Run { source: source.clone() });
+        self.out.push_back(Output::Run { source: source.clone() });
         self.resume = Some(Resume { source, since: now, step: 0 });
     }
 
@@ -456,20 +457,20 @@ impl Authority {
         }
         for Ending { source, pause, left, next } in &mut self.endings {
             if *next <= now {
-                self.out.push_back(Say::Zero { source: source.clone() });
+                self.out.push_back(Output::Zero { source: source.clone() });
                 if *pause {
-                    self.out.push_back(Say::Pause { source: source.clone() });
+                    self.out.push_back(Output::Pause { source: source.clone() });
                 }
                 (*left, *next) = (*left - 1, now + ZEROS_PERIOD);
             }
         }
         self.endings.retain(|ending| ending.left > 0);
         if let Some(resume) = self.resume.as_mut().filter(|resume| resume.next() <= now) {
-            self.out.push_back(Say::Planner { source: resume.source.clone() });
+            self.out.push_back(Output::Planner { source: resume.source.clone() });
             // Missed repetitions are not made up for.
-            resume.step = RESUME.iter().filter(|after| resume.since + **after <= now).count();
+            resume.step = RESUME_DELAYS.iter().filter(|after| resume.since + **after <= now).count();
         }
-        self.resume.take_if(|resume| resume.step >= RESUME.len());
+        self.resume.take_if(|resume| resume.step >= RESUME_DELAYS.len());
     }
 
     /// Instant of the next [`Self::handle_timeout`].
@@ -481,7 +482,7 @@ impl Authority {
     }
 
     /// Next output, in order.
-    pub fn poll(&mut self) -> Option<Say> {
+    pub fn poll(&mut self) -> Option<Output> {
         self.out.pop_front()
     }
 
@@ -492,7 +493,7 @@ impl Authority {
         self.begin_zeros(now, source);
         if let Some(why) = why {
             self.counts.ended += 1;
-            self.out.push_back(Say::Ended { to: id, hold: hold.number, why });
+            self.out.push_back(Output::Ended { to: id, hold: hold.number, why });
             if let Some(client) = self.client(id) {
                 client.told = Some(hold.number);
             }
@@ -500,10 +501,10 @@ impl Authority {
     }
 
     fn begin_zeros(&mut self, now: Instant, source: Arc<str>) {
-        self.out.push_back(Say::Zero { source: source.clone() });
+        self.out.push_back(Output::Zero { source: source.clone() });
         let pause = self.endings.iter().any(|ending| ending.source == source && ending.pause);
         self.endings.retain(|ending| ending.source != source);
-        self.endings.push(Ending { source, pause, left: ZEROS, next: now + ZEROS_PERIOD });
+        self.endings.push(Ending { source, pause, left: ZEROS_COUNT, next: now + ZEROS_PERIOD });
     }
 
     /// Hands the authority to a user, or to no one; informs all.
@@ -511,7 +512,7 @@ impl Authority {
         self.holder = client.map(|id| (id, now));
         self.resume = None;
         for Client { id, .. } in &self.clients {
-            self.out.push_back(Say::Authority { to: *id, why: why(*id) });
+            self.out.push_back(Output::Authority { to: *id, why: why(*id) });
         }
     }
 
@@ -519,7 +520,7 @@ impl Authority {
     fn tell(&mut self, to: ClientId, hold: u64, why: &str) {
         let Some(client) = self.client(to) else { return };
         if client.told.replace(hold) != Some(hold) {
-            self.out.push_back(Say::Ended { to, hold, why: why.into() });
+            self.out.push_back(Output::Ended { to, hold, why: why.into() });
         }
     }
 

@@ -3,10 +3,10 @@
 //! A thread reads it; a few pieces ahead, no more. The viewer's task hears each message when it is due.
 
 use super::scene::{Demo, Scene};
-use super::show::Show;
-use super::{Beside, Center};
+use super::view_publisher::ViewPublisher;
+use super::{Center, ExtraState};
 use crate::logs;
-use crate::socket::Over;
+use crate::socket::EndReason;
 use axum::extract::ws::close_code;
 use base::{Duration, Instant};
 use diagnostics::Config;
@@ -22,17 +22,17 @@ use tokio::time::sleep;
 /// Played at once.
 pub const VIEWERS_MAX: usize = 4;
 /// Read-ahead: number of pieces, and size of each in bytes and in messages.
-const AHEAD: usize = 4;
+const READ_AHEAD_PIECES: usize = 4;
 const PIECE_BYTES: usize = 64 << 10;
 const PIECE_MESSAGES: usize = 256;
 /// A longer message is left out.
 const MESSAGE_MAX: usize = 1 << 20;
 /// Delay from which the rest is shifted, because the disk was slow.
-const LATE: Duration = Duration::from_millis(500);
+const DELAY_MAX: Duration = Duration::from_millis(500);
 /// A longer silence is not waited for: a step of the wall clock.
 const SILENCE_MAX: u64 = 10_000_000_000;
 /// Between the end and the new beginning.
-const PAUSE: Duration = Duration::from_secs(1);
+const REPEAT_PAUSE: Duration = Duration::from_secs(1);
 
 /// A run that is read.
 pub struct Run {
@@ -42,14 +42,14 @@ pub struct Run {
 }
 
 enum Piece {
-    Messages(Vec<Heard>),
+    Messages(Vec<RunMessage>),
     /// The end; playback starts again.
     Again,
     /// Reading failed.
     Broken(String),
 }
 
-struct Heard {
+struct RunMessage {
     /// ns since the beginning.
     after: u64,
     channel: Arc<str>,
@@ -65,7 +65,7 @@ pub async fn open(center: &Center, asked: &str, permit: OwnedSemaphorePermit) ->
     let (folder, recording, scene) = (center.logs.clone(), center.recording(clock::now()), center.scene.clone());
     let recorded = center.recorded;
     let asked = asked.to_owned();
-    let (sender, pieces) = mpsc::channel(AHEAD);
+    let (sender, pieces) = mpsc::channel(READ_AHEAD_PIECES);
     let (tell, told) = tokio::sync::oneshot::channel();
     let read = move || {
         let _permit = permit;
@@ -159,7 +159,7 @@ impl Recorded {
                 name = entry.channel.topic.as_str().into();
             }
             (bytes, count) = (bytes + data.len(), count + 1);
-            piece.push(Heard { after, channel: name.clone(), data: data.to_vec() });
+            piece.push(RunMessage { after, channel: name.clone(), data: data.to_vec() });
             if bytes >= PIECE_BYTES || piece.len() >= PIECE_MESSAGES {
                 to.blocking_send(Piece::Messages(std::mem::take(&mut piece))).map_err(|error| error.0)?;
                 bytes = 0;
@@ -172,16 +172,16 @@ impl Recorded {
 
 impl Run {
     /// Lets the viewers of `show` see it, until it cannot be read on.
-    pub async fn play(mut self, show: &Show, config: &Config) -> Over {
-        let beside = Beside { holder: None, viewers: 1 };
+    pub async fn play(mut self, show: &ViewPublisher, config: &Config) -> EndReason {
+        let beside = ExtraState { holder: None, viewers: 1 };
         let mut begin = clock::now();
         loop {
             match self.pieces.recv().await {
                 Some(Piece::Messages(messages)) => {
-                    for Heard { after, channel, data } in messages {
+                    for RunMessage { after, channel, data } in messages {
                         let mut due = begin + Duration::from_nanos(after);
                         let late = clock::now().since(due);
-                        if late > LATE {
+                        if late > DELAY_MAX {
                             (begin, due) = (begin + late, due + late);
                         }
                         wait(show, due, beside).await;
@@ -189,19 +189,19 @@ impl Run {
                     }
                 }
                 Some(Piece::Again) => {
-                    wait(show, clock::now() + PAUSE, beside).await;
+                    wait(show, clock::now() + REPEAT_PAUSE, beside).await;
                     begin = clock::now();
                     show.forget(config.clone());
                 }
-                Some(Piece::Broken(why)) => return Over::Sent(close_code::ERROR, why.into()),
-                None => return Over::Sent(close_code::ERROR, "the run cannot be read on".into()),
+                Some(Piece::Broken(why)) => return EndReason::Sent(close_code::ERROR, why.into()),
+                None => return EndReason::Sent(close_code::ERROR, "the run cannot be read on".into()),
             }
         }
     }
 }
 
 /// Waits until an instant; sends due updates to the viewers in the meantime.
-async fn wait(show: &Show, until: Instant, beside: Beside<'_>) {
+async fn wait(show: &ViewPublisher, until: Instant, beside: ExtraState<'_>) {
     loop {
         let now = clock::now();
         if now >= until {

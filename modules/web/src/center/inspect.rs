@@ -11,9 +11,9 @@ const CHANNELS_MAX: usize = 256;
 /// A longer message is not shown, bytes.
 const SHOWN_MAX: usize = 64 << 10;
 /// A watched message is sent this often at most; a long one less often.
-const PERIOD: Duration = Duration::from_millis(50);
-const LONG: usize = 8 << 10;
-const PERIOD_LONG: Duration = Duration::from_millis(500);
+const UPDATE_PERIOD: Duration = Duration::from_millis(50);
+const LONG_MESSAGE: usize = 8 << 10;
+const LONG_UPDATE_PERIOD: Duration = Duration::from_millis(500);
 
 /// All channels.
 #[derive(Debug)]
@@ -53,7 +53,7 @@ struct Part<'a> {
 
 impl Default for Inspector {
     fn default() -> Self {
-        Self { ticker: Ticker::new(Instant::ZERO, PERIOD), channels: BTreeMap::new() }
+        Self { ticker: Ticker::new(Instant::ZERO, UPDATE_PERIOD), channels: BTreeMap::new() }
     }
 }
 
@@ -104,7 +104,7 @@ impl Inspector {
             let (true, true, Some(at)) = (latest.watchers > 0 && latest.news, latest.next <= now, latest.at) else {
                 continue;
             };
-            latest.next = if latest.length > LONG { now + PERIOD_LONG } else { now };
+            latest.next = if latest.length > LONG_MESSAGE { now + LONG_UPDATE_PERIOD } else { now };
             (latest.news, any) = (false, true);
             latest.told = Some((turn, json(channel, at, latest).into()));
         }
@@ -162,7 +162,7 @@ mod tests {
     fn a_watcher_gets_the_newest_message_at_once_at_a_limited_rate() {
         let mut inspector = Inspector::default();
         inspector.hear(T0, "LL_DATA_ODO", &odometry(1.0));
-        assert!(!inspector.turn(T0, 1), "nobody watches");
+        assert!(!inspector.turn(T0, 1), "no watcher");
         inspector.watch("LL_DATA_ODO");
         assert!(inspector.turn(T0, 2));
         let first = told(&inspector, "LL_DATA_ODO", 1).unwrap();
@@ -173,12 +173,12 @@ mod tests {
             inspector.hear(T0 + Duration::from_millis(millis), "LL_DATA_ODO", &odometry(f64::NAN));
             assert!(!inspector.turn(T0 + Duration::from_millis(millis), 3 + n as u64), "{millis}");
         }
-        assert!(inspector.turn(T0 + PERIOD, 9));
+        assert!(inspector.turn(T0 + UPDATE_PERIOD, 9));
         let last = told(&inspector, "LL_DATA_ODO", 2).unwrap();
         assert_eq!((&last["value"]["path"], &last["at"]), (&Value::Null, &1.03.into()), "NaN is null");
         inspector.leave("LL_DATA_ODO");
-        inspector.hear(T0 + PERIOD, "LL_DATA_ODO", &odometry(1.0));
-        assert!(!inspector.turn(T0 + PERIOD * 9, 10) && inspector.due() == Instant::NEVER);
+        inspector.hear(T0 + UPDATE_PERIOD, "LL_DATA_ODO", &odometry(1.0));
+        assert!(!inspector.turn(T0 + UPDATE_PERIOD * 9, 10) && inspector.due() == Instant::NEVER);
     }
 
     #[test]
@@ -192,7 +192,7 @@ mod tests {
         for (turn, (channel, bytes, why)) in cases.into_iter().enumerate() {
             inspector.watch(channel);
             inspector.hear(T0, channel, &bytes);
-            assert!(inspector.turn(T0 + PERIOD * turn as u32, turn as u64 + 1));
+            assert!(inspector.turn(T0 + UPDATE_PERIOD * turn as u32, turn as u64 + 1));
             let said = told(&inspector, channel, turn as u64).unwrap();
             assert!(said["value"].is_null() && said["error"].as_str().unwrap().contains(why), "{said}");
         }

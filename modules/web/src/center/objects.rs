@@ -14,7 +14,7 @@ use std::fmt::Write;
 use std::os::fd::AsFd;
 
 /// The driver answers within this time, or not at all.
-const ANSWER: Duration = Duration::from_secs(2);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// More bytes of an object are not shown.
 const SHOWN_MAX: usize = 4096;
 
@@ -56,11 +56,15 @@ fn wait(url: &str, mut asked: CmdSdo) -> Result<DataSdo, String> {
                 return Ok(answer);
             }
             Received::Broken(why) => return Err(why),
-            Received::Nothing if waited >= ANSWER => {
-                return Err(format!("{} does not answer within {} s: is it in RUN?", canbus::NAME, ANSWER.as_secs()));
+            Received::Nothing if waited >= ANSWER_TIMEOUT => {
+                return Err(format!(
+                    "{} does not answer within {} s: is it in RUN?",
+                    canbus::NAME,
+                    ANSWER_TIMEOUT.as_secs()
+                ));
             }
             Received::Nothing => {
-                let left = PollTimeout::try_from(ANSWER.saturating_sub(waited)).unwrap_or(PollTimeout::ZERO);
+                let left = PollTimeout::try_from(ANSWER_TIMEOUT.saturating_sub(waited)).unwrap_or(PollTimeout::ZERO);
                 let mut fds = [PollFd::new(bus.as_fd(), PollFlags::POLLIN)];
                 if let Err(errno) = poll(&mut fds, left)
                     && errno != nix::errno::Errno::EINTR

@@ -3,7 +3,7 @@
 
 use super::access::{Role, Who};
 use super::command::{self, Answer, Command, FRAME_MAX, Needs};
-use super::desk::Seat;
+use super::command_queue::QueueHandle;
 use super::objects;
 use crate::app::App;
 use crate::request::refused;
@@ -21,15 +21,15 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep_until, timeout};
 
 /// Maximum number of messages in a second; 20 commands, 4 pings and a person's clicks are far below.
-const SPOKEN_MAX: u32 = 100;
+const MESSAGES_PER_SECOND_MAX: u32 = 100;
 /// Silence after which a page counts as gone: it pings four times a second, and each second in the background.
-const QUIET: Duration = Duration::from_secs(10);
+const SILENCE_MAX: Duration = Duration::from_secs(10);
 /// Time without progress after which a page counts as gone.
-const STALLED: Duration = Duration::from_secs(5);
+const STALL_TIMEOUT: Duration = Duration::from_secs(5);
 /// Number of refusals after which a page is disconnected.
 const REFUSED_MAX: u32 = 100;
 /// Saying good-bye takes no longer.
-const FAREWELL: Duration = Duration::from_millis(200);
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// `/ws/command`
 pub async fn upgrade(
@@ -50,14 +50,14 @@ pub async fn upgrade(
         return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Viewers.why());
     };
     upgrade.max_message_size(FRAME_MAX).max_frame_size(FRAME_MAX).on_upgrade(move |socket| async move {
-        let (page, desk) = Page::new(app, who);
-        page.serve(socket, desk).await;
+        let (page, command_queue) = Page::new(app, who);
+        page.serve(socket, command_queue).await;
         drop(seat);
     })
 }
 
 /// Why a page is not served any longer.
-enum Over {
+enum EndReason {
     /// Gone, or takes nothing.
     Gone,
     /// Disconnected with a close code and a reason.
@@ -79,9 +79,9 @@ struct Page {
 
 impl Drop for Page {
     fn drop(&mut self) {
-        self.app.desk.leave(self.id);
+        self.app.command_queue.leave(self.id);
         if let Some(device) = self.who.device {
-            self.app.keeper.access().disconnect(clock::now(), device);
+            self.app.session_store.access().disconnect(clock::now(), device);
         }
     }
 }
@@ -91,9 +91,9 @@ impl Page {
         // One without a name came with the credentials of a program.
         let name: Arc<str> = if who.name.is_empty() { "a program".into() } else { who.name.clone() };
         let source: Arc<str> = format!("web:{name}").into();
-        let Seat { id, tell, told } = app.desk.join(name, who.role, source.clone());
+        let QueueHandle { id, tell, told } = app.command_queue.join(name, who.role, source.clone());
         if let Some(device) = who.device {
-            app.keeper.access().connect(device);
+            app.session_store.access().connect(device);
         }
         let now = Instant::now();
         (Self { app, who, id, source, tell, spoken: (0, now), heard: now, refused: 0 }, told)
@@ -103,77 +103,77 @@ impl Page {
         let over = self.talk(&mut socket, &mut told).await;
         // Releases its holds before anything waits for the network.
         drop(self);
-        if let Over::Sent(code, reason) = over {
+        if let EndReason::Sent(code, reason) = over {
             let farewell = async {
                 socket.send(Message::Close(Some(CloseFrame { code, reason: reason.into() }))).await?;
                 // What was not read would make the kernel break the line before the reason is read.
                 while let Some(Ok(_)) = socket.recv().await {}
                 Ok::<(), axum::Error>(())
             };
-            let _ = timeout(FAREWELL, farewell).await;
+            let _ = timeout(CLOSE_TIMEOUT, farewell).await;
         }
     }
 
-    async fn talk(&mut self, socket: &mut WebSocket, told: &mut tokio::sync::mpsc::Receiver<String>) -> Over {
-        let (mut end, keeper, device) = (self.app.end.clone(), self.app.keeper.clone(), self.who.device);
-        let mut forgotten = std::pin::pin!(keeper.forgotten(device));
-        let limits = self.app.desk.robot.limits;
+    async fn talk(&mut self, socket: &mut WebSocket, told: &mut tokio::sync::mpsc::Receiver<String>) -> EndReason {
+        let (mut end, session_store, device) = (self.app.end.clone(), self.app.session_store.clone(), self.who.device);
+        let mut forgotten = std::pin::pin!(session_store.forgotten(device));
+        let limits = self.app.command_queue.robot.limits;
         let welcome = Answer::Welcome { you: self.id, name: &self.who.name, role: self.who.role, limits }.text();
         let mut outgoing = Some(welcome);
         loop {
             if let Some(text) = outgoing.take()
-                && !matches!(timeout(STALLED, socket.send(Message::Text(text.into()))).await, Ok(Ok(())))
+                && !matches!(timeout(STALL_TIMEOUT, socket.send(Message::Text(text.into()))).await, Ok(Ok(())))
             {
-                return Over::Gone;
+                return EndReason::Gone;
             }
             tokio::select! {
                 biased;
-                _ = end.changed() => return Over::Sent(close_code::AWAY, "the robot's web server ends"),
-                () = &mut forgotten => return Over::Sent(close_code::POLICY, "this device is not paired any more"),
+                _ = end.changed() => return EndReason::Sent(close_code::AWAY, "the robot's web server ends"),
+                () = &mut forgotten => return EndReason::Sent(close_code::POLICY, "this device is not paired any more"),
                 text = told.recv() => match text {
                     Some(text) => outgoing = Some(text),
-                    None => return Over::Gone,
+                    None => return EndReason::Gone,
                 },
                 said = socket.recv() => match self.hear(said) {
                     Ok(answer) => outgoing = answer,
                     Err(over) => return over,
                 },
-                () = sleep_until(self.heard + QUIET) => {
-                    return Over::Sent(close_code::POLICY, "nothing was heard for 10 s");
+                () = sleep_until(self.heard + SILENCE_MAX) => {
+                    return EndReason::Sent(close_code::POLICY, "nothing was heard for 10 s");
                 }
             }
         }
     }
 
     /// Handles a message of the page; returns the answer.
-    fn hear(&mut self, said: Option<Result<Message, axum::Error>>) -> Result<Option<String>, Over> {
+    fn hear(&mut self, said: Option<Result<Message, axum::Error>>) -> Result<Option<String>, EndReason> {
         let now = Instant::now();
         self.heard = now;
         if now - self.spoken.1 >= Duration::from_secs(1) {
             self.spoken = (0, now);
         }
         self.spoken.0 += 1;
-        if self.spoken.0 > SPOKEN_MAX {
+        if self.spoken.0 > MESSAGES_PER_SECOND_MAX {
             self.app.stats.refuse(Refusal::SentAway, "");
-            return Err(Over::Sent(close_code::POLICY, "more than 100 messages a second"));
+            return Err(EndReason::Sent(close_code::POLICY, "more than 100 messages a second"));
         }
         match said {
-            None | Some(Ok(Message::Close(_))) => Err(Over::Gone),
+            None | Some(Ok(Message::Close(_))) => Err(EndReason::Gone),
             Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(None),
             Some(Ok(Message::Text(text))) => match Command::read(&text) {
                 Ok(command) => self.obey(&command),
                 Err(malformed) => self.refuse(Refusal::Malformed, malformed.id, &malformed.why, true),
             },
             Some(Ok(Message::Binary(_))) => self.refuse(Refusal::Malformed, None, "text is expected", true),
-            Some(Err(error)) if is_of_the_line(&error) => Err(Over::Gone),
+            Some(Err(error)) if is_of_the_line(&error) => Err(EndReason::Gone),
             Some(Err(error)) => {
                 self.app.stats.refuse(Refusal::Frame, &error.to_string());
-                Err(Over::Sent(close_code::SIZE, "a frame that is longer than 4 KiB, or broken"))
+                Err(EndReason::Sent(close_code::SIZE, "a frame that is longer than 4 KiB, or broken"))
             }
         }
     }
 
-    fn obey(&mut self, command: &Command) -> Result<Option<String>, Over> {
+    fn obey(&mut self, command: &Command) -> Result<Option<String>, EndReason> {
         let (id, Needs { role, authority }) = (command.id(), command.needs());
         if self.who.role < role {
             let why = match role {
@@ -182,21 +182,21 @@ impl Page {
             };
             return self.refuse(Refusal::NotGranted, id, why, false);
         }
-        if authority && !self.app.desk.holds(self.id) {
-            let why = match self.app.desk.holder() {
+        if authority && !self.app.command_queue.holds(self.id) {
+            let why = match self.app.command_queue.holder() {
                 Some(holder) => format!("{} holds the robot: take over first", holder.name),
                 None => "take control of the robot first".into(),
             };
             return self.refuse(Refusal::NotGranted, id, &why, false);
         }
-        let (desk, me) = (&self.app.desk, self.id);
+        let (command_queue, me) = (&self.app.command_queue, self.id);
         let done: Result<(), String> = match command {
             Command::Ping { t } => {
-                let _ = desk.with(|now, authority| authority.ping(now, me, *t));
+                let _ = command_queue.with(|now, authority| authority.ping(now, me, *t));
                 return Ok(Some(Answer::Pong { t: *t }.text()));
             }
             Command::Drive { .. } | Command::Zero { .. } => {
-                let said = desk.with(|now, authority| match (command, command.drive()) {
+                let said = command_queue.with(|now, authority| match (command, command.drive()) {
                     (Command::Zero { hold, seq }, _) => authority.zero(now, me, *hold, *seq),
                     (_, Some(drive)) => authority.drive(now, me, drive),
                     _ => {}
@@ -207,11 +207,13 @@ impl Page {
                 };
             }
             Command::Take { from, .. } => {
-                desk.with(|now, authority| authority.take(now, me, *from)).and_then(|done| done)
+                command_queue.with(|now, authority| authority.take(now, me, *from)).and_then(|done| done)
             }
-            Command::Release { .. } => desk.with(|now, authority| authority.release(now, me)).and_then(|done| done),
-            Command::Stop { .. } => desk.with(|now, authority| authority.stop(now, me)),
-            Command::Resume { .. } => desk.with(|now, authority| authority.resume(now, me)),
+            Command::Release { .. } => {
+                command_queue.with(|now, authority| authority.release(now, me)).and_then(|done| done)
+            }
+            Command::Stop { .. } => command_queue.with(|now, authority| authority.stop(now, me)),
+            Command::Resume { .. } => command_queue.with(|now, authority| authority.resume(now, me)),
             Command::Sdo { id, node, index, subindex, data } => {
                 match command::sdo(*node, *index, *subindex, data.as_deref()) {
                     Ok(asked) => return Ok(self.ask(*id, asked)),
@@ -219,8 +221,8 @@ impl Page {
                 }
             }
             _ => {
-                let message = command::message(command, &desk.robot, desk.timestamp(), &self.source);
-                message.and_then(|message| message.map_or(Ok(()), |message| desk.publish(&message)))
+                let message = command::message(command, &command_queue.robot, command_queue.timestamp(), &self.source);
+                message.and_then(|message| message.map_or(Ok(()), |message| command_queue.publish(&message)))
             }
         };
         match (done, id) {
@@ -246,15 +248,21 @@ impl Page {
     }
 
     /// Refuses a message. `nonsense`: its intent is unknown, so its hold ends.
-    fn refuse(&mut self, kind: Refusal, id: Option<i64>, why: &str, nonsense: bool) -> Result<Option<String>, Over> {
+    fn refuse(
+        &mut self,
+        kind: Refusal,
+        id: Option<i64>,
+        why: &str,
+        nonsense: bool,
+    ) -> Result<Option<String>, EndReason> {
         self.app.stats.refuse(kind, why);
         if nonsense {
-            let _ = self.app.desk.with(|now, authority| authority.nonsense(now, self.id));
+            let _ = self.app.command_queue.with(|now, authority| authority.nonsense(now, self.id));
         }
         self.refused += 1;
         if self.refused > REFUSED_MAX {
             self.app.stats.refuse(Refusal::SentAway, why);
-            return Err(Over::Sent(close_code::POLICY, "too much that was refused"));
+            return Err(EndReason::Sent(close_code::POLICY, "too much that was refused"));
         }
         Ok(Some(Answer::Refused { id, why }.text()))
     }

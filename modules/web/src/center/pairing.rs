@@ -61,10 +61,10 @@ pub async fn pair(
         Ok(pair) => pair,
         Err(refusal) => return refusal,
     };
-    let Ok(chance) = app.keeper.chance() else {
+    let Ok(chance) = app.session_store.chance() else {
         return refused(StatusCode::SERVICE_UNAVAILABLE, "the robot's kernel gives no chance to make a key of");
     };
-    let paired = app.keeper.access().pair(clock::now(), &code, &name, &chance);
+    let paired = app.session_store.access().pair(clock::now(), &code, &name, &chance);
     let (key, who) = match paired {
         Ok(paired) => paired,
         Err(why) => {
@@ -79,7 +79,7 @@ pub async fn pair(
     };
     // A device that pairs again stays one device.
     if let Some(device) = before.device {
-        app.keeper.forget(device);
+        app.session_store.forget(device);
     }
     let mut response = introduce(&app, &who);
     set_cookie(&mut response, &headers, reached.port(), &key, COOKIE_AGE);
@@ -101,7 +101,7 @@ pub async fn unpair(
     let Some(device) = who.device else {
         return refused(StatusCode::CONFLICT, "this device is not paired");
     };
-    app.keeper.forget(device);
+    app.session_store.forget(device);
     let mut response = introduce(&app, &Who { role, ..Who::default() });
     set_cookie(&mut response, &headers, reached.port(), "", 0);
     response
@@ -109,14 +109,16 @@ pub async fn unpair(
 
 /// `GET /api/devices`
 pub async fn devices(State(app): State<App>, Extension(who): Extension<Who>) -> Response {
-    json(&app.keeper.access().devices(clock::now(), who.device))
+    json(&app.session_store.access().devices(clock::now(), who.device))
 }
 
 /// `POST /api/devices/forget`
 pub async fn forget(State(app): State<App>, Extension(who): Extension<Who>, request: Request) -> Response {
     let (headers, body) = split(request);
     match read(&headers, body).await {
-        Ok(Forget { id }) if app.keeper.forget(id) => json(&app.keeper.access().devices(clock::now(), who.device)),
+        Ok(Forget { id }) if app.session_store.forget(id) => {
+            json(&app.session_store.access().devices(clock::now(), who.device))
+        }
         Ok(_) => refused(StatusCode::NOT_FOUND, "no such device is paired"),
         Err(refusal) => refusal,
     }

@@ -10,7 +10,7 @@ const TEXTS_MAX: usize = 100;
 
 /// What is shown besides what the bus says.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Beside<'a> {
+pub struct ExtraState<'a> {
     /// Who holds the motion authority among those on the web.
     pub holder: Option<&'a serde_json::Value>,
     /// Viewers, those of Foxglove among them.
@@ -37,7 +37,7 @@ pub struct Drive<'a> {
 
 impl<'a> Drive<'a> {
     /// At a moment.
-    pub fn of(model: &'a Model, now: Instant, beside: Beside<'a>) -> Self {
+    pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
             part: "drive",
             status: model.status(now),
@@ -114,7 +114,7 @@ pub struct System<'a> {
 
 impl<'a> System<'a> {
     /// At a moment.
-    pub fn of(model: &'a Model, now: Instant, beside: Beside<'a>) -> Self {
+    pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
             part: "system",
             modules: model.modules(now),

@@ -2,14 +2,14 @@
 //!
 //! A picture that waits in a queue of the network would be taken for new by whoever gets it. So a ping follows every
 //! few pictures, which browsers answer by themselves, and while two of them are unanswered no picture is sent: what is
-//! on its way to a viewer is never more than [`PICTURES`] × [`PINGS`] pictures, 0.6 s.
+//! on its way to a viewer is never more than [`UPDATES_PER_PING`] × [`UNANSWERED_PINGS_MAX`] pictures, 0.6 s.
 
 use super::access::Who;
-use super::show::Show;
+use super::view_publisher::ViewPublisher;
 use super::{Center, demo};
 use crate::app::App;
 use crate::request::refused;
-use crate::socket::{BATCH, Line, Over, STALLED};
+use crate::socket::{BATCH, EndReason, Line, STALL_TIMEOUT};
 use crate::stats::Refusal;
 use axum::Extension;
 use axum::extract::State;
@@ -27,11 +27,11 @@ const WATCHED_MAX: usize = 8;
 /// Maximum length of a channel's name (LCM).
 const NAME_MAX: usize = 63;
 /// Number of updates between two pings.
-const PICTURES: u32 = 3;
+const UPDATES_PER_PING: u32 = 3;
 /// Maximum number of unanswered pings.
-const PINGS: u32 = 2;
+const UNANSWERED_PINGS_MAX: u32 = 2;
 /// Size of the write buffer, bytes: the longest message shown as JSON, and some.
-const WAITS_MAX: usize = 2 << 20;
+const WRITE_BUFFER_MAX: usize = 2 << 20;
 
 /// `/ws/view`
 pub async fn upgrade(
@@ -50,14 +50,14 @@ pub async fn upgrade(
     upgrade
         .read_buffer_size(MESSAGE_MAX)
         .write_buffer_size(BATCH)
-        .max_write_buffer_size(WAITS_MAX)
+        .max_write_buffer_size(WRITE_BUFFER_MAX)
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)
         .on_upgrade(move |socket| async move {
             tokio::select! {
                 () = serve(socket, &app, demo) => {}
                 // Its new role counts when it connects again.
-                () = app.keeper.forgotten(who.device) => {}
+                () = app.session_store.forgotten(who.device) => {}
             }
             drop(seat);
         })
@@ -78,17 +78,17 @@ async fn serve(socket: WebSocket, app: &App, demo: Option<String>) {
 }
 
 /// Shows a recorded run.
-async fn play(line: &mut Line, app: &App, run: &str) -> Over {
+async fn play(line: &mut Line, app: &App, run: &str) -> EndReason {
     let Center { demos, config, .. } = &*app.center;
     let Ok(permit) = demos.clone().try_acquire_owned() else {
-        return Over::Sent(close_code::AGAIN, "as many recorded runs are played as may be at once".into());
+        return EndReason::Sent(close_code::AGAIN, "as many recorded runs are played as may be at once".into());
     };
     let run = match demo::open(&app.center, run, permit).await {
         Ok(run) => run,
         // Maximum length of a reason, bytes (RFC 6455, 5.5).
-        Err(why) => return Over::Sent(close_code::POLICY, why.chars().take(120).filter(char::is_ascii).collect()),
+        Err(why) => return EndReason::Sent(close_code::POLICY, why.chars().take(120).filter(char::is_ascii).collect()),
     };
-    let show = Show::new(config.clone());
+    let show = ViewPublisher::new(config.clone());
     let scene = run.scene.json();
     tokio::select! {
         over = talk(line, app, &show, scene) => over,
@@ -106,7 +106,7 @@ fn demo_of(uri: &Uri) -> Option<String> {
 }
 
 /// Serves the viewer to its end.
-async fn talk(line: &mut Line, app: &App, show: &Show, scene: String) -> Over {
+async fn talk(line: &mut Line, app: &App, show: &ViewPublisher, scene: String) -> EndReason {
     let (mut turns, mut place) = show.join();
     let mut end = app.end.clone();
     let mut flow = Flow::new();
@@ -125,8 +125,8 @@ async fn talk(line: &mut Line, app: &App, show: &Show, scene: String) -> Over {
                 outgoing.extend(show.news(&mut place).into_iter().map(Message::Text));
                 outgoing.extend(flow.sent());
             }
-            () = sleep_until(flow.asked_at + STALLED), if !flow.is_free() => break line.stalled(),
-            _ = end.changed() => break Over::Sent(close_code::AWAY, "the robot's web server ends".into()),
+            () = sleep_until(flow.asked_at + STALL_TIMEOUT), if !flow.is_free() => break line.stalled(),
+            _ = end.changed() => break EndReason::Sent(close_code::AWAY, "the robot's web server ends".into()),
         }
     };
     show.leave(place);
@@ -149,13 +149,13 @@ impl Flow {
 
     /// True if more may be sent.
     fn is_free(&self) -> bool {
-        self.asked.wrapping_sub(self.answered) < PINGS
+        self.asked.wrapping_sub(self.answered) < UNANSWERED_PINGS_MAX
     }
 
     /// A picture was sent; what is to follow it.
     fn sent(&mut self) -> Option<Message> {
         self.pictures += 1;
-        if self.pictures < PICTURES {
+        if self.pictures < UPDATES_PER_PING {
             return None;
         }
         (self.pictures, self.asked, self.asked_at) = (0, self.asked.wrapping_add(1), Instant::now());
@@ -179,7 +179,7 @@ struct Watch {
 }
 
 /// The channels that somebody wants to watch from now on, if that is what it says.
-fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, Over> {
+fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, EndReason> {
     let asked = match said {
         Message::Pong(payload) => {
             flow.answered(&payload);

@@ -3,7 +3,7 @@
 use super::hub::{Outgoing, ViewerId};
 use super::protocol::{self, Refused, Request};
 use crate::app::App;
-use crate::socket::{BATCH, Line, Over};
+use crate::socket::{BATCH, EndReason, Line};
 use crate::stats::Refusal;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
@@ -58,7 +58,7 @@ struct Viewer<'a> {
 }
 
 impl Viewer<'_> {
-    async fn talk(&mut self, wake: &Notify) -> Over {
+    async fn talk(&mut self, wake: &Notify) -> EndReason {
         let mut end = self.app.end.clone();
         let mut ping = interval(PING);
         let info = protocol::server_info(&self.app.robot, &self.app.session);
@@ -74,13 +74,13 @@ impl Viewer<'_> {
                 },
                 () = wake.notified() => outgoing.extend(self.app.hub().take(self.id, BATCH).into_iter().map(message)),
                 _ = ping.tick() => outgoing.push(Message::Ping(Vec::new().into())),
-                _ = end.changed() => return Over::Sent(close_code::AWAY, "the robot's web server ends".into()),
+                _ = end.changed() => return EndReason::Sent(close_code::AWAY, "the robot's web server ends".into()),
             }
         }
     }
 
     /// Answer to a viewer.
-    fn answer(&mut self, said: Message) -> Result<Option<Message>, Over> {
+    fn answer(&mut self, said: Message) -> Result<Option<Message>, EndReason> {
         let refused = match said {
             Message::Binary(bytes) => Request::binary(&bytes),
             Message::Text(text) => match Request::text(&text) {

@@ -23,7 +23,7 @@ pub struct Limits {
 
 impl Limits {
     /// Defaults: a robot has some hundred topics and 60 kB/s.
-    pub const USUAL: Self = Self { topics: 2000, message: 512 << 10, queue: 512 << 10 };
+    pub const DEFAULT: Self = Self { topics: 2000, message: 512 << 10, queue: 512 << 10 };
 }
 
 /// Step of the time sent to viewers, ns.
@@ -74,12 +74,12 @@ struct Entry {
 
 /// Kept messages of a channel that publishes full state now and then, and changes in between.
 struct Kept {
-    newest: Said,
-    fullest: Said,
+    newest: LatestMessage,
+    fullest: LatestMessage,
 }
 
 #[derive(Clone)]
-struct Said {
+struct LatestMessage {
     time: u64,
     data: Bytes,
 }
@@ -100,7 +100,7 @@ struct Viewer {
 struct Queued {
     channel: u32,
     subscription: u32,
-    said: Said,
+    said: LatestMessage,
 }
 
 /// Message for a viewer.
@@ -168,7 +168,7 @@ impl Hub {
         if !wanted && !entry.is_state() {
             return;
         }
-        let said = Said { time, data: Bytes::copy_from_slice(data) };
+        let said = LatestMessage { time, data: Bytes::copy_from_slice(data) };
         if entry.is_state() {
             entry.keep(from, said.clone());
         }
@@ -183,7 +183,7 @@ impl Hub {
     }
 
     /// Wakes those who have something new.
-    pub fn stir(&mut self) {
+    pub fn wake_viewers(&mut self) {
         for id in std::mem::take(&mut self.stirred) {
             if let Some(viewer) = self.viewers.get(&id) {
                 viewer.wake.notify_one();
@@ -272,7 +272,7 @@ impl Hub {
             let Some(queued) = viewer.queue.pop_front() else { break };
             viewer.bytes -= queued.len();
             length += queued.len();
-            let Said { time, data } = &queued.said;
+            let LatestMessage { time, data } = &queued.said;
             if *time >= viewer.time + CLOCK_STEP {
                 viewer.time = *time;
                 outgoing.push(Outgoing::Binary(protocol::time(*time)));
@@ -319,7 +319,7 @@ impl Entry {
         !name.contains("_CMD_") && !name.contains("_EVENT_") && !["/marks", "/rosout"].contains(&&**name)
     }
 
-    fn keep(&mut self, from: &str, said: Said) {
+    fn keep(&mut self, from: &str, said: LatestMessage) {
         if let Some(kept) = self.latest.get_mut(from) {
             let old = said.time.saturating_sub(kept.fullest.time) > FULL_AGE;
             if old || said.data.len() >= kept.fullest.data.len() {
@@ -332,9 +332,9 @@ impl Entry {
     }
 
     /// Kept messages, in order of time.
-    fn kept(&self) -> Vec<Said> {
+    fn kept(&self) -> Vec<LatestMessage> {
         let more = self.latest.values().filter(|kept| self.gathers() && kept.fullest.time < kept.newest.time);
-        let mut kept: Vec<Said> = more.map(|kept| kept.fullest.clone()).collect();
+        let mut kept: Vec<LatestMessage> = more.map(|kept| kept.fullest.clone()).collect();
         kept.extend(self.latest.values().map(|kept| kept.newest.clone()));
         kept.sort_by_key(|said| said.time);
         kept
@@ -438,7 +438,7 @@ mod tests {
         let (id, _) = hub.join();
         taken(&mut hub, id);
         hub.subscribe(id, wanted(1, 0)).unwrap();
-        assert_eq!(taken(&mut hub, id), ["1: obstacles", "1: x"], "what is full is not old");
+        assert_eq!(taken(&mut hub, id), ["1: obstacles", "1: x"], "a full message is not outdated");
     }
 
     #[test]
@@ -492,7 +492,7 @@ mod tests {
         assert!(hub.subscribe(id, wanted(6, 7)).is_err(), "no such channel");
         hub.unsubscribe(id, 5).unwrap();
         assert!(hub.unsubscribe(id, 5).is_err());
-        assert!(taken(&mut hub, id).is_empty(), "what waited is gone with the subscription");
+        assert!(taken(&mut hub, id).is_empty(), "pending messages are dropped with the subscription");
         hub.subscribe(id, wanted(5, 1)).unwrap();
         assert_eq!(taken(&mut hub, id), ["5: b"]);
         hub.leave(id);

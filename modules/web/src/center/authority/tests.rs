@@ -30,13 +30,13 @@ impl Bench {
         let mut said = Vec::new();
         while let Some(say) = self.authority.poll() {
             said.push(match say {
-                Say::Motion { source, speed, .. } => format!("{source} {speed}"),
-                Say::Zero { source } => format!("{source} 0"),
-                Say::Pause { source } => format!("{source} pause"),
-                Say::Run { source } => format!("{source} run"),
-                Say::Planner { source } => format!("{source} planner"),
-                Say::Authority { to, why } => format!("{to}: {why}"),
-                Say::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
+                Output::Motion { source, speed, .. } => format!("{source} {speed}"),
+                Output::Zero { source } => format!("{source} 0"),
+                Output::Pause { source } => format!("{source} pause"),
+                Output::Run { source } => format!("{source} run"),
+                Output::Planner { source } => format!("{source} planner"),
+                Output::Authority { to, why } => format!("{to}: {why}"),
+                Output::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
             });
         }
         said
@@ -82,7 +82,7 @@ fn one_client_holds_the_authority_and_others_are_informed() {
     assert!(bench.authority.release(at(4), 1).is_err());
     bench.authority.release(at(5), 2).unwrap();
     assert_eq!(bench.said(), ["1: b has released the robot", "2: you have released the robot"]);
-    assert!(bench.take(6, 1, Some(2)).is_ok(), "nobody is taken over from");
+    assert!(bench.take(6, 1, Some(2)).is_ok(), "no holder to take over from");
     bench.authority.leave(at(7), 1);
     assert_eq!(bench.authority.holder(at(7)), None);
 }
@@ -98,7 +98,7 @@ fn a_hold_ends_with_three_zeros_and_is_not_resumed() {
     assert_eq!(bench.wait(2000), timed(&[(220, "a 0"), (270, "a 0")]));
     assert_eq!(bench.drive(2000, 1, 1, 2000, 0.3), Vec::<String>::new(), "its seq was used by the zero");
     assert_eq!(bench.drive(2001, 1, 1, 2001, 0.3), ["1: hold 1: this hold is over: press anew"]);
-    assert!(bench.drive(2002, 1, 1, 2002, 0.3).is_empty(), "told once");
+    assert!(bench.drive(2002, 1, 1, 2002, 0.3).is_empty(), "reported once");
     assert_eq!(bench.drive(2003, 1, 2, 2003, 0.3), ["a 0.3"]);
 }
 
@@ -110,7 +110,7 @@ fn silence_ends_a_hold_and_a_new_press_stops_the_zeros() {
     assert_eq!(bench.wait(299), []);
     let ended = timed(&[(300, "a 0"), (300, "1: hold 1: nothing was heard for 0.2 s")]);
     assert_eq!(bench.wait(300), ended);
-    assert_eq!(bench.drive(310, 1, 1, 310, 0.3), Vec::<String>::new(), "over, and told already");
+    assert_eq!(bench.drive(310, 1, 1, 310, 0.3), Vec::<String>::new(), "ended, and already reported");
     assert_eq!(bench.drive(320, 1, 2, 320, 0.3), ["a 0.3"]);
     assert_eq!(bench.wait(519), []);
 }
@@ -163,7 +163,7 @@ fn repeated_late_foreign_and_invalid_commands_move_nothing() {
     }
     bench.drive(140, 1, 9, 140, 0.3);
     bench.authority.drive(at(141), 1, Drive { hold: 9, seq: 999, t: f64::NAN, speed: 0.1, steering: 0.0 });
-    assert_eq!(bench.said()[0], "a 0", "a time that is none");
+    assert_eq!(bench.said()[0], "a 0", "an invalid time");
     let counts = bench.authority.counts();
     assert_eq!((counts.repeated, counts.not_holder, counts.refused, counts.over), (1, 2, 5, 4));
 }
@@ -182,7 +182,7 @@ fn lost_authority_disconnection_and_invalid_input_end_the_hold() {
     bench.drive(150, 2, 2, 150, 0.2);
     bench.authority.leave(at(155), 2);
     assert_eq!(bench.said(), ["b 0", "1: b has gone: nobody holds the robot", "2: b has gone: nobody holds the robot"]);
-    assert_eq!(bench.wait(1000).iter().filter(|(_, word)| word == "b 0").count(), 2, "its zeros are said all the same");
+    assert_eq!(bench.wait(1000).iter().filter(|(_, word)| word == "b 0").count(), 2, "its zeros are sent nevertheless");
 }
 
 #[test]
@@ -352,13 +352,13 @@ impl Judge {
     fn hear(&mut self, now: Instant, authority: &mut Authority, said: Option<(ClientId, Drive, u64)>) {
         let holder = authority.holder(now).map(|holder| holder.id);
         if let Some((_, _, until)) = self.moving {
-            assert!(now <= until, "no zero within 250 ms after the last good command was said");
+            assert!(now <= until, "no zero within 250 ms after the last good command");
         }
         while let Some(say) = authority.poll() {
             match say {
-                Say::Motion { source, speed, .. } => {
+                Output::Motion { source, speed, .. } => {
                     let (client, drive, at_ms) = said.expect("only a command moves the robot");
-                    assert_eq!((speed, Some(client)), (drive.speed, holder), "of who holds it, and as it was said");
+                    assert_eq!((speed, Some(client)), (drive.speed, holder), "from the holder, unchanged");
                     assert_eq!(&*source, ["", "a", "b"][client as usize]);
                     assert!(speed.abs() <= LIMITS.speed);
                     assert!(now.since(at(at_ms)) < Duration::from_millis(250), "late");
@@ -369,7 +369,7 @@ impl Judge {
                     self.moving = Some((client, drive.hold, at(at_ms) + Duration::from_millis(250)));
                     self.moved += 1;
                 }
-                Say::Zero { source } => {
+                Output::Zero { source } => {
                     if let Some((client, hold, _)) =
                         self.moving.filter(|(client, ..)| ["", "a", "b"][*client as usize] == &*source)
                         && !authority.holder(now).is_some_and(|holder| holder.driving && holder.id == client)

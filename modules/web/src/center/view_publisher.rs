@@ -3,7 +3,7 @@
 //! never hears of. Nobody looks: nothing is put into words.
 
 use super::inspect::Inspector;
-use super::parts::{Beside, Drive, Map, Sensors, System};
+use super::parts::{Drive, ExtraState, Map, Sensors, System};
 use axum::extract::ws::Utf8Bytes;
 use base::{Duration, Instant, Ticker};
 use diagnostics::{Config, Model};
@@ -32,7 +32,7 @@ const PERIODS: [(Kind, Duration); 4] = [
 const MAP_AGAIN: Duration = Duration::from_secs(5);
 
 /// The robot, and who looks at it.
-pub struct Show {
+pub struct ViewPublisher {
     inner: Mutex<Inner>,
     /// The number of the last turn in which something was said.
     turns: watch::Sender<u64>,
@@ -67,7 +67,7 @@ pub struct Place {
     watched: Vec<(String, u64)>,
 }
 
-impl Show {
+impl ViewPublisher {
     /// One of which nothing is known yet.
     #[must_use]
     pub fn new(config: Config) -> Self {
@@ -100,7 +100,7 @@ impl Show {
     }
 
     /// Says what is due; when the next turn is wanted.
-    pub fn turn(&self, now: Instant, beside: Beside<'_>) -> Instant {
+    pub fn turn(&self, now: Instant, beside: ExtraState<'_>) -> Instant {
         if self.viewers() == 0 {
             return Instant::NEVER;
         }
@@ -209,7 +209,7 @@ impl Part {
     }
 }
 
-fn text(kind: Kind, model: &Model, now: Instant, beside: Beside<'_>) -> String {
+fn text(kind: Kind, model: &Model, now: Instant, beside: ExtraState<'_>) -> String {
     fn json(part: &impl Serialize) -> String {
         serde_json::to_string(part).unwrap_or_default()
     }
@@ -233,31 +233,31 @@ mod tests {
         T0 + Duration::from_millis(millis)
     }
 
-    fn say(show: &Show, now: Instant, message: impl Into<Message>) {
+    fn say(show: &ViewPublisher, now: Instant, message: impl Into<Message>) {
         let (message, mut bytes) = (message.into(), Vec::new());
         message.encode(&mut bytes).unwrap();
         show.hear(now, &message.channel_name(), &bytes);
     }
 
-    fn parts(show: &Show, place: &mut Place) -> Vec<String> {
+    fn parts(show: &ViewPublisher, place: &mut Place) -> Vec<String> {
         let part = |text: Utf8Bytes| serde_json::from_str::<Value>(&text).unwrap()["part"].as_str().unwrap().to_owned();
         show.news(place).into_iter().map(part).collect()
     }
 
     #[test]
     fn a_new_viewer_gets_all_parts_and_then_each_when_due() {
-        let show = Show::new(Config::default());
-        assert_eq!(show.turn(T0, Beside::default()), Instant::NEVER, "nobody looks");
+        let show = ViewPublisher::new(Config::default());
+        assert_eq!(show.turn(T0, ExtraState::default()), Instant::NEVER, "no viewer");
         let (turns, mut place) = show.join();
-        assert_eq!(show.turn(T0, Beside::default()), at(100));
+        assert_eq!(show.turn(T0, ExtraState::default()), at(100));
         assert!(turns.has_changed().unwrap());
         assert_eq!(parts(&show, &mut place), ["drive", "sensors", "map", "system"]);
         assert!(parts(&show, &mut place).is_empty(), "each once");
-        show.turn(at(50), Beside::default());
+        show.turn(at(50), ExtraState::default());
         assert!(parts(&show, &mut place).is_empty(), "nothing is due");
         let mut heard = Vec::new();
         for turn in 1..=10 {
-            show.turn(at(100 * turn), Beside::default());
+            show.turn(at(100 * turn), ExtraState::default());
             heard.extend(parts(&show, &mut place));
         }
         let count = |name: &str| heard.iter().filter(|part| *part == name).count();
@@ -265,7 +265,7 @@ mod tests {
         // Who comes later gets what is true then, not what was said before.
         let (_turns, mut late) = show.join();
         assert!(parts(&show, &mut late).is_empty());
-        show.turn(at(1010), Beside::default());
+        show.turn(at(1010), ExtraState::default());
         assert_eq!(parts(&show, &mut late).len(), 4);
         drop(turns);
         assert_eq!(show.viewers(), 1);
@@ -273,12 +273,12 @@ mod tests {
 
     #[test]
     fn a_slow_viewer_gets_the_newest_parts_and_a_changed_map() {
-        let show = Show::new(Config::default());
+        let show = ViewPublisher::new(Config::default());
         let (_turns, mut place) = show.join();
         for turn in 0..100 {
             let plan = DataPlan { timestamp: (turn / 50) as i64, x: vec![f64::NAN], y: vec![1.0] };
             say(&show, at(100 * turn), plan);
-            show.turn(at(100 * turn), Beside::default());
+            show.turn(at(100 * turn), ExtraState::default());
         }
         let news = show.news(&mut place);
         assert_eq!(news.len(), 4, "the newest of each");
@@ -287,7 +287,7 @@ mod tests {
         let mut maps = 0;
         for turn in 100..220 {
             say(&show, at(100 * turn), DataObstacles { timestamp: (turn / 60) as i64, ..DataObstacles::default() });
-            show.turn(at(100 * turn), Beside::default());
+            show.turn(at(100 * turn), ExtraState::default());
             maps += parts(&show, &mut place).iter().filter(|part| *part == "map").count();
         }
         // Obstacles of turns 100, 120 and 180, and what is said again after 5 s.
@@ -296,18 +296,18 @@ mod tests {
 
     #[test]
     fn watches_end_with_their_viewer() {
-        let show = Show::new(Config::default());
+        let show = ViewPublisher::new(Config::default());
         let (_turns, mut place) = show.join();
         show.watch(&mut place, vec!["STRANGE".into()]);
-        show.turn(T0, Beside::default());
+        show.turn(T0, ExtraState::default());
         show.news(&mut place);
         show.hear(at(10), "STRANGE", b"x");
-        assert_eq!(show.turn(at(50), Beside::default()), at(100));
+        assert_eq!(show.turn(at(50), ExtraState::default()), at(100));
         assert_eq!(parts(&show, &mut place), ["message"]);
         show.leave(place);
         show.hear(at(110), "STRANGE", b"x");
         let (_other, mut place) = show.join();
-        show.turn(at(150), Beside::default());
+        show.turn(at(150), ExtraState::default());
         assert_eq!(parts(&show, &mut place).len(), 4);
     }
 }

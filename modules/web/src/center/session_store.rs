@@ -19,16 +19,16 @@ use tokio::sync::watch;
 /// The longest file that is read.
 const FILE_MAX: u64 = 64 << 10;
 /// That a device was used is written no more often than this.
-const SEEN: u64 = 60;
+const LAST_USE_PERIOD: u64 = 60;
 /// Period of checks for something to write.
-const PERIOD: Duration = Duration::from_millis(500);
+const WRITE_PERIOD: Duration = Duration::from_millis(500);
 /// Maximum number of write failures that wait to be reported.
 const FAILED_MAX: usize = 4;
 
 /// A session in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Kept {
+struct StoredSession {
     id: u32,
     key: String,
     name: String,
@@ -40,7 +40,7 @@ struct Kept {
 /// File that `advee web code` reads.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Shown {
+pub struct ShownCodes {
     /// Address of the server.
     pub address: String,
     /// Eight digits.
@@ -49,7 +49,7 @@ pub struct Shown {
     pub engineer: String,
 }
 
-impl Shown {
+impl ShownCodes {
     /// Link that pairs a browser at once.
     #[must_use]
     pub fn link(&self, code: &str) -> String {
@@ -58,7 +58,7 @@ impl Shown {
 }
 
 /// Codes and sessions, and where they are kept.
-pub struct Keeper {
+pub struct SessionStore {
     access: Mutex<Access>,
     chance: File,
     address: String,
@@ -69,7 +69,7 @@ pub struct Keeper {
     ended: watch::Sender<()>,
 }
 
-impl Keeper {
+impl SessionStore {
     /// Makes codes, and restores paired devices. If the stored ones are broken, none is paired: that is one line.
     ///
     /// # Errors
@@ -86,7 +86,7 @@ impl Keeper {
             Err(why) => (Vec::new(), Some(format!("{}: {why}: all must be paired anew", sessions.display()))),
         };
         let (now, wall) = (clock::now(), seconds());
-        let session = |kept: &Kept| {
+        let session = |kept: &StoredSession| {
             let idle = Duration::from_secs(wall.saturating_sub(kept.seen)).min(IDLE_MAX);
             Session::kept(kept.id, kept.key.clone(), &kept.name, kept.role, now - idle)
         };
@@ -95,7 +95,7 @@ impl Keeper {
             Some(host) if !at.ip().is_loopback() => format!("{host}:{}", at.port()),
             _ => at.to_string(),
         };
-        let keeper = Self {
+        let session_store = Self {
             access: Mutex::new(access),
             chance,
             address,
@@ -105,7 +105,7 @@ impl Keeper {
             wake: Condvar::new(),
             ended: watch::channel(()).0,
         };
-        Ok((keeper, broken))
+        Ok((session_store, broken))
     }
 
     /// Paired devices, locked.
@@ -165,7 +165,7 @@ impl Keeper {
             inner.failed.extend(failed);
             inner.failed.truncate(FAILED_MAX);
             if !inner.closed {
-                inner = self.wake.wait_timeout(inner, PERIOD).unwrap_or_else(PoisonError::into_inner).0;
+                inner = self.wake.wait_timeout(inner, WRITE_PERIOD).unwrap_or_else(PoisonError::into_inner).0;
             }
             closed = inner.closed;
         }
@@ -183,7 +183,7 @@ impl Keeper {
         let (codes, sessions) = {
             let access = self.access();
             let (now, wall) = (clock::now(), seconds());
-            let kept = |session: &Session| Kept {
+            let kept = |session: &Session| StoredSession {
                 id: session.id,
                 key: session.key.clone(),
                 name: session.name.to_string(),
@@ -220,9 +220,9 @@ impl Keeper {
         }
     }
 
-    fn shown(&self, codes: &Codes) -> Shown {
+    fn shown(&self, codes: &Codes) -> ShownCodes {
         let Codes { operator, engineer } = codes.clone();
-        Shown { address: self.address.clone(), operator, engineer }
+        ShownCodes { address: self.address.clone(), operator, engineer }
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
@@ -233,7 +233,7 @@ impl Keeper {
 /// State shared by the module's thread and the writing one.
 struct Inner {
     /// Devices stored at the start.
-    kept: Vec<Kept>,
+    kept: Vec<StoredSession>,
     told: Option<Codes>,
     failed: Vec<String>,
     closed: bool,
@@ -242,12 +242,12 @@ struct Inner {
 /// Content of the files.
 struct Written {
     codes: Option<Codes>,
-    sessions: Vec<Kept>,
+    sessions: Vec<StoredSession>,
 }
 
 /// Codes that the servers of a run folder show now.
 #[must_use]
-pub fn shown(run: &Path) -> Vec<Shown> {
+pub fn shown(run: &Path) -> Vec<ShownCodes> {
     let entries = fs::read_dir(run.join("web")).into_iter().flatten().flatten();
     let named = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("codes-"));
     let mut paths: Vec<PathBuf> = named.map(|entry| entry.path()).collect();
@@ -264,8 +264,10 @@ pub fn spaced(code: &str) -> String {
     }
 }
 
-fn differ(now: &[Kept], before: &[Kept]) -> bool {
-    let same = |(a, b): (&Kept, &Kept)| a.id == b.id && a.key == b.key && a.seen.abs_diff(b.seen) < SEEN;
+fn differ(now: &[StoredSession], before: &[StoredSession]) -> bool {
+    let same = |(a, b): (&StoredSession, &StoredSession)| {
+        a.id == b.id && a.key == b.key && a.seen.abs_diff(b.seen) < LAST_USE_PERIOD
+    };
     now.len() != before.len() || !now.iter().zip(before).all(same)
 }
 
@@ -285,7 +287,7 @@ fn bounded(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
-fn read(path: &Path) -> Result<Vec<Kept>, String> {
+fn read(path: &Path) -> Result<Vec<StoredSession>, String> {
     match bounded(path) {
         Ok(text) => serde_json::from_str(&text).map_err(|error| error.to_string()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
@@ -321,37 +323,37 @@ mod tests {
     #[test]
     fn a_restarted_server_keeps_its_sessions_and_renews_its_codes() {
         let run = folder("restart");
-        let open = || Keeper::open(&run, AT.parse().unwrap(), &[]).unwrap();
-        let closed = |keeper: &Keeper| {
-            keeper.close();
-            keeper.keep();
+        let open = || SessionStore::open(&run, AT.parse().unwrap(), &[]).unwrap();
+        let closed = |session_store: &SessionStore| {
+            session_store.close();
+            session_store.keep();
         };
-        let (keeper, broken) = open();
+        let (session_store, broken) = open();
         assert_eq!(broken, None);
-        let codes = keeper.access().codes().clone();
-        let news = keeper.news();
+        let codes = session_store.access().codes().clone();
+        let news = session_store.news();
         assert!(news.len() == 1 && news[0].contains(&format!("http://{AT}/#{}", codes.engineer)), "{news:?}");
-        assert!(keeper.news().is_empty(), "told once");
+        assert!(session_store.news().is_empty(), "reported once");
         let mut written = Written { codes: None, sessions: Vec::new() };
-        assert!(keeper.write(&mut written).is_empty());
+        assert!(session_store.write(&mut written).is_empty());
         assert_eq!(shown(&run)[0].operator, codes.operator);
-        let chance = keeper.chance().unwrap();
-        let (key, who) = keeper.access().pair(clock::now(), &codes.operator, "phone", &chance).unwrap();
-        assert_eq!(keeper.news().len(), 1, "the new code");
-        assert!(keeper.write(&mut written).is_empty());
+        let chance = session_store.chance().unwrap();
+        let (key, who) = session_store.access().pair(clock::now(), &codes.operator, "phone", &chance).unwrap();
+        assert_eq!(session_store.news().len(), 1, "the new code");
+        assert!(session_store.write(&mut written).is_empty());
         for file in ["codes-8080", "sessions-8080.json"] {
             let mode = fs::metadata(run.join("web").join(file)).unwrap().permissions().mode();
             assert_eq!(mode & 0o777, 0o600, "{file}");
         }
-        drop(keeper);
-        let (keeper, _) = open();
-        assert_eq!(keeper.access().who(clock::now(), &key), Some(who));
-        assert_ne!(keeper.access().codes(), &codes);
-        closed(&keeper);
+        drop(session_store);
+        let (session_store, _) = open();
+        assert_eq!(session_store.access().who(clock::now(), &key), Some(who));
+        assert_ne!(session_store.access().codes(), &codes);
+        closed(&session_store);
         assert!(shown(&run).is_empty() && run.join("web/sessions-8080.json").exists());
-        let (keeper, _) = open();
-        assert!(keeper.forget(1) && !keeper.forget(1));
-        closed(&keeper);
+        let (session_store, _) = open();
+        assert!(session_store.forget(1) && !session_store.forget(1));
+        closed(&session_store);
         assert!(!run.join("web").exists(), "nothing is left");
         fs::remove_dir_all(run).unwrap();
     }
@@ -362,8 +364,8 @@ mod tests {
         fs::create_dir_all(run.join("web")).unwrap();
         for text in ["", "{}", "[{\"id\":1}]", &"[".repeat(100_000)] {
             fs::write(run.join("web/sessions-8080.json"), text).unwrap();
-            let (keeper, broken) = Keeper::open(&run, AT.parse().unwrap(), &[]).unwrap();
-            assert!(broken.unwrap().contains("paired anew") && keeper.access().sessions().is_empty());
+            let (session_store, broken) = SessionStore::open(&run, AT.parse().unwrap(), &[]).unwrap();
+            assert!(broken.unwrap().contains("paired anew") && session_store.access().sessions().is_empty());
         }
         fs::remove_dir_all(run).unwrap();
     }

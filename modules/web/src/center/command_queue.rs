@@ -2,7 +2,7 @@
 //! busy or hanging server ends a hold all the same.
 
 use super::access::Role;
-use super::authority::{Authority, ClientId, Counts, Holder, Say};
+use super::authority::{Authority, ClientId, Counts, Holder, Output};
 use super::command::{Answer, Robot};
 use base::{Epoch, Instant};
 use diagnostics::orders;
@@ -20,7 +20,7 @@ use tokio::sync::mpsc;
 const WAITING_MAX: usize = 64;
 
 /// The desk.
-pub struct Desk {
+pub struct CommandQueue {
     /// Robot by which commands are checked.
     pub robot: Robot,
     inner: Mutex<Inner>,
@@ -37,7 +37,7 @@ struct Inner {
     closed: bool,
 }
 
-impl Desk {
+impl CommandQueue {
     /// Joins the bus, only to speak, and starts the thread.
     ///
     /// # Errors
@@ -51,22 +51,22 @@ impl Desk {
             sleeps_until: None,
             closed: false,
         };
-        let desk = Arc::new(Self { robot, inner: Mutex::new(inner), wake: Condvar::new() });
-        let keeps = desk.clone();
+        let command_queue = Arc::new(Self { robot, inner: Mutex::new(inner), wake: Condvar::new() });
+        let keeps = command_queue.clone();
         let started = std::thread::Builder::new().name("web hold".into()).spawn(move || keeps.keep_deadlines());
         started.map_err(|error: io::Error| format!("the web server: {error}"))?;
-        Ok(desk)
+        Ok(command_queue)
     }
 
     /// Adds a user; returns its channel of answers.
-    pub fn join(&self, name: Arc<str>, role: Role, source: Arc<str>) -> Seat {
+    pub fn join(&self, name: Arc<str>, role: Role, source: Arc<str>) -> QueueHandle {
         let (tell, told) = mpsc::channel(WAITING_MAX);
         let mut inner = self.lock();
         let id = inner.authority.join(name, role, source);
         inner.pages.push((id, tell.clone()));
         // A first word to an empty queue.
         let _ = inner.drain(clock::now());
-        Seat { id, tell, told }
+        QueueHandle { id, tell, told }
     }
 
     /// Removes a user.
@@ -153,7 +153,7 @@ impl Desk {
 }
 
 /// A page's place at the desk.
-pub struct Seat {
+pub struct QueueHandle {
     /// Number.
     pub id: ClientId,
     /// Sender of its answers.
@@ -173,7 +173,7 @@ impl Inner {
         result
     }
 
-    fn say(&mut self, now: Instant, say: Say) -> Result<(), String> {
+    fn say(&mut self, now: Instant, say: Output) -> Result<(), String> {
         let timestamp = self.epoch.timestamp(now);
         let motion = |source: Arc<str>, speed, steering| {
             let source = source.to_string();
@@ -181,18 +181,18 @@ impl Inner {
         };
         let state = |module, state, source: Arc<str>| orders::manual(timestamp, module, state, &source).into();
         let message: Message = match say {
-            Say::Motion { source, speed, steering } => motion(source, speed, steering),
-            Say::Zero { source } => motion(source, 0.0, 0.0),
-            Say::Pause { source } => state(canbus::NAME, State::Pause, source),
-            Say::Run { source } => state(canbus::NAME, State::Run, source),
-            Say::Planner { source } => state(planner::NAME, State::Run, source),
-            Say::Authority { to, why } => {
+            Output::Motion { source, speed, steering } => motion(source, speed, steering),
+            Output::Zero { source } => motion(source, 0.0, 0.0),
+            Output::Pause { source } => state(canbus::NAME, State::Pause, source),
+            Output::Run { source } => state(canbus::NAME, State::Run, source),
+            Output::Planner { source } => state(planner::NAME, State::Run, source),
+            Output::Authority { to, why } => {
                 let holder = self.authority.holder(now);
                 let yours = self.authority.holds(to);
                 self.tell(to, Answer::Authority { holder, yours, why: &why });
                 return Ok(());
             }
-            Say::Ended { to, hold, why } => {
+            Output::Ended { to, hold, why } => {
                 self.tell(to, Answer::Ended { hold, why: &why });
                 return Ok(());
             }
