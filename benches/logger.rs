@@ -90,7 +90,7 @@ impl Rig {
         for (channel, data) in messages.iter().cycle() {
             let at = Instant::ZERO + Duration::from_secs_f64(first + bytes / rate);
             self.until(at);
-            self.event(at, Event::Heard { at, channel, data });
+            self.event(at, Event::RawMessage { at, channel, data });
             bytes += data.len() as f64;
             if bytes >= total {
                 break;

@@ -22,9 +22,9 @@ impl Module for Echo {
             Event::Port { port, input: Input::I2c(outcome) } => {
                 out.push(Action::Send(port, Output::I2cAnswer(outcome.clone())));
             }
-            Event::Port { port, input: Input::I2cAsked(transfer) } => out.transfer(port, transfer.clone()),
+            Event::Port { port, input: Input::I2cRequested(transfer) } => out.transfer(port, transfer.clone()),
             Event::Port { port, input: Input::OneWire(answer) } => {
-                out.push(Action::Send(port, Output::OneWireIs(answer.clone())));
+                out.push(Action::Send(port, Output::OneWireState(answer.clone())));
             }
             _ => {}
         }

@@ -64,7 +64,7 @@ mod tests {
         assert_eq!(bad.take_ended(at(160)), Some((BAD, "CM_CMD_STATE Fingerprint".into(), 7)));
         assert_eq!(bad.take_ended(at(160)), Some((BAD, "can.main".into(), 100)));
         assert_eq!(bad.take_ended(at(160)), None);
-        assert!(bad.count(at(161), BAD, "can.main", 1), "told again");
+        assert!(bad.count(at(161), BAD, "can.main", 1), "reported again");
     }
 
     #[test]

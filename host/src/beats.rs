@@ -137,7 +137,10 @@ pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
     }
     let found = fs::symlink_metadata(&path)?;
     if !found.is_dir() || found.uid() != nix::unistd::geteuid().as_raw() {
-        return Err(io::Error::new(io::ErrorKind::PermissionDenied, format!("{} is somebody else's", path.display())));
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            format!("{} belongs to another user", path.display()),
+        ));
     }
     Ok(path)
 }
@@ -265,10 +268,10 @@ impl PageReader {
         }
         let count = word(12) as usize;
         match () {
-            () if page[..4] != MAGIC => return Reading::Bad("does not begin as a page of beats"),
+            () if page[..4] != MAGIC => return Reading::Bad("has no valid header"),
             () if word(4) != VERSION => return Reading::Bad("is of another version"),
             () if word(8) != pid => return Reading::Bad("is of another process"),
-            () if count == 0 || count > THREADS_MAX => return Reading::Bad("has a number of threads that cannot be"),
+            () if count == 0 || count > THREADS_MAX => return Reading::Bad("has an invalid number of threads"),
             () if count < self.threads.len() => return Reading::Bad("has lost threads"),
             () => {}
         }
@@ -376,7 +379,7 @@ mod tests {
         }
         assert_eq!(beat.reader(), 2);
         PageReader::open(&dir.0.join("module")).unwrap().show(at(5000));
-        assert_eq!(beat.reader(), 3, "the next watchdog goes on");
+        assert_eq!(beat.reader(), 3, "the next watchdog continues");
     }
 
     #[test]

@@ -57,8 +57,8 @@ impl Bus {
         Self::open_with_buffer(url, channels, 0)
     }
 
-    /// Like [`Bus::open`], with a receive buffer of at least `buffer_size` bytes, or the size in the URL if that is larger.
-    /// The kernel limits it to `net.core.rmem_max`.
+    /// Like [`Bus::open`], with a receive buffer of at least `buffer_size` bytes, or the size in the URL if that is
+    /// larger. The kernel limits it to `net.core.rmem_max`.
     pub fn open_with_buffer(url: &str, channels: &[&str], buffer_size: usize) -> Result<Self, String> {
         let (mut place, _) = Url::parse(url).map_err(|error| error.to_string())?;
         if let Url::Udpm(udpm) = &mut place {

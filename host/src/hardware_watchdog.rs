@@ -28,10 +28,11 @@ impl HardwareWatchdog {
     pub fn open(path: &Path, timeout_s: u32) -> Result<(Self, String), String> {
         let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
         let device = OpenOptions::new().write(true).custom_flags(flags).open(path);
-        let device = device.map_err(|error| format!("hardware watchdog {}: {error}: there is none", path.display()))?;
+        let device = device
+            .map_err(|error| format!("hardware watchdog {}: {error}; the robot runs without it", path.display()))?;
         let note = match sys::set_watchdog_timeout(device.as_fd(), timeout_s) {
             Ok(seconds) => format!("hardware watchdog {}: resets after {seconds} s", path.display()),
-            Err(error) => format!("hardware watchdog {}: its own time limit stands: {error}", path.display()),
+            Err(error) => format!("hardware watchdog {}: its default timeout is in effect: {error}", path.display()),
         };
         Ok((Self { device, next: Instant::ZERO }, note))
     }
@@ -61,7 +62,7 @@ mod tests {
         let path = std::env::temp_dir().join(format!("advee-watchdog-{}", std::process::id()));
         fs::write(&path, "").unwrap();
         let (mut device, note) = HardwareWatchdog::open(&path, 10).unwrap();
-        assert!(note.contains("its own time limit stands"), "a file has no limit to set: {note}");
+        assert!(note.contains("its default timeout is in effect"), "a file has no limit to set: {note}");
         for ms in (0..3000).step_by(100) {
             device.feed(Instant::from_millis(ms));
         }

@@ -122,18 +122,19 @@ impl Host {
         if watchdog_seen.is_some() {
             alarm::set(ALARM_S.0);
         }
-        let beats = HeartbeatPage::open().map_err(|error| format!("the page of beats: {error}"))?;
+        let beats = HeartbeatPage::open().map_err(|error| format!("heartbeat page: {error}"))?;
         let mut channels: Vec<Channel> = shell.subscriptions().collect();
         // The heartbeat page shows the watchdog too, at lower cost.
         channels.extend(watchdog_seen.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
-        let overhears = shell.module().overhears();
+        let wants_raw_bus = shell.module().wants_raw_bus();
         channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
-        let channels: Vec<&str> = match overhears {
+        let channels: Vec<&str> = match wants_raw_bus {
             true => vec![".*"],
             false => channels.into_iter().map(Channel::name).collect(),
         };
-        let bus = Bus::open_with_buffer(&config.lcm_url, &channels, if overhears { RAW_RECEIVE_BUFFER } else { 0 })?;
+        let bus =
+            Bus::open_with_buffer(&config.lcm_url, &channels, if wants_raw_bus { RAW_RECEIVE_BUFFER } else { 0 })?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
         let taps = taps(config.raw, specs.len());
@@ -184,7 +185,7 @@ impl Host {
             armed: None,
             real_time: sys::is_fifo(),
             signals,
-            beat: beat.map_err(|error| format!("the page of beats: {error}"))?,
+            beat: beat.map_err(|error| format!("heartbeat page: {error}"))?,
             end: None,
         })
     }
@@ -372,7 +373,10 @@ impl Host {
         if is_unsupervised(self.watchdog_seen) {
             self.watchdog_seen = None;
             alarm::set(ALARM_S.1);
-            self.say(Level::Warning, &format!("no watchdog was heard for {} s: it ends", UNSUPERVISED_MAX.as_secs()));
+            self.say(
+                Level::Warning,
+                &format!("no sign of a watchdog for {} s: the module ends", UNSUPERVISED_MAX.as_secs()),
+            );
             self.shell.terminate(now, &mut self.out);
             self.act();
         }
@@ -410,13 +414,13 @@ impl Host {
     /// Receives a message. A module that wants the raw bus has received its bytes before; only the channels that it
     /// subscribes to are decoded.
     fn receive(&mut self, now: Instant) -> FromBus {
-        if !self.shell.module().overhears() {
+        if !self.shell.module().wants_raw_bus() {
             return self.bus.receive(now);
         }
         let follows_watchdog = self.watchdog_seen.is_some() && self.beat.is_none();
         let (shell, out) = (&mut self.shell, &mut self.out);
         let received = self.bus.receive_with(now, |at, raw| {
-            shell.handle(now, Event::Heard { at, channel: raw.channel, data: raw.data }, out);
+            shell.handle(now, Event::RawMessage { at, channel: raw.channel, data: raw.data }, out);
             let wanted = |channel| shell.wants(channel) || (channel == Channel::CmDataProcesses && follows_watchdog);
             Channel::from_name(raw.channel).is_some_and(wanted)
         });
@@ -494,7 +498,8 @@ impl Host {
         let again = self.health.on_published(sent.is_ok());
         match sent {
             Ok(()) if again => {
-                let report = Report::new(Severity::Notice, Fault::PortDown, "lcm", "LCM bus: messages leave again");
+                let report =
+                    Report::new(Severity::Notice, Fault::PortDown, "lcm", "the LCM bus accepts messages again");
                 self.shell.clear(now, report, &mut self.out);
             }
             Ok(()) => {}
@@ -507,12 +512,12 @@ impl Host {
 
     /// All messages have been read. Reports lost messages once, and once the end of the loss.
     fn on_bus_served(&mut self, now: Instant) {
-        let overhears = self.shell.module().overhears();
-        let count = if overhears { self.bus.missed() } else { self.bus.kernel_dropped() };
+        let wants_raw_bus = self.shell.module().wants_raw_bus();
+        let count = if wants_raw_bus { self.bus.missed() } else { self.bus.kernel_dropped() };
         match self.health.on_served(now, count) {
             None => {}
             Some(Losses::Growing) => {
-                let why = "LCM bus: messages are lost: they come faster than they are taken";
+                let why = "LCM bus: messages are lost, because they arrive faster than they are processed";
                 self.raise(Fault::PortOverrun, "lcm", why);
             }
             Some(Losses::Ended) => {
@@ -545,7 +550,8 @@ impl Host {
 
     fn report_ended_causes(&mut self, now: Instant) {
         while let Some((fault, cause, count)) = self.bad.take_ended(now) {
-            let message = format!("{cause}: well for {} s; it was so {count} times", bad_input::CAUSE_END.as_secs());
+            let message =
+                format!("{cause}: no further occurrence for {} s, {count} in all", bad_input::CAUSE_END.as_secs());
             let report = Report::new(Severity::Notice, fault, cause, message);
             self.shell.clear(now, report, &mut self.out);
             self.act();
@@ -613,7 +619,7 @@ impl Host {
                         Severity::Notice,
                         Fault::PortOverrun,
                         &*port.name,
-                        format!("{}: output leaves again", port.name),
+                        format!("{}: output is sent again", port.name),
                     );
                     self.shell.clear(now, report, &mut self.out);
                 }
@@ -622,7 +628,7 @@ impl Host {
             }
             Ok(false) => {
                 port.overrun = true;
-                let why = format!("{}: output is dropped: it does not leave", port.name);
+                let why = format!("{}: output is dropped, because the queue is full", port.name);
                 let report = Report::new(Severity::Warning, Fault::PortOverrun, &*port.name, why);
                 self.shell.raise(now, report, &mut self.out);
             }

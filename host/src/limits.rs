@@ -70,7 +70,7 @@ impl Limits {
         }
         let held = leaf.map(|leaf| leaf.limit(self.memory_max, self.cpu_max)).unwrap_or_default();
         if self.cpu_max.is_some() && !held.cpu {
-            unprepared.push("cpu_max: no cgroup that could hold it; it may use more".into());
+            unprepared.push("cpu_max: no cgroup with a cpu controller; not limited".into());
         }
         let birth = PreparedLimits {
             nice: self.nice,
@@ -135,11 +135,11 @@ impl Refused {
             let number = i32::from_le_bytes([report[1], report[2], report[3], report[4]]);
             let error = io::Error::from_raw_os_error(number);
             lines.push(match report[0] {
-                limit if limit == Limit::Group as u8 => format!("cgroup: {error}; it is guarded by its process group"),
-                limit if limit == Limit::Nice as u8 => format!("nice: {error}; it runs at the usual one"),
-                limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; it may use all"),
-                limit if limit == Limit::Memory as u8 => format!("memory_max: {error}; it may use more"),
-                limit if limit == Limit::Fifo as u8 => format!("rt_priority: {error}; it runs without"),
+                limit if limit == Limit::Group as u8 => format!("cgroup: {error}; the process group is used instead"),
+                limit if limit == Limit::Nice as u8 => format!("nice: {error}; not set"),
+                limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; all may be used"),
+                limit if limit == Limit::Memory as u8 => format!("memory_max: {error}; not limited"),
+                limit if limit == Limit::Fifo as u8 => format!("rt_priority: {error}; not set"),
                 _ => {
                     pid = Some(number.unsigned_abs());
                     continue;
@@ -163,8 +163,8 @@ pub fn lock_memory() -> Result<(), String> {
     // With a limit, later allocations would fail at run time.
     match getrlimit(Resource::RLIMIT_MEMLOCK) {
         Ok((RLIM_INFINITY, _)) => mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)
-            .map_err(|errno| format!("mlockall: {}: its memory may be paged out", errno.desc())),
-        _ => Err("RLIMIT_MEMLOCK is limited: its memory may be paged out".into()),
+            .map_err(|errno| format!("mlockall: {}; its memory may be paged out", errno.desc())),
+        _ => Err("RLIMIT_MEMLOCK is limited; its memory may be paged out".into()),
     }
 }
 

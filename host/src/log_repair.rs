@@ -44,7 +44,7 @@ pub fn start(folder: PathBuf, log: Log) {
     });
     let _ = before.thread_set_mask();
     if let Err(error) = started {
-        note.line(format_args!("logs of earlier runs are not mended: {error}"));
+        note.line(format_args!("logs of earlier runs are not repaired: {error}"));
     }
 }
 
@@ -61,7 +61,7 @@ fn repair(folder: &Path, rate: u64, mut report: impl FnMut(String)) {
             match note {
                 Ok(None) => {}
                 Ok(Some(note)) => report(format!("{}: {note}", name())),
-                Err(error) => report(format!("{}: it has no index, and cannot get one now: {error}", name())),
+                Err(error) => report(format!("{}: it has no index, and adding one failed: {error}", name())),
             }
         }
     }
@@ -95,16 +95,16 @@ fn repair_file(folder: &OwnedFd, name: &CString, rate: u64) -> io::Result<Option
     if size == 0 {
         // Created, but the power failed before its first bytes were on disk.
         unlinkat(folder, name.as_c_str(), UnlinkatFlags::NoRemoveDir)?;
-        return Ok(Some("removed: there was nothing in it".into()));
+        return Ok(Some("removed, because it was empty".into()));
     }
     match recover::seal(RateLimited { file: &file, rate, spent: 0 }, &mut |_, _| ()) {
         Ok(Sealed::Whole) => Ok(None),
         Ok(Sealed::Sealed(report)) => {
             file.set_len(report.written)?;
             file.sync_all()?;
-            Ok(Some(format!("it has an index now: {} messages", report.messages)))
+            Ok(Some(format!("index added: {} messages", report.messages)))
         }
-        Ok(Sealed::Damaged(_)) => Ok(Some("damaged inside: advee log recover leaves out what is".into())),
+        Ok(Sealed::Damaged(_)) => Ok(Some("damaged inside: use advee log recover".into())),
         Err(error) => {
             // Truncated to its former size: the disk may be full.
             file.set_len(size)?;

@@ -40,7 +40,7 @@ use stderr::Stderr;
 /// Period of measuring the processes' load.
 const USAGE_PERIOD: Duration = Duration::from_secs(1);
 /// Period of checking their heartbeats.
-const HEARTBEAT_PERIOD: Duration = Duration::from_millis(20);
+const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
 /// Delay of a thread at which its heartbeat counts as missing.
 const LATE_AFTER: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
 /// Period of reading the standard error of foreign modules.
@@ -166,9 +166,9 @@ enum News {
     Unstartable { module: String, reason: String },
     Exited { pid: u32, status: ExitStatus },
     Usage { pid: u32, cpu: f64, rss: i64 },
-    Beating { pid: u32 },
-    Silent { pid: u32, thread: String, last: Instant },
-    BadBeats { pid: u32, why: String },
+    HeartbeatStarted { pid: u32 },
+    HeartbeatLate { pid: u32, thread: String, last: Instant },
+    BadHeartbeat { pid: u32, why: String },
 }
 
 /// Removes the files and cgroups of a robot's processes; called by the process that ends last.
@@ -201,7 +201,7 @@ impl Processes {
             ends,
             usage: Ticker::new(now + USAGE_PERIOD, USAGE_PERIOD),
             beats,
-            looks: Ticker::new(now + HEARTBEAT_PERIOD, HEARTBEAT_PERIOD),
+            looks: Ticker::new(now + HEARTBEAT_CHECK_PERIOD, HEARTBEAT_CHECK_PERIOD),
             looked: now,
             reads: Ticker::new(now + LINES_PERIOD, LINES_PERIOD),
             lines: VecDeque::new(),
@@ -212,7 +212,7 @@ impl Processes {
             page: value(SysconfVar::PAGE_SIZE, 4096.0),
         };
         if let Some(Err(error)) = processes.launch.rt_priority.map(|priority| sys::set_fifo(priority, true)) {
-            processes.note(format!("rt_priority of the watchdog: {error}; it runs without"));
+            processes.note(format!("rt_priority of the watchdog: {error}; not set"));
         }
         processes.adopt(now);
         Ok(processes)
@@ -322,7 +322,7 @@ impl Processes {
                 Some((stderr, lines_from))
             }
             Some(Err(error)) => {
-                self.note(format!("{module}: what it writes to its standard error is not read: {error}"));
+                self.note(format!("{module}: its standard error is not read: {error}"));
                 None
             }
             None => None,
@@ -353,7 +353,7 @@ impl Processes {
         self.news.push_back(News::Started { module: module.clone(), pid });
         let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
         if let Some(error) = refused {
-            self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
+            self.news.push_back(News::BadHeartbeat { pid, why: format!("cannot be made: {error}") });
         }
         let end = sys::pidfd_open(pid).ok();
         let measured = clock::now();
@@ -383,7 +383,8 @@ impl Processes {
     fn record_entry(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
         let Some(record) = &mut self.record else { return };
         if let Err(error) = record.change(module, change) {
-            let line = format!("{}: {error}: a new watchdog will not know these processes", record.path().display());
+            let line =
+                format!("{}: {error}; a restarted watchdog will not adopt these processes", record.path().display());
             self.note(line);
         }
     }
@@ -450,7 +451,7 @@ impl Processes {
 
     /// Checks the heartbeats.
     fn check_heartbeats(&mut self, now: Instant) {
-        let held_up = now.since(self.looked + HEARTBEAT_PERIOD);
+        let held_up = now.since(self.looked + HEARTBEAT_CHECK_PERIOD);
         // A small delay of the check itself is no excuse for late threads.
         let held_up = if held_up < LATE_AFTER { Duration::ZERO } else { held_up };
         self.looked = now;
@@ -464,14 +465,14 @@ impl Processes {
                 Reading::Blank => {}
                 Reading::Oldest { thread, last } => {
                     if !std::mem::replace(&mut process.beats, true) {
-                        self.news.push_back(News::Beating { pid });
+                        self.news.push_back(News::HeartbeatStarted { pid });
                     }
                     if now.since(last) >= LATE_AFTER {
-                        self.news.push_back(News::Silent { pid, thread: thread.into(), last });
+                        self.news.push_back(News::HeartbeatLate { pid, thread: thread.into(), last });
                     }
                 }
                 Reading::Bad(why) => {
-                    self.news.push_back(News::BadBeats { pid, why: why.into() });
+                    self.news.push_back(News::BadHeartbeat { pid, why: why.into() });
                     process.bad = true;
                 }
             }
@@ -480,8 +481,8 @@ impl Processes {
 
     /// Aligns the checks with another periodic deadline, which saves wake-ups.
     pub fn align(&mut self, now: Instant, due: Instant) {
-        let ahead = due.since(now).as_nanos() % HEARTBEAT_PERIOD.as_nanos();
-        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_PERIOD);
+        let ahead = due.since(now).as_nanos() % HEARTBEAT_CHECK_PERIOD.as_nanos();
+        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_CHECK_PERIOD);
     }
 
     /// Deadline of the next check or measurement.
@@ -511,9 +512,9 @@ impl Processes {
             News::Unstartable { module, reason } => ProcessEvent::Unstartable { module, reason },
             News::Exited { pid, status } => ProcessEvent::Exited { pid: *pid, status: *status },
             News::Usage { pid, cpu, rss } => ProcessEvent::Usage { pid: *pid, cpu: *cpu, rss: *rss },
-            News::Beating { pid } => ProcessEvent::Beating { pid: *pid },
-            News::Silent { pid, thread, last } => ProcessEvent::Silent { pid: *pid, thread, last: *last },
-            News::BadBeats { pid, why } => ProcessEvent::BadBeats { pid: *pid, why },
+            News::HeartbeatStarted { pid } => ProcessEvent::HeartbeatStarted { pid: *pid },
+            News::HeartbeatLate { pid, thread, last } => ProcessEvent::HeartbeatLate { pid: *pid, thread, last: *last },
+            News::BadHeartbeat { pid, why } => ProcessEvent::BadHeartbeat { pid: *pid, why },
         });
         true
     }

@@ -89,7 +89,7 @@ impl Recording {
         }
         let failed = self.shared.failed.try_lock().ok().and_then(|why| why.clone());
         let full = self.shared.full.load(Ordering::Relaxed).then(|| "the disk is too slow".into());
-        let trouble = failed.or(full).map(|why| format!("inputs are no longer recorded whole: {why}"));
+        let trouble = failed.or(full).map(|why| format!("the record of inputs is incomplete: {why}"));
         self.told = trouble.is_some();
         trouble
     }
@@ -276,8 +276,8 @@ mod tests {
         shell.record(Recorder::new(&run.inputs().header, 1 << 30, move |record| feeder.take(record)));
         live(&mut shell, 200_000);
         let mut recording = Recording { shared: shared.clone(), thread: None, told: false };
-        assert_eq!(recording.trouble().unwrap(), "inputs are no longer recorded whole: the disk is too slow");
-        assert_eq!(recording.trouble(), None, "told once");
+        assert_eq!(recording.trouble().unwrap(), "the record of inputs is incomplete: the disk is too slow");
+        assert_eq!(recording.trouble(), None, "reported once");
         assert!(shared.waiting.lock().unwrap().len() <= BUFFER_MAX);
         // Now the writer runs.
         let path = run.0.join("file");
@@ -304,6 +304,6 @@ mod tests {
         shared.write(OpenOptions::new().write(true).open("/dev/full").unwrap());
         let mut recording = Recording { shared, thread: None, told: false };
         let trouble = recording.trouble().unwrap();
-        assert!(trouble.starts_with("inputs are no longer recorded whole: "), "{trouble}");
+        assert!(trouble.starts_with("the record of inputs is incomplete: "), "{trouble}");
     }
 }

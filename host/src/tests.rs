@@ -101,7 +101,11 @@ impl Module for Toy {
             Event::Port { input: Input::CanNotice(notice), .. } => self.note(format!("{notice:?}")),
             Event::Port {
                 input:
-                    input @ (Input::I2c(_) | Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_)),
+                    input @ (Input::I2c(_)
+                    | Input::I2cRequested(_)
+                    | Input::OneWire(_)
+                    | Input::Gamepad(_)
+                    | Input::Store(_)),
                 ..
             } => self.note(format!("{input:?}")),
             Event::Port { input: Input::Words(words), .. } => {
@@ -111,7 +115,7 @@ impl Module for Toy {
             }
             Event::Port { input: Input::Can(frame), .. } => self.note(format!("{:?}", frame.data())),
             Event::State(state) => self.note(state.name()),
-            Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
     }
 
@@ -346,7 +350,7 @@ fn frames_cross_a_multicast_bus_without_own_and_invalid_ones() {
             _ => panic!(),
         }
     }
-    assert_eq!(heard, ["[1, 2, 3]", "no frame: it is no map"]);
+    assert_eq!(heard, ["[1, 2, 3]", "no frame: it is not a map"]);
     let Ok(Received::Fault(..)) = left.device.receive(clock::now()) else { panic!("its own frame, or nothing") };
     assert!(matches!(left.device.receive(clock::now()), Ok(Received::Nothing)));
 }

@@ -78,7 +78,7 @@ sleep 3
 once "nobody on can.main acknowledges"
 once "error-passive"
 ip link set can1 up
-expect "what is sent on can.main is acknowledged"
+expect "frames on can.main are acknowledged"
 expect "the controller of can.main is error-active"
 alive
 finish

@@ -73,7 +73,7 @@ overrun() { # INTERFACE to send from: a driver that stands still loses frames, a
     kill -CONT $driver
     sleep 1
     cansend "$1" 123#00 # the next frame brings the count
-    expect "the receive buffer ran over: [0-9]* frames are lost"
+    expect "the receive buffer overflowed: [0-9]* frames are lost"
     kill $driver
     wait $driver || fail "exit status $?"
 }

@@ -38,7 +38,7 @@ tool "0x50  80 °C" set 0x18 0x03 0x50
 reads 0x03 0x50
 tool "^0f  2d\* fan-start temperature 1" dump 0x18
 tool "nobody answers at this address" get 0x19 0
-tool "cannot read a block whose length the chip says" get 0x18 0 --block
+tool "cannot read a block of variable length" get 0x18 0 --block
 
 step "the robot configures and reads it"
 "$ADVEE" run driver_aux --set i2c.aux.bus="$adapter" >"$log" 2>&1 &
@@ -50,7 +50,7 @@ tool "is held by driver_aux" dump 0x18
 
 step "a fan stalls: the other one helps"
 model stall 1
-expect "fan_left fails: 0 rpm at"
+expect "fan_left failed: 0 rpm at"
 # It gets there by its rate of change.
 full() { [ "$(i2cget -y "${adapter#*-}" 0x18 0x0e)" = 0xf0 ]; }
 within 20 full || fail "the other fan is not driven to full duty"
@@ -59,13 +59,13 @@ expect "fan_left turns again: "
 
 step "too hot"
 model hot 1 70
-expect "box is 70.0 °C hot, above its limit of 60 °C"
+expect "box is at 70.0 °C, above its limit of 60 °C"
 model hot 1 25
-expect "box is 25.0 °C, below its limit of 60 °C"
+expect "box is at 25.0 °C, below its limit of 60 °C"
 
 step "the chip loses its supply"
 model gone
-expect "fan1 (0x18 on i2c.aux): nobody answers at this address; looked for once a second"
+expect "fan1 (0x18 on i2c.aux): nobody answers at this address; retried once a second"
 sleep 3
 once "fan1 (0x18 on i2c.aux): nobody answers"
 model back
@@ -73,18 +73,18 @@ expect "fan1 (0x18 on i2c.aux) answers again"
 configured
 step "for a moment"
 model reset
-expect "had forgotten its configuration: configured anew"
+expect "had lost its configuration: configured again"
 configured
 
 step "SDA is held low"
 model sda low
-expect "fan1 (0x18 on i2c.aux): register 02 was given 1e and reads 00; looked for once a second"
+expect "fan1 (0x18 on i2c.aux): register 02 was given 1e and reads 00; retried once a second"
 model sda free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
-step "the adapter does not come back"
+step "the adapter does not finish a transfer"
 model scl low
-expect "fan1 (0x18 on i2c.aux): the adapter does not come back from a transfer"
+expect "fan1 (0x18 on i2c.aux): the adapter does not finish a transfer"
 model scl free
 expect "fan1 (0x18 on i2c.aux) answers again"
 
@@ -98,7 +98,7 @@ expect "fan1 (0x18 on i2c.aux): MAX6615 revision 1, configured"
 find_adapter && configured
 step "while it hangs"
 model scl low
-expect "the adapter does not come back from a transfer"
+expect "the adapter does not finish a transfer"
 model unplug
 expect "i2c.aux is down: "
 within 10 no_adapter || fail "it is still there"

@@ -17,9 +17,9 @@ model battery 31.5
 told 'name="battery" value=31.5' 8
 step "too hot"
 model battery 55
-expect "battery is 55.0 °C hot, above its limit of 50 °C"
+expect "battery is at 55.0 °C, above its limit of 50 °C"
 model battery 20
-expect "battery is 20.0 °C, below its limit"
+expect "battery is at 20.0 °C, below its limit"
 step "it is pulled"
 model battery off
 expect "battery (28-000000000001 on w1): not connected" 60

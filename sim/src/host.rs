@@ -39,7 +39,7 @@ use agenda::{Entry, Happening, Waiting};
 use base::gamepad::Event as GamepadEvent;
 use base::serial::Word;
 use base::{Duration, Fault, Instant, Report, Severity};
-use can::Told;
+use can::WireEvent;
 use digest::Digest;
 use life::{Kept, Life};
 use messages::{Channel, Message};
@@ -48,7 +48,7 @@ use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessC
 use owner::Owner;
 use simulator::Random;
 use simulator::disturbance::{Disturbance, part};
-use simulator::faults::{self, Ailment};
+use simulator::faults::{self, InjectedFault};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 use std::mem;
@@ -62,15 +62,15 @@ const BUS_OFF: &str = "bus-off";
 /// Processes are numbered from here.
 const FIRST_PID: u32 = 1000;
 /// What waits for a hung process; further input is lost, as full socket buffers lose it.
-const BACKLOG: usize = 1024;
+const BACKLOG_MAX: usize = 1024;
 /// A module that is due at once this often in a row does not move on.
-const SPIN: u32 = 10_000;
+const SPIN_MAX: u32 = 10_000;
 /// The LCM bus as a target of faults.
 const LCM: &str = "lcm";
 /// What is said when a recorder has no room.
-const GAPS: &str = "inputs are no longer recorded whole: the disk takes nothing";
+const GAPS_TEXT: &str = "the record of inputs is incomplete: the disk takes nothing";
 /// A message that comes twice comes again within this time.
-const TWICE: Duration = Duration::from_millis(2);
+const DUPLICATE_WITHIN: Duration = Duration::from_millis(2);
 
 /// A process.
 struct Process {
@@ -244,12 +244,12 @@ impl Virtual {
     /// target does; `lcm` is one. False when there is no such bus, or that is no fault of it.
     pub fn fault(&mut self, target: &str, fault: &str, value: f64, lasts: f64) -> bool {
         let (now, until) = (self.now, faults::until(self.now, lasts));
-        let Some(ailment) = Ailment::from_name(fault, value) else { return false };
+        let Some(injected) = InjectedFault::from_name(fault, value) else { return false };
         let place = self.wires.iter().position(|wire| &*wire.bus == target);
         let known = match place {
-            Some(place) => self.wires[place].suffer(now, ailment, until),
-            None if target == LCM && matches!(ailment, Ailment::Noise(_)) => false,
-            None if target == LCM => self.lcm_disturbance.suffer(now, ailment, until),
+            Some(place) => self.wires[place].inject(now, injected, until),
+            None if target == LCM && matches!(injected, InjectedFault::Noise(_)) => false,
+            None if target == LCM => self.lcm_disturbance.inject(now, injected, until),
             None => false,
         };
         if known {
@@ -257,7 +257,7 @@ impl Virtual {
         }
         if let Some(place) = place {
             // What it does at once is told after it.
-            self.pass_told(place);
+            self.pass_events(place);
             self.arm_wire(place);
         }
         known
@@ -354,8 +354,8 @@ impl Virtual {
             Happening::Inject(message) => self.publish(0, message),
             Happening::Tell(pid, waiting) => self.tell(pid, waiting),
             Happening::Serve(pid, waiting) => self.serve(pid, waiting),
-            Happening::Look => self.serve_look(),
-            Happening::Lonely(pid) => self.serve_lonely(pid),
+            Happening::Look => self.serve_check(),
+            Happening::Lonely(pid) => self.end_unsupervised(pid),
             Happening::Again(place) => self.again(place),
         }
     }
@@ -365,7 +365,7 @@ impl Virtual {
         self.processes[place].life.begin(self.now);
         self.adopt(pid);
         self.handle(pid, Event::Start);
-        self.tell_of_beats(pid);
+        self.report_heartbeats(pid);
         let ports = self.place(pid).map_or(0, |place| self.processes[place].wires.len());
         for port in (0..ports).map(|port| PortId(port as u8)) {
             let Some(place) = self.place(pid) else { return };
@@ -392,7 +392,7 @@ impl Virtual {
             let (target, fault) = (command.target.as_str(), command.fault.as_str());
             let of_a_bus = self.fault(target, fault, command.value, command.duration);
             // Else it is one of the simulator's, or the simulator says that it is none.
-            if !of_a_bus && Ailment::from_name(fault, command.value).is_some() {
+            if !of_a_bus && InjectedFault::from_name(fault, command.value).is_some() {
                 self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
             }
         }
@@ -402,11 +402,12 @@ impl Virtual {
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
             let process = &self.processes[place];
             pid = process.pid;
-            let (wants, overhears) = (process.shell.wants(message.channel()), process.shell.module().overhears());
-            if !process.life.started || !(wants || overhears) || self.lcm.chance(loss) {
+            let (wants, wants_raw_bus) =
+                (process.shell.wants(message.channel()), process.shell.module().wants_raw_bus());
+            if !process.life.started || !(wants || wants_raw_bus) || self.lcm.chance(loss) {
                 continue;
             }
-            if overhears {
+            if wants_raw_bus {
                 let (channel, data) = bytes.get_or_insert_with(|| encoded(message)).clone();
                 self.tell(pid, Waiting::Heard(self.now, channel, data));
             }
@@ -419,7 +420,7 @@ impl Virtual {
     fn serve_timer(&mut self, place: usize) {
         let process = &mut self.processes[place];
         process.spin = if process.spin.0 == self.now { (self.now, process.spin.1 + 1) } else { (self.now, 1) };
-        assert!(process.spin.1 < SPIN, "{} is due at once again and again, at {:?}", process.module, self.now);
+        assert!(process.spin.1 < SPIN_MAX, "{} is due at once again and again, at {:?}", process.module, self.now);
         let pid = process.pid;
         self.handle(pid, Event::Timer);
     }
@@ -429,7 +430,7 @@ impl Virtual {
         match &mut self.wires[place].kind {
             Kind::Can(wire) => {
                 wire.handle_timeout(now);
-                self.pass_told(place);
+                self.pass_events(place);
             }
             Kind::Serial(wire) => {
                 if let Some(arrival) = wire.handle_timeout(now) {
@@ -437,10 +438,12 @@ impl Virtual {
                 }
             }
             Kind::I2c(wire) => match wire.handle_timeout(now) {
-                Some(i2c::Told::Asked(chips, transfer)) => {
-                    self.tell(chips.pid, Waiting::I2cAsked(chips.port, transfer));
+                Some(i2c::I2cEvent::Asked(chips, transfer)) => {
+                    self.tell(chips.pid, Waiting::I2cRequested(chips.port, transfer));
                 }
-                Some(i2c::Told::Over(owner, transfer, outcome)) => self.transfer_over(place, owner, &transfer, outcome),
+                Some(i2c::I2cEvent::Over(owner, transfer, outcome)) => {
+                    self.transfer_over(place, owner, &transfer, outcome)
+                }
                 None => {}
             },
             Kind::OneWire(wire) => {
@@ -462,20 +465,20 @@ impl Virtual {
     }
 
     /// Passes on what a CAN wire tells.
-    fn pass_told(&mut self, place: usize) {
+    fn pass_events(&mut self, place: usize) {
         while let Kind::Can(wire) = &mut self.wires[place].kind
-            && let Some(told) = wire.poll_told()
+            && let Some(told) = wire.poll_event()
         {
             match told {
-                Told::Frame(owner, frame) => self.frame_over(place, owner, frame),
-                Told::Lost(frame) => {
+                WireEvent::Frame(owner, frame) => self.frame_over(place, owner, frame),
+                WireEvent::Lost(frame) => {
                     let bus = self.wires[place].bus.clone();
                     self.digest.can(self.now, &bus, &frame);
                     self.news(&News::CanLost { bus: &bus, frame });
                 }
-                Told::Off(owner) => self.tell(owner.pid, Waiting::Down(owner.port)),
-                Told::Back(owner) => self.tell(owner.pid, Waiting::Up(owner.port)),
-                Told::Notice(owner, notice) => self.tell(owner.pid, Waiting::Notice(owner.port, notice)),
+                WireEvent::Off(owner) => self.tell(owner.pid, Waiting::Down(owner.port)),
+                WireEvent::Back(owner) => self.tell(owner.pid, Waiting::Up(owner.port)),
+                WireEvent::Notice(owner, notice) => self.tell(owner.pid, Waiting::Notice(owner.port, notice)),
             }
         }
     }
@@ -574,7 +577,7 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let process = &mut self.processes[place];
         if process.life.hung.is_some() {
-            if process.life.backlog.len() < BACKLOG {
+            if process.life.backlog.len() < BACKLOG_MAX {
                 process.life.backlog.push_back(waiting);
             } else {
                 let module = process.module.clone();
@@ -593,8 +596,8 @@ impl Virtual {
             Waiting::Up(port) => self.handle(pid, Event::Port { port, input: Input::Up }),
             Waiting::Words(port, words) => self.handle(pid, Event::Port { port, input: Input::Words(&words) }),
             Waiting::I2c(port, outcome) => self.handle(pid, Event::Port { port, input: Input::I2c(&outcome) }),
-            Waiting::I2cAsked(port, transfer) => {
-                self.handle(pid, Event::Port { port, input: Input::I2cAsked(&transfer) });
+            Waiting::I2cRequested(port, transfer) => {
+                self.handle(pid, Event::Port { port, input: Input::I2cRequested(&transfer) });
             }
             Waiting::OneWire(port, answer) => self.handle(pid, Event::Port { port, input: Input::OneWire(&answer) }),
             Waiting::Gamepad(port, event) => {
@@ -602,7 +605,7 @@ impl Virtual {
             }
             Waiting::Store(port, answer) => self.handle(pid, Event::Port { port, input: Input::Store(&answer) }),
             Waiting::Heard(at, channel, data) => {
-                self.handle(pid, Event::Heard { at, channel: &channel, data: &data });
+                self.handle(pid, Event::RawMessage { at, channel: &channel, data: &data });
             }
             Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
             Waiting::Exited(pid_ended, status) => {
@@ -614,9 +617,11 @@ impl Virtual {
             Waiting::Unstartable(module, reason) => {
                 self.handle(pid, Event::Process(ProcessEvent::Unstartable { module: &module, reason: &reason }));
             }
-            Waiting::Beating(child) => self.handle(pid, Event::Process(ProcessEvent::Beating { pid: child })),
-            Waiting::Silent(child, last) => {
-                self.handle(pid, Event::Process(ProcessEvent::Silent { pid: child, thread: "main", last }));
+            Waiting::HeartbeatStarted(child) => {
+                self.handle(pid, Event::Process(ProcessEvent::HeartbeatStarted { pid: child }))
+            }
+            Waiting::HeartbeatLate(child, last) => {
+                self.handle(pid, Event::Process(ProcessEvent::HeartbeatLate { pid: child, thread: "main", last }));
             }
             Waiting::Start => self.begin(pid),
             Waiting::Terminate => {
@@ -636,7 +641,7 @@ impl Virtual {
         }
         process.shell.handle(self.now, event, &mut out);
         if process.shell.has_lost_inputs() && !mem::replace(&mut process.told_of_gaps, true) {
-            let report = Report::new(Severity::Warning, Fault::InputsLost, "inputs", GAPS);
+            let report = Report::new(Severity::Warning, Fault::InputsLost, "inputs", GAPS_TEXT);
             process.shell.raise(self.now, report, &mut out);
         }
         self.perform(pid, out);
@@ -683,7 +688,8 @@ impl Virtual {
         }
         self.digest.message(self.now, pid, &message.channel_name(), &self.bytes);
         self.news(&News::Message { pid, message: &message });
-        let hears = |process: &Process| process.shell.wants(message.channel()) || process.shell.module().overhears();
+        let hears =
+            |process: &Process| process.shell.wants(message.channel()) || process.shell.module().wants_raw_bus();
         if self.processes.iter().any(hears) {
             let jitter = part(self.config.lcm_jitter, &mut self.lcm);
             let disturbance = &self.lcm_disturbance;
@@ -699,7 +705,7 @@ impl Virtual {
             };
             let message = Rc::new(message);
             if self.lcm_disturbance.duplicates(self.now, &mut self.lcm) {
-                let again = at + part(TWICE, &mut self.lcm);
+                let again = at + part(DUPLICATE_WITHIN, &mut self.lcm);
                 self.schedule(again, Happening::Deliver(message.clone()));
             }
             self.schedule(at, Happening::Deliver(message));
@@ -720,7 +726,7 @@ impl Virtual {
             (Kind::I2c(wire), Output::I2c(transfer)) => wire.send(owner, transfer),
             (Kind::I2c(wire), Output::I2cAnswer(outcome)) => wire.answer(self.now, owner, outcome),
             (Kind::OneWire(wire), Output::OneWire(request)) => wire.send(self.now, owner, request),
-            (Kind::OneWire(wire), Output::OneWireIs(answer)) => wire.server.is(owner, answer),
+            (Kind::OneWire(wire), Output::OneWireState(answer)) => wire.server.is(owner, answer),
             (Kind::Store(wire), Output::Store(request)) => wire.send(self.now, owner, request),
             (Kind::Gamepad(_), Output::Gamepad(event)) => {
                 self.gamepad_tells(wire, owner, event);

@@ -44,9 +44,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
 /// A steering that was reset is homed within this time, which does not count.
-const HOMING: Duration = Duration::from_secs(30);
+const HOMING_MAX: Duration = Duration::from_secs(30);
 /// Faster than this it has moved, m/s.
-const MOVES: f64 = 0.05;
+const MOVING_MPS: f64 = 0.05;
 
 /// What all episodes of a soak have in common.
 #[derive(Clone, Copy, Debug)]
@@ -225,7 +225,7 @@ impl<'a> Episode<'a> {
         let mut watch = self.watch.borrow_mut();
         watch.operator.act(now, |message| says.push(message));
         if let Some(calm) = &mut self.calm {
-            if !calm.moved && watch.speed.abs() > MOVES && watch.reason.is_empty() {
+            if !calm.moved && watch.speed.abs() > MOVING_MPS && watch.reason.is_empty() {
                 calm.moved = true;
                 watch.meter.on_moved(calm.waited);
             }
@@ -245,7 +245,7 @@ impl<'a> Episode<'a> {
             return own("scenario", why.clone());
         }
         if let Some(Moves { waited, homing, moved: false }) = self.calm
-            && (waited > self.scenario.moves_within || homing > HOMING)
+            && (waited > self.scenario.moves_within || homing > HOMING_MAX)
         {
             let waited = (waited + homing).as_secs_f64();
             return own("moves", format!("it has not moved {waited:.1} s after the last fault: {:?}", watch.reason));

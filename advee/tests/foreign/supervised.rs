@@ -64,7 +64,7 @@ impl Supervised {
         self.robot.until("BeatsBad", 2.0, |view| view.errors.iter().any(|error| told(&error)));
         let told: Vec<_> = self.robot.view.errors.iter().filter(told).collect();
         let [told] = told[..] else { panic!("once: {told:?}") };
-        assert!(told.module == "watchdog" && told.message.starts_with("torn_page: its page of beats "), "{told:?}");
+        assert!(told.module == "watchdog" && told.message.starts_with("torn_page: its heartbeat page "), "{told:?}");
         self.torn = self.robot.view.pid(TORN);
     }
 
@@ -119,7 +119,7 @@ impl Supervised {
         };
         let errors = &self.robot.view.errors;
         for module in BEATING {
-            assert!(hung(module, "its thread main has not beaten for ", errors), "{errors:?}");
+            assert!(hung(module, "its thread main has sent no heartbeat for ", errors), "{errors:?}");
         }
         assert!(hung(QUIET, "it has not announced itself for ", errors), "{errors:?}");
     }

@@ -109,7 +109,7 @@ fn a_datagram_that_is_no_can_frame_is_told_once_and_the_robot_drives_on() {
     let modules: Vec<&str> = told.iter().map(|(module, _)| module.as_str()).collect();
     assert!(modules == ["driver_canbus", "simulator"] || modules == ["simulator", "driver_canbus"], "{told:?}");
     for (_, why) in told {
-        let [bus, sender] = ["dropped a datagram from ", " that is no frame: "].map(|part| why.find(part).unwrap());
+        let [bus, sender] = ["dropped a datagram from ", " that is not a frame: "].map(|part| why.find(part).unwrap());
         assert!(why.starts_with("can.main: ") && bus < sender && !why.contains('\n'), "{why}");
     }
 }
@@ -145,7 +145,7 @@ fn a_missing_device_is_an_error_told_once_until_it_appears() {
     listen(2.5, State::Run, &mut states, &mut errors);
     assert_eq!(states.last(), Some(&(State::Error as i8)), "{states:?}");
     let device = run_dir.join("rs485-a");
-    let missing = format!("rs485.a is down: {}: No such file or directory; tried again", device.display());
+    let missing = format!("rs485.a is down: {}: No such file or directory; retrying", device.display());
     assert_eq!(errors, [(Severity::Error as i8, missing)]);
 
     let mut simulator = run("simulator");
@@ -308,8 +308,8 @@ fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_r
     let odo = robot.seen.borrow().odo;
     robot.fault("sd1_front", "bad_crc", 0.0);
     robot.pass(30.0);
-    let degraded = "sd1_front (0x10 on rs485.a) fails again and again: it answers with a wrong CRC; asked on";
-    let lost = "sd1_front (0x10 on rs485.a) answers with a wrong CRC: its data is invalid, asked once a second";
+    let degraded = "sd1_front (0x10 on rs485.a) fails repeatedly: it answers with a wrong CRC; polled on";
+    let lost = "sd1_front (0x10 on rs485.a) answers with a wrong CRC: its data is invalid, polled once a second";
     let expected = [
         (Severity::Warning, Fault::BoardDegraded, degraded.to_string()),
         (Severity::Error, Fault::BoardLost, lost.to_string()),
@@ -326,7 +326,7 @@ fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_r
     robot.fault("sd1_front", "none", 0.0);
     robot.pass(3.0);
     let back = [
-        (Severity::Notice, Fault::BoardDegraded, "sd1_front (0x10 on rs485.a) answers well again".to_string()),
+        (Severity::Notice, Fault::BoardDegraded, "sd1_front (0x10 on rs485.a) answers properly again".to_string()),
         (Severity::Notice, Fault::BoardLost, "sd1_front (0x10 on rs485.a) answers again".to_string()),
     ];
     assert_eq!(robot.reports(), back);
@@ -338,12 +338,12 @@ fn an_unknown_instruction_is_told_once_and_counted_and_the_robot_drives_on() {
     let mut robot = InVirtualTime::driving(40.0);
     robot.fault("sd1_rear", "refuses", 25.0);
     robot.pass(20.0);
-    let refused = "sd1_rear (0x11 on rs485.a) does not know instruction 0x10; asked on, its data is missing";
+    let refused = "sd1_rear (0x11 on rs485.a) does not know instruction 0x10; polled on, its data is missing";
     assert_eq!(robot.reports(), [(Severity::Warning, Fault::BoardRefused, refused.to_string())]);
     assert_eq!(robot.node("sd1_rear").state, lowlevel::Node::OK, "it answers");
     robot.drives_on();
     robot.pass(7.0);
-    let again = "sd1_rear (0x11 on rs485.a) does what it is asked again, after 100 refusals";
+    let again = "sd1_rear (0x11 on rs485.a) executes its instructions again, after 100 refusals";
     assert_eq!(robot.reports(), [(Severity::Notice, Fault::BoardRefused, again.to_string())]);
     robot.drives_on();
 }
@@ -417,6 +417,6 @@ fn an_sdo_abort_at_boot_is_told_once_with_its_object_and_reason_and_tried_again(
     // The other drive is not there at all.
     reports.retain(|(_, _, line)| !line.starts_with("steering"));
     let line = "propulsion drive (node 1) cannot be booted: configuration: 0x6085:0 refused: data cannot be transferred in the present \
-                device state (0x08000022); tried again each second";
+                device state (0x08000022); retried each second";
     assert_eq!(reports, [(Severity::Error, Fault::DriveBootFailed, line.to_string())]);
 }

@@ -87,7 +87,7 @@ fn the_simulated_robot_s_fan_controller_is_found_read_and_written_while_its_driv
 #[test]
 fn what_is_no_bus_is_refused_by_name() {
     for (port, why) in [
-        ("/dev/full", "/dev/full is no I2C adapter"),
+        ("/dev/full", "/dev/full is not an I2C adapter"),
         ("/dev/no-such-adapter", "/dev/no-such-adapter: "),
         ("gpio:/dev/full:1:2", "lines 1 and 2: "),
         ("unix:/no/such/socket", "/no/such/socket: "),

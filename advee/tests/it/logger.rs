@@ -75,7 +75,7 @@ fn a_kill_costs_little_and_the_next_start_gives_the_file_its_index() {
     assert!(counts.len() as u64 >= KILLS);
     let logger = rig.start(&[]);
     rig.until("all files have an index", 60.0, |rig| {
-        let repaired = rig.said().matches("it has an index now").count() + rig.said().matches("removed:").count();
+        let repaired = rig.said().matches("index added").count() + rig.said().matches("removed:").count();
         repaired as u64 >= KILLS
     });
     assert_eq!(logger.stop(), 0);

@@ -369,7 +369,7 @@ fn who_announces_another_s_name_is_told_and_harms_nobody() {
         robot.publish(common::DataState { timestamp: 0, module, state });
         robot.pass(0.1);
     }
-    assert_eq!(told(&robot, Fault::NameClaimed), ["somebody announces driver_rs485b RUN, which does not run"]);
+    assert_eq!(told(&robot, Fault::NameClaimed), ["driver_rs485b RUN is announced, but its process does not run"]);
     assert_eq!(robot.view.processes["driver_rs485b"].phase, common::Process::TERMINATED);
 }
 

@@ -160,7 +160,7 @@ impl Storm {
     fn ail(&mut self, target: &'static str, fault: &'static str, value: f64) {
         let duration = self.between(0.05, 1.0);
         self.note(format!("{target} {fault} {duration:.3}"));
-        self.say(simulation::CmdFault { value, ..ailment(target, fault, duration) });
+        self.say(simulation::CmdFault { value, ..fault_command(target, fault, duration) });
     }
 
     /// Everything is made well; the robot drives.
@@ -173,7 +173,7 @@ impl Storm {
         self.robot.checkers.borrow_mut().calm(self.robot.machine.now());
         self.robot.pass(3.0);
         for target in ["propulsion", "steering"] {
-            self.say(ailment(target, "none", 0.0));
+            self.say(fault_command(target, "none", 0.0));
         }
         self.say(pause(false));
         self.say(order("*", common::DataState::RUN));
@@ -211,7 +211,7 @@ fn order(module: &str, state: i8) -> common::CmdState {
     common::CmdState { timestamp: 0, module: module.into(), state, manual: true, source: "test".into() }
 }
 
-fn ailment(target: &str, fault: &str, duration: f64) -> simulation::CmdFault {
+fn fault_command(target: &str, fault: &str, duration: f64) -> simulation::CmdFault {
     simulation::CmdFault { timestamp: 0, target: target.into(), fault: fault.into(), value: 0.0, duration }
 }
 

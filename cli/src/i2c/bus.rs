@@ -38,7 +38,7 @@ impl Bus {
                 Ok(Received::Input { input: Input::I2c(outcome), .. }) => return Ok(outcome.clone()),
                 Ok(Received::Note(note)) => self.open.tell(&note),
                 Ok(Received::Nothing) if now >= until => {
-                    return Err(format!("{}: the adapter does not come back from a transfer", self.open.name).into());
+                    return Err(format!("{}: the adapter does not finish a transfer", self.open.name).into());
                 }
                 Ok(Received::Nothing) => {
                     if self.open.wait(until)? {

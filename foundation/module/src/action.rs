@@ -52,12 +52,12 @@ pub enum Output {
     Words(Vec<Word>),
     /// A transfer on an I2C bus; the host answers with `Input::I2c`. At most [`OUTSTANDING`] may be pending.
     I2c(i2c::Transfer),
-    /// The simulator's end of an I2C bus: outcome of the oldest pending `Input::I2cAsked`.
+    /// The simulator's end of an I2C bus: outcome of the oldest pending `Input::I2cRequested`.
     I2cAnswer(i2c::Outcome),
     /// A request on a 1-Wire bus; the host answers with `Input::OneWire`. At most [`OUTSTANDING`] may be pending.
     OneWire(w1::Request),
     /// The simulator's end of a 1-Wire bus: the present thermometers, or the value of one of them, from now on.
-    OneWireIs(w1::Answer),
+    OneWireState(w1::Answer),
     /// An event of a simulated gamepad.
     Gamepad(gamepad::Event),
     /// A request to a folder of log files; the host answers with `Input::Store`. At most [`OUTSTANDING`] may be

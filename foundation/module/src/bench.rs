@@ -76,11 +76,11 @@ impl Bench {
     ///
     /// # Panics
     /// LCM cannot encode the message.
-    pub fn heard(&mut self, message: impl Into<Message>) {
+    pub fn raw_message(&mut self, message: impl Into<Message>) {
         let message = message.into();
         let mut data = Vec::new();
         message.encode(&mut data).expect("a message that LCM can express");
-        self.event(Event::Heard { at: self.now, channel: &message.channel_name(), data: &data });
+        self.event(Event::RawMessage { at: self.now, channel: &message.channel_name(), data: &data });
         self.message(message);
     }
 

@@ -37,7 +37,7 @@ impl fmt::Display for Call<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Event(Event::Message { message, .. }) => write!(f, "message {}", message.channel_name()),
-            Self::Event(Event::Heard { channel, data, .. }) => write!(f, "{} bytes on {channel}", data.len()),
+            Self::Event(Event::RawMessage { channel, data, .. }) => write!(f, "{} bytes on {channel}", data.len()),
             Self::Event(Event::Port { port: PortId(port), input }) => match input {
                 Input::Words(words) => write!(f, "port {port}: {} words", words.len()),
                 Input::Can(frame) => match frame.id() {

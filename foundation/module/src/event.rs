@@ -18,9 +18,9 @@ pub enum Event<'a> {
         /// Content.
         message: &'a Message,
     },
-    /// Any message on the bus, as its bytes; only for a module that [wants the raw bus](crate::Module::overhears).
+    /// Any message on the bus, as its bytes; only for a module that [wants the raw bus](crate::Module::wants_raw_bus).
     /// Precedes the [`Event::Message`] of the same bytes.
-    Heard {
+    RawMessage {
         /// Time of reception.
         at: Instant,
         /// Name of the channel, at most 63 bytes.
@@ -103,7 +103,7 @@ pub enum Input<'a> {
     /// port went down have none.
     I2c(&'a i2c::Outcome),
     /// The simulator's end of an I2C bus: the master requests this transfer and waits for its outcome.
-    I2cAsked(&'a i2c::Transfer),
+    I2cRequested(&'a i2c::Transfer),
     /// Answer to a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order. Requests pending when
     /// the port went down have none.
     OneWire(&'a w1::Answer),
@@ -153,12 +153,12 @@ pub enum ProcessEvent<'a> {
     },
     /// A process has started to send heartbeats: from now on its silence is a hang, long before its announcement is
     /// missed.
-    Beating {
+    HeartbeatStarted {
         /// Process id.
         pid: u32,
     },
     /// The heartbeat of a thread is late by a period or more; reported at each check while that lasts.
-    Silent {
+    HeartbeatLate {
         /// Process id.
         pid: u32,
         /// Name of the thread that was silent longest, for people.
@@ -167,7 +167,7 @@ pub enum ProcessEvent<'a> {
         last: Instant,
     },
     /// The heartbeat page of a process is invalid, so the process is judged by its announcements; reported once.
-    BadBeats {
+    BadHeartbeat {
         /// Process id.
         pid: u32,
         /// Reason in one line.

@@ -6,11 +6,11 @@ use base::{Duration, Instant, Ticker};
 use messages::{Hold, lowlevel};
 
 /// Period of the list, which is also published at every change.
-const PERIOD: Duration = Duration::from_millis(200);
+const PUBLISH_PERIOD: Duration = Duration::from_millis(200);
 
 /// An active cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Standing<'a> {
+pub struct ActiveHold<'a> {
     /// Kind of cause.
     pub hold: Hold,
     /// Drive, bus, module, source or waypoint concerned; empty for a cause without a subject.
@@ -19,7 +19,7 @@ pub struct Standing<'a> {
     pub latched: bool,
 }
 
-impl<'a> Standing<'a> {
+impl<'a> ActiveHold<'a> {
     /// Creates a cause about a subject, latched if its kind is.
     #[must_use]
     pub const fn new(hold: Hold, subject: &'a str) -> Self {
@@ -36,14 +36,14 @@ pub struct Holds {
 
 impl Default for Holds {
     fn default() -> Self {
-        Self { list: Vec::new(), ticker: Ticker::new(Instant::NEVER, PERIOD) }
+        Self { list: Vec::new(), ticker: Ticker::new(Instant::NEVER, PUBLISH_PERIOD) }
     }
 }
 
 impl Holds {
     /// Starts the periodic publication at `now`.
     pub fn start(&mut self, now: Instant) {
-        self.ticker = Ticker::new(now, PERIOD);
+        self.ticker = Ticker::new(now, PUBLISH_PERIOD);
     }
 
     /// Deadline of the next list, changed or not.
@@ -58,7 +58,7 @@ impl Holds {
         &mut self,
         now: Instant,
         module: &str,
-        causes: impl Iterator<Item = Standing<'a>> + Clone,
+        causes: impl Iterator<Item = ActiveHold<'a>> + Clone,
         out: &mut Actions,
     ) -> bool {
         let told = self.list.iter().map(|told| (told.code, told.subject.as_str(), told.latched));
@@ -68,11 +68,11 @@ impl Holds {
         }
         let timestamp = out.timestamp(now);
         if changed {
-            let since = |cause: &Standing<'_>| {
+            let since = |cause: &ActiveHold<'_>| {
                 let same = |told: &&lowlevel::Hold| told.code == cause.hold.code() && told.subject == cause.subject;
                 self.list.iter().find(same).map_or(timestamp, |told| told.since)
             };
-            let row = |cause: Standing<'_>| lowlevel::Hold {
+            let row = |cause: ActiveHold<'_>| lowlevel::Hold {
                 code: cause.hold.code(),
                 subject: cause.subject.into(),
                 latched: cause.latched,
@@ -96,7 +96,7 @@ mod tests {
     }
 
     /// Published list at `at`: code, subject, latched, ms since its begin.
-    fn told(holds: &mut Holds, at: u64, causes: &[Standing<'_>]) -> Option<Vec<(i32, String, bool, i64)>> {
+    fn told(holds: &mut Holds, at: u64, causes: &[ActiveHold<'_>]) -> Option<Vec<(i32, String, bool, i64)>> {
         let mut out = Actions::default();
         let published = holds.publish(ms(at), "driver_canbus", causes.iter().copied(), &mut out);
         let Some(Action::Publish(Message::LlDataHold(list))) = out.as_slice().first() else {
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn a_change_is_published_at_once_and_the_list_five_times_a_second() {
         let mut holds = Holds::default();
-        let bumper = [Standing::new(Hold::PauseBumper, "bumper2")];
+        let bumper = [ActiveHold::new(Hold::PauseBumper, "bumper2")];
         assert_eq!(told(&mut holds, 0, &bumper), Some(vec![(111, "bumper2".into(), false, 0)]));
         assert_eq!(told(&mut holds, 1000, &bumper), None, "not started: on change only");
         holds.start(ms(1000));
@@ -126,16 +126,16 @@ mod tests {
     fn a_cause_keeps_its_begin_until_it_ends_or_its_subject_changes() {
         let mut holds = Holds::default();
         let (bumper, drive) =
-            (Standing::new(Hold::PauseBumper, "bumper2"), Standing::new(Hold::DriveFault, "propulsion"));
+            (ActiveHold::new(Hold::PauseBumper, "bumper2"), ActiveHold::new(Hold::DriveFault, "propulsion"));
         told(&mut holds, 100, &[bumper]);
         let both = told(&mut holds, 150, &[bumper, drive]).unwrap();
         assert_eq!((both[0].3, both[1].3), (50, 0));
-        let other = Standing::new(Hold::PauseBumper, "bumper3");
+        let other = ActiveHold::new(Hold::PauseBumper, "bumper3");
         let both = told(&mut holds, 200, &[other, drive]).unwrap();
         assert_eq!((both[0].3, both[1].3), (0, 50));
-        let latched = Standing { latched: true, ..drive };
+        let latched = ActiveHold { latched: true, ..drive };
         assert_eq!(told(&mut holds, 300, &[latched]), Some(vec![(218, "propulsion".into(), true, 150)]));
         told(&mut holds, 310, &[]);
-        assert_eq!(told(&mut holds, 320, &[drive]).unwrap()[0].3, 0, "it began anew");
+        assert_eq!(told(&mut holds, 320, &[drive]).unwrap()[0].3, 0, "a new begin");
     }
 }

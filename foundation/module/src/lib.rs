@@ -23,7 +23,7 @@ pub mod texts;
 pub use action::{Action, Actions, Condition, OUTSTANDING, Output, ProcessCommand};
 pub use call::{Call, CallLog};
 pub use event::{Event, ExitStatus, Input, Line, PortId, PortSpec, ProcessEvent};
-pub use holds::{Holds, Standing};
+pub use holds::{ActiveHold, Holds};
 pub use messages::{Channel, Message};
 pub use shell::{Shell, ShellConfig};
 pub use state::{Cause, State};
@@ -39,8 +39,8 @@ pub trait Module {
         &[]
     }
 
-    /// True if it wants all messages on the bus as bytes: [`Event::Heard`]. Used by the logger.
-    fn overhears(&self) -> bool {
+    /// True if it wants all messages on the bus as bytes: [`Event::RawMessage`]. Used by the logger.
+    fn wants_raw_bus(&self) -> bool {
         false
     }
 

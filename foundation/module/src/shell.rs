@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::mem;
 
 /// Period of announcing the state and listing the active faults, both also at every change.
-const ANNOUNCE: Duration = Duration::from_secs(1);
+const ANNOUNCE_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum number of different active faults: the oldest are kept, further ones are not published.
 const FAULTS_MAX: usize = 256;
 
@@ -179,7 +179,7 @@ impl Shell {
     /// Processes one event; messages on channels without a subscription are ignored. Pushes actions for the host:
     /// `Publish`, `Send`, `Report`, `Note`, `Process`, `State`, and `Exit` last.
     pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
-        self.recorded(now, &Call::Event(event), out, |shell, out| shell.take(now, event, out));
+        self.recorded(now, &Call::Event(event), out, |shell, out| shell.dispatch(now, event, out));
     }
 
     /// Passes a call and its result to the recorder.
@@ -196,41 +196,41 @@ impl Shell {
         self.recorder = Some(recorder);
     }
 
-    fn take(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+    fn dispatch(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         if self.ending == Ending::Done {
             return;
         }
         match event {
             Event::Start => {
-                self.deadlines.set(Timer::Announce, now + ANNOUNCE);
+                self.deadlines.set(Timer::Announce, now + ANNOUNCE_PERIOD);
                 out.push(Action::State(self.state));
                 self.announce(now, out);
                 self.list_due = true;
-                self.pass(now, Event::Start, out);
+                self.call_module(now, Event::Start, out);
             }
             Event::Timer => {
-                if self.deadlines.tick(Timer::Announce, now, ANNOUNCE) {
+                if self.deadlines.tick(Timer::Announce, now, ANNOUNCE_PERIOD) {
                     self.announce(now, out);
                     self.list_due = true;
-                    self.count_left_out(now, out);
+                    self.publish_omitted(now, out);
                 }
                 if self.deadlines.is_due(Timer::Module, now) {
-                    self.pass(now, Event::Timer, out);
+                    self.call_module(now, Event::Timer, out);
                 }
             }
             Event::Message { at, message } => {
                 if self.module.subscriptions().contains(&message.channel()) {
-                    self.pass(now, Event::Message { at, message }, out);
+                    self.call_module(now, Event::Message { at, message }, out);
                 }
                 if let Message::CmCmdState(command) = message {
-                    self.obey(now, command, out);
+                    self.on_state_command(now, command, out);
                 }
             }
-            other => self.pass(now, other, out),
+            other => self.call_module(now, other, out),
         }
         if self.ending == Ending::Begun && (self.module.finished() || self.deadlines.is_due(Timer::End, now)) {
             self.ending = Ending::Done;
-            self.count_left_out(now, out);
+            self.publish_omitted(now, out);
             self.deadlines.clear_all();
             out.push(Action::Exit(exit::OK));
         }
@@ -241,7 +241,7 @@ impl Shell {
         self.recorded(now, &Call::Terminate, out, |shell, out| {
             if shell.state != State::Terminate {
                 shell.enter(now, State::Terminate, out);
-                shell.take(now, Event::Timer, out);
+                shell.dispatch(now, Event::Timer, out);
             }
         });
     }
@@ -278,10 +278,10 @@ impl Shell {
 
     /// Clears a fault found by the host; its end is reported if its begin was.
     pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.fault_over(now, &report, out));
+        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.clear_fault(now, &report, out));
     }
 
-    fn fault_over(&mut self, now: Instant, report: &Report, out: &mut Actions) {
+    fn clear_fault(&mut self, now: Instant, report: &Report, out: &mut Actions) {
         let Some(active) = self.faults.remove(&(report.fault, report.subject.clone())) else { return };
         self.list_due = true;
         self.report(now, report.clone(), active.sent, active.printed, out);
@@ -303,7 +303,7 @@ impl Shell {
         }
     }
 
-    fn count_left_out(&mut self, now: Instant, out: &mut Actions) {
+    fn publish_omitted(&mut self, now: Instant, out: &mut Actions) {
         if let Some(message) = self.texts.left_out(now, out.timestamp(now), &self.config.name) {
             out.publish(message);
         }
@@ -333,7 +333,7 @@ impl Shell {
         self.deadlines.next()
     }
 
-    fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+    fn call_module(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         let before = out.as_slice().len();
         self.module.handle(now, event, out);
         self.deadlines.replace(Timer::Module, self.module.poll_timeout());
@@ -346,17 +346,17 @@ impl Shell {
         for action in inner.drain() {
             match action {
                 Action::Raise(report) => self.fault(now, &report, out),
-                Action::Clear(report) => self.fault_over(now, &report, out),
-                Action::Report(report) => self.send(now, report, out),
+                Action::Clear(report) => self.clear_fault(now, &report, out),
+                Action::Report(report) => self.publish_report(now, report, out),
                 Action::Note(level, text) => self.text(now, level, text, out),
-                Action::Condition(condition) => self.condition(now, condition, out),
+                Action::Condition(condition) => self.on_condition(now, condition, out),
                 other => out.push(other),
             }
         }
         self.inner = inner;
     }
 
-    fn condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
+    fn on_condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
         self.failed = condition == Condition::Failed;
         let next = match (condition, self.state) {
             (Condition::Working, State::Init) => self.wanted(),
@@ -381,7 +381,7 @@ impl Shell {
         }
     }
 
-    fn obey(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
+    fn on_state_command(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
         let all = command.module == "*" && self.config.obeys_all;
         if !all && command.module != self.config.name {
             return;
@@ -403,11 +403,11 @@ impl Shell {
             Some(to) => {
                 let manner = if command.manual { "manual " } else { "" };
                 let message = format!("{manner}command {to} from {} refused in {}", command.source, self.state);
-                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+                self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
             None => {
-                let message = format!("command from {} refused: {} is no state", command.source, command.state);
-                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+                let message = format!("command from {} refused: {} is not a state", command.source, command.state);
+                self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
         }
     }
@@ -420,7 +420,7 @@ impl Shell {
         }
         out.push(Action::State(state));
         self.announce(now, out);
-        self.pass(now, Event::State(state), out);
+        self.call_module(now, Event::State(state), out);
     }
 
     fn announce(&self, now: Instant, out: &mut Actions) {
@@ -431,7 +431,7 @@ impl Shell {
         });
     }
 
-    fn send(&self, now: Instant, report: Report, out: &mut Actions) {
+    fn publish_report(&self, now: Instant, report: Report, out: &mut Actions) {
         let (sent, printed) = (self.config.sends(report.severity), self.config.prints(report.severity));
         self.report(now, report, sent, printed, out);
     }

@@ -226,7 +226,7 @@ fn reports_begin_at_the_chosen_severity() {
     down(&mut bench);
     assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Error as i8)]);
     up(&mut bench);
-    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of what was told");
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of the reported fault");
 }
 
 /// Lists of active faults published since the last call, with their times.

@@ -1,7 +1,7 @@
 //! Encoding of a shell's answer: its actions and its next deadline.
 
 use super::call::{before, since};
-use super::wire::{self, Take};
+use super::wire::{self, Decoder};
 use super::{Malformed, auxiliary, level, report, state, store, take_level, take_message, take_report, take_state};
 use base::{Instant, Level};
 use messages::Message;
@@ -88,7 +88,7 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
             out.extend([SEND_ONE_WIRE, *port]);
             auxiliary::request(out, *request);
         }
-        Action::Send(PortId(port), Output::OneWireIs(answer)) => {
+        Action::Send(PortId(port), Output::OneWireState(answer)) => {
             out.extend([SEND_ONE_WIRE_IS, *port]);
             auxiliary::answer(out, answer);
         }
@@ -176,7 +176,7 @@ fn put_command(out: &mut Vec<u8>, command: &ProcessCommand) {
 }
 
 /// Parses an answer, which must fill the rest of the record.
-pub(super) fn take(mut take: Take<'_>, now: Instant) -> Result<Answer, Malformed> {
+pub(super) fn take(mut take: Decoder<'_>, now: Instant) -> Result<Answer, Malformed> {
     let count = take.count()?;
     let mut actions = Vec::new();
     for _ in 0..count {
@@ -191,7 +191,7 @@ pub(super) fn take(mut take: Take<'_>, now: Instant) -> Result<Answer, Malformed
     if take.0.is_empty() { Ok(Answer { actions, wake }) } else { Err(Malformed("the end of the record")) }
 }
 
-fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
+fn take_action(take: &mut Decoder<'_>) -> Result<Action, Malformed> {
     Ok(match take.u8()? {
         PUBLISH => Action::Publish(take_message(take)?),
         SEND_CAN => Action::Send(PortId(take.u8()?), Output::Can(super::take_frame(take)?)),
@@ -200,7 +200,7 @@ fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
         SEND_I2C_ANSWER => Action::Send(PortId(take.u8()?), Output::I2cAnswer(auxiliary::take_outcome(take)?)),
         SEND_ONE_WIRE => Action::Send(PortId(take.u8()?), Output::OneWire(auxiliary::take_request(take)?)),
         SEND_STORE => Action::Send(PortId(take.u8()?), Output::Store(store::take_request(take)?)),
-        SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireIs(auxiliary::take_answer(take)?)),
+        SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireState(auxiliary::take_answer(take)?)),
         SEND_GAMEPAD => Action::Send(PortId(take.u8()?), Output::Gamepad(super::take_gamepad(take)?)),
         RAISE => Action::Raise(take_report(take)?),
         CLEAR => Action::Clear(take_report(take)?),

@@ -1,7 +1,7 @@
 //! Encoding of I2C transfers and 1-Wire requests.
 
 use super::Malformed;
-use super::wire::{self, Take};
+use super::wire::{self, Decoder};
 use base::i2c::{Outcome, Transfer, codec};
 use base::w1::{self, Answer, Request, Rom};
 
@@ -17,7 +17,7 @@ pub(super) fn transfer(out: &mut Vec<u8>, transfer: &Transfer) {
     wire::bytes(out, &codec::transfer(transfer));
 }
 
-pub(super) fn take_transfer(take: &mut Take<'_>) -> Result<Transfer, Malformed> {
+pub(super) fn take_transfer(take: &mut Decoder<'_>) -> Result<Transfer, Malformed> {
     codec::parse_transfer(take.bytes()?).ok_or(Malformed("a transfer on an I2C bus"))
 }
 
@@ -25,7 +25,7 @@ pub(super) fn outcome(out: &mut Vec<u8>, outcome: &Outcome) {
     wire::bytes(out, &codec::outcome(outcome));
 }
 
-pub(super) fn take_outcome(take: &mut Take<'_>) -> Result<Outcome, Malformed> {
+pub(super) fn take_outcome(take: &mut Decoder<'_>) -> Result<Outcome, Malformed> {
     codec::parse_outcome(take.bytes()?).ok_or(Malformed("what can come of a transfer"))
 }
 
@@ -39,7 +39,7 @@ pub(super) fn request(out: &mut Vec<u8>, request: Request) {
     }
 }
 
-pub(super) fn take_request(take: &mut Take<'_>) -> Result<Request, Malformed> {
+pub(super) fn take_request(take: &mut Decoder<'_>) -> Result<Request, Malformed> {
     match take.u8()? {
         LIST => Ok(Request::List),
         TEMPERATURE => take_rom(take).map(Request::Temperature),
@@ -71,7 +71,7 @@ pub(super) fn answer(out: &mut Vec<u8>, answer: &Answer) {
     }
 }
 
-pub(super) fn take_answer(take: &mut Take<'_>) -> Result<Answer, Malformed> {
+pub(super) fn take_answer(take: &mut Decoder<'_>) -> Result<Answer, Malformed> {
     let error = match take.u8()? {
         LIST => {
             let mut list = w1::List::new();
@@ -98,6 +98,6 @@ fn rom(out: &mut Vec<u8>, rom: Rom) {
     wire::varint(out, rom.serial());
 }
 
-fn take_rom(take: &mut Take<'_>) -> Result<Rom, Malformed> {
+fn take_rom(take: &mut Decoder<'_>) -> Result<Rom, Malformed> {
     Rom::new(take.u8()?, take.varint()?).ok_or(Malformed("a ROM code"))
 }

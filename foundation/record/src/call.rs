@@ -1,6 +1,6 @@
 //! Encoding of a host's calls to a shell.
 
-use super::wire::{self, Take};
+use super::wire::{self, Decoder};
 use super::{Malformed, auxiliary, level, report, state, store, take_level, take_message, take_report, take_state};
 use base::serial::Word;
 use base::{Instant, can, gamepad};
@@ -50,7 +50,7 @@ pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
             wire::signed(out, since(now, *at));
             super::message(out, message);
         }
-        Call::Event(Event::Heard { at, channel, data }) => {
+        Call::Event(Event::RawMessage { at, channel, data }) => {
             out.push(HEARD);
             wire::signed(out, since(now, *at));
             wire::text(out, channel);
@@ -112,7 +112,7 @@ fn put_input(out: &mut Vec<u8>, PortId(port): PortId, input: &Input<'_>) {
             out.extend([I2C, port]);
             auxiliary::outcome(out, outcome);
         }
-        Input::I2cAsked(transfer) => {
+        Input::I2cRequested(transfer) => {
             out.extend([I2C_ASKED, port]);
             auxiliary::transfer(out, transfer);
         }
@@ -160,13 +160,13 @@ fn put_process(out: &mut Vec<u8>, now: Instant, event: &ProcessEvent<'_>) {
             begin(tag, pid);
             wire::signed(out, number.into());
         }
-        ProcessEvent::Beating { pid } => begin(BEATING, pid),
-        ProcessEvent::Silent { pid, thread, last } => {
+        ProcessEvent::HeartbeatStarted { pid } => begin(BEATING, pid),
+        ProcessEvent::HeartbeatLate { pid, thread, last } => {
             begin(SILENT, pid);
             wire::signed(out, since(now, last));
             wire::text(out, thread);
         }
-        ProcessEvent::BadBeats { pid, why } => {
+        ProcessEvent::BadHeartbeat { pid, why } => {
             begin(BAD_BEATS, pid);
             wire::text(out, why);
         }
@@ -179,7 +179,7 @@ fn put_process(out: &mut Vec<u8>, now: Instant, event: &ProcessEvent<'_>) {
 }
 
 /// Parses a call and passes it to `f`.
-pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>) -> T) -> Result<T, Malformed> {
+pub(super) fn take<T>(take: &mut Decoder<'_>, now: Instant, f: impl FnOnce(Call<'_>) -> T) -> Result<T, Malformed> {
     let tag = take.u8()?;
     let event = match tag {
         START => Event::Start,
@@ -201,7 +201,7 @@ pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>
         }
         I2C_ASKED => {
             let (port, transfer) = (PortId(take.u8()?), auxiliary::take_transfer(take)?);
-            return Ok(f(Call::Event(Event::Port { port, input: Input::I2cAsked(&transfer) })));
+            return Ok(f(Call::Event(Event::Port { port, input: Input::I2cRequested(&transfer) })));
         }
         ONE_WIRE => {
             let (port, answer) = (PortId(take.u8()?), auxiliary::take_answer(take)?);
@@ -218,7 +218,7 @@ pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>
         }
         HEARD => {
             let at = before(now, take.signed()?);
-            Event::Heard { at, channel: take.text()?, data: take.bytes()? }
+            Event::RawMessage { at, channel: take.text()?, data: take.bytes()? }
         }
         UP..=SENT => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take)? },
         STARTED..=USAGE => Event::Process(take_process(tag, take, now)?),
@@ -231,7 +231,7 @@ pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>
     Ok(f(Call::Event(event)))
 }
 
-fn take_input<'a>(tag: u8, take: &mut Take<'a>) -> Result<Input<'a>, Malformed> {
+fn take_input<'a>(tag: u8, take: &mut Decoder<'a>) -> Result<Input<'a>, Malformed> {
     Ok(match tag {
         UP => Input::Up,
         DOWN => Input::Down(take.text()?),
@@ -255,7 +255,7 @@ fn take_input<'a>(tag: u8, take: &mut Take<'a>) -> Result<Input<'a>, Malformed> 
     })
 }
 
-fn take_process<'a>(tag: u8, take: &mut Take<'a>, now: Instant) -> Result<ProcessEvent<'a>, Malformed> {
+fn take_process<'a>(tag: u8, take: &mut Decoder<'a>, now: Instant) -> Result<ProcessEvent<'a>, Malformed> {
     if tag == UNSTARTABLE {
         return Ok(ProcessEvent::Unstartable { module: take.text()?, reason: take.text()? });
     }
@@ -269,15 +269,15 @@ fn take_process<'a>(tag: u8, take: &mut Take<'a>, now: Instant) -> Result<Proces
         }
         EXITED => ProcessEvent::Exited { pid, status: ExitStatus::Code(take_i32(take)?) },
         KILLED => ProcessEvent::Exited { pid, status: ExitStatus::Signal(take_i32(take)?) },
-        BEATING => ProcessEvent::Beating { pid },
-        SILENT => ProcessEvent::Silent { pid, last: before(now, take.signed()?), thread: take.text()? },
-        BAD_BEATS => ProcessEvent::BadBeats { pid, why: take.text()? },
+        BEATING => ProcessEvent::HeartbeatStarted { pid },
+        SILENT => ProcessEvent::HeartbeatLate { pid, last: before(now, take.signed()?), thread: take.text()? },
+        BAD_BEATS => ProcessEvent::BadHeartbeat { pid, why: take.text()? },
         USAGE => ProcessEvent::Usage { pid, cpu: take.f64()?, rss: take.signed()? },
         _ => return Err(Malformed("a known kind of news")),
     })
 }
 
-fn take_i32(take: &mut Take<'_>) -> Result<i32, Malformed> {
+fn take_i32(take: &mut Decoder<'_>) -> Result<i32, Malformed> {
     i32::try_from(take.signed()?).map_err(|_| Malformed("a number in its range"))
 }
 

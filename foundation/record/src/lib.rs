@@ -38,7 +38,7 @@ use module::Shell;
 use module::{Action, Call, CallLog, State};
 use std::borrow::Cow;
 use std::mem;
-use wire::Take;
+use wire::Decoder;
 
 /// First bytes of a file.
 pub const MAGIC: [u8; 8] = *b"ADVEEIN\n";
@@ -100,7 +100,7 @@ impl Header {
         }
     }
 
-    fn take(mut take: Take<'_>) -> Result<Self, Malformed> {
+    fn take(mut take: Decoder<'_>) -> Result<Self, Malformed> {
         let (program, module, wanted) = (take.text()?.into(), take.text()?.into(), take_state(&mut take)?);
         let count = take.count()?;
         let texts = (0..count).map(|_| Ok((take.text()?.into(), take.text()?.into()))).collect::<Result<_, _>>()?;
@@ -162,7 +162,7 @@ impl Recorder {
         recorder
     }
 
-    fn told_of_gap(&mut self, now: Instant) -> bool {
+    fn write_gap(&mut self, now: Instant) -> bool {
         if self.lost == 0 {
             return true;
         }
@@ -176,7 +176,7 @@ impl Recorder {
         taken
     }
 
-    fn told_of_epoch(&mut self, now: Instant, epoch: Epoch) -> bool {
+    fn write_epoch(&mut self, now: Instant, epoch: Epoch) -> bool {
         if self.epoch == Some(epoch) {
             return true;
         }
@@ -240,7 +240,7 @@ impl CallLog for Recorder {
         if self.sink.is_none() {
             return;
         }
-        self.open = self.told_of_gap(now) && self.told_of_epoch(now, epoch);
+        self.open = self.write_gap(now) && self.write_epoch(now, epoch);
         if self.open {
             self.begin(now);
             call::put(&mut self.payload, now, call);
@@ -291,7 +291,7 @@ fn state(out: &mut Vec<u8>, state: State) {
     out.push(state as u8);
 }
 
-fn take_state(take: &mut Take<'_>) -> Result<State, Malformed> {
+fn take_state(take: &mut Decoder<'_>) -> Result<State, Malformed> {
     State::from_value(take.u8()? as i8).ok_or(Malformed("a state"))
 }
 
@@ -320,7 +320,7 @@ fn try_message(out: &mut Vec<u8>, message: &Message) -> Result<(), EncodeError> 
     Ok(())
 }
 
-fn take_message(take: &mut Take<'_>) -> Result<Message, Malformed> {
+fn take_message(take: &mut Decoder<'_>) -> Result<Message, Malformed> {
     let (channel, bytes) = (take.text()?, take.bytes()?);
     match Message::receive(channel, bytes) {
         Some(Ok(message)) => Ok(message),
@@ -333,7 +333,7 @@ fn level(out: &mut Vec<u8>, level: Level) {
     out.push(level as u8);
 }
 
-fn take_level(take: &mut Take<'_>) -> Result<Level, Malformed> {
+fn take_level(take: &mut Decoder<'_>) -> Result<Level, Malformed> {
     Level::from_value(take.u8()? as i8).ok_or(Malformed("a level"))
 }
 
@@ -346,7 +346,7 @@ fn report(out: &mut Vec<u8>, report: &Report) {
     wire::varint(out, report.location.line.into());
 }
 
-fn take_report(take: &mut Take<'_>) -> Result<Report, Malformed> {
+fn take_report(take: &mut Decoder<'_>) -> Result<Report, Malformed> {
     let number: u16 = take.small()?;
     let fault = Fault::ALL.iter().find(|fault| **fault as u16 == number).ok_or(Malformed("a fault"))?;
     let severity = match take.u8()? {
@@ -375,7 +375,7 @@ fn frame(out: &mut Vec<u8>, frame: &can::Frame) {
     out.extend(frame.data());
 }
 
-fn take_frame(take: &mut Take<'_>) -> Result<can::Frame, Malformed> {
+fn take_frame(take: &mut Decoder<'_>) -> Result<can::Frame, Malformed> {
     let head = take.u8()?;
     let id = match head & 0x20 {
         0 => can::Id::Standard(take.small()?),
@@ -401,7 +401,7 @@ fn words(out: &mut Vec<u8>, words: &[Word]) {
     );
 }
 
-fn take_words(take: &mut Take<'_>) -> Result<Vec<Word>, Malformed> {
+fn take_words(take: &mut Decoder<'_>) -> Result<Vec<Word>, Malformed> {
     let count = take.count()?;
     let (bytes, bits) = (take.slice(count)?, take.slice(count.div_ceil(8))?);
     Ok(bytes.iter().enumerate().map(|(n, byte)| Word { byte: *byte, ninth: bits[n / 8] >> (n % 8) & 1 != 0 }).collect())

@@ -1,7 +1,7 @@
 //! Encoding of gamepad inputs.
 
 use super::Malformed;
-use super::wire::{self, Take};
+use super::wire::{self, Decoder};
 use base::gamepad::{Axis, Button, Device, Event, Input};
 
 // First byte of each input. Numbers are never reused.
@@ -49,7 +49,7 @@ fn put_device(out: &mut Vec<u8>, device: &Device) {
 }
 
 /// Parses an input.
-pub(super) fn take_gamepad(take: &mut Take<'_>) -> Result<Event, Malformed> {
+pub(super) fn take_gamepad(take: &mut Decoder<'_>) -> Result<Event, Malformed> {
     Ok(match take.u8()? {
         FOUND => Event::Found(Box::new(take_device(take)?)),
         GONE => Event::Gone,
@@ -61,7 +61,7 @@ pub(super) fn take_gamepad(take: &mut Take<'_>) -> Result<Event, Malformed> {
     })
 }
 
-fn take_device(take: &mut Take<'_>) -> Result<Device, Malformed> {
+fn take_device(take: &mut Decoder<'_>) -> Result<Device, Malformed> {
     let name = take.text()?;
     let mut device = Device::new(name);
     let mut fits = device.name() == name;
@@ -78,6 +78,6 @@ fn take_device(take: &mut Take<'_>) -> Result<Device, Malformed> {
     if fits { Ok(device) } else { Err(Malformed("a gamepad")) }
 }
 
-fn take_i32(take: &mut Take<'_>) -> Result<i32, Malformed> {
+fn take_i32(take: &mut Decoder<'_>) -> Result<i32, Malformed> {
     i32::try_from(take.signed()?).map_err(|_| Malformed("a number in its range"))
 }

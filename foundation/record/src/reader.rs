@@ -1,7 +1,7 @@
 //! Reader of record files. For any content, memory use is bounded by the length of the file, and only data with valid
 //! checksums is used.
 
-use super::wire::Take;
+use super::wire::Decoder;
 use super::{
     Answer, Call, END, EPOCH, EXITED, GAP, Header, LIMIT, MAGIC, Malformed, OLDEST, RECORD_MAX, VERSION, answer, call,
     check,
@@ -55,7 +55,7 @@ pub struct Record<'a> {
     pub epoch: Epoch,
     /// Time of the call.
     pub at: Instant,
-    call: Take<'a>,
+    call: Decoder<'a>,
 }
 
 /// Position from which a file is invalid, and the reason.
@@ -210,7 +210,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Parses a record; `None` if it concerns the reader only.
-    fn item(&mut self, payload: Take<'a>) -> Result<Option<Item<'a>>, Why> {
+    fn item(&mut self, payload: Decoder<'a>) -> Result<Option<Item<'a>>, Why> {
         let mut take = payload;
         let at = call::before(self.at, take.signed()?.wrapping_neg());
         let call = take;
@@ -246,8 +246,8 @@ impl<'a> Reader<'a> {
     }
 
     /// Payload of the next record with a valid CRC and the expected number, and its end offset.
-    fn payload(&self) -> Result<(Take<'a>, usize), Refusal> {
-        let mut take = Take(&self.bytes[self.place..]);
+    fn payload(&self) -> Result<(Decoder<'a>, usize), Refusal> {
+        let mut take = Decoder(&self.bytes[self.place..]);
         let cut = |_| self.refusal(Why::Cut);
         let len = match take.small::<usize>() {
             Ok(len) if len <= RECORD_MAX => len,
@@ -261,7 +261,7 @@ impl<'a> Reader<'a> {
         match () {
             () if check(number, payload) != crc => Err(self.refusal(Why::Damaged)),
             () if number != self.number => Err(self.refusal(Why::Missing(number))),
-            () => Ok((Take(payload), self.bytes.len() - take.0.len())),
+            () => Ok((Decoder(payload), self.bytes.len() - take.0.len())),
         }
     }
 }
@@ -283,7 +283,7 @@ impl<'a> Record<'a> {
     /// The record contains what no recorder writes.
     pub fn answer(&self) -> Result<Answer, Refusal> {
         let ((), rest) = self.call(|_| ())?;
-        answer::take(Take(rest), self.at).map_err(|what| self.refuse(what))
+        answer::take(Decoder(rest), self.at).map_err(|what| self.refuse(what))
     }
 
     fn refuse(&self, what: Malformed) -> Refusal {

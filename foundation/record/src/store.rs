@@ -1,7 +1,7 @@
 //! Encoding of requests to a folder of log files, and their answers.
 
 use super::Malformed;
-use super::wire::{self, Take};
+use super::wire::{self, Decoder};
 use base::store::{Answer, Entry, Request, Trouble};
 use std::sync::Arc;
 
@@ -34,7 +34,7 @@ pub(super) fn request(out: &mut Vec<u8>, request: &Request) {
     }
 }
 
-pub(super) fn take_request(take: &mut Take<'_>) -> Result<Request, Malformed> {
+pub(super) fn take_request(take: &mut Decoder<'_>) -> Result<Request, Malformed> {
     Ok(match take.u8()? {
         CREATE => Request::Create { name: take.text()?.into() },
         APPEND => {
@@ -71,7 +71,7 @@ pub(super) fn answer(out: &mut Vec<u8>, answer: &Answer) {
     }
 }
 
-pub(super) fn take_answer(take: &mut Take<'_>) -> Result<Answer, Malformed> {
+pub(super) fn take_answer(take: &mut Decoder<'_>) -> Result<Answer, Malformed> {
     Ok(match take.u8()? {
         DONE => Answer::Done { free: take.varint()? },
         LISTED => {

@@ -319,7 +319,7 @@ fn a_gamepad_with_too_many_axes_is_rejected() {
     let place = bytes.iter().position(|byte| *byte == 2).unwrap() + 1;
     assert_eq!(bytes[place], gamepad::ABS_X as u8);
     bytes[place] = gamepad::ABS_Y as u8;
-    assert_eq!(pad::take_gamepad(&mut Take(&bytes)), Err(Malformed("a gamepad")));
+    assert_eq!(pad::take_gamepad(&mut Decoder(&bytes)), Err(Malformed("a gamepad")));
 }
 
 #[test]
@@ -364,7 +364,7 @@ fn every_call_is_read_as_it_was_written() {
         input(Input::Words(&words)),
         input(Input::Words(&[])),
         input(Input::Sent),
-        input(Input::I2cAsked(&block)),
+        input(Input::I2cRequested(&block)),
         input(Input::Gamepad(gamepad::Input::Found(&pad))),
         input(Input::Gamepad(gamepad::Input::Gone)),
         input(Input::Gamepad(gamepad::Input::Axis { code: gamepad::ABS_RX, value: i32::MIN })),
@@ -377,11 +377,11 @@ fn every_call_is_read_as_it_was_written() {
         process(ProcessEvent::Unstartable { module, reason: "no such file" }),
         process(ProcessEvent::Exited { pid, status: ExitStatus::Code(-1) }),
         process(ProcessEvent::Exited { pid, status: ExitStatus::Signal(9) }),
-        process(ProcessEvent::Beating { pid }),
-        process(ProcessEvent::Silent { pid, thread: "main", last: at(7) }),
-        process(ProcessEvent::BadBeats { pid, why: "is cut short" }),
+        process(ProcessEvent::HeartbeatStarted { pid }),
+        process(ProcessEvent::HeartbeatLate { pid, thread: "main", last: at(7) }),
+        process(ProcessEvent::BadHeartbeat { pid, why: "is cut short" }),
         process(ProcessEvent::Usage { pid, cpu: 0.01, rss: -1 }),
-        Call::Event(Event::Heard { at: at(7), channel: "OTHERS", data: &[1, 2, 3] }),
+        Call::Event(Event::RawMessage { at: at(7), channel: "OTHERS", data: &[1, 2, 3] }),
         Call::Terminate,
         Call::Raise(&report),
         Call::Clear(&report),
@@ -401,12 +401,12 @@ fn every_call_is_read_as_it_was_written() {
     for call in calls.into_iter().chain(outcomes).chain(answers).chain(stored) {
         let mut bytes = Vec::new();
         call::put(&mut bytes, at(5000), &call);
-        let mut rest = Take(&bytes);
+        let mut rest = Decoder(&bytes);
         let shown = call::take(&mut rest, at(5000), |call| format!("{call:?}")).unwrap();
         assert_eq!(shown, format!("{call:?}"));
         assert!(rest.0.is_empty(), "{call}");
         for len in 0..bytes.len() {
-            assert!(call::take(&mut Take(&bytes[..len]), at(5000), |_| ()).is_err(), "{call} cut to {len}");
+            assert!(call::take(&mut Decoder(&bytes[..len]), at(5000), |_| ()).is_err(), "{call} cut to {len}");
         }
     }
 }
@@ -425,7 +425,7 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(1), Output::I2cAnswer(Err(i2c::Error::Stuck))),
         Action::Send(PortId(2), Output::OneWire(w1::Request::List)),
         Action::Send(PortId(2), Output::OneWire(w1::Request::Temperature(rom))),
-        Action::Send(PortId(2), Output::OneWireIs(w1::Answer::Temperature(rom, Ok(85_000)))),
+        Action::Send(PortId(2), Output::OneWireState(w1::Answer::Temperature(rom, Ok(85_000)))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Found(Box::new(pad())))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Axis { code: gamepad::ABS_Y, value: -32_768 })),
         Action::Send(PortId(0), Output::Store(store::Request::Create { name: "run/log_000.mcap".into() })),
@@ -451,11 +451,11 @@ fn every_action_is_read_as_it_was_written() {
     for wake in [None, Some(None), Some(Some(Instant::ZERO)), Some(Some(Instant::NEVER))] {
         let mut bytes = Vec::new();
         answer::put(&mut bytes, at(5000), &actions, wake);
-        let answer = answer::take(Take(&bytes), at(5000)).unwrap();
+        let answer = answer::take(Decoder(&bytes), at(5000)).unwrap();
         assert_eq!(format!("{:?}", answer.actions), format!("{actions:?}"));
         assert_eq!(answer.wake, wake);
         for len in 0..bytes.len() {
-            assert!(answer::take(Take(&bytes[..len]), at(5000)).is_err());
+            assert!(answer::take(Decoder(&bytes[..len]), at(5000)).is_err());
         }
     }
 }
@@ -465,7 +465,7 @@ fn a_message_that_cannot_be_encoded_is_recorded_as_a_text() {
     let message = lowlevel::CmdMotion { source: "a\0b".into(), ..Default::default() }.into();
     let mut bytes = Vec::new();
     answer::put(&mut bytes, at(0), &[Action::Publish(message)], None);
-    let answer = answer::take(Take(&bytes), at(0)).unwrap();
+    let answer = answer::take(Decoder(&bytes), at(0)).unwrap();
     let [Action::Note(Level::Info, line)] = &answer.actions[..] else { panic!("{answer:?}") };
     assert!(line.starts_with("LL_CMD_MOTION cannot be sent: "), "{line}");
 }

@@ -26,9 +26,9 @@ pub(super) fn text(out: &mut Vec<u8>, value: &str) {
 
 /// Unread rest of a record.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Take<'a>(pub &'a [u8]);
+pub(super) struct Decoder<'a>(pub &'a [u8]);
 
-impl<'a> Take<'a> {
+impl<'a> Decoder<'a> {
     pub fn u8(&mut self) -> Result<u8, Malformed> {
         let (first, rest) = self.0.split_first().ok_or(Malformed("a byte"))?;
         self.0 = rest;

@@ -76,7 +76,7 @@ fn a_truncated_log_is_indexed_once() {
         fs::write(&path, &whole[..cut]).unwrap();
         let told = made.repair();
         let count = messages(&path);
-        assert_eq!(told, [format!("run/log_000.mcap: it has an index now: {count} messages")], "cut at {cut}");
+        assert_eq!(told, [format!("run/log_000.mcap: index added: {count} messages")], "cut at {cut}");
         assert!(count >= last && count.is_multiple_of(20), "whole chunks: {count}");
         last = count;
         assert_eq!(made.repair(), [""; 0]);
@@ -119,7 +119,7 @@ fn an_irreparable_log_is_reported_and_kept() {
     let told = made.repair();
     assert_eq!(told.len(), 3, "{told:?}");
     assert!(told[0].starts_with("run/log_000.mcap: damaged inside: advee log recover"), "{told:?}");
-    assert_eq!(told[1], "run/log_001.mcap: removed: there was nothing in it");
+    assert_eq!(told[1], "run/log_001.mcap: removed, because it was empty");
     assert_eq!(fs::read(&path).unwrap(), damaged);
     assert!(!made.0.join("run/log_001.mcap").exists());
 }

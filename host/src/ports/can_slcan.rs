@@ -170,7 +170,7 @@ impl CanSlcan {
             Some(PendingCommand::Open) => Err(self.lost("the adapter does not open its channel")),
             Some(PendingCommand::Flags) => {
                 self.flags = None;
-                Ok(Received::Note("the adapter does not tell how its controller is".into()))
+                Ok(Received::Note("the adapter does not report the state of its controller".into()))
             }
             None => Ok(Received::Fault(Fault::PortOverrun, "the adapter refuses a frame".into())),
         }
@@ -205,7 +205,7 @@ impl CanSlcan {
             AdapterLine::Flags(flags) => self.on_flags(flags),
             AdapterLine::Health(health) => self.on_health(health),
             AdapterLine::Malformed => {
-                let what = "dropped a line that is none of the slcan protocol";
+                let what = "dropped a line that is not of the slcan protocol";
                 return Ok(Some(Received::Fault(Fault::MessageMalformed, what.into())));
             }
         }
@@ -252,9 +252,9 @@ impl Device for CanSlcan {
                     return Err(self.lost("bus-off"));
                 }
                 self.begin(now)?;
-                Err(self.lost("its channel is being closed"))
+                Err(self.lost("the adapter is closing its channel"))
             }
-            Some(until) if now < until => Err(self.lost("its channel is being closed")),
+            Some(until) if now < until => Err(self.lost("the adapter is closing its channel")),
             Some(_) => {
                 self.settles = None;
                 self.health = Health::default();

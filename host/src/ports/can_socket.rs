@@ -195,7 +195,7 @@ impl CanSocket {
         }
         match message.bytes {
             FRAME => Ok(Some((raw, stamp))),
-            _ => Err(format!("{}: gives frames of a strange length", self.interface)),
+            _ => Err(format!("{}: frames of invalid length", self.interface)),
         }
     }
 
@@ -203,7 +203,7 @@ impl CanSocket {
     fn take(&mut self, now: Instant, came: KernelFrame, stamp: Option<u64>) {
         let count = mem::take(&mut self.untold);
         if count > 0 {
-            let what = format!("{}: the receive buffer ran over: {count} frames are lost", self.interface);
+            let what = format!("{}: the receive buffer overflowed: {count} frames are lost", self.interface);
             self.pending.extend([Pending::Fault(what), Pending::Notice(Notice::Lost(count))]);
         }
         match came {
@@ -215,7 +215,7 @@ impl CanSocket {
             KernelFrame::Error(error) => {
                 self.errors = self.errors.saturating_add(u32::from(error.on_the_wire));
                 if error.lost {
-                    self.pending.push_back(Pending::Fault("the controller's receive buffer ran over".into()));
+                    self.pending.push_back(Pending::Fault("the controller's receive buffer overflowed".into()));
                 }
                 self.pending.extend(error.note.map(|note| Pending::Note(note.into())));
                 let again = now >= self.quiet;
@@ -299,7 +299,7 @@ impl Device for CanSocket {
         self.restart.on(now);
         if let Some(length) = link.queue.filter(|length| *length > QUEUE_LONG) {
             let what = format!(
-                "{length} frames of others may wait before ours (ip link set {} txqueuelen 10)",
+                "{length} frames of other programs may be queued before ours (ip link set {} txqueuelen 10)",
                 self.interface
             );
             self.pending.push_back(Pending::Note(what));

@@ -99,7 +99,7 @@ impl CanUdp {
             let length = message.bytes;
             if from != Some(sockets.own) {
                 let whom = from.map_or("nobody".into(), |from| from.to_string());
-                let refused = |why| format!("dropped a datagram from {whom} that is no frame: {why}");
+                let refused = |why| format!("dropped a datagram from {whom} that is not a frame: {why}");
                 let frame = codec::decode(&datagram[..length]).map_err(refused);
                 let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
                 return Ok(Some(Datagram { frame, at, stamp }));
@@ -173,7 +173,7 @@ impl Device for CanUdp {
             (0, 0) => {}
             (0, news) => return Ok(Received::input(now, Input::CanNotice(Notice::Lost(mem::take(news))))),
             (fault, _) => {
-                let what = format!("the receive buffer ran over: {} frames are lost", mem::take(fault));
+                let what = format!("the receive buffer overflowed: {} frames are lost", mem::take(fault));
                 return Ok(Received::Fault(Fault::PortOverrun, what));
             }
         }
@@ -233,7 +233,7 @@ mod tests {
         send(&mut left, 200);
         drain(&mut right);
         assert!(got < 201 && got + told == 201, "{got} {told}");
-        assert_eq!(lost, [format!("the receive buffer ran over: {told} frames are lost")]);
+        assert_eq!(lost, [format!("the receive buffer overflowed: {told} frames are lost")]);
         // Own frames come back and are ignored.
         assert!(matches!(left.receive(clock::now()), Ok(Received::Nothing)));
     }

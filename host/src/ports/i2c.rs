@@ -70,7 +70,7 @@ impl Device for I2c {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
         if self.life.is_alive() {
-            return Err("its last transfer has not come back".into());
+            return Err("its last transfer has not finished".into());
         }
         let mut bus = self.open_bus()?;
         let worker = Worker::start("i2c", &mut self.life, move |transfer| bus.transfer(&transfer));

@@ -242,7 +242,7 @@ impl Serial {
                 if config.path.exists() {
                     self.setup.proceed()?;
                     if self.setup.runs() {
-                        return Err("its set-up command runs".into());
+                        return Err("its set-up command is running".into());
                     }
                 }
                 let line::Opened { file, notes } = line::open_terminal(config)?;

@@ -32,7 +32,7 @@ impl Service for Files {
     type Request = Request;
     type Answer = Answer;
     const THREAD: &'static str = "store";
-    const BUSY: &'static str = "the last write has not come back";
+    const BUSY: &'static str = "the last write has not finished";
 
     fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
         let mut disk = Disk::new(&self.folder);

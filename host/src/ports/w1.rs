@@ -19,7 +19,7 @@ impl Service for Thermometers {
     type Request = Request;
     type Answer = Answer;
     const THREAD: &'static str = "w1";
-    const BUSY: &'static str = "its last measurement has not come back";
+    const BUSY: &'static str = "its last measurement has not finished";
 
     fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
         let folder = self.0.clone();

@@ -52,7 +52,7 @@ impl Record {
     /// One line: the file exists but cannot be read. The returned record is empty and will replace it.
     pub fn read(path: &Path, boot: String) -> (Self, Result<(), String>) {
         let mut record = Self { path: path.into(), boot, entries: Vec::new() };
-        let why = |why: String| format!("{}: {why}: nothing of an earlier watchdog is known", path.display());
+        let why = |why: String| format!("{}: {why}; processes of an earlier watchdog are not adopted", path.display());
         let mut text = String::new();
         let read = fs::File::open(path).and_then(|file| file.take(SIZE_MAX).read_to_string(&mut text));
         match read {
@@ -66,7 +66,7 @@ impl Record {
                 (record, Ok(()))
             }
             Ok(_) => (record, Ok(())),
-            Err(line) => (record, Err(why(format!("line {line} is none of ours")))),
+            Err(line) => (record, Err(why(format!("line {line} is invalid")))),
         }
     }
 
@@ -194,7 +194,7 @@ mod tests {
             "m 4294967295 9 RUN",
         ] {
             let told = told(&format!("{head}n 8 9 RUN\n{bad}\n"));
-            assert!(told.contains("line 4 is none of ours"), "{bad}: {told}");
+            assert!(told.contains("line 4 is invalid"), "{bad}: {told}");
         }
         assert!(told("FEAT").contains("line 1") && told("advee processes 1\n").contains("line 2"));
         fs::write(&path, [0xFF; 100]).unwrap();

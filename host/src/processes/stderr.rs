@@ -1,8 +1,8 @@
 //! Standard error of foreign modules: lines that the watchdog prints and publishes on `CM_EVENT_TEXT`.
 //!
 //! A module outlives its watchdog. A pipe would break with the watchdog, or fill up while there is none; so each module
-//! writes to a file in the run folder, which is read while it grows and truncated when it gets long. A new watchdog reads
-//! on from its end.
+//! writes to a file in the run folder, which is read while it grows and truncated when it gets long. A new watchdog
+//! reads on from its end.
 
 use base::Level;
 use std::fs::{self, File, OpenOptions};
@@ -74,7 +74,7 @@ impl Stderr {
         if let Ok(skipped) = self.fill()
             && skipped > 0
         {
-            take(Level::Warning, format!("{skipped} bytes of its standard error skipped: it writes too fast"));
+            take(Level::Warning, format!("{skipped} bytes of its standard error skipped, because it writes too fast"));
         }
         let mut rest = self.begun.as_slice();
         loop {

@@ -206,7 +206,7 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     assert_eq!(end(&mut second), ExitStatus::Signal(9));
     drop(child);
     let (_, reported) = run.life("exec sleep 100");
-    assert_eq!(reported, [(None, State::Stop)], "what is wanted outlives it");
+    assert_eq!(reported, [(None, State::Stop)], "the wanted state outlives the process");
 }
 
 #[test]

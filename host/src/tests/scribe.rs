@@ -34,7 +34,7 @@ impl Module for Scribe {
         &[Channel::LlDataOdo]
     }
 
-    fn overhears(&self) -> bool {
+    fn wants_raw_bus(&self) -> bool {
         true
     }
 
@@ -52,8 +52,10 @@ impl Module for Scribe {
                 assert!(matches!(answer, Answer::Done { .. }), "{answer:?}");
                 self.asked -= 1;
             }
-            Event::Heard { at, channel, data } if channel.starts_with("CM_") => assert!(at <= now && !data.is_empty()),
-            Event::Heard { channel, data, .. } => {
+            Event::RawMessage { at, channel, data } if channel.starts_with("CM_") => {
+                assert!(at <= now && !data.is_empty())
+            }
+            Event::RawMessage { channel, data, .. } => {
                 let line = format!("{channel} {}\n", data.len());
                 self.ask(Request::Append { bytes: Arc::new(line.into_bytes()), sync: true }, out);
                 if channel == "LAST" {
@@ -106,5 +108,5 @@ fn a_module_on_the_raw_bus_receives_all_bytes_and_its_file_is_complete() {
     let written = fs::read_to_string(folder.join("run/heard")).unwrap();
     fs::remove_dir_all(&folder).unwrap();
     assert_eq!(written, "LL_DATA_ODO 56\nFOREIGN 0\nLL_DATA_ODO 3\nLAST 200000\n");
-    assert_eq!(*notes.lock().unwrap(), ["LlDataOdo"], "what is no message is none");
+    assert_eq!(*notes.lock().unwrap(), ["LlDataOdo"], "malformed messages are not decoded");
 }

@@ -28,7 +28,7 @@ pub const NAME: &str = "driver_aux";
 const PERIOD: Duration = Duration::from_secs(1);
 /// Time after which an adapter that has not finished a transfer counts as failed: SMBus permits 35 ms, kernel drivers
 /// give up after 1 s or 2 s. Checked each [`PERIOD`], so it is reported before they do.
-const COMES_BACK: Duration = Duration::from_millis(500);
+const TRANSFER_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Driver of temperatures and fans.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ pub struct Auxiliary {
     state: State,
     ticker: Ticker,
     /// Readings have begun and were not published yet.
-    round: bool,
+    in_progress: bool,
     /// Last result reported to the shell: true if it works.
     working: Option<bool>,
 }
@@ -88,7 +88,7 @@ impl Auxiliary {
             thermometers,
             state: State::Init,
             ticker: Ticker::new(Instant::NEVER, PERIOD),
-            round: false,
+            in_progress: false,
             working: None,
         })
     }
@@ -102,32 +102,32 @@ impl Auxiliary {
         if let Some(bus) = &mut self.bus {
             bus.publish(now, out);
             if bus.hangs(now, out) {
-                self.judge(out);
+                self.report_condition(out);
             }
         }
         if !self.asks() {
             return;
         }
         // An unfinished round is published as far as it is known.
-        if self.round {
+        if self.in_progress {
             self.publish(now, out);
         }
         self.begin(now, out);
     }
 
     fn begin(&mut self, now: Instant, out: &mut Actions) {
-        self.round = true;
+        self.in_progress = true;
         if let Some(bus) = &mut self.bus {
             bus.begin();
         }
         if let Some(thermometers) = &mut self.thermometers {
             thermometers.begin(out);
         }
-        self.go_on(now, out);
+        self.advance(now, out);
     }
 
     /// Starts the next transfer; publishes the result if none is left.
-    fn go_on(&mut self, now: Instant, out: &mut Actions) {
+    fn advance(&mut self, now: Instant, out: &mut Actions) {
         if let Some(bus) = &mut self.bus {
             bus.ask(now, out);
             if bus.asked.is_some() {
@@ -137,27 +137,28 @@ impl Auxiliary {
                 bus.chips.iter_mut().for_each(|chip| chip.round_over(&bus.name, out));
             }
         }
-        if self.round {
+        if self.in_progress {
             self.publish(now, out);
-            self.judge(out);
+            self.report_condition(out);
         }
     }
 
     fn publish(&mut self, now: Instant, out: &mut Actions) {
-        self.round = false;
+        self.in_progress = false;
         let mut message = DataTemperature { timestamp: out.timestamp(now), ..Default::default() };
         for chip in self.bus.iter().flat_map(|bus| &bus.chips) {
-            chip.tell(&mut message);
+            chip.add_to(&mut message);
         }
         if let Some(thermometers) = &self.thermometers {
-            thermometers.tell(&mut message);
+            thermometers.add_to(&mut message);
         }
         out.publish(message);
     }
 
     /// Reports to the shell whether the module works, if that changed.
-    fn judge(&mut self, out: &mut Actions) {
-        let working = self.bus.as_ref().is_none_or(|bus| bus.up == Some(true) && bus.chips.iter().all(Chip::is_there));
+    fn report_condition(&mut self, out: &mut Actions) {
+        let working =
+            self.bus.as_ref().is_none_or(|bus| bus.up == Some(true) && bus.chips.iter().all(Chip::is_present));
         if self.working.replace(working) != Some(working) {
             if working { out.working() } else { out.failed() }
         }
@@ -175,11 +176,11 @@ impl Auxiliary {
             }
             Input::Down(why) => {
                 bus.down(why, out);
-                self.judge(out);
+                self.report_condition(out);
             }
             Input::I2c(outcome) => {
                 bus.on_outcome(now, outcome, out);
-                self.go_on(now, out);
+                self.advance(now, out);
             }
             _ => {}
         }
@@ -192,7 +193,7 @@ impl Auxiliary {
             Input::Up => thermometers.up(asks, out),
             Input::Down(why) => thermometers.down(why, out),
             Input::OneWire(w1::Answer::List(list)) => thermometers.on_list(list, asks, out),
-            Input::OneWire(w1::Answer::Temperature(rom, said)) => thermometers.on_said(*rom, *said, asks, out),
+            Input::OneWire(w1::Answer::Temperature(rom, said)) => thermometers.on_answer(*rom, *said, asks, out),
             _ => {}
         }
     }
@@ -229,7 +230,7 @@ impl Bus {
 
     /// True if the adapter does not finish its transfer.
     fn hangs(&mut self, now: Instant, out: &mut Actions) -> bool {
-        let hangs = self.asked.filter(|(_, since)| now.since(*since) >= COMES_BACK);
+        let hangs = self.asked.filter(|(_, since)| now.since(*since) >= TRANSFER_TIMEOUT);
         if let Some((place, _)) = hangs {
             self.chips[place].hangs(&self.name, out);
         }
@@ -237,7 +238,7 @@ impl Bus {
     }
 
     fn down(&mut self, why: &str, out: &mut Actions) {
-        let message = format!("{} is down: {why}; tried again", self.name);
+        let message = format!("{} is down: {why}; retrying", self.name);
         out.raise(Severity::Error, Fault::PortDown, self.name.as_str(), message);
         (self.up, self.asked) = (Some(false), None);
         self.chips.iter_mut().for_each(Chip::forget);
@@ -268,7 +269,7 @@ impl Module for Auxiliary {
             Event::Start => {
                 self.ticker = Ticker::new(now + PERIOD, PERIOD);
                 if self.bus.is_none() {
-                    self.judge(out);
+                    self.report_condition(out);
                 }
             }
             Event::Timer if self.ticker.due(now) => self.tick(now, out),
@@ -277,7 +278,7 @@ impl Module for Auxiliary {
             }
             Event::Port { input, .. } => self.on_w1(&input, out),
             Event::State(state) => self.state = state,
-            Event::Timer | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
     }
 

@@ -28,14 +28,14 @@ use arbiter::{Arbiter, Verdict};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use bus::Bus;
 use canopen::master::{ConfigError, Ticket};
-use canopen::{Event as Heard, Master, MasterConfig, NodeConfig, sdo};
+use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use ignored::Ignored;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::sabotage::{self, Bug};
-use module::{Actions, Event, Holds, Input, Line, Module, PortId, PortSpec, Standing, State};
+use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::{Axis, Objection};
 use propulsion::Propulsion;
-use requests::{Requests, Whose};
+use requests::{NodeOwner, Requests};
 use steering::Steering;
 use surroundings::Surroundings;
 
@@ -47,15 +47,15 @@ const CAN: PortId = PortId(0);
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
-const MEASURED: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
+const MEASURED_OBJECTS: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
 /// Drives answer within a few ms. Two requests without an answer stop the robot.
 const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// Reported at most every 10 s while frames of a second master arrive; blocks motion for 11 s after the last one.
-const SECOND_MASTER: Duration = Duration::from_secs(11);
+const SECOND_MASTER_TIMEOUT: Duration = Duration::from_secs(11);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
 /// Speed below which the robot counts as standing, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
-const STANDING: f64 = 0.02;
+const STANDSTILL_MPS: f64 = 0.02;
 
 base::deadlines! {
     /// Deadlines of the module itself.
@@ -143,8 +143,8 @@ impl Canbus {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(homing, out),
             Message::LlCmdSdo(request) => {
-                let whose = self.whose(request.node);
-                self.requests.on_command(now, request, whose, &mut self.master, out);
+                let owner_of = self.owner_of(request.node);
+                self.requests.on_command(now, request, owner_of, &mut self.master, out);
             }
             Message::CmDataProcesses(list) => self.around.on_processes(at, list),
             Message::LlEventStop(stop) => self.around.on_stop(at, stop),
@@ -200,11 +200,11 @@ impl Canbus {
         match homing.axis.as_str() {
             "steering" if self.is_standing() && self.state == State::Run => self.steering.home_again(),
             "steering" => {
-                let why = "homing the steering refused: the robot moves, or the module is not in RUN";
+                let why = "homing of the steering refused: the robot moves, or the module is not in RUN";
                 out.report(Severity::Warning, Fault::CommandForbidden, "steering", why);
             }
             axis => {
-                let why = format!("homing of {axis:?} refused: only the steering has a reference");
+                let why = format!("homing of {axis:?} refused: only the steering can be homed");
                 out.report(Severity::Warning, Fault::CommandForbidden, axis, why);
             }
         }
@@ -224,11 +224,11 @@ impl Canbus {
     }
 
     /// A node that is not booted does not move, so it may be written for repair.
-    fn whose(&self, node: i32) -> Whose {
+    fn owner_of(&self, node: i32) -> NodeOwner {
         let ours = [&self.propulsion.drive, &self.steering.drive];
         match ours.into_iter().find(|drive| i32::from(drive.node) == node) {
-            Some(drive) => Whose::Ours { standing: !drive.is_booted() || self.is_standing() },
-            None => Whose::Others,
+            Some(drive) => NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing() },
+            None => NodeOwner::Others,
         }
     }
 
@@ -242,7 +242,7 @@ impl Canbus {
 
     fn on_master(&mut self, now: Instant, out: &mut Actions) {
         while let Some(event) = self.master.poll_event() {
-            self.on_heard(now, event, out);
+            self.on_can_event(now, event, out);
         }
         let working = self.propulsion.drive.is_booted() && self.steering.drive.is_booted();
         // The module is starting until its first success; pending conditions have been reported.
@@ -252,9 +252,9 @@ impl Canbus {
         }
     }
 
-    fn on_heard(&mut self, now: Instant, event: Heard, out: &mut Actions) {
+    fn on_can_event(&mut self, now: Instant, event: CanEvent, out: &mut Actions) {
         match event {
-            Heard::Booted { node } => {
+            CanEvent::Booted { node } => {
                 let (subject, name) = self.name_of(node);
                 out.clear(Fault::NodeClash, subject, format!("{name} answers once"));
                 if let Some(drive) = self.drive_mut(node) {
@@ -263,15 +263,15 @@ impl Canbus {
                 if node == self.steering.drive.node {
                     self.steering.on_booted();
                 }
-                self.ask_where_it_is(now, node);
+                self.read_measured(now, node);
             }
-            Heard::BootFailed { node, step, reason } => {
+            CanEvent::BootFailed { node, step, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_boot_failed(step, reason, out);
                 }
             }
-            Heard::Lost { .. } if sabotage::is(Bug::LostDriveIgnored) => {}
-            Heard::Lost { node, reason } => {
+            CanEvent::Lost { .. } if sabotage::is(Bug::LostDriveIgnored) => {}
+            CanEvent::Lost { node, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
                 }
@@ -281,12 +281,12 @@ impl Canbus {
                     self.propulsion.on_lost();
                 }
             }
-            Heard::Emergency { node, emergency, suppressed } => {
+            CanEvent::Emergency { node, emergency, suppressed } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_emergency(&emergency, suppressed, out);
                 }
             }
-            Heard::Pdo { node, number, data, len } => {
+            CanEvent::Pdo { node, number, data, len } => {
                 let data = &data[..usize::from(len).min(data.len())];
                 if node == self.propulsion.drive.node {
                     self.propulsion.on_pdo(now, number, data, out);
@@ -294,42 +294,44 @@ impl Canbus {
                     self.steering.on_pdo(now, number, data, out);
                 }
             }
-            Heard::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
-            Heard::SdoWritten { ticket, .. } => self.on_sdo(now, ticket, Ok(&[]), &event, out),
-            Heard::SdoFailed { ticket, error, .. } => self.on_sdo(now, ticket, Err(error), &event, out),
-            Heard::Malformed { node, count } => {
-                let message = format!("{count} frames of node {node} that CANopen does not allow, dropped");
+            CanEvent::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
+            CanEvent::SdoWritten { ticket, .. } => self.on_sdo(now, ticket, Ok(&[]), &event, out),
+            CanEvent::SdoFailed { ticket, error, .. } => self.on_sdo(now, ticket, Err(error), &event, out),
+            CanEvent::Malformed { node, count } => {
+                let message = format!("{count} invalid CANopen frames of node {node} dropped");
                 out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
             }
-            Heard::SecondMaster => {
+            CanEvent::SecondMaster => {
                 let Config { node_id, bus, .. } = &self.config;
                 let message = format!("another master with node id {node_id} is on {bus}: the robot stops");
                 out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
-                self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER);
+                self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
             }
-            Heard::DuplicateId { node } => {
+            CanEvent::DuplicateId { node } => {
                 let (subject, name) = self.name_of(node);
-                let message =
-                    format!("{name} keeps resetting, or two nodes of {} have its id; the robot stops", self.config.bus);
+                let message = format!(
+                    "{name} resets repeatedly, or two nodes of {} have its id; the robot stops",
+                    self.config.bus
+                );
                 out.raise(Severity::Error, Fault::NodeClash, subject, message);
             }
-            Heard::Babbling { node, rate } => {
+            CanEvent::Babbling { node, rate } => {
                 let (subject, name) = self.name_of(node);
                 let message = format!("{name} floods {}: {rate} frames/s", self.config.bus);
                 out.raise(Severity::Error, Fault::CanBabble, subject, message);
             }
-            Heard::BabblingOver { node } => {
+            CanEvent::BabblingOver { node } => {
                 let (subject, name) = self.name_of(node);
                 out.clear(Fault::CanBabble, subject, format!("{name} is quiet on {} again", self.config.bus));
             }
-            Heard::Swapped { node, serial } => {
+            CanEvent::Swapped { node, serial } => {
                 out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));
             }
-            Heard::Stranger { node } => {
+            CanEvent::Stranger { node } => {
                 out.note(format!("node {node} on {} is not in the configuration", self.config.bus));
             }
             // Reported for each drive.
-            Heard::Ready | Heard::NotReady => {}
+            CanEvent::Ready | CanEvent::NotReady => {}
         }
     }
 
@@ -339,7 +341,7 @@ impl Canbus {
         now: Instant,
         ticket: Ticket,
         result: Result<&[u8], sdo::Error>,
-        event: &Heard,
+        event: &CanEvent,
         out: &mut Actions,
     ) {
         // External requests come first: the object may be one that the driver reads, too.
@@ -347,13 +349,13 @@ impl Canbus {
             return;
         }
         match *event {
-            Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
+            CanEvent::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED_OBJECTS.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_answer(now, true, out);
                 }
             }
-            Heard::SdoFailed { node, index, sub: 0, error, .. } if MEASURED.contains(&index) => {
+            CanEvent::SdoFailed { node, index, sub: 0, error, .. } if MEASURED_OBJECTS.contains(&index) => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_answer(now, error == sdo::Error::Cancelled, out);
                 }
@@ -364,7 +366,7 @@ impl Canbus {
 
     /// Reads the state of a drive: event-driven PDOs report changes only, and the first ones may have been sent before
     /// the node counted as started.
-    fn ask_where_it_is(&mut self, now: Instant, node: u8) {
+    fn read_measured(&mut self, now: Instant, node: u8) {
         let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
             // The queue of a freshly booted node has room for all of them.
@@ -405,7 +407,7 @@ impl Canbus {
 
     /// True if the robot is known to stand.
     fn is_standing(&self) -> bool {
-        self.propulsion.is_slower(self.now, STANDING)
+        self.propulsion.is_slower(self.now, STANDSTILL_MPS)
     }
 
     /// All objections to any motion, in the order in which an engineer would check them.
@@ -429,32 +431,32 @@ impl Canbus {
     }
 
     /// All causes for which the robot does not follow its command, main one first; empty while it does.
-    fn causes(&self, now: Instant) -> impl Iterator<Item = Standing<'_>> + Clone {
+    fn causes(&self, now: Instant) -> impl Iterator<Item = ActiveHold<'_>> + Clone {
         let blocked = self.objections(now).next().is_some();
         let holder = self.arbiter.current(now).map(|command| command.priority);
         let waits = blocked || holder.is_none();
         let plans =
             holder.map_or_else(|| self.ignored.has_planner(&self.arbiter), |priority| priority == arbiter::PLANNER);
         let to_planner = self.around.objections_to_planner(now).filter(move |_| plans && !blocked);
-        let ignored = self.ignored.standing(&self.arbiter).filter(move |_| waits);
-        let nobody =
-            (!blocked && waits && ignored.clone().next().is_none()).then_some(Standing::new(Hold::NobodyCommands, ""));
-        let objections = self.objections(now).map(|objection| self.standing(objection));
-        let to_planner = to_planner.map(|(hold, subject)| Standing::new(hold, subject));
+        let ignored = self.ignored.active_holds(&self.arbiter).filter(move |_| waits);
+        let nobody = (!blocked && waits && ignored.clone().next().is_none())
+            .then_some(ActiveHold::new(Hold::NobodyCommands, ""));
+        let objections = self.objections(now).map(|objection| self.active_hold(objection));
+        let to_planner = to_planner.map(|(hold, subject)| ActiveHold::new(hold, subject));
         objections.chain(to_planner).chain(ignored).chain(nobody)
     }
 
     /// Derives the goals of the axes from the current state. Called after every event.
     fn decide(&mut self, now: Instant, out: &mut Actions) {
-        self.forget(now, out);
+        self.expire(now, out);
         let blocked = self.objections(now).next();
         if blocked != self.blocked {
             self.report_change(blocked, out);
-            self.arbiter.stopped(now);
+            self.arbiter.disarm_all(now);
             self.blocked = blocked;
         }
         if self.is_standing() {
-            self.arbiter.standing(now);
+            self.arbiter.on_standstill(now);
         }
         self.watch_planner(now);
         match self.permitted(now) {
@@ -468,17 +470,17 @@ impl Canbus {
                 self.decide_steering();
             }
         }
-        self.arbiter.decided(now);
+        self.arbiter.expire_holder(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
         for drive in [&mut self.propulsion.drive, &mut self.steering.drive] {
-            if drive.gives_up(now) {
+            if drive.must_reboot(now) {
                 self.master.reboot(now, drive.node);
             }
         }
-        for (node, in_doubt) in [self.propulsion.drive.take_doubt(), self.steering.drive.take_doubt()] {
+        for (node, in_doubt) in [self.propulsion.drive.take_outdated(), self.steering.drive.take_outdated()] {
             if in_doubt {
-                self.ask_where_it_is(now, node);
+                self.read_measured(now, node);
             }
         }
     }
@@ -491,7 +493,7 @@ impl Canbus {
         if let Some(command) = current.filter(|_| objects && self.planned) {
             let until = now + self.config.ttl;
             self.ignored.put(until, command.source, Some(Hold::PlannerLatched));
-            self.arbiter.stopped(now);
+            self.arbiter.disarm_all(now);
         }
         self.planned = plans && !objects;
     }
@@ -525,25 +527,25 @@ impl Canbus {
         Some((command.speed.clamp(-bound, bound), command.steering))
     }
 
-    fn forget(&mut self, now: Instant, out: &mut Actions) {
+    fn expire(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Refused, now) {
             out.clear(Fault::MotionRefused, "", "commands are within limits again");
         }
         if self.deadlines.take(Timer::SecondMaster, now) {
             let bus = self.config.bus.as_str();
-            out.clear(Fault::SecondMaster, bus, format!("no other master is heard on {bus}"));
+            out.clear(Fault::SecondMaster, bus, format!("no other master on {bus}"));
         }
         if self.deadlines.take(Timer::Contested, now) {
             out.clear(Fault::MotionContested, "", "one source commands the motion");
         }
-        self.ignored.forget(now);
+        self.ignored.expire(now);
     }
 
     fn report_change(&self, blocked: Option<Objection>, out: &mut Actions) {
         let was = self.blocked.and_then(Objection::fault);
         let is = blocked.and_then(Objection::fault);
         if let Some(was) = was.filter(|was| is != Some(*was)) {
-            out.clear(was, "", "what stopped the robot is over; it moves when it is commanded anew");
+            out.clear(was, "", "the cause of the stop has ended; the robot moves on a new command");
         }
         if let (Some(is), Some(blocked)) = (is, blocked) {
             out.raise(Severity::Error, is, "", format!("the robot is stopped: {}", self.words(blocked)));
@@ -623,7 +625,7 @@ impl Module for Canbus {
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::Port { input: Input::Can(frame), .. } => {
-                self.bus.crossed(&frame);
+                self.bus.count_frame(&frame);
                 self.master.handle_rx(now, &frame);
             }
             Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),
@@ -631,14 +633,14 @@ impl Module for Canbus {
             Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
             Event::Timer if self.bus.is_up() => self.master.handle_timeout(now),
-            Event::Port { .. } | Event::Heard { .. } | Event::Process(_) | Event::Timer => {}
+            Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) | Event::Timer => {}
         }
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
         let blind_stop = self.propulsion.blind_stop(now, self.bus.is_up());
         for frame in blind_stop.into_iter().chain(std::iter::from_fn(|| self.master.poll_tx())) {
-            self.bus.crossed(&frame);
+            self.bus.count_frame(&frame);
             out.send_can(CAN, frame);
         }
         if self.bus.handle_timeout(now, out) {

@@ -29,8 +29,8 @@ pub const SOURCE: &str = "gamepad";
 const PRIORITY: i8 = 2;
 
 const PORT: PortId = PortId(0);
-const COMMAND: Duration = Duration::from_millis(50);
-const DATA: Duration = Duration::from_millis(200);
+const COMMAND_PERIOD: Duration = Duration::from_millis(50);
+const DATA_PERIOD: Duration = Duration::from_millis(200);
 
 base::deadlines! {
     /// Deadlines of the driver.
@@ -67,19 +67,19 @@ pub struct Joydev {
     device: Option<(Device, Option<Mapping>)>,
     hold: Hold,
     /// Time of the last event.
-    heard: Instant,
+    last_event: Instant,
     /// Last commanded steering angle, rad.
     steering: f64,
     deadlines: Deadlines<Timer>,
     /// Absence already reported.
-    told_gone: bool,
+    absence_reported: bool,
     /// Last reported reason why the held button moves nothing; `Free`: nothing to report.
-    told_hold: Hold,
+    reported_hold: Hold,
 }
 
 /// Values requested by the gamepad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Asked {
+struct Demand {
     held: bool,
     centred: bool,
     speed: f64,
@@ -99,16 +99,16 @@ impl Joydev {
             state: State::Init,
             device: None,
             hold: Hold::Free,
-            heard: Instant::ZERO,
+            last_event: Instant::ZERO,
             steering: 0.0,
             deadlines: Deadlines::new(),
-            told_gone: false,
-            told_hold: Hold::Free,
+            absence_reported: false,
+            reported_hold: Hold::Free,
         })
     }
 
     fn on_news(&mut self, now: Instant, news: News<'_>, out: &mut Actions) {
-        self.heard = now;
+        self.last_event = now;
         match (news, &mut self.device) {
             (News::Found(device), _) => self.on_found(now, device, out),
             (News::Gone, _) => self.on_gone(now, "not connected", out),
@@ -117,11 +117,11 @@ impl Joydev {
                 device.set_button(code, pressed);
                 // At once: it may be pressed again within the same frame.
                 if !pressed && mapping.as_ref().is_some_and(|mapping| mapping.dead_man == code) {
-                    self.judge(now, out);
+                    self.decide(now, out);
                 }
             }
             // Changes that belong together are evaluated together.
-            (News::Frame, Some(_)) => self.judge(now, out),
+            (News::Frame, Some(_)) => self.decide(now, out),
             _ => {}
         }
     }
@@ -149,47 +149,47 @@ impl Joydev {
         }
         self.device = Some((device.clone(), mapping.ok()));
         self.hold = Hold::Stale;
-        self.told_gone = false;
-        self.judge(now, out);
+        self.absence_reported = false;
+        self.decide(now, out);
     }
 
     fn on_gone(&mut self, now: Instant, why: &str, out: &mut Actions) {
         self.let_go(now, out);
         self.device = None;
         self.hold = Hold::Free;
-        self.tell_hold(out);
+        self.report_hold(out);
         out.clear(Fault::GamepadRefused, self.config.bus.as_str(), "it is gone");
-        if !self.told_gone {
-            self.told_gone = true;
+        if !self.absence_reported {
+            self.absence_reported = true;
             out.note(why);
         }
     }
 
     /// Requested values; zero if it is absent or cannot drive the robot.
-    fn asked(&self) -> Asked {
-        let Some((device, Some(mapping))) = &self.device else { return Asked::default() };
+    fn demand(&self) -> Demand {
+        let Some((device, Some(mapping))) = &self.device else { return Demand::default() };
         let raw = |stick: &Stick| device.axis(stick.code).map_or(0, |axis| axis.value);
         let held = |code: u16| device.button(code) == Some(true);
         let gear = [self.config.slow, self.config.fast].into_iter().flatten().find(|gear| held(gear.button));
         let (speed, steering) = (&mapping.speed, &mapping.steering);
-        Asked {
+        Demand {
             held: held(mapping.dead_man),
             centred: speed.is_centred(raw(speed)) && steering.is_centred(raw(steering)),
-            speed: speed.asks(raw(speed)) * gear.map_or(self.config.scale, |gear| gear.scale),
-            steering: steering.asks(raw(steering)),
+            speed: speed.value(raw(speed)) * gear.map_or(self.config.scale, |gear| gear.scale),
+            steering: steering.value(raw(steering)),
         }
     }
 
     /// Decides whether the gamepad moves the robot.
-    fn judge(&mut self, now: Instant, out: &mut Actions) {
-        let asked = self.asked();
+    fn decide(&mut self, now: Instant, out: &mut Actions) {
+        let demand = self.demand();
         let before = self.hold;
-        self.hold = match (before, asked) {
-            (_, Asked { held: false, .. }) => Hold::Free,
+        self.hold = match (before, demand) {
+            (_, Demand { held: false, .. }) => Hold::Free,
             (Hold::Stale, _) => Hold::Stale,
             _ if self.state != State::Run => Hold::Stale,
             (Hold::Drives, _) => Hold::Drives,
-            (_, Asked { centred: true, .. }) => Hold::Drives,
+            (_, Demand { centred: true, .. }) => Hold::Drives,
             (_, _) => Hold::OffCentre,
         };
         match (before.commands(), self.hold.commands()) {
@@ -197,7 +197,7 @@ impl Joydev {
             (false, true) => self.deadlines.set(Timer::Command, now),
             _ => {}
         }
-        self.tell_hold(out);
+        self.report_hold(out);
     }
 
     /// Ends the motion, whatever the state of the button.
@@ -222,17 +222,17 @@ impl Joydev {
     }
 
     /// Reports why the held button moves nothing, unless that is obvious.
-    fn tell_hold(&mut self, out: &mut Actions) {
+    fn report_hold(&mut self, out: &mut Actions) {
         let hold = if self.state == State::Run { self.hold } else { Hold::Free };
-        if hold == self.told_hold {
+        if hold == self.reported_hold {
             return;
         }
         let bus = self.config.bus.as_str();
-        if self.told_hold != Hold::Free {
-            out.clear(Fault::GamepadNotReleased, bus, "the dead-man button does what it is to do");
+        if self.reported_hold != Hold::Free {
+            out.clear(Fault::GamepadNotReleased, bus, "the dead-man button is effective again");
         }
         let why = self.why_not(hold);
-        self.told_hold = if why.is_some() { hold } else { Hold::Free };
+        self.reported_hold = if why.is_some() { hold } else { Hold::Free };
         if let Some(why) = why {
             out.raise(Severity::Warning, Fault::GamepadNotReleased, bus, why);
         }
@@ -243,14 +243,11 @@ impl Joydev {
         let button = mapping::button(mapping.dead_man);
         match hold {
             Hold::Free | Hold::Drives => None,
-            Hold::Stale => Some(format!("{button} was held before: let it go first")),
+            Hold::Stale => Some(format!("{button} was held before: release it first")),
             Hold::OffCentre => {
                 let off = |stick: &&Stick| device.axis(stick.code).is_some_and(|axis| !stick.is_centred(axis.value));
                 let stick = [&mapping.speed, &mapping.steering].into_iter().find(off)?;
-                Some(format!(
-                    "{button} was pressed with {} off its middle: let that go first",
-                    mapping::axis(stick.code)
-                ))
+                Some(format!("{button} was pressed with {} off centre: release that first", mapping::axis(stick.code)))
             }
         }
     }
@@ -262,34 +259,34 @@ impl Joydev {
             _ if !self.deadlines.is_set(Timer::Data) => self.deadlines.set(Timer::Data, now),
             _ => {}
         }
-        self.judge(now, out);
+        self.decide(now, out);
     }
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.is_due(Timer::Silence, now) {
             self.let_go(now, out);
-            out.note("the gamepad has said nothing for too long: it counts as let go");
+            out.note("the gamepad has been silent for too long: it counts as released");
         }
-        self.judge(now, out);
-        if self.deadlines.tick(Timer::Command, now, COMMAND) {
-            let Asked { speed, steering, .. } = self.asked();
+        self.decide(now, out);
+        if self.deadlines.tick(Timer::Command, now, COMMAND_PERIOD) {
+            let Demand { speed, steering, .. } = self.demand();
             let (speed, steering) = if self.hold == Hold::Drives { (speed, steering) } else { (0.0, 0.0) };
             self.send(now, speed, steering, out);
         }
-        if self.deadlines.tick(Timer::Data, now, DATA) {
+        if self.deadlines.tick(Timer::Data, now, DATA_PERIOD) {
             out.publish(self.told(out.timestamp(now)));
         }
     }
 
     fn told(&self, timestamp: i64) -> DataJoydev {
-        let Asked { held, speed, steering, .. } = self.asked();
+        let Demand { held, speed, steering, .. } = self.demand();
         let name = self.device.as_ref().map_or(String::new(), |(device, _)| device.name().into());
         DataJoydev { timestamp, name, connected: self.device.is_some(), dead_man: held, speed, steering }
     }
 
     /// Deadline at which a gamepad that drives has been silent for too long.
     fn silent_at(&self) -> Option<Instant> {
-        self.config.quiet.filter(|_| self.hold.commands()).map(|quiet| self.heard + quiet)
+        self.config.quiet.filter(|_| self.hold.commands()).map(|quiet| self.last_event + quiet)
     }
 }
 
@@ -318,7 +315,7 @@ impl Module for Joydev {
             }
             Event::State(state) => self.on_state(now, state, out),
             Event::Timer => self.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.deadlines.replace(Timer::Silence, self.silent_at());
     }

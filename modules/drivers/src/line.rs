@@ -18,7 +18,7 @@ use std::mem;
 /// The only port of such a driver.
 pub(crate) const PORT: PortId = PortId(0);
 /// Period of `LL_DATA_BUS`.
-const STATISTICS: Duration = Duration::from_secs(1);
+const STATISTICS_PERIOD: Duration = Duration::from_secs(1);
 
 /// A board on the bus.
 #[derive(Debug)]
@@ -35,26 +35,35 @@ pub(crate) struct Board {
     refusals: u32,
     implausible: bool,
     /// Cause of its last failure, for people.
-    fails: &'static str,
+    last_failure: &'static str,
 }
 
 impl Board {
     pub fn new(name: &str, address: u8, table: &'static [Instruction], polls: Vec<(Instruction, Duration)>) -> Self {
-        Self { name: name.into(), address, table, polls, answered: false, refusals: 0, implausible: false, fails: "" }
+        Self {
+            name: name.into(),
+            address,
+            table,
+            polls,
+            answered: false,
+            refusals: 0,
+            implausible: false,
+            last_failure: "",
+        }
     }
 }
 
 /// Events on the bus that concern a driver.
 #[derive(Debug)]
-pub(crate) enum Heard {
+pub(crate) enum BusEvent {
     /// A board answered.
     Answer { to: u8, instruction: u8, data: Data },
     /// A request failed, which has been reported.
     Failed { to: u8, instruction: u8 },
     /// A lost board answers again; it may have lost its settings.
-    Back,
+    Recovered,
     /// A board sent something unsolicited.
-    Unasked { from: u8, instruction: u8, data: Data },
+    Unsolicited { from: u8, instruction: u8, data: Data },
 }
 
 /// A bus and its boards.
@@ -94,7 +103,7 @@ impl Line {
             up: None,
             stuck: false,
             working: None,
-            statistics: Ticker::new(Instant::NEVER, STATISTICS),
+            statistics: Ticker::new(Instant::NEVER, STATISTICS_PERIOD),
             words: 0,
         }
     }
@@ -104,7 +113,7 @@ impl Line {
     }
 
     pub fn start(&mut self, now: Instant) {
-        self.statistics = Ticker::new(now + STATISTICS, STATISTICS);
+        self.statistics = Ticker::new(now + STATISTICS_PERIOD, STATISTICS_PERIOD);
     }
 
     pub fn state(&self) -> State {
@@ -125,7 +134,7 @@ impl Line {
             }
             Input::Down(why) => {
                 self.up = Some(false);
-                let message = format!("{} is down: {why}; tried again", self.bus);
+                let message = format!("{} is down: {why}; retrying", self.bus);
                 out.raise(Severity::Error, Fault::PortDown, self.bus.as_str(), message);
                 self.master.cancel();
                 self.boards.iter_mut().for_each(|board| board.answered = false);
@@ -142,7 +151,7 @@ impl Line {
             Input::Can(_)
             | Input::CanNotice(_)
             | Input::I2c(_)
-            | Input::I2cAsked(_)
+            | Input::I2cRequested(_)
             | Input::OneWire(_)
             | Input::Gamepad(_)
             | Input::Store(_) => None,
@@ -172,7 +181,7 @@ impl Line {
     }
 
     /// Next event for the driver; called until `None`.
-    pub fn hear(&mut self, now: Instant, out: &mut Actions) -> Option<Heard> {
+    pub fn poll_event(&mut self, now: Instant, out: &mut Actions) -> Option<BusEvent> {
         while let Some(event) = self.master.poll_event() {
             if let Some(heard) = self.on_event(now, event, out) {
                 return Some(heard);
@@ -181,57 +190,59 @@ impl Line {
         None
     }
 
-    fn on_event(&mut self, now: Instant, event: Event, out: &mut Actions) -> Option<Heard> {
+    fn on_event(&mut self, now: Instant, event: Event, out: &mut Actions) -> Option<BusEvent> {
         match event {
             Event::Reply { to, instruction, status: Status::Ok, data } => {
                 return self.on_answer(to, instruction, data, out);
             }
             Event::Reply { to, instruction, status, .. } => {
                 self.on_refusal(to, instruction, status, out);
-                return Some(Heard::Failed { to, instruction });
+                return Some(BusEvent::Failed { to, instruction });
             }
             Event::Silent { to, instruction } => {
-                self.fails(to, "does not answer");
-                return Some(Heard::Failed { to, instruction });
+                self.set_failure(to, "does not answer");
+                return Some(BusEvent::Failed { to, instruction });
             }
             Event::Garbled { to, instruction, why } => {
-                self.fails(to, damage(why));
-                return Some(Heard::Failed { to, instruction });
+                self.set_failure(to, damage(why));
+                return Some(BusEvent::Failed { to, instruction });
             }
             Event::Unsent { to, instruction } => {
                 self.stuck = true;
-                let message = format!("{}: the port does not send; what was asked is dropped", self.bus);
+                let message = format!("{}: the port does not send; requests are dropped", self.bus);
                 out.raise(Severity::Warning, Fault::PortOverrun, self.bus.as_str(), message);
-                return Some(Heard::Failed { to, instruction });
+                return Some(BusEvent::Failed { to, instruction });
             }
-            Event::Unasked { from, instruction, data } => return Some(Heard::Unasked { from, instruction, data }),
+            Event::Unasked { from, instruction, data } => {
+                return Some(BusEvent::Unsolicited { from, instruction, data });
+            }
             Event::Sent { .. } => {}
             Event::Degraded { node } => {
                 let (name, board) = self.name(node);
-                let message = format!("{board} fails again and again: it {}; asked on", self.failure(node));
+                let message = format!("{board} fails repeatedly: it {}; polled on", self.failure(node));
                 out.raise(Severity::Warning, Fault::BoardDegraded, name, message);
             }
             Event::Recovered { node } => {
                 let (name, board) = self.name(node);
-                out.clear(Fault::BoardDegraded, name, format!("{board} answers well again"));
+                out.clear(Fault::BoardDegraded, name, format!("{board} answers properly again"));
             }
             Event::Lost { node } => {
                 self.schedule.lost(now, node);
                 let (name, board) = self.name(node);
-                let message = format!("{board} {}: its data is invalid, asked once a second", self.failure(node));
+                let message = format!("{board} {}: its data is invalid, polled once a second", self.failure(node));
                 out.raise(Severity::Error, Fault::BoardLost, name, message);
             }
             Event::Back { node } => {
                 self.schedule.back(now, node);
                 self.schedule.demand(version_of(node));
                 let (name, board) = self.name(node);
-                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers well again"));
+                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers properly again"));
                 out.clear(Fault::BoardLost, name, format!("{board} answers again"));
-                return Some(Heard::Back);
+                return Some(BusEvent::Recovered);
             }
             Event::Babble { who } => {
                 let (subject, who) = self.culprit(who);
-                let message = format!("{who} talks on {} without being asked: others cannot be heard", self.bus);
+                let message = format!("{who} sends on {} unsolicited and disturbs the other boards", self.bus);
                 out.raise(Severity::Error, Fault::BusBabble, subject, message);
             }
             Event::BabbleOver { who } => {
@@ -245,7 +256,7 @@ impl Line {
                     out.raise(Severity::Error, Fault::AddressClash, name, message);
                 } else {
                     // The failure is reported separately; this is a hint to its cause.
-                    out.note(format!("{board}: two boards talk at once there, or its transmitter is bad"));
+                    out.note(format!("{board}: two boards at this address send at once, or its transmitter is faulty"));
                 }
             }
             Event::ClashOver { node } => {
@@ -256,7 +267,7 @@ impl Line {
         None
     }
 
-    fn on_answer(&mut self, to: u8, instruction: u8, data: Data, out: &mut Actions) -> Option<Heard> {
+    fn on_answer(&mut self, to: u8, instruction: u8, data: Data, out: &mut Actions) -> Option<BusEvent> {
         let board = self.boards.iter_mut().find(|board| board.address == to)?;
         board.answered = true;
         if mem::take(&mut self.stuck) {
@@ -271,10 +282,10 @@ impl Line {
         let refusals = mem::take(&mut board.refusals);
         if refusals > 0 {
             let (name, board) = self.name(to);
-            let message = format!("{board} does what it is asked again, after {refusals} refusals");
+            let message = format!("{board} executes its instructions again, after {refusals} refusals");
             out.clear(Fault::BoardRefused, name, message);
         }
-        Some(Heard::Answer { to, instruction, data })
+        Some(BusEvent::Answer { to, instruction, data })
     }
 
     fn on_refusal(&mut self, to: u8, instruction: u8, status: Status, out: &mut Actions) {
@@ -293,7 +304,7 @@ impl Line {
             // Asked only once: there will be no answer that would clear it.
             out.report(Severity::Warning, Fault::BoardRefused, name, format!("{message}; its version stays unknown"));
         } else {
-            let message = format!("{message}; asked on, its data is missing");
+            let message = format!("{message}; polled on, its data is missing");
             out.raise(Severity::Warning, Fault::BoardRefused, name, message);
         }
     }
@@ -312,21 +323,21 @@ impl Line {
             }
             Err(why) => {
                 let (name, board) = self.name(to);
-                let message = format!("{board} answered what it cannot: {why}; dropped");
+                let message = format!("{board} gave an implausible answer: {why}; dropped");
                 out.raise(Severity::Warning, Fault::BoardImplausible, name, message);
                 None
             }
         }
     }
 
-    fn fails(&mut self, address: u8, how: &'static str) {
+    fn set_failure(&mut self, address: u8, how: &'static str) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
-            board.fails = how;
+            board.last_failure = how;
         }
     }
 
     fn failure(&self, address: u8) -> &'static str {
-        self.boards.iter().find(|board| board.address == address).map_or("", |board| board.fails)
+        self.boards.iter().find(|board| board.address == address).map_or("", |board| board.last_failure)
     }
 
     /// Queues a single request, sent when no poll is due.
@@ -400,7 +411,7 @@ impl Line {
         out.publish(DataBus {
             timestamp: out.timestamp(now),
             bus: self.bus.clone(),
-            load: (busy / STATISTICS.as_secs_f64()).min(1.0),
+            load: (busy / STATISTICS_PERIOD.as_secs_f64()).min(1.0),
             frames: count(bus.frames),
             errors: count(bus.errors),
             state: if self.up == Some(true) { DataBus::ACTIVE } else { DataBus::CLOSED },
@@ -417,9 +428,9 @@ const fn damage(why: Why) -> &'static str {
     match why {
         Why::Crc => "answers with a wrong CRC",
         Why::Length { .. } => "answers with a wrong length",
-        Why::Status { .. } => "answers with a status that is none",
-        Why::Incomplete => "answers with half a frame",
-        Why::Request => "finds a wrong CRC in what it is asked",
+        Why::Status { .. } => "answers with an invalid status",
+        Why::Incomplete => "answers with an incomplete frame",
+        Why::Request => "finds a wrong CRC in its request",
     }
 }
 

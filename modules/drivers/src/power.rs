@@ -17,7 +17,7 @@ mod shutdown;
 
 pub use config::{Config, ConfigError};
 
-use crate::line::{self, Heard, Line, PORT};
+use crate::line::{self, BusEvent, Line, PORT};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use channels::{Channels, Outcome};
 use gauge::Gauge;
@@ -31,21 +31,21 @@ use rs485::boards::psc1::{
 };
 use rs485::master;
 use rs485::schedule::Turn;
-use shutdown::{Aim, Shutdown};
+use shutdown::{Shutdown, ShutdownPurpose};
 
 /// Name of the module.
 pub const NAME: &str = "driver_power";
 /// The board reports the PAUSE line every 500 ms; after this time without a report its state is unknown
 /// (docs/design.md, section 4).
-const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
+const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// Maximum plausible current of a channel, mA.
-const CURRENT_MAX: u16 = 40_000;
+const CURRENT_MAX_MA: u16 = 40_000;
 /// Maximum current of a channel that is off, mA.
-const OFF_DRAWS: u16 = 500;
+const OFF_CURRENT_MAX_MA: u16 = 500;
 /// Charge above the reserve at which the battery is no longer low, as a fraction.
 const RESERVE_MARGIN: f64 = 0.02;
 /// Time after which a computer that still runs after the command to halt was not halted.
-const HALTS_WITHIN: Duration = Duration::from_secs(60);
+const HALT_TIMEOUT: Duration = Duration::from_secs(60);
 const HOST: usize = 0;
 
 base::deadlines! {
@@ -66,7 +66,7 @@ pub struct Power {
     line: Line,
     channels: Channels,
     /// Channels and states being sent to the board.
-    telling: (u8, u8),
+    outstanding: (u8, u8),
     gauge: Gauge,
     /// Last reported state of the PAUSE line: engaged or not, and its source.
     pause: Option<(bool, u8)>,
@@ -96,7 +96,7 @@ impl Power {
             ports: [line.port()],
             line,
             channels: Channels::default(),
-            telling: (0, 0),
+            outstanding: (0, 0),
             gauge: Gauge::new(config.capacity_ah, config.cells),
             pause: None,
             shutdown: None,
@@ -105,17 +105,19 @@ impl Power {
         })
     }
 
-    fn on_heard(&mut self, now: Instant, heard: &Heard, out: &mut Actions) {
+    fn on_bus_event(&mut self, now: Instant, event: &BusEvent, out: &mut Actions) {
         let address = self.config.address;
-        match heard {
-            Heard::Unasked { from, instruction, data } if *from == address => {
+        match event {
+            BusEvent::Unsolicited { from, instruction, data } if *from == address => {
                 match self.line.judge(address, parse_unasked(*instruction, data), out) {
                     Some(Unasked::PauseChanged { engaged, source }) => self.on_pause(now, engaged, source, out),
-                    Some(Unasked::PowerOffRequested { seconds }) => self.shut_down(now, Aim::Cut, Some(seconds), out),
+                    Some(Unasked::PowerOffRequested { seconds }) => {
+                        self.shut_down(now, ShutdownPurpose::Cut, Some(seconds), out)
+                    }
                     None => {}
                 }
             }
-            Heard::Answer { instruction, data, .. } => match *instruction {
+            BusEvent::Answer { instruction, data, .. } => match *instruction {
                 code if code == GET_PWR_STATUS.code => {
                     if let Some(state) = self.line.judge(address, parse_status(data), out) {
                         self.on_state(now, state, out);
@@ -129,21 +131,21 @@ impl Power {
                 }
                 code if code == SET_PWR_STATUS.code => {
                     if let Some(target) = self.line.judge(address, parse_status(data), out) {
-                        self.on_told(now, target);
+                        self.on_accepted(now, target);
                     }
                 }
                 _ => {}
             },
-            Heard::Unasked { .. } | Heard::Failed { .. } | Heard::Back => {}
+            BusEvent::Unsolicited { .. } | BusEvent::Failed { .. } | BusEvent::Recovered => {}
         }
-        if matches!(heard, Heard::Answer { .. } | Heard::Back) {
-            self.tell();
+        if matches!(event, BusEvent::Answer { .. } | BusEvent::Recovered) {
+            self.send_orders();
         }
     }
 
     /// Checks for values that pass the CRC but that no sensor and no battery of this number of cells can produce.
     fn plausible(&self, currents: Currents) -> Result<Currents, Implausible> {
-        if let Some(index) = currents.milliamps.iter().position(|milliamps| *milliamps > CURRENT_MAX) {
+        if let Some(index) = currents.milliamps.iter().position(|milliamps| *milliamps > CURRENT_MAX_MA) {
             return Err(Implausible::Value { index, value: currents.milliamps[index].into() });
         }
         let cell = f64::from(currents.battery_mv) / 1000.0 / f64::from(self.config.cells);
@@ -155,9 +157,9 @@ impl Power {
 
     fn on_pause(&mut self, now: Instant, engaged: bool, source: u8, out: &mut Actions) {
         let known = self.pause.replace((engaged, source));
-        self.deadlines.set(Timer::Pause, now + PAUSE_UNKNOWN);
+        self.deadlines.set(Timer::Pause, now + PAUSE_TIMEOUT);
         let name = self.config.name.as_str();
-        out.clear(Fault::PauseUnknown, name, format!("{name} tells of the PAUSE line again"));
+        out.clear(Fault::PauseUnknown, name, format!("{name} reports the PAUSE line again"));
         let who = if engaged { source_name(source).unwrap_or_default() } else { "" };
         if known.map(|(engaged, _)| engaged).unwrap_or_default() != engaged {
             out.note(if engaged { format!("PAUSE: engaged by {who}") } else { "PAUSE: released".into() });
@@ -172,22 +174,22 @@ impl Power {
                 Outcome::Done { channel, on } => {
                     let name = CHANNELS[channel];
                     out.note(format!("power channel {name} is {}", word(on)));
-                    out.clear(Fault::ChannelStuck, name, format!("power channel {name} does as it is told"));
+                    out.clear(Fault::ChannelStuck, name, format!("power channel {name} is switched as commanded"));
                 }
                 Outcome::Stuck { channel, on } => {
                     let name = CHANNELS[channel];
-                    let message = format!("power channel {name} was switched {} and is not", word(on));
+                    let message = format!("power channel {name} was commanded {} and did not switch", word(on));
                     out.raise(Severity::Error, Fault::ChannelStuck, name, message);
                 }
             }
         }
     }
 
-    fn on_told(&mut self, now: Instant, target: u8) {
-        let (mask, states) = self.telling;
+    fn on_accepted(&mut self, now: Instant, target: u8) {
+        let (mask, states) = self.outstanding;
         // Orders that the board does not confirm remain to be sent.
         let agreed = mask & !(target ^ states);
-        self.channels.told(now, agreed, states);
+        self.channels.accepted(now, agreed, states);
         if let Some(shutdown) = &mut self.shutdown
             && shutdown.releases()
         {
@@ -214,8 +216,8 @@ impl Power {
         });
         self.watch_reserve(out);
         for (channel, name) in CHANNELS.iter().enumerate() {
-            if state >> channel & 1 == 0 && currents.milliamps[channel] > OFF_DRAWS {
-                let message = format!("power channel {name} is off and draws {} A", amperes[channel]);
+            if state >> channel & 1 == 0 && currents.milliamps[channel] > OFF_CURRENT_MAX_MA {
+                let message = format!("power channel {name} is off but draws {} A", amperes[channel]);
                 out.raise(Severity::Error, Fault::ChannelStuck, *name, message);
             }
         }
@@ -225,10 +227,10 @@ impl Power {
         let (charge, reserve, name) = (self.gauge.charge(), self.config.reserve, self.config.name.as_str());
         let percent = charge * 100.0;
         if charge < reserve {
-            let message = format!("the battery has {percent:.0} %: drive it to its charger");
+            let message = format!("the battery is at {percent:.0} %: drive the robot to its charger");
             out.raise(Severity::Warning, Fault::BatteryLow, name, message);
         } else if charge >= reserve + RESERVE_MARGIN {
-            out.clear(Fault::BatteryLow, name, format!("the battery has {percent:.0} %"));
+            out.clear(Fault::BatteryLow, name, format!("the battery is at {percent:.0} %"));
         }
     }
 
@@ -238,9 +240,9 @@ impl Power {
             _ if self.line.state() != State::Run => format!("{NAME} is in {}", self.line.state()),
             _ if self.shutdown.is_some() => "the robot is being shut down".into(),
             (None, _) => format!("there is no power channel {}", command.device),
-            (Some(HOST), CmdPower::OFF) => return self.shut_down(now, Aim::Off, None, out),
+            (Some(HOST), CmdPower::OFF) => return self.shut_down(now, ShutdownPurpose::Off, None, out),
             (Some(HOST), CmdPower::REBOOT) if self.config.reboot.is_empty() => "no reboot_command is configured".into(),
-            (Some(HOST), CmdPower::REBOOT) => return self.shut_down(now, Aim::Reboot, None, out),
+            (Some(HOST), CmdPower::REBOOT) => return self.shut_down(now, ShutdownPurpose::Reboot, None, out),
             (Some(channel), CmdPower::OFF) => return self.order(channel, false, false),
             (Some(channel), CmdPower::ON) => return self.order(channel, true, false),
             (Some(channel), CmdPower::REBOOT) => return self.order(channel, false, true),
@@ -251,24 +253,24 @@ impl Power {
 
     fn order(&mut self, channel: usize, on: bool, again: bool) {
         self.channels.order(channel, on, again);
-        self.tell();
+        self.send_orders();
     }
 
     /// Sends outstanding orders to the board.
-    fn tell(&mut self) {
+    fn send_orders(&mut self) {
         let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
-        if self.channels.telling().is_some() || releases {
+        if self.channels.outstanding().is_some() || releases {
             self.line.demand(self.config.address, &SET_PWR_STATUS);
         }
     }
 
-    fn shut_down(&mut self, now: Instant, aim: Aim, seconds: Option<u8>, out: &mut Actions) {
+    fn shut_down(&mut self, now: Instant, aim: ShutdownPurpose, seconds: Option<u8>, out: &mut Actions) {
         if self.shutdown.is_some() || self.deadlines.is_set(Timer::Halted) {
             return;
         }
         let what = match seconds {
             Some(seconds) => format!("the supply is cut in {seconds} s"),
-            None if aim == Aim::Reboot => "the computer is to be restarted".into(),
+            None if aim == ShutdownPurpose::Reboot => "the computer is to be restarted".into(),
             None => "all is to be switched off".into(),
         };
         let message = format!("{what}: the modules are ended, then the computer");
@@ -283,18 +285,23 @@ impl Power {
         shutdown.advance(now, NAME, out);
         let (ready, releases, aim) = (shutdown.is_ready(), shutdown.releases(), shutdown.aim);
         if releases && !released {
-            self.tell();
+            self.send_orders();
         }
         if !ready {
             return;
         }
         self.shutdown = None;
-        self.deadlines.set(Timer::Halted, now + HALTS_WITHIN);
-        let command = if aim == Aim::Reboot { &self.config.reboot } else { &self.config.halt };
+        self.deadlines.set(Timer::Halted, now + HALT_TIMEOUT);
+        let command = if aim == ShutdownPurpose::Reboot { &self.config.reboot } else { &self.config.halt };
         let name = self.config.name.as_str();
         let line = command.join(" ");
         if command.is_empty() {
-            out.report(Severity::Warning, Fault::PowerOff, name, "no halt_command is configured: the computer runs on");
+            out.report(
+                Severity::Warning,
+                Fault::PowerOff,
+                name,
+                "no halt_command is configured: the computer keeps running",
+            );
         } else if self.config.simulated {
             let message = format!("a simulated robot: its computer would be halted now by: {line}");
             out.report(Severity::Notice, Fault::PowerOff, name, message);
@@ -308,20 +315,20 @@ impl Power {
         self.line.on_timer(now, out);
         let name = self.config.name.as_str();
         if self.deadlines.take(Timer::Pause, now) {
-            let message = format!("{name} does not tell of the PAUSE line: the robot stops");
+            let message = format!("{name} does not report the PAUSE line: the robot stops");
             out.raise(Severity::Error, Fault::PauseUnknown, name, message);
         }
         if self.deadlines.take(Timer::Halted, now) {
             out.clear(Fault::PowerOff, name, "the computer still runs");
         }
         if self.channels.on_timer(now) {
-            self.tell();
+            self.send_orders();
         }
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(heard) = self.line.hear(now, out) {
-            self.on_heard(now, &heard, out);
+        while let Some(event) = self.line.poll_event(now, out) {
+            self.on_bus_event(now, &event, out);
         }
         self.advance_shutdown(now, out);
         if let Some(turn) = self.line.turn(now) {
@@ -336,10 +343,10 @@ impl Power {
             return;
         }
         let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
-        let telling = if releases { Some((0xFF, 0)) } else { self.channels.telling() };
+        let outstanding = if releases { Some((0xFF, 0)) } else { self.channels.outstanding() };
         // Demanded twice, sent once.
-        if let Some((mask, states)) = telling {
-            self.telling = (mask, states);
+        if let Some((mask, states)) = outstanding {
+            self.outstanding = (mask, states);
             self.line.ask(turn, &build_set(mask, states));
         }
     }
@@ -358,7 +365,7 @@ impl Module for Power {
         match event {
             Event::Start => {
                 self.line.start(now);
-                self.deadlines.set(Timer::Pause, now + PAUSE_UNKNOWN);
+                self.deadlines.set(Timer::Pause, now + PAUSE_TIMEOUT);
             }
             Event::Port { port: PORT, input } => {
                 self.line.on_port(now, &input, out);
@@ -371,7 +378,7 @@ impl Module for Power {
             }
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

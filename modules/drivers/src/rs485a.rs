@@ -6,7 +6,7 @@
 //! Silence   after 16 failed transactions a board is lost: reported, polled once a second, its data invalid
 //! Data      `LL_DATA_RANGES` once a round, when all boards have answered or failed, and at least once a second: each
 //!           reading with the instant at which its transducer fired, and UNKNOWN if its board did not answer properly.
-//!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, the view of 2011; `LL_DATA_ODO` with each answer of the SO1;
+//!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, as in 2011; `LL_DATA_ODO` with each answer of the SO1;
 //!           `LL_DATA_BUS` once a second. Timestamps of these are those of the answer's reception
 //! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself until a person commands RUN
 //!
@@ -86,8 +86,8 @@ impl Rs485a {
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(heard) = self.line.hear(now, out) {
-            self.on_heard(now, &heard, out);
+        while let Some(event) = self.line.poll_event(now, out) {
+            self.on_bus_event(now, &event, out);
         }
         if let Some(turn) = self.line.turn(now) {
             if turn.instruction == sd1::GET_BOTH_DATA.code {
@@ -130,7 +130,7 @@ impl Module for Rs485a {
             }
             Event::Timer => self.line.on_timer(now, out),
             Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

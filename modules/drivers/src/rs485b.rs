@@ -12,7 +12,7 @@
 
 mod sightings;
 
-use crate::line::{self, Heard, Line, PORT};
+use crate::line::{self, BusEvent, Line, PORT};
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::DataActiveBeacons;
 use messages::{Channel, Message};
@@ -27,7 +27,7 @@ use std::fmt;
 /// Name of the module.
 pub const NAME: &str = "driver_rs485b";
 /// Period of reading the board's status, which reveals a reset.
-const DEBUG: Duration = Duration::from_secs(10);
+const DEBUG_PERIOD: Duration = Duration::from_secs(10);
 
 /// Configuration of `driver_rs485b`; SI units.
 #[derive(Clone, Debug)]
@@ -80,7 +80,7 @@ pub struct Rs485b {
     /// Beacons to look for; empty: all.
     wanted: Vec<u8>,
     /// Beacons that were sent to it, and those being sent.
-    told: Option<Vec<u8>>,
+    sent: Option<Vec<u8>>,
     telling: Vec<u8>,
     /// Its count of sweeps, which falls after a reset.
     sweeps: Option<u16>,
@@ -98,7 +98,8 @@ impl Rs485b {
         if !is_list(&config.beacons) {
             return Err(ConfigError::Beacons);
         }
-        let polls = vec![(GET_BEACON_DATA, Duration::from_secs_f64(1.0 / config.rate_hz)), (GET_DEBUG_DATA, DEBUG)];
+        let polls =
+            vec![(GET_BEACON_DATA, Duration::from_secs_f64(1.0 / config.rate_hz)), (GET_DEBUG_DATA, DEBUG_PERIOD)];
         let board = line::Board::new(&config.name, config.address, sbs1::INSTRUCTIONS, polls);
         let bus = master::Config { baud: config.baud, crc: config.crc, ..master::Config::default() };
         let line = Line::new(&config.bus, bus, vec![(board, config.timeout)]);
@@ -108,7 +109,7 @@ impl Rs485b {
             address: config.address,
             sightings: Sightings::new(config.baud),
             wanted: config.beacons,
-            told: None,
+            sent: None,
             telling: Vec::new(),
             sweeps: None,
         })
@@ -119,7 +120,7 @@ impl Rs485b {
         match ids.filter(|ids| is_list(ids)) {
             Some(ids) => {
                 self.wanted = ids;
-                self.tell();
+                self.send_selection();
             }
             None => {
                 let why = format!("{} beacons refused: at most {BEACONS} of 0 to 255, none twice", command.ids.len());
@@ -129,18 +130,18 @@ impl Rs485b {
     }
 
     /// Sends the beacons to look for if the board does not have them.
-    fn tell(&mut self) {
-        if self.told.as_ref() != Some(&self.wanted) {
+    fn send_selection(&mut self) {
+        if self.sent.as_ref() != Some(&self.wanted) {
             self.line.demand(self.address, &SET_BEACON_IDS);
         }
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(heard) = self.line.hear(now, out) {
-            match heard {
-                Heard::Answer { instruction, data, .. } => self.on_answer(now, instruction, &data, out),
-                Heard::Back => self.told = None,
-                Heard::Failed { .. } | Heard::Unasked { .. } => {}
+        while let Some(event) = self.line.poll_event(now, out) {
+            match event {
+                BusEvent::Answer { instruction, data, .. } => self.on_answer(now, instruction, &data, out),
+                BusEvent::Recovered => self.sent = None,
+                BusEvent::Failed { .. } | BusEvent::Unsolicited { .. } => {}
             }
         }
         if let Some(turn) = self.line.turn(now) {
@@ -161,15 +162,15 @@ impl Rs485b {
     fn on_answer(&mut self, now: Instant, instruction: u8, data: &[u8], out: &mut Actions) {
         match instruction {
             code if code == SET_BEACON_IDS.code => {
-                self.told = Some(std::mem::take(&mut self.telling));
-                self.sightings.looks_for(now, self.told.as_deref().unwrap_or_default());
+                self.sent = Some(std::mem::take(&mut self.telling));
+                self.sightings.select(now, self.sent.as_deref().unwrap_or_default());
             }
             code if code == GET_BEACON_DATA.code => {
                 let read = self.sightings.read(now, out.epoch(), data);
                 if let Some((beacons, stranger)) = self.line.judge(self.address, read, out) {
                     out.publish(beacons);
                     if stranger {
-                        self.told = None;
+                        self.sent = None;
                     }
                 }
             }
@@ -177,13 +178,13 @@ impl Rs485b {
                 if let Some(debug) = self.line.judge(self.address, sbs1::parse_debug(data), out)
                     && self.sweeps.replace(debug.sweeps).is_some_and(|before| debug.sweeps < before)
                 {
-                    self.told = None;
+                    self.sent = None;
                 }
             }
             _ => {}
         }
         // With each answer rather than each failure, so that a silent board is not asked more.
-        self.tell();
+        self.send_selection();
     }
 }
 
@@ -207,14 +208,14 @@ impl Module for Rs485b {
             Event::Port { port: PORT, input } => {
                 if self.line.on_port(now, &input, out) == Some(true) {
                     // It may be another board, or was switched off meanwhile.
-                    self.told = None;
-                    self.tell();
+                    self.sent = None;
+                    self.send_selection();
                 }
             }
             Event::Message { message: Message::LlDataActiveBeacons(command), .. } => self.on_active(command, out),
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.line.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

@@ -252,7 +252,7 @@ impl Module for Estimator {
             Event::State(_) => {
                 self.tick.get_or_insert(Ticker::new(now, PERIOD));
             }
-            Event::Timer | Event::Port { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Timer | Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         if self.tick.as_mut().is_some_and(|tick| tick.due(now)) {
             self.on_tick(now, out);

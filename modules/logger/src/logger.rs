@@ -1,4 +1,4 @@
-//! The module: overhears the bus, and writes what it hears.
+//! The module: receives every message on the bus and writes it to the log.
 //!
 //! Takes    everything that is said; `CM_CMD_LOG` begins and ends recording and puts marks in
 //! Gives    MCAP through the port of the folder of logs; `CM_DATA_LOG` each second and on change
@@ -469,7 +469,7 @@ impl Module for Logger {
         &[Channel::CmCmdLog]
     }
 
-    fn overhears(&self) -> bool {
+    fn wants_raw_bus(&self) -> bool {
         true
     }
 
@@ -480,7 +480,7 @@ impl Module for Logger {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => self.deadlines.set(Timer::Publish, now),
-            Event::Heard { at, channel, data } => self.on_heard(now, at, channel, data, out),
+            Event::RawMessage { at, channel, data } => self.on_heard(now, at, channel, data, out),
             Event::Message { at, message: Message::CmCmdLog(command) } => self.on_command(now, at, command, out),
             Event::Port { input, .. } => self.on_port(now, &input, out),
             Event::State(state) => self.on_state(now, state, out),

@@ -139,7 +139,7 @@ fn log_times_never_go_back_and_the_order_is_that_of_the_bus() {
     let mut rig = Rig::new(config());
     rig.ms(100);
     for at in [100, 90, 95, 110] {
-        rig.bench.event(Event::Heard { at: Instant::from_millis(at), channel: "A", data: b"" });
+        rig.bench.event(Event::RawMessage { at: Instant::from_millis(at), channel: "A", data: b"" });
     }
     rig.order(CmdLog::STOP, "");
     rig.ms(50);

@@ -13,7 +13,7 @@ use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use messages::lowlevel::CmdMotion;
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
-use module::{Actions, Event, Holds, Module, Standing, State};
+use module::{Actions, ActiveHold, Event, Holds, Module, State};
 
 /// The module's name, and the source of its motion.
 pub const NAME: &str = "planner";
@@ -229,9 +229,9 @@ impl Planner {
         let waits = self.waits();
         // Of a goal that nothing keeps from being driven to, the mission knows what it does about it.
         let own = self.mission.hold().filter(|_| waits.is_empty());
-        let own = own.as_ref().map(|(hold, subject)| Standing::new(*hold, subject));
+        let own = own.as_ref().map(|(hold, subject)| ActiveHold::new(*hold, subject));
         let waits =
-            waits.iter().map(|wait| Standing { hold: wait.hold, subject: &wait.subject, latched: wait.latched });
+            waits.iter().map(|wait| ActiveHold { hold: wait.hold, subject: &wait.subject, latched: wait.latched });
         holds.publish(now, NAME, waits.chain(own), out);
         self.holds = holds;
     }
@@ -296,7 +296,7 @@ impl Module for Planner {
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::State(state) => self.senses.state = Some(state),
-            Event::Timer | Event::Port { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Timer | Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         if self.deadlines.tick(Timer::Control, now, CONTROL) && self.is_busy() {
             self.control(now, out);

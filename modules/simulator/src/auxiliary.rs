@@ -2,7 +2,7 @@
 
 use crate::boards::climate::Climate;
 use crate::boards::fan1::Fan1;
-use crate::faults::Ailment;
+use crate::faults::InjectedFault;
 use base::i2c::{Address, Error, Outcome, Transfer};
 use base::w1::{self, Answer, Rom};
 use base::{Duration, Instant, Ticker};
@@ -146,18 +146,18 @@ impl Auxiliary {
     }
 
     /// Injects a fault into a board or a thermometer; false if there is none of that name, or it has no such fault.
-    pub fn suffer(&mut self, now: Instant, target: &str, ailment: Ailment, until: Instant) -> bool {
+    pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         if let Some(fan) = self.buses.iter_mut().flat_map(|bus| &mut bus.fans).find(|fan| fan.name == target) {
-            return fan.suffer(now, ailment, until);
+            return fan.inject(now, injected, until);
         }
         let Some(thermometer) = self.thermometers.iter_mut().find(|thermometer| thermometer.name == target) else {
             return false;
         };
-        match ailment {
-            Ailment::Silent => thermometer.absent = until,
-            Ailment::Wrong => thermometer.wrong = until,
-            Ailment::Hot(celsius) => thermometer.hot = (until, celsius),
-            Ailment::None => {
+        match injected {
+            InjectedFault::Silent => thermometer.absent = until,
+            InjectedFault::Wrong => thermometer.wrong = until,
+            InjectedFault::Hot(celsius) => thermometer.hot = (until, celsius),
+            InjectedFault::None => {
                 (thermometer.absent, thermometer.wrong) = (now, now);
                 thermometer.hot.0 = now;
             }

@@ -1,6 +1,6 @@
 //! What a bus does to what is sent on it, while a fault lasts: the LCM bus, a CAN bus, a serial line.
 
-use crate::faults::Ailment;
+use crate::faults::InjectedFault;
 use crate::random::Random;
 use base::serial::Word;
 use base::{Duration, Instant};
@@ -24,14 +24,14 @@ pub struct Disturbance {
 
 impl Disturbance {
     /// Injects a fault until an instant; false if it is none of these.
-    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
-        match ailment {
-            Ailment::Loss(chance) => self.loss = (until, chance),
-            Ailment::Duplicate(chance) => self.duplicate = (until, chance),
-            Ailment::Delay(delay) => self.delay = (until, delay),
-            Ailment::Reorder(within) => self.reorder = (until, within),
-            Ailment::Noise(rate) => self.noise = (until, rate),
-            Ailment::None => {
+    pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
+        match injected {
+            InjectedFault::Loss(chance) => self.loss = (until, chance),
+            InjectedFault::Duplicate(chance) => self.duplicate = (until, chance),
+            InjectedFault::Delay(delay) => self.delay = (until, delay),
+            InjectedFault::Reorder(within) => self.reorder = (until, within),
+            InjectedFault::Noise(rate) => self.noise = (until, rate),
+            InjectedFault::None => {
                 let ends = [&mut self.loss.0, &mut self.duplicate.0, &mut self.noise.0];
                 ends.into_iter().chain([&mut self.delay.0, &mut self.reorder.0]).for_each(|until| *until = now);
             }

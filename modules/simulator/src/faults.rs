@@ -66,7 +66,7 @@ use navitools::Pose;
 
 /// Fault of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Ailment {
+pub enum InjectedFault {
     /// Neither receives nor sends.
     Silent,
     /// Answers with this delay.
@@ -186,7 +186,7 @@ pub const NAMES: &[&str] = &[
     "none",
 ];
 
-impl Ailment {
+impl InjectedFault {
     /// Fault of a name; `None` if it is unknown.
     #[must_use]
     pub fn from_name(name: &str, value: f64) -> Option<Self> {
@@ -285,27 +285,27 @@ mod tests {
         let arms = &text[begin..begin + text[begin..].find("_ => None").unwrap()];
         let name = |line: &'static str| line.trim().strip_prefix('"')?.split_once("\" =>").map(|(name, _)| name);
         assert_eq!(arms.lines().filter_map(name).collect::<Vec<_>>(), NAMES);
-        let works = |name: &str| [0.0, 1.0, 24.0].iter().any(|value| Ailment::from_name(name, *value).is_some());
+        let works = |name: &str| [0.0, 1.0, 24.0].iter().any(|value| InjectedFault::from_name(name, *value).is_some());
         assert!(NAMES.iter().all(|name| works(name)));
     }
 
     #[test]
     fn names_are_known_or_not() {
-        assert_eq!(Ailment::from_name("fault", 8976.0), Some(Ailment::Fault(0x2310)));
-        assert_eq!(Ailment::from_name("fault", f64::NAN), Some(Ailment::Fault(0x1000)));
-        assert_eq!(Ailment::from_name("on fire", 0.0), None);
-        assert_eq!(Ailment::from_name("bumper", 8.0), Some(Ailment::Bumper(8)));
-        assert_eq!(Ailment::from_name("stall", 2.0), Some(Ailment::Stall(2)));
-        assert_eq!(Ailment::from_name("hot", f64::INFINITY), Some(Ailment::Hot(200.0)));
+        assert_eq!(InjectedFault::from_name("fault", 8976.0), Some(InjectedFault::Fault(0x2310)));
+        assert_eq!(InjectedFault::from_name("fault", f64::NAN), Some(InjectedFault::Fault(0x1000)));
+        assert_eq!(InjectedFault::from_name("on fire", 0.0), None);
+        assert_eq!(InjectedFault::from_name("bumper", 8.0), Some(InjectedFault::Bumper(8)));
+        assert_eq!(InjectedFault::from_name("stall", 2.0), Some(InjectedFault::Stall(2)));
+        assert_eq!(InjectedFault::from_name("hot", f64::INFINITY), Some(InjectedFault::Hot(200.0)));
         for (name, value) in [("stall", 3.0), ("bumper", 0.0), ("bumper", 9.0), ("bumper", 1.5), ("battery", 50.0)] {
-            assert_eq!(Ailment::from_name(name, value), None, "{name} {value}");
+            assert_eq!(InjectedFault::from_name(name, value), None, "{name} {value}");
         }
-        assert_eq!(Ailment::from_name("slow", 1e300), Some(Ailment::Slow(Duration::from_secs(1))));
-        assert_eq!(Ailment::from_name("garbled", f64::NAN), Some(Ailment::Garbled(0.1)));
-        assert_eq!(Ailment::from_name("power_off", 1e9), Some(Ailment::PowerOff(255)));
-        assert_eq!(Ailment::from_name("noise", 7.0), Some(Ailment::Noise(1.0)));
-        assert_eq!(Ailment::from_name("lose", 0.1), Some(Ailment::Lose(1)));
-        assert_eq!(Ailment::from_name("corrupt", f64::NAN), Some(Ailment::Corrupt(10)));
-        assert_eq!(Ailment::from_name("babble", 129.0), Some(Ailment::Babble { noise: true, id: 0x81 }));
+        assert_eq!(InjectedFault::from_name("slow", 1e300), Some(InjectedFault::Slow(Duration::from_secs(1))));
+        assert_eq!(InjectedFault::from_name("garbled", f64::NAN), Some(InjectedFault::Garbled(0.1)));
+        assert_eq!(InjectedFault::from_name("power_off", 1e9), Some(InjectedFault::PowerOff(255)));
+        assert_eq!(InjectedFault::from_name("noise", 7.0), Some(InjectedFault::Noise(1.0)));
+        assert_eq!(InjectedFault::from_name("lose", 0.1), Some(InjectedFault::Lose(1)));
+        assert_eq!(InjectedFault::from_name("corrupt", f64::NAN), Some(InjectedFault::Corrupt(10)));
+        assert_eq!(InjectedFault::from_name("babble", 129.0), Some(InjectedFault::Babble { noise: true, id: 0x81 }));
     }
 }

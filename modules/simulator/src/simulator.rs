@@ -11,7 +11,7 @@ use crate::boards::sbs1::{Sbs1, Sbs1Config};
 use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
 use crate::boards::so1::So1;
 use crate::body::{Parameters, STEP};
-use crate::faults::{self, Ailment};
+use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
 use crate::random::Random;
 use crate::scene::Scene;
@@ -388,8 +388,8 @@ impl Simulator {
             gamepad::TARGET if self.config.gamepad.is_some() => {
                 self.gamepad.ask(now, &command.fault, command.value, until)
             }
-            target => Ailment::from_name(&command.fault, command.value)
-                .is_some_and(|ailment| self.ail(now, target, ailment, until)),
+            target => InjectedFault::from_name(&command.fault, command.value)
+                .is_some_and(|injected| self.inject(now, target, injected, until)),
         };
         if !known {
             let subject = format!("{} {}", command.target, command.fault);
@@ -408,36 +408,36 @@ impl Simulator {
     }
 
     /// Injects a fault into a target; false if there is no such target, or it cannot have that fault.
-    fn ail(&mut self, now: Instant, target: &str, ailment: Ailment, until: Instant) -> bool {
+    fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         if let Some(drive) = self.drives.iter_mut().find(|drive| drive.name == target) {
-            match ailment {
-                Ailment::Silent => drive.silent_until = until,
-                Ailment::None => {
+            match injected {
+                InjectedFault::Silent => drive.silent_until = until,
+                InjectedFault::None => {
                     drive.silent_until = now;
                     drive.set_layout(now, Layout::Usual, self.scene.body());
                     self.can.heal_node(drive.id);
                 }
-                Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
-                Ailment::Reboot => drive.power_on(now, self.scene.body()),
-                Ailment::Layout => return drive.set_layout(now, Layout::Profile, self.scene.body()),
-                ailment => {
+                InjectedFault::Fault(code) => drive.fault(now, code, self.scene.body()),
+                InjectedFault::Reboot => drive.power_on(now, self.scene.body()),
+                InjectedFault::Layout => return drive.set_layout(now, Layout::Profile, self.scene.body()),
+                injected => {
                     let dictionary = || drive::dictionary(&drive.kind, drive.id);
-                    return self.can.suffer_node(now, drive.id, ailment, until, dictionary);
+                    return self.can.inject_node(now, drive.id, injected, until, dictionary);
                 }
             }
             return true;
         }
         if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
-            return self.can.suffer(now, ailment, until);
+            return self.can.inject(now, injected, until);
         }
         if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
-            return self.lines[line].disturb(now, ailment, until);
+            return self.lines[line].disturb(now, injected, until);
         }
-        if self.auxiliary.suffer(now, target, ailment, until) {
+        if self.auxiliary.inject(now, target, injected, until) {
             return true;
         }
         let board = boards(&mut self.lines).find(|board| board.name == target);
-        board.is_some_and(|board| board.suffer(now, ailment, until, &self.scene))
+        board.is_some_and(|board| board.inject(now, injected, until, &self.scene))
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
@@ -465,7 +465,7 @@ impl Simulator {
         }
         while let Some(answer) = self.auxiliary.poll_w1() {
             let port = PortId((first + self.config.i2c.len()) as u8);
-            out.push(module::Action::Send(port, Output::OneWireIs(answer)));
+            out.push(module::Action::Send(port, Output::OneWireState(answer)));
         }
         while let Some(event) = self.gamepad.poll() {
             if let Some(port) = self.ports.iter().position(|port| port.line == Line::Gamepad) {
@@ -509,7 +509,7 @@ impl Module for Simulator {
                     line.handle_rx(now, words, &self.scene);
                 }
             }
-            Event::Port { port, input: Input::I2cAsked(transfer) } => {
+            Event::Port { port, input: Input::I2cRequested(transfer) } => {
                 if let Some(bus) = self.i2c_of(port) {
                     self.auxiliary.on_asked(now, bus, transfer, self.config.wire_time);
                 }

@@ -9,19 +9,19 @@ use module::{Action, Actions, Cause, ProcessCommand, State};
 /// First delay after an immediate restart; doubles up to [`crate::Config::delay_max`].
 const DELAY_FIRST: Duration = Duration::from_millis(100);
 /// Delay that counts as a restart storm: five restarts without sufficient uptime in between.
-const STORM: Duration = Duration::from_millis(800);
+const STORM_DELAY: Duration = Duration::from_millis(800);
 /// Uptime after which one doubling is undone.
-const DECAY: Duration = Duration::from_secs(10);
+const DECAY_UPTIME: Duration = Duration::from_secs(10);
 /// Period over which announcements are counted. A module announces itself each second and at every change.
-const WINDOW: Duration = Duration::from_secs(10);
+const COUNT_WINDOW: Duration = Duration::from_secs(10);
 /// Number of announcements in a window that indicates two senders.
-const CROWD: u32 = 18;
+const ANNOUNCEMENTS_MAX: u32 = 18;
 /// Time within which the host must answer a spawn; otherwise it counts as failed.
-const SPAWN_PATIENCE: Duration = Duration::from_secs(5);
+const SPAWN_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time after which a module that announces another state than the wanted one has missed a command, or the watchdog
 /// has. Longer than its announcement period, so that a single announcement by another sender in its name does not
 /// count.
-const ON_ITS_WAY: Duration = Duration::from_millis(1500);
+const COMMAND_LATENCY_MAX: Duration = Duration::from_millis(1500);
 /// Time after which all announcements that a process sent before its end have arrived.
 const LATE_ANNOUNCEMENT: Duration = Duration::from_secs(1);
 
@@ -72,7 +72,7 @@ pub(crate) struct Guard {
     /// Its process is one of an earlier watchdog.
     adopted: bool,
     /// An earlier watchdog started it, but it is not configured any more: it is ended and then removed.
-    pub(crate) stranger: bool,
+    pub(crate) unconfigured: bool,
     /// It was restarted so often that further restarts are not reported.
     pub(crate) storm: bool,
     /// Last wanted state and hold stored with the host.
@@ -105,7 +105,7 @@ impl Guard {
             settled: false,
             held: false,
             adopted: false,
-            stranger: false,
+            unconfigured: false,
             storm: false,
             remembered: (State::Run, false),
             since: Instant::ZERO,
@@ -159,20 +159,20 @@ impl Guard {
     /// Counts an announcement; `Some` when the result changes: true if it has more than one sender.
     pub(crate) fn count(&mut self, now: Instant) -> Option<bool> {
         let (begun, count) = self.announced;
-        let over = now.since(begun) >= WINDOW;
+        let over = now.since(begun) >= COUNT_WINDOW;
         self.announced = if over { (now, 1) } else { (begun, count + 1) };
         let crowded = match over {
             // A window with gaps in the announcements proves nothing.
-            true => count >= CROWD,
-            false => self.crowded || count + 1 >= CROWD,
+            true => count >= ANNOUNCEMENTS_MAX,
+            false => self.crowded || count + 1 >= ANNOUNCEMENTS_MAX,
         };
         (std::mem::replace(&mut self.crowded, crowded) != crowded).then_some(crowded)
     }
 
     /// True if a storm has ended: the uptime undoes a restart.
-    pub(crate) fn calms(&mut self, now: Instant) -> bool {
-        let calm = self.storm && self.settled && matches!(self.phase, Phase::Running { .. });
-        if calm && now.since(self.since) >= DECAY {
+    pub(crate) fn storm_ended(&mut self, now: Instant) -> bool {
+        let restrictiveness = self.storm && self.settled && matches!(self.phase, Phase::Running { .. });
+        if restrictiveness && now.since(self.since) >= DECAY_UPTIME {
             self.storm = false;
             return true;
         }
@@ -191,7 +191,7 @@ impl Guard {
     }
 
     pub(crate) fn on_spawn(&mut self, now: Instant) {
-        self.phase = Phase::Spawning { until: now + SPAWN_PATIENCE };
+        self.phase = Phase::Spawning { until: now + SPAWN_TIMEOUT };
         self.restarts += i32::from(self.launched);
         self.launched = true;
         self.since = now;
@@ -203,7 +203,7 @@ impl Guard {
     /// receive yet, is repeated. An adopted process may have received a command while no watchdog listened: of its
     /// state and the remembered one, the more restrictive becomes the wanted one.
     pub(crate) fn settle(&mut self, now: Instant, state: State, out: &mut Actions) {
-        if self.adopted && !self.settled && calm(state) > calm(self.wanted) {
+        if self.adopted && !self.settled && restrictiveness(state) > restrictiveness(self.wanted) {
             self.wanted = state;
         }
         if !self.settled && state != self.wanted && matches!(self.wanted, State::Pause | State::Stop) {
@@ -226,16 +226,16 @@ impl Guard {
     /// Processes an announced state. If it differs from the wanted one for longer than a command may take, one of the
     /// two has missed the command: the more restrictive state becomes the wanted one and is commanded. True if the
     /// wanted state changed.
-    pub(crate) fn agree(&mut self, now: Instant, state: State, out: &mut Actions) -> bool {
+    pub(crate) fn reconcile(&mut self, now: Instant, state: State, out: &mut Actions) -> bool {
         let both = [state, self.wanted];
         if state == self.wanted || both.iter().any(|state| ![State::Run, State::Pause, State::Stop].contains(state)) {
             self.differs = None;
             return false;
         }
-        if now.since(*self.differs.get_or_insert(now)) < ON_ITS_WAY {
+        if now.since(*self.differs.get_or_insert(now)) < COMMAND_LATENCY_MAX {
             return false;
         }
-        let calmer = calm(state) > calm(self.wanted);
+        let calmer = restrictiveness(state) > restrictiveness(self.wanted);
         if calmer {
             (self.wanted, self.differs) = (state, None);
         } else {
@@ -256,7 +256,7 @@ impl Guard {
 
     /// The process has ended or could not be started; returns the delay until the next start.
     pub(crate) fn on_down(&mut self, now: Instant, delay_max: Duration) -> Duration {
-        let paid = now.since(self.since).as_nanos() / DECAY.as_nanos();
+        let paid = now.since(self.since).as_nanos() / DECAY_UPTIME.as_nanos();
         self.delay = self.delay.checked_div(1 << paid.min(20)).unwrap_or_default();
         if self.delay < DELAY_FIRST {
             self.delay = Duration::ZERO;
@@ -264,7 +264,7 @@ impl Guard {
         let delay = if sabotage::is(Bug::RestartDelayIgnored) { Duration::ZERO } else { self.delay };
         self.wanted = if sabotage::is(Bug::WantedForgotten) { State::Run } else { self.wanted };
         self.delay = (self.delay * 2).clamp(DELAY_FIRST, delay_max.max(DELAY_FIRST));
-        self.storm |= delay >= STORM.min(delay_max);
+        self.storm |= delay >= STORM_DELAY.min(delay_max);
         self.phase = Phase::Down { not_before: now + delay };
         self.down = now;
         self.state = State::Unknown;
@@ -326,11 +326,11 @@ impl Guard {
     /// Publishes, in the name of a module without a process, that its faults are unknown. `begun`: start of the
     /// watchdog.
     pub(crate) fn list_faults(&self, now: Instant, begun: Instant, out: &mut Actions) {
-        if self.stranger || !matches!(self.phase, Phase::Down { .. } | Phase::Spawning { .. }) {
+        if self.unconfigured || !matches!(self.phase, Phase::Down { .. } | Phase::Spawning { .. }) {
             return;
         }
         let (severity, how) = match self.wanted == State::Terminate || !self.launched {
-            true => (Severity::Notice, "does not run, as it should be"),
+            true => (Severity::Notice, "does not run, as commanded"),
             false => (Severity::Error, "does not run"),
         };
         let name = &self.config.name;
@@ -339,7 +339,7 @@ impl Guard {
             subject: name.clone(),
             severity: severity as i8,
             since: out.timestamp(self.down.max(begun)),
-            message: format!("{name} {how}: which of its faults are active is not known"),
+            message: format!("{name} {how}: its active faults are unknown"),
         };
         let (timestamp, module) = (out.timestamp(now), name.clone());
         out.publish(common::DataFaults { timestamp, module, faults: vec![down] });
@@ -368,7 +368,7 @@ impl Guard {
 }
 
 /// Rank of a state: the higher, the more restrictive.
-fn calm(state: State) -> u8 {
+fn restrictiveness(state: State) -> u8 {
     match state {
         State::Stop => 2,
         State::Pause => 1,

@@ -22,23 +22,23 @@ use std::collections::BTreeMap;
 pub const NAME: &str = "watchdog";
 
 /// Period of `CM_DATA_PROCESSES`, which is also published at every change.
-const PUBLISH: Duration = Duration::from_millis(100);
+const PUBLISH_PERIOD: Duration = Duration::from_millis(100);
 /// Period of the lists in the name of modules without a process.
-const LISTS: Duration = Duration::from_secs(1);
+const LISTS_PERIOD: Duration = Duration::from_secs(1);
 /// Period of checking the modules.
-const CHECK: Duration = Duration::from_millis(200);
+const CHECK_PERIOD: Duration = Duration::from_millis(200);
 /// A module that others depend on counts as up when it announces another state than INIT, or after this time.
-const DEPENDS_PATIENCE: Duration = Duration::from_secs(2);
+const DEPENDENCY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time between SIGTERM and SIGKILL for a process that hangs.
 const HANG_GRACE: Duration = Duration::from_millis(200);
 /// Faults that report that a module is down.
 const DOWN: [Fault; 3] = [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable];
 /// Time for which modules that are not supervised here are remembered after their last announcement, and
 /// [`OTHERS_MAX`], their maximum number.
-const OTHER_GONE: Duration = Duration::from_secs(5);
+const OTHER_TIMEOUT: Duration = Duration::from_secs(5);
 const OTHERS_MAX: usize = 64;
 /// Time between two calls after which the watchdog itself was held up and silence of the modules does not count.
-const HELD_UP: Duration = Duration::from_millis(500);
+const HELD_UP_MIN: Duration = Duration::from_millis(500);
 
 /// What to guard and how.
 #[derive(Clone, Debug)]
@@ -134,16 +134,16 @@ impl Watchdog {
         self.started = now;
         let adopted = self.guards.iter().filter(|guard| guard.phase.pid().is_some()).count();
         if adopted > 0 {
-            out.note(format!("{adopted} modules of an earlier watchdog are adopted"));
+            out.note(format!("{adopted} modules of an earlier watchdog were adopted"));
         }
         for guard in self.guards.iter().filter(|guard| guard.died_unseen()) {
             let name = &guard.config.name;
-            let message = format!("{name} ended while there was no watchdog");
+            let message = format!("{name} ended while no watchdog was running");
             out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), message);
         }
-        self.deadlines.set(Timer::Publish, now + PUBLISH);
-        self.deadlines.set(Timer::Lists, now + LISTS);
-        self.deadlines.set(Timer::Check, now + CHECK);
+        self.deadlines.set(Timer::Publish, now + PUBLISH_PERIOD);
+        self.deadlines.set(Timer::Lists, now + LISTS_PERIOD);
+        self.deadlines.set(Timer::Check, now + CHECK_PERIOD);
     }
 
     fn on_message(&mut self, now: Instant, message: &Message, out: &mut Actions) {
@@ -171,7 +171,7 @@ impl Watchdog {
                     critical: false,
                 });
                 guard.earlier(self.now, State::Terminate, held, pid);
-                guard.stranger = true;
+                guard.unconfigured = true;
                 self.guards.push(guard);
                 let last = self.guards.len() - 1;
                 &mut self.guards[last]
@@ -193,7 +193,7 @@ impl Watchdog {
         // The announcement may overtake the news of the process's start.
         if !matches!(guard.phase, Phase::Running { .. } | Phase::Spawning { .. }) {
             if guard.claim(now) {
-                let message = format!("somebody announces {} {state}, which does not run", guard.config.name);
+                let message = format!("{} {state} is announced, but its process does not run", guard.config.name);
                 out.report(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);
             }
             return;
@@ -202,17 +202,17 @@ impl Watchdog {
         let counted = if guard.state == state { guard.count(now) } else { None };
         match counted {
             Some(true) => {
-                let message = format!("{} is announced more often than it announces itself", guard.config.name);
+                let message = format!("{} is announced by more than one sender", guard.config.name);
                 out.raise(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);
             }
             Some(false) => {
-                let message = format!("{} alone announces itself again", guard.config.name);
+                let message = format!("{} is announced by one sender again", guard.config.name);
                 out.clear(Fault::NameClaimed, guard.config.name.as_str(), message);
             }
             None => {}
         }
         guard.heard = now;
-        self.changed |= guard.agree(now, state, out);
+        self.changed |= guard.reconcile(now, state, out);
         if guard.state == state {
             return;
         }
@@ -229,7 +229,7 @@ impl Watchdog {
                 }
             }
         }
-        self.start_what_may(now, out);
+        self.start_ready(now, out);
         if !self.all_up && self.guards.iter().all(|guard| guard.state == State::Run) {
             self.all_up = true;
             let took = now.since(self.started).as_secs_f64();
@@ -243,33 +243,33 @@ impl Watchdog {
             *heard = now;
             return;
         }
-        self.others.retain(|_, heard| now.since(*heard) < OTHER_GONE);
+        self.others.retain(|_, heard| now.since(*heard) < OTHER_TIMEOUT);
         if self.others.len() < OTHERS_MAX {
             self.others.insert(name.into(), now);
         }
     }
 
     /// Reason why no process can execute a command, if so. A running module reports its own refusals.
-    fn unheard(&self, now: Instant, command: &common::CmdState) -> Option<&'static str> {
+    fn reason_unexecutable(&self, now: Instant, command: &common::CmdState) -> Option<&'static str> {
         let name = command.module.as_str();
         let guard = self.guards.iter().find(|guard| guard.config.name == name);
         match (guard, State::from_value(command.state)) {
             (None, _) if [NAME, "*"].contains(&name) => None,
-            (None, _) if self.others.get(name).is_some_and(|heard| now.since(*heard) < OTHER_GONE) => None,
+            (None, _) if self.others.get(name).is_some_and(|heard| now.since(*heard) < OTHER_TIMEOUT) => None,
             (None, _) => Some("there is no such module"),
             (Some(guard), _) if guard.phase.pid().is_some() => None,
             (Some(_), None) => Some("that is no state"),
             (Some(guard), Some(to))
                 if guard.wanted == State::Terminate && ![State::Run, State::Terminate].contains(&to) =>
             {
-                Some("it is down, and only RUN starts it")
+                Some("it is down; only RUN starts it")
             }
             _ => None,
         }
     }
 
     fn on_command(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
-        if let Some(why) = self.unheard(now, command) {
+        if let Some(why) = self.reason_unexecutable(now, command) {
             let common::CmdState { module, state, source, .. } = command;
             let state = State::from_value(*state).map_or_else(|| state.to_string(), |state| state.to_string());
             let message = format!("command {state} to {module} from {source} refused: {why}");
@@ -286,7 +286,7 @@ impl Watchdog {
             }
             self.changed |= guard.command(now, to, cause, self.config.end_within);
         }
-        self.start_what_may(now, out);
+        self.start_ready(now, out);
     }
 
     fn on_process(&mut self, now: Instant, event: &ProcessEvent<'_>, out: &mut Actions) {
@@ -307,25 +307,26 @@ impl Watchdog {
                 }
             }
             ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
-            ProcessEvent::Silent { pid, thread, last } => {
+            ProcessEvent::HeartbeatLate { pid, thread, last } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.is_running(pid))
                     && now.since(last) >= guard.config.beat_timeout
                 {
                     let ms = now.since(last).as_millis();
-                    hangs(now, guard, &format!("its thread {thread} has not beaten for {ms} ms"), out);
+                    on_hang(now, guard, &format!("its thread {thread} has sent no heartbeat for {ms} ms"), out);
                     self.changed = true;
                 }
                 return;
             }
-            ProcessEvent::BadBeats { pid, why } => {
+            ProcessEvent::BadHeartbeat { pid, why } => {
                 if let Some(guard) = self.guards.iter().find(|guard| guard.is_running(pid)) {
                     let name = &guard.config.name;
-                    let message = format!("{name}: its page of beats {why}: it is judged by its announcements");
+                    let message =
+                        format!("{name}: its heartbeat page {why}; it is supervised by its announcements only");
                     out.raise(Severity::Warning, Fault::BeatsBad, name.as_str(), message);
                 }
                 return;
             }
-            ProcessEvent::Beating { pid } => {
+            ProcessEvent::HeartbeatStarted { pid } => {
                 if let Some(guard) = self.guards.iter().find(|guard| guard.is_running(pid)) {
                     let name = &guard.config.name;
                     out.clear(Fault::BeatsBad, name.as_str(), format!("{name} beats"));
@@ -344,15 +345,15 @@ impl Watchdog {
             }
         }
         self.changed = true;
-        self.start_what_may(now, out);
-        self.end_what_may(now, out);
+        self.start_ready(now, out);
+        self.end_unneeded(now, out);
     }
 
     fn on_exited(&mut self, now: Instant, pid: u32, status: ExitStatus, out: &mut Actions) {
         let Some(index) = self.guards.iter().position(|guard| guard.phase.pid() == Some(pid)) else {
             return;
         };
-        if self.guards[index].stranger {
+        if self.guards[index].unconfigured {
             self.guards.remove(index);
             return;
         }
@@ -366,7 +367,7 @@ impl Watchdog {
         }
         let name = &guard.config.name;
         let how = match status {
-            ExitStatus::Code(..0) => "and nobody saw how".into(),
+            ExitStatus::Code(..0) => "with an unknown status".into(),
             ExitStatus::Code(code) => format!("with exit code {code:#04x}"),
             ExitStatus::Signal(signal) => format!("by signal {signal}"),
         };
@@ -377,17 +378,17 @@ impl Watchdog {
         };
         out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), format!("{name} ended {how}: {then}"));
         if guard.storm && guard.config.restart {
-            storms(guard, out);
+            report_storm(guard, out);
         }
     }
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
-        let check = self.deadlines.tick(Timer::Check, now, CHECK);
+        let check = self.deadlines.tick(Timer::Check, now, CHECK_PERIOD);
         for guard in &mut self.guards {
             match guard.phase {
                 Phase::Running { .. } if check && now.since(guard.heard) >= self.config.announce_timeout => {
                     let silent = now.since(guard.heard).as_secs_f64();
-                    hangs(now, guard, &format!("it has not announced itself for {silent:.1} s"), out);
+                    on_hang(now, guard, &format!("it has not announced itself for {silent:.1} s"), out);
                     self.changed = true;
                 }
                 Phase::Spawning { until } if until <= now => {
@@ -400,24 +401,24 @@ impl Watchdog {
                 }
                 _ => {}
             }
-            if check && guard.calms(now) {
+            if check && guard.storm_ended(now) {
                 let name = &guard.config.name;
                 for fault in DOWN.into_iter().chain([Fault::RestartStorm]) {
-                    out.clear(fault, name.as_str(), format!("{name} is calm again: {}", guard.state));
+                    out.clear(fault, name.as_str(), format!("{name} has been stable again: {}", guard.state));
                 }
             }
         }
-        if self.deadlines.tick(Timer::Lists, now, LISTS) {
+        if self.deadlines.tick(Timer::Lists, now, LISTS_PERIOD) {
             self.guards.iter().for_each(|guard| guard.list_faults(now, self.started, out));
         }
-        self.start_what_may(now, out);
-        if self.deadlines.tick(Timer::Publish, now, PUBLISH) {
+        self.start_ready(now, out);
+        if self.deadlines.tick(Timer::Publish, now, PUBLISH_PERIOD) {
             self.changed = true;
         }
     }
 
     /// Starts every module that is wanted, down and not delayed, and whose dependencies are up.
-    fn start_what_may(&mut self, now: Instant, out: &mut Actions) {
+    fn start_ready(&mut self, now: Instant, out: &mut Actions) {
         if self.ending {
             return;
         }
@@ -437,14 +438,14 @@ impl Watchdog {
     fn is_up(&self, now: Instant, name: &str) -> bool {
         self.guards.iter().find(|guard| guard.config.name == name).is_none_or(|guard| match guard.phase {
             Phase::Running { since, .. } => {
-                !matches!(guard.state, State::Unknown | State::Init) || now.since(since) >= DEPENDS_PATIENCE
+                !matches!(guard.state, State::Unknown | State::Init) || now.since(since) >= DEPENDENCY_TIMEOUT
             }
             _ => false,
         })
     }
 
     /// Shutting down: ends every module that no running one depends on.
-    fn end_what_may(&mut self, now: Instant, out: &mut Actions) {
+    fn end_unneeded(&mut self, now: Instant, out: &mut Actions) {
         if !self.ending {
             return;
         }
@@ -461,7 +462,7 @@ impl Watchdog {
     }
 
     /// Reports the health of the critical modules to the host if it changed.
-    fn tell_health(&mut self, out: &mut Actions) {
+    fn report_health(&mut self, out: &mut Actions) {
         let sick = self.guards.iter().find(|guard| guard.config.critical && !guard.is_healthy());
         let run = self.guards.iter().filter(|guard| guard.state == State::Run).count();
         let status = match sick {
@@ -484,7 +485,7 @@ impl Watchdog {
 }
 
 /// A process hangs: reported, then ended.
-fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
+fn on_hang(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
     if sabotage::is(Bug::WatchdogDeaf) {
         return;
     }
@@ -498,9 +499,9 @@ fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
 }
 
 /// It was restarted too often: reported once, until its uptime is sufficient.
-fn storms(guard: &Guard, out: &mut Actions) {
+fn report_storm(guard: &Guard, out: &mut Actions) {
     let name = &guard.config.name;
-    let message = format!("{name} ends again and again: further restarts are not told, until it lives");
+    let message = format!("{name} ends repeatedly: further restarts are not reported until it is stable");
     out.raise(Severity::Error, Fault::RestartStorm, name.as_str(), message);
 }
 
@@ -517,7 +518,7 @@ impl Module for Watchdog {
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
-        if now.since(self.now) >= HELD_UP {
+        if now.since(self.now) >= HELD_UP_MIN {
             for guard in &mut self.guards {
                 guard.heard = now;
             }
@@ -532,7 +533,7 @@ impl Module for Watchdog {
             Event::Start => {
                 self.on_start(now, out);
                 out.working();
-                self.start_what_may(now, out);
+                self.start_ready(now, out);
             }
             Event::Message { message, .. } => self.on_message(now, message, out),
             Event::Process(event) => self.on_process(now, &event, out),
@@ -540,16 +541,16 @@ impl Module for Watchdog {
             Event::State(State::Terminate) => {
                 self.ending = true;
                 self.changed = true;
-                self.end_what_may(now, out);
+                self.end_unneeded(now, out);
             }
-            Event::State(_) | Event::Heard { .. } | Event::Port { .. } => {}
+            Event::State(_) | Event::RawMessage { .. } | Event::Port { .. } => {}
         }
         if self.changed {
             self.changed = false;
-            for guard in self.guards.iter_mut().filter(|guard| !guard.stranger) {
+            for guard in self.guards.iter_mut().filter(|guard| !guard.unconfigured) {
                 guard.remember(out);
             }
-            self.tell_health(out);
+            self.report_health(out);
             self.publish_processes(now, out);
         }
     }

@@ -72,10 +72,10 @@ fn feed(bench: &mut Bench, words: &[&str]) {
         }
         ["silent", pid, thread, ms] => {
             let last = bench.now() - Duration::from_millis(ms.parse().unwrap());
-            bench.event(Event::Process(ProcessEvent::Silent { pid: pid.parse().unwrap(), thread, last }));
+            bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: pid.parse().unwrap(), thread, last }));
         }
         ["bad-beats", pid] => {
-            bench.event(Event::Process(ProcessEvent::BadBeats { pid: pid.parse().unwrap(), why: "is torn" }));
+            bench.event(Event::Process(ProcessEvent::BadHeartbeat { pid: pid.parse().unwrap(), why: "is torn" }));
         }
         ["command", module, state, ref manual @ ..] => {
             let (module, source) = (module.into(), "test".into());
@@ -650,13 +650,13 @@ fn the_host_stores_wanted_states_and_gets_the_health() {
     assert_eq!(told(&mut bench), ["true: 0 of 2 modules RUN"]);
     bench.message(says(State::Run));
     assert_eq!(told(&mut bench), ["true: 1 of 2 modules RUN"]);
-    bench.event(Event::Process(ProcessEvent::Silent { pid: 7, thread: "main", last: Instant::ZERO }));
-    assert_eq!(told(&mut bench), [""; 0], "it beat just now");
+    bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: 7, thread: "main", last: Instant::ZERO }));
+    assert_eq!(told(&mut bench), [""; 0], "its heartbeat is recent");
     bench.message(command(State::Stop));
     bench.message(says(State::Stop));
     assert_eq!(told(&mut bench), ["nerves STOP", "true: 0 of 2 modules RUN"]);
     bench.message(command(State::Terminate));
-    assert_eq!(told(&mut bench), ["nerves TERMINATE held"], "an operator wants it down: nobody need worry");
+    assert_eq!(told(&mut bench), ["nerves TERMINATE held"], "an operator wants it down: healthy");
     bench.event(Event::Process(ProcessEvent::Exited { pid: 7, status: ExitStatus::Code(0) }));
     bench.message(command(State::Run));
     assert_eq!(told(&mut bench), ["nerves RUN", "false: nerves does not run"]);
@@ -687,7 +687,7 @@ fn faults_of_modules_without_a_process_are_published_as_unknown() {
         feed(&mut bench, &["says", module, "RUN"]);
     }
     run(&mut bench, 1500);
-    assert_eq!(lists(&mut bench, "nerves"), [], "it lives, and says itself what is active");
+    assert_eq!(lists(&mut bench, "nerves"), [], "it lives and publishes its own faults");
     feed(&mut bench, &["exit", "7", "64"]);
     let error = Severity::Error as i8;
     assert_eq!(lists(&mut bench, "nerves"), [(1500, error, 1500)], "at once");

@@ -2,7 +2,7 @@
 //! until it is silent, a higher priority speaks, or the robot is stopped; and the set-points are what it asks for.
 
 use super::Verdict;
-use super::facts::{Facts, SLACK, SetPoint};
+use super::facts::{DELAY_MAX, Facts, SetPoint};
 use base::{Duration, Instant};
 use messages::lowlevel;
 
@@ -27,7 +27,7 @@ impl Rule {
         if motion.source.is_empty() || !motion.reason.is_empty() || facts.is_disturbed(now) {
             return Ok(());
         }
-        let own = facts.sources.iter().filter(|source| source.name == motion.source && source.lives(now, SLACK));
+        let own = facts.sources.iter().filter(|source| source.name == motion.source && source.lives(now, DELAY_MAX));
         let Some(named) = own.max_by_key(|source| source.priority) else {
             return Err(format!("{} is said to move the robot, but is silent", motion.source));
         };

@@ -8,9 +8,9 @@ use super::facts::Facts;
 use base::{Duration, Instant};
 
 /// Time until the stop has begun, whatever begins it.
-const BEGUN: Duration = Duration::from_millis(500);
+const STOP_BEGIN_MAX: Duration = Duration::from_millis(500);
 /// Speed below which it counts as standing, m/s.
-const STANDS: f64 = 0.02;
+const STANDSTILL_MPS: f64 = 0.02;
 
 /// Motion of the body.
 #[derive(Debug, Default)]
@@ -35,13 +35,13 @@ impl Rule {
         }
         self.speed_max = self.speed_max.max(speed);
         let ramp = Duration::from_secs_f64(self.speed_max / facts.limits.quick_stop);
-        if now <= self.permitted + BEGUN {
+        if now <= self.permitted + STOP_BEGIN_MAX {
             return Ok(());
         }
-        if speed > before + STANDS {
+        if speed > before + STANDSTILL_MPS {
             return Err(format!("the speed rises to {speed:.3} m/s, and nobody moves it since {:?}", self.permitted));
         }
-        if now > self.permitted + BEGUN + ramp && !facts.may_roll(now) && speed > STANDS {
+        if now > self.permitted + STOP_BEGIN_MAX + ramp && !facts.may_roll(now) && speed > STANDSTILL_MPS {
             return Err(format!("{speed:.3} m/s, and nobody moves it since {:?}", self.permitted));
         }
         Ok(())

@@ -11,17 +11,17 @@ use messages::{Message, common, middlelevel};
 use module::State;
 
 /// Delay that the driver's queue, the bus and a frame on it may add to a decision without faults.
-pub(super) const SLACK: Duration = Duration::from_millis(2);
+pub(super) const DELAY_MAX: Duration = Duration::from_millis(2);
 /// A frame grows no older in a port's queue, unless it is on the wire again and again.
 const QUEUE_AGE: Duration = Duration::from_millis(60);
 /// After a fault of a bus: nodes that went off come back, queues empty, what was delayed comes.
 const AFTERMATH: Duration = Duration::from_millis(100);
 /// A controller that was off again and again stays off for so long.
-const OFF: Duration = Duration::from_secs(6);
+const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 /// From the greatest speed without power: 0.17 m/s².
-const ROLLS: Duration = Duration::from_secs(10);
+const COASTING_TIME: Duration = Duration::from_secs(10);
 /// The highest priority of a command.
-const HIGHEST: i8 = 3;
+const PRIORITY_MAX: i8 = 3;
 /// Controlword: quick stop.
 const QUICK_STOP: u8 = 0x0B;
 
@@ -127,7 +127,7 @@ impl Facts {
 
     /// Latency with which a decision of the driver may appear on the wire.
     pub fn slack(&self, now: Instant) -> Duration {
-        if self.is_disturbed(now) { QUEUE_AGE } else { SLACK }
+        if self.is_disturbed(now) { QUEUE_AGE } else { DELAY_MAX }
     }
 
     /// True if the bus of the drives is disturbed, or was a moment ago.
@@ -137,13 +137,13 @@ impl Facts {
 
     /// True if the bus of the drives is disturbed, or was so lately that a controller may be off yet.
     pub fn was_disturbed(&self, now: Instant) -> bool {
-        self.disturbed > Instant::ZERO && now < self.disturbed + OFF
+        self.disturbed > Instant::ZERO && now < self.disturbed + BUS_OFF_MAX
     }
 
     /// True if this set-point is a frame that was on the wire when that was cut: a controller sends it again until
     /// somebody acknowledges it, however old it is. A drive that heard nobody for 200 ms does not follow it.
     pub fn is_left_over(&mut self, now: Instant) -> bool {
-        self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < SLACK)
+        self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < DELAY_MAX)
     }
 
     /// Instant of the last deliberate loss or delay of messages; now, while it lasts; `None` if never.
@@ -152,7 +152,7 @@ impl Facts {
     }
 
     /// True if the propulsion may not receive its commands.
-    pub fn is_deaf(&self, now: Instant) -> bool {
+    pub fn is_cut_off(&self, now: Instant) -> bool {
         now < self.deaf
     }
 
@@ -241,11 +241,11 @@ impl Facts {
                 "none" => self.deaf = now + AFTERMATH,
                 _ => {}
             }
-            self.rolls = self.rolls.max(now + ROLLS);
+            self.rolls = self.rolls.max(now + COASTING_TIME);
         } else if target != "steering" {
             // A board: the power controller switches the motors off for many reasons.
             let until = if until == Instant::NEVER { now } else { until };
-            self.rolls = self.rolls.max(until + ROLLS);
+            self.rolls = self.rolls.max(until + COASTING_TIME);
         }
     }
 
@@ -266,7 +266,7 @@ impl Facts {
             if source.is_planner() {
                 new && source.lives(now, Duration::ZERO)
             } else {
-                source.lives(now, SLACK) && self.has_begun(now, source)
+                source.lives(now, DELAY_MAX) && self.has_begun(now, source)
             }
         };
         if self.sources.iter().any(latches) {
@@ -281,7 +281,7 @@ impl Facts {
             Message::LlCmdMotion(command) if now.since(at) < self.limits.ttl => {
                 let Limits { speed, steering_angle, .. } = self.limits;
                 let allowed = command.speed.abs() <= speed && command.steering.abs() <= steering_angle;
-                if allowed && (0..=HIGHEST).contains(&command.priority) {
+                if allowed && (0..=PRIORITY_MAX).contains(&command.priority) {
                     self.sources.said(now, at, command);
                 } else {
                     self.refused = Some(now);

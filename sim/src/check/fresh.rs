@@ -1,10 +1,10 @@
 //! No set-point later than its time to live after the command that it follows (DESIGN 4, *Who may move the robot*).
 //!
 //! Each RPDO4 that moves the propulsion has the sign of a living command that was served to the driver, and at most its
-//! size and its source's limit. Bound: 250 ms (`command_ttl_s`) since the command was received, and [`SLACK`] for the
+//! size and its source's limit. Bound: 250 ms (`command_ttl_s`) since the command was received, and [`DELAY_MAX`] for the
 //! bus.
 //!
-//! [`SLACK`]: super::facts::SLACK
+//! [`DELAY_MAX`]: super::facts::DELAY_MAX
 
 use super::Verdict;
 use super::facts::Facts;

@@ -7,21 +7,21 @@ use super::facts::{Facts, Pause};
 use base::{Duration, Instant};
 
 /// From knowing to the wire.
-const KNOWN: Duration = Duration::from_millis(20);
+const REACTION_MAX: Duration = Duration::from_millis(20);
 /// `LL_EVENT_STOP` comes every 500 ms.
-const UNKNOWN: Duration = Duration::from_millis(1200);
+const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// A step of the body, and one of the truth's rounding, m/s.
-const RISE: f64 = 0.005;
+const SPEED_TOLERANCE_MPS: f64 = 0.005;
 
 /// A set-point has left the wire.
 pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
     let slack = facts.slack(now);
     match facts.pause {
-        Pause::Engaged(since) if now.since(since) > KNOWN.max(slack) => {
+        Pause::Engaged(since) if now.since(since) > REACTION_MAX.max(slack) => {
             Err(format!("{speed:.3} m/s, and PAUSE is known since {since:?}"))
         }
         Pause::Unheard if facts.limits.pause_line => Err(format!("{speed:.3} m/s before the PAUSE line was heard of")),
-        Pause::Open if facts.limits.pause_line && now.since(facts.pause_at) > UNKNOWN + slack => {
+        Pause::Open if facts.limits.pause_line && now.since(facts.pause_at) > PAUSE_TIMEOUT + slack => {
             Err(format!("{speed:.3} m/s, and the PAUSE line was last heard of at {:?}", facts.pause_at))
         }
         _ => Ok(()),
@@ -55,14 +55,14 @@ impl Rule {
 
     /// The body was seen.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
-        let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > KNOWN);
+        let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > REACTION_MAX);
         // A drive that receives nothing goes on until its own time limit for the master's heartbeat.
-        if !known || facts.is_deaf(now) || facts.is_disturbed(now) || !facts.driver.works() {
+        if !known || facts.is_cut_off(now) || facts.is_disturbed(now) || !facts.driver.works() {
             self.speed = None;
             return Ok(());
         }
         let before = self.speed.replace(speed.abs());
-        if let Some(before) = before.filter(|before| speed.abs() > before + RISE) {
+        if let Some(before) = before.filter(|before| speed.abs() > before + SPEED_TOLERANCE_MPS) {
             return Err(format!("the speed rises from {before:.3} to {:.3} m/s under PAUSE", speed.abs()));
         }
         Ok(())

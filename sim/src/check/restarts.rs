@@ -3,14 +3,14 @@
 //! that is started anew knows nothing of what was before it.
 
 use super::Verdict;
-use super::facts::{Facts, SLACK};
+use super::facts::{DELAY_MAX, Facts};
 use super::names::Names;
 use base::{Duration, Instant};
 
 /// The first delay.
-const FIRST: Duration = Duration::from_millis(100);
+const DELAY_FIRST: Duration = Duration::from_millis(100);
 /// Lifetime that reduces the delay by one doubling.
-const DECAY: Duration = Duration::from_secs(10);
+const DECAY_UPTIME: Duration = Duration::from_secs(10);
 
 /// A module.
 #[derive(Debug, Default)]
@@ -50,14 +50,15 @@ impl Rule {
     /// A process is started.
     pub fn on_started(&mut self, now: Instant, name: &str, facts: &Facts) -> Verdict {
         let module = self.modules.of(name);
-        let paid = now.since(module.started).as_nanos() / DECAY.as_nanos();
-        let delay = module.delay.checked_div(1 << paid.min(20)).filter(|delay| *delay >= FIRST).unwrap_or_default();
+        let paid = now.since(module.started).as_nanos() / DECAY_UPTIME.as_nanos();
+        let delay =
+            module.delay.checked_div(1 << paid.min(20)).filter(|delay| *delay >= DELAY_FIRST).unwrap_or_default();
         let waited = module.ended.take().map(|ended| now.since(ended));
-        (module.started, module.delay) = (now, (delay * 2).clamp(FIRST, facts.limits.restart_max));
+        (module.started, module.delay) = (now, (delay * 2).clamp(DELAY_FIRST, facts.limits.restart_max));
         let commanded = std::mem::take(&mut module.commanded);
         match waited {
             None => module.delay = Duration::ZERO,
-            Some(waited) if waited + SLACK < delay && !commanded && name != facts.limits.watchdog => {
+            Some(waited) if waited + DELAY_MAX < delay && !commanded && name != facts.limits.watchdog => {
                 return Err(format!("{name} is started again after {waited:?}, and not after {delay:?}"));
             }
             Some(_) => {}

@@ -1,6 +1,6 @@
 //! Recent commands of each source of motion, as received by the driver.
 
-use super::facts::SLACK;
+use super::facts::DELAY_MAX;
 use base::{Duration, Instant};
 use messages::lowlevel;
 use std::collections::VecDeque;
@@ -8,13 +8,13 @@ use std::collections::VecDeque;
 /// Sources remembered at once; further ones take the place of the one silent longest.
 const SOURCES_MAX: usize = 16;
 /// Commands remembered of each: 500 ms at 20 Hz are 10.
-const SAID_MAX: usize = 32;
+const COMMANDS_MAX: usize = 32;
 /// By how much a set-point may differ by rounding, m/s: one rpm of the motor is 0.0004.
-const ROUNDING: f64 = 0.001;
+const ROUNDING_MPS: f64 = 0.001;
 
 /// A command: when it was received, when it was served, m/s.
 #[derive(Clone, Copy, Debug)]
-struct Said {
+struct ReceivedCommand {
     at: Instant,
     served: Instant,
     speed: f64,
@@ -27,7 +27,7 @@ pub(super) struct Source {
     pub id: u64,
     pub name: String,
     pub priority: i8,
-    said: VecDeque<Said>,
+    said: VecDeque<ReceivedCommand>,
     ttl: Duration,
     /// Since when it has not been silent for its time to live.
     pub unbroken: Instant,
@@ -68,12 +68,12 @@ impl Source {
         self.said.iter().enumerate().any(|(nth, said)| {
             let superseded = self.said.get(nth + 1).is_some_and(|next| now.since(next.served) > slack);
             let lives = now.since(said.at) <= self.ttl + slack && !superseded;
-            lives && said.speed * speed > 0.0 && speed.abs() <= said.speed.abs().min(limit) + ROUNDING
+            lives && said.speed * speed > 0.0 && speed.abs() <= said.speed.abs().min(limit) + ROUNDING_MPS
         })
     }
 
     fn say(&mut self, now: Instant, at: Instant, speed: f64) {
-        let silent = self.said.back().is_none_or(|said| at.since(said.at) + SLACK >= self.ttl);
+        let silent = self.said.back().is_none_or(|said| at.since(said.at) + DELAY_MAX >= self.ttl);
         if silent {
             self.unbroken = at;
         }
@@ -82,10 +82,11 @@ impl Source {
         } else if silent || self.ended.is_some() || self.begun.is_none() {
             (self.begun, self.ended) = (Some(now), None);
         }
-        while self.said.len() >= SAID_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl) {
+        while self.said.len() >= COMMANDS_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl)
+        {
             self.said.pop_front();
         }
-        self.said.push_back(Said { at, served: now, speed });
+        self.said.push_back(ReceivedCommand { at, served: now, speed });
     }
 }
 
@@ -125,7 +126,7 @@ impl Sources {
             id: self.next_id,
             name: name.into(),
             priority,
-            said: VecDeque::with_capacity(SAID_MAX),
+            said: VecDeque::with_capacity(COMMANDS_MAX),
             ttl: self.ttl,
             unbroken: Instant::ZERO,
             begun: None,

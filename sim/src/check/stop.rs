@@ -5,15 +5,15 @@
 //! none. Judged only where a set-point moves the robot.
 
 use super::Verdict;
-use super::facts::{Facts, SLACK};
+use super::facts::{DELAY_MAX, Facts};
 use base::{Duration, Instant};
 
 /// From hang or death to the stop.
-const WITHIN: Duration = Duration::from_millis(300);
+const STOP_MAX: Duration = Duration::from_millis(300);
 /// Speed below which it counts as standing, m/s.
-const STANDS: f64 = 0.02;
+const STANDSTILL_MPS: f64 = 0.02;
 /// Between two looks at the body, 50 ms apart, a speed that falls falls by more, even of rolling, m/s.
-const FALLS: f64 = 0.004;
+const DECELERATION_MIN: f64 = 0.004;
 
 /// A module that the motion depends on is lost, and the robot moves yet.
 #[derive(Debug)]
@@ -30,7 +30,7 @@ impl Lost {
         let others = [&facts.limits.driver, &facts.limits.watchdog];
         let others = others.into_iter().filter(|name| ***name != *self.module);
         let ill = others.filter_map(|name| facts.life(name)).map(|life| life.ill(now)).max().unwrap_or_default();
-        let bus = if facts.is_disturbed(now) || facts.is_deaf(now) { now } else { Instant::ZERO };
+        let bus = if facts.is_disturbed(now) || facts.is_cut_off(now) { now } else { Instant::ZERO };
         self.at.max(ill).max(bus).max(facts.lcm_disturbed(now).unwrap_or_default())
     }
 }
@@ -91,12 +91,12 @@ impl Rule {
             self.lost = None;
             return Ok(());
         }
-        if now <= from + WITHIN + SLACK {
+        if now <= from + STOP_MAX + DELAY_MAX {
             return Ok(());
         }
         match lost.speed.replace(speed.abs()) {
-            _ if speed.abs() < STANDS => self.lost = None,
-            Some(before) if speed.abs() < before - FALLS => self.lost = None,
+            _ if speed.abs() < STANDSTILL_MPS => self.lost = None,
+            Some(before) if speed.abs() < before - DECELERATION_MIN => self.lost = None,
             Some(_) => return Err(format!("{speed:.3} m/s, and {} is lost since {:?}", lost.module, lost.at)),
             None => {}
         }

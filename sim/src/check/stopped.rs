@@ -10,9 +10,9 @@ use base::{Duration, Instant};
 use module::State;
 
 /// Commands of two senders may overtake each other by so much.
-const ORDER: Duration = Duration::from_millis(2);
+const REORDERING_MAX: Duration = Duration::from_millis(2);
 /// Slack while LCM is disturbed.
-const DISORDER: Duration = Duration::from_millis(200);
+const DISTURBED_REORDERING_MAX: Duration = Duration::from_millis(200);
 
 /// A module.
 #[derive(Debug, Default)]
@@ -64,8 +64,8 @@ impl Rule {
                 let Some(stopped) = module.stopped.take() else { return Ok(()) };
                 let into = module.commands.into.max(all.into).unwrap_or(stopped);
                 let out = module.commands.out.max(all.out);
-                let disturbed = facts.lcm_disturbed(now).is_some_and(|at| now.since(at) < DISORDER);
-                let order = if disturbed { DISORDER } else { ORDER };
+                let disturbed = facts.lcm_disturbed(now).is_some_and(|at| now.since(at) < DISTURBED_REORDERING_MAX);
+                let order = if disturbed { DISTURBED_REORDERING_MAX } else { REORDERING_MAX };
                 if out.is_none_or(|out| out + order < into) {
                     return Err(format!(
                         "{name} goes to {state}; it was stopped at {stopped:?}, and no operator let it go"

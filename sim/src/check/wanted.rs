@@ -8,11 +8,11 @@ use messages::common;
 use module::State;
 
 /// From the beginning of calm, or of a difference in it.
-const WITHIN: Duration = Duration::from_secs(10);
+const SETTLING_MAX: Duration = Duration::from_secs(10);
 /// The list comes ten times a second; in calm it is not missing for longer than this.
-const SILENT: Duration = Duration::from_secs(1);
+const LIST_TIMEOUT: Duration = Duration::from_secs(1);
 /// A watchdog that was held up follows a command no later.
-const FOLLOWS: Duration = Duration::from_secs(60);
+const COMMAND_DELAY_MAX: Duration = Duration::from_secs(60);
 
 /// Time when each state was last commanded.
 #[derive(Clone, Copy, Debug, Default)]
@@ -21,7 +21,7 @@ struct Commands([Option<Instant>; State::ALL.len()]);
 impl Commands {
     fn has(&self, now: Instant, state: i8) -> bool {
         let at = usize::try_from(state).ok().and_then(|state| *self.0.get(state)?);
-        at.is_some_and(|at| now.since(at) < FOLLOWS)
+        at.is_some_and(|at| now.since(at) < COMMAND_DELAY_MAX)
     }
 }
 
@@ -88,7 +88,7 @@ impl Rule {
     /// Time has passed.
     pub fn on_time(&self, now: Instant) -> Verdict {
         match self.calm {
-            Some(calm) if now.since(calm) > WITHIN && now.since(self.heard) > SILENT => {
+            Some(calm) if now.since(calm) > SETTLING_MAX && now.since(self.heard) > LIST_TIMEOUT => {
                 Err(format!("no list of processes in calm since {:?}", self.heard))
             }
             _ => Ok(()),
@@ -110,7 +110,7 @@ fn judge(
         return Ok(differed.map(|(since, calm)| now.since(since.max(calm))));
     }
     let since = *module.differs.get_or_insert(now);
-    if calm.is_some_and(|calm| now.since(since.max(calm)) > WITHIN) {
+    if calm.is_some_and(|calm| now.since(since.max(calm)) > SETTLING_MAX) {
         let common::Process { module, state, phase, wanted, .. } = row;
         return Err(format!("{module} is in state {state}, phase {phase}, and {wanted} is wanted since {since:?}"));
     }

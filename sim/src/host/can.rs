@@ -14,7 +14,7 @@ use base::can::{Frame, INTERMISSION, Id, Notice, frame_bits};
 use base::{Duration, Instant};
 use controller::{Controller, Queued};
 use simulator::Random;
-use simulator::faults::Ailment;
+use simulator::faults::InjectedFault;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
@@ -25,11 +25,11 @@ const LONE_ERROR_FRAME: u32 = 6 + 8;
 /// Bits from the acknowledge slot to the end of a frame, which an unacknowledged frame lacks.
 const AFTER_ACKNOWLEDGE: u32 = 8;
 /// An error-passive transmitter waits so long after the intermission.
-const SUSPEND: u32 = 8;
+const SUSPEND_BITS: u32 = 8;
 /// Recessive bits to be seen before taking part again after bus-off; here an idle bus is taken for granted.
-const RECOVERY: u32 = 128 * 11;
+const RECOVERY_BITS: u32 = 128 * 11;
 /// Shortest period of notices other than changes of state.
-const NEWS: Duration = Duration::from_millis(100);
+const NOTICE_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Base frames win over extended ones with the same first 11 bits, data over remote.
 fn rank(frame: &Frame) -> u64 {
@@ -42,7 +42,7 @@ fn rank(frame: &Frame) -> u64 {
 
 /// Event of the wire.
 #[derive(Debug, PartialEq)]
-pub(super) enum Told {
+pub(super) enum WireEvent {
     /// A frame has left the wire, and is for all other ports that are on it.
     Frame(Owner, Frame),
     /// A frame has left the wire, and no node received it.
@@ -91,7 +91,7 @@ pub(super) struct CanWire {
     controllers: Vec<Controller>,
     /// The wire itself, then for each controller its end of the cable when that is cut.
     segments: Vec<Segment>,
-    told: VecDeque<Told>,
+    events: VecDeque<WireEvent>,
     /// Instant of the next minor notice, and earliest instant of one.
     news: Option<Instant>,
     quiet: Instant,
@@ -114,7 +114,7 @@ impl CanWire {
             traffic: Traffic::default(),
             controllers: Vec::new(),
             segments: vec![Segment::default()],
-            told: VecDeque::new(),
+            events: VecDeque::new(),
             news: None,
             quiet: Instant::ZERO,
             random,
@@ -210,8 +210,8 @@ impl CanWire {
     }
 
     /// Next event.
-    pub fn poll_told(&mut self) -> Option<Told> {
-        self.told.pop_front()
+    pub fn poll_event(&mut self) -> Option<WireEvent> {
+        self.events.pop_front()
     }
 
     fn arbitrate(&mut self, now: Instant, number: usize) {
@@ -290,7 +290,7 @@ impl CanWire {
             self.controllers[by].again(queued);
         }
         if self.controllers[by].is_passive() {
-            self.controllers[by].suspended = free + self.time(SUSPEND);
+            self.controllers[by].suspended = free + self.time(SUSPEND_BITS);
         }
         if self.controllers.iter().any(Controller::waits) {
             self.kick(now, number);
@@ -301,9 +301,9 @@ impl CanWire {
         self.controllers[by].sent(now);
         self.others(now, number, by, Controller::received);
         self.traffic.sent += 1;
-        self.told.push_back(match self.lose.take_if(|lose| *lose == self.traffic.sent) {
-            Some(_) => Told::Lost(frame),
-            None => Told::Frame(self.controllers[by].owner, frame),
+        self.events.push_back(match self.lose.take_if(|lose| *lose == self.traffic.sent) {
+            Some(_) => WireEvent::Lost(frame),
+            None => WireEvent::Frame(self.controllers[by].owner, frame),
         });
     }
 
@@ -317,23 +317,23 @@ impl CanWire {
     }
 
     fn go_off(&mut self, now: Instant, place: usize) {
-        let recovery = self.time(RECOVERY);
+        let recovery = self.time(RECOVERY_BITS);
         let controller = &mut self.controllers[place];
         self.traffic.dropped += controller.go_off(now, recovery);
         let owner = controller.owner;
-        self.told.extend(controller.poll_state().map(|notice| Told::Notice(owner, notice)));
-        self.told.push_back(Told::Off(owner));
+        self.events.extend(controller.poll_state().map(|notice| WireEvent::Notice(owner, notice)));
+        self.events.push_back(WireEvent::Off(owner));
     }
 
     fn come_back(&mut self, now: Instant, place: usize) {
-        let recovery = self.time(RECOVERY);
+        let recovery = self.time(RECOVERY_BITS);
         let controller = &mut self.controllers[place];
         controller.come_back(now);
         if now < self.off && !controller.many {
             controller.go_off(now, recovery);
             return;
         }
-        self.told.push_back(Told::Back(controller.owner));
+        self.events.push_back(WireEvent::Back(controller.owner));
     }
 
     /// Reports changes of state at once, other notices now and then.
@@ -341,11 +341,12 @@ impl CanWire {
         let due = self.news.take_if(|at| *at <= now).is_some();
         for controller in &mut self.controllers {
             let owner = controller.owner;
-            self.told.extend(controller.poll_state().map(|notice| Told::Notice(owner, notice)));
+            self.events.extend(controller.poll_state().map(|notice| WireEvent::Notice(owner, notice)));
             if due {
-                self.quiet = now + NEWS;
-                self.told
-                    .extend(std::iter::from_fn(|| controller.poll_news()).map(|notice| Told::Notice(owner, notice)));
+                self.quiet = now + NOTICE_INTERVAL;
+                self.events.extend(
+                    std::iter::from_fn(|| controller.poll_news()).map(|notice| WireEvent::Notice(owner, notice)),
+                );
             }
         }
         if self.news.is_none() && self.controllers.iter().any(Controller::has_news) {
@@ -355,18 +356,18 @@ impl CanWire {
 
     /// Injects a fault into the wire; false if it is none of a wire. A fault of a port hits those that represent a
     /// single node: the masters.
-    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
-        match ailment {
-            Ailment::Noise(rate) => self.noise = (until, rate),
-            Ailment::Corrupt(every) => self.corrupt = (until, every),
-            Ailment::Lose(nth) => self.lose = Some(self.traffic.sent.saturating_add(nth)),
-            Ailment::Cut => self.cut(now, until),
-            Ailment::BusOff => {
+    pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
+        match injected {
+            InjectedFault::Noise(rate) => self.noise = (until, rate),
+            InjectedFault::Corrupt(every) => self.corrupt = (until, every),
+            InjectedFault::Lose(nth) => self.lose = Some(self.traffic.sent.saturating_add(nth)),
+            InjectedFault::Cut => self.cut(now, until),
+            InjectedFault::BusOff => {
                 // Momentary, unless a duration is given.
                 self.off = if until == Instant::NEVER { now } else { until };
                 self.masters(now, Self::go_off);
             }
-            Ailment::None => {
+            InjectedFault::None => {
                 (self.noise.0, self.corrupt.0, self.off, self.lose) = (now, now, now, None);
                 self.cut(now, now);
             }

@@ -35,7 +35,7 @@ enum Now {
 
 /// Whom to tell.
 #[derive(Debug, PartialEq)]
-pub(super) enum Told {
+pub(super) enum I2cEvent {
     /// Who emulates the chips: what the master does.
     Asked(Owner, Transfer),
     /// A master: what came of its transfer.
@@ -85,7 +85,7 @@ impl I2cWire {
     }
 
     /// What is to be told at `now`, one at a time.
-    pub fn handle_timeout(&mut self, now: Instant) -> Option<Told> {
+    pub fn handle_timeout(&mut self, now: Instant) -> Option<I2cEvent> {
         match &self.now {
             Now::Nothing => self.start(now),
             Now::Asked(_, until) if *until <= now => {
@@ -101,12 +101,12 @@ impl I2cWire {
         }
     }
 
-    fn start(&mut self, now: Instant) -> Option<Told> {
+    fn start(&mut self, now: Instant) -> Option<I2cEvent> {
         let (_, transfer) = self.queue.front()?;
         match self.chips {
             Some(chips) => {
                 self.now = Now::Asked(now, now + STRETCH_MAX);
-                Some(Told::Asked(chips, transfer.clone()))
+                Some(I2cEvent::Asked(chips, transfer.clone()))
             }
             None => {
                 let outcome = Err(Error::NoAddress);
@@ -116,12 +116,12 @@ impl I2cWire {
         }
     }
 
-    fn finish(&mut self, busy: Duration, outcome: Outcome) -> Option<Told> {
+    fn finish(&mut self, busy: Duration, outcome: Outcome) -> Option<I2cEvent> {
         self.now = Now::Nothing;
         self.traffic.sent += 1;
         self.traffic.errors += u64::from(outcome.is_err());
         self.traffic.busy += busy;
-        self.queue.pop_front().map(|(owner, transfer)| Told::Over(owner, transfer, outcome))
+        self.queue.pop_front().map(|(owner, transfer)| I2cEvent::Over(owner, transfer, outcome))
     }
 
     pub fn close(&mut self, pid: u32) {
@@ -169,13 +169,13 @@ mod tests {
     fn reading_a_byte_takes_forty_clocks() {
         let mut wire = wire();
         wire.send(owner(2), read_byte());
-        assert_eq!(wire.handle_timeout(at(100)), Some(Told::Asked(owner(1), read_byte())));
+        assert_eq!(wire.handle_timeout(at(100)), Some(I2cEvent::Asked(owner(1), read_byte())));
         let outcome = Ok(Bytes::from_slice(&[41]).unwrap());
         wire.answer(at(100), owner(1), outcome.clone());
         // Two STARTs, four bytes, STOP and the pause.
         assert_eq!(wire.poll_timeout(), Some(at(100 + 400)));
         assert_eq!(wire.handle_timeout(at(499)), None);
-        assert_eq!(wire.handle_timeout(at(500)), Some(Told::Over(owner(2), read_byte(), outcome)));
+        assert_eq!(wire.handle_timeout(at(500)), Some(I2cEvent::Over(owner(2), read_byte(), outcome)));
         assert_eq!((wire.poll_timeout(), wire.traffic.busy), (None, Duration::from_micros(400)));
     }
 
@@ -186,7 +186,7 @@ mod tests {
         wire.send(owner(2), read_byte());
         assert_eq!(wire.handle_timeout(at(0)), None);
         let over = wire.poll_timeout().unwrap();
-        assert_eq!(wire.handle_timeout(over), Some(Told::Over(owner(2), read_byte(), Err(Error::NoAddress))));
+        assert_eq!(wire.handle_timeout(over), Some(I2cEvent::Over(owner(2), read_byte(), Err(Error::NoAddress))));
         wire.send(owner(2), read_byte());
         assert_eq!(wire.handle_timeout(at(1000)), None);
         wire.close(2);
@@ -198,13 +198,13 @@ mod tests {
         let mut wire = wire();
         wire.send(owner(2), read_byte());
         wire.send(owner(2), read_byte());
-        assert!(matches!(wire.handle_timeout(at(0)), Some(Told::Asked(..))));
-        assert_eq!(wire.handle_timeout(at(35_000)), Some(Told::Over(owner(2), read_byte(), Err(Error::Stretched))));
-        assert!(matches!(wire.handle_timeout(at(35_000)), Some(Told::Asked(..))));
+        assert!(matches!(wire.handle_timeout(at(0)), Some(I2cEvent::Asked(..))));
+        assert_eq!(wire.handle_timeout(at(35_000)), Some(I2cEvent::Over(owner(2), read_byte(), Err(Error::Stretched))));
+        assert!(matches!(wire.handle_timeout(at(35_000)), Some(I2cEvent::Asked(..))));
         wire.answer(at(36_000), owner(1), Ok(Bytes::from_slice(&[1]).unwrap()));
         wire.answer(at(36_000), owner(1), Ok(Bytes::from_slice(&[2]).unwrap()));
         let told = wire.handle_timeout(at(37_000));
-        assert_eq!(told, Some(Told::Over(owner(2), read_byte(), Ok(Bytes::from_slice(&[2]).unwrap()))));
+        assert_eq!(told, Some(I2cEvent::Over(owner(2), read_byte(), Ok(Bytes::from_slice(&[2]).unwrap()))));
     }
 
     #[test]

@@ -9,17 +9,17 @@ use std::mem;
 use std::rc::Rc;
 
 /// A process that is served within its time beats this often, as live.
-const BEAT: Duration = Duration::from_millis(50);
+const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
 /// The watchdog's host looks whether processes beat this often.
-const LOOK: Duration = Duration::from_millis(20);
+const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
 /// Beats are missing when a process is this late.
-const LATE: Duration = Duration::from_millis(100);
+const LATE_AFTER: Duration = Duration::from_millis(100);
 /// A module that sees no watchdog for this long ends itself.
-const LONELY: Duration = Duration::from_secs(3);
+const UNSUPERVISED_MAX: Duration = Duration::from_secs(3);
 /// The first delay after an immediate restart of a kept process.
 const DELAY_FIRST: Duration = Duration::from_millis(100);
 /// A kept process that lived this long starts with no delay again.
-const LIVED: Duration = Duration::from_secs(10);
+const UPTIME_MIN: Duration = Duration::from_secs(10);
 
 /// How a process lives.
 pub(super) struct Life {
@@ -60,7 +60,7 @@ impl Life {
     /// When it last beat. Its beats need no events: between two changes of its pace they are as regular as it is
     /// served.
     fn beat(&mut self, now: Instant) -> Instant {
-        let period = BEAT + self.late;
+        let period = HEARTBEAT_PERIOD + self.late;
         let until = self.hung.unwrap_or(now);
         let beats = until.since(self.beat).as_nanos() / period.as_nanos();
         self.beat += Duration::from_nanos((beats * period.as_nanos()) as u64);
@@ -100,7 +100,7 @@ impl Virtual {
             process.life.hung = Some(now);
             process.due = None;
             let module = process.module.clone();
-            self.schedule(now + LONELY, Happening::Lonely(pid));
+            self.schedule(now + UNSUPERVISED_MAX, Happening::Lonely(pid));
             self.look();
             self.news(&News::Hung { module: &module, pid });
         }
@@ -111,7 +111,7 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let now = self.now;
         let Some(hung) = self.processes[place].life.hung.take() else { return };
-        if now.since(self.processes[place].life.beat) >= BEAT {
+        if now.since(self.processes[place].life.beat) >= HEARTBEAT_PERIOD {
             self.processes[place].life.beat = now;
         }
         // Who was held up himself blames nobody for that time.
@@ -153,11 +153,11 @@ impl Virtual {
     pub(super) fn look(&mut self) {
         if !self.looking && self.processes.iter().any(|process| process.life.may_be_late()) {
             self.looking = true;
-            self.schedule(next_look(self.now), Happening::Look);
+            self.schedule(next_check(self.now), Happening::Look);
         }
     }
 
-    pub(super) fn serve_look(&mut self) {
+    pub(super) fn serve_check(&mut self) {
         self.looking = false;
         let now = self.now;
         let mut late = Vec::new();
@@ -169,25 +169,25 @@ impl Virtual {
         for (parent, pid, last) in late {
             // Who hangs does not look.
             let looks = self.place(parent).is_some_and(|place| self.processes[place].life.hung.is_none());
-            if looks && now.since(last) >= LATE {
-                self.tell(parent, Waiting::Silent(pid, last));
+            if looks && now.since(last) >= LATE_AFTER {
+                self.tell(parent, Waiting::HeartbeatLate(pid, last));
             }
         }
         self.look();
     }
 
     /// Tells a process's parent that it beats.
-    pub(super) fn tell_of_beats(&mut self, pid: u32) {
+    pub(super) fn report_heartbeats(&mut self, pid: u32) {
         let parent = self.place(pid).map_or(0, |place| self.processes[place].parent);
         if parent != 0 {
-            self.schedule(next_look(self.now), Happening::Tell(parent, Waiting::Beating(pid)));
+            self.schedule(next_check(self.now), Happening::Tell(parent, Waiting::HeartbeatStarted(pid)));
         }
     }
 
     /// What follows for others from the end of a process.
     pub(super) fn after(&mut self, pid: u32, status: ExitStatus) {
         if self.processes.iter().any(|child| child.parent == pid) {
-            self.schedule(self.now + LONELY, Happening::Lonely(pid));
+            self.schedule(self.now + UNSUPERVISED_MAX, Happening::Lonely(pid));
         }
         let (now, most) = (self.now, self.config.restart_delay_max);
         let Some(place) = self.kept.iter().position(|kept| kept.pid == pid) else { return };
@@ -197,7 +197,7 @@ impl Virtual {
             return;
         }
         let kept = &mut self.kept[place];
-        if now.since(kept.since) >= LIVED {
+        if now.since(kept.since) >= UPTIME_MIN {
             kept.delay = Duration::ZERO;
         }
         let at = now + self.config.exit_delay + kept.delay;
@@ -213,11 +213,11 @@ impl Virtual {
     }
 
     /// A process has not lived for as long as its children wait for it: those that it still has end themselves.
-    pub(super) fn serve_lonely(&mut self, pid: u32) {
+    pub(super) fn end_unsupervised(&mut self, pid: u32) {
         let now = self.now;
         let watches = self.place(pid).is_some_and(|place| {
             let hung = self.processes[place].life.hung;
-            hung.is_none_or(|since| now.since(since) < LONELY)
+            hung.is_none_or(|since| now.since(since) < UNSUPERVISED_MAX)
         });
         if watches {
             return;
@@ -253,13 +253,13 @@ impl Virtual {
                 }),
             );
             if let Some((child, true)) = child {
-                self.schedule(next_look(self.now), Happening::Tell(pid, Waiting::Beating(child)));
+                self.schedule(next_check(self.now), Happening::Tell(pid, Waiting::HeartbeatStarted(child)));
             }
         }
     }
 }
 
-fn next_look(now: Instant) -> Instant {
-    let look = LOOK.as_nanos() as u64;
+fn next_check(now: Instant) -> Instant {
+    let look = HEARTBEAT_CHECK_PERIOD.as_nanos() as u64;
     Instant::from_nanos((now.as_nanos() / look + 1) * look)
 }

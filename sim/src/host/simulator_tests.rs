@@ -200,7 +200,7 @@ fn a_master_that_is_bus_off_stops_the_robot_and_recovers() {
         format!("10704 {}", health("Active")),
     ];
     assert_eq!(*run.told.borrow(), expected);
-    assert!(run.machine.traffic("can.main").unwrap().dropped > 0, "what was sent in between");
+    assert!(run.machine.traffic("can.main").unwrap().dropped > 0, "output sent in between");
 }
 
 #[test]

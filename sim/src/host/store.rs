@@ -8,9 +8,9 @@ use base::store::{Answer, Entry, Request, Trouble, is_name};
 use std::collections::BTreeMap;
 
 /// A small SD card: bytes a second, what every request takes, and what it takes until all is on the medium.
-const RATE: u64 = 40_000_000;
-const ACCESS: Duration = Duration::from_micros(100);
-const SYNC: Duration = Duration::from_millis(5);
+const RATE_BYTES_PER_S: u64 = 40_000_000;
+const ACCESS_TIME: Duration = Duration::from_micros(100);
+const SYNC_TIME: Duration = Duration::from_millis(5);
 
 /// A file: what is in it, and how much of that a power cut leaves.
 #[derive(Clone, Debug, Default)]
@@ -79,11 +79,11 @@ impl Server for Store {
     fn duration(&self, request: &Request) -> Duration {
         let takes = match request {
             Request::Append { bytes, sync } => {
-                let writing = Duration::from_nanos(bytes.len() as u64 * 1_000_000_000 / RATE);
-                ACCESS + writing + if *sync { SYNC } else { Duration::ZERO }
+                let writing = Duration::from_nanos(bytes.len() as u64 * 1_000_000_000 / RATE_BYTES_PER_S);
+                ACCESS_TIME + writing + if *sync { SYNC_TIME } else { Duration::ZERO }
             }
-            Request::Create { .. } => ACCESS + SYNC,
-            Request::Remove { .. } | Request::List => ACCESS,
+            Request::Create { .. } => ACCESS_TIME + SYNC_TIME,
+            Request::Remove { .. } | Request::List => ACCESS_TIME,
         };
         takes * self.disk.slow.max(1)
     }
@@ -105,7 +105,7 @@ impl Store {
         }
         match request {
             Request::Create { name } | Request::Remove { name } if !is_name(&name) => {
-                return Err(Trouble::Other(format!("{name:?} is no name of a file here")));
+                return Err(Trouble::Other(format!("{name:?} is no valid file name")));
             }
             Request::Create { name } => {
                 self.close(key);

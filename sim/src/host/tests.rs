@@ -255,7 +255,7 @@ fn a_killed_process_is_gone_at_once_and_its_parent_is_informed() {
         " 20000000 Started { module: \"pong\", pid: 1001 }",
         " 20000000 Unstartable { module: \"nobody\", reason: \"no module nobody\" }",
         " 40000000 pong start",
-        " 60000000 Beating { pid: 1001 }",
+        " 60000000 HeartbeatStarted { pid: 1001 }",
         " 60100000 Exited { pid: 1001, status: Signal(9) }",
     ];
     assert_eq!(*log.borrow(), expected);
@@ -340,10 +340,10 @@ fn a_served_process_has_heartbeats_and_a_hung_one_is_reported_every_20_ms() {
     let (mut machine, log) = machine(Config::default());
     machine.spawn("parent", State::Run).unwrap();
     machine.run_until(ms(60));
-    assert_eq!(log.borrow()[3], " 60000000 Beating { pid: 1001 }");
+    assert_eq!(log.borrow()[3], " 60000000 HeartbeatStarted { pid: 1001 }");
     // It began at 40 ms and beats at 190 ms for the last time.
     let news = news_of_pong(330, Virtual::hang);
-    let silent = |at: u64| format!("{at} Silent {{ pid: 1001, thread: \"main\", last: Instant(190000000) }}");
+    let silent = |at: u64| format!("{at} HeartbeatLate {{ pid: 1001, thread: \"main\", last: Instant(190000000) }}");
     assert_eq!(news, [silent(300_000_000), silent(320_000_000)]);
     let news = news_of_pong(1000, |machine, pong| {
         machine.hang(pong);
@@ -362,7 +362,7 @@ fn a_hang_of_the_parent_is_not_charged_to_its_children() {
         machine.resume(1000);
     });
     // It had beaten 10 ms before, and is late by 100 ms at the look after 90 more.
-    assert_eq!(news, ["1340000000 Silent { pid: 1001, thread: \"main\", last: Instant(1240000000) }"]);
+    assert_eq!(news, ["1340000000 HeartbeatLate { pid: 1001, thread: \"main\", last: Instant(1240000000) }"]);
 }
 
 #[test]
@@ -387,7 +387,7 @@ fn a_slowed_process_is_served_late_in_order_with_rare_heartbeats() {
     assert!(order.is_sorted() && order.len() > 10, "{order:?}");
     // One that is served 100 ms late beats each 150 ms.
     let silent = news_of_pong(1000, |machine, pong| machine.crawl(pong, Duration::from_millis(100)));
-    assert!(!silent.is_empty() && silent.iter().all(|line| line.contains("Silent")));
+    assert!(!silent.is_empty() && silent.iter().all(|line| line.contains("HeartbeatLate")));
     let silent = news_of_pong(1000, |machine, pong| machine.crawl(pong, Duration::from_millis(40)));
     assert!(silent.is_empty());
 }
@@ -547,7 +547,7 @@ impl Module for Chip {
     }
 
     fn handle(&mut self, _: Instant, event: Event<'_>, out: &mut Actions) {
-        if let Event::Port { port, input: Input::I2cAsked(_) } = event {
+        if let Event::Port { port, input: Input::I2cRequested(_) } = event {
             let read = base::i2c::Bytes::from_slice(&[0x29]).unwrap();
             out.push(Action::Send(port, Output::I2cAnswer(Ok(read))));
         }

@@ -15,7 +15,7 @@ use base::serial::Word;
 use module::Line;
 use simulator::Random;
 use simulator::disturbance::Disturbance;
-use simulator::faults::Ailment;
+use simulator::faults::InjectedFault;
 use std::rc::Rc;
 
 /// A wire and when it is to be served.
@@ -41,16 +41,16 @@ pub(super) enum Kind {
 
 impl Wire {
     /// Lets a fault come over it; false when that is no fault of a wire of its kind.
-    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
+    pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
         let own = match &mut self.kind {
-            Kind::Can(wire) => wire.suffer(now, ailment, until),
+            Kind::Can(wire) => wire.inject(now, injected, until),
             Kind::Serial(_) => false,
-            // What ails these are their chips, or nothing.
+            // Faults concern their chips only.
             Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => return false,
         };
         // On a CAN bus noise destroys frames, which are sent again; the wire knows.
-        let common = !matches!(ailment, Ailment::Reorder(_)) && (!own || ailment == Ailment::None);
-        common && self.disturbance.suffer(now, ailment, until) || own
+        let common = !matches!(injected, InjectedFault::Reorder(_)) && (!own || injected == InjectedFault::None);
+        common && self.disturbance.inject(now, injected, until) || own
     }
 
     /// What was sent comes at this moment, so many times; none when nobody receives it.

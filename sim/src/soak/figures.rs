@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// A silence that ends motion is longer than half a command's life and shorter than this.
 const SILENCE_MAX: Duration = Duration::from_secs(1);
 /// Time after the begin of calm at which all effects of the chaos have ended: controllers in bus-off have recovered.
-const SETTLED: Duration = Duration::from_secs(10);
+const SETTLING_TIME: Duration = Duration::from_secs(10);
 /// Time after a fault from which the next one counts as single.
 const AFTERMATH: Duration = Duration::from_secs(1);
 
@@ -174,7 +174,7 @@ impl Meter {
         if let Some(commanded) = self.commanded {
             self.figures.stops += 1;
             let silence = now.since(commanded);
-            let calm = self.calm.is_some_and(|calm| now.since(calm) > SETTLED);
+            let calm = self.calm.is_some_and(|calm| now.since(calm) > SETTLING_TIME);
             if calm && self.limits.ttl / 2 < silence && silence < SILENCE_MAX {
                 longest(&mut self.figures.worst.silence_to_stop, silence);
             }

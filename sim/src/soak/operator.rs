@@ -15,20 +15,20 @@ use simulator::world::World;
 /// He acts this often.
 pub(super) const PERIOD: Duration = Duration::from_millis(50);
 /// He begins anew so long after he saw that it does not do as he says.
-const PATIENCE: Duration = Duration::from_millis(500);
+const RETRY_DELAY: Duration = Duration::from_millis(500);
 /// He commands zero for this long before he begins anew.
 const ZERO: Duration = Duration::from_millis(300);
 /// He looks at what does not run this often.
-const TEND: Duration = Duration::from_secs(2);
+const TEND_PERIOD: Duration = Duration::from_secs(2);
 /// He looks so far ahead along a leg, beyond its end, in such steps, s.
-const AHEAD: (f64, f64) = (1.0, 0.25);
+const LOOK_AHEAD_S: (f64, f64) = (1.0, 0.25);
 /// So many ways to go he thinks of.
-const THOUGHTS: u32 = 12;
+const PATHS_TRIED: u32 = 12;
 /// His name, and the planner's.
 const SOURCE: &str = "operator";
 const PLANNER: &str = "planner";
 /// He lets the planner drive for this long at most.
-const GOAL: Duration = Duration::from_secs(60);
+const GOAL_TIME_MAX: Duration = Duration::from_secs(60);
 
 /// What he does.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,7 +139,7 @@ impl Operator {
         if now < self.tends {
             return;
         }
-        self.tends = now + TEND;
+        self.tends = now + TEND_PERIOD;
         let held = |process: &&common::Process| {
             let held = [common::DataState::PAUSE, common::DataState::STOP];
             held.contains(&process.state) || process.wanted == common::DataState::TERMINATE
@@ -169,7 +169,7 @@ impl Operator {
         };
         let Doing::Drive { speed, steering, .. } = self.doing else {
             // The planner needs a moment to begin; what stopped it later keeps it until he says so again.
-            if now.since(since) >= 4 * PATIENCE {
+            if now.since(since) >= 4 * RETRY_DELAY {
                 (self.disobeyed, self.doing) = (None, Doing::Silent(now));
             }
             return;
@@ -177,7 +177,7 @@ impl Operator {
         let pose = self.pose();
         let near = self.room(pose, speed, steering, 0.0) < self.behaviour.clearance / 2.0;
         let near = near && self.room(pose, speed, steering, 0.0) < self.clearance(pose) - 0.01;
-        if now.since(since) >= PATIENCE || near {
+        if now.since(since) >= RETRY_DELAY || near {
             (self.disobeyed, self.square) = (None, 0);
             self.doing = match self.random.chance(0.5) {
                 true => Doing::Zero(now + self.for_up_to(1.0)),
@@ -213,7 +213,7 @@ impl Operator {
 
     /// The planner is to drive.
     fn send(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
-        self.doing = Doing::Waits(now + GOAL);
+        self.doing = Doing::Waits(now + GOAL_TIME_MAX);
         self.goal += 1;
         let waypoint = middlelevel::Waypoint { tolerance: 0.2, ..self.somewhere() };
         let waypoints = vec![waypoint];
@@ -243,7 +243,7 @@ impl Operator {
     fn leg(&mut self, now: Instant) -> Doing {
         let pose = self.pose();
         let mut best = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
-        for thought in 0..THOUGHTS {
+        for thought in 0..PATHS_TRIED {
             let (speed, steering, seconds) = self.thought(thought);
             let room = self.room(pose, speed, steering, seconds);
             if room > best.0 {
@@ -296,7 +296,7 @@ impl Operator {
     /// corner is one.
     fn room(&self, mut pose: Pose, speed: f64, steering: f64, seconds: f64) -> f64 {
         let geometry = Ackermann { wheelbase_m: self.behaviour.wheelbase, track_m: 0.0 };
-        let (beyond, step) = AHEAD;
+        let (beyond, step) = LOOK_AHEAD_S;
         let steps = libm::ceil((seconds + beyond) / step) as u32;
         let mut least = f64::INFINITY;
         for number in 0..steps {

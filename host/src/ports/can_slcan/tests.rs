@@ -137,7 +137,7 @@ fn flags_are_polled_and_become_notices() {
     // Without an answer no further polling; a rejection ends it.
     assert_eq!((drain(&mut port, later(5)), all(&adapter)), (vec![], String::new()));
     say(&adapter, "\x07");
-    assert_eq!(drain(&mut port, later(5)), ["the adapter does not tell how its controller is"]);
+    assert_eq!(drain(&mut port, later(5)), ["the adapter does not report the state of its controller"]);
     assert_eq!((drain(&mut port, later(9)), all(&adapter)), (vec![], String::new()));
 }
 

@@ -110,9 +110,9 @@ fn error(class: u32, data: &[u8]) -> Error {
         on_the_wire: is(PROTOCOL | BUS_ERROR) && !is(ACK) && !in_ack_slot,
         lost: controller & RX_OVERFLOW != 0,
         note: match () {
-            () if is(TX_TIMEOUT) => Some("a frame does not leave the controller: the kernel gave it up"),
-            () if is(TRANSCEIVER) => Some("the transceiver tells of an error: look at the cable and its supply"),
-            () if controller & TX_OVERFLOW != 0 => Some("the controller's transmit buffer ran over"),
+            () if is(TX_TIMEOUT) => Some("a frame did not leave the controller and was dropped by the kernel"),
+            () if is(TRANSCEIVER) => Some("the transceiver reports an error: check the cable and its supply"),
+            () if controller & TX_OVERFLOW != 0 => Some("the controller's transmit buffer overflowed"),
             () if is(RESTARTED) => Some("the controller was restarted"),
             () => None,
         },

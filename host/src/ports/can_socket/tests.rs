@@ -40,7 +40,7 @@ fn frames_that_found_the_buffer_full_are_counted_and_the_others_come_in_order() 
     drain(&mut port);
     let count = SENT as usize + 1 - got.len();
     assert!(count > 0 && got.is_sorted(), "{got:?}");
-    assert_eq!(lost, [format!("lo: the receive buffer ran over: {count} frames are lost")]);
+    assert_eq!(lost, [format!("lo: the receive buffer overflowed: {count} frames are lost")]);
     assert_eq!((got.last(), told as usize), (Some(&Id::Standard(SENT as u16)), count));
 }
 
@@ -93,9 +93,9 @@ fn error_frames_become_notices_at_a_limited_rate() {
     send(error(0x20, 0));
     assert_eq!(drain(&mut port, now + REPORT_INTERVAL), ["NoAcknowledge"]);
     send(encode(&Frame::standard(0x181, &[8])));
-    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), ["Errors(2)", "[8]"], "those that were not told");
+    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), ["Errors(2)", "[8]"], "the unreported ones");
     send(error(0x204, 0x0001_0000_0000_0000));
-    let ran_over = "the controller's receive buffer ran over";
+    let ran_over = "the controller's receive buffer overflowed";
     assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), [ran_over, "Active 0 0", "Lost(1)"]);
     send(error(0x240, 0x0000_0000_0000_F800));
     assert_eq!(drain(&mut port, now), ["Off 248 0", "down: lo: bus-off"]);
@@ -195,14 +195,14 @@ fn a_socket_with_an_error_pending_is_not_up() {
     drop(peer);
     write(socket, b"to nobody").unwrap();
     assert_eq!(port.check(socket), Err(format!("lo: {}", Errno::ECONNREFUSED.desc())));
-    assert_eq!(port.check(socket), Ok(()), "told once");
+    assert_eq!(port.check(socket), Ok(()), "reported once");
 }
 
 #[test]
 fn a_frame_of_invalid_length_closes_the_port() {
     let (mut port, peer) = connected();
     peer.send(&[0; FRAME - 1]).unwrap();
-    assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: gives frames of a strange length");
+    assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: frames of invalid length");
 }
 
 #[test]

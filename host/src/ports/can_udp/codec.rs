@@ -34,8 +34,8 @@ pub enum Malformed {
 impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Broken => "it is cut short or no msgpack",
-            Self::NotAMap => "it is no map",
+            Self::Broken => "truncated, or not msgpack",
+            Self::NotAMap => "it is not a map",
             Self::Key => "a key is unknown or of a wrong type",
             Self::Trailing => "bytes follow the frame",
             Self::Identifier => "its identifier is missing or out of range",

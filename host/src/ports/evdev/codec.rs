@@ -67,7 +67,7 @@ impl Reader {
             match self.take(line) {
                 Some(Some(asked)) => return Some(Ok(asked)),
                 Some(None) => {}
-                None => return Some(Err(format!("no line of a gamepad: {}", shortened(line)))),
+                None => return Some(Err(format!("not a line of a gamepad: {}", shortened(line)))),
             }
         }
     }
@@ -227,7 +227,7 @@ mod tests {
         ] {
             let found = read(format!("{wrong}\ngone\n").as_bytes(), 999);
             let shown: String = wrong.chars().flat_map(char::escape_debug).collect();
-            assert_eq!(found, [Err(format!("no line of a gamepad: {shown}")), Ok(Line::Event(Event::Gone))]);
+            assert_eq!(found, [Err(format!("not a line of a gamepad: {shown}")), Ok(Line::Event(Event::Gone))]);
         }
         let found = read(format!("device {}\nabs {}\ngone\n", "x".repeat(5000), "\u{fffd}".repeat(90)).as_bytes(), 100);
         assert_eq!(found.len(), 3, "{found:?}");

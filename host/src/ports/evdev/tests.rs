@@ -75,7 +75,7 @@ fn a_file_is_played_at_its_pace() {
     let begin = clock::now();
     assert_eq!(told(&mut port, 30), "gone, found A pad, key 310 1, frame");
     assert!(clock::now().since(begin) < Duration::from_millis(100));
-    assert_eq!(told(&mut port, 80), "abs 1 0, frame, MessageMalformed no line of a gamepad: rubbish, gone");
+    assert_eq!(told(&mut port, 80), "abs 1 0, frame, MessageMalformed not a line of a gamepad: rubbish, gone");
     assert!(clock::now().since(begin) >= Duration::from_millis(100));
     assert_eq!(told(&mut port, 250), "", "once");
 }
@@ -106,7 +106,7 @@ fn a_device_that_appears_later_is_found() {
     let mut port = port(&folder);
     assert_eq!(told(&mut port, 10), "gone");
     File::create(folder.0.join("other")).unwrap();
-    assert_eq!(told(&mut port, 10), "", "it is looked at what matters");
+    assert_eq!(told(&mut port, 10), "", "only relevant changes trigger a search");
     let early = folder.0.join("early");
     fs::write(&early, PAD).unwrap();
     fs::rename(&early, folder.path()).unwrap();
@@ -133,7 +133,7 @@ fn endless_comments_do_not_block_other_ports() {
     while let Received::Nothing = port.receive(clock::now()).unwrap() {
         turns += 1;
         let mut fds = [PollFd::new(port.fd().unwrap(), PollFlags::POLLIN)];
-        assert_eq!(poll(&mut fds, PollTimeout::from(10_000_u16)), Ok(1), "it goes on by itself");
+        assert_eq!(poll(&mut fds, PollTimeout::from(10_000_u16)), Ok(1), "it continues without a trigger");
     }
     // 64 reads of 1024 bytes, then others are served.
     assert_eq!(turns, 400_000 / (64 * 1024));

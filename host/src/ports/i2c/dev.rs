@@ -37,10 +37,11 @@ impl Dev {
     pub fn open(path: &Path) -> Result<Self, Lost> {
         let named = |error: io::Error| format!("{}: {error}", path.display());
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(named)?;
-        let functions = sys::functions(file.as_fd()).map_err(|_| format!("{} is no I2C adapter", path.display()))?;
+        let functions =
+            sys::functions(file.as_fd()).map_err(|_| format!("{} is not an I2C adapter", path.display()))?;
         let plain = functions & sys::FUNC_I2C != 0;
         if !plain && functions & sys::FUNC_READ_BYTE_DATA == 0 {
-            return Err(format!("{}: the adapter makes neither plain transfers nor SMBus commands", path.display()));
+            return Err(format!("{}: the adapter supports neither plain transfers nor SMBus commands", path.display()));
         }
         Ok(Self { path: path.into(), file, plain, blocks: functions & sys::FUNC_READ_BLOCK != 0, reported: false })
     }
@@ -90,12 +91,12 @@ impl Blocking for Dev {
     fn transfer(&mut self, transfer: &Transfer) -> Result<Done, Lost> {
         let done = match transfer.read {
             Read::Block { .. } if self.plain && !self.blocks => {
-                return Ok(self.refuse("read a block whose length the chip says"));
+                return Ok(self.refuse("read a block of variable length"));
             }
             _ if self.plain => self.plain(transfer),
             _ => match self.command(transfer) {
                 Some(done) => done,
-                None => return Ok(self.refuse("make this transfer: it speaks SMBus only")),
+                None => return Ok(self.refuse("make this transfer, because it supports SMBus only")),
             },
         };
         match done {
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn a_file_that_is_not_an_adapter_is_rejected_by_name() {
         let why = |path: &str| Dev::open(Path::new(path)).err().unwrap();
-        assert_eq!(why("/dev/null"), "/dev/null is no I2C adapter");
+        assert_eq!(why("/dev/null"), "/dev/null is not an I2C adapter");
         assert!(why("/dev/no-such-i2c").starts_with("/dev/no-such-i2c: "));
     }
 }

@@ -91,7 +91,7 @@ impl Open {
                     }
                     None => {
                         self.masters.remove(self.turn);
-                        return Some(Err("a master on its socket sent what is no transfer; it was let go"));
+                        return Some(Err("a master on its socket sent an invalid transfer and was disconnected"));
                     }
                 },
                 Err(_gone) => {
@@ -143,7 +143,7 @@ impl Device for Server {
         match open.next() {
             None => Ok(Received::Nothing),
             Some(Err(why)) => Ok(Received::Fault(Fault::MessageMalformed, why.into())),
-            Some(Ok(transfer)) => Ok(Received::input(now, Input::I2cAsked(self.transfer.insert(transfer)))),
+            Some(Ok(transfer)) => Ok(Received::input(now, Input::I2cRequested(self.transfer.insert(transfer)))),
         }
     }
 

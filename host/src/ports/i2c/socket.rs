@@ -53,8 +53,8 @@ impl Device for Socket {
         match read(socket)? {
             None => Ok(Received::Nothing),
             Some(datagram) => {
-                self.outcome = codec::parse_outcome(&datagram).ok_or("it answered what is no outcome")?;
-                self.waiting = self.waiting.checked_sub(1).ok_or("it answered what was not asked")?;
+                self.outcome = codec::parse_outcome(&datagram).ok_or("it sent an invalid outcome")?;
+                self.waiting = self.waiting.checked_sub(1).ok_or("it sent an outcome without a transfer")?;
                 Ok(Received::input(now, Input::I2c(&self.outcome)))
             }
         }

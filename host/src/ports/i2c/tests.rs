@@ -17,7 +17,7 @@ fn read_register(register: u8) -> Transfer {
 
 fn asked(server: &mut Server) -> Option<Transfer> {
     match server.receive(Instant::ZERO).unwrap() {
-        Received::Input { input: Input::I2cAsked(transfer), .. } => Some(transfer.clone()),
+        Received::Input { input: Input::I2cRequested(transfer), .. } => Some(transfer.clone()),
         Received::Nothing => None,
         _ => panic!(),
     }
@@ -66,7 +66,7 @@ fn each_master_gets_its_own_outcomes_in_order() {
     assert_eq!((said(&mut two), said(&mut two)), (Some(0x13), None));
     drop(server);
     assert!(one.receive(Instant::ZERO).is_err() && !path.exists());
-    assert!(one.open().unwrap_err().contains("advee-i2c-"), "nobody offers it any more");
+    assert!(one.open().unwrap_err().contains("advee-i2c-"), "no server any more");
 }
 
 #[test]

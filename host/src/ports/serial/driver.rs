@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | pseudo-terminal | `PARENB` dropped silently | none; `PARMRK` only doubles `FF` | no |
 //! | `serial8250` | kept | parity on the wire | no, unless the board's driver adds it |
-//! | `ftdi_sio` | kept, even where the device refuses it: only the kernel's log tells | parity on the wire; errors by USB packet | no |
+//! | `ftdi_sio` | kept, even if refused (only in the kernel log) | parity on the wire; errors by USB packet | no |
 //! | a UART of the serial core with a direction pin | kept | parity on the wire | yes |
 
 use nix::sys::stat::{fstat, major, minor};
@@ -75,7 +75,7 @@ impl Driver {
             ),
             Self::Named(name) if matches!(name.as_str(), "serial8250" | "serial" | "lab_uart9") => None,
             Self::Pseudo => None,
-            other => Some(format!("{other} was never tried with mark and space parity: advee rs485 scan tells")),
+            other => Some(format!("{other} was never tested with mark and space parity: try advee rs485 scan")),
         }
     }
 }

@@ -67,7 +67,7 @@ fn set_up(
         && driver != Driver::Pseudo
         && let Err(error) = sys::set_low_latency(file)
     {
-        notes.push(format!("low_latency: {driver} does not take it: {error}"));
+        notes.push(format!("low_latency: {driver} does not support it: {error}"));
     }
     Ok(())
 }
@@ -125,9 +125,10 @@ fn switch_direction(file: BorrowedFd<'_>, direction: Direction) -> Result<(), St
     let asked = Rs485Direction::new(flags, delay_before_ms, delay_after_ms);
     match sys::set_rs485_direction(file, asked) {
         Ok(got) if got == asked => Ok(()),
-        Ok(got) => Err(format!("the port makes something else of it: asked for {asked}, it has {got}")),
+        Ok(got) => Err(format!("the port uses other settings: requested {asked}, in effect {got}")),
         Err(error) if error.raw_os_error() == Some(libc::ENOTTY) => {
-            Err("the port does not switch directions (TIOCSRS485): leave the key out where the adapter does".into())
+            Err("the port does not support direction control (TIOCSRS485): leave the key out where the adapter does"
+                .into())
         }
         Err(error) => Err(error.to_string()),
     }
@@ -178,6 +179,6 @@ mod tests {
         assert_eq!(made(|got| got.c_cflag &= !CMSPAR), Err("mark and space parity (CMSPAR)".into()));
         assert_eq!(made(|got| got.c_cflag &= !libc::CSIZE), Err("8 data bits, 1 stop bit, no parity".into()));
         assert_eq!(made(|got| got.c_ospeed = 9600), Err("250000 Bd (it stays at 9600)".into()));
-        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "what a divisor leaves");
+        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "within the tolerance of a divisor");
     }
 }

@@ -171,7 +171,7 @@ impl Line for Tty {
                 Err(Errno::EAGAIN) => {
                     let mut room = [PollFd::new(self.file.as_fd(), PollFlags::POLLOUT)];
                     if poll(&mut room, PollTimeout::from(STUCK_MS))? == 0 {
-                        return Err(io::Error::new(io::ErrorKind::TimedOut, "it takes no bytes"));
+                        return Err(io::Error::new(io::ErrorKind::TimedOut, "it accepts no bytes"));
                     }
                 }
                 Err(Errno::EINTR) => {}
@@ -214,7 +214,7 @@ impl Tty {
                 None => return Ok(false),
                 Some(true) => return Ok(true),
                 Some(false) if clock::now() > until => {
-                    return Err(io::Error::new(io::ErrorKind::TimedOut, "what was written does not leave"));
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the written data is not sent"));
                 }
                 Some(false) => thread::sleep(word),
             }

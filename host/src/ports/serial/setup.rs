@@ -63,11 +63,11 @@ impl Setup {
         }
         if let State::Runs { child, until } = &mut self.state {
             let news = match child.try_wait() {
-                Ok(None) if now < *until => return Err(format!("set-up command {} runs", self.command[0])),
+                Ok(None) if now < *until => return Err(format!("set-up command {} is running", self.command[0])),
                 Ok(None) => {
                     // Killed and reaped, so that no zombie is left.
                     let _ = child.kill().and_then(|()| child.wait());
-                    Err(format!("it takes longer than {} s", TIMEOUT.as_secs()))
+                    Err(format!("it took longer than {} s", TIMEOUT.as_secs()))
                 }
                 Ok(Some(status)) if status.success() => Ok(()),
                 Ok(Some(status)) => Err(describe_failure(child, status)),

@@ -62,7 +62,7 @@ fn unsupported_settings_are_reported_in_one_line() {
     let direction = Direction { rts_on_send: true, rts_after_send: false, delay_before_ms: 0, delay_after_ms: 0 };
     let config = TerminalConfig { direction: Some(direction), ..TerminalConfig::new(link.clone(), 115_200) };
     let refused = Serial::terminal(config).open().unwrap_err();
-    assert!(refused.contains("rs485_direction: the port does not switch directions (TIOCSRS485)"), "{refused}");
+    assert!(refused.contains("rs485_direction: the port does not support direction control (TIOCSRS485)"), "{refused}");
     let low_latency = TerminalConfig { low_latency: true, ..TerminalConfig::new(link, 115_200) };
     let mut device = Serial::terminal(low_latency);
     assert_eq!((device.open(), device.notes.len()), (Ok(()), 0), "a pseudo-terminal collects nothing");
@@ -99,7 +99,7 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
         thread::sleep(std::time::Duration::from_millis(1));
         port.device.receive(clock::now()).err()
     });
-    assert!(lost.is_some(), "a read tells");
+    assert!(lost.is_some(), "detected by reading");
     port.lose(clock::now());
     let away_until = clock::now() + Duration::from_millis(100);
     let reported = try_until(&mut port, |_| clock::now() > away_until);
@@ -110,7 +110,7 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
     assert_eq!(second.send(clock::now(), &Output::Words(words.to_vec())), Ok(true));
     for _ in 0..200 {
         if let Received::Input { input: Input::Words(heard), .. } = port.device.receive(clock::now()).unwrap() {
-            assert_eq!(heard, words, "nothing of what was half read before");
+            assert_eq!(heard, words, "without the half word from before");
             return;
         }
         thread::sleep(std::time::Duration::from_millis(1));

@@ -55,7 +55,7 @@ impl Disk {
     pub fn perform(&mut self, request: Request) -> Answer {
         let done = match request {
             Request::Create { name } | Request::Remove { name } if !is_name(&name) => {
-                Err(Trouble::Other(format!("{name:?} is no name of a file here")))
+                Err(Trouble::Other(format!("{name:?} is no valid file name")))
             }
             Request::Create { name } => self.create(name),
             Request::Append { bytes, sync } => self.append(&bytes, sync),

@@ -131,7 +131,7 @@ fn nothing_outside_is_touched() {
     symlink(&outside, folder.join("link")).unwrap();
     symlink(&outside, folder.join("run/link")).unwrap();
     symlink(outside.join("new"), folder.join("run/log_000.mcap")).unwrap();
-    assert_eq!(listed(&mut disk), [("run".into(), 0)], "neither is what a link leads to counted");
+    assert_eq!(listed(&mut disk), [("run".into(), 0)], "targets of links are not counted");
     for name in ["", "/etc/passwd", "../outside/new", "run/../../outside", ".", "a/b/c", "run/\0", "run\n/x"] {
         assert!(failed(disk.perform(create(name))).contains("is no name"), "{name:?}");
         assert!(failed(disk.perform(remove(name))).contains("is no name"), "{name:?}");
@@ -199,7 +199,7 @@ fn writes_to_a_full_disk_are_atomic_and_resume_with_free_space() {
         assert!(free < 200_000, "{free}");
         for _ in 0..3 {
             assert_eq!(disk.perform(append(&[3; 300_000])), Answer::Failed(Trouble::Full));
-            assert_eq!(made.read("run/log_000.mcap"), [2; 300_000], "what was half written is taken back");
+            assert_eq!(made.read("run/log_000.mcap"), [2; 300_000], "a partial write is undone");
         }
         assert_eq!(listed(&mut disk), [("old".into(), 600_000), ("run".into(), 300_000)]);
         done(disk.perform(remove("old")));
@@ -296,7 +296,7 @@ fn a_blocked_disk_does_not_block_the_loop() {
     assert!(free > Some(0));
     assert_eq!(made.read("run/log_000.mcap").len(), 700_000);
     store.close();
-    while store.life.lasts() {
+    while store.life.is_alive() {
         thread::yield_now();
     }
     store.open().unwrap();

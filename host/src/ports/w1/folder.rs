@@ -123,7 +123,7 @@ impl Device for Folder {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
         if self.life.is_alive() {
-            return Err("what was there is still being removed".into());
+            return Err("its former folder is still being removed".into());
         }
         let mut filler = FolderWriter { path: self.path.clone(), written: Bus::new() };
         let mut fresh = true;
@@ -163,13 +163,13 @@ impl Device for Folder {
 
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
         match output {
-            Output::OneWireIs(Answer::List(list)) => {
+            Output::OneWireState(Answer::List(list)) => {
                 self.bus.retain(|rom, _| list.contains(rom));
                 for rom in list {
                     self.bus.entry(*rom).or_default();
                 }
             }
-            Output::OneWireIs(Answer::Temperature(rom, value)) => {
+            Output::OneWireState(Answer::Temperature(rom, value)) => {
                 if let Some(said) = self.bus.get_mut(rom) {
                     *said = Some(*value);
                 }

@@ -122,7 +122,7 @@ fn the_simulator_s_folder_is_read_like_the_kernel_s() {
     settle(&mut folder);
     assert_eq!(ask(&mut port, Request::List), Answer::List([].into_iter().collect()));
     let is = |folder: &mut Folder, answer| {
-        assert_eq!(folder.send(Instant::ZERO, &Output::OneWireIs(answer)), Ok(true));
+        assert_eq!(folder.send(Instant::ZERO, &Output::OneWireState(answer)), Ok(true));
         settle(folder);
     };
     is(&mut folder, Answer::List([rom()].into_iter().collect()));
@@ -142,9 +142,9 @@ fn superseded_values_are_not_written() {
     let made = Made::new("fast");
     let mut folder = Folder::new(made.0.clone());
     folder.open().unwrap();
-    folder.send(Instant::ZERO, &Output::OneWireIs(Answer::List([rom()].into_iter().collect()))).unwrap();
+    folder.send(Instant::ZERO, &Output::OneWireState(Answer::List([rom()].into_iter().collect()))).unwrap();
     for value in 0..1000 {
-        let is = Output::OneWireIs(Answer::Temperature(rom(), Ok(value)));
+        let is = Output::OneWireState(Answer::Temperature(rom(), Ok(value)));
         assert_eq!(folder.send(Instant::ZERO, &is), Ok(true));
     }
     settle(&mut folder);

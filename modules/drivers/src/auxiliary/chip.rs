@@ -88,7 +88,7 @@ impl Chip {
     }
 
     /// True if the chip answers and is configured.
-    pub fn is_there(&self) -> bool {
+    pub fn is_present(&self) -> bool {
         self.reading.is_some()
     }
 
@@ -103,7 +103,7 @@ impl Chip {
             let text = self.text(bus);
             match event {
                 Event::Found { revision } => out.note(format!("{text}: MAX6615 revision {revision}, configured")),
-                Event::Reset => out.note(format!("{text} had forgotten its configuration: configured anew")),
+                Event::Reset => out.note(format!("{text} had lost its configuration: configured again")),
                 Event::Reading(reading) => self.on_reading(reading, bus, out),
                 // Reported at the end of each round, because the port may have been lost since.
                 Event::Lost(_) => {}
@@ -115,14 +115,14 @@ impl Chip {
     pub fn round_over(&mut self, bus: &str, out: &mut Actions) {
         let Some(why) = self.driver.lost_by() else { return };
         self.reading = None;
-        let message = format!("{}: {why}; looked for once a second", self.text(bus));
+        let message = format!("{}: {why}; retried once a second", self.text(bus));
         out.raise(Severity::Error, Fault::ChipLost, self.config.name.as_str(), message);
     }
 
     /// The adapter does not finish the chip's transfer.
     pub fn hangs(&mut self, bus: &str, out: &mut Actions) {
         self.reading = None;
-        let message = format!("{}: the adapter does not come back from a transfer", self.text(bus));
+        let message = format!("{}: the adapter does not finish a transfer", self.text(bus));
         out.raise(Severity::Error, Fault::ChipLost, self.config.name.as_str(), message);
     }
 
@@ -134,12 +134,12 @@ impl Chip {
                 let (value, limit) = (reading.temperature_c[place], f64::from(self.config.chip.limit_c[place]));
                 let above = if self.over[place] { limit - HYSTERESIS_C } else { limit };
                 self.over[place] = reading.over[place] || value > above;
-                tell_over(&channel.name, value, limit, self.over[place], out);
+                report_over_temperature(&channel.name, value, limit, self.over[place], out);
             }
             if let Some(fan) = &self.config.fans[place] {
                 let (name, rpm) = (fan.name.as_str(), reading.rpm[place]);
                 if reading.failed[place] {
-                    let message = format!("{name} fails: {rpm:.0} rpm at {:.0} %", reading.duty[place] * 100.0);
+                    let message = format!("{name} failed: {rpm:.0} rpm at {:.0} %", reading.duty[place] * 100.0);
                     out.raise(Severity::Error, Fault::FanFailed, name, message);
                 } else {
                     out.clear(Fault::FanFailed, name, format!("{name} turns again: {rpm:.0} rpm"));
@@ -149,7 +149,7 @@ impl Chip {
     }
 
     /// Adds the known values to a message.
-    pub fn tell(&self, message: &mut DataTemperature) {
+    pub fn add_to(&self, message: &mut DataTemperature) {
         for (place, channel) in self.config.channels.iter().enumerate() {
             let value = self.reading.map_or(f64::NAN, |reading| reading.temperature_c[place]);
             let over = self.reading.is_some() && self.over[place];
@@ -177,7 +177,7 @@ impl Chip {
         Node {
             name: self.config.name.clone(),
             address: i32::from(self.config.chip.address.get()),
-            state: if self.is_there() { Node::OK } else { Node::LOST },
+            state: if self.is_present() { Node::OK } else { Node::LOST },
             requests: self.requests,
             retries: self.retries,
             timeouts: self.timeouts,
@@ -190,11 +190,15 @@ impl Chip {
 }
 
 /// Reports the begin or end of an over-temperature.
-pub(super) fn tell_over(name: &str, value: f64, limit: f64, over: bool, out: &mut Actions) {
+pub(super) fn report_over_temperature(name: &str, value: f64, limit: f64, over: bool, out: &mut Actions) {
     if over {
-        let message = format!("{name} is {value:.1} °C hot, above its limit of {limit:.0} °C");
+        let message = format!("{name} is at {value:.1} °C, above its limit of {limit:.0} °C");
         out.raise(Severity::Error, Fault::OverTemperature, name, message);
     } else {
-        out.clear(Fault::OverTemperature, name, format!("{name} is {value:.1} °C, below its limit of {limit:.0} °C"));
+        out.clear(
+            Fault::OverTemperature,
+            name,
+            format!("{name} is at {value:.1} °C, below its limit of {limit:.0} °C"),
+        );
     }
 }

@@ -19,7 +19,7 @@ const CONVERSION: Duration = Duration::from_millis(750);
 
 /// Fault of the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Ails {
+enum ChipFault {
     Nothing,
     Silent,
     AllOnes,
@@ -31,7 +31,7 @@ enum Ails {
 struct Rig {
     bench: Bench,
     chip: max6615::chip::Chip,
-    ails: Ails,
+    fault: ChipFault,
     thermometers: BTreeMap<Rom, Result<i32, base::w1::Error>>,
     outcomes: VecDeque<(Instant, base::i2c::Outcome)>,
     answers: VecDeque<(Instant, Answer)>,
@@ -78,7 +78,7 @@ impl Rig {
         let mut rig = Self {
             bench: Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(driver))),
             chip,
-            ails: Ails::Nothing,
+            fault: ChipFault::Nothing,
             thermometers: [(rom(1), Ok(21_500))].into(),
             outcomes: VecDeque::new(),
             answers: VecDeque::new(),
@@ -132,13 +132,13 @@ impl Rig {
                 Action::Send(I2C, Output::I2c(transfer)) => {
                     self.transfers += 1;
                     self.chip.advance(at);
-                    let outcome = match self.ails {
-                        Ails::Nothing => answer(&mut [&mut self.chip], &transfer),
-                        Ails::Silent => Err(Error::NoAddress),
-                        Ails::AllOnes if transfer.reads() => Ok(Bytes::from_slice(&[0xFF]).unwrap()),
-                        Ails::AllOnes => Ok(Bytes::new()),
-                        Ails::Stuck => Err(Error::Stuck),
-                        Ails::Hangs => continue,
+                    let outcome = match self.fault {
+                        ChipFault::Nothing => answer(&mut [&mut self.chip], &transfer),
+                        ChipFault::Silent => Err(Error::NoAddress),
+                        ChipFault::AllOnes if transfer.reads() => Ok(Bytes::from_slice(&[0xFF]).unwrap()),
+                        ChipFault::AllOnes => Ok(Bytes::new()),
+                        ChipFault::Stuck => Err(Error::Stuck),
+                        ChipFault::Hangs => continue,
                     };
                     assert!(self.outcomes.is_empty(), "one transfer at a time");
                     self.outcomes.push_back((at + TRANSFER, outcome));
@@ -215,12 +215,12 @@ fn an_over_temperature_is_reported_once_and_ends_two_degrees_below() {
     rig.run(10.0);
     rig.chip.set_temperature(0, 61.0);
     let log = rig.run(8.0);
-    assert_eq!(news(&log), ["Error OverTemperature: box is 61.0 °C hot, above its limit of 60 °C"]);
+    assert_eq!(news(&log), ["Error OverTemperature: box is at 61.0 °C, above its limit of 60 °C"]);
     assert!(log.ends_with("fan_left 100% turns, fan_right 100% turns") && log.contains("box 61!, "), "{log}");
     rig.chip.set_temperature(0, 59.0);
     assert!(news(&rig.run(3.0)).is_empty());
     rig.chip.set_temperature(0, 57.5);
-    assert_eq!(news(&rig.run(3.0)), ["Notice OverTemperature: box is 57.5 °C, below its limit of 60 °C"]);
+    assert_eq!(news(&rig.run(3.0)), ["Notice OverTemperature: box is at 57.5 °C, below its limit of 60 °C"]);
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn a_stopped_fan_and_its_return_are_reported() {
     rig.run(10.0);
     rig.chip.set_stalled(1, true);
     let log = rig.run(10.0);
-    assert!(news(&log)[0].starts_with("Error FanFailed: fan_right fails: 0 rpm at "), "{log}");
+    assert!(news(&log)[0].starts_with("Error FanFailed: fan_right failed: 0 rpm at "), "{log}");
     // The other fan compensates.
     assert!(log.ends_with("fan_left 100% turns, fan_right 51% stands failed"), "{log}");
     rig.chip.set_stalled(1, false);
@@ -240,29 +240,29 @@ fn a_stopped_fan_and_its_return_are_reported() {
 
 #[test]
 fn a_chip_that_is_lost_is_an_error_and_comes_back_configured() {
-    for (ails, why) in [
-        (Ails::Silent, "nobody answers at this address"),
-        (Ails::AllOnes, "the chip reads FF everywhere"),
-        (Ails::Stuck, "a line of the bus is held low, and nine clocks did not free it"),
+    for (fault, why) in [
+        (ChipFault::Silent, "nobody answers at this address"),
+        (ChipFault::AllOnes, "the chip reads FF everywhere"),
+        (ChipFault::Stuck, "a line of the bus is held low, and nine clocks did not free it"),
     ] {
         let mut rig = Rig::new();
         rig.run(10.0);
-        rig.ails = ails;
+        rig.fault = fault;
         let log = rig.run(3.0);
-        let lost = format!("Error ChipLost: {COMMON}: {why}; looked for once a second");
-        assert_eq!(news(&log), [&*lost, "ERROR"], "{ails:?}");
+        let lost = format!("Error ChipLost: {COMMON}: {why}; retried once a second");
+        assert_eq!(news(&log), [&*lost, "ERROR"], "{fault:?}");
         let unknown = "box NaN, drives NaN, battery 21.5, fan_left NaN% stands, fan_right NaN% stands";
         assert!(log.ends_with(unknown), "{log}");
         rig.transfers = 0;
         rig.run(10.0);
-        assert!((10..=30).contains(&rig.transfers), "{ails:?}: {} in 10 s", rig.transfers);
+        assert!((10..=30).contains(&rig.transfers), "{fault:?}: {} in 10 s", rig.transfers);
         // It lost its supply, too.
         rig.chip.reset();
-        rig.ails = Ails::Nothing;
+        rig.fault = ChipFault::Nothing;
         let log = rig.run(3.0);
         let found = format!("{COMMON}: MAX6615 revision 1, configured");
         let back = format!("Notice ChipLost: {COMMON} answers again");
-        assert_eq!(news(&log), [&*found, &back, "RUN"], "{ails:?}");
+        assert_eq!(news(&log), [&*found, &back, "RUN"], "{fault:?}");
         assert!(rig.run(10.0).ends_with("fan_left 51% turns, fan_right 51% turns"));
     }
 }
@@ -272,20 +272,20 @@ fn a_chip_that_was_reset_is_configured_again() {
     let mut rig = Rig::new();
     rig.run(10.0);
     rig.chip.reset();
-    assert_eq!(news(&rig.run(2.0)), [format!("{COMMON} had forgotten its configuration: configured anew")]);
+    assert_eq!(news(&rig.run(2.0)), [format!("{COMMON} had lost its configuration: configured again")]);
 }
 
 #[test]
 fn a_blocked_adapter_is_reported_and_the_thermometers_continue() {
     let mut rig = Rig::new();
     rig.run(10.0);
-    rig.ails = Ails::Hangs;
+    rig.fault = ChipFault::Hangs;
     let log = rig.run(5.0);
-    let hangs = format!("Error ChipLost: {COMMON}: the adapter does not come back from a transfer");
+    let hangs = format!("Error ChipLost: {COMMON}: the adapter does not finish a transfer");
     assert_eq!(news(&log), [&*hangs, "ERROR"]);
     assert!(log.ends_with("box NaN, drives NaN, battery 21.5, fan_left NaN% stands, fan_right NaN% stands"));
     // The adapter finishes at last.
-    rig.ails = Ails::Nothing;
+    rig.fault = ChipFault::Nothing;
     rig.port(I2C, Input::I2c(&Err(Error::Other)));
     let log = rig.run(2.0);
     assert_eq!(news(&log), [&*format!("Notice ChipLost: {COMMON} answers again"), "RUN"], "{log}");
@@ -298,7 +298,7 @@ fn a_lost_port_clears_its_values_and_late_outcomes_are_ignored() {
     rig.port(I2C, Input::Down("the adapter is gone"));
     rig.outcomes.clear();
     let log = rig.run(2.0);
-    assert_eq!(news(&log)[..2], ["Error PortDown: i2c.aux is down: the adapter is gone; tried again", "ERROR"]);
+    assert_eq!(news(&log)[..2], ["Error PortDown: i2c.aux is down: the adapter is gone; retrying", "ERROR"]);
     assert!(log.ends_with("box NaN, drives NaN, battery 21.5, fan_left NaN% stands, fan_right NaN% stands"));
     rig.port(I2C, Input::I2c(&Ok(Bytes::from_slice(&[1]).unwrap())));
     rig.port(I2C, Input::Up);
@@ -317,7 +317,7 @@ fn nothing_is_read_in_stop_and_everything_in_pause() {
     assert_eq!(rig.run(5.0), "");
     assert_eq!(rig.transfers, 0);
     let duty = rig.chip.read_register(max6615::register::DUTY);
-    assert!(duty > 0, "the fans go on");
+    assert!(duty > 0, "the fans keep running");
     rig.command(State::Pause);
     assert_eq!(rig.run(3.0).lines().filter(|line| line.starts_with("box 40")).count(), 3);
 }
@@ -349,7 +349,7 @@ fn thermometers_are_asked_when_their_port_comes_up_after_the_chips() {
     rig.port(W1, Input::Down("not there yet"));
     rig.answers.clear();
     rig.port(I2C, Input::Up);
-    assert!(rig.answers.is_empty(), "what a port is asked that is not there has no answer");
+    assert!(rig.answers.is_empty(), "requests to a closed port are not answered");
     rig.port(W1, Input::Up);
     assert!(rig.run(3.0).contains("battery 21.5, "));
 }
@@ -357,7 +357,7 @@ fn thermometers_are_asked_when_their_port_comes_up_after_the_chips() {
 #[test]
 fn values_after_a_supply_loss_or_damage_are_rejected() {
     for (said, why) in [
-        (Ok(85_000), "it says 85 °C: its supply was gone"),
+        (Ok(85_000), "it reads 85 °C after a loss of its supply"),
         (Err(base::w1::Error::Crc), "what it sends is damaged"),
         (Err(base::w1::Error::Nonsense), "what it says is no temperature"),
     ] {
@@ -375,7 +375,7 @@ fn values_after_a_supply_loss_or_damage_are_rejected() {
     // A thermometer that was hot before may read 85 °C.
     let mut rig = Rig::new();
     rig.thermometers.insert(rom(1), Ok(84_500));
-    assert!(news(&rig.run(3.0)).contains(&"Error OverTemperature: battery is 84.5 °C hot, above its limit of 50 °C"));
+    assert!(news(&rig.run(3.0)).contains(&"Error OverTemperature: battery is at 84.5 °C, above its limit of 50 °C"));
     rig.thermometers.insert(rom(1), Ok(85_000));
     assert!(rig.run(4.0).contains("battery 85!"));
 }

@@ -1,6 +1,6 @@
 //! Thermometers on 1-Wire: presence and value of each.
 
-use super::chip::tell_over;
+use super::chip::report_over_temperature;
 use super::config::{Thermometer, W1Config};
 use base::w1::{Error, List, MAX, Request, Rom};
 use base::{Fault, Severity};
@@ -8,11 +8,11 @@ use messages::lowlevel::{DataTemperature, Temperature};
 use module::{Actions, PortId};
 
 /// Reading of a DS18B20 that has not measured since power-on, thousandths of a degree.
-const POWER_ON: i32 = 85_000;
-/// Last value above which [`POWER_ON`] is a plausible measurement, °C.
+const POWER_ON_MILLIDEGREES: i32 = 85_000;
+/// Last value above which [`POWER_ON_MILLIDEGREES`] is a plausible measurement, °C.
 const HOT_C: f64 = 80.0;
 /// Number of consecutive failures that are reported; until then the last value is kept.
-const FAILURES: u8 = 3;
+const FAILURES_MAX: u8 = 3;
 /// An over-temperature ends at this difference below the limit, °C.
 const HYSTERESIS_C: f64 = 2.0;
 
@@ -40,7 +40,7 @@ enum Turn {
 struct State {
     known: Thermometer,
     /// Present on the bus; `None` if unknown.
-    there: Option<bool>,
+    present: Option<bool>,
     value_c: Option<f64>,
     over: bool,
     failures: u8,
@@ -48,7 +48,7 @@ struct State {
 
 impl State {
     fn new(known: Thermometer) -> Self {
-        Self { known, there: None, value_c: None, over: false, failures: 0 }
+        Self { known, present: None, value_c: None, over: false, failures: 0 }
     }
 }
 
@@ -79,7 +79,7 @@ impl Thermometers {
         (self.up, self.turn) = (false, None);
         out.note(format!("{}: {why}; tried again", self.bus));
         for place in 0..self.all.len() {
-            self.set_there(place, false, out);
+            self.set_present(place, false, out);
         }
     }
 
@@ -95,29 +95,29 @@ impl Thermometers {
             }
         }
         for place in 0..self.all.len() {
-            let there = list.contains(&self.all[place].known.rom);
-            self.set_there(place, there, out);
+            let present = list.contains(&self.all[place].known.rom);
+            self.set_present(place, present, out);
         }
         // A thermometer that is not configured is dropped when it disappears.
         let configured = self.configured;
         let mut place = 0;
         self.all.retain(|state| {
             place += 1;
-            place <= configured || state.there == Some(true)
+            place <= configured || state.present == Some(true)
         });
         self.next(0, asks, out);
     }
 
-    pub fn on_said(&mut self, rom: Rom, said: Result<i32, Error>, asks: bool, out: &mut Actions) {
+    pub fn on_answer(&mut self, rom: Rom, answer: Result<i32, Error>, asks: bool, out: &mut Actions) {
         let Some(Turn::Of(place)) = self.turn else { return };
         if self.all.get(place).is_none_or(|state| state.known.rom != rom) {
             return;
         }
         let state = &mut self.all[place];
         let name = state.known.name.clone();
-        match said {
-            Ok(POWER_ON) if state.value_c.is_none_or(|before| before < HOT_C) => {
-                self.failed(place, "it says 85 °C: its supply was gone", out);
+        match answer {
+            Ok(POWER_ON_MILLIDEGREES) if state.value_c.is_none_or(|before| before < HOT_C) => {
+                self.failed(place, "it reads 85 °C after a loss of its supply", out);
             }
             Ok(millidegrees) => {
                 let value = f64::from(millidegrees) / 1000.0;
@@ -125,10 +125,10 @@ impl Thermometers {
                 out.clear(Fault::ThermometerBad, name.as_str(), format!("{name} measures again"));
                 if let Some(limit) = state.known.limit_c {
                     state.over = value > if state.over { limit - HYSTERESIS_C } else { limit };
-                    tell_over(&name, value, limit, state.over, out);
+                    report_over_temperature(&name, value, limit, state.over, out);
                 }
             }
-            Err(Error::Absent) => self.set_there(place, false, out),
+            Err(Error::Absent) => self.set_present(place, false, out),
             Err(error) => self.failed(place, &error.to_string(), out),
         }
         self.next(place + 1, asks, out);
@@ -136,7 +136,7 @@ impl Thermometers {
 
     /// Reads the next thermometer that is present.
     fn next(&mut self, from: usize, asks: bool, out: &mut Actions) {
-        let place = (from..self.all.len()).find(|place| asks && self.all[*place].there == Some(true));
+        let place = (from..self.all.len()).find(|place| asks && self.all[*place].present == Some(true));
         self.turn = place.map(Turn::Of);
         if let Some(place) = place {
             out.ask_w1(self.port, Request::Temperature(self.all[place].known.rom));
@@ -146,7 +146,7 @@ impl Thermometers {
     fn failed(&mut self, place: usize, why: &str, out: &mut Actions) {
         let state = &mut self.all[place];
         state.failures = state.failures.saturating_add(1);
-        if state.failures >= FAILURES {
+        if state.failures >= FAILURES_MAX {
             (state.value_c, state.over) = (None, false);
             let name = state.known.name.as_str();
             let message = format!("{name} ({} on {}): {why}", state.known.rom, self.bus);
@@ -154,14 +154,14 @@ impl Thermometers {
         }
     }
 
-    fn set_there(&mut self, place: usize, there: bool, out: &mut Actions) {
+    fn set_present(&mut self, place: usize, present: bool, out: &mut Actions) {
         let state = &mut self.all[place];
-        let before = state.there.replace(there);
-        if before == Some(there) {
+        let before = state.present.replace(present);
+        if before == Some(present) {
             return;
         }
         let (name, rom) = (&state.known.name, state.known.rom);
-        if there {
+        if present {
             out.note(format!("{name} ({rom} on {}): connected", self.bus));
         } else {
             out.note(format!("{name} ({rom} on {}): not connected", self.bus));
@@ -173,7 +173,7 @@ impl Thermometers {
     }
 
     /// Adds the known values to a message.
-    pub fn tell(&self, message: &mut DataTemperature) {
+    pub fn add_to(&self, message: &mut DataTemperature) {
         message.temperatures.extend(self.all.iter().map(|state| Temperature {
             name: state.known.name.clone(),
             value: state.value_c.unwrap_or(f64::NAN),

@@ -91,7 +91,7 @@ pub struct Arbiter {
     holder: Option<SourceId>,
     latched: bool,
     /// Releases by an operator from before this time are void: the end of the last stop, or the last manual command.
-    since: Instant,
+    release_after: Instant,
 }
 
 impl Arbiter {
@@ -99,7 +99,13 @@ impl Arbiter {
     #[must_use]
     pub fn new(ttl: Duration) -> Self {
         let ttl = if sabotage::is(Bug::TimeToLiveIgnored) { Duration::from_secs(60) } else { ttl };
-        Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true, since: Instant::ZERO }
+        Self {
+            ttl,
+            sources: Vec::with_capacity(SOURCES_MAX),
+            holder: None,
+            latched: true,
+            release_after: Instant::ZERO,
+        }
     }
 
     /// Processes a command received at `at`; `blocked` if a stop for a fault is in force. Returns the source, so that
@@ -136,7 +142,7 @@ impl Arbiter {
         }
         if manual {
             self.latched = true;
-            self.since = self.since.max(at);
+            self.release_after = self.release_after.max(at);
         }
         self.holder = Some(id);
         Verdict::Holds
@@ -165,7 +171,7 @@ impl Arbiter {
     /// To be called after the decision at `now` was carried out. A holder whose command had expired by then has been
     /// stopped: if it was not silent but received late, its next command must not move the robot again without a
     /// release.
-    pub fn decided(&mut self, now: Instant) {
+    pub fn expire_holder(&mut self, now: Instant) {
         if self.current(now).is_none()
             && let Some(holder) = self.holder
         {
@@ -182,18 +188,18 @@ impl Arbiter {
     }
 
     /// The robot stands: a holder without a valid command loses the motion and must be released like a stopped one.
-    pub fn standing(&mut self, now: Instant) {
+    pub fn on_standstill(&mut self, now: Instant) {
         if self.current(now).is_none() {
-            self.decided(now);
+            self.expire_holder(now);
             self.holder = None;
         }
     }
 
     /// The robot is being stopped for a fault, a PAUSE, or by an operator: all sources must be released again. To be
     /// called again at the end of the cause: releases given before do not count.
-    pub fn stopped(&mut self, now: Instant) {
+    pub fn disarm_all(&mut self, now: Instant) {
         self.latched = true;
-        self.since = now;
+        self.release_after = now;
         self.holder = None;
         for source in &mut self.sources {
             source.armed &= source.command.speed == 0.0;
@@ -204,7 +210,7 @@ impl Arbiter {
     /// while a manual source moves the robot, and if received before the end of the last stop.
     pub fn release_planner(&mut self, at: Instant) {
         let manual = self.current(at).is_some_and(|command| command.priority > PLANNER);
-        if !manual && at >= self.since {
+        if !manual && at >= self.release_after {
             self.latched = false;
         }
     }
@@ -308,7 +314,7 @@ mod tests {
         assert_eq!(bench.say(0, "a", 1, 0.4), Holds);
         assert_eq!(bench.say(10, "b", 1, 0.1), Contested);
         assert_eq!(bench.say(300, "b", 1, 0.0), Contested);
-        bench.0.standing(Instant::from_millis(1310));
+        bench.0.on_standstill(Instant::from_millis(1310));
         assert_eq!(bench.say(320, "b", 1, 0.1), Holds);
         assert_eq!(bench.say(330, "a", 1, 0.4), Contested);
     }
@@ -318,7 +324,7 @@ mod tests {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         // Served at 260, received at 200: the driver was late, and the robot was stopped before.
-        bench.0.standing(Instant::from_millis(1255));
+        bench.0.on_standstill(Instant::from_millis(1255));
         assert_eq!(bench.say(200, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(250, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(300, "op", 1, 0.4), Holds);
@@ -328,13 +334,13 @@ mod tests {
     fn after_a_stop_a_source_must_send_zero_or_nothing_first() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.stopped(Instant::from_millis(1001));
+        bench.0.disarm_all(Instant::from_millis(1001));
         assert_eq!(bench.moves(1), None);
         assert_eq!(bench.say_blocked(50, "op", 1, 0.4), Blocked);
         // The fault is cleared, the source was not released.
         assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");
-        bench.0.stopped(Instant::from_millis(1360));
+        bench.0.disarm_all(Instant::from_millis(1360));
         assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(450, "op", 1, 0.4), Holds);
     }
@@ -343,10 +349,10 @@ mod tests {
     fn a_source_received_late_and_stopped_must_send_zero_or_nothing_too() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.decided(Instant::from_millis(1249));
+        bench.0.expire_holder(Instant::from_millis(1249));
         assert_eq!(bench.say(200, "op", 1, 0.4), Holds);
         // Received at 240 ms, served when the command of 200 ms has expired.
-        bench.0.decided(Instant::from_millis(1450));
+        bench.0.expire_holder(Instant::from_millis(1450));
         assert_eq!(bench.say(240, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(440, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.moves(460), None);
@@ -362,7 +368,7 @@ mod tests {
         assert_eq!(bench.say(270, "op", 1, 0.1), Holds);
         bench.0.release_planner(Instant::from_millis(1280));
         assert_eq!(bench.say(300, "planner", 0, 0.4), Overruled);
-        bench.0.standing(Instant::from_millis(1600));
+        bench.0.on_standstill(Instant::from_millis(1600));
         assert_eq!(bench.say(1000, "planner", 0, 0.4), Latched);
         bench.0.release_planner(Instant::from_millis(2100));
         assert_eq!(bench.say(1300, "planner", 0, 0.4), Holds);
@@ -371,7 +377,7 @@ mod tests {
     #[test]
     fn a_release_before_the_end_of_the_stop_does_not_release_the_planner() {
         let mut bench = Bench::new();
-        bench.0.stopped(Instant::from_millis(1100));
+        bench.0.disarm_all(Instant::from_millis(1100));
         bench.0.release_planner(Instant::from_millis(1099));
         assert_eq!(bench.say(110, "planner", 0, 0.4), Latched);
         bench.0.release_planner(Instant::from_millis(1120));
@@ -382,11 +388,11 @@ mod tests {
     fn a_displaced_source_is_not_a_new_one() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.stopped(Instant::from_millis(1001));
+        bench.0.disarm_all(Instant::from_millis(1001));
         for n in 0..8 {
             bench.say(10 + n, &format!("s{n}"), 3, 0.0);
         }
-        bench.0.stopped(Instant::from_millis(1020));
+        bench.0.disarm_all(Instant::from_millis(1020));
         assert_eq!(bench.say(50, "op", 1, 0.4), NotReleased);
     }
 

@@ -9,11 +9,11 @@ use messages::lowlevel::{DataBus, Node};
 use module::Actions;
 
 /// Period of `LL_DATA_BUS` and of evaluating the error counts.
-const PERIOD: Duration = Duration::from_secs(1);
+const STATISTICS_PERIOD: Duration = Duration::from_secs(1);
 /// Number of frames with errors within a period that is reported: a good bus has none.
 const ERRORS_MAX: u32 = 10;
 /// Time for which a missing acknowledgement blocks motion: while the cause lasts the frame is repeated at once.
-const UNACKNOWLEDGED: Duration = Duration::from_millis(500);
+const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(500);
 
 base::deadlines! {
     /// Deadlines of the bus.
@@ -63,7 +63,7 @@ impl Bus {
     }
 
     /// Counts a frame on the wire, sent or received.
-    pub(super) fn crossed(&mut self, frame: &Frame) {
+    pub(super) fn count_frame(&mut self, frame: &Frame) {
         self.frames = self.frames.saturating_add(1);
         self.bits += u64::from(frame_bits(frame) + INTERMISSION);
     }
@@ -96,9 +96,10 @@ impl Bus {
             Notice::Lost(count) => self.errors = self.errors.saturating_add(i64::from(count)),
             Notice::NoAcknowledge => {
                 self.errors = self.errors.saturating_add(1);
-                self.deadlines.set(Timer::Unacknowledged, now + UNACKNOWLEDGED);
+                self.deadlines.set(Timer::Unacknowledged, now + UNACKNOWLEDGED_TIMEOUT);
                 let name = self.name.as_str();
-                let message = format!("nobody on {name} acknowledges what is sent: the cable, its ends, the bit rate?");
+                let message =
+                    format!("nobody on {name} acknowledges what is sent: check cable, termination and bit rate");
                 out.raise(Severity::Error, Fault::CanUnacknowledged, name, message);
             }
         }
@@ -127,7 +128,7 @@ impl Bus {
 
     fn clear_unacknowledged(&self, out: &mut Actions) {
         let name = self.name.as_str();
-        out.clear(Fault::CanUnacknowledged, name, format!("what is sent on {name} is acknowledged"));
+        out.clear(Fault::CanUnacknowledged, name, format!("frames on {name} are acknowledged"));
     }
 
     /// Objection of the bus to motion.
@@ -144,20 +145,20 @@ impl Bus {
         if self.deadlines.take(Timer::Unacknowledged, now) {
             self.clear_unacknowledged(out);
         }
-        let due = self.deadlines.tick(Timer::Statistics, now, PERIOD);
+        let due = self.deadlines.tick(Timer::Statistics, now, STATISTICS_PERIOD);
         if due {
-            self.judge(out);
+            self.report_errors(out);
         }
         due
     }
 
-    fn judge(&mut self, out: &mut Actions) {
+    fn report_errors(&mut self, out: &mut Actions) {
         let name = self.name.as_str();
         match std::mem::take(&mut self.recent_errors) {
             0 => out.clear(Fault::CanErrors, name, format!("the wire of {name} is clean")),
             count if count >= ERRORS_MAX => {
                 let message =
-                    format!("{count} frames with errors within a second on {name}: the cable, its ends, noise?");
+                    format!("{count} frames with errors within a second on {name}: check cable, termination and noise");
                 out.raise(Severity::Warning, Fault::CanErrors, name, message);
             }
             _ => {}
@@ -166,7 +167,7 @@ impl Bus {
 
     /// `LL_DATA_BUS` without its nodes; starts a new period.
     pub(super) fn message(&mut self, timestamp: i64) -> DataBus {
-        let wire = f64::from(self.bitrate.max(1)) * PERIOD.as_secs_f64();
+        let wire = f64::from(self.bitrate.max(1)) * STATISTICS_PERIOD.as_secs_f64();
         let state = match (self.up, self.health.state) {
             (false, _) => DataBus::CLOSED,
             (true, BusState::Active) => DataBus::ACTIVE,

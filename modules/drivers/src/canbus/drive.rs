@@ -11,21 +11,21 @@ use module::Actions;
 use std::fmt;
 
 /// Period of repeating a command that has not taken effect: a frame may be lost if CAN is carried by UDP.
-const REPEAT: Duration = Duration::from_millis(50);
+const REPEAT_PERIOD: Duration = Duration::from_millis(50);
 /// Period of resetting a fault; motion is decided elsewhere.
-const RESET: Duration = Duration::from_secs(1);
+const FAULT_RESET_PERIOD: Duration = Duration::from_secs(1);
 /// Minimum time for which an axis that did not obey, or left operation by itself, blocks motion.
-const TROUBLE: Duration = Duration::from_millis(500);
+const TROUBLE_MIN: Duration = Duration::from_millis(500);
 /// Time without a PDO after which the drive's measured values are read, because event-driven PDOs report changes only.
-const QUIET: Duration = Duration::from_millis(400);
+const READ_AFTER: Duration = Duration::from_millis(400);
 /// Age beyond which measured values count as unknown.
-const KNOWN: Duration = Duration::from_secs(1);
+const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
 
 /// Number of consecutive unanswered requests after which the drive counts as not answering.
-const UNANSWERED: u8 = 2;
+const UNANSWERED_MAX: u8 = 2;
 /// Time without answers after which the drive is booted again: a reset of its communication ends possible causes (a
 /// foreign SDO, an NMT command).
-const DEAF: Duration = Duration::from_secs(2);
+const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Reason why a drive is not booted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,12 +51,12 @@ pub(super) enum Trouble {
 pub(super) enum Objection {
     Absent(Absence),
     /// The drive does not answer requests.
-    Deaf,
+    NotAnswering,
     Trouble(Trouble),
     /// The drive is in fault, with the error code of its emergency; 0 if none was received.
     Fault(u16),
     /// The drive's state was not received yet.
-    Unseen,
+    StateUnknown,
 }
 
 impl Objection {
@@ -66,12 +66,12 @@ impl Objection {
             Self::Absent(Absence::Booting) => Hold::DriveBooting,
             Self::Absent(Absence::BootFailed(..)) => Hold::DriveBootFailed,
             Self::Absent(Absence::Lost(_)) => Hold::DriveLost,
-            Self::Deaf => Hold::DriveDeaf,
+            Self::NotAnswering => Hold::DriveDeaf,
             Self::Trouble(Trouble::Dropped { .. }) => Hold::DriveDropped,
             Self::Trouble(Trouble::Stuck { .. }) => Hold::DriveStuck,
             Self::Trouble(Trouble::NoTarget) => Hold::DriveNoTarget,
             Self::Fault(_) => Hold::DriveFault,
-            Self::Unseen => Hold::DriveUnseen,
+            Self::StateUnknown => Hold::DriveUnseen,
         }
     }
 }
@@ -81,10 +81,10 @@ impl fmt::Display for Objection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Absent(absence) => absence.fmt(f),
-            Self::Deaf => f.write_str("does not answer"),
+            Self::NotAnswering => f.write_str("does not answer"),
             Self::Trouble(trouble) => trouble.fmt(f),
             Self::Fault(code) => write!(f, "is {}", InFault(*code)),
-            Self::Unseen => f.write_str("has not told its state"),
+            Self::StateUnknown => f.write_str("has not told its state"),
         }
     }
 }
@@ -102,7 +102,9 @@ impl fmt::Display for Absence {
 impl fmt::Display for Trouble {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Dropped { to, statusword } => write!(f, "left by itself to {to}, statusword 0x{statusword:04X}"),
+            Self::Dropped { to, statusword } => {
+                write!(f, "left by itself to {to}, statusword 0x{statusword:04X}")
+            }
             Self::Stuck { state, goal, statusword, controlword, why } => {
                 match state {
                     Some(state) => write!(f, "stays {state}")?,
@@ -142,7 +144,7 @@ base::deadlines! {
         Trouble,
         /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
         /// so.
-        Deaf,
+        NotAnswering,
     }
 }
 
@@ -162,11 +164,11 @@ pub(super) struct Drive {
     sent: Option<[u8; 6]>,
     changed: bool,
     /// The last known state may be outdated: the drive is to be read.
-    doubt: bool,
+    outdated: bool,
     /// Time of its last measured value.
     measured: Instant,
     /// Number of pending requests.
-    asked: u8,
+    pending: u8,
     /// Number of consecutive requests without an answer.
     unanswered: u8,
 }
@@ -184,9 +186,9 @@ impl Drive {
             deadlines: Deadlines::new(),
             sent: None,
             changed: true,
-            doubt: false,
+            outdated: false,
             measured: Instant::ZERO,
-            asked: 0,
+            pending: 0,
             unanswered: 0,
         }
     }
@@ -200,11 +202,11 @@ impl Drive {
         self.sent = None;
         self.error_code = 0;
         self.deadlines.set(Timer::Repeat, now);
-        self.deadlines.set(Timer::Ask, now + QUIET);
+        self.deadlines.set(Timer::Ask, now + READ_AFTER);
         self.changed = true;
         // An earlier fault was cleared by the reset, or will be reported again.
         for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch, Fault::DriveFault] {
-            out.clear(fault, self.name, format!("{} drive (node {}) is there and set up", self.name, self.node));
+            out.clear(fault, self.name, format!("{} drive (node {}) is booted and configured", self.name, self.node));
         }
     }
 
@@ -214,7 +216,7 @@ impl Drive {
             _ => Fault::DriveBootFailed,
         };
         self.why = Absence::BootFailed(step, reason);
-        let message = format!("{} drive (node {}) {}; tried again each second", self.name, self.node, self.why);
+        let message = format!("{} drive (node {}) {}; retried each second", self.name, self.node, self.why);
         out.raise(Severity::Error, fault, self.name, message);
     }
 
@@ -222,8 +224,8 @@ impl Drive {
         self.booted = false;
         self.axis.lost();
         self.deadlines.clear_all();
-        (self.trouble, self.doubt) = (None, false);
-        (self.asked, self.unanswered) = (0, 0);
+        (self.trouble, self.outdated) = (None, false);
+        (self.pending, self.unanswered) = (0, 0);
         self.why = Absence::Lost(reason);
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
@@ -234,7 +236,7 @@ impl Drive {
         self.error_code = emergency.code;
         self.changed = true;
         // The accompanying statusword may have been lost.
-        self.doubt |= emergency.code != 0;
+        self.outdated |= emergency.code != 0;
         let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
         let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
         let message = format!(
@@ -264,63 +266,65 @@ impl Drive {
     pub(super) fn on_measured(&mut self, now: Instant) {
         self.measured = now;
         if self.booted {
-            self.deadlines.set(Timer::Ask, now + QUIET);
+            self.deadlines.set(Timer::Ask, now + READ_AFTER);
         }
-        self.deadlines.clear(Timer::Deaf);
+        self.deadlines.clear(Timer::NotAnswering);
     }
 
     /// A request was sent.
     pub(super) fn on_asked(&mut self) {
-        self.asked = self.asked.saturating_add(1);
+        self.pending = self.pending.saturating_add(1);
     }
 
     /// A request has ended, with or without an answer.
     pub(super) fn on_answer(&mut self, now: Instant, answered: bool, out: &mut Actions) {
-        self.asked = self.asked.saturating_sub(1);
+        self.pending = self.pending.saturating_sub(1);
         if answered {
             self.unanswered = 0;
             return;
         }
         // A single lost frame is requested again.
         self.unanswered = self.unanswered.saturating_add(1);
-        self.doubt = true;
-        if self.unanswered >= UNANSWERED && self.booted && !self.is_deaf() {
-            self.deadlines.set(Timer::Deaf, now + DEAF);
-            let message =
-                format!("{} drive (node {}) lives but does not answer; the robot stops", self.name, self.node);
+        self.outdated = true;
+        if self.unanswered >= UNANSWERED_MAX && self.booted && !self.is_not_answering() {
+            self.deadlines.set(Timer::NotAnswering, now + UNANSWERED_TIMEOUT);
+            let message = format!(
+                "{} drive (node {}) sends heartbeats but does not answer; the robot stops",
+                self.name, self.node
+            );
             out.report(Severity::Error, Fault::DriveFault, self.name, message);
         }
     }
 
     /// True if the drive is to be booted again because it has not answered for too long; repeated if that does not
     /// help.
-    pub(super) fn gives_up(&mut self, now: Instant) -> bool {
-        let due = self.deadlines.is_due(Timer::Deaf, now);
+    pub(super) fn must_reboot(&mut self, now: Instant) -> bool {
+        let due = self.deadlines.is_due(Timer::NotAnswering, now);
         if due {
-            self.deadlines.set(Timer::Deaf, now + DEAF);
+            self.deadlines.set(Timer::NotAnswering, now + UNANSWERED_TIMEOUT);
         }
         due
     }
 
     /// True while requests are not answered although the drive sends heartbeats.
-    fn is_deaf(&self) -> bool {
-        self.deadlines.is_set(Timer::Deaf)
+    fn is_not_answering(&self) -> bool {
+        self.deadlines.is_set(Timer::NotAnswering)
     }
 
     /// True if its measured values are recent, as far as can be known.
     pub(super) fn is_known(&self, now: Instant) -> bool {
-        self.booted && now.since(self.measured) < KNOWN
+        self.booted && now.since(self.measured) < MEASURED_AGE_MAX
     }
 
     /// The drive does not obey: blocks motion until it was seen stopped.
-    pub(super) fn distrust(&mut self, now: Instant, why: Trouble) {
+    pub(super) fn block_until_stopped(&mut self, now: Instant, why: Trouble) {
         self.set_trouble(now, why);
-        self.doubt = true;
+        self.outdated = true;
     }
 
     fn set_trouble(&mut self, now: Instant, why: Trouble) {
         self.trouble = Some(why);
-        self.deadlines.set(Timer::Trouble, now + TROUBLE);
+        self.deadlines.set(Timer::Trouble, now + TROUBLE_MIN);
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
@@ -328,7 +332,7 @@ impl Drive {
             self.changed = true;
             match event {
                 AxisEvent::Fault { statusword } => {
-                    self.deadlines.set(Timer::Reset, now + RESET);
+                    self.deadlines.set(Timer::Reset, now + FAULT_RESET_PERIOD);
                     let fault = InFault(self.error_code);
                     let message =
                         format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
@@ -340,7 +344,7 @@ impl Drive {
                 AxisEvent::Stuck { state, goal, statusword, controlword, why } => {
                     let why = Trouble::Stuck { state, goal, statusword, controlword, why };
                     out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
-                    self.distrust(now, why);
+                    self.block_until_stopped(now, why);
                 }
                 AxisEvent::State { from: Some(PowerState::Fault), .. } => {
                     self.deadlines.clear(Timer::Reset);
@@ -358,16 +362,16 @@ impl Drive {
             && !self.axis.is_reached()
         {
             // The drive does not obey a stop: not a temporary problem.
-            self.distrust(now, why);
+            self.block_until_stopped(now, why);
         }
         if self.deadlines.is_due(Timer::Ask, now) {
-            self.deadlines.set(Timer::Ask, now + QUIET);
-            self.doubt = true;
+            self.deadlines.set(Timer::Ask, now + READ_AFTER);
+            self.outdated = true;
         }
         if self.deadlines.is_due(Timer::Reset, now) {
-            self.deadlines.set(Timer::Reset, now + RESET);
+            self.deadlines.set(Timer::Reset, now + FAULT_RESET_PERIOD);
             self.axis.reset_fault(now);
-            self.doubt = true;
+            self.outdated = true;
         }
         self.axis.handle_timeout(now);
         self.drain(now, out);
@@ -378,7 +382,7 @@ impl Drive {
         if !self.booted {
             return;
         }
-        let repeat = self.deadlines.tick(Timer::Repeat, now, REPEAT) && !self.is_at_rest();
+        let repeat = self.deadlines.tick(Timer::Repeat, now, REPEAT_PERIOD) && !self.is_at_rest();
         if (self.sent != Some(data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
             self.sent = Some(data);
         }
@@ -397,15 +401,15 @@ impl Drive {
         if !self.booted {
             return Some(Objection::Absent(self.why));
         }
-        if self.is_deaf() {
-            return Some(Objection::Deaf);
+        if self.is_not_answering() {
+            return Some(Objection::NotAnswering);
         }
         if let Some(why) = self.trouble {
             return Some(Objection::Trouble(why));
         }
         match self.axis.state() {
             Some(PowerState::Fault | PowerState::FaultReactionActive) => Some(Objection::Fault(self.error_code)),
-            None => Some(Objection::Unseen),
+            None => Some(Objection::StateUnknown),
             Some(_) => None,
         }
     }
@@ -424,8 +428,8 @@ impl Drive {
     }
 
     /// Node id, and true once if its state is to be read.
-    pub(super) fn take_doubt(&mut self) -> (u8, bool) {
-        (self.node, std::mem::take(&mut self.doubt) && self.booted && self.asked == 0)
+    pub(super) fn take_outdated(&mut self) -> (u8, bool) {
+        (self.node, std::mem::take(&mut self.outdated) && self.booted && self.pending == 0)
     }
 
     /// True if the drive's state changed since the last call.

@@ -3,7 +3,7 @@
 use super::arbiter::{Arbiter, PLANNER, SOURCES_MAX, SourceId};
 use base::{Deadlines, Instant, Key};
 use messages::Hold;
-use module::Standing;
+use module::ActiveHold;
 
 /// Cause of each source of the arbiter. A source that takes a row of the arbiter's table is entered here with the same
 /// command.
@@ -22,7 +22,7 @@ impl Ignored {
     }
 
     /// Removes entries older than a command's time to live.
-    pub(super) fn forget(&mut self, now: Instant) {
+    pub(super) fn expire(&mut self, now: Instant) {
         while let Some(source) = self.deadlines.pop(now) {
             self.causes[source.index()] = None;
         }
@@ -39,10 +39,10 @@ impl Ignored {
     }
 
     /// Rows for `LL_DATA_HOLD`, highest priority first.
-    pub(super) fn standing<'a>(&'a self, arbiter: &'a Arbiter) -> impl Iterator<Item = Standing<'a>> + Clone {
+    pub(super) fn active_holds<'a>(&'a self, arbiter: &'a Arbiter) -> impl Iterator<Item = ActiveHold<'a>> + Clone {
         let of_priority = move |priority| self.rows().filter(move |(source, _)| arbiter.priority(*source) == priority);
         let rows = super::arbiter::PRIORITIES.rev().flat_map(of_priority);
-        rows.map(|(source, hold)| Standing::new(hold, arbiter.name(source)))
+        rows.map(|(source, hold)| ActiveHold::new(hold, arbiter.name(source)))
     }
 
     fn rows(&self) -> impl Iterator<Item = (SourceId, Hold)> + Clone + '_ {
@@ -75,12 +75,12 @@ mod tests {
         ignored.put(late, planner, Some(Hold::PlannerLatched));
         ignored.put(late, nobody, None);
         let told = |ignored: &Ignored, arbiter: &Arbiter| {
-            ignored.standing(arbiter).map(|row| (row.hold, row.subject.to_owned())).collect::<Vec<_>>()
+            ignored.active_holds(arbiter).map(|row| (row.hold, row.subject.to_owned())).collect::<Vec<_>>()
         };
         let latched = (Hold::PlannerLatched, "planner".to_owned());
         assert_eq!(told(&ignored, &arbiter), [(Hold::Contested, "web".into()), latched.clone()]);
         assert_eq!((ignored.poll_timeout(), ignored.has_planner(&arbiter)), (Some(early), true));
-        ignored.forget(early);
+        ignored.expire(early);
         assert_eq!(told(&ignored, &arbiter), [latched]);
         for n in 0..1000 {
             let (source, _) = arbiter.command(Instant::from_millis(1 + n), &command(1, &format!("s{n}")), true);
@@ -89,7 +89,7 @@ mod tests {
         let rows = told(&ignored, &arbiter);
         assert!(rows.len() == SOURCES_MAX && !ignored.has_planner(&arbiter));
         assert!(rows.contains(&(Hold::NotReleased, "s999".into())), "{rows:?}");
-        ignored.forget(Instant::from_millis(2000));
+        ignored.expire(Instant::from_millis(2000));
         assert_eq!((told(&ignored, &arbiter), ignored.poll_timeout()), (vec![], None));
     }
 }

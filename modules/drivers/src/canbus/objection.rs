@@ -4,7 +4,7 @@
 use super::{Canbus, NAME, drive, steering, surroundings};
 use base::Fault;
 use messages::Hold;
-use module::Standing;
+use module::ActiveHold;
 
 /// One of the two axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +40,7 @@ impl Objection {
 
 impl Canbus {
     /// Row in `LL_DATA_HOLD`.
-    pub(super) fn standing(&self, objection: Objection) -> Standing<'_> {
+    pub(super) fn active_hold(&self, objection: Objection) -> ActiveHold<'_> {
         let bus = self.config.bus.as_str();
         let (hold, subject) = match objection {
             Objection::Bus(hold) => (hold, bus),
@@ -51,7 +51,7 @@ impl Canbus {
             Objection::Refused => (Hold::CommandRefused, ""),
             Objection::NotHomed(why) => (why.hold(), self.steering.drive.name),
         };
-        Standing::new(hold, subject)
+        ActiveHold::new(hold, subject)
     }
 
     /// Text in `LL_DATA_MOTION`, with the details of the cause.
@@ -59,11 +59,11 @@ impl Canbus {
         match objection {
             Objection::Drive(axis, objection) => format!("the {} drive {objection}", self.drive(axis).name),
             Objection::NotHomed(steering::NotHomed::Failed(error)) => {
-                let Standing { hold, subject, .. } = self.standing(objection);
+                let ActiveHold { hold, subject, .. } = self.active_hold(objection);
                 format!("{}: {error}", hold.words(subject))
             }
             _ => {
-                let Standing { hold, subject, .. } = self.standing(objection);
+                let ActiveHold { hold, subject, .. } = self.active_hold(objection);
                 hold.words(subject)
             }
         }

@@ -13,7 +13,7 @@ use module::Actions;
 
 /// Period of stop commands to a drive that is not booted: that of the master's heartbeat, which keeps a drive at its
 /// last speed.
-const BLIND: Duration = Duration::from_millis(50);
+const BLIND_STOP_PERIOD: Duration = Duration::from_millis(50);
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
@@ -111,7 +111,7 @@ impl Propulsion {
         if self.blind.is_some_and(|at| now < at) {
             return None;
         }
-        self.blind = Some(now + BLIND);
+        self.blind = Some(now + BLIND_STOP_PERIOD);
         let rpdo = Service::Rpdo { node: self.drive.node, number: epos::PDOS.rpdo };
         Some(Frame::standard(rpdo.cob_id(), &cia402::pack(epos::QUICK_STOP, 0)))
     }

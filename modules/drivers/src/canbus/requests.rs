@@ -10,10 +10,10 @@ use messages::lowlevel::{CmdSdo, DataSdo};
 use module::Actions;
 
 /// Maximum number of pending requests; further ones are rejected.
-const MAX: usize = 32;
+const PENDING_MAX: usize = 32;
 
 /// Length above which data is written by block transfer, if the node supports that, bytes.
-const BLOCK: usize = 128;
+const BLOCK_MIN: usize = 128;
 
 /// A pending request.
 struct Pending {
@@ -27,7 +27,7 @@ pub(super) struct Requests(Vec<Pending>);
 
 /// Relation of the requested node to this driver.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Whose {
+pub(super) enum NodeOwner {
     /// One of our drives; `standing` if the robot is known to stand.
     Ours { standing: bool },
     /// Any other node.
@@ -40,26 +40,26 @@ impl Requests {
         &mut self,
         now: Instant,
         request: &CmdSdo,
-        whose: Whose,
+        owner_of: NodeOwner,
         master: &mut Master,
         out: &mut Actions,
     ) {
-        if let Err(abort) = self.begin(now, request, whose, master) {
+        if let Err(abort) = self.begin(now, request, owner_of, master) {
             answer(now, request, Err(abort), out);
         }
     }
 
-    fn begin(&mut self, now: Instant, request: &CmdSdo, whose: Whose, master: &mut Master) -> Result<(), Abort> {
+    fn begin(&mut self, now: Instant, request: &CmdSdo, owner_of: NodeOwner, master: &mut Master) -> Result<(), Abort> {
         let node = u8::try_from(request.node).ok().filter(|node| (1..=127).contains(node)).ok_or(Abort::NO_RESOURCE)?;
         let index = u16::try_from(request.index).map_err(|_| Abort::NO_OBJECT)?;
         let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
-        if self.0.len() >= MAX {
+        if self.0.len() >= PENDING_MAX {
             return Err(Abort::OUT_OF_MEMORY);
         }
         let data = request.data.as_slice();
         let ticket = if request.write {
-            may_write(index, whose)?;
-            let write = if data.len() > BLOCK { Master::sdo_write_block } else { Master::sdo_write };
+            may_write(index, owner_of)?;
+            let write = if data.len() > BLOCK_MIN { Master::sdo_write_block } else { Master::sdo_write };
             write(master, now, node, index, sub, data)
         } else {
             master.sdo_read(now, node, index, sub)
@@ -92,16 +92,16 @@ impl Requests {
 }
 
 /// Checks that an object may be written by an engineer.
-fn may_write(index: u16, whose: Whose) -> Result<(), Abort> {
-    match (whose, index) {
-        (Whose::Others, _) => Ok(()),
+fn may_write(index: u16, owner_of: NodeOwner) -> Result<(), Abort> {
+    match (owner_of, index) {
+        (NodeOwner::Others, _) => Ok(()),
         // Identifiers, error control, PDOs; controlword, mode, halt and quick stop reactions, set-points, homing.
-        (Whose::Ours { .. }, 0x1005..=0x1007 | 0x100C | 0x100D | 0x1010..=0x1019 | 0x1029 | 0x1400..=0x1BFF)
-        | (Whose::Ours { .. }, 0x6007 | 0x6040 | 0x605A..=0x6060 | 0x6071 | 0x607A | 0x607C | 0x6098 | 0x60FF) => {
+        (NodeOwner::Ours { .. }, 0x1005..=0x1007 | 0x100C | 0x100D | 0x1010..=0x1019 | 0x1029 | 0x1400..=0x1BFF)
+        | (NodeOwner::Ours { .. }, 0x6007 | 0x6040 | 0x605A..=0x6060 | 0x6071 | 0x607A | 0x607C | 0x6098 | 0x60FF) => {
             Err(Abort::LOCAL_CONTROL)
         }
-        (Whose::Ours { standing: false }, _) => Err(Abort::DEVICE_STATE),
-        (Whose::Ours { standing: true }, _) => Ok(()),
+        (NodeOwner::Ours { standing: false }, _) => Err(Abort::DEVICE_STATE),
+        (NodeOwner::Ours { standing: true }, _) => Ok(()),
     }
 }
 

@@ -9,27 +9,27 @@ use canopen::axis::modes::switch::Access;
 use canopen::axis::{Goal, Rate, Units};
 use canopen::drives::{cia402, icla};
 use canopen::master::Ticket;
-use canopen::{Event as Heard, Master, NodeConfig, Payload, sdo};
+use canopen::{Event as CanEvent, Master, NodeConfig, Payload, sdo};
 use messages::{Hold, lowlevel};
 use module::Actions;
 
 /// Timeout of a set-point's acknowledgement, after which its edge is repeated.
-const ACKNOWLEDGE: Duration = Duration::from_millis(100);
+const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_millis(100);
 /// Number of consecutive unacknowledged edges that is reported.
-const TRIES: u32 = 5;
+const SETPOINT_TRIES: u32 = 5;
 /// Number of retries of an unanswered homing transfer: a single lost frame need not be reported.
-const RETRIES: u8 = 2;
+const HOMING_RETRIES: u8 = 2;
 /// Maximum deviation from the middle at which the wheels count as straight after homing, rad.
-const STRAIGHT: f64 = 0.01;
+const STRAIGHT_MAX_RAD: f64 = 0.01;
 /// Speed of the search for the switch's edge, relative to the speed towards it.
-const ZERO_SEARCH: f64 = 0.2;
+const ZERO_SEARCH_SPEED_RATIO: f64 = 0.2;
 /// Durations of the steering's ramps, s: to full speed, and from there to standstill in a quick stop.
-const RAMP: f64 = 0.1;
-const QUICK_STOP_RAMP: f64 = 0.05;
+const RAMP_S: f64 = 0.1;
+const QUICK_STOP_RAMP_S: f64 = 0.05;
 
 /// Goal of the steering.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Want {
+enum SteeringGoal {
     Stop,
     Hold,
     Go(f64),
@@ -73,7 +73,7 @@ pub(super) struct Steering {
     pub(super) drive: Drive,
     config: SteeringConfig,
     units: Units,
-    want: Want,
+    goal: SteeringGoal,
     reference: Reference,
     homing: Homing,
     /// Current transfer of homing, and its number of unanswered attempts.
@@ -93,8 +93,8 @@ impl Steering {
         let homing = HomingConfig {
             method: config.homing_method,
             switch_speed: units.speed(config.homing_speed),
-            zero_speed: units.speed(config.homing_speed * ZERO_SEARCH),
-            acceleration: Some(units.acceleration(config.homing_speed / RAMP)),
+            zero_speed: units.speed(config.homing_speed * ZERO_SEARCH_SPEED_RATIO),
+            acceleration: Some(units.acceleration(config.homing_speed / RAMP_S)),
             offset: Some(units.position(config.switch)),
             mode_after: icla::PROFILE_POSITION,
             timeout: config.homing_timeout,
@@ -103,13 +103,13 @@ impl Steering {
             drive: Drive::new("steering", config.node, icla::axis_config()),
             config,
             units,
-            want: Want::Stop,
+            goal: SteeringGoal::Stop,
             reference: Reference::None,
             homing: Homing::new(homing),
             access: None,
             again: None,
             unanswered: 0,
-            setpoint: Setpoint::new(ACKNOWLEDGE),
+            setpoint: Setpoint::new(ACKNOWLEDGE_TIMEOUT),
             position: None,
         }
     }
@@ -118,9 +118,9 @@ impl Steering {
         let (config, units) = (&self.config, &self.units);
         let parameters = cia402::Parameters {
             velocity_rpm: units.speed(config.speed),
-            acceleration: units.acceleration(config.speed / RAMP),
-            deceleration: units.acceleration(config.speed / RAMP),
-            quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP),
+            acceleration: units.acceleration(config.speed / RAMP_S),
+            deceleration: units.acceleration(config.speed / RAMP_S),
+            quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
             remap: config.remap,
             ..icla::parameters(config.node)
         };
@@ -158,17 +158,17 @@ impl Steering {
         self.drive.on_measured(now);
     }
 
-    pub(super) fn on_sdo(&mut self, now: Instant, event: &Heard) {
+    pub(super) fn on_sdo(&mut self, now: Instant, event: &CanEvent) {
         let (ticket, result) = match event {
-            Heard::SdoRead { ticket, data, .. } => (ticket, Ok(data.clone())),
-            Heard::SdoWritten { ticket, .. } => (ticket, Ok(Payload::EMPTY)),
-            Heard::SdoFailed { ticket, error, .. } => (ticket, Err(*error)),
+            CanEvent::SdoRead { ticket, data, .. } => (ticket, Ok(data.clone())),
+            CanEvent::SdoWritten { ticket, .. } => (ticket, Ok(Payload::EMPTY)),
+            CanEvent::SdoFailed { ticket, error, .. } => (ticket, Err(*error)),
             _ => return,
         };
         let Some((_, access)) = self.access.take_if(|(own, _)| own == ticket) else {
             return;
         };
-        if result == Err(sdo::Error::Timeout) && self.unanswered < RETRIES {
+        if result == Err(sdo::Error::Timeout) && self.unanswered < HOMING_RETRIES {
             self.unanswered += 1;
             self.again = Some(access);
             return;
@@ -179,17 +179,17 @@ impl Steering {
 
     /// Steers to `angle`, rad.
     pub(super) fn go(&mut self, angle: f64) {
-        self.want = Want::Go(angle);
+        self.goal = SteeringGoal::Go(angle);
     }
 
     /// Keeps the current angle.
     pub(super) fn hold(&mut self) {
-        self.want = Want::Hold;
+        self.goal = SteeringGoal::Hold;
     }
 
     /// Finds the reference, then steers straight ahead.
     pub(super) fn home(&mut self) {
-        self.want = Want::Home;
+        self.goal = SteeringGoal::Home;
     }
 
     /// Discards the reference; homing starts as soon as there is no other objection to motion.
@@ -199,11 +199,11 @@ impl Steering {
 
     /// Stops at the current angle by the quick stop ramp.
     pub(super) fn quick_stop(&mut self) {
-        self.want = Want::Stop;
+        self.goal = SteeringGoal::Stop;
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
-        let goal = if self.want == Want::Stop { Goal::QuickStop } else { Goal::Enabled };
+        let goal = if self.goal == SteeringGoal::Stop { Goal::QuickStop } else { Goal::Enabled };
         self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
         self.advance_homing(now, master, out);
@@ -216,9 +216,11 @@ impl Steering {
         if let Some(result) = self.homing.poll_finished() {
             self.on_homing_finished(result, out);
         }
-        match self.want {
-            Want::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => self.homing.start(),
-            Want::Home => {}
+        match self.goal {
+            SteeringGoal::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => {
+                self.homing.start()
+            }
+            SteeringGoal::Home => {}
             _ => self.homing.cancel(),
         }
         self.homing.handle_timeout(now);
@@ -259,9 +261,9 @@ impl Steering {
             self.setpoint.reset(self.position.unwrap_or(0));
             return;
         }
-        let target = match (self.want, &self.reference) {
-            (Want::Go(angle), Reference::Known) => Some(self.units.position(angle)),
-            (Want::Home, Reference::Centering) => Some(0),
+        let target = match (self.goal, &self.reference) {
+            (SteeringGoal::Go(angle), Reference::Known) => Some(self.units.position(angle)),
+            (SteeringGoal::Home, Reference::Centering) => Some(0),
             _ => None,
         };
         if let Some(target) = target {
@@ -269,13 +271,14 @@ impl Steering {
         }
         self.setpoint.handle_timeout(now);
         while let Some(event) = self.setpoint.poll_event() {
-            if matches!(event, SetpointEvent::Retried { tries: TRIES, .. }) {
-                let message = format!("steering drive does not take its target, asked {TRIES} times: the robot stops");
+            if matches!(event, SetpointEvent::Retried { tries: SETPOINT_TRIES, .. }) {
+                let message =
+                    format!("steering drive does not take its target after {SETPOINT_TRIES} attempts: the robot stops");
                 out.report(Severity::Error, Fault::DriveFault, "steering", message);
-                self.drive.distrust(now, Trouble::NoTarget);
+                self.drive.block_until_stopped(now, Trouble::NoTarget);
             }
         }
-        if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT {
+        if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT_MAX_RAD {
             self.reference = Reference::Known;
             out.note("the steering is homed: the robot may be driven");
         }

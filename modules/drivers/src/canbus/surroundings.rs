@@ -5,11 +5,11 @@ use messages::{Hold, StopSource, common, lowlevel, middlelevel};
 use module::sabotage::{self, Bug};
 
 /// `CM_DATA_PROCESSES` is sent ten times a second; after this time without it the watchdog counts as silent.
-const WATCHDOG_SILENT: Duration = Duration::from_millis(250);
+const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(250);
 /// `LL_EVENT_STOP` is sent every 500 ms; after this time without it the state of the PAUSE line is unknown.
-const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
+const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// Maximum age of an estimate by which the planner may drive.
-const ESTIMATE_OLD: Duration = Duration::from_millis(200);
+const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 
 base::deadlines! {
     /// Deadlines of received data. A past deadline stays, and so does its consequence.
@@ -80,7 +80,7 @@ impl Surroundings {
     pub fn new(critical: Vec<String>, planning: Vec<String>, has_pause_line: bool) -> Self {
         let mut deadlines = Deadlines::new();
         if has_pause_line {
-            deadlines.set(Timer::Pause, Instant::ZERO + PAUSE_UNKNOWN);
+            deadlines.set(Timer::Pause, Instant::ZERO + PAUSE_TIMEOUT);
         }
         let pause = if has_pause_line { PauseLine::Unknown } else { PauseLine::Open };
         let (critical_missing, planning_missing) = (Vec::new(), Vec::new());
@@ -94,7 +94,7 @@ impl Surroundings {
             missing.clear();
             missing.extend((0..names.len()).filter(|place| !runs(&names[*place])));
         };
-        self.deadlines.set(Timer::Watchdog, at + WATCHDOG_SILENT);
+        self.deadlines.set(Timer::Watchdog, at + WATCHDOG_TIMEOUT);
         missing(&self.planning, &mut self.planning_missing);
         missing(&self.critical, &mut self.critical_missing);
         if sabotage::is(Bug::CriticalIgnored) {
@@ -108,14 +108,14 @@ impl Surroundings {
         let source = StopSource::from_name(&stop.source);
         self.pause = if engaged { PauseLine::Engaged(source, stop.source.clone()) } else { PauseLine::Open };
         if self.has_pause_line {
-            self.deadlines.set(Timer::Pause, at + PAUSE_UNKNOWN);
+            self.deadlines.set(Timer::Pause, at + PAUSE_TIMEOUT);
         }
     }
 
     /// Processes an estimate, received at `at`; a lost one does not count.
     pub fn on_estimate(&mut self, at: Instant, estimate: &middlelevel::DataEstimate) {
         let known = estimate.quality >= middlelevel::DataEstimate::COARSE;
-        self.deadlines.replace(Timer::Estimate, known.then_some(at + ESTIMATE_OLD));
+        self.deadlines.replace(Timer::Estimate, known.then_some(at + ESTIMATE_AGE_MAX));
     }
 
     /// All objections to any motion at `now`, main one first.

@@ -321,14 +321,14 @@ fn a_lost_drive_stops_the_other_one_and_is_booted_again() {
     robot.drive(0.4, 500);
     robot.icla.alive = false;
     robot.drive(0.4, 250);
-    assert!(!robot.moves(), "the propulsion goes on without steering");
+    assert!(!robot.moves(), "the propulsion continues without steering");
     assert_eq!(robot.bench.shell.state(), State::Error);
     assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Error)));
     robot.icla.alive = true;
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Run);
     assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Notice)));
-    assert!(robot.motion().homed && !robot.moves(), "homed again, and waits to be asked anew");
+    assert!(robot.motion().homed && !robot.moves(), "homed again, waiting for a new command");
     robot.drive(0.0, 100);
     robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
@@ -381,7 +381,7 @@ fn another_master_on_the_bus_stops_the_robot() {
     robot.pass(1000);
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     robot.pass(1000);
-    assert!(!robot.motion().homed, "it was homed meanwhile");
+    assert!(!robot.motion().homed, "it was homed");
     robot.pass(12_000);
     robot.drive(0.4, 300);
     assert!(robot.moves(), "{}", robot.reason());

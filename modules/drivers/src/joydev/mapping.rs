@@ -52,11 +52,11 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::NoAxis(what) => write!(f, "it has no axis for the {what}"),
-            Self::AxisMissing(what, code) => write!(f, "it has no {}, which is set for the {what}", axis(code)),
+            Self::AxisMissing(what, code) => write!(f, "it has no {}, which is configured for the {what}", axis(code)),
             Self::OneAxis(code) => write!(f, "it has only {} for speed and steering", axis(code)),
             Self::NoRange(Axis { code, min, max, .. }) => write!(f, "its {} goes from {min} to {max}", axis(code)),
             Self::NoButton => f.write_str("it has no button for the dead man"),
-            Self::ButtonMissing(code) => write!(f, "it has no {}, which is set for the dead man", button(code)),
+            Self::ButtonMissing(code) => write!(f, "it has no {}, which is configured for the dead man", button(code)),
         }
     }
 }
@@ -154,7 +154,7 @@ impl Stick {
     }
 
     /// Relative deflection, -1 to 1; values beyond an end are clamped.
-    fn way(&self, raw: i32) -> f64 {
+    fn deflection(&self, raw: i32) -> f64 {
         let (min, max, raw) = (f64::from(self.min), f64::from(self.max), f64::from(raw.clamp(self.min, self.max)));
         (2.0 * (raw - min) / (max - min) - 1.0).clamp(-1.0, 1.0)
     }
@@ -163,18 +163,18 @@ impl Stick {
     pub fn is_centred(&self, raw: i32) -> bool {
         // The middle of 0 to 255 is between two values.
         let step = 1.0 / (f64::from(self.max) - f64::from(self.min));
-        self.way(raw).abs() <= self.dead_zone.max(step)
+        self.deflection(raw).abs() <= self.dead_zone.max(step)
     }
 
     /// Requested value, limited to the configured limit either way.
-    pub fn asks(&self, raw: i32) -> f64 {
+    pub fn value(&self, raw: i32) -> f64 {
         if self.is_centred(raw) {
             return 0.0;
         }
-        let way = self.way(raw);
-        let size = (way.abs() - self.dead_zone) / (1.0 - self.dead_zone);
+        let deflection = self.deflection(raw);
+        let size = (deflection.abs() - self.dead_zone) / (1.0 - self.dead_zone);
         let size = (1.0 - self.expo) * size + self.expo * size * size * size;
-        (self.limit * size.min(1.0)).copysign(self.sign * way)
+        (self.limit * size.min(1.0)).copysign(self.sign * deflection)
     }
 }
 
@@ -209,18 +209,18 @@ mod tests {
     #[test]
     fn the_ends_give_the_limit_and_the_middle_zero() {
         let stick = stick(STICK, 0, 255);
-        assert_eq!([0, 127, 128, 255].map(|raw| stick.asks(raw)), [0.6, 0.0, 0.0, -0.6]);
+        assert_eq!([0, 127, 128, 255].map(|raw| stick.value(raw)), [0.6, 0.0, 0.0, -0.6]);
         // 10 % of 127.5 around 127.5.
         assert!(stick.is_centred(115) && !stick.is_centred(114) && stick.is_centred(140) && !stick.is_centred(141));
-        assert!(stick.asks(114) > 0.0 && stick.asks(114) < 0.01, "it begins softly");
-        assert_eq!([i32::MIN, i32::MAX].map(|raw| stick.asks(raw)), [0.6, -0.6], "beyond the ends");
+        assert!(stick.value(114) > 0.0 && stick.value(114) < 0.01, "it begins softly");
+        assert_eq!([i32::MIN, i32::MAX].map(|raw| stick.value(raw)), [0.6, -0.6], "beyond the ends");
     }
 
     #[test]
     fn expo_is_fine_near_the_middle_and_keeps_the_ends() {
         let stick = stick(StickConfig { expo: 0.5, dead_zone: 0.0, inverted: true, ..STICK }, -1000, 1000);
-        assert_eq!([-1000, 0, 1000].map(|raw| stick.asks(raw)), [-0.6, 0.0, 0.6]);
-        assert!((stick.asks(500) - 0.6 * (0.25 + 0.0625)).abs() < 1e-12);
+        assert_eq!([-1000, 0, 1000].map(|raw| stick.value(raw)), [-0.6, 0.0, 0.6]);
+        assert!((stick.value(500) - 0.6 * (0.25 + 0.0625)).abs() < 1e-12);
     }
 
     #[test]
@@ -230,10 +230,10 @@ mod tests {
             for max in values.into_iter().filter(|max| i64::from(*max) - i64::from(min) > 1) {
                 for config in [STICK, StickConfig { expo: 1.0, dead_zone: 0.9, ..STICK }] {
                     let stick = stick(config, min, max);
-                    let all = values.map(|raw| stick.asks(raw));
-                    assert!(all.iter().all(|asked| asked.abs() <= 0.6), "{min} {max} {all:?}");
+                    let all = values.map(|raw| stick.value(raw));
+                    assert!(all.iter().all(|demand| demand.abs() <= 0.6), "{min} {max} {all:?}");
                     assert!(all.is_sorted_by(|a, b| a >= b), "{min} {max} {all:?}");
-                    assert!(stick.asks(min) == 0.6 && stick.asks(max) == -0.6, "{min} {max} {all:?}");
+                    assert!(stick.value(min) == 0.6 && stick.value(max) == -0.6, "{min} {max} {all:?}");
                 }
             }
         }
@@ -282,11 +282,20 @@ mod tests {
             change(&mut config);
             Mapping::of(&config, &pad()).unwrap_err().to_string()
         };
-        assert_eq!(refused(|c| c.speed.axis = Some(ABS_WHEEL)), "it has no ABS_WHEEL, which is set for the speed");
-        assert_eq!(refused(|c| c.steering.axis = Some(0x3F)), "it has no axis 0x3f, which is set for the steering");
-        assert_eq!(refused(|c| c.dead_man = Some(0x2FF)), "it has no button 0x2ff, which is set for the dead man");
+        assert_eq!(
+            refused(|c| c.speed.axis = Some(ABS_WHEEL)),
+            "it has no ABS_WHEEL, which is configured for the speed"
+        );
+        assert_eq!(
+            refused(|c| c.steering.axis = Some(0x3F)),
+            "it has no axis 0x3f, which is configured for the steering"
+        );
+        assert_eq!(
+            refused(|c| c.dead_man = Some(0x2FF)),
+            "it has no button 0x2ff, which is configured for the dead man"
+        );
         let swapped = Config { steering: StickConfig { axis: Some(ABS_Y), ..STICK }, ..config() };
         let mapping = Mapping::of(&swapped, &pad()).unwrap();
-        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes what is left");
+        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes the remaining axis");
     }
 }

@@ -187,12 +187,12 @@ fn unplugging_is_one_zero_at_once_and_then_nothing() {
     rig.found(&held);
     rig.pass(ms(130));
     let told = "1070 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL\n\
-                1070 Warning GamepadNotReleased: BTN_TL was held before: let it go first";
+                1070 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told);
     rig.press(BTN_TL, false);
     rig.press(BTN_TL, true);
     rig.pass(ms(40));
-    let told = "1200 Notice GamepadNotReleased: the dead-man button does what it is to do\n1200 0.000 0.000";
+    let told = "1200 Notice GamepadNotReleased: the dead-man button is effective again\n1200 0.000 0.000";
     assert_eq!(rig.take(), told);
 }
 
@@ -215,14 +215,14 @@ fn a_stick_off_the_middle_must_go_there_first() {
         rig.press(BTN_TL, true);
         rig.pass(ms(60));
         let told = format!(
-            "0 Warning GamepadNotReleased: BTN_TL was pressed with {name} off its middle: let that go first\n\
+            "0 Warning GamepadNotReleased: BTN_TL was pressed with {name} off centre: release that first\n\
              0 0.000 0.000\n50 0.000 0.000"
         );
         assert_eq!(rig.take(), told);
         rig.push(code, 3000);
         rig.push(ABS_Y, -32_768);
         rig.pass(ms(45));
-        let told = "60 Notice GamepadNotReleased: the dead-man button does what it is to do\n100 0.600 0.000";
+        let told = "60 Notice GamepadNotReleased: the dead-man button is effective again\n100 0.600 0.000";
         assert_eq!(rig.take(), told, "{name}");
     }
 }
@@ -234,7 +234,7 @@ fn events_of_one_frame_are_evaluated_together() {
     rig.news(News::Axis { code: ABS_Y, value: -32_768 });
     rig.news(News::Frame);
     rig.pass(ms(10));
-    assert!(rig.take().contains("ABS_Y off its middle"));
+    assert!(rig.take().contains("ABS_Y off centre"));
 }
 
 #[test]
@@ -263,7 +263,7 @@ fn after_lost_events_the_button_must_be_released() {
     device.set_axis(ABS_Y, -32_768);
     rig.found(&device);
     rig.pass(ms(500));
-    assert_eq!(rig.take(), "60 0.000 0.000\n60 Warning GamepadNotReleased: BTN_TL was held before: let it go first");
+    assert_eq!(rig.take(), "60 0.000 0.000\n60 Warning GamepadNotReleased: BTN_TL was held before: release it first");
 }
 
 #[test]
@@ -278,7 +278,7 @@ fn in_pause_it_publishes_without_commands_and_in_stop_neither() {
     assert_eq!(rig.data(ms(1000)).len(), 5);
     rig.command(State::Run);
     rig.pass(ms(500));
-    let told = "1060 RUN\n1060 Warning GamepadNotReleased: BTN_TL was held before: let it go first";
+    let told = "1060 RUN\n1060 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told, "nothing resumes by itself");
     rig.command(State::Stop);
     assert_eq!(rig.data(ms(1000)).len(), 0);
@@ -326,8 +326,8 @@ fn a_silent_gamepad_counts_as_released_if_configured() {
     rig.pass(ms(480));
     assert!(rig.take().ends_with("950 0.600 0.000"));
     rig.pass(ms(500));
-    let told = "990 0.000 0.000\n990 the gamepad has said nothing for too long: it counts as let go\n\
-                990 Warning GamepadNotReleased: BTN_TL was held before: let it go first";
+    let told = "990 0.000 0.000\n990 the gamepad has been silent for too long: it counts as released\n\
+                990 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told);
 }
 

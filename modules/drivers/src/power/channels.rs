@@ -4,15 +4,15 @@ use base::{Duration, Instant};
 use rs485::boards::psc1::CHANNELS;
 
 /// The board switches at most one channel a second; after this time it should have finished.
-const PATIENCE: Duration = Duration::from_secs(CHANNELS.len() as u64 + 3);
+const SWITCH_TIMEOUT: Duration = Duration::from_secs(CHANNELS.len() as u64 + 3);
 /// Off time of a channel that is restarted.
-const REST: Duration = Duration::from_secs(2);
+const RESTART_PAUSE: Duration = Duration::from_secs(2);
 
 /// State of an order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Order {
     /// Switch the channel to `on`, and on again afterwards if `again`; once it was sent, its deadline.
-    Set { on: bool, again: bool, told: Option<Instant> },
+    Set { on: bool, again: bool, accepted: Option<Instant> },
     /// Off, to be started at this time.
     Rests { until: Instant },
 }
@@ -42,7 +42,7 @@ impl Channels {
     /// Orders a channel on or off; `again`: off, and on again.
     pub fn order(&mut self, channel: usize, on: bool, again: bool) {
         if let Some(order) = self.orders.get_mut(channel) {
-            *order = Some(Order::Set { on, again, told: None });
+            *order = Some(Order::Set { on, again, accepted: None });
         }
     }
 
@@ -52,10 +52,10 @@ impl Channels {
     }
 
     /// Channels to be sent to the board, and their states.
-    pub fn telling(&self) -> Option<(u8, u8)> {
+    pub fn outstanding(&self) -> Option<(u8, u8)> {
         let (mut mask, mut states) = (0, 0);
         for (channel, order) in self.orders.iter().enumerate() {
-            if let Some(Order::Set { on, told: None, .. }) = order {
+            if let Some(Order::Set { on, accepted: None, .. }) = order {
                 mask |= 1 << channel;
                 states |= u8::from(*on) << channel;
             }
@@ -64,13 +64,13 @@ impl Channels {
     }
 
     /// The board accepted these orders.
-    pub fn told(&mut self, now: Instant, mask: u8, states: u8) {
+    pub fn accepted(&mut self, now: Instant, mask: u8, states: u8) {
         for (channel, order) in self.orders.iter_mut().enumerate() {
-            if let Some(Order::Set { on, told: told @ None, .. }) = order
+            if let Some(Order::Set { on, accepted: accepted @ None, .. }) = order
                 && mask >> channel & 1 == 1
                 && states >> channel & 1 == u8::from(*on)
             {
-                *told = Some(now + PATIENCE);
+                *accepted = Some(now + SWITCH_TIMEOUT);
             }
         }
     }
@@ -81,10 +81,10 @@ impl Channels {
         let mut outcomes = Vec::new();
         for (channel, order) in self.orders.iter_mut().enumerate() {
             let is = state >> channel & 1 == 1;
-            if let Some(Order::Set { on, again, told: Some(until) }) = *order {
+            if let Some(Order::Set { on, again, accepted: Some(until) }) = *order {
                 if is == on {
                     outcomes.push(Outcome::Done { channel, on });
-                    *order = again.then(|| Order::Rests { until: now + REST });
+                    *order = again.then(|| Order::Rests { until: now + RESTART_PAUSE });
                 } else if until <= now {
                     outcomes.push(Outcome::Stuck { channel, on });
                     *order = None;
@@ -99,7 +99,7 @@ impl Channels {
         let mut rested = false;
         for order in &mut self.orders {
             if matches!(order, Some(Order::Rests { until }) if *until <= now) {
-                *order = Some(Order::Set { on: true, again: false, told: None });
+                *order = Some(Order::Set { on: true, again: false, accepted: None });
                 rested = true;
             }
         }

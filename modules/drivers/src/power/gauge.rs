@@ -6,7 +6,7 @@
 use base::{Duration, Instant};
 
 /// Rest voltage of a cell, V, by charge (`docs/facts/robot.md` 2.4).
-const REST: [(f64, f64); 13] = [
+const REST_VOLTAGE: [(f64, f64); 13] = [
     (2.50, 0.00),
     (2.95, 0.05),
     (3.10, 0.10),
@@ -22,21 +22,21 @@ const REST: [(f64, f64); 13] = [
     (3.40, 1.00),
 ];
 /// Charges below and above which the voltage is significant.
-const LOW: f64 = 0.15;
-const HIGH: f64 = 0.95;
+const LOW_CHARGE: f64 = 0.15;
+const HIGH_CHARGE: f64 = 0.95;
 /// Resistance of a cell, and of the wiring, ohm.
-const RESISTANCE: (f64, f64) = (0.0012, 0.008);
-/// At rest: the current is below this fraction of the capacity per hour for [`RESTED`].
+const RESISTANCE_OHM: (f64, f64) = (0.0012, 0.008);
+/// At rest: the current is below this fraction of the capacity per hour for [`REST_TIME`].
 const REST_RATE: f64 = 0.25;
-const RESTED: Duration = Duration::from_secs(30);
+const REST_TIME: Duration = Duration::from_secs(30);
 /// Time constant of the correction to the rest voltage.
 const CORRECTION: Duration = Duration::from_secs(60);
 /// Time constant of the mean load.
-const MEAN: Duration = Duration::from_secs(60);
+const MEAN_TIME: Duration = Duration::from_secs(60);
 /// Maximum interval between two measurements over which the charge is integrated.
-const GAP: Duration = Duration::from_secs(10);
+const GAP_MAX: Duration = Duration::from_secs(10);
 /// Load below which the remaining time is unknown, A.
-const IDLE: f64 = 0.1;
+const IDLE_A: f64 = 0.1;
 
 /// Battery gauge.
 #[derive(Debug)]
@@ -65,16 +65,18 @@ impl Gauge {
         };
         let passed = now.since(self.at);
         self.at = now;
-        if passed > GAP {
+        if passed > GAP_MAX {
             self.resting_since = None;
             return;
         }
         let seconds = passed.as_secs_f64();
-        self.load += (amperes - self.load) * (seconds / MEAN.as_secs_f64()).min(1.0);
+        self.load += (amperes - self.load) * (seconds / MEAN_TIME.as_secs_f64()).min(1.0);
         let mut charge = charge - amperes * seconds / 3600.0 / self.capacity_ah;
         if amperes > REST_RATE * self.capacity_ah {
             self.resting_since = None;
-        } else if now.since(*self.resting_since.get_or_insert(now)) >= RESTED && !(LOW..=HIGH).contains(&by_voltage) {
+        } else if now.since(*self.resting_since.get_or_insert(now)) >= REST_TIME
+            && !(LOW_CHARGE..=HIGH_CHARGE).contains(&by_voltage)
+        {
             charge += (by_voltage - charge) * (seconds / CORRECTION.as_secs_f64()).min(1.0);
         }
         self.charge = Some(charge.clamp(0.0, 1.0));
@@ -87,12 +89,13 @@ impl Gauge {
 
     /// Time until empty at the mean load, s; NaN if unknown.
     pub fn remaining(&self) -> f64 {
-        if self.load < IDLE { f64::NAN } else { self.charge() * self.capacity_ah * 3600.0 / self.load }
+        if self.load < IDLE_A { f64::NAN } else { self.charge() * self.capacity_ah * 3600.0 / self.load }
     }
 
     fn by_voltage(&self, volts: f64, amperes: f64) -> f64 {
-        let cell = (volts + amperes * (RESISTANCE.0 * self.cells + RESISTANCE.1)) / self.cells;
-        let segment = REST.windows(2).find(|pair| cell <= pair[1].0).unwrap_or(&REST[REST.len() - 2..]);
+        let cell = (volts + amperes * (RESISTANCE_OHM.0 * self.cells + RESISTANCE_OHM.1)) / self.cells;
+        let segment =
+            REST_VOLTAGE.windows(2).find(|pair| cell <= pair[1].0).unwrap_or(&REST_VOLTAGE[REST_VOLTAGE.len() - 2..]);
         let [(v0, c0), (v1, c1)] = [segment[0], segment[1]];
         c0 + (c1 - c0) * ((cell - v0) / (v1 - v0)).clamp(0.0, 1.0)
     }

@@ -6,17 +6,17 @@ use messages::common::{CmdState, DataProcesses, Process};
 use module::{Actions, State};
 
 /// Period of repeating TERMINATE: the bus may lose a message.
-const REPEAT: Duration = Duration::from_millis(500);
-/// Timeout of a module; without a watchdog that reports its end, [`REPEAT`].
-const MODULE: Duration = Duration::from_secs(3);
+const REPEAT_PERIOD: Duration = Duration::from_millis(500);
+/// Timeout of a module; without a watchdog that reports its end, [`REPEAT_PERIOD`].
+const MODULE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Time that the computer needs to halt, of the time that the board gives.
-const HALT: Duration = Duration::from_secs(10);
+const HALT_RESERVE: Duration = Duration::from_secs(10);
 /// Timeout of telling the board that the supply is no longer needed.
-const RELEASE: Duration = Duration::from_secs(1);
+const RELEASE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Purpose of a shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Aim {
+pub(super) enum ShutdownPurpose {
     /// The supply is about to be cut.
     Cut,
     /// An operator commanded power-off.
@@ -50,7 +50,7 @@ enum Stage {
 /// A shutdown in progress.
 #[derive(Debug)]
 pub(super) struct Shutdown {
-    pub aim: Aim,
+    pub aim: ShutdownPurpose,
     /// Modules in the order of their end.
     modules: Vec<String>,
     stage: Stage,
@@ -61,14 +61,16 @@ pub(super) struct Shutdown {
 
 impl Shutdown {
     /// Starts at `now`. `modules` in the order of their start; `seconds` until the supply is cut, if it is.
-    pub fn new(now: Instant, aim: Aim, modules: &[String], seconds: Option<u8>) -> Self {
+    pub fn new(now: Instant, aim: ShutdownPurpose, modules: &[String], seconds: Option<u8>) -> Self {
         let modules: Vec<String> = modules.iter().rev().cloned().collect();
         let latest = match seconds {
-            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT),
-            None => now + MODULE * (modules.len() as u32 + 1),
+            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT_RESERVE),
+            None => now + MODULE_TIMEOUT * (modules.len() as u32 + 1),
         };
-        let deadlines =
-            Deadlines::new().with(Timer::Step, now + REPEAT).with(Timer::Terminate, now).with(Timer::Latest, latest);
+        let deadlines = Deadlines::new()
+            .with(Timer::Step, now + REPEAT_PERIOD)
+            .with(Timer::Terminate, now)
+            .with(Timer::Latest, latest);
         Self { aim, modules, stage: Stage::Ending { place: 0 }, deadlines, guarded: false }
     }
 
@@ -81,7 +83,7 @@ impl Shutdown {
     pub fn on_processes(&mut self, now: Instant, list: &DataProcesses) {
         if matches!(self.stage, Stage::Ending { .. }) && !self.guarded {
             self.guarded = true;
-            self.deadlines.set(Timer::Step, now + MODULE);
+            self.deadlines.set(Timer::Step, now + MODULE_TIMEOUT);
         }
         let down = |name: &String| {
             let process = list.processes.iter().find(|process| process.module == *name);
@@ -95,7 +97,7 @@ impl Shutdown {
     fn next(&mut self, now: Instant) {
         if let Stage::Ending { place } = self.stage {
             self.stage = Stage::Ending { place: place + 1 };
-            self.deadlines.set(Timer::Step, now + if self.guarded { MODULE } else { REPEAT });
+            self.deadlines.set(Timer::Step, now + if self.guarded { MODULE_TIMEOUT } else { REPEAT_PERIOD });
             self.deadlines.set(Timer::Terminate, now);
         }
     }
@@ -107,7 +109,7 @@ impl Shutdown {
         }
         match self.stage {
             Stage::Ending { place } if place >= self.modules.len() || self.deadlines.is_due(Timer::Latest, now) => {
-                let until = if self.aim == Aim::Off { now + RELEASE } else { now };
+                let until = if self.aim == ShutdownPurpose::Off { now + RELEASE_TIMEOUT } else { now };
                 self.stage = Stage::Releasing;
                 self.deadlines = Deadlines::new().with(Timer::Step, until);
             }
@@ -120,7 +122,7 @@ impl Shutdown {
     }
 
     fn terminate(&mut self, now: Instant, source: &str, out: &mut Actions) {
-        self.deadlines.set(Timer::Terminate, now + REPEAT);
+        self.deadlines.set(Timer::Terminate, now + REPEAT_PERIOD);
         if let Some(module) = self.ending().cloned() {
             let timestamp = out.timestamp(now);
             let state = State::Terminate as i8;
@@ -130,7 +132,7 @@ impl Shutdown {
 
     /// True if the board is to be told to cut the supply.
     pub fn releases(&self) -> bool {
-        self.stage == Stage::Releasing && self.aim == Aim::Off
+        self.stage == Stage::Releasing && self.aim == ShutdownPurpose::Off
     }
 
     /// The board was told.

@@ -154,7 +154,7 @@ fn the_pause_line_is_published_in_stop_too() {
     rig.run(ms(1000));
     let stops = stops(&mut rig);
     assert_eq!((stops.len(), stops[0].1.source.as_str()), (1, "button"));
-    assert!(power(&mut rig).len() <= 1, "and nothing is asked");
+    assert!(power(&mut rig).len() <= 1, "nothing is polled");
 }
 
 #[test]

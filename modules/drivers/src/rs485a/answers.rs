@@ -2,7 +2,7 @@
 
 use super::odometry::Step;
 use super::{Kind, Rs485a};
-use crate::line::Heard;
+use crate::line::BusEvent;
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataIrs, DataRanges, DataSrfs};
 use module::Actions;
@@ -10,16 +10,16 @@ use rs485::boards::{Implausible, sd1, so1};
 use std::mem;
 
 /// Maximum interval of `LL_DATA_RANGES`, even if no board answers.
-const RANGES_AGAIN: Duration = Duration::from_secs(1);
+const RANGES_PERIOD_MAX: Duration = Duration::from_secs(1);
 /// Minimum interval between reports of counter jumps.
-const JUMPS_EVERY: Duration = Duration::from_secs(10);
+const JUMP_REPORT_INTERVAL: Duration = Duration::from_secs(10);
 
 impl Rs485a {
-    pub(super) fn on_heard(&mut self, now: Instant, heard: &Heard, out: &mut Actions) {
-        match heard {
-            Heard::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
-            Heard::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
-            Heard::Back | Heard::Unasked { .. } => {}
+    pub(super) fn on_bus_event(&mut self, now: Instant, event: &BusEvent, out: &mut Actions) {
+        match event {
+            BusEvent::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
+            BusEvent::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
+            BusEvent::Recovered | BusEvent::Unsolicited { .. } => {}
         }
     }
 
@@ -75,13 +75,13 @@ impl Rs485a {
         }
         let readings = self.ranges.readings(|at| out.timestamp(at));
         out.publish(DataRanges { timestamp: out.timestamp(now), readings });
-        self.repeat = now + RANGES_AGAIN;
+        self.repeat = now + RANGES_PERIOD_MAX;
     }
 
     fn on_ticks(&mut self, now: Instant, board: u8, counts: (i16, i16), out: &mut Actions) {
         match self.odometry.answer(now, out.timestamp(now), counts) {
             Step::First => {}
-            Step::Way(odo) => out.publish(odo),
+            Step::Motion(odo) => out.publish(odo),
             Step::Jump { ticks: (left, right) } => {
                 self.jumps += 1;
                 if now < self.jumps_quiet {
@@ -90,12 +90,12 @@ impl Rs485a {
                 let (name, board) = self.line.name(board);
                 let again = match mem::take(&mut self.jumps) {
                     1 => String::new(),
-                    jumps => format!(", {jumps} times since it was told"),
+                    jumps => format!(", {jumps} times since the last report"),
                 };
                 let message =
                     format!("{board} was reset: its counters jumped by {left} and {right}{again}; odometry goes on");
                 out.report(Severity::Warning, Fault::BoardImplausible, name, message);
-                self.jumps_quiet = now + JUMPS_EVERY;
+                self.jumps_quiet = now + JUMP_REPORT_INTERVAL;
             }
         }
     }

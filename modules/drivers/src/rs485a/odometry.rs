@@ -7,9 +7,9 @@ use navitools::odometry::{Odometry, SteeredWheels, tick_difference};
 
 /// Maximum speed of a wheel relative to the robot's top speed: at full lock the outer front wheel travels 1.5 times the
 /// distance of the rear axle's middle, and a robot may be pushed.
-const FASTER: f64 = 2.5;
+const WHEEL_SPEED_RATIO_MAX: f64 = 2.5;
 /// Tolerance of the difference between two answers, ticks: a wheel may rock.
-const SLACK: f64 = 32.0;
+const ROCKING_TICKS: f64 = 32.0;
 /// Maximum acceleration, m/s²; a greater change of a counter that is back near 0 indicates a reset.
 const ACCELERATION_MPS2: f64 = 3.0;
 
@@ -24,7 +24,7 @@ pub enum Step {
         ticks: (i32, i32),
     },
     /// Motion since the last answer.
-    Way(DataOdo),
+    Motion(DataOdo),
 }
 
 /// Tracks the counters.
@@ -52,7 +52,7 @@ impl Follower {
         Self {
             odometry: Odometry::new(SteeredWheels::new(wheels.wheelbase_m, wheels.track_m), metres_per_tick),
             metres_per_tick,
-            ticks_per_s: ticks_per_s * FASTER,
+            ticks_per_s: ticks_per_s * WHEEL_SPEED_RATIO_MAX,
             // Half the range of a 16-bit counter: 4.2 s for Advee (docs/facts/robot.md 1.2).
             gap_max: Duration::from_secs_f64((f64::from(i16::MAX) / ticks_per_s).min(3600.0)),
             last: None,
@@ -70,18 +70,18 @@ impl Follower {
         let seconds = at.since(last.at).as_secs_f64().max(1e-6);
         let ticks = (tick_difference(counts.0, last.counts.0), tick_difference(counts.1, last.counts.1));
         let speeds = (f64::from(ticks.0) / seconds, f64::from(ticks.1) / seconds);
-        if self.too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
+        if self.is_too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
             self.start(counts);
             return Step::Jump { ticks };
         }
         self.last = Some(Last { speeds: Some(speeds), ..first });
-        let way = self.odometry.update(counts.0, counts.1);
+        let motion = self.odometry.update(counts.0, counts.1);
         let path = self.odometry.path();
         let (ticks_left, ticks_right) = self.odometry.ticks();
-        Step::Way(DataOdo {
+        Step::Motion(DataOdo {
             timestamp,
-            translation: way.translation / seconds,
-            rotation: way.rotation / seconds,
+            translation: motion.translation / seconds,
+            rotation: motion.rotation / seconds,
             path: path.translation,
             heading: path.rotation,
             ticks_left,
@@ -94,8 +94,8 @@ impl Follower {
         self.odometry.update(left, right);
     }
 
-    fn too_far(&self, (left, right): (i32, i32), seconds: f64) -> bool {
-        f64::from(left.abs().max(right.abs())) > self.ticks_per_s * seconds + SLACK
+    fn is_too_far(&self, (left, right): (i32, i32), seconds: f64) -> bool {
+        f64::from(left.abs().max(right.abs())) > self.ticks_per_s * seconds + ROCKING_TICKS
     }
 
     /// True if both counters moved towards 0, as near as driving since a reset allows, with a jump of the speed.
@@ -103,13 +103,13 @@ impl Follower {
         let Some(before) = last.speeds else {
             return false;
         };
-        let near = self.ticks_per_s * seconds + SLACK;
+        let near = self.ticks_per_s * seconds + ROCKING_TICKS;
         let nearer = |new: i16, old: i16| f64::from(new).abs() <= near && new.unsigned_abs() < old.unsigned_abs();
         let change = (speeds.0 - before.0).abs().max((speeds.1 - before.1).abs()) * seconds;
         // The speeds are means over two intervals: the acceleration acts over both.
         nearer(counts.0, last.counts.0)
             && nearer(counts.1, last.counts.1)
-            && change > 2.0 * ACCELERATION_MPS2 * seconds * seconds / self.metres_per_tick + SLACK
+            && change > 2.0 * ACCELERATION_MPS2 * seconds * seconds / self.metres_per_tick + ROCKING_TICKS
     }
 }
 
@@ -121,9 +121,9 @@ mod tests {
         follower.answer(Instant::from_millis(ms), 0, (left, right))
     }
 
-    fn way(step: Step) -> DataOdo {
+    fn motion(step: Step) -> DataOdo {
         match step {
-            Step::Way(odo) => odo,
+            Step::Motion(odo) => odo,
             other => panic!("{other:?}"),
         }
     }
@@ -136,7 +136,7 @@ mod tests {
     fn straight_driving_over_a_wrap_is_measured_in_metres_per_second() {
         let mut follower = advee();
         assert_eq!(follow(&mut follower, 0, 32_700, 32_700), Step::First);
-        let odo = way(follow(&mut follower, 100, -32_510, -32_510));
+        let odo = motion(follow(&mut follower, 100, -32_510, -32_510));
         // 326 ticks of 0.1534 mm in 0.1 s.
         assert!((odo.translation - 0.5001).abs() < 1e-3, "{odo:?}");
         assert_eq!((odo.rotation, odo.heading, odo.ticks_left, odo.ticks_right), (0.0, 0.0, 326, 326));
@@ -147,7 +147,7 @@ mod tests {
     fn standing_still_nothing_turns() {
         let mut follower = advee();
         follow(&mut follower, 0, 5, 7);
-        let odo = way(follow(&mut follower, 50, 5, 7));
+        let odo = motion(follow(&mut follower, 50, 5, 7));
         assert_eq!((odo.translation, odo.rotation), (0.0, 0.0));
     }
 
@@ -155,11 +155,11 @@ mod tests {
     fn after_a_gap_of_more_than_half_a_wrap_the_counters_start_anew() {
         let mut follower = advee();
         follow(&mut follower, 0, 0, 0);
-        let odo = way(follow(&mut follower, 100, 300, 300));
-        assert_eq!(way(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left, 20_300);
+        let odo = motion(follow(&mut follower, 100, 300, 300));
+        assert_eq!(motion(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left, 20_300);
         // 4.2 s later than the answer at 4.2 s: one more millisecond is too long.
         assert_eq!(follow(&mut follower, 8400, 30_000, 30_000), Step::First);
-        let later = way(follow(&mut follower, 8500, 30_010, 30_010));
+        let later = motion(follow(&mut follower, 8500, 30_010, 30_010));
         assert_eq!(later.ticks_left, 20_310);
         assert!(later.path > odo.path && later.translation < 0.1);
     }
@@ -170,7 +170,7 @@ mod tests {
         follow(&mut follower, 0, 5000, 5000);
         follow(&mut follower, 50, 5200, 5200);
         assert_eq!(follow(&mut follower, 100, 12, 13), Step::Jump { ticks: (-5188, -5187) });
-        let odo = way(follow(&mut follower, 150, 212, 213));
+        let odo = motion(follow(&mut follower, 150, 212, 213));
         assert_eq!((odo.ticks_left, odo.ticks_right), (400, 400));
     }
 
@@ -192,7 +192,7 @@ mod tests {
             // Quick stops from 1.2 m/s, back and forth across zero.
             speed = if poll % 40 < 20 { (speed - 1.5 * 0.05).max(-1.2) } else { (speed + 1.5 * 0.05).min(1.2) };
             count += speed * 0.05 / 1.534e-4;
-            assert!(matches!(follow(&mut follower, 50 * poll, count as i16, count as i16), Step::Way(_)), "{poll}");
+            assert!(matches!(follow(&mut follower, 50 * poll, count as i16, count as i16), Step::Motion(_)), "{poll}");
         }
     }
 }

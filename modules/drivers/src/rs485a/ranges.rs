@@ -202,7 +202,7 @@ impl Ranges {
         self.boards.iter().find(|board| board.address == ranger.board)
     }
 
-    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<Heard>) -> Vec<Range> {
+    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<Echo>) -> Vec<Range> {
         let range = |ranger: &Ranger| {
             let answer = self.board(ranger).and_then(|board| board.last.as_ref());
             let heard = answer.and_then(|answer| measured(&answer.both, usize::from(ranger.channel)));
@@ -217,7 +217,7 @@ impl Ranges {
         &self,
         ranger: &Ranger,
         kind: i8,
-        measured: impl Fn(&Both, usize) -> Option<Heard>,
+        measured: impl Fn(&Both, usize) -> Option<Echo>,
         timestamp: impl Fn(Instant) -> i64,
     ) -> Reading {
         let Ranger { id, channel, x, y, theta, beam, .. } = *ranger;
@@ -243,12 +243,12 @@ impl Ranges {
 }
 
 /// Distance of a channel's echo, m; `None`: no echo.
-type Heard = Option<f64>;
+type Echo = Option<f64>;
 
-fn sonar(both: &Both, channel: usize) -> Option<Heard> {
+fn sonar(both: &Both, channel: usize) -> Option<Echo> {
     both.srfs.get(channel).map(|mm| (*mm != NO_ECHO).then(|| f64::from(*mm) / 1000.0))
 }
 
-fn infrared(both: &Both, channel: usize) -> Option<Heard> {
+fn infrared(both: &Both, channel: usize) -> Option<Echo> {
     both.irs.get(channel).map(|mm| (*mm != OUT_OF_RANGE).then(|| f64::from(*mm) / 1000.0))
 }

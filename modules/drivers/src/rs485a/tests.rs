@@ -332,7 +332,7 @@ fn boards_release_the_pause_line_when_a_person_commands_run() {
     assert_eq!(command("*", State::Run, true), [2, 2, 0]);
     let ranges =
         wire.log.iter().filter(|(_, action)| matches!(action, Action::Publish(Message::LlDataSrfs(_)))).count();
-    assert!(ranges >= 6, "the rounds of ranges go on: {ranges}");
+    assert!(ranges >= 6, "the rounds of ranges continue: {ranges}");
     assert!(!wire.log.iter().any(|(_, action)| matches!(action, Action::Report(_))));
 }
 
@@ -398,7 +398,7 @@ fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
     assert_eq!(wire.news(), "Warning BoardDegraded sd1_front\nError BoardLost sd1_front");
     wire.run(ms(5000));
     let srfs = wire.srfs();
-    assert_eq!(srfs.len(), 20, "the other board's data goes on");
+    assert_eq!(srfs.len(), 20, "the other board's data continues");
     assert_eq!(wire.bus().last().unwrap().1.nodes[1].state, 2);
     // Polled once a second, without retries.
     let timeouts = |wire: &mut Wire| {
@@ -450,7 +450,7 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
     assert_eq!(wire.bench.shell.state(), State::Init);
     wire.port(Input::Down("no such device"));
     assert_eq!(wire.bench.shell.state(), State::Error);
-    assert_eq!(wire.texts(), ["rs485.a is down: no such device; tried again"]);
+    assert_eq!(wire.texts(), ["rs485.a is down: no such device; retrying"]);
     wire.port(Input::Up);
     wire.run(ms(100));
     assert_eq!(wire.bench.shell.state(), State::Run);
@@ -486,11 +486,11 @@ fn nothing_is_polled_in_stop_and_everything_in_pause() {
     wire.boards.iter_mut().for_each(|board| board.asked.clear());
     wire.run(ms(5000));
     assert!(wire.boards.iter().all(|board| board.asked.is_empty()));
-    assert_eq!(wire.bus().len(), 7, "statistics go on");
+    assert_eq!(wire.bus().len(), 7, "statistics continue");
     wire.odo();
     wire.command(State::Run);
     wire.run(ms(15));
-    assert_eq!(wire.odo().len(), 0, "after 5 s the counters start anew");
+    assert_eq!(wire.odo().len(), 0, "after 5 s the counters restart");
     wire.run(ms(100));
     assert_eq!(wire.odo().len(), 2);
 }
@@ -574,7 +574,7 @@ fn repeated_counter_jumps_are_reported_every_ten_seconds_with_their_number() {
     let texts = wire.texts();
     assert_eq!(texts.len(), 2, "{texts:?}");
     assert_eq!(texts[0], "so1 (0x20 on rs485.a) was reset: its counters jumped by 9000 and 9000; odometry goes on");
-    assert!(texts[1].contains(", 200 times since it was told; ") && !texts[1].contains('\n'), "{texts:?}");
+    assert!(texts[1].contains(", 200 times since the last report; ") && !texts[1].contains('\n'), "{texts:?}");
 }
 
 #[test]
@@ -681,7 +681,7 @@ fn the_wire_traffic_matches_the_documentation() {
             if !sent.is_empty() {
                 break;
             }
-            assert!(bench.step(bench.now() + ms(100)), "nothing is asked");
+            assert!(bench.step(bench.now() + ms(100)), "nothing is polled");
         }
         assert_eq!(sent, words(asked));
         bench.event(Event::Port { port: PORT, input: Input::Sent });

@@ -9,11 +9,11 @@ use rs485::word_time;
 use std::collections::BTreeMap;
 
 /// Maximum plausible age of a sighting, ms; a sweep takes 1 s.
-const OLD_MS: u16 = 2000;
+const AGE_MAX_MS: u16 = 2000;
 /// Two sightings of a beacon at a smaller interval are the same one, reported twice: a quarter of a sweep.
-const SAME: Duration = Duration::from_millis(250);
+const SAME_SIGHTING: Duration = Duration::from_millis(250);
 /// Time after a change of the selection for which the board may still report sightings of the previous sweep.
-const SETTLES: Duration = Duration::from_millis(1500);
+const SETTLING_TIME: Duration = Duration::from_millis(1500);
 
 /// State of the scanner's sightings.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ impl Sightings {
     }
 
     /// The board was told to look for these beacons.
-    pub fn looks_for(&mut self, now: Instant, ids: &[u8]) {
+    pub fn select(&mut self, now: Instant, ids: &[u8]) {
         self.active = ids.to_vec();
         self.since = now;
     }
@@ -43,7 +43,7 @@ impl Sightings {
     /// The answer is implausible.
     pub fn read(&mut self, now: Instant, epoch: Epoch, data: &[u8]) -> Result<(DataBeacons, bool), Implausible> {
         let sightings = parse_beacons(data)?;
-        if let Some(index) = sightings.iter().position(|sighting| sighting.age_ms > OLD_MS) {
+        if let Some(index) = sightings.iter().position(|sighting| sighting.age_ms > AGE_MAX_MS) {
             return Err(Implausible::Value { index, value: sightings[index].age_ms.into() });
         }
         // Ages are relative to the answer's first word.
@@ -51,11 +51,11 @@ impl Sightings {
         let (mut beacons, mut stranger) = (Vec::new(), false);
         for sighting in &sightings {
             if !self.active.is_empty() && !self.active.contains(&sighting.id) {
-                stranger |= now.since(self.since) > SETTLES;
+                stranger |= now.since(self.since) > SETTLING_TIME;
                 continue;
             }
             let at = said - Duration::from_millis(sighting.age_ms.into());
-            if self.last.get(&sighting.id).is_some_and(|last| at.since(*last) < SAME) {
+            if self.last.get(&sighting.id).is_some_and(|last| at.since(*last) < SAME_SIGHTING) {
                 continue;
             }
             self.last.insert(sighting.id, at);
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn an_unselected_beacon_is_dropped_and_reveals_a_reset() {
         let mut sightings = Sightings::new(115_200);
-        sightings.looks_for(at(5000), &[2]);
+        sightings.select(at(5000), &[2]);
         assert_eq!(read(&mut sightings, 6000, &[sighting(1, 3)]), (vec![], false), "of the sweep before");
         let (seen, stranger) = read(&mut sightings, 7000, &[sighting(1, 3), sighting(2, 3)]);
         assert_eq!((seen.len(), stranger), (1, true));

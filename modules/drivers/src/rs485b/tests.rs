@@ -28,7 +28,7 @@ fn config() -> Config {
 /// Received selections in order; sightings; time of switching on.
 #[derive(Default)]
 struct Scanner {
-    told: Vec<Vec<u8>>,
+    sent: Vec<Vec<u8>>,
     sees: Vec<Sighting>,
     on: Instant,
 }
@@ -36,7 +36,7 @@ struct Scanner {
 fn answer(board: &mut Scanner, now: Instant, asked: &Asked) -> (Status, Vec<u8>) {
     match asked.instruction {
         code if code == SET_BEACON_IDS.code => {
-            board.told.push(asked.data.to_vec());
+            board.sent.push(asked.data.to_vec());
             (Status::Ok, Vec::new())
         }
         code if code == GET_BEACON_DATA.code => (Status::Ok, build_beacons(&board.sees).to_vec()),
@@ -66,7 +66,7 @@ fn active(rig: &mut Rig<Scanner>, ids: &[i32]) {
 fn beacons_are_selected_and_sightings_published_once_a_second() {
     let mut rig = rig();
     rig.run(ms(100));
-    assert_eq!(rig.board.told, [[1, 2]]);
+    assert_eq!(rig.board.sent, [[1, 2]]);
     assert_eq!(rig.news(), "INIT\nsbs1 (0x30 on rs485.b): firmware 1.4\nRUN");
     rig.run(ms(5000));
     let beacons = beacons(&mut rig);
@@ -75,7 +75,7 @@ fn beacons_are_selected_and_sightings_published_once_a_second() {
     assert_eq!(last.timestamp, (at.as_nanos() / 1000) as i64);
     // 12 words of 95.487 us, rounded down to a microsecond twice.
     assert!((last.timestamp - last.beacons[0].timestamp - 401_146).abs() <= 1, "{last:?}");
-    assert_eq!(rig.board.told.len(), 1, "told once");
+    assert_eq!(rig.board.sent.len(), 1, "reported once");
 }
 
 #[test]
@@ -85,29 +85,29 @@ fn commanded_beacons_are_selected_and_invalid_ones_rejected() {
     rig.news();
     active(&mut rig, &[7, 3]);
     rig.run(ms(50));
-    assert_eq!(rig.board.told.last().unwrap(), &[7, 3]);
+    assert_eq!(rig.board.sent.last().unwrap(), &[7, 3]);
     active(&mut rig, &[]);
     rig.run(ms(50));
-    assert_eq!(rig.board.told.last().unwrap(), &[] as &[u8], "all");
+    assert_eq!(rig.board.sent.last().unwrap(), &[] as &[u8], "all");
     for nonsense in [&[256][..], &[-1], &[4, 4], &[9; 50]] {
         active(&mut rig, nonsense);
         rig.run(ms(50));
         assert_eq!(rig.news(), "Warning CommandForbidden beacons", "{nonsense:?}");
     }
-    assert_eq!(rig.board.told.len(), 3);
+    assert_eq!(rig.board.sent.len(), 3);
 }
 
 #[test]
 fn a_board_that_was_reset_gets_its_beacons_again() {
     let mut rig = rig();
     rig.run(ms(15_000));
-    assert_eq!(rig.board.told.len(), 1);
+    assert_eq!(rig.board.sent.len(), 1);
     rig.board.on = rig.bench.now();
     rig.run(ms(10_000));
-    assert_eq!(rig.board.told, [[1, 2], [1, 2]], "its sweeps began anew");
+    assert_eq!(rig.board.sent, [[1, 2], [1, 2]], "its sweep counter restarted");
     rig.board.sees[0].id = 9;
     rig.run(ms(1000));
-    assert_eq!(rig.board.told.len(), 3, "it sees what it was not to look for");
+    assert_eq!(rig.board.sent.len(), 3, "it reports an unselected beacon");
 }
 
 #[test]
@@ -120,10 +120,10 @@ fn a_lost_board_is_polled_rarely_and_configured_on_return() {
     rig.run(ms(20_000));
     assert_eq!(rig.news(), "Warning BoardDegraded sbs1\nError BoardLost sbs1\nERROR");
     beacons(&mut rig);
-    rig.board.told.clear();
+    rig.board.sent.clear();
     rig.dead = false;
     rig.run(ms(2000));
-    assert_eq!(rig.board.told, [[5]]);
+    assert_eq!(rig.board.sent, [[5]]);
     let back = "Notice BoardDegraded sbs1\nNotice BoardLost sbs1\nRUN\nsbs1 (0x30 on rs485.b): firmware 1.4";
     assert_eq!(rig.news(), back);
     assert!(!beacons(&mut rig).is_empty());
@@ -138,10 +138,10 @@ fn commands_received_in_stop_are_sent_later() {
     beacons(&mut rig);
     active(&mut rig, &[5]);
     rig.run(ms(3000));
-    assert!(beacons(&mut rig).is_empty() && rig.board.told.len() == 1);
+    assert!(beacons(&mut rig).is_empty() && rig.board.sent.len() == 1);
     rig.command(State::Run);
     rig.run(ms(100));
-    assert_eq!(rig.board.told.last().unwrap(), &[5]);
+    assert_eq!(rig.board.sent.last().unwrap(), &[5]);
 }
 
 #[test]

@@ -197,12 +197,12 @@ impl Rig {
     }
 
     pub fn hear(&mut self, channel: &str, data: &[u8]) {
-        self.bench.event(Event::Heard { at: self.bench.now(), channel, data });
+        self.bench.event(Event::RawMessage { at: self.bench.now(), channel, data });
         self.collect();
     }
 
     pub fn heard(&mut self, message: impl Into<Message>) {
-        self.bench.heard(message);
+        self.bench.raw_message(message);
         self.collect();
     }
 

@@ -58,20 +58,23 @@ fn where_there_is_no_wire_its_time_is_played_one_transfer_after_the_other() {
 }
 
 #[test]
-fn ailments_come_over_chips_and_thermometers_and_go() {
+fn faults_of_chips_and_thermometers_are_injected_and_end() {
     let mut all = made();
-    let suffer = |all: &mut Auxiliary, ailment| assert!(all.suffer(at(0), "fan1", ailment, at(100)), "{ailment:?}");
-    suffer(&mut all, Ailment::Hold);
+    let inject = |all: &mut Auxiliary, injected| assert!(all.inject(at(0), "fan1", injected, at(100)), "{injected:?}");
+    inject(&mut all, InjectedFault::Hold);
     assert_eq!(read(&mut all, at(50), 0), Err(Error::Stuck));
-    suffer(&mut all, Ailment::None);
-    suffer(&mut all, Ailment::Silent);
+    inject(&mut all, InjectedFault::None);
+    inject(&mut all, InjectedFault::Silent);
     assert_eq!(read(&mut all, at(50), 0), Err(Error::NoAddress));
-    suffer(&mut all, Ailment::None);
-    suffer(&mut all, Ailment::Wrong);
+    inject(&mut all, InjectedFault::None);
+    inject(&mut all, InjectedFault::Wrong);
     assert_eq!(read(&mut all, at(50), 0).unwrap()[..], [0xFF]);
     assert_eq!(read(&mut all, at(101), register::DEVICE).unwrap()[..], [0x68]);
-    assert!(!all.suffer(at(0), "fan1", Ailment::Clash, at(1)) && !all.suffer(at(0), "fan9", Ailment::Silent, at(1)));
-    assert!(all.suffer(at(200), "fan1", Ailment::Hot(95.0), at(9000)));
+    assert!(
+        !all.inject(at(0), "fan1", InjectedFault::Clash, at(1))
+            && !all.inject(at(0), "fan9", InjectedFault::Silent, at(1))
+    );
+    assert!(all.inject(at(200), "fan1", InjectedFault::Hot(95.0), at(9000)));
     assert_eq!(read(&mut all, at(1200), register::TEMPERATURE).unwrap()[..], [95]);
     assert_eq!(read(&mut all, at(9600), register::TEMPERATURE).unwrap()[..], [36]);
 }
@@ -83,7 +86,7 @@ fn thermometers_tell_what_changes_and_who_is_gone() {
     let both = Answer::List([rom(1), rom(2)].into_iter().collect());
     let first = [both.clone(), Answer::Temperature(rom(1), Ok(23_000)), Answer::Temperature(rom(2), Ok(36_000))];
     assert_eq!(said(&mut all), first);
-    assert!(all.suffer(at(100), "battery", Ailment::Silent, at(3000)));
+    assert!(all.inject(at(100), "battery", InjectedFault::Silent, at(3000)));
     assert_eq!(said(&mut all)[..1], [Answer::List([rom(2)].into_iter().collect())]);
     all.handle_timeout(at(1000), 0.0);
     all.handle_timeout(at(2000), 0.0);
@@ -91,6 +94,6 @@ fn thermometers_tell_what_changes_and_who_is_gone() {
     all.handle_timeout(at(3000), 0.0);
     let back = said(&mut all);
     assert!(back[0] == both && back[1..].contains(&Answer::Temperature(rom(1), Ok(23_000))), "{back:?}");
-    assert!(all.suffer(at(3000), "cabin", Ailment::Wrong, Instant::NEVER));
+    assert!(all.inject(at(3000), "cabin", InjectedFault::Wrong, Instant::NEVER));
     assert!(said(&mut all).contains(&Answer::Temperature(rom(2), Err(w1::Error::Crc))));
 }

@@ -1,7 +1,7 @@
 //! What is wrong on the CAN bus beside the drives: frames that are lost where the host models no wire, a node that
 //! babbles, a second node with the number of another.
 
-use crate::faults::Ailment;
+use crate::faults::InjectedFault;
 use crate::random::Random;
 use base::can::{Frame, frame_bits};
 use base::{Duration, Instant};
@@ -54,17 +54,17 @@ impl CanLine {
     }
 
     /// Injects a fault into the bus; false if it is none of its faults.
-    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
-        match ailment {
-            Ailment::Noise(rate) => self.noise = (until, rate),
-            Ailment::Corrupt(every) => self.corrupt = (until, every),
-            Ailment::Loss(chance) => self.loss = (until, chance),
+    pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
+        match injected {
+            InjectedFault::Noise(rate) => self.noise = (until, rate),
+            InjectedFault::Corrupt(every) => self.corrupt = (until, every),
+            InjectedFault::Loss(chance) => self.loss = (until, chance),
             // The host's wire does these, where there is one.
-            Ailment::Duplicate(_) | Ailment::Delay(_) => return !self.imitates,
-            Ailment::Lose(nth) => self.lose = self.frames.saturating_add(nth),
-            Ailment::Cut => self.dead = until,
-            Ailment::BusOff => self.dead = if until == Instant::NEVER { now + OFF } else { until },
-            Ailment::None => {
+            InjectedFault::Duplicate(_) | InjectedFault::Delay(_) => return !self.imitates,
+            InjectedFault::Lose(nth) => self.lose = self.frames.saturating_add(nth),
+            InjectedFault::Cut => self.dead = until,
+            InjectedFault::BusOff => self.dead = if until == Instant::NEVER { now + OFF } else { until },
+            InjectedFault::None => {
                 (self.noise.0, self.corrupt.0, self.loss.0, self.lose, self.dead) = (now, now, now, 0, now);
             }
             _ => return false,
@@ -73,21 +73,21 @@ impl CanLine {
     }
 
     /// Injects a fault into a node that does not concern its drive; false if it is none.
-    pub fn suffer_node(
+    pub fn inject_node(
         &mut self,
         now: Instant,
         node: u8,
-        ailment: Ailment,
+        injected: InjectedFault,
         until: Instant,
         dictionary: impl FnOnce() -> Dictionary,
     ) -> bool {
-        match ailment {
-            Ailment::Babble { id, .. } => {
+        match injected {
+            InjectedFault::Babble { id, .. } => {
                 let id = if id > 0 { id } else { 0x280 + u16::from(node) };
                 self.babblers.retain(|babbler| babbler.node != node);
                 self.babblers.push(Babbler { node, frame: Frame::standard(id, &[0; 8]), until, next: now });
             }
-            Ailment::Clash => {
+            InjectedFault::Clash => {
                 let mut twin = Node::new(dictionary(), Duration::ZERO);
                 twin.power_on(now);
                 self.twins.retain(|(other, ..)| *other != node);

@@ -35,7 +35,7 @@ pub(crate) enum Layout {
     Profile,
 }
 
-/// A drive and what ails it.
+/// A drive and its injected faults.
 pub(crate) struct Drive {
     /// Axis: `propulsion`, `steering`.
     pub name: &'static str,

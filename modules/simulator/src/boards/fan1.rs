@@ -1,7 +1,7 @@
 //! BR-FAN1: a MAX6615 with two fans in the robot's box, and what can ail it.
 
 use super::climate::Climate;
-use crate::faults::Ailment;
+use crate::faults::InjectedFault;
 use base::Instant;
 use base::i2c::{Address, Bytes, Error, Outcome, Transfer};
 use i2c::max6615::chip::Chip;
@@ -39,15 +39,15 @@ impl Fan1 {
     }
 
     /// Injects a fault; false if it is none of its kind.
-    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
-        match ailment {
-            Ailment::Silent => self.silent = until,
-            Ailment::Wrong => self.wrong = until,
-            Ailment::Hold => self.hold = until,
-            Ailment::Stall(fan) => self.stalls[usize::from(fan - 1)] = until,
-            Ailment::Hot(celsius) => self.hot = (until, celsius),
-            Ailment::Reset => self.chip.reset(),
-            Ailment::None => {
+    pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
+        match injected {
+            InjectedFault::Silent => self.silent = until,
+            InjectedFault::Wrong => self.wrong = until,
+            InjectedFault::Hold => self.hold = until,
+            InjectedFault::Stall(fan) => self.stalls[usize::from(fan - 1)] = until,
+            InjectedFault::Hot(celsius) => self.hot = (until, celsius),
+            InjectedFault::Reset => self.chip.reset(),
+            InjectedFault::None => {
                 (self.silent, self.wrong, self.hold, self.stalls) = (now, now, now, [now; 2]);
                 self.hot.0 = now;
             }

@@ -1,11 +1,11 @@
-//! An emulated serial line: the boards on it, what ails them, and the wire's time where the real wire has none.
+//! An emulated serial line: the boards on it, their injected faults, and the wire's time where the real wire has none.
 
 use super::psc1::Psc1;
 use super::sbs1::Sbs1;
 use super::sd1::Sd1;
 use super::so1::So1;
 use crate::disturbance::{Disturbance, garbled};
-use crate::faults::Ailment;
+use crate::faults::InjectedFault;
 use crate::random::Random;
 use crate::scene::Scene;
 use base::serial::Word;
@@ -35,9 +35,9 @@ pub(crate) enum Kind {
     Psc1(Box<Psc1>),
 }
 
-/// Until when what ails a board, and how much.
+/// Ends of the faults injected into a board, with their parameters.
 #[derive(Debug, Default)]
-struct Ails {
+struct ActiveFaults {
     silent: Instant,
     refuses: Instant,
     stuck: Instant,
@@ -49,7 +49,7 @@ struct Ails {
     babble: (Instant, bool),
 }
 
-/// A board and what ails it.
+/// A board and its injected faults.
 #[derive(Debug)]
 pub(crate) struct Board {
     pub name: String,
@@ -57,7 +57,7 @@ pub(crate) struct Board {
     slave: Slave,
     /// Response time without faults.
     delay: Duration,
-    ails: Ails,
+    active_faults: ActiveFaults,
     /// True while it is supplied; a PSC1 supplies itself.
     fed: bool,
     /// End of its start-up, before which it receives nothing.
@@ -75,7 +75,7 @@ impl Board {
             kind,
             slave,
             delay,
-            ails: Ails::default(),
+            active_faults: ActiveFaults::default(),
             fed: true,
             boots_until: Instant::ZERO,
             babbles: Instant::NEVER,
@@ -84,32 +84,32 @@ impl Board {
     }
 
     /// Injects a fault; false if it is none of its kind.
-    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant, scene: &Scene) -> bool {
-        match (ailment, &mut self.kind) {
-            (Ailment::Silent, _) => self.ails.silent = until,
-            (Ailment::Refuses, _) => self.ails.refuses = until,
-            (Ailment::BadCrc, _) => self.ails.bad_crc = until,
-            (Ailment::BadLength, _) => self.ails.bad_length = until,
-            (Ailment::Slow(late), _) => self.ails.slow = (until, late),
-            (Ailment::Garbled(probability), _) => self.ails.garbled = (until, probability),
-            (Ailment::Clash, _) => self.ails.clash = until,
-            (Ailment::Babble { noise, .. }, _) => {
-                self.ails.babble = (until, noise);
+    pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant, scene: &Scene) -> bool {
+        match (injected, &mut self.kind) {
+            (InjectedFault::Silent, _) => self.active_faults.silent = until,
+            (InjectedFault::Refuses, _) => self.active_faults.refuses = until,
+            (InjectedFault::BadCrc, _) => self.active_faults.bad_crc = until,
+            (InjectedFault::BadLength, _) => self.active_faults.bad_length = until,
+            (InjectedFault::Slow(late), _) => self.active_faults.slow = (until, late),
+            (InjectedFault::Garbled(probability), _) => self.active_faults.garbled = (until, probability),
+            (InjectedFault::Clash, _) => self.active_faults.clash = until,
+            (InjectedFault::Babble { noise, .. }, _) => {
+                self.active_faults.babble = (until, noise);
                 self.babbles = now;
             }
-            (Ailment::Reset, _) => self.reset(now, scene),
-            (Ailment::Stuck, Kind::So1(_)) => self.ails.stuck = until,
-            (Ailment::Wrap, Kind::So1(board)) => board.wrap(scene),
-            (Ailment::Blind, Kind::Sd1(board)) => board.blind(until),
-            (Ailment::Stuck, Kind::Sd1(board)) => board.stick(now, until, scene),
-            (Ailment::Crosstalk(probability), Kind::Sd1(board)) => board.mix(until, probability),
-            (Ailment::Hidden(beacon), Kind::Sbs1(board)) => board.hide(until, beacon),
-            (Ailment::False(probability), Kind::Sbs1(board)) => board.mislead(until, probability),
-            (Ailment::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
-            (Ailment::StopButton, Kind::Psc1(board)) => board.push_button(until),
-            (Ailment::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
-            (Ailment::PowerOff(seconds), Kind::Psc1(board)) => board.power_off(now, seconds),
-            (Ailment::None, kind) => {
+            (InjectedFault::Reset, _) => self.reset(now, scene),
+            (InjectedFault::Stuck, Kind::So1(_)) => self.active_faults.stuck = until,
+            (InjectedFault::Wrap, Kind::So1(board)) => board.wrap(scene),
+            (InjectedFault::Blind, Kind::Sd1(board)) => board.blind(until),
+            (InjectedFault::Stuck, Kind::Sd1(board)) => board.stick(now, until, scene),
+            (InjectedFault::Crosstalk(probability), Kind::Sd1(board)) => board.mix(until, probability),
+            (InjectedFault::Hidden(beacon), Kind::Sbs1(board)) => board.hide(until, beacon),
+            (InjectedFault::False(probability), Kind::Sbs1(board)) => board.mislead(until, probability),
+            (InjectedFault::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
+            (InjectedFault::StopButton, Kind::Psc1(board)) => board.push_button(until),
+            (InjectedFault::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
+            (InjectedFault::PowerOff(seconds), Kind::Psc1(board)) => board.power_off(now, seconds),
+            (InjectedFault::None, kind) => {
                 match kind {
                     Kind::Psc1(board) => {
                         board.let_go(now);
@@ -122,7 +122,7 @@ impl Board {
                     }
                     Kind::So1(_) => {}
                 }
-                self.ails = Ails::default();
+                self.active_faults = ActiveFaults::default();
                 self.babbles = Instant::NEVER;
             }
             _ => return false,
@@ -154,17 +154,17 @@ impl Board {
     }
 
     fn hears(&self, now: Instant) -> bool {
-        self.fed && self.ails.silent <= now && self.boots_until <= now
+        self.fed && self.active_faults.silent <= now && self.boots_until <= now
     }
 
     fn answer(&mut self, now: Instant, asked: &Asked, scene: &Scene) {
         let (status, data) = match (asked.instruction, &mut self.kind) {
-            _ if self.ails.refuses > now => (Status::UnknownInstruction, Data::new()),
+            _ if self.active_faults.refuses > now => (Status::UnknownInstruction, Data::new()),
             (code, _) if code == GET_VERSION.code => (Status::Ok, VERSION.build().into_iter().collect()),
             (code, _) if code == DO_RESET.code => (Status::Ok, Data::new()),
             (_, Kind::Sd1(board)) => board.answer(now, asked, scene),
             (_, Kind::So1(board)) => {
-                board.stick(now < self.ails.stuck, scene);
+                board.stick(now < self.active_faults.stuck, scene);
                 board.answer(asked, scene)
             }
             (_, Kind::Sbs1(board)) => board.answer(now, asked, scene),
@@ -174,12 +174,12 @@ impl Board {
     }
 
     fn handle_rx(&mut self, at: Instant, now: Instant, words: &[Word], scene: &Scene) {
-        let (slow, late) = self.ails.slow;
+        let (slow, late) = self.active_faults.slow;
         self.slave.set_delay(if slow > now { late } else { self.delay });
         self.slave.handle_rx(at, words);
         while let Some(asked) = self.slave.poll_request() {
             self.answer(now, &asked, scene);
-            if asked.instruction == DO_RESET.code && self.ails.refuses <= now {
+            if asked.instruction == DO_RESET.code && self.active_faults.refuses <= now {
                 // The answer is in the slave, and is sent first.
                 self.forget(now, scene);
             }
@@ -201,7 +201,7 @@ impl Board {
         if self.babbles > now {
             return None;
         }
-        let (until, noise) = self.ails.babble;
+        let (until, noise) = self.active_faults.babble;
         self.babbles = if until > now { now + BABBLE } else { Instant::NEVER };
         if until <= now || !self.fed {
             return None;
@@ -218,20 +218,20 @@ impl Board {
 
     /// Applies its faults to a message.
     fn distort(&self, now: Instant, words: &mut Vec<Word>, crc: Crc8, random: &mut Random) {
-        if self.ails.bad_length > now && words.len() > HEADER {
+        if self.active_faults.bad_length > now && words.len() > HEADER {
             words.insert(HEADER, Word::data(0));
             words[HEADER - 1].byte = words[HEADER - 1].byte.wrapping_add(1);
             seal(words, crc);
         }
-        if self.ails.bad_crc > now
+        if self.active_faults.bad_crc > now
             && let Some(crc) = words.last_mut()
         {
             crc.byte ^= 0x55;
         }
-        if self.ails.clash > now {
+        if self.active_faults.clash > now {
             clash(words, random);
         }
-        let (until, probability) = self.ails.garbled;
+        let (until, probability) = self.active_faults.garbled;
         if until > now {
             for word in words {
                 if random.chance(probability) {
@@ -331,13 +331,17 @@ impl SerialLine {
     }
 
     /// Injects a fault into the line itself; false if it is none. Where the host models a wire, the host does it.
-    pub fn disturb(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
+    pub fn disturb(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
         let known = matches!(
-            ailment,
-            Ailment::Noise(_) | Ailment::Loss(_) | Ailment::Duplicate(_) | Ailment::Delay(_) | Ailment::None
+            injected,
+            InjectedFault::Noise(_)
+                | InjectedFault::Loss(_)
+                | InjectedFault::Duplicate(_)
+                | InjectedFault::Delay(_)
+                | InjectedFault::None
         );
         if known && self.behind != Wire::Modelled {
-            self.disturbance.suffer(now, ailment, until);
+            self.disturbance.inject(now, injected, until);
         }
         known
     }

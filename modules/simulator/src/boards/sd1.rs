@@ -30,7 +30,7 @@ pub struct Sd1Config {
     pub irs: Vec<Point>,
 }
 
-/// Until when what ails its sonars.
+/// Ends of the faults injected into its sonars.
 #[derive(Clone, Debug, Default)]
 struct Ears {
     blind: Instant,

@@ -1,7 +1,7 @@
 //! What can be broken: found by trying everything on everything, so that no list can differ from what is done.
 
 use super::{Config, ROBOT, Simulator, boards};
-use crate::faults::{Ailment, NAMES};
+use crate::faults::{InjectedFault, NAMES};
 use crate::gamepad::{self, Gamepad};
 use crate::world::World;
 use base::Instant;
@@ -24,11 +24,11 @@ impl Simulator {
             offered.push((gamepad::TARGET.into(), gamepad::NAMES.iter().copied().filter(does).collect()));
         }
         for target in simulator.targets() {
-            let mut suffers = |name: &&str| {
-                let mut ailments = VALUES.iter().filter_map(|value| Ailment::from_name(name, *value));
-                ailments.any(|ailment| simulator.ail(now, &target, ailment, now))
+            let mut accepts = |name: &&str| {
+                let mut candidates = VALUES.iter().filter_map(|value| InjectedFault::from_name(name, *value));
+                candidates.any(|injected| simulator.inject(now, &target, injected, now))
             };
-            let faults = NAMES.iter().copied().filter(|name| suffers(name)).collect();
+            let faults = NAMES.iter().copied().filter(|name| accepts(name)).collect();
             offered.push((target, faults));
         }
         offered

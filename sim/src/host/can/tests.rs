@@ -47,7 +47,7 @@ fn the_lowest_identifier_wins_and_each_port_keeps_its_order() {
     let mut order = Vec::new();
     while let Some(due) = wire.poll_timeout() {
         wire.handle_timeout(due);
-        if let Some(Told::Frame(owner, frame)) = wire.poll_told() {
+        if let Some(WireEvent::Frame(owner, frame)) = wire.poll_event() {
             order.push((owner.pid, frame.id()));
         }
     }
@@ -65,7 +65,7 @@ fn frames_follow_each_other_with_three_bits_between() {
     let mut ends = Vec::new();
     while let Some(due) = wire.poll_timeout() {
         wire.handle_timeout(due);
-        if wire.poll_told().is_some() {
+        if wire.poll_event().is_some() {
             ends.push(due.as_nanos());
         }
     }
@@ -78,17 +78,17 @@ fn story(wire: &mut CanWire, end: Instant) -> Vec<String> {
     let mut lines = Vec::new();
     while let Some(due) = wire.poll_timeout().filter(|due| *due <= end) {
         wire.handle_timeout(due);
-        while let Some(told) = wire.poll_told() {
+        while let Some(told) = wire.poll_event() {
             let what = match told {
-                Told::Frame(owner, frame) => format!("{} frame {:?}", owner.pid, frame.data()),
-                Told::Lost(frame) => format!("- lost {:?}", frame.data()),
-                Told::Off(owner) => format!("{} off", owner.pid),
-                Told::Back(owner) => format!("{} back", owner.pid),
-                Told::Notice(owner, Notice::Health(health)) => {
+                WireEvent::Frame(owner, frame) => format!("{} frame {:?}", owner.pid, frame.data()),
+                WireEvent::Lost(frame) => format!("- lost {:?}", frame.data()),
+                WireEvent::Off(owner) => format!("{} off", owner.pid),
+                WireEvent::Back(owner) => format!("{} back", owner.pid),
+                WireEvent::Notice(owner, Notice::Health(health)) => {
                     let [transmit, receive] = [health.transmit_errors, health.receive_errors];
                     format!("{} {:?} {transmit} {receive}", owner.pid, health.state)
                 }
-                Told::Notice(owner, notice) => format!("{} {notice:?}", owner.pid),
+                WireEvent::Notice(owner, notice) => format!("{} {notice:?}", owner.pid),
             };
             lines.push(format!("{} {what}", due.as_nanos() / 1000));
         }
@@ -130,7 +130,7 @@ fn a_port_alone_on_its_wire_becomes_passive_and_never_bus_off() {
 #[test]
 fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
     let mut wire = wire(1_000_000, 2);
-    assert!(wire.suffer(Instant::ZERO, Ailment::Corrupt(2), Instant::NEVER));
+    assert!(wire.inject(Instant::ZERO, InjectedFault::Corrupt(2), Instant::NEVER));
     let (a, b) = (frame(0x181, &[1]), frame(0x182, &[2]));
     let [bits_a, bits_b] = [&a, &b].map(|frame| u64::from(frame_bits(frame)));
     wire.send(Instant::ZERO, owner(1), a);
@@ -155,7 +155,7 @@ fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
 #[test]
 fn a_port_with_only_destroyed_frames_goes_bus_off_with_back_off() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(20_000_000));
+    wire.inject(Instant::ZERO, InjectedFault::Corrupt(1), us(20_000_000));
     let (mut offs, mut backs, mut healths) = (Vec::new(), Vec::new(), Vec::new());
     for turn in 0..200_000 {
         let now = us(turn * 100);
@@ -180,7 +180,7 @@ fn a_port_with_only_destroyed_frames_goes_bus_off_with_back_off() {
     assert_eq!(wire.traffic.errors, 32 * offs.len() as u64);
     let calm = us(40_000_000);
     story(&mut wire, calm);
-    wire.suffer(calm, Ailment::BusOff, Instant::NEVER);
+    wire.inject(calm, InjectedFault::BusOff, Instant::NEVER);
     let back = story(&mut wire, us(40_200_000));
     assert!(back.contains(&"40101408 1 back".to_string()), "{back:?}");
 }
@@ -190,7 +190,7 @@ fn a_port_that_was_cut_off_sends_no_old_frames_afterwards() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
     wire.join(owner(2), &"boards".into(), true);
-    wire.suffer(Instant::ZERO, Ailment::Cut, us(500_000));
+    wire.inject(Instant::ZERO, InjectedFault::Cut, us(500_000));
     for n in 0..50 {
         let now = us(n * 10_000);
         wire.send(now, owner(1), frame(0x200, &[n as u8]));
@@ -213,7 +213,7 @@ fn passive_senders_on_both_sides_of_a_cut_settle() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
     wire.join(owner(2), &"boards".into(), false);
-    wire.suffer(Instant::ZERO, Ailment::Cut, us(500_000));
+    wire.inject(Instant::ZERO, InjectedFault::Cut, us(500_000));
     wire.send(us(0), owner(1), frame(0x200, &[]));
     wire.send(us(0), owner(2), frame(0x180, &[]));
     let mut turns = 0;
@@ -228,7 +228,7 @@ fn passive_senders_on_both_sides_of_a_cut_settle() {
 #[test]
 fn a_passive_sender_yields_to_others() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(3000));
+    wire.inject(Instant::ZERO, InjectedFault::Corrupt(1), us(3000));
     wire.send(Instant::ZERO, owner(1), frame(0x001, &[1]));
     while !wire.controllers[0].is_passive() {
         let due = wire.poll_timeout().unwrap();
@@ -247,7 +247,7 @@ fn noise_has_its_configured_rate_and_repeats_with_its_seed() {
         let mut wire = CanWire::new(1_000_000, Random::new(seed), None);
         wire.join(owner(1), &"a".into(), false);
         wire.join(owner(2), &"b".into(), false);
-        wire.suffer(Instant::ZERO, Ailment::Noise(5e-4), Instant::NEVER);
+        wire.inject(Instant::ZERO, InjectedFault::Noise(5e-4), Instant::NEVER);
         for n in 0..10_000 {
             wire.send(us(n * 500), owner(1), frame(0x181, &n.to_le_bytes()));
             story(&mut wire, us(n * 500 + 499));
@@ -265,7 +265,7 @@ fn noise_has_its_configured_rate_and_repeats_with_its_seed() {
 #[test]
 fn the_next_process_of_a_module_finds_its_controller_as_it_is() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(us(10), Ailment::BusOff, Instant::NEVER);
+    wire.inject(us(10), InjectedFault::BusOff, Instant::NEVER);
     wire.close(1);
     assert!(!wire.join(owner(3), &"module 1".into(), false), "it is still off");
     assert_eq!(wire.controllers.len(), 2);
@@ -280,7 +280,7 @@ fn the_next_process_of_a_module_finds_its_controller_as_it_is() {
 #[test]
 fn a_lost_frame_is_lost_once() {
     let mut wire = wire(1_000_000, 2);
-    wire.suffer(Instant::ZERO, Ailment::Lose(2), Instant::NEVER);
+    wire.inject(Instant::ZERO, InjectedFault::Lose(2), Instant::NEVER);
     for n in 0..3 {
         wire.send(Instant::ZERO, owner(1), frame(0x181, &[n]));
     }

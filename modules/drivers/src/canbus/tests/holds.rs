@@ -5,7 +5,7 @@ use super::super::{drive, steering};
 use super::*;
 use canopen::master::{BootError, LostReason, Step};
 use messages::middlelevel::{CmdGoal, DataEstimate, Waypoint};
-use module::Standing;
+use module::ActiveHold;
 
 fn pause(engaged: bool, source: &str) -> lowlevel::EventStop {
     lowlevel::EventStop { timestamp: 0, engaged, source: source.into() }
@@ -163,13 +163,13 @@ fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
         (steering(drive::Objection::Absent(absent)), "the steering drive is lost: heartbeat missing"),
         (steering(drive::Objection::Absent(failed)), "the steering drive cannot be booted: device type: no heartbeat"),
         (steering(drive::Objection::Fault(0)), "the steering drive is in fault since before it was booted"),
-        (steering(drive::Objection::Deaf), "the steering drive does not answer"),
-        (steering(drive::Objection::Unseen), "the steering drive has not told its state"),
+        (steering(drive::Objection::NotAnswering), "the steering drive does not answer"),
+        (steering(drive::Objection::StateUnknown), "the steering drive has not told its state"),
         (Objection::NotHomed(steering::NotHomed::Failed(homing)), "homing the steering failed: takes too long"),
     ] {
         is_plain(objection);
         assert_eq!(canbus.words(objection), words);
-        let Standing { hold, subject, .. } = canbus.standing(objection);
+        let ActiveHold { hold, subject, .. } = canbus.active_hold(objection);
         assert!(words.starts_with(&hold.words(subject)), "{hold:?}");
     }
 }
