@@ -1,12 +1,12 @@
 //! Rules that hold in every simulated step, whatever fails: always on, fed by the news of a virtual machine.
 //!
-//! [`Checkers::observe`] takes every [`News`] with its moment; the first rule that is broken is kept as a [`Violation`].
-//! A rule is a file with its source and its bound. All are judged by what passes on the wires, what processes were
-//! served, and how the body moves; none trusts a module's own word where there is another witness. What the driver of
-//! the drives knows is what it was served ([`News::Heard`]): so late messages, lost ones and a driver that is served
-//! late need no allowances. Deterministic; allocates for a new module, process or source only.
+//! [`Checkers::observe`] receives every [`News`] with its time; the first violation of a rule is kept as a
+//! [`Violation`]. Each rule is a file with its source and its bound. All are evaluated from the traffic on the wires,
+//! the input that processes were served, and the motion of the body; no rule relies on a module's own report if there
+//! is another witness. The knowledge of the drives' driver is what it was served ([`News::Heard`]), so late or lost
+//! messages and a slow driver need no allowances. Deterministic; allocates only for a new module, process or source.
 //!
-//! Knows no module by name: [`Limits`] has the names, and the bounds of the robot's configuration.
+//! Independent of module names: [`Limits`] has the names and the bounds of the robot's configuration.
 
 mod authority;
 mod body;
@@ -40,12 +40,12 @@ use messages::{Message, common};
 use module::State;
 use std::fmt;
 
-/// The bounds, and who is who.
+/// Bounds of the rules, and names of the modules.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// The module that moves the robot.
+    /// Module that moves the robot.
     pub driver: String,
-    /// The module that guards the others.
+    /// Module that supervises the others.
     pub watchdog: String,
     /// The module whose motion needs an operator's leave.
     pub planner: String,
@@ -59,30 +59,30 @@ pub struct Limits {
     pub steering: u8,
     /// Motor speed at 1 m/s, rpm.
     pub rpm_per_mps: f64,
-    /// A command beyond this is refused, m/s.
+    /// Maximum speed of a command, m/s; a faster one is rejected.
     pub speed: f64,
-    /// A command beyond this is refused, rad.
+    /// Maximum steering angle of a command, rad; a greater one is rejected.
     pub steering_angle: f64,
-    /// Limit of manual sources, m/s.
+    /// Speed limit of manual sources, m/s.
     pub speed_manual: f64,
-    /// Limit of the planner, m/s.
+    /// Speed limit of the planner, m/s.
     pub speed_autonomous: f64,
-    /// m/s².
+    /// Deceleration of a quick stop, m/s².
     pub quick_stop: f64,
-    /// A command lives this long.
+    /// Time to live of a command.
     pub ttl: Duration,
     /// True if a power controller reports the PAUSE line.
     pub pause_line: bool,
-    /// The longest delay between a death and a restart.
+    /// Maximum delay between the end of a process and its restart.
     pub restart_max: Duration,
 }
 
-/// A rule was broken.
+/// Violation of a rule.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Violation {
-    /// Time when that was seen.
+    /// Time of its detection.
     pub at: Instant,
-    /// Which: the name of its file.
+    /// Rule, by the name of its file.
     pub rule: &'static str,
     /// Description, in one line.
     pub what: String,
@@ -94,20 +94,20 @@ impl fmt::Display for Violation {
     }
 }
 
-/// The longest times that rules have a bound for; none where it did not happen.
+/// Longest times for which rules have a bound; `None` if the event did not occur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Times {
-    /// From the moment at which the driver was served that PAUSE is engaged to the stop on the bus.
+    /// From the time at which the driver was served an engaged PAUSE to the stop on the bus.
     pub pause_to_stop: Option<Duration>,
-    /// From the hang or death of the watchdog or a critical module, the last of faults that overlap, to the stop on the
-    /// bus, or to the drive's word that it stops by itself.
+    /// From the hang or death of the watchdog or a critical module (the last one of overlapping faults) to the stop on
+    /// the bus, or to the drive's report of its own stop.
     pub loss_to_stop: Option<Duration>,
-    /// In calm, until a module was as it is wanted.
+    /// In calm, until a module reached its wanted state.
     pub calm_to_wanted: Option<Duration>,
 }
 
 impl Times {
-    /// The longer of each.
+    /// Keeps the longer time of each.
     pub fn add(&mut self, other: &Self) {
         self.pause_to_stop = self.pause_to_stop.max(other.pause_to_stop);
         self.loss_to_stop = self.loss_to_stop.max(other.loss_to_stop);
@@ -138,7 +138,7 @@ pub struct Checkers {
 }
 
 impl Checkers {
-    /// Checkers of a machine on which nothing runs yet.
+    /// Creates the checkers of a machine without processes.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -159,7 +159,7 @@ impl Checkers {
         }
     }
 
-    /// The first rule that was broken.
+    /// First violation.
     #[must_use]
     pub fn violation(&self) -> Option<&Violation> {
         self.violation.as_ref()
@@ -171,13 +171,13 @@ impl Checkers {
         self.setpoints
     }
 
-    /// The longest times so far, as the rules count them.
+    /// Longest times so far.
     #[must_use]
     pub fn times(&self) -> Times {
         Times { pause_to_stop: self.pause.worst, loss_to_stop: self.stop.worst, calm_to_wanted: self.wanted.worst }
     }
 
-    /// From now on nothing is broken on purpose: all must come to be as it is wanted ([`wanted`]).
+    /// Begins the calm: no faults are injected, and all modules must reach their wanted state ([`wanted`]).
     pub fn calm(&mut self, now: Instant) {
         self.wanted.calm(now);
     }
@@ -187,7 +187,7 @@ impl Checkers {
         self.wanted.chaos();
     }
 
-    /// Takes a news. After the first violation nothing more is judged.
+    /// Processes a news item. Nothing is evaluated after the first violation.
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         if self.violation.is_some() {
             return;
@@ -260,7 +260,7 @@ impl Checkers {
             return Ok(());
         };
         if left_over || now.since(facts.driver.started) <= facts.slack(now) {
-            // Or its process died: frames that it handed over are still sent.
+            // Or its process died: frames handed over before are still sent.
             return Ok(());
         }
         self.setpoints += 1;

@@ -1,15 +1,15 @@
 //! The virtual host: many processes, the LCM bus and all wires in one thread, in virtual time.
 //!
-//! Everything that happens has a moment in integer nanoseconds and, among equal moments, a number: who asked first is
-//! served first. There is one seed; what is random draws from streams of it. The same seed and the same calls give
-//! the same run to the last bit, which [`Virtual::digest`] proves.
+//! Every event has a time in integer nanoseconds and, among equal times, a number in order of scheduling. All
+//! randomness comes from streams of one seed. The same seed and the same calls give the same run to the last bit, which
+//! [`Virtual::digest`] proves.
 //!
-//! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
-//! with exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits a word and
-//! collisions ([`serial`]); I2C with the time that its bits take ([`i2c`]), 1-Wire with that of a search or a
-//! measurement ([`w1`]); disks that lose in a power cut what was not synchronized ([`Disk`]); processes that are
-//! started, ended, killed, hung, slow, that beat as live ones do, and outlive their watchdog for a while; what faults
-//! do to all of these. What is not: computing time (an event is served at once, or so much late), resource usage
+//! Modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN with
+//! exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits per word and collisions
+//! ([`serial`]); I2C with the duration of its bits ([`i2c`]), 1-Wire with that of a search or a measurement ([`w1`]);
+//! disks that lose unsynchronized data in a power failure ([`Disk`]); processes that are started, ended, killed, hung
+//! or slow, send heartbeats as live ones do, and outlive their watchdog for a while; and the effect of faults on all of
+//! these. Not modelled: computing time (an event is served at once, or with a given latency) and resource usage
 //! ([`module::ProcessEvent::Usage`] is never sent).
 
 mod agenda;
@@ -55,45 +55,45 @@ use std::mem;
 use std::rc::Rc;
 use wire::{Kind, Wire, open};
 
-/// SIGKILL's number.
+/// Number of SIGKILL.
 const SIGKILL: i32 = 9;
-/// Why a port is down whose CAN controller has left the bus.
+/// Reason of a port that is down because its CAN controller is bus-off.
 const BUS_OFF: &str = "bus-off";
-/// Processes are numbered from here.
+/// First process id.
 const FIRST_PID: u32 = 1000;
-/// What waits for a hung process; further input is lost, as full socket buffers lose it.
+/// Maximum number of pending inputs of a hung process; further ones are dropped, as by full socket buffers.
 const BACKLOG_MAX: usize = 1024;
-/// A module that is due at once this often in a row does not move on.
+/// Maximum number of times in a row that a module may be due at once.
 const SPIN_MAX: u32 = 10_000;
-/// The LCM bus as a target of faults.
+/// Name of the LCM bus as a target of faults.
 const LCM: &str = "lcm";
-/// What is said when a recorder has no room.
+/// Message when a recorder has no room.
 const GAPS_TEXT: &str = "the record of inputs is incomplete: the disk takes nothing";
-/// A message that comes twice comes again within this time.
+/// Maximum delay of the second copy of a duplicated message.
 const DUPLICATE_WITHIN: Duration = Duration::from_millis(2);
 
 /// A process.
 struct Process {
     pid: u32,
-    /// Who is told of its end; 0: nobody.
+    /// Process that is informed of its end; 0: none.
     parent: u32,
     module: Rc<str>,
     shell: Shell,
-    /// The wires of its ports.
+    /// Wires of its ports.
     wires: Vec<usize>,
     life: Life,
-    /// With the epoch that it took when it was started.
+    /// Actions, with the epoch at the start of the process.
     out: Actions,
     due: Option<(Instant, u64)>,
-    /// That inputs are lost was reported.
+    /// The loss of inputs was reported.
     told_of_gaps: bool,
-    /// When it was last served by its timer, and how often at that moment.
+    /// Time of its last timer event, and the number of them at that time.
     spin: (Instant, u32),
 }
 
-/// Makes a module's shell by name, to go to the wanted state; refuses with one line why.
+/// Creates a module's shell by name, with its wanted state. The error is the reason in one line.
 pub type Factory = Box<dyn FnMut(&str, State) -> Result<Shell, String>>;
-/// Is told everything, with the time.
+/// Receives all news with their times.
 pub type Observer = Box<dyn FnMut(Instant, &News<'_>)>;
 
 /// A machine in virtual time.
@@ -108,20 +108,20 @@ pub struct Virtual {
     wires: Vec<Wire>,
     next_pid: u32,
     kept: Vec<Kept>,
-    /// What is kept of each module for the next watchdog.
+    /// State of each module that is kept for the next watchdog.
     remembered: BTreeMap<String, (State, bool)>,
-    /// A look at beats is to come.
+    /// A check of heartbeats is scheduled.
     looking: bool,
     lcm: Random,
     lcm_disturbance: Disturbance,
-    /// Time when the last message of each process arrives.
+    /// Arrival time of each process's last message.
     arrivals: BTreeMap<u32, Instant>,
     digest: Digest,
     bytes: Vec<u8>,
     ports: Vec<Owner>,
 }
 
-/// What is due next.
+/// Next event.
 enum Next {
     Agenda,
     Process(usize),
@@ -129,7 +129,7 @@ enum Next {
 }
 
 impl Virtual {
-    /// A machine at time zero on which nothing runs.
+    /// Creates a machine at time zero without processes.
     #[must_use]
     pub fn new(config: Config, factory: impl FnMut(&str, State) -> Result<Shell, String> + 'static) -> Self {
         Self {
@@ -159,48 +159,48 @@ impl Virtual {
         self.observers.push(Box::new(observer));
     }
 
-    /// The time.
+    /// Current time.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.now
     }
 
-    /// The digest of everything that was sent so far.
+    /// Digest of everything sent so far.
     #[must_use]
     pub fn digest(&self) -> u64 {
         self.digest.value()
     }
 
-    /// All processes in order of their numbers: number, module.
+    /// All processes in order of their ids: id, module.
     pub fn processes(&self) -> impl Iterator<Item = (u32, &str)> {
         self.processes.iter().map(|process| (process.pid, &*process.module))
     }
 
-    /// The latest process of a module.
+    /// Latest process of a module.
     #[must_use]
     pub fn pid(&self, module: &str) -> Option<u32> {
         self.processes.iter().rev().find(|process| &*process.module == module).map(|process| process.pid)
     }
 
-    /// A process's state; none when there is no such process.
+    /// State of a process; `None` if it does not exist.
     #[must_use]
     pub fn state(&self, pid: u32) -> Option<State> {
         self.place(pid).map(|place| self.processes[place].shell.state())
     }
 
-    /// A process's shell, to look at.
+    /// Shell of a process, for inspection.
     #[must_use]
     pub fn shell(&self, pid: u32) -> Option<&Shell> {
         self.place(pid).map(|place| &self.processes[place].shell)
     }
 
-    /// What has passed on a bus; none when no port was ever on it.
+    /// Traffic on a bus; `None` if no port was ever on it.
     #[must_use]
     pub fn traffic(&self, bus: &str) -> Option<Traffic> {
         self.wires.iter().find(|wire| &*wire.bus == bus).map(Wire::traffic)
     }
 
-    /// The disk behind a port for log files; none when no such port was ever opened.
+    /// Disk behind a port for log files; `None` if no such port was ever opened.
     pub fn disk(&mut self, bus: &str) -> Option<&mut Disk> {
         self.wires.iter_mut().find(|wire| &*wire.bus == bus).and_then(|wire| match &mut wire.kind {
             Kind::Store(wire) => Some(&mut wire.server.disk),
@@ -208,10 +208,10 @@ impl Virtual {
         })
     }
 
-    /// Starts a process that nobody guards.
+    /// Starts a process that is not supervised.
     ///
     /// # Errors
-    /// One line why: the factory's, or that a port does not fit its bus.
+    /// One line: the factory's reason, or that a port does not fit its bus.
     pub fn spawn(&mut self, module: &str, wanted: State) -> Result<u32, String> {
         self.start(0, module, wanted)
     }
@@ -226,12 +226,12 @@ impl Virtual {
         self.end(pid, ExitStatus::Signal(SIGKILL));
     }
 
-    /// Sends a message at a moment (now, when it is past), as process 0.
+    /// Sends a message at a given time (now, if that is past), as process 0.
     pub fn inject(&mut self, at: Instant, message: impl Into<Message>) {
         self.schedule(at.max(self.now), Happening::Inject(message.into()));
     }
 
-    /// Lets a gamepad that no process simulates tell something, now; false when no port of that bus was ever opened.
+    /// Sends an event of a gamepad that no process simulates; false if no port of that bus was ever opened.
     pub fn gamepad(&mut self, bus: &str, event: GamepadEvent) -> bool {
         let place = self.wires.iter().position(|wire| &*wire.bus == bus && matches!(wire.kind, Kind::Gamepad(_)));
         if let Some(place) = place {
@@ -240,8 +240,8 @@ impl Virtual {
         place.is_some()
     }
 
-    /// Lets a fault come over a bus for so many seconds (0: for good), as `SIM_CMD_FAULT` with the bus's name as its
-    /// target does; `lcm` is one. False when there is no such bus, or that is no fault of it.
+    /// Injects a fault into a bus for a duration in s (0: permanent), like `SIM_CMD_FAULT` with the bus as its target;
+    /// `lcm` is a bus, too. False if the bus does not exist or has no such fault.
     pub fn fault(&mut self, target: &str, fault: &str, value: f64, lasts: f64) -> bool {
         let (now, until) = (self.now, faults::until(self.now, lasts));
         let Some(injected) = InjectedFault::from_name(fault, value) else { return false };
@@ -256,17 +256,17 @@ impl Virtual {
             self.news(&News::Fault { target, fault, until });
         }
         if let Some(place) = place {
-            // What it does at once is told after it.
+            // Immediate effects are reported after the fault.
             self.pass_events(place);
             self.arm_wire(place);
         }
         known
     }
 
-    /// Lets everything happen that happens up to and at `end`.
+    /// Processes all events up to and including `end`.
     ///
     /// # Panics
-    /// When a module is due at once again and again: live, that would spin.
+    /// A module is due at once again and again: a live host would spin.
     pub fn run_until(&mut self, end: Instant) {
         while let Some((at, next)) = self.next().filter(|(at, _)| *at <= end) {
             self.now = self.now.max(at);
@@ -280,8 +280,7 @@ impl Virtual {
     }
 
     fn next(&self) -> Option<(Instant, Next)> {
-        // There are a dozen at most, and this is asked before everything that happens: plain loops, no chain of
-        // iterators.
+        // There are at most a dozen, and this is called before every event: plain loops instead of chained iterators.
         let mut first = self.agenda.peek().map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
         let mut sooner = |due: Option<(Instant, u64)>, next| {
             if let Some(due) = due
@@ -370,7 +369,7 @@ impl Virtual {
         for port in (0..ports).map(|port| PortId(port as u8)) {
             let Some(place) = self.place(pid) else { return };
             let wire = self.processes[place].wires[usize::from(port.0)];
-            // Who can be told of faults emulates what they are of.
+            // The process that receives fault commands emulates their targets.
             let emulates = self.processes[place].shell.wants(Channel::SimCmdFault);
             let module = self.processes[place].module.clone();
             let up = self.wires[wire].join(Owner { pid, port }, &module, emulates);
@@ -387,18 +386,18 @@ impl Virtual {
     fn deliver(&mut self, message: &Rc<Message>) {
         let mut loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
         if let Message::SimCmdFault(command) = &**message {
-            // What breaks the world is not broken by it.
+            // Fault commands are not affected by faults.
             loss = 0.0;
             let (target, fault) = (command.target.as_str(), command.fault.as_str());
             let of_a_bus = self.fault(target, fault, command.value, command.duration);
-            // Else it is one of the simulator's, or the simulator says that it is none.
+            // Otherwise it is a fault of the simulator's, which reports unknown ones.
             if !of_a_bus && InjectedFault::from_name(fault, command.value).is_some() {
                 self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
             }
         }
         let mut bytes = None;
         let mut pid = 0;
-        // By number, not by place: serving one may end or start others.
+        // By id, not by index: serving one may end or start others.
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
             let process = &self.processes[place];
             pid = process.pid;
@@ -464,7 +463,7 @@ impl Virtual {
         self.arm_wire(place);
     }
 
-    /// Passes on what a CAN wire tells.
+    /// Forwards the events of a CAN wire.
     fn pass_events(&mut self, place: usize) {
         while let Kind::Can(wire) = &mut self.wires[place].kind
             && let Some(told) = wire.poll_event()
@@ -539,7 +538,7 @@ impl Virtual {
         self.tell(owner.pid, Waiting::I2c(owner.port, outcome));
     }
 
-    /// Serves the ports that a wire has now; what they do may open and close ports.
+    /// Serves the current ports of a wire; that may open and close ports.
     fn each_port(&mut self, place: usize, mut serve: impl FnMut(&mut Self, Owner)) {
         let mut ports = mem::take(&mut self.ports);
         ports.clear();
@@ -550,7 +549,7 @@ impl Virtual {
         self.ports = ports;
     }
 
-    /// Gives a process an event now, or at a later moment.
+    /// Sends a process an event at a given time.
     fn tell_at(&mut self, at: Instant, pid: u32, waiting: Waiting) {
         if at <= self.now {
             self.tell(pid, waiting);
@@ -559,7 +558,7 @@ impl Virtual {
         }
     }
 
-    /// An event has come for a process: it is served, or waits while the process hangs or crawls.
+    /// An event has arrived for a process: it is served, or waits while the process hangs or is slow.
     fn tell(&mut self, pid: u32, waiting: Waiting) {
         let Some(place) = self.place(pid) else { return };
         let life = &mut self.processes[place].life;
@@ -572,7 +571,7 @@ impl Virtual {
         self.serve(pid, waiting);
     }
 
-    /// Gives a process an event, or lets it wait while the process hangs.
+    /// Serves an event, or queues it while the process hangs.
     fn serve(&mut self, pid: u32, waiting: Waiting) {
         let Some(place) = self.place(pid) else { return };
         let process = &mut self.processes[place];
@@ -647,7 +646,7 @@ impl Virtual {
         self.perform(pid, out);
     }
 
-    /// Does what a shell asked for, then arms its timer.
+    /// Executes a shell's actions, then arms its timer.
     fn perform(&mut self, pid: u32, mut out: Actions) {
         for action in out.drain() {
             self.act(pid, action);
@@ -674,7 +673,7 @@ impl Virtual {
                 let line = format!("not run: {}", command.join(" "));
                 self.news(&News::Note { module: &module, line: &line });
             }
-            // The shell keeps these to itself.
+            // Handled within the shell.
             Action::Raise(_) | Action::Clear(_) | Action::Condition(_) => {}
         }
     }
@@ -697,7 +696,7 @@ impl Virtual {
             let at = match disturbance.reorder(self.now, &mut self.lcm) {
                 Some(later) => at + later,
                 None => {
-                    // A socket is a queue: what one process sends does not overtake itself.
+                    // A socket is a queue: messages of one process keep their order.
                     let last = self.arrivals.entry(pid).or_default();
                     *last = at.max(*last);
                     *last
@@ -732,13 +731,13 @@ impl Virtual {
                 self.gamepad_tells(wire, owner, event);
                 return;
             }
-            // A frame on a serial line, or nothing: nothing leaves.
+            // A frame on a serial line or the like: nothing is sent.
             _ => return,
         }
         self.arm_wire(wire);
     }
 
-    /// What one end of a gamepad's wire tells, the others hear.
+    /// Forwards an event from one end of a gamepad's wire to the others.
     fn gamepad_tells(&mut self, place: usize, owner: Owner, event: GamepadEvent) {
         let wire = &mut self.wires[place];
         let bus = wire.bus.clone();
@@ -771,7 +770,7 @@ impl Virtual {
             ProcessCommand::Remember { module, wanted, held } => {
                 self.remembered.insert(module, (wanted, held));
             }
-            // There is nobody above it to tell.
+            // There is no parent to inform.
             ProcessCommand::Health { .. } => {}
         }
     }
@@ -810,7 +809,7 @@ impl Virtual {
         self.wires[place].due = self.rearmed(old, due);
     }
 
-    /// A timer that stands keeps its number: it is served in the order in which it was set.
+    /// An unchanged timer keeps its number: it is served in the order in which it was set.
     fn rearmed(&mut self, old: Option<(Instant, u64)>, due: Option<Instant>) -> Option<(Instant, u64)> {
         match (old, due) {
             (Some((at, number)), Some(due)) if at == due => Some((at, number)),
@@ -819,7 +818,7 @@ impl Virtual {
     }
 }
 
-/// A message as it is on the bus.
+/// Channel and bytes of a message.
 fn encoded(message: &Message) -> (Rc<str>, Rc<[u8]>) {
     let mut data = Vec::new();
     // It was encoded when it was sent.

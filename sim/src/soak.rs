@@ -1,15 +1,14 @@
-//! Robot-hours from a scenario and a seed: the whole robot, things that break, an operator, and rules that must hold.
+//! Robot-hours from a scenario and a seed: the whole robot, injected faults, an operator, and rules that must hold.
 //!
-//! A soak is a row of episodes. Each is a robot that starts anew, with a seed that follows from the soak's and its own
-//! number: so they can be run in any order, by anybody, and one of them can be repeated alone. In an episode chaos and
-//! calm take turns; the faults are drawn before it begins ([`draw`]), so that some of them can be left out
-//! ([`shrink`]).
+//! A soak is a sequence of episodes. Each one starts a robot with a seed derived from the soak's seed and its own
+//! number, so episodes can be run in any order and repeated alone. In an episode chaos and calm alternate; the faults
+//! are drawn in advance ([`draw`]), so that some of them can be omitted ([`shrink`]).
 //!
 //! ```text
 //! scenario, seed, number --draw--> faults --episode--> outcome --Report::add--> report
 //! ```
 //!
-//! Knows no module by name: those are in the scenario and in [`Limits`]. Runs in one thread; reads no clock and no
+//! Independent of module names, which are in the scenario and in [`Limits`]. Runs in one thread; reads no clock and no
 //! file.
 
 mod chaos;
@@ -43,45 +42,45 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
-/// A steering that was reset is homed within this time, which does not count.
+/// Maximum time for homing a steering that was reset, which is not counted.
 const HOMING_MAX: Duration = Duration::from_secs(30);
-/// Faster than this it has moved, m/s.
+/// Speed above which the robot counts as moving, m/s.
 const MOVING_MPS: f64 = 0.05;
 
-/// What all episodes of a soak have in common.
+/// Common data of all episodes of a soak.
 #[derive(Clone, Copy, Debug)]
 pub struct Stage<'a> {
-    /// What happens.
+    /// Scenario.
     pub scenario: &'a Scenario,
-    /// Where, for the operator's eyes.
+    /// World in which the operator sees.
     pub world: &'a World,
-    /// The bounds of the rules.
+    /// Bounds of the rules.
     pub limits: &'a Limits,
-    /// What all chance follows from.
+    /// Seed of all randomness.
     pub seed: u64,
-    /// Where recorders write, one for each episode.
+    /// Disk of the recorders, one for each episode.
     pub disk: &'a Disk,
 }
 
-/// Makes the machine of an episode, on which nothing runs yet but what starts everything else is kept.
+/// Creates the machine of an episode, on which only the supervised root process runs.
 pub type Make<'a> = dyn FnMut(host::Config) -> Result<Virtual, String> + 'a;
 
-/// How an episode went.
+/// Result of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Of everything that was sent.
+    /// Digest of everything sent.
     pub digest: u64,
-    /// How long it lasted: to its end, or to the first violation.
+    /// Duration, to its end or to the first violation.
     pub time: Duration,
-    /// How often each kind of fault befell somebody.
+    /// Number of injected faults of each kind.
     pub faults: BTreeMap<String, u64>,
-    /// What was measured.
+    /// Measured figures.
     pub figures: Figures,
-    /// The first rule that broke.
+    /// First violation of a rule.
     pub violation: Option<Violation>,
 }
 
-/// Those who watch an episode.
+/// Observers of an episode.
 struct Watch {
     checkers: Checkers,
     operator: Operator,
@@ -89,7 +88,7 @@ struct Watch {
     speed: f64,
     homed: bool,
     reason: String,
-    /// A fault of the scenario that nobody knows.
+    /// An unknown fault of the scenario.
     unknown: Option<String>,
 }
 
@@ -112,7 +111,7 @@ impl Watch {
     }
 }
 
-/// How long the robot has had to move since calm began.
+/// Time that the robot has had to move since calm began.
 #[derive(Default)]
 struct Moves {
     waited: Duration,
@@ -123,7 +122,7 @@ struct Moves {
 /// Runs an episode with these faults; all that [`draw`] drew, or some of them.
 ///
 /// # Errors
-/// The machine cannot be made; one line why.
+/// The machine cannot be created; reason in one line.
 pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make<'_>) -> Result<Outcome, String> {
     let scenario = stage.scenario;
     let seed = Random::stream(stage.seed, number).bits();
@@ -163,7 +162,7 @@ impl<'a> Episode<'a> {
     }
 
     fn run(mut self, faults: &[Fault], disk: &Disk) -> Outcome {
-        // A module that breaks an invariant of its own would end its process, live; here it ends the episode.
+        // A module that violates its own invariant would end its process in the live host; here it ends the episode.
         let violation = match catch_unwind(AssertUnwindSafe(|| self.pass(faults, disk))) {
             Ok(violation) => violation,
             Err(panic) => {

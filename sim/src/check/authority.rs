@@ -1,5 +1,6 @@
-//! At most one authority at a time (DESIGN 4): `LL_DATA_MOTION.source` names one that lives, which keeps the motion
-//! until it is silent, a higher priority speaks, or the robot is stopped; and the set-points are what it asks for.
+//! At most one authority at a time (docs/design.md, section 4): `LL_DATA_MOTION.source` names an active source, which
+//! keeps the motion until it is silent, a higher priority commands, or the robot is stopped; and the set-points follow
+//! its commands.
 
 use super::Verdict;
 use super::facts::{DELAY_MAX, Facts, SetPoint};
@@ -9,19 +10,19 @@ use messages::lowlevel;
 /// Holder of the motion.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// Number, and when it was named last.
+    /// Number of the source, and the time of its last report.
     holder: Option<(u64, Instant)>,
 }
 
 impl Rule {
-    /// An RPDO4 has left the wire that does not move the robot.
+    /// An RPDO4 that does not move the robot has left the wire.
     pub fn on_still(&mut self, set_point: SetPoint) {
         if set_point.is_stop() {
             self.holder = None;
         }
     }
 
-    /// Takes the driver's report of the holder.
+    /// Processes the driver's report of the holder.
     pub fn on_motion(&mut self, now: Instant, motion: &lowlevel::DataMotion, facts: &Facts) -> Verdict {
         let before = self.holder.take();
         if motion.source.is_empty() || !motion.reason.is_empty() || facts.is_disturbed(now) {

@@ -7,7 +7,7 @@ use super::Verdict;
 use super::facts::Facts;
 use base::{Duration, Instant};
 
-/// Time until the stop has begun, whatever begins it.
+/// Maximum time until the stop begins, whatever initiates it.
 const STOP_BEGIN_MAX: Duration = Duration::from_millis(500);
 /// Speed below which it counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
@@ -22,13 +22,13 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// The body was seen.
+    /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let speed = speed.abs();
         let before = std::mem::replace(&mut self.speed, speed);
         let until = facts.sources.iter().filter_map(super::sources::Source::moves_until).max();
         let until = until.map(|until| (until + facts.driver.late).min(facts.driver.worked(now)));
-        // On a disturbed bus a stop comes late, and the master's heartbeat not late enough to be missed.
+        // On a disturbed bus a stop may be late without the master's heartbeat being late enough to be missed.
         let until = if facts.is_disturbed(now) { Some(now) } else { until };
         if let Some(until) = until.map(|until| until.min(now)).filter(|until| *until > self.permitted) {
             (self.permitted, self.speed_max) = (until, 0.0);

@@ -1,12 +1,12 @@
-//! Timestamps never decrease on a channel of a process, whatever the wall clock does (DESIGN 5).
+//! Timestamps never decrease on a channel of a process, whatever the wall clock does (docs/design.md, section 5).
 
 use super::Verdict;
 use messages::{Channel, Message};
 
-/// The last timestamps of a process, by channel.
+/// Last timestamps of a process, by channel.
 type Last = [i64; Channel::ALL.len()];
 
-/// The processes that live.
+/// Living processes.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     living: Vec<(u32, Last)>,

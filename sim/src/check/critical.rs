@@ -1,4 +1,4 @@
-//! The robot moves only while all critical modules run and the watchdog is received (DESIGN 4).
+//! The robot moves only while all critical modules run and the watchdog is received (docs/design.md, section 4).
 //!
 //! No set-point once the driver was served a `CM_DATA_PROCESSES` in which one is not RUNNING, nor 250 ms after it
 //! received the last one.
@@ -7,7 +7,7 @@ use super::Verdict;
 use super::facts::Facts;
 use base::{Duration, Instant};
 
-/// The list comes ten times a second.
+/// Timeout of the list, which is sent ten times a second.
 const SILENT: Duration = Duration::from_millis(250);
 
 /// A set-point has left the wire.

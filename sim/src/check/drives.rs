@@ -1,4 +1,5 @@
-//! A drive that is lost stops the other (DESIGN 4): the propulsion does not turn while the steering is not there.
+//! The loss of one drive stops the other (docs/design.md, section 4): the propulsion does not turn while the steering
+//! is absent.
 //!
 //! No set-point 200 ms after the steering's last heartbeat, nor after it has reported a fault or has restarted.
 
@@ -6,7 +7,7 @@ use super::Verdict;
 use super::facts::Facts;
 use base::{Duration, Instant};
 
-/// A node's heartbeat may be missing for so long.
+/// Timeout of a node's heartbeat.
 const HEARTBEAT: Duration = Duration::from_millis(200);
 /// NMT states in a heartbeat.
 const BOOT_UP: u8 = 0;
@@ -21,7 +22,7 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// Takes a frame that left the wire, other than those to the propulsion.
+    /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
         let node = u16::from(facts.limits.steering);
         if id == 0x700 + node {
@@ -39,7 +40,7 @@ impl Rule {
         }
     }
 
-    /// Takes a frame of the steering that no node received.
+    /// Processes a frame of the steering that no node received.
     pub fn on_frame_lost(&mut self, id: u16, facts: &Facts) {
         let node = u16::from(facts.limits.steering);
         if [0x180 + node, 0x280 + node, 0x700 + node].contains(&id) {
@@ -50,7 +51,7 @@ impl Rule {
     /// A set-point has left the wire.
     pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let slack = facts.slack(now);
-        // What waited for a driver that was held up is new to it.
+        // Input that waited while the driver was held up is new to it.
         let ill = facts.driver.ill(now);
         if now.since(self.heartbeat.max(ill)) > HEARTBEAT + slack {
             return Err(format!("{speed:.3} m/s, and the steering's last heartbeat was at {:?}", self.heartbeat));

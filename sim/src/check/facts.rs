@@ -1,4 +1,4 @@
-//! What several rules ask for: how the processes live, what the driver of the drives was served, what is on the wire.
+//! Facts that several rules use: state of the processes, input served to the drives' driver, traffic on the wire.
 
 use super::Limits;
 use super::life::Life;
@@ -12,15 +12,15 @@ use module::State;
 
 /// Delay that the driver's queue, the bus and a frame on it may add to a decision without faults.
 pub(super) const DELAY_MAX: Duration = Duration::from_millis(2);
-/// A frame grows no older in a port's queue, unless it is on the wire again and again.
+/// Maximum age of a frame in a port's queue, unless it is retransmitted.
 const QUEUE_AGE: Duration = Duration::from_millis(60);
-/// After a fault of a bus: nodes that went off come back, queues empty, what was delayed comes.
+/// Time after a fault of a bus in which nodes recover from bus-off, queues drain, and delayed frames arrive.
 const AFTERMATH: Duration = Duration::from_millis(100);
-/// A controller that was off again and again stays off for so long.
+/// Maximum time for which a controller that went bus-off repeatedly stays off.
 const BUS_OFF_MAX: Duration = Duration::from_secs(6);
-/// From the greatest speed without power: 0.17 m/s².
+/// Time to standstill from top speed without power, at 0.17 m/s².
 const COASTING_TIME: Duration = Duration::from_secs(10);
-/// The highest priority of a command.
+/// Highest priority of a command.
 const PRIORITY_MAX: i8 = 3;
 /// Controlword: quick stop.
 const QUICK_STOP: u8 = 0x0B;
@@ -34,7 +34,7 @@ pub(super) struct SetPoint {
 }
 
 impl SetPoint {
-    /// m/s that it makes the robot move at; none when it does not move it.
+    /// Speed at which it moves the robot, m/s; `None` if it does not move it.
     pub fn speed(self) -> Option<f64> {
         (self.controlword & 0x0F == 0x0F && self.rpm != 0).then_some(self.mps)
     }
@@ -55,7 +55,7 @@ impl SetPoint {
 pub(super) enum Pause {
     Unheard,
     Open,
-    /// Since it was served.
+    /// Engaged since the driver was served that.
     Engaged(Instant),
 }
 
@@ -64,38 +64,38 @@ pub(super) enum Pause {
 pub(super) struct Facts {
     pub limits: Limits,
     pub driver: Life,
-    /// All other modules.
+    /// Other modules.
     pub others: Names<Life>,
     pub sources: Sources,
     pub set_point: SetPoint,
-    /// The state of the driver, and since when.
+    /// State of the driver, and its begin.
     pub state: (State, Instant),
     pub pause: Pause,
-    /// Time when the driver's last word of the PAUSE line was received.
+    /// Reception time of the driver's last report of the PAUSE line.
     pub pause_at: Instant,
-    /// Instant of the last list of processes, and since when a critical one has been missing in it.
+    /// Time of the last list of processes, and since when a critical one has been missing in it.
     pub list: Option<(Instant, Option<Instant>)>,
-    /// Time when the last command out of limits was served.
+    /// Time at which the last command out of limits was served.
     pub refused: Option<Instant>,
-    /// The last stop.
+    /// Last stop.
     pub stopped: Instant,
-    /// The last stop that was not just the planner's own silence.
+    /// Last stop for another reason than the planner's own silence.
     latched: Instant,
-    /// An operator let the planner go.
+    /// Release of the planner by an operator.
     goal: Option<Instant>,
-    /// The last estimate that was none of being lost.
+    /// Last estimate that was not lost.
     located: Option<Instant>,
     /// Instant at which the estimate was reported lost.
     lost: Instant,
-    /// The bus of the drives is disturbed until then.
+    /// End of the disturbance of the drives' bus.
     disturbed: Instant,
-    /// End of a cut, if nothing of the driver has left since.
+    /// End of a cut, until the driver has sent a frame again.
     cut: Option<Instant>,
-    /// LCM is disturbed until then, or was.
+    /// End of the last disturbance of LCM.
     lcm: Option<Instant>,
     /// Instant until which the propulsion receives nothing.
     deaf: Instant,
-    /// The propulsion may have no power until then: it rolls.
+    /// End of the time in which the propulsion may roll without power.
     rolls: Instant,
 }
 
@@ -125,23 +125,23 @@ impl Facts {
         }
     }
 
-    /// Latency with which a decision of the driver may appear on the wire.
+    /// Maximum latency with which a decision of the driver appears on the wire.
     pub fn slack(&self, now: Instant) -> Duration {
         if self.is_disturbed(now) { QUEUE_AGE } else { DELAY_MAX }
     }
 
-    /// True if the bus of the drives is disturbed, or was a moment ago.
+    /// True if the drives' bus is disturbed, or was within [`AFTERMATH`].
     pub fn is_disturbed(&self, now: Instant) -> bool {
         now < self.disturbed
     }
 
-    /// True if the bus of the drives is disturbed, or was so lately that a controller may be off yet.
+    /// True if the drives' bus is disturbed, or was so recently that a controller may still be off.
     pub fn was_disturbed(&self, now: Instant) -> bool {
         self.disturbed > Instant::ZERO && now < self.disturbed + BUS_OFF_MAX
     }
 
-    /// True if this set-point is a frame that was on the wire when that was cut: a controller sends it again until
-    /// somebody acknowledges it, however old it is. A drive that heard nobody for 200 ms does not follow it.
+    /// True if this set-point is a frame that was on the wire when the cable was cut: a controller retransmits it until
+    /// it is acknowledged, whatever its age. A drive without heartbeats for 200 ms ignores it.
     pub fn is_left_over(&mut self, now: Instant) -> bool {
         self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < DELAY_MAX)
     }
@@ -161,22 +161,22 @@ impl Facts {
         now < self.rolls
     }
 
-    /// Life of a module's process.
+    /// State of a module's process.
     pub fn life(&self, module: &str) -> Option<&Life> {
         if module == self.limits.driver { Some(&self.driver) } else { self.others.get(module) }
     }
 
-    /// The speed that a source gets at most, m/s.
+    /// Speed limit of a source, m/s.
     pub fn limit(&self, source: &Source) -> f64 {
         if source.is_planner() { self.limits.speed_autonomous } else { self.limits.speed_manual }
     }
 
-    /// True if a source asks for this speed, or for more that is limited to it.
+    /// True if a source commands this speed, or a higher one that is limited to it.
     pub fn asks(&self, now: Instant, source: &Source, speed: f64) -> bool {
         source.asks(now, self.slack(now), speed, self.limit(source))
     }
 
-    /// True if a source has begun again since the last stop; the planner by permission and with an estimate.
+    /// True if a source was released since the last stop; the planner also needs an estimate.
     pub fn may(&self, now: Instant, source: &Source) -> bool {
         let slack = self.slack(now);
         if source.is_planner() {
@@ -215,7 +215,7 @@ impl Facts {
         }
         self.driver.observe(now, news);
         if matches!(news, News::Started { .. }) {
-            // It knows nothing.
+            // A new process knows nothing.
             (self.pause, self.pause_at, self.list, self.refused) = (Pause::Unheard, now, None, None);
             (self.state, self.located, self.goal) = ((State::Init, now), None, None);
         }
@@ -243,7 +243,7 @@ impl Facts {
             }
             self.rolls = self.rolls.max(now + COASTING_TIME);
         } else if target != "steering" {
-            // A board: the power controller switches the motors off for many reasons.
+            // A board: the power controller may switch the motors off for many reasons.
             let until = if until == Instant::NEVER { now } else { until };
             self.rolls = self.rolls.max(until + COASTING_TIME);
         }
@@ -262,7 +262,7 @@ impl Facts {
 
     fn on_stop(&mut self, now: Instant, new: bool) {
         let latches = |source: &Source| {
-            // The planner's own silence does not latch it out; a manual source did when it took over.
+            // The planner's own silence does not latch it; the takeover by a manual source did.
             if source.is_planner() {
                 new && source.lives(now, Duration::ZERO)
             } else {

@@ -1,8 +1,9 @@
-//! No set-point later than its time to live after the command that it follows (DESIGN 4, *Who may move the robot*).
+//! No set-point follows a command for longer than its time to live (docs/design.md, section 4, *Who may move the
+//! robot*).
 //!
-//! Each RPDO4 that moves the propulsion has the sign of a living command that was served to the driver, and at most its
-//! size and its source's limit. Bound: 250 ms (`command_ttl_s`) since the command was received, and [`DELAY_MAX`] for the
-//! bus.
+//! Each RPDO4 that moves the propulsion has the sign of a valid command that was served to the driver, and at most its
+//! magnitude and its source's limit. Bound: 250 ms (`command_ttl_s`) after the reception of the command, plus
+//! [`DELAY_MAX`] for the bus.
 //!
 //! [`DELAY_MAX`]: super::facts::DELAY_MAX
 

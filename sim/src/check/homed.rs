@@ -1,4 +1,4 @@
-//! The robot is not driven before its steering is homed (DESIGN 4, `LL_DATA_MOTION.homed`).
+//! The robot is not driven before its steering is homed (docs/design.md, section 4, `LL_DATA_MOTION.homed`).
 
 use super::Verdict;
 use messages::lowlevel;
@@ -6,9 +6,9 @@ use messages::lowlevel;
 /// Last report of the driver.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// Process that reported it, while not homed.
+    /// Process that reported "not homed".
     unhomed: Option<u32>,
-    /// A set-point since.
+    /// Set-point since then.
     moved: Option<f64>,
 }
 
@@ -21,7 +21,7 @@ impl Rule {
         Ok(())
     }
 
-    /// Takes the driver's motion.
+    /// Processes the driver's report.
     pub fn on_motion(&mut self, pid: u32, motion: &lowlevel::DataMotion) -> Verdict {
         let was = self.unhomed;
         self.unhomed = (!motion.homed).then_some(pid);
@@ -33,7 +33,7 @@ impl Rule {
             return Err(format!("the target is {:.3} m/s, and the steering is not homed", motion.speed_target));
         }
         match moved {
-            // Between two words of the same process that it is not.
+            // Between two reports of the same process that it is not homed.
             Some(speed) if was == self.unhomed => Err(format!("{speed:.3} m/s, and the steering is not homed")),
             _ => Ok(()),
         }

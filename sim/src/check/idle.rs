@@ -1,4 +1,4 @@
-//! In another state than RUN the driver of the drives does not act (DESIGN 4): it holds the quick stop.
+//! In states other than RUN the driver of the drives does not act (docs/design.md, section 4): it holds the quick stop.
 
 use super::Verdict;
 use super::facts::Facts;

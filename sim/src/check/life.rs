@@ -1,4 +1,4 @@
-//! A process, and how well it lives.
+//! State of a process: alive, hung, late.
 
 use crate::host::News;
 use base::{Duration, Instant};
@@ -10,11 +10,11 @@ pub(super) struct Life {
     pub started: Instant,
     /// True while it hangs.
     hung: bool,
-    /// Time when it last ceased to work.
+    /// Time at which it last ceased to work.
     ceased: Instant,
     /// Latency.
     pub late: Duration,
-    /// Time when it was last not as it should be.
+    /// Time at which it was last dead, hung or late.
     ill: Instant,
 }
 
@@ -23,7 +23,7 @@ impl Life {
         self.pid.is_some() && !self.hung && self.late.is_zero()
     }
 
-    /// True if it does anything, late or not.
+    /// True if it is served, late or not.
     pub fn works(&self) -> bool {
         self.pid.is_some() && !self.hung
     }
@@ -47,7 +47,7 @@ impl Life {
             News::Hung { pid, .. } if self.pid == Some(pid) => (self.ceased, self.hung) = (self.worked(now), true),
             News::Resumed { pid, .. } if self.pid == Some(pid) => (self.hung, self.ill) = (false, now),
             News::Crawls { pid, late, .. } if self.pid == Some(pid) => {
-                // What waits for it is served as late as it was.
+                // Pending input is served with the old latency.
                 (self.ill, self.late) = (now + self.late, late);
             }
             _ => {}

@@ -1,6 +1,6 @@
-//! A few things by name, found without an allocation.
+//! A small map by name, without allocation on lookup.
 
-/// A thing for each name; a dozen at most, so they are looked through.
+/// Values by name; at most a dozen, so a linear search suffices.
 #[derive(Debug)]
 pub(super) struct Names<T>(Vec<(Box<str>, T)>);
 
@@ -11,7 +11,7 @@ impl<T> Default for Names<T> {
 }
 
 impl<T: Default> Names<T> {
-    /// Entry of a name, made if absent.
+    /// Entry of a name, created if absent.
     pub fn of(&mut self, name: &str) -> &mut T {
         let place = self.0.iter().position(|(own, _)| **own == *name).unwrap_or_else(|| {
             self.0.push((name.into(), T::default()));
@@ -20,7 +20,7 @@ impl<T: Default> Names<T> {
         &mut self.0[place].1
     }
 
-    /// That of a name.
+    /// Entry of a name, if present.
     pub fn get(&self, name: &str) -> Option<&T> {
         self.0.iter().find(|(own, _)| **own == *name).map(|(_, thing)| thing)
     }

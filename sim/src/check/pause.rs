@@ -1,16 +1,16 @@
-//! The PAUSE line stops the robot (DESIGN 4; the bound): once the driver was served that it is engaged no
-//! set-point leaves after 20 ms, and the body's speed never rises. Where there is such a line, none leaves either
-//! before it was heard of, nor 1.2 s after it was last heard of.
+//! The PAUSE line stops the robot (docs/design.md, section 4): no set-point leaves later than 20 ms after the driver
+//! was served that the line is engaged, and the body's speed never rises. If the robot has such a line, no set-point
+//! leaves before its first report, nor 1.2 s after its last one.
 
 use super::Verdict;
 use super::facts::{Facts, Pause};
 use base::{Duration, Instant};
 
-/// From knowing to the wire.
+/// Maximum time from the report to the wire.
 const REACTION_MAX: Duration = Duration::from_millis(20);
-/// `LL_EVENT_STOP` comes every 500 ms.
+/// Timeout of `LL_EVENT_STOP`, which is sent every 500 ms.
 const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
-/// A step of the body, and one of the truth's rounding, m/s.
+/// Speed change within a step of the body plus the rounding of the truth, m/s.
 const SPEED_TOLERANCE_MPS: f64 = 0.005;
 
 /// A set-point has left the wire.
@@ -31,11 +31,11 @@ pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
 /// Motion of the robot while PAUSE is known.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// The body's speed.
+    /// Speed of the body.
     speed: Option<f64>,
-    /// The last RPDO4 moves it.
+    /// The last RPDO4 moves the robot.
     moves: bool,
-    /// The longest from knowing to the stop, where the bus is well.
+    /// Longest time from the report to the stop on an undisturbed bus.
     pub worst: Option<Duration>,
 }
 
@@ -45,7 +45,7 @@ impl Rule {
         self.moves = true;
     }
 
-    /// An RPDO4 has left the wire that does not move the robot.
+    /// An RPDO4 that does not move the robot has left the wire.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
         let moved = std::mem::take(&mut self.moves) && !facts.was_disturbed(now);
         if let (true, Pause::Engaged(since)) = (moved, facts.pause) {
@@ -53,10 +53,10 @@ impl Rule {
         }
     }
 
-    /// The body was seen.
+    /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > REACTION_MAX);
-        // A drive that receives nothing goes on until its own time limit for the master's heartbeat.
+        // A drive that receives nothing continues until its timeout of the master's heartbeat.
         if !known || facts.is_cut_off(now) || facts.is_disturbed(now) || !facts.driver.works() {
             self.speed = None;
             return Ok(());

@@ -1,4 +1,4 @@
-//! A command out of limits, or not a number, stops the robot at once (DESIGN 4), for its time to live.
+//! A command out of limits, or not a number, stops the robot at once (docs/design.md, section 4), for its time to live.
 
 use super::Verdict;
 use super::facts::Facts;

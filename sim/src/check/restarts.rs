@@ -1,15 +1,15 @@
-//! No restart storm (DESIGN 6): a module that dies is started again at once, then after 100 ms, doubling up to the
-//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay, and a watchdog
-//! that is started anew knows nothing of what was before it.
+//! No restart storm (docs/design.md, section 6): a module that dies is restarted at once, then after 100 ms, doubling
+//! up to the configured maximum; ten seconds of uptime undo one doubling. An operator's command lifts the delay, and a
+//! restarted watchdog does not know the former delays.
 
 use super::Verdict;
 use super::facts::{DELAY_MAX, Facts};
 use super::names::Names;
 use base::{Duration, Instant};
 
-/// The first delay.
+/// First delay.
 const DELAY_FIRST: Duration = Duration::from_millis(100);
-/// Lifetime that reduces the delay by one doubling.
+/// Uptime that undoes one doubling.
 const DECAY_UPTIME: Duration = Duration::from_secs(10);
 
 /// A module.
@@ -17,7 +17,7 @@ const DECAY_UPTIME: Duration = Duration::from_secs(10);
 struct Module {
     started: Instant,
     ended: Option<Instant>,
-    /// Least next delay, before reductions.
+    /// Minimum next delay, before reductions.
     delay: Duration,
     commanded: bool,
 }
@@ -29,7 +29,7 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// Takes a state command.
+    /// Processes a state command.
     pub fn on_command(&mut self, module: &str) {
         match module {
             "*" => self.modules.all().for_each(|(_, module)| module.commanded = true),
@@ -42,7 +42,7 @@ impl Rule {
         self.modules.of(name).ended = Some(now);
     }
 
-    /// Takes the start of the watchdog, which is restarted with other delays.
+    /// Processes the start of a watchdog, which begins with new delays.
     pub fn on_watchdog(&mut self) {
         self.modules.all().for_each(|(_, module)| (module.ended, module.delay) = (None, Duration::ZERO));
     }

@@ -1,8 +1,8 @@
-//! At most one process of a module at a time (DESIGN 6): two would fight for its device.
+//! At most one process of a module at a time (docs/design.md, section 6): two would use the same device.
 
 use super::Verdict;
 
-/// The processes that live.
+/// Living processes.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     living: Vec<(u32, Box<str>)>,

@@ -5,14 +5,14 @@ use base::{Duration, Instant};
 use messages::lowlevel;
 use std::collections::VecDeque;
 
-/// Sources remembered at once; further ones take the place of the one silent longest.
+/// Maximum number of sources; a further one takes the place of the one that has been silent longest.
 const SOURCES_MAX: usize = 16;
-/// Commands remembered of each: 500 ms at 20 Hz are 10.
+/// Maximum number of commands per source: 500 ms at 20 Hz are 10.
 const COMMANDS_MAX: usize = 32;
-/// By how much a set-point may differ by rounding, m/s: one rpm of the motor is 0.0004.
+/// Tolerance of a set-point due to rounding, m/s: one rpm of the motor is 0.0004.
 const ROUNDING_MPS: f64 = 0.001;
 
-/// A command: when it was received, when it was served, m/s.
+/// A command: reception time, service time, speed in m/s.
 #[derive(Clone, Copy, Debug)]
 struct ReceivedCommand {
     at: Instant,
@@ -29,11 +29,11 @@ pub(super) struct Source {
     pub priority: i8,
     said: VecDeque<ReceivedCommand>,
     ttl: Duration,
-    /// Since when it has not been silent for its time to live.
+    /// Begin of the period without silence beyond its time to live.
     pub unbroken: Instant,
-    /// The first command that moves after zero or silence.
+    /// First moving command after zero or silence.
     pub begun: Option<Instant>,
-    /// Zero since.
+    /// Time since which it commands zero.
     pub ended: Option<Instant>,
 }
 
@@ -52,7 +52,7 @@ impl Source {
         self.said.back().map_or(Instant::ZERO, |said| said.served)
     }
 
-    /// True if its last command lives, or died no longer than `slack` ago.
+    /// True if its last command is valid, or expired at most `slack` ago.
     pub fn lives(&self, now: Instant, slack: Duration) -> bool {
         self.said.back().is_some_and(|said| now < said.at + self.ttl + slack)
     }
@@ -62,8 +62,8 @@ impl Source {
         self.said.iter().rev().find(|said| said.speed != 0.0).map(|said| said.at + self.ttl)
     }
 
-    /// True if it asks for this speed, or for more that is limited to it, with a command that lives and was not
-    /// followed by another longer than `slack` ago.
+    /// True if it commands this speed, or a higher one that is limited to it, by a valid command that was superseded at
+    /// most `slack` ago.
     pub fn asks(&self, now: Instant, slack: Duration, speed: f64, limit: f64) -> bool {
         self.said.iter().enumerate().any(|(nth, said)| {
             let superseded = self.said.get(nth + 1).is_some_and(|next| now.since(next.served) > slack);
@@ -103,7 +103,7 @@ impl Sources {
         Self { ttl, known: Vec::with_capacity(SOURCES_MAX), next_id: 0 }
     }
 
-    /// The driver is served a command that was received at `at` and lives.
+    /// The driver is served a valid command that was received at `at`.
     pub fn said(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion) {
         let place = self.place(&command.source, command.priority);
         self.known[place].say(now, at, command.speed);

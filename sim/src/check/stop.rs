@@ -1,31 +1,32 @@
-//! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (DESIGN 1.4).
+//! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (docs/design.md,
+//! section 1.4).
 //!
-//! Begun: an RPDO4 that is a quick stop or zero, or the drive's own stop, told by its statusword or, where nobody hears
-//! that, seen by the body's speed falling. Counted from the last of faults that overlap; a hang that is over sooner is
-//! none. Judged only where a set-point moves the robot.
+//! The stop has begun with an RPDO4 that is a quick stop or zero, or with the drive's own stop, reported by its
+//! statusword or, if that is not received, visible by decreasing speed of the body. The time counts from the last one
+//! of overlapping faults; a hang that ends sooner does not count. Evaluated only while a set-point moves the robot.
 
 use super::Verdict;
 use super::facts::{DELAY_MAX, Facts};
 use base::{Duration, Instant};
 
-/// From hang or death to the stop.
+/// Maximum time from hang or death to the stop.
 const STOP_MAX: Duration = Duration::from_millis(300);
 /// Speed below which it counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
-/// Between two looks at the body, 50 ms apart, a speed that falls falls by more, even of rolling, m/s.
+/// Minimum decrease between two samples of the body's speed, 50 ms apart, that is not due to rolling, m/s.
 const DECELERATION_MIN: f64 = 0.004;
 
-/// A module that the motion depends on is lost, and the robot moves yet.
+/// A required module is lost, and the robot still moves.
 #[derive(Debug)]
 struct Lost {
     module: Box<str>,
     at: Instant,
-    /// The speed after the time was up.
+    /// Speed after the time was up.
     speed: Option<f64>,
 }
 
 impl Lost {
-    /// The last of the faults that overlap.
+    /// Last one of the overlapping faults.
     fn counts_from(&self, now: Instant, facts: &Facts) -> Instant {
         let others = [&facts.limits.driver, &facts.limits.watchdog];
         let others = others.into_iter().filter(|name| ***name != *self.module);
@@ -55,13 +56,13 @@ impl Rule {
         }
     }
 
-    /// A process that hung goes on, or the watchdog is there again before anybody missed it: a module that died and is
-    /// there again is no such thing.
+    /// A hung process continues, or the watchdog is back before its absence was detected. Does not apply to a module
+    /// that died and was restarted.
     pub fn on_back(&mut self, module: &str) {
         self.lost.take_if(|lost| *lost.module == *module);
     }
 
-    /// Takes a frame that left the wire, other than those to the propulsion.
+    /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
         let node = u16::from(facts.limits.propulsion);
         if (id == 0x180 + node || id == 0x480 + node)
@@ -75,19 +76,19 @@ impl Rule {
         }
     }
 
-    /// Takes an RPDO4 that does not move the robot, or the drive's report of its own stop.
+    /// Processes an RPDO4 that does not move the robot, or the drive's report of its own stop.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
         if let Some(lost) = self.lost.take() {
             self.worst = self.worst.max(Some(now.since(lost.counts_from(now, facts))));
         }
     }
 
-    /// The body was seen.
+    /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let Some(lost) = &mut self.lost else { return Ok(()) };
         let from = lost.counts_from(now, facts);
         if from > lost.at && facts.life(&lost.module).is_some_and(super::life::Life::is_well) {
-            // It is back before anybody could know, or who had to know was not there.
+            // It returned before its loss could be detected, or its supervisor was absent.
             self.lost = None;
             return Ok(());
         }

@@ -1,7 +1,8 @@
-//! STOP is never left without a manual command (DESIGN 4): not by an error, not by a crash, not by a command of a
-//! program.
+//! STOP is never left without a manual command (docs/design.md, section 4): not by an error, not by a crash, not by a
+//! command of a program.
 //!
-//! Judged by the order in which commands were sent: an operator's way out must be newer than the way in.
+//! Evaluated by the order in which commands were sent: an operator's command out of STOP must be newer than the one
+//! into it.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -9,15 +10,15 @@ use super::names::Names;
 use base::{Duration, Instant};
 use module::State;
 
-/// Commands of two senders may overtake each other by so much.
+/// Maximum time by which commands of two senders may overtake each other.
 const REORDERING_MAX: Duration = Duration::from_millis(2);
-/// Slack while LCM is disturbed.
+/// The same while LCM is disturbed.
 const DISTURBED_REORDERING_MAX: Duration = Duration::from_millis(200);
 
 /// A module.
 #[derive(Debug, Default)]
 struct Module {
-    /// Instant since which it is in STOP, or was when its process ended.
+    /// Time since which it is in STOP, or was when its process ended.
     stopped: Option<Instant>,
     commands: Commands,
 }
@@ -48,13 +49,13 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// An operator commands a state.
+    /// Processes an operator's state command.
     pub fn on_manual(&mut self, now: Instant, module: &str, to: State) {
         let commands = if module == "*" { &mut self.all } else { &mut self.modules.of(module).commands };
         commands.on_manual(now, to);
     }
 
-    /// A module is in another state.
+    /// Processes a change of a module's state.
     pub fn on_state(&mut self, now: Instant, name: &str, state: State, facts: &Facts) -> Verdict {
         let all = self.all;
         let module = self.modules.of(name);

@@ -1,7 +1,7 @@
-//! Each rule, held and broken, by news made by hand.
+//! Each rule, kept and violated, with scripted news.
 //!
-//! A script has a step a line: `+251` lets time pass, a word and its arguments make news ([`Bench::act`]). Every rule holds
-//! behind every step, but where a line ends with `! rule`: there that rule is the first to be broken.
+//! A script has one step per line: `+251` lets time pass, a word with arguments makes news ([`Bench::act`]). Every rule
+//! holds after every step, unless the line ends with `! rule`: that rule must be the first to be violated there.
 
 use super::*;
 use messages::{lowlevel, middlelevel, simulation};
@@ -32,13 +32,13 @@ fn limits() -> Limits {
     }
 }
 
-/// A machine in which all is well unless a script says otherwise.
+/// A machine without faults unless a script injects them.
 struct Bench {
     checkers: Checkers,
     now: Instant,
     /// Process of each module.
     pids: BTreeMap<String, u32>,
-    /// Modules and drives that are quiet; the others send something every 50 ms.
+    /// Modules and drives that are silent; the others send something every 50 ms.
     quiet: Vec<String>,
     speed: f64,
 }
@@ -116,7 +116,7 @@ impl Bench {
     fn act(&mut self, words: &[&str]) {
         match *words {
             [] => {}
-            // Commands of motion: the robot moves; only said; received some ms ago.
+            // Motion commands: with permission to move; sent only; received some ms ago.
             ["begin", source, speed] => {
                 self.act(&["say", source, "0"]);
                 self.pass(10);
@@ -137,7 +137,7 @@ impl Bench {
                 let quality = middlelevel::DataEstimate::FINE;
                 self.served(0, middlelevel::DataEstimate { quality, ..Default::default() });
             }
-            // On the CAN bus: set points, quick stops, anything.
+            // On the CAN bus: set-points, quick stops, any frame.
             ["drive", speed] => self.set_point(0x0F, number(speed)),
             ["drive", controlword, speed] => self.set_point(byte(controlword), number(speed)),
             ["stop"] => self.set_point(0x0B, 0.0),
@@ -145,7 +145,7 @@ impl Bench {
                 let data: Vec<u8> = data.iter().map(|text| byte(text)).collect();
                 self.frame(u16::from_str_radix(id, 16).unwrap(), &data);
             }
-            // The body, and what the driver says of it.
+            // The body, and the driver's report of it.
             ["speed", speed] => self.speed = number(speed),
             ["truth", speed] => {
                 self.speed = number(speed);
@@ -161,7 +161,7 @@ impl Bench {
                 let engaged = what == "engaged";
                 self.served(0, lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() });
             }
-            // Processes, as the watchdog lists them and as they are.
+            // Processes: as listed by the watchdog, and their real state.
             ["list", running] => {
                 let row = |module: &str| row(module, running.split(',').any(|name| name == module), "RUN", "RUN");
                 self.rows(vec![row("power"), row("driver")]);
@@ -180,14 +180,14 @@ impl Bench {
                 let (state, manual, source) = (state(to) as i8, by == "operator", "op".into());
                 self.served(0, common::CmdState { timestamp: 0, module: module.into(), state, manual, source });
             }
-            // What breaks.
+            // Faults.
             ["fault", target, fault, ms] => {
                 let until = self.now + Duration::from_millis(ms.parse().unwrap());
                 self.tell(&News::Fault { target, fault, until });
             }
             ["dropped", whose] => self.tell(&News::Dropped { whose, count: 3 }),
             ["calm"] => self.checkers.calm(self.now),
-            // A timestamp of a process on LL_DATA_ODO, on LL_DATA_SRFS.
+            // Timestamps of a process on LL_DATA_ODO and LL_DATA_SRFS.
             ["odo", pid, at] => {
                 let timestamp = at.parse().unwrap();
                 self.sent(pid.parse().unwrap(), lowlevel::DataOdo { timestamp, ..Default::default() });
@@ -214,7 +214,7 @@ impl Bench {
     }
 }
 
-/// Runs a script, whose last line breaks a rule if any does.
+/// Runs a script, whose last line violates a rule if any does.
 #[track_caller]
 fn check(script: &str) {
     let mut bench = Bench::new();
@@ -396,7 +396,7 @@ fn an_unknown_pause_line_counts_as_engaged() {
         +1190 begin pad 0.4
         +10 drive 0.4 ! pause",
     );
-    // A driver that has just come knows nothing.
+    // A driver that has just started knows nothing.
     check(
         "quiet power
         exit driver

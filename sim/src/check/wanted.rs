@@ -1,5 +1,5 @@
-//! What is wanted of a module is what somebody commanded, and in calm every module comes to be in that state within 10
-//! s (DESIGN 6; the bound), as `CM_DATA_PROCESSES` has it, which is heard.
+//! The wanted state of a module is the one that was commanded, and in calm every module reaches that state within 10 s
+//! (docs/design.md, section 6), as reported in `CM_DATA_PROCESSES`, which must be received.
 
 use super::Verdict;
 use super::names::Names;
@@ -7,11 +7,11 @@ use base::{Duration, Instant};
 use messages::common;
 use module::State;
 
-/// From the beginning of calm, or of a difference in it.
+/// Maximum time from the begin of calm, or of a difference in it.
 const SETTLING_MAX: Duration = Duration::from_secs(10);
-/// The list comes ten times a second; in calm it is not missing for longer than this.
+/// Timeout of the list in calm; it is sent ten times a second.
 const LIST_TIMEOUT: Duration = Duration::from_secs(1);
-/// A watchdog that was held up follows a command no later.
+/// Maximum delay with which a watchdog that was held up follows a command.
 const COMMAND_DELAY_MAX: Duration = Duration::from_secs(60);
 
 /// Time when each state was last commanded.
@@ -39,11 +39,11 @@ struct Module {
 pub(super) struct Rule {
     modules: Names<Module>,
     all: Commands,
-    /// Whose list it is.
+    /// Watchdog that sent the list.
     watchdog: u32,
     heard: Instant,
     calm: Option<Instant>,
-    /// The longest in calm until a module was as it is wanted.
+    /// Longest time in calm until a module reached its wanted state.
     pub worst: Option<Duration>,
 }
 
@@ -56,13 +56,13 @@ impl Rule {
         self.calm = None;
     }
 
-    /// Takes a state command.
+    /// Processes a state command.
     pub fn on_command(&mut self, now: Instant, module: &str, to: State) {
         let commands = if module == "*" { &mut self.all } else { &mut self.modules.of(module).commands };
         commands.0[to as usize] = Some(now);
     }
 
-    /// Takes the watchdog's list.
+    /// Processes the watchdog's list.
     pub fn on_list(&mut self, now: Instant, pid: u32, list: &common::DataProcesses) -> Verdict {
         let new = std::mem::replace(&mut self.watchdog, pid) != pid;
         self.heard = now;
@@ -70,7 +70,7 @@ impl Rule {
             let module = self.modules.of(&row.module);
             let before = module.wanted.replace(row.wanted).filter(|before| !new && *before != row.wanted);
             let commanded = |state| module.commands.has(now, state) || self.all.has(now, state);
-            // RUN leads a module that was in STOP when it was ended only back into STOP.
+            // RUN leads a module that was ended in STOP only back into STOP.
             let back = row.wanted == State::Stop as i8 && commanded(State::Run as i8);
             if let Some(before) = before.filter(|_| !commanded(row.wanted) && !back) {
                 let name = &row.module;
@@ -85,7 +85,7 @@ impl Rule {
         Ok(())
     }
 
-    /// Time has passed.
+    /// Evaluates the time since the begin of calm.
     pub fn on_time(&self, now: Instant) -> Verdict {
         match self.calm {
             Some(calm) if now.since(calm) > SETTLING_MAX && now.since(self.heard) > LIST_TIMEOUT => {

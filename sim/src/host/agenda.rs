@@ -1,4 +1,4 @@
-//! What is to happen, in a total order: by moment, then by who asked first.
+//! Scheduled events in a total order: by time, then by order of scheduling.
 
 use base::can::{Frame, Notice};
 use base::gamepad;
@@ -33,22 +33,22 @@ pub(super) enum Waiting {
     Start,
 }
 
-/// What happens at a moment besides timers and wires.
+/// Events apart from timers and wires.
 pub(super) enum Happening {
     Deliver(Rc<Message>),
     Inject(Message),
     Tell(u32, Waiting),
-    /// What has come for a process that is late is served.
+    /// A delayed event of a slow process is served.
     Serve(u32, Waiting),
-    /// It is looked whether processes beat.
+    /// Heartbeats are checked.
     Look,
-    /// The children of a process have waited for it.
+    /// The children of a process have waited for it long enough.
     Lonely(u32),
-    /// A process that is kept is started again.
+    /// A supervised process is restarted.
     Again(usize),
 }
 
-/// A happening and its place in the order of all.
+/// A scheduled event and its position in the total order.
 pub(super) struct Entry {
     pub at: Instant,
     pub number: u64,

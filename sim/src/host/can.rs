@@ -1,8 +1,8 @@
-//! A CAN wire: exact frame lengths, arbitration, one frame at a time, and what happens when frames go wrong (ISO
-//! 11898-1): error frames, error counters, retransmission, no acknowledge, bus-off and the way back.
+//! A CAN wire: exact frame lengths, arbitration, one frame at a time, and error handling (ISO 11898-1): error frames,
+//! error counters, retransmission, missing acknowledgement, bus-off and recovery.
 //!
-//! A port is a controller. An error is seen by all of them, as an error flag makes it: there are no local errors, and
-//! none that no CRC finds. While all is well nothing of this takes time or chance.
+//! A port is a controller. Every error is seen by all controllers, as an error flag enforces: there are no local
+//! errors, and no undetected ones. Without faults none of this takes time or random numbers.
 
 mod controller;
 #[cfg(test)]
@@ -18,17 +18,17 @@ use simulator::faults::InjectedFault;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// An error flag, those of the others, which begin when they see it, and the delimiter.
+/// Error flag, superimposed flags of the other nodes, and delimiter, bits.
 const ERROR_FRAME: u32 = 6 + 6 + 8;
 /// Error frame without other nodes.
 const LONE_ERROR_FRAME: u32 = 6 + 8;
 /// Bits from the acknowledge slot to the end of a frame, which an unacknowledged frame lacks.
 const AFTER_ACKNOWLEDGE: u32 = 8;
-/// An error-passive transmitter waits so long after the intermission.
+/// Bits that an error-passive transmitter waits after the intermission.
 const SUSPEND_BITS: u32 = 8;
-/// Recessive bits to be seen before taking part again after bus-off; here an idle bus is taken for granted.
+/// Recessive bits required for recovery from bus-off; here an idle bus is assumed.
 const RECOVERY_BITS: u32 = 128 * 11;
-/// Shortest period of notices other than changes of state.
+/// Minimum interval between notices other than changes of state.
 const NOTICE_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Base frames win over extended ones with the same first 11 bits, data over remote.
@@ -43,15 +43,15 @@ fn rank(frame: &Frame) -> u64 {
 /// Event of the wire.
 #[derive(Debug, PartialEq)]
 pub(super) enum WireEvent {
-    /// A frame has left the wire, and is for all other ports that are on it.
+    /// A frame was sent and is for all other ports on the wire.
     Frame(Owner, Frame),
-    /// A frame has left the wire, and no node received it.
+    /// A frame was sent, but no node received it.
     Lost(Frame),
     /// A port is bus-off.
     Off(Owner),
-    /// A port takes part again.
+    /// A port recovered from bus-off.
     Back(Owner),
-    /// News of a port's controller.
+    /// Notice of a port's controller.
     Notice(Owner, Notice),
 }
 
@@ -81,15 +81,15 @@ struct Segment {
     start: Option<Instant>,
 }
 
-/// A wire. Each port sends its frames in order; among the ports' first ones the lowest identifier wins.
+/// A wire. Each port sends its frames in order; among their first ones the lowest identifier wins.
 #[derive(Debug)]
 pub(super) struct CanWire {
     pub bitrate: u32,
-    /// The ports of living processes, to which frames go.
+    /// Ports of living processes, which receive frames.
     pub ports: Vec<Owner>,
     pub traffic: Traffic,
     controllers: Vec<Controller>,
-    /// The wire itself, then for each controller its end of the cable when that is cut.
+    /// The wire itself, then for each controller its part of the cable while that is cut.
     segments: Vec<Segment>,
     events: VecDeque<WireEvent>,
     /// Instant of the next minor notice, and earliest instant of one.
@@ -98,11 +98,11 @@ pub(super) struct CanWire {
     random: Random,
     noise: (Instant, f64),
     corrupt: (Instant, u64),
-    /// Frames that were begun.
+    /// Number of frames begun.
     tries: u64,
     /// Number of a frame, as in [`Traffic::sent`], that no node will receive.
     lose: Option<u64>,
-    /// Until then a controller that comes back goes off again.
+    /// Until this time a recovering controller goes bus-off again.
     off: Instant,
 }
 
@@ -157,7 +157,7 @@ impl CanWire {
         self.controllers.iter().position(|controller| controller.owner == owner)
     }
 
-    /// The piece of cable that a controller is at.
+    /// Part of the cable to which a controller is connected.
     fn segment(&self, now: Instant, place: usize) -> usize {
         if now < self.controllers[place].cut { place + 1 } else { 0 }
     }
@@ -175,7 +175,7 @@ impl CanWire {
         }
     }
 
-    /// Someone wants to send: an arbitration begins as soon as the segment is free.
+    /// A port wants to send: arbitration begins as soon as the segment is free.
     fn kick(&mut self, now: Instant, segment: usize) {
         let segment = &mut self.segments[segment];
         if segment.sending.is_none() {
@@ -191,7 +191,7 @@ impl CanWire {
         segments.chain(back).chain(self.news).min()
     }
 
-    /// Serves what is due.
+    /// Serves the deadlines.
     pub fn handle_timeout(&mut self, now: Instant) {
         for place in 0..self.controllers.len() {
             if self.controllers[place].back.is_some_and(|back| back <= now) {
@@ -224,8 +224,8 @@ impl CanWire {
                 continue;
             }
             if segment != number {
-                // Its cable was cut, or mended, while it waited. Not before it may send: two that wait so on either
-                // side would wake each other for ever.
+                // Its cable was cut or repaired while it waited. Not before it may send: two nodes waiting on both
+                // sides would wake each other for ever.
                 let when = now.max(controller.suspended);
                 self.kick(when, segment);
                 continue;
@@ -262,7 +262,7 @@ impl CanWire {
         self.segments[number].sending = Some(Sending { end: now + time, by, queued, outcome });
     }
 
-    /// After which bit the frame that begins now is destroyed, if it is.
+    /// Bit after which the frame that begins now is destroyed, if it is.
     fn destroyed_at(&mut self, now: Instant, bits: u32) -> Option<u32> {
         self.tries += 1;
         let every = self.corrupt.1;
@@ -307,7 +307,7 @@ impl CanWire {
         });
     }
 
-    /// Effect of a frame on all other controllers that take part.
+    /// Effect of a frame on all other active controllers.
     fn others(&mut self, now: Instant, number: usize, by: usize, each: fn(&mut Controller)) {
         for place in (0..self.controllers.len()).filter(|place| *place != by) {
             if self.takes_part(now, place, number) {
@@ -336,7 +336,7 @@ impl CanWire {
         self.events.push_back(WireEvent::Back(controller.owner));
     }
 
-    /// Reports changes of state at once, other notices now and then.
+    /// Reports changes of state at once, other notices at intervals.
     fn tell(&mut self, now: Instant) {
         let due = self.news.take_if(|at| *at <= now).is_some();
         for controller in &mut self.controllers {
@@ -354,8 +354,8 @@ impl CanWire {
         }
     }
 
-    /// Injects a fault into the wire; false if it is none of a wire. A fault of a port hits those that represent a
-    /// single node: the masters.
+    /// Injects a fault into the wire; false if it does not apply to a wire. A fault of a port affects those that
+    /// represent a single node: the masters.
     pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
         match injected {
             InjectedFault::Noise(rate) => self.noise = (until, rate),
@@ -385,7 +385,7 @@ impl CanWire {
         });
     }
 
-    /// Does something to all masters that are not off; what one of them was sending is destroyed.
+    /// Applies a change to all active masters; a frame being sent by one of them is destroyed.
     fn masters(&mut self, now: Instant, each: impl Fn(&mut Self, Instant, usize)) {
         for number in 0..self.segments.len() {
             let many = |sending: &mut Sending| !self.controllers[sending.by].many;

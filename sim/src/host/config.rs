@@ -1,29 +1,29 @@
-//! How a virtual machine is made.
+//! Configuration of a virtual machine.
 
 use base::{Duration, Epoch};
 
 /// Parameters of the virtual machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// The one source of chance.
+    /// Seed of all randomness.
     pub seed: u64,
-    /// Message timestamps count from here.
+    /// Origin of message timestamps.
     pub epoch: Epoch,
-    /// A message takes this long, and up to `lcm_jitter` longer.
+    /// Minimum latency of a message; up to `lcm_jitter` is added.
     pub lcm_latency: Duration,
     /// See `lcm_latency`. Messages of one process keep their order, as on one host.
     pub lcm_jitter: Duration,
     /// Probability that a receiver misses a message.
     pub lcm_loss: f64,
-    /// From the order to start a process to its first event.
+    /// Time from the command to start a process to its first event.
     pub start_delay: Duration,
-    /// From the end of a process to the news of it.
+    /// Time from the end of a process to its report.
     pub exit_delay: Duration,
-    /// The greatest delay before a process that is kept ([`Virtual::keep`](super::Virtual::keep)) is started again.
+    /// Maximum delay before a supervised process ([`Virtual::keep`](super::Virtual::keep)) is restarted.
     pub restart_delay_max: Duration,
-    /// Serial buses with a pair of wires each way.
+    /// Serial buses with separate wire pairs for each direction.
     pub full_duplex: Vec<String>,
-    /// True if who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
+    /// True if the sender of a CAN frame receives it too (UDP does, `SocketCAN` does not).
     pub can_echo: bool,
     /// Number of a frame, counted from 1 on each CAN bus as in [`Traffic::sent`](super::Traffic::sent), that no node
     /// receives although it is acknowledged: one overrun of a receiver.

@@ -1,4 +1,4 @@
-//! The running digest of a run: the same run gives the same number on every machine.
+//! Running digest of a run: equal runs give the same number on every machine.
 
 use base::Instant;
 use base::can::{Frame, Id};
@@ -23,7 +23,7 @@ impl Digest {
         self.scratch.push(kind);
         self.scratch.extend_from_slice(&at.as_nanos().to_le_bytes());
         for part in parts {
-            // Lengths first, so that no two records read alike.
+            // Lengths first, so that different records cannot have the same encoding.
             self.scratch.extend_from_slice(&(part.len() as u32).to_le_bytes());
             self.scratch.extend_from_slice(part);
         }

@@ -1,4 +1,4 @@
-//! The wire of a gamepad: one end tells, the others hear it at once.
+//! The wire of a gamepad: events of one end reach the others at once.
 
 use super::owner::Owner;
 use base::gamepad::{self, Device, Event};
@@ -7,13 +7,13 @@ use base::gamepad::{self, Device, Event};
 #[derive(Debug, Default)]
 pub(super) struct GamepadWire {
     pub ports: Vec<Owner>,
-    /// What is plugged in, as it was told, and by which process; 0: by the test.
+    /// The gamepad as described last, and the process that simulates it; 0: the test.
     device: Option<Box<Device>>,
     by: u32,
 }
 
 impl GamepadWire {
-    /// A process tells something.
+    /// Processes an event sent by a process.
     pub fn tell(&mut self, pid: u32, event: &Event) {
         if let Event::Found(_) = event {
             self.by = pid;
@@ -21,12 +21,12 @@ impl GamepadWire {
         gamepad::keep(&mut self.device, event);
     }
 
-    /// What a port that is opened now has to know.
+    /// Event that describes the gamepad to a newly opened port.
     pub fn present(&self) -> Option<Event> {
         self.device.clone().map(Event::Found)
     }
 
-    /// A process has ended; true when the gamepad goes with it.
+    /// A process has ended; true if the gamepad disappears with it.
     pub fn close(&mut self, pid: u32) -> bool {
         self.ports.retain(|owner| owner.pid != pid);
         self.by == pid && self.device.take().is_some()

@@ -1,5 +1,5 @@
-//! An I2C bus: one transfer after the other, each as long as its bits take. Who emulates the chips is asked at the
-//! START and answers at once; the master hears of it when the STOP is over.
+//! An I2C bus: one transfer after the other, each as long as its bits take. The process that emulates the chips
+//! receives the transfer at the START and answers at once; the master receives the outcome after the STOP.
 
 use super::news::Traffic;
 use super::owner::Owner;
@@ -14,31 +14,31 @@ use std::collections::VecDeque;
 pub(super) struct I2cWire {
     pub hz: u32,
     pub ports: Vec<Owner>,
-    /// Who emulates the chips.
+    /// Port of the process that emulates the chips.
     chips: Option<Owner>,
     queue: VecDeque<(Owner, Transfer)>,
     now: Now,
-    /// Questions that were given up, and whose answers may still come.
+    /// Number of abandoned requests whose answers may still arrive.
     stale: u32,
     pub traffic: Traffic,
 }
 
-/// What is on the wire.
+/// Current state of the wire.
 #[derive(Debug)]
 enum Now {
     Nothing,
-    /// Who emulates the chips was asked; given up at the moment.
+    /// A request to the chips: its time, and the time at which it is abandoned.
     Asked(Instant, Instant),
-    /// This came of it, and is over at the moment.
+    /// End of the transfer, and its outcome.
     Answered(Instant, Outcome),
 }
 
-/// Whom to tell.
+/// Event of the bus.
 #[derive(Debug, PartialEq)]
 pub(super) enum I2cEvent {
-    /// Who emulates the chips: what the master does.
+    /// For the emulator of the chips: a transfer of the master.
     Asked(Owner, Transfer),
-    /// A master: what came of its transfer.
+    /// For a master: the outcome of its transfer.
     Over(Owner, Transfer, Outcome),
 }
 
@@ -63,7 +63,7 @@ impl I2cWire {
         }
     }
 
-    /// What the chips make of the transfer that they were asked about.
+    /// Processes the chips' answer to the current transfer.
     pub fn answer(&mut self, now: Instant, owner: Owner, outcome: Outcome) {
         if self.chips != Some(owner) {
             return;
@@ -84,7 +84,7 @@ impl I2cWire {
         }
     }
 
-    /// What is to be told at `now`, one at a time.
+    /// Next event at `now`; called until `None`.
     pub fn handle_timeout(&mut self, now: Instant) -> Option<I2cEvent> {
         match &self.now {
             Now::Nothing => self.start(now),
@@ -128,7 +128,7 @@ impl I2cWire {
         self.ports.retain(|owner| owner.pid != pid);
         let busy = !matches!(self.now, Now::Nothing);
         if busy && self.queue.front().is_some_and(|(owner, _)| owner.pid == pid) {
-            // The lines are free again; what the chips say of it is for nobody.
+            // The lines are free again; the late answer is ignored.
             self.stale += u32::from(matches!(self.now, Now::Asked(..)));
             self.now = Now::Nothing;
         }

@@ -1,4 +1,4 @@
-//! How processes live: they are served or not, beat or not, and somebody looks after them.
+//! Life of processes: service, heartbeats, supervision.
 
 use super::agenda::{Happening, Waiting};
 use super::{News, Virtual};
@@ -8,29 +8,29 @@ use std::collections::VecDeque;
 use std::mem;
 use std::rc::Rc;
 
-/// A process that is served within its time beats this often, as live.
+/// Heartbeat period of a process that is served in time, as in the live host.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
-/// The watchdog's host looks whether processes beat this often.
+/// Period of the watchdog host's check of heartbeats.
 const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
-/// Beats are missing when a process is this late.
+/// Delay of a process at which its heartbeat counts as missing.
 const LATE_AFTER: Duration = Duration::from_millis(100);
-/// A module that sees no watchdog for this long ends itself.
+/// A module ends itself after this time without a sign of a watchdog.
 const UNSUPERVISED_MAX: Duration = Duration::from_secs(3);
-/// The first delay after an immediate restart of a kept process.
+/// First delay after an immediate restart of a supervised process.
 const DELAY_FIRST: Duration = Duration::from_millis(100);
-/// A kept process that lived this long starts with no delay again.
+/// Uptime after which a supervised process is restarted without delay again.
 const UPTIME_MIN: Duration = Duration::from_secs(10);
 
-/// How a process lives.
+/// Life of a process.
 pub(super) struct Life {
     pub started: bool,
-    /// When it was last frozen, while it is.
+    /// Time at which it was frozen, while it is.
     pub hung: Option<Instant>,
-    /// How late it is served.
+    /// Latency with which it is served.
     pub late: Duration,
-    /// What comes before this is served in order at its moment.
+    /// Events before this time are served in order at their own time.
     pub behind: Instant,
-    /// When its loop went round last, as far as that was looked at.
+    /// Time of the last cycle of its loop, as far as it was evaluated.
     beat: Instant,
     pub backlog: VecDeque<Waiting>,
 }
@@ -47,18 +47,18 @@ impl Life {
         }
     }
 
-    /// Loop goes round for the first time.
+    /// First cycle of the loop.
     pub fn begin(&mut self, now: Instant) {
         (self.started, self.beat) = (true, now);
     }
 
-    /// True if it may miss a beat that is looked for.
+    /// True if it may miss a heartbeat that is checked.
     fn may_be_late(&self) -> bool {
         self.hung.is_some() || !self.late.is_zero()
     }
 
-    /// When it last beat. Its beats need no events: between two changes of its pace they are as regular as it is
-    /// served.
+    /// Time of its last heartbeat. Heartbeats need no events: between two changes of the latency they are as regular as
+    /// its service.
     fn beat(&mut self, now: Instant) -> Instant {
         let period = HEARTBEAT_PERIOD + self.late;
         let until = self.hung.unwrap_or(now);
@@ -68,18 +68,18 @@ impl Life {
     }
 }
 
-/// A process that is started again when it dies: the watchdog, whose parent is `advee up`.
+/// A process that is restarted when it dies: the watchdog, whose parent is `advee up`.
 pub(super) struct Kept {
     module: Rc<str>,
-    /// Process; 0 when it has ended for good.
+    /// Process id; 0 after its final end.
     pid: u32,
     since: Instant,
     delay: Duration,
 }
 
 impl Virtual {
-    /// Starts a process as `advee up` starts the watchdog: when it dies it is started again, at once first, then after
-    /// a delay that doubles from 100 ms up to [`Config::restart_delay_max`](super::Config::restart_delay_max).
+    /// Starts a process as `advee up` starts the watchdog: when it dies it is restarted, at first at once, then after a
+    /// delay that doubles from 100 ms up to [`Config::restart_delay_max`](super::Config::restart_delay_max).
     ///
     /// # Errors
     /// As [`Virtual::spawn`].
@@ -90,7 +90,7 @@ impl Virtual {
         Ok(pid)
     }
 
-    /// Freezes a process: it is served nothing, its input waits in bounded buffers.
+    /// Freezes a process: it is not served, its input waits in bounded buffers.
     pub fn hang(&mut self, pid: u32) {
         let Some(place) = self.place(pid) else { return };
         let now = self.now;
@@ -106,7 +106,7 @@ impl Virtual {
         }
     }
 
-    /// Lets a hung process go on: it gets what waits, then its timer.
+    /// Resumes a hung process: it is served its pending input, then its timer.
     pub fn resume(&mut self, pid: u32) {
         let Some(place) = self.place(pid) else { return };
         let now = self.now;
@@ -114,7 +114,7 @@ impl Virtual {
         if now.since(self.processes[place].life.beat) >= HEARTBEAT_PERIOD {
             self.processes[place].life.beat = now;
         }
-        // Who was held up himself blames nobody for that time.
+        // A delay of the process itself is not charged to others.
         let held_up = now.since(hung);
         for child in self.processes.iter_mut().filter(|child| child.parent == pid) {
             child.life.beat = (child.life.beat + held_up).min(now);
@@ -130,7 +130,7 @@ impl Virtual {
         }
     }
 
-    /// Lets a process crawl: each event, its timer's too, is served so much late, in order. Zero: it is well again.
+    /// Slows a process down: each event and timer is served with this latency, in order. Zero: normal again.
     pub fn crawl(&mut self, pid: u32, late: Duration) {
         let Some(place) = self.place(pid) else { return };
         let now = self.now;
@@ -143,13 +143,12 @@ impl Virtual {
         self.news(&News::Crawls { module: &module, pid, late });
     }
 
-    /// Steps the wall clock by so many microseconds: processes that are started from now on have another epoch, those
-    /// that run keep theirs.
+    /// Steps the wall clock by `by_us` µs: processes started from now on have another epoch, running ones keep theirs.
     pub fn step_clock(&mut self, by_us: i64) {
         self.config.epoch = Epoch { offset_us: self.config.epoch.offset_us.saturating_add(by_us) };
     }
 
-    /// Looks at beats from the next moment on when somebody looks, as long as one may be late.
+    /// Schedules checks of heartbeats as long as one may be late.
     pub(super) fn look(&mut self) {
         if !self.looking && self.processes.iter().any(|process| process.life.may_be_late()) {
             self.looking = true;
@@ -167,7 +166,7 @@ impl Virtual {
             }
         }
         for (parent, pid, last) in late {
-            // Who hangs does not look.
+            // A hung process does not check.
             let looks = self.place(parent).is_some_and(|place| self.processes[place].life.hung.is_none());
             if looks && now.since(last) >= LATE_AFTER {
                 self.tell(parent, Waiting::HeartbeatLate(pid, last));
@@ -176,7 +175,7 @@ impl Virtual {
         self.look();
     }
 
-    /// Tells a process's parent that it beats.
+    /// Reports the begin of a process's heartbeats to its parent.
     pub(super) fn report_heartbeats(&mut self, pid: u32) {
         let parent = self.place(pid).map_or(0, |place| self.processes[place].parent);
         if parent != 0 {
@@ -184,7 +183,7 @@ impl Virtual {
         }
     }
 
-    /// What follows for others from the end of a process.
+    /// Consequences of a process's end for others.
     pub(super) fn after(&mut self, pid: u32, status: ExitStatus) {
         if self.processes.iter().any(|child| child.parent == pid) {
             self.schedule(self.now + UNSUPERVISED_MAX, Happening::Lonely(pid));
@@ -205,14 +204,14 @@ impl Virtual {
         self.schedule(at, Happening::Again(place));
     }
 
-    /// Starts a kept process again.
+    /// Restarts a supervised process.
     pub(super) fn again(&mut self, place: usize) {
         let Some(module) = self.kept.get(place).map(|kept| kept.module.clone()) else { return };
         let Ok(pid) = self.start(0, &module, State::Run) else { return };
         (self.kept[place].pid, self.kept[place].since) = (pid, self.now);
     }
 
-    /// A process has not lived for as long as its children wait for it: those that it still has end themselves.
+    /// A process has been dead for as long as its children wait: those that it still has end themselves.
     pub(super) fn end_unsupervised(&mut self, pid: u32) {
         let now = self.now;
         let watches = self.place(pid).is_some_and(|place| {
@@ -229,7 +228,7 @@ impl Virtual {
         }
     }
 
-    /// A watchdog that is started anew adopts the processes of the one before it that live yet.
+    /// A new watchdog adopts the living processes of its predecessor.
     pub(super) fn adopt(&mut self, pid: u32) {
         if !self.kept.iter().any(|kept| kept.pid == pid) {
             return;

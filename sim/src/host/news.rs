@@ -1,38 +1,37 @@
-//! What observers of a virtual machine are told.
+//! News for observers of a virtual machine.
 
 use base::serial::Word;
 use base::{Duration, Instant, Report, i2c, w1};
 use messages::Message;
 use module::{ExitStatus, State};
 
-/// What an observer is told.
+/// News for an observer.
 #[derive(Debug)]
 pub enum News<'a> {
     /// A message was sent; process 0 is the test.
     Message {
-        /// By whom.
+        /// Sender.
         pid: u32,
-        /// What.
+        /// Message.
         message: &'a Message,
     },
-    /// A message is served to a process that wants it.
+    /// A message is served to a subscribed process.
     Heard {
-        /// To whom.
+        /// Receiver.
         pid: u32,
-        /// When it was received; it may have waited since.
+        /// Reception time; it may have waited since.
         at: Instant,
         /// Message.
         message: &'a Message,
     },
-    /// A CAN frame has left the wire.
+    /// A CAN frame was sent.
     Can {
         /// The bus.
         bus: &'a str,
         /// The frame.
         frame: base::can::Frame,
     },
-    /// A CAN frame has left the wire, and no node received it ([`Config::can_loss`](super::Config::can_loss), fault
-    /// `lose`).
+    /// A CAN frame was sent, but no node received it ([`Config::can_loss`](super::Config::can_loss), fault `lose`).
     CanLost {
         /// The bus.
         bus: &'a str,
@@ -64,25 +63,25 @@ pub enum News<'a> {
         /// Answer.
         answer: &'a w1::Answer,
     },
-    /// A module reported.
+    /// A report of a module.
     Report {
-        /// Which.
+        /// Module.
         module: &'a str,
         /// Report.
         report: &'a Report,
     },
-    /// A module prints a line.
+    /// A printed text of a module.
     Note {
-        /// Which.
+        /// Module.
         module: &'a str,
         /// The line.
         line: &'a str,
     },
     /// A module changed its state.
     State {
-        /// Which.
+        /// Module.
         module: &'a str,
-        /// To what.
+        /// New state.
         state: State,
     },
     /// A process was started.
@@ -108,14 +107,14 @@ pub enum News<'a> {
         /// Number.
         pid: u32,
     },
-    /// A process that hung goes on; what waited for it follows.
+    /// A hung process continues; its pending input follows.
     Resumed {
         /// Module.
         module: &'a str,
         /// Number.
         pid: u32,
     },
-    /// A process crawls from now on.
+    /// A process is slow from now on.
     Crawls {
         /// Module.
         module: &'a str,
@@ -130,12 +129,12 @@ pub enum News<'a> {
         target: &'a str,
         /// Name, as in `SIM_CMD_FAULT`.
         fault: &'a str,
-        /// Until when; [`Instant::NEVER`]: until it is taken away.
+        /// End; [`Instant::NEVER`]: until it is removed.
         until: Instant,
     },
-    /// Something found no room: frames in the queue of a CAN port, input in that of a process.
+    /// Dropped data: frames in the queue of a CAN port, input in that of a process.
     Dropped {
-        /// The bus, or the module.
+        /// Bus or module.
         whose: &'a str,
         /// Number.
         count: u64,
@@ -147,12 +146,12 @@ pub enum News<'a> {
 pub struct Traffic {
     /// CAN frames that left the wire, words put on it, completed transfers and requests.
     pub sent: u64,
-    /// Transfers and requests that found a queue full; CAN frames that did, grew old in it, or were in it when the
-    /// sender went bus-off.
+    /// Transfers and requests that did not fit into a queue; CAN frames that did not fit, became too old, or were
+    /// queued when the sender went bus-off.
     pub dropped: u64,
-    /// CAN frames that were destroyed by an error on the wire, and are sent again; transfers that failed.
+    /// CAN frames destroyed by an error on the wire, which are retransmitted; failed transfers.
     pub errors: u64,
-    /// Serial talk that began while another talked.
+    /// Serial transmissions that began during another one.
     pub collisions: u64,
     /// Time that the wire was busy.
     pub busy: Duration,

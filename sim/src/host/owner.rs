@@ -1,4 +1,4 @@
-//! The port of a process: what a wire connects.
+//! The port of a process, which a wire connects.
 
 use module::PortId;
 

@@ -1,4 +1,4 @@
-//! A serial wire of 9-bit words, 11 bits each: who talks when, and what becomes of two who talk at once.
+//! A serial wire of 9-bit words, 11 bits each, with collisions.
 
 use super::news::Traffic;
 use super::owner::Owner;
@@ -8,11 +8,11 @@ use simulator::Random;
 use simulator::disturbance::garbled;
 use std::collections::VecDeque;
 
-/// Received words are handed over when this many have come, and at the end of what was sent: as the receive FIFO of a
-/// 16550 at its highest threshold does.
+/// Number of words after which received data is delivered, also at the end of a transmission: like the receive FIFO of
+/// a 16550 at its highest threshold.
 const FIFO: usize = 14;
 
-/// What was sent in one piece.
+/// Words sent in one piece.
 #[derive(Debug)]
 struct Burst {
     owner: Owner,
@@ -25,7 +25,7 @@ struct Burst {
 #[derive(Debug)]
 pub(super) struct SerialWire {
     pub baud: u32,
-    /// Two pairs of wires: talking at once does no harm.
+    /// Separate pairs of wires: simultaneous transmission does no harm.
     pub full_duplex: bool,
     pub ports: Vec<Owner>,
     bursts: VecDeque<Burst>,
@@ -37,7 +37,7 @@ pub(super) struct SerialWire {
 pub(super) struct Arrival {
     pub owner: Owner,
     pub words: Vec<Word>,
-    /// The last of them ended what was sent.
+    /// The last word ends a transmission.
     pub sent: bool,
 }
 
@@ -53,7 +53,7 @@ impl SerialWire {
         }
     }
 
-    /// When `count` words that began at `start` are over.
+    /// End of `count` words that began at `start`.
     fn after(&self, start: Instant, count: usize) -> Instant {
         let nanos = count as u64 * rs485::BITS_PER_WORD * 1_000_000_000 / u64::from(self.baud);
         Instant::from_nanos(start.as_nanos() + nanos)
@@ -71,7 +71,7 @@ impl SerialWire {
         self.bursts.push_back(burst);
     }
 
-    /// Garbles every word of either that is on the wire while the other talks.
+    /// Garbles every word that overlaps with another transmission.
     fn collide(&mut self, burst: &mut Burst) {
         let end = self.after(burst.start, burst.words.len());
         for place in 0..self.bursts.len() {
@@ -103,7 +103,7 @@ impl SerialWire {
         self.bursts.iter().map(|burst| self.due(burst)).min()
     }
 
-    /// What has arrived by `now`, one piece at a time.
+    /// Words that have arrived by `now`, one piece at a time.
     pub fn handle_timeout(&mut self, now: Instant) -> Option<Arrival> {
         let place = (0..self.bursts.len()).find(|place| self.due(&self.bursts[*place]) <= now)?;
         let burst = &mut self.bursts[place];

@@ -1,4 +1,4 @@
-//! A wire of requests and answers: one request after the other, each as long as it takes.
+//! A wire of requests and answers: one request after the other, each with its duration.
 
 use super::news::Traffic;
 use super::owner::Owner;
@@ -12,9 +12,9 @@ pub(super) trait Server {
     type Request;
     /// Its answer.
     type Answer;
-    /// The time that the request takes.
+    /// Duration of a request.
     fn duration(&self, request: &Self::Request) -> Duration;
-    /// Performs the request, at the end of that time.
+    /// Performs a request at the end of its duration.
     fn perform(&mut self, owner: Owner, request: Self::Request) -> Self::Answer;
     /// A process has ended.
     fn gone(&mut self, pid: u32);
@@ -61,7 +61,7 @@ impl<S: Server> Served<S> {
         self.until
     }
 
-    /// The answer to a request that ends at `now`.
+    /// Answer to a request that ends at `now`.
     pub fn handle_timeout(&mut self, now: Instant) -> Option<(Owner, S::Answer)> {
         self.until.take_if(|until| *until <= now)?;
         let (owner, request) = self.queue.pop_front()?;

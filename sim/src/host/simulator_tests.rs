@@ -1,4 +1,4 @@
-//! The simulator in the virtual host, with a driver that knows nothing but a script.
+//! The simulator in the virtual host, with a scripted driver.
 
 use crate::host::{self, News, Virtual};
 use base::can::Frame;
@@ -16,7 +16,7 @@ use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulat
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-/// Brings the propulsion up, drives it at 0.5 m/s with a heartbeat of 50 ms, asks the odometry board at 4 Hz.
+/// Initializes the propulsion, drives it at 0.5 m/s with a heartbeat of 50 ms, polls the odometry board at 4 Hz.
 struct Script {
     ports: [PortSpec; 2],
     beat: Ticker,
@@ -82,7 +82,7 @@ struct Run {
     ticks: Rc<Cell<i16>>,
     round_trip: Rc<Cell<u64>>,
     truth: Rc<RefCell<simulation::DataTruth>>,
-    /// What the script's CAN port said besides frames: ms, what.
+    /// Events of the script's CAN port apart from frames: ms, event.
     told: Rc<RefCell<Vec<String>>>,
 }
 
@@ -214,7 +214,7 @@ fn a_master_that_is_cut_off_detects_missing_acknowledgements() {
         |what: &str| told.iter().position(|line| line.contains(what)).unwrap_or_else(|| panic!("{what} {told:?}"));
     assert!(position("NoAcknowledge") < position("Passive, transmit_errors: 128"), "{told:?}");
     assert!(!told.iter().any(|line| line.contains("Down")), "{told:?}");
-    // It is heard again: its counter goes down by the frame.
+    // It is connected again: its counter decreases with the frame.
     assert!(told.last().unwrap().contains("Warning") || told.last().unwrap().contains("Active"), "{told:?}");
 }
 

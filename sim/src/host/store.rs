@@ -1,5 +1,5 @@
-//! A disk with a folder of log files: requests one after the other, each as long as it takes; what was not synchronized
-//! is gone after a power cut.
+//! A disk with a folder of log files: one request after the other, each with its duration; unsynchronized data is lost
+//! in a power failure.
 
 use super::owner::Owner;
 use super::served::Server;
@@ -7,12 +7,12 @@ use base::Duration;
 use base::store::{Answer, Entry, Request, Trouble, is_name};
 use std::collections::BTreeMap;
 
-/// A small SD card: bytes a second, what every request takes, and what it takes until all is on the medium.
+/// A small SD card: bytes per second, duration of any request, and of a synchronization.
 const RATE_BYTES_PER_S: u64 = 40_000_000;
 const ACCESS_TIME: Duration = Duration::from_micros(100);
 const SYNC_TIME: Duration = Duration::from_millis(5);
 
-/// A file: what is in it, and how much of that a power cut leaves.
+/// A file: its content, and the part that survives a power failure.
 #[derive(Clone, Debug, Default)]
 pub struct Stored {
     /// Bytes.
@@ -41,13 +41,13 @@ impl Default for Disk {
 }
 
 impl Disk {
-    /// Bytes that are free.
+    /// Free space, bytes.
     #[must_use]
     pub fn free(&self) -> u64 {
         self.capacity.saturating_sub(self.files.values().map(|file| file.bytes.len() as u64).sum())
     }
 
-    /// The power fails: each file has what was synchronized.
+    /// Power failure: each file keeps its synchronized data.
     pub fn cut(&mut self) {
         self.files.values_mut().for_each(|file| file.bytes.truncate(file.durable));
     }
@@ -65,7 +65,7 @@ impl Disk {
     }
 }
 
-/// A disk, and the file that each port appends to.
+/// A disk, and the file to which each port appends.
 #[derive(Debug, Default)]
 pub(super) struct Store {
     pub disk: Disk,
@@ -92,7 +92,7 @@ impl Server for Store {
         self.done((owner.pid, owner.port.0), request).unwrap_or_else(Answer::Failed)
     }
 
-    /// What it wrote stays, on the medium or not yet.
+    /// Its data stays, synchronized or not.
     fn gone(&mut self, pid: u32) {
         self.open.retain(|(owner, _), _| *owner != pid);
     }

@@ -1,4 +1,4 @@
-//! Two small modules, ping and pong, over LCM, CAN and a serial line.
+//! Two small modules, ping and pong, on LCM, CAN and a serial line.
 
 use super::*;
 use base::can::{Frame, frame_bits};
@@ -9,7 +9,7 @@ use std::cell::RefCell;
 
 type Log = Rc<RefCell<Vec<String>>>;
 
-/// Sends on all lines every 10 ms and writes down what comes back, or answers what it hears.
+/// Sends on all lines every 10 ms and records the replies, or replies to what it receives.
 struct Player {
     ping: bool,
     ports: [PortSpec; 2],
@@ -86,7 +86,7 @@ impl Module for Player {
     }
 }
 
-/// Starts others and writes down what becomes of them.
+/// Starts other processes and records their news.
 struct Parent {
     orders: Vec<ProcessCommand>,
     log: Log,
@@ -206,7 +206,7 @@ fn the_frame_of_one_number_is_lost_and_no_other() {
         }
     });
     machine.run_until(ms(135));
-    // The third is ping's second: 1, its answer, 2.
+    // The third frame is ping's second: 1, its answer, 2.
     assert_eq!(*lost.borrow(), ["can.main [2]"]);
     let heard: Vec<_> = log
         .borrow()
@@ -323,7 +323,7 @@ fn a_port_that_does_not_fit_its_bus_is_refused() {
     assert_eq!(refused, "bus can.main is Can { bitrate: 250000 }, not Can { bitrate: 500000 }");
 }
 
-/// What the parent was told of its child, in microseconds, until a moment.
+/// News of its child reported to the parent until `until`, with times in µs.
 fn news_of_pong(until: u64, mut each: impl FnMut(&mut Virtual, u32)) -> Vec<String> {
     let (mut machine, log) = machine(Config::default());
     machine.spawn("parent", State::Run).unwrap();
@@ -341,7 +341,7 @@ fn a_served_process_has_heartbeats_and_a_hung_one_is_reported_every_20_ms() {
     machine.spawn("parent", State::Run).unwrap();
     machine.run_until(ms(60));
     assert_eq!(log.borrow()[3], " 60000000 HeartbeatStarted { pid: 1001 }");
-    // It began at 40 ms and beats at 190 ms for the last time.
+    // Its heartbeats began at 40 ms; the last one is at 190 ms.
     let news = news_of_pong(330, Virtual::hang);
     let silent = |at: u64| format!("{at} HeartbeatLate {{ pid: 1001, thread: \"main\", last: Instant(190000000) }}");
     assert_eq!(news, [silent(300_000_000), silent(320_000_000)]);
@@ -361,7 +361,7 @@ fn a_hang_of_the_parent_is_not_charged_to_its_children() {
         machine.run_until(ms(1250));
         machine.resume(1000);
     });
-    // It had beaten 10 ms before, and is late by 100 ms at the look after 90 more.
+    // Its last heartbeat was 10 ms before, and is late by 100 ms at the check after 90 more.
     assert_eq!(news, ["1340000000 HeartbeatLate { pid: 1001, thread: \"main\", last: Instant(1240000000) }"]);
 }
 
@@ -375,7 +375,7 @@ fn a_slowed_process_is_served_late_in_order_with_rare_heartbeats() {
     let pong: Vec<_> = log.borrow().iter().filter(|line| line.contains("pong")).cloned().collect();
     assert!(pong.iter().any(|line| *line == "117050000 pong clock 2 from 110050000"), "{pong:?}");
     assert!(pong.is_sorted_by_key(|line| line[..9].to_string()), "{pong:?}");
-    // Well again: what still waits is not overtaken.
+    // Normal again: pending events are not overtaken.
     machine.crawl(1001, Duration::from_millis(50));
     machine.run_until(ms(131));
     machine.crawl(1001, Duration::ZERO);
@@ -385,7 +385,7 @@ fn a_slowed_process_is_served_late_in_order_with_rare_heartbeats() {
     assert!(clocks[0].starts_with("180050000 pong clock 4"), "{clocks:?}");
     let order: Vec<u32> = clocks.iter().map(|line| line.split(' ').nth(3).unwrap().parse().unwrap()).collect();
     assert!(order.is_sorted() && order.len() > 10, "{order:?}");
-    // One that is served 100 ms late beats each 150 ms.
+    // A process with a latency of 100 ms has a heartbeat each 150 ms.
     let silent = news_of_pong(1000, |machine, pong| machine.crawl(pong, Duration::from_millis(100)));
     assert!(!silent.is_empty() && silent.iter().all(|line| line.contains("HeartbeatLate")));
     let silent = news_of_pong(1000, |machine, pong| machine.crawl(pong, Duration::from_millis(40)));
@@ -410,7 +410,7 @@ fn a_supervised_process_is_restarted_with_back_off_and_adopts_the_living() {
         machine.run_until(machine.now() + Duration::from_millis(50));
     }
     assert_eq!(starts, [100, 100_100, 150_100, 150_100]);
-    // This one starts another each time, and adopts the latest.
+    // This one starts another process each time, and adopts the latest.
     assert_eq!(machine.processes().filter(|(_, module)| *module == "pong").count(), 5);
     let earlier: Vec<String> = log
         .borrow()
@@ -421,7 +421,7 @@ fn a_supervised_process_is_restarted_with_back_off_and_adopts_the_living() {
     let nobody = "Earlier { module: \"nobody\", wanted: Run, held: false, pid: None }".to_string();
     let found = |pid| format!("Earlier {{ module: \"pong\", wanted: Run, held: false, pid: Some({pid}) }}");
     assert_eq!(earlier[..4], [nobody.clone(), found(pong), nobody, found(pong + 2)]);
-    // It ends well: nobody starts it again, and what it had ends by itself.
+    // It ends normally: it is not restarted, and its children end by themselves.
     machine.terminate(pid);
     machine.run_until(machine.now() + Duration::from_millis(2900));
     assert_eq!(machine.processes().count(), 5);
@@ -511,7 +511,7 @@ fn a_disturbed_wire_loses_delays_repeats_and_garbles() {
     assert!(!run("lcm", "noise", 0.1).0);
 }
 
-/// Reads a register again and again, without a pause.
+/// Reads a register repeatedly, without a pause.
 struct Reader {
     ports: [PortSpec; 1],
     read: u32,
@@ -534,7 +534,7 @@ impl Module for Reader {
     }
 }
 
-/// A chip that says 0x29.
+/// A chip whose register reads 0x29.
 struct Chip([PortSpec; 1]);
 
 impl Module for Chip {

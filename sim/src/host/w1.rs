@@ -1,4 +1,4 @@
-//! A 1-Wire bus as the kernel serves it: one request after the other, each as long as the slow bus takes.
+//! A 1-Wire bus as served by the kernel: one request after the other, each with the duration on the slow bus.
 
 use super::owner::Owner;
 use super::served::Server;
@@ -8,10 +8,10 @@ use std::collections::BTreeMap;
 
 /// Reset and presence, 8 bits of the search command, and 64 bits of three slots for each device.
 const SEARCH: (Duration, Duration) = (Duration::from_micros(1500), Duration::from_micros(13_440));
-/// A conversion of 12 bits, and the scratchpad to be read then.
+/// Duration of a conversion with 12 bits and of reading the scratchpad.
 const CONVERSION: Duration = Duration::from_micros(765_000);
 
-/// The bus, as whoever emulates the thermometers describes it.
+/// The bus as described by the emulator of the thermometers.
 #[derive(Debug, Default)]
 pub(super) struct Thermometers {
     /// The port that emulates them.
@@ -26,13 +26,13 @@ impl Thermometers {
         self.devices = Some(owner);
     }
 
-    /// What the thermometers are from now on.
+    /// Sets the state of the thermometers from now on.
     pub fn is(&mut self, owner: Owner, answer: Answer) {
         if self.devices == Some(owner) {
             match answer {
                 Answer::List(list) => self.there = list,
                 Answer::Temperature(rom, said) => {
-                    // As many as can be on the bus.
+                    // At most as many as can be on the bus.
                     if self.there.contains(&rom) {
                         self.said.insert(rom, said);
                     }

@@ -18,18 +18,18 @@ use simulator::disturbance::Disturbance;
 use simulator::faults::InjectedFault;
 use std::rc::Rc;
 
-/// A wire and when it is to be served.
+/// A wire and its next deadline.
 pub(super) struct Wire {
     pub bus: Rc<str>,
     pub kind: Kind,
     pub due: Option<(Instant, u64)>,
     disturbance: Disturbance,
     random: Random,
-    /// Of what was dropped, so much was told.
+    /// Number of dropped items already reported.
     told_dropped: u64,
 }
 
-/// What kind of wire.
+/// Kind of wire.
 pub(super) enum Kind {
     Can(CanWire),
     Serial(SerialWire),
@@ -40,7 +40,7 @@ pub(super) enum Kind {
 }
 
 impl Wire {
-    /// Lets a fault come over it; false when that is no fault of a wire of its kind.
+    /// Injects a fault into the wire; false if a wire of its kind has no such fault.
     pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
         let own = match &mut self.kind {
             Kind::Can(wire) => wire.inject(now, injected, until),
@@ -48,12 +48,12 @@ impl Wire {
             // Faults concern their chips only.
             Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => return false,
         };
-        // On a CAN bus noise destroys frames, which are sent again; the wire knows.
+        // On a CAN bus noise destroys frames, which are retransmitted; the wire handles that itself.
         let common = !matches!(injected, InjectedFault::Reorder(_)) && (!own || injected == InjectedFault::None);
         common && self.disturbance.inject(now, injected, until) || own
     }
 
-    /// What was sent comes at this moment, so many times; none when nobody receives it.
+    /// Arrival time and number of copies of data sent now; `None` if it is lost.
     pub fn passes(&mut self, now: Instant) -> Option<(Instant, u32)> {
         if self.random.chance(self.disturbance.loss(now)) {
             return None;
@@ -62,7 +62,7 @@ impl Wire {
         Some((self.disturbance.arrival(now, now), 1 + u32::from(twice)))
     }
 
-    /// How much was dropped since this was asked last, if anything was.
+    /// Number of items dropped since the last call, if any.
     pub fn dropped(&mut self) -> Option<u64> {
         let count = self.traffic().dropped - self.told_dropped;
         self.told_dropped += count;
@@ -148,7 +148,7 @@ impl Wire {
         }
     }
 
-    /// A process is gone; true when a gamepad that it simulated goes with it.
+    /// A process has ended; true if a gamepad that it simulated disappears with it.
     pub fn close(&mut self, pid: u32) -> bool {
         match &mut self.kind {
             Kind::Can(wire) => wire.close(pid),
@@ -162,7 +162,7 @@ impl Wire {
     }
 }
 
-/// The wire of a bus, made when it is first asked for.
+/// Wire of a bus, created on first use.
 pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line) -> Result<usize, String> {
     if let Some(place) = wires.iter().position(|wire| &*wire.bus == bus) {
         let there = wires[place].rate();

@@ -1,4 +1,4 @@
-//! Faults: drawn from the seed before an episode begins, then let loose on the machine at their moments.
+//! Faults: drawn from the seed before an episode begins, then injected into the machine at their times.
 
 use super::rivals;
 use super::scenario::{Phase, Scenario};
@@ -11,9 +11,9 @@ use std::cell::Cell;
 use std::fmt;
 use std::rc::Rc;
 
-/// The target of `full`.
+/// Target of the fault `full`.
 const DISK: &str = "disk";
-/// The target of a step of the wall clock, by `value` s.
+/// Target of a step of the wall clock, by `value` s.
 const CLOCK: &str = "clock";
 /// Source of the chaos's state commands, distinct from the operator.
 const SOURCE: &str = "chaos";
@@ -23,14 +23,14 @@ const SOURCE: &str = "chaos";
 pub struct Fault {
     /// Instant.
     pub at: Duration,
-    /// The name of its [kind](super::Kind).
+    /// Name of its [kind](super::Kind).
     pub kind: String,
     /// Target.
     pub target: String,
-    /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
-    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others who
-    /// command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names
-    /// of `SIM_CMD_FAULT`.
+    /// Effect. On a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a person's
+    /// command, and `run`, one of no person. On the `clock`: `step`. On the `disk`: `full`. By other sources of
+    /// commands: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names of
+    /// `SIM_CMD_FAULT`.
     pub fault: String,
     /// Value.
     pub value: f64,
@@ -51,7 +51,8 @@ impl fmt::Display for Fault {
     }
 }
 
-/// The faults of an episode in order of time. Each kind has a stream of its own: another rate changes no other kind.
+/// Faults of an episode in order of time. Each kind has its own random stream: the rate of one does not affect the
+/// others.
 #[must_use]
 pub fn draw(scenario: &Scenario, seed: u64, episode: u64) -> Vec<Fault> {
     let mut faults = Vec::new();
@@ -66,7 +67,7 @@ pub fn draw(scenario: &Scenario, seed: u64, episode: u64) -> Vec<Fault> {
             if phase == Phase::Chaos {
                 let mut at = begin;
                 loop {
-                    // Exponential gaps: at each moment as likely as at any other.
+                    // Exponentially distributed gaps: equally likely at any time.
                     let gap = -libm::log(1.0 - random.uniform()) * 3600.0 / kind.per_hour.max(1e-9);
                     at += Duration::from_nanos((gap * 1e9) as u64);
                     if at >= end {
@@ -78,7 +79,7 @@ pub fn draw(scenario: &Scenario, seed: u64, episode: u64) -> Vec<Fault> {
             begin = end;
         }
     }
-    // The order of equal moments is that of the kinds.
+    // Equal times are in the order of the kinds.
     faults.sort_by_key(|fault| fault.at);
     faults
 }
@@ -114,14 +115,14 @@ enum Undo {
 pub struct Disk(Rc<Cell<u32>>);
 
 impl Disk {
-    /// True if it takes nothing at the moment.
+    /// True if the disk is currently full.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.0.get() > 0
     }
 }
 
-/// Lets faults loose.
+/// Injector of faults.
 #[derive(Debug)]
 pub(super) struct Chaos<'a> {
     faults: std::slice::Iter<'a, Fault>,
@@ -140,10 +141,10 @@ impl<'a> Chaos<'a> {
         self.undo.iter().map(|(at, _)| *at).chain(next).min()
     }
 
-    /// Does what is due at the machine's time; returns the kinds of faults that it did, in order.
+    /// Injects the faults that are due at the machine's time; passes each to `did`.
     pub fn handle_timeout(&mut self, machine: &mut Virtual, mut did: impl FnMut(&Fault)) {
         let now = machine.now();
-        // Ends come first: a module hung again at this instant hangs.
+        // Ends come first: a module that is hung again at this time hangs.
         for (_, undo) in self.undo.extract_if(.., |(at, _)| *at <= now) {
             match undo {
                 Undo::Resume(pid) => machine.resume(pid),
@@ -159,7 +160,7 @@ impl<'a> Chaos<'a> {
         }
     }
 
-    /// False if there is no target for it.
+    /// Injects a fault; false if it has no target.
     fn befall(&mut self, machine: &mut Virtual, fault: &Fault) -> bool {
         let (now, target) = (machine.now(), fault.target.as_str());
         let over = now + Duration::from_secs_f64(fault.lasts.clamp(0.0, 1e6));
@@ -229,7 +230,8 @@ mod tests {
                 count += 1;
             }
         }
-        // Five chaoses of a minute in each of a hundred episodes: 1000 are to be expected, with a deviation of 32.
+        // Five chaos phases of a minute in each of a hundred episodes: 1000 faults are expected, with a deviation of
+        // 32.
         assert!((900..1100).contains(&count), "{count}");
     }
 

@@ -1,4 +1,4 @@
-//! What an episode shows: how far, how often, how long at worst.
+//! Figures of an episode: distances, counts, worst-case times.
 
 use crate::check::{Limits, Times};
 use crate::host::News;
@@ -8,7 +8,7 @@ use messages::{Message, lowlevel, simulation};
 use module::{ExitStatus, State};
 use std::collections::BTreeMap;
 
-/// A silence that ends motion is longer than half a command's life and shorter than this.
+/// Maximum duration of a silence that counts as an end of motion; the minimum is half a command's time to live.
 const SILENCE_MAX: Duration = Duration::from_secs(1);
 /// Time after the begin of calm at which all effects of the chaos have ended: controllers in bus-off have recovered.
 const SETTLING_TIME: Duration = Duration::from_secs(10);
@@ -18,28 +18,28 @@ const AFTERMATH: Duration = Duration::from_secs(1);
 /// Figures of one episode, or of many.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Way, m.
+    /// Distance driven, m.
     pub distance: f64,
     /// Number of motions ended by a stop: by silence, PAUSE, a fault.
     pub stops: u64,
     /// Number of contacts of the body.
     pub contacts: u64,
-    /// Goals that were reached.
+    /// Number of goals reached.
     pub goals: u64,
-    /// The longest of each.
+    /// Longest times.
     pub worst: Worst,
 }
 
-/// The longest times; none where it did not happen.
+/// Longest times; `None` if the event did not occur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Worst {
     /// From the last command to the stop on the bus, in calm.
     pub silence_to_stop: Option<Duration>,
-    /// Times that rules have a bound for.
+    /// Times for which rules have a bound.
     pub rules: Times,
-    /// From the hang or death of a module to its RUN, where nothing else was wrong meanwhile or just before.
+    /// From the hang or death of a module to its RUN, without any other fault meanwhile or just before.
     pub loss_to_run: Option<Duration>,
-    /// From the beginning of calm until the robot moved, homing not counted.
+    /// From the begin of calm until the robot moved, without homing.
     pub calm_to_motion: Option<Duration>,
 }
 
@@ -67,11 +67,11 @@ pub(super) struct Meter {
     pub calm: Option<Instant>,
     /// The set-point on the bus moves the robot.
     moves: bool,
-    /// Instant of the last command that moves it, unless one that stops it followed.
+    /// Time of the last command that moves it, unless one that stops it followed.
     commanded: Option<Instant>,
-    /// Modules that are not in RUN by a fault.
+    /// Modules that are not in RUN because of a fault.
     down: BTreeMap<String, Down>,
-    /// Something else than a process is ill until then, or was.
+    /// End of the last fault of anything but a process.
     ill: Instant,
     /// Processes that are served late.
     late: Vec<u32>,
@@ -81,7 +81,7 @@ pub(super) struct Meter {
 #[derive(Debug)]
 struct Down {
     since: Instant,
-    /// True if no other fault was active then, nor since.
+    /// True if no other fault was active then or since.
     alone: bool,
 }
 

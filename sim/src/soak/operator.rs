@@ -1,8 +1,8 @@
-//! A person who drives the robot about: sees it from outside, and commands it as a remote control does.
+//! Simulated operator: sees the robot from outside and commands it like a remote control.
 //!
-//! He sends motion commands at 20 Hz with zero first, drives squares and random walks where he sees room, lets go now
-//! and then, by zero or by saying nothing, and begins anew after every stop. What stays in PAUSE or STOP he sends to
-//! RUN; a steering whose homing failed he homes again. Once there is a planner he lets that drive, too.
+//! Sends motion commands at 20 Hz, first zero, drives squares and random walks where there is space, stops at times, by
+//! zero or by silence, and begins again after every stop. Commands RUN to modules in PAUSE or STOP; repeats a failed
+//! homing. With a planner, lets that drive, too.
 
 use super::scenario::Behaviour;
 use crate::host::News;
@@ -12,34 +12,34 @@ use navitools::{Ackermann, Point, Pose};
 use simulator::Random;
 use simulator::world::World;
 
-/// He acts this often.
+/// Period of its actions.
 pub(super) const PERIOD: Duration = Duration::from_millis(50);
-/// He begins anew so long after he saw that it does not do as he says.
+/// Delay of a new begin after the robot was seen not to follow.
 const RETRY_DELAY: Duration = Duration::from_millis(500);
-/// He commands zero for this long before he begins anew.
+/// Duration of zero commands before a new begin.
 const ZERO: Duration = Duration::from_millis(300);
-/// He looks at what does not run this often.
+/// Period of attending to modules that do not run.
 const TEND_PERIOD: Duration = Duration::from_secs(2);
-/// He looks so far ahead along a leg, beyond its end, in such steps, s.
+/// Look-ahead beyond the end of a leg, and its step, s.
 const LOOK_AHEAD_S: (f64, f64) = (1.0, 0.25);
-/// So many ways to go he thinks of.
+/// Number of legs that are compared.
 const PATHS_TRIED: u32 = 12;
-/// His name, and the planner's.
+/// Source names of the operator and of the planner.
 const SOURCE: &str = "operator";
 const PLANNER: &str = "planner";
-/// He lets the planner drive for this long at most.
+/// Maximum time for which the planner drives.
 const GOAL_TIME_MAX: Duration = Duration::from_secs(60);
 
-/// What he does.
+/// Current activity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Doing {
-    /// Says nothing until then.
+    /// Silent until then.
     Silent(Instant),
     /// Commands zero until then.
     Zero(Instant),
-    /// Drives like this until then.
+    /// Drives until then.
     Drive { speed: f64, steering: f64, until: Instant },
-    /// Says nothing until then, and sends the planner off: it is let go by nobody who drives.
+    /// Silent until then, followed by a goal for the planner: it cannot be released while a manual source drives.
     Yields(Instant),
     /// Lets the planner drive until then.
     Waits(Instant),
@@ -52,14 +52,14 @@ pub(super) struct Operator {
     world: World,
     random: Random,
     doing: Doing,
-    /// Sides of a square that are left.
+    /// Number of remaining sides of a square.
     square: u32,
     motion: Option<lowlevel::DataMotion>,
     /// Homing the steering failed, and is not tried again by itself.
     homing_failed: bool,
     truth: simulation::DataTruth,
     processes: common::DataProcesses,
-    /// Since when it does not do as he says.
+    /// Time since which the robot does not follow.
     disobeyed: Option<Instant>,
     tends: Instant,
     goal: i32,
@@ -85,7 +85,7 @@ impl Operator {
         }
     }
 
-    /// Goals that were reached.
+    /// Number of goals reached.
     pub fn goals(&self) -> u64 {
         self.reached
     }
@@ -109,7 +109,7 @@ impl Operator {
         }
     }
 
-    /// What he says at this moment.
+    /// Acts at this time; passes each message to `say`.
     pub fn act(&mut self, now: Instant, mut say: impl FnMut(Message)) {
         self.tend(now, &mut say);
         self.watch(now);
@@ -129,12 +129,12 @@ impl Operator {
         say(lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: SOURCE.into() }.into());
     }
 
-    /// True if it could drive, as far as he sees.
+    /// True if it could drive, as far as it sees.
     fn may_drive(&self) -> bool {
         self.motion.as_ref().is_some_and(|motion| motion.homed)
     }
 
-    /// Sends to RUN what an operator must, and homes what must be homed.
+    /// Commands RUN where an operator must, and homing where necessary.
     fn tend(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
         if now < self.tends {
             return;
@@ -154,7 +154,7 @@ impl Operator {
         }
     }
 
-    /// Lets go when it does not do as he says, or comes too near to something.
+    /// Stops if the robot does not follow, or comes too close to an obstacle.
     fn watch(&mut self, now: Instant) {
         if !matches!(self.doing, Doing::Drive { .. } | Doing::Waits(_)) {
             return;
@@ -168,7 +168,7 @@ impl Operator {
             }
         };
         let Doing::Drive { speed, steering, .. } = self.doing else {
-            // The planner needs a moment to begin; what stopped it later keeps it until he says so again.
+            // The planner needs a moment to begin; a later stop latches it until it is released again.
             if now.since(since) >= 4 * RETRY_DELAY {
                 (self.disobeyed, self.doing) = (None, Doing::Silent(now));
             }
@@ -186,7 +186,7 @@ impl Operator {
         }
     }
 
-    /// A leg is over.
+    /// The current leg has ended.
     fn change(&mut self, now: Instant) {
         let Behaviour { silence, zero, .. } = self.behaviour;
         let chance = self.random.uniform();
@@ -201,7 +201,7 @@ impl Operator {
         ZERO + Duration::from_secs_f64(seconds * self.random.uniform())
     }
 
-    /// He has commanded zero for a while.
+    /// Zero has been commanded for a while.
     fn go(&mut self, now: Instant) {
         let planner = |process: &common::Process| process.module == PLANNER && process.state == common::DataState::RUN;
         if self.processes.processes.iter().any(planner) && self.random.chance(0.5) {
@@ -211,7 +211,7 @@ impl Operator {
         self.doing = self.leg(now);
     }
 
-    /// The planner is to drive.
+    /// Sends a goal to the planner.
     fn send(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
         self.doing = Doing::Waits(now + GOAL_TIME_MAX);
         self.goal += 1;
@@ -220,7 +220,7 @@ impl Operator {
         say(middlelevel::CmdGoal { timestamp: 0, id: self.goal, waypoints, r#loop: false }.into());
     }
 
-    /// A place with room.
+    /// A place with space around.
     fn somewhere(&mut self) -> middlelevel::Waypoint {
         let corners = self.world.walls.iter().flat_map(|wall| [wall.a, wall.b]);
         let corners: Vec<Point> = corners.chain([self.world.start.point()]).collect();
@@ -239,7 +239,7 @@ impl Operator {
         middlelevel::Waypoint { x: start.x, y: start.y, ..middlelevel::Waypoint::default() }
     }
 
-    /// The next leg: of a square, or as it comes, wherever there is most room of some ways.
+    /// Next leg: of a square, or the random one with the most space.
     fn leg(&mut self, now: Instant) -> Doing {
         let pose = self.pose();
         let mut best = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
@@ -258,13 +258,13 @@ impl Operator {
         Doing::Drive { speed, steering, until: now + Duration::from_secs_f64(seconds) }
     }
 
-    /// A way to go: speed, steering, for how long.
+    /// A candidate leg: speed, steering, duration.
     fn thought(&mut self, number: u32) -> (f64, f64, f64) {
         let Behaviour { speed, steering, leg, wheelbase, .. } = self.behaviour;
         if number > 0 {
             self.square = 0;
         } else if self.square == 0 && self.random.chance(0.1) {
-            // Sides and corners in turn.
+            // Sides and corners alternate.
             self.square = 8;
         }
         if self.square > 0 {
@@ -292,8 +292,8 @@ impl Operator {
         self.world.clearance(pose, -rear, front, half_width)
     }
 
-    /// The least clearance on the way, and while it stops at its end; not at its very beginning, so that a way out of a
-    /// corner is one.
+    /// Minimum clearance on the way and while stopping at its end; not at its very beginning, so that a way out of a
+    /// corner counts.
     fn room(&self, mut pose: Pose, speed: f64, steering: f64, seconds: f64) -> f64 {
         let geometry = Ackermann { wheelbase_m: self.behaviour.wheelbase, track_m: 0.0 };
         let (beyond, step) = LOOK_AHEAD_S;

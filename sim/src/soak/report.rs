@@ -1,4 +1,4 @@
-//! What a soak says in the end: the sum of its episodes, in their order.
+//! Report of a soak: the sum of its episodes in their order.
 
 use super::figures::Figures;
 use super::{Outcome, Violation};
@@ -8,21 +8,21 @@ use xxhash_rust::xxh64::Xxh64;
 
 /// The sum of episodes.
 pub struct Report {
-    /// Number of them.
+    /// Number of episodes.
     pub episodes: u64,
-    /// How long they were together.
+    /// Total duration.
     pub time: Duration,
-    /// How often each kind of fault befell somebody.
+    /// Number of injected faults of each kind.
     pub faults: BTreeMap<String, u64>,
-    /// What was measured.
+    /// Measured figures.
     pub figures: Figures,
-    /// Episodes in which a rule broke, with how.
+    /// Episodes with a violation of a rule.
     pub violations: Vec<(u64, Violation)>,
     digest: Xxh64,
 }
 
 impl Report {
-    /// Of a soak with this seed, in which nothing has happened yet.
+    /// Creates the report of a soak with this seed, still empty.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self {
@@ -35,7 +35,7 @@ impl Report {
         }
     }
 
-    /// Adds an episode; to be called in the order of their numbers, whoever ran them when.
+    /// Adds an episode; to be called in the order of their numbers, whatever the order of execution.
     pub fn add(&mut self, number: u64, outcome: &Outcome) {
         self.episodes += 1;
         self.time += outcome.time;
@@ -48,7 +48,7 @@ impl Report {
         self.digest.update(&outcome.digest.to_le_bytes());
     }
 
-    /// Of everything that was sent in all episodes.
+    /// Digest of everything sent in all episodes.
     #[must_use]
     pub fn digest(&self) -> u64 {
         self.digest.digest()

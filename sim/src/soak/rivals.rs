@@ -1,22 +1,23 @@
-//! Others who command the robot beside its operator: what the arbitration is for. None of them looks where it goes.
+//! Other sources that command the robot beside its operator, to exercise the arbitration. None of them avoids
+//! obstacles.
 
 use super::chaos::Fault;
 use crate::host::Virtual;
 use base::Duration;
 use messages::{lowlevel, middlelevel};
 
-/// Motion commands and estimates come at 20 Hz.
+/// Period of motion commands and estimates.
 const PERIOD: Duration = Duration::from_millis(50);
-/// Who is a person.
+/// Names and priorities of manual sources.
 const MANUAL: [(&str, i8); 3] = [
     ("remote", lowlevel::CmdMotion::REMOTE),
     ("gamepad", lowlevel::CmdMotion::GAMEPAD),
     ("maintenance", lowlevel::CmdMotion::MAINTENANCE),
 ];
 
-/// Lets somebody speak; false when that is no fault of this kind. `drive`: the target commands `value` m/s, with the
-/// priority of its name, the planner's for any other. `plan`: it does so with a goal and an estimate; `plan_unasked`:
-/// without a goal; `plan_blind`: without an estimate. `engage`: the target says that it has engaged the PAUSE line.
+/// Sends the messages of a rival; false if the fault is not of this kind. `drive`: the target commands `value` m/s with
+/// the priority of its name, by default the planner's. `plan`: the same with a goal and an estimate; `plan_unasked`:
+/// without a goal; `plan_blind`: without an estimate. `engage`: the target reports that it has engaged the PAUSE line.
 pub(super) fn speak(machine: &mut Virtual, fault: &Fault) -> bool {
     let now = machine.now();
     let lasts = Duration::from_secs_f64(fault.lasts.clamp(0.0, 600.0));

@@ -1,25 +1,25 @@
-//! What a robot-hour is made of: how long chaos and calm last, what breaks how often, how the operator drives.
+//! Content of a robot-hour: durations of chaos and calm, rates of faults, behaviour of the operator.
 
 use base::Duration;
 
 /// A scenario, read from a file by the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// From the start of an episode's robot to its first chaos: modules come up, the steering is homed.
+    /// From the start of an episode's robot to its first chaos: modules start, the steering is homed.
     pub settle: Duration,
-    /// Then things break for so long,
+    /// Duration of a chaos phase, with faults.
     pub chaos: Duration,
-    /// and nothing breaks for so long;
+    /// Duration of the calm phase after it, without faults.
     pub calm: Duration,
-    /// and so on, this number of times in an episode.
+    /// Number of such pairs in an episode.
     pub turns: u32,
-    /// A message takes up to this longer than the usual latency.
+    /// Maximum additional latency of a message.
     pub lcm_jitter: Duration,
-    /// Probability that a receiver misses a message, always.
+    /// Probability that a receiver misses a message at any time.
     pub lcm_loss: f64,
-    /// The longest delay before a dead process is started again.
+    /// Maximum delay before a dead process is restarted.
     pub restart_delay_max: Duration,
-    /// In calm the robot has moved within this time, homing not counted.
+    /// Maximum time until the robot moves in calm, without homing.
     pub moves_within: Duration,
     /// Behaviour of the operator.
     pub operator: Behaviour,
@@ -38,30 +38,30 @@ pub struct Kind {
     pub fault: String,
     /// Rate, per hour of chaos.
     pub per_hour: f64,
-    /// Least and greatest value.
+    /// Minimum and maximum value.
     pub value: (f64, f64),
-    /// Shortest and longest duration, s; cut by the end of the chaos. 0: momentary.
+    /// Minimum and maximum duration, s; cut off by the end of the chaos. 0: momentary.
     pub lasts: (f64, f64),
 }
 
 /// Behaviour of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Behaviour {
-    /// Greatest speed, m/s.
+    /// Maximum speed, m/s.
     pub speed: f64,
-    /// Steers as far as this, rad.
+    /// Maximum steering angle, rad.
     pub steering: f64,
-    /// Keeps this far from what he sees, m.
+    /// Minimum distance to visible obstacles, m.
     pub clearance: f64,
-    /// The least and greatest duration of a piece of a drive, s.
+    /// Minimum and maximum duration of a leg, s.
     pub leg: (f64, f64),
-    /// Probability of falling silent at the end of a piece, instead of going on or commanding zero.
+    /// Probability of silence at the end of a leg, instead of a new leg or zero.
     pub silence: f64,
     /// Probability of commanding zero there.
     pub zero: f64,
-    /// The wheelbase of what he drives, m: he knows where it will go.
+    /// Wheelbase of the robot, m, to predict its path.
     pub wheelbase: f64,
-    /// Behind and ahead of the rear axle, and half its width, m.
+    /// Extent of the body behind and ahead of the rear axle, and half its width, m.
     pub body: (f64, f64, f64),
 }
 
@@ -102,7 +102,7 @@ impl Default for Scenario {
 pub enum Phase {
     /// The robot starts.
     Settle,
-    /// Things break.
+    /// Faults are injected.
     Chaos,
     /// No faults.
     Calm,

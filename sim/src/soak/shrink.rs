@@ -1,7 +1,7 @@
 //! Fewer faults that do the same harm (Zeller, Hildebrandt 2002: delta debugging).
 
-/// The smallest list that was found of which `fails` is true, no single item of which can be taken away; `fails` of the
-/// whole list must be. It is asked `tries` times at most; with no more of them the best list so far is returned.
+/// Smallest sublist found for which `fails` is true and from which no single item can be removed; `fails` must be true
+/// for the whole list. `fails` is called at most `tries` times; after that the best list so far is returned.
 pub fn shrink<T: Clone>(whole: &[T], mut tries: u32, mut fails: impl FnMut(&[T]) -> bool) -> Vec<T> {
     let mut best = whole.to_vec();
     let mut pieces = 2;

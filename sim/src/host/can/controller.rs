@@ -1,4 +1,4 @@
-//! A CAN controller: what waits to be sent, and fault confinement by its two error counters (ISO 11898-1, 12).
+//! A CAN controller: its send queue, and fault confinement by two error counters (ISO 11898-1, 12).
 
 use crate::host::owner::Owner;
 use base::can::{BusState, Frame, Health, Notice};
@@ -6,18 +6,18 @@ use base::{Duration, Instant};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// Frames that a port queues; further ones are dropped. One SDO block fits.
+/// Capacity of a port's queue, frames; further ones are dropped. One SDO block fits.
 const QUEUE: usize = 128;
-/// Once nothing has left for so long, what has waited that long is dropped, as in the live ports.
+/// Maximum age of frames if none has left for that long, as in the live ports.
 const QUEUE_AGE: Duration = Duration::from_millis(50);
-/// A port restarts its controller after bus-off so late, twice as late each time, and no later than the second.
+/// First and maximum delay of a restart after bus-off; it doubles each time.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
-/// Above this a counter makes error-passive.
+/// Error counter value above which the controller is error-passive.
 const PASSIVE: u16 = 127;
-/// Above this the transmit counter makes bus-off.
+/// Transmit error counter value above which the controller is bus-off.
 const OFF: u16 = 255;
 
-/// A frame and since when it waits; one that was on the wire is the controller's, and does not grow old.
+/// A frame and its time of queueing; one that was on the wire stays in the controller and does not age.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Queued {
     pub frame: Frame,
@@ -25,24 +25,24 @@ pub(super) struct Queued {
     pub tried: bool,
 }
 
-/// A controller. It stays on its wire when the process that used it ends, as an interface does; the next process of
-/// that module finds it as it is.
+/// A controller. Like an interface it stays on its wire when the process that used it ends; the next process of that
+/// module finds it in that state.
 #[derive(Debug)]
 pub(super) struct Controller {
     pub owner: Owner,
     pub module: Rc<str>,
-    /// It stands for several nodes, which acknowledge each other's frames.
+    /// It represents several nodes, which acknowledge each other's frames.
     pub many: bool,
     queue: VecDeque<Queued>,
     transmit_errors: u16,
     receive_errors: u16,
-    /// Time when its last frame left.
+    /// Time at which its last frame left.
     left: Instant,
-    /// A passive transmitter lets others begin first.
+    /// End of the suspension of an error-passive transmitter.
     pub suspended: Instant,
-    /// Until then it is alone at its end of a cable.
+    /// Until this time it is alone on its part of the cable.
     pub cut: Instant,
-    /// Time when it takes part again after bus-off.
+    /// Time of recovery from bus-off.
     pub back: Option<Instant>,
     back_off: Duration,
     since: Instant,
@@ -72,7 +72,7 @@ impl Controller {
         }
     }
 
-    /// Takes a frame to send; false when there is no room, or the controller is off the bus.
+    /// Queues a frame; false if the queue is full or the controller is bus-off.
     pub fn push(&mut self, now: Instant, frame: Frame) -> bool {
         let room = self.back.is_none() && self.queue.len() < QUEUE;
         if room {
@@ -81,10 +81,10 @@ impl Controller {
         room
     }
 
-    /// Drops what has grown old; how many that were.
+    /// Drops frames that are too old; returns their number.
     pub fn forget(&mut self, now: Instant) -> u64 {
         let before = self.queue.len();
-        // The oldest are in front, but for one that was tried.
+        // The oldest are in front, except one that was being sent.
         let old = |queued: &Queued| now.since(queued.since) > QUEUE_AGE;
         if now.since(self.left) > QUEUE_AGE && self.queue.iter().take(2).any(old) {
             self.queue.retain(|queued| queued.tried || !old(queued));
@@ -100,7 +100,7 @@ impl Controller {
         self.queue.pop_front()
     }
 
-    /// The frame was not sent: it is sent again.
+    /// The frame was not sent and is retransmitted.
     pub fn again(&mut self, queued: Queued) {
         if self.back.is_none() {
             self.queue.push_front(Queued { tried: true, ..queued });
@@ -115,31 +115,31 @@ impl Controller {
         self.transmit_errors > PASSIVE || self.receive_errors > PASSIVE
     }
 
-    /// A frame was received well.
+    /// A frame was received without error.
     pub fn received(&mut self) {
         self.receive_errors = self.receive_errors.saturating_sub(1).min(PASSIVE);
     }
 
-    /// A frame was sent well.
+    /// A frame was sent without error.
     pub fn sent(&mut self, now: Instant) {
         self.left = now;
         self.transmit_errors = self.transmit_errors.saturating_sub(1);
     }
 
-    /// An error was seen in a frame of another.
+    /// An error was detected in a frame of another node.
     pub fn receive_error(&mut self) {
         self.receive_errors = (self.receive_errors + 1).min(255);
         self.errors = self.errors.saturating_add(1);
     }
 
-    /// An error was seen in the frame that it sends.
+    /// An error was detected in the frame that it sends.
     pub fn transmit_error(&mut self) {
         self.transmit_errors += 8;
         self.errors = self.errors.saturating_add(1);
     }
 
-    /// Nobody acknowledged its frame. A passive one does not count that: alone on its bus it does not go off
-    /// (12.1.4.2, exception 1 of rule c).
+    /// Its frame was not acknowledged. An error-passive node does not count that: alone on its bus it does not go
+    /// bus-off (12.1.4.2, exception 1 of rule c).
     pub fn no_acknowledge(&mut self) {
         if !self.is_passive() {
             self.transmit_errors += 8;
@@ -151,8 +151,8 @@ impl Controller {
         self.transmit_errors > OFF
     }
 
-    /// Leaves the bus: what waits is dropped; how many frames that were. It takes part again when its port has
-    /// restarted it and it has seen the bus idle for `recovery`.
+    /// Goes bus-off: pending frames are dropped; returns their number. It takes part again after its port has restarted
+    /// it and the bus was idle for `recovery`.
     pub fn go_off(&mut self, now: Instant, recovery: Duration) -> u64 {
         if now.since(self.since) > BACK_OFF.1 {
             self.back_off = BACK_OFF.0;
@@ -164,7 +164,7 @@ impl Controller {
         dropped
     }
 
-    /// Takes part again.
+    /// Recovers from bus-off.
     pub fn come_back(&mut self, now: Instant) {
         (self.back, self.since) = (None, now);
         (self.transmit_errors, self.receive_errors) = (0, 0);
@@ -180,12 +180,12 @@ impl Controller {
         Health { state, transmit_errors, receive_errors }
     }
 
-    /// State, when it has changed since it was told.
+    /// State, if it changed since the last report.
     pub fn poll_state(&mut self) -> Option<Notice> {
         (self.health().state != self.told.state).then(|| self.tell_health())
     }
 
-    /// True if something is to be told that may wait.
+    /// True if a notice other than a change of state is pending.
     pub fn has_news(&self) -> bool {
         self.errors > 0 || self.unheard || self.health() != self.told
     }

@@ -1,4 +1,4 @@
-//! Times and order on a quiet wire, and what happens on a bad one.
+//! Timing and order on a wire without faults, and the effects of faults.
 
 use super::*;
 use module::PortId;
@@ -73,7 +73,7 @@ fn frames_follow_each_other_with_three_bits_between() {
     assert_eq!(ends, [a, a + 3 * 2000 + b]);
 }
 
-/// Serves the wire until `end`; what it told, one a line: µs, port, what.
+/// Serves the wire until `end`; returns its events, one per line: µs, port, event.
 fn story(wire: &mut CanWire, end: Instant) -> Vec<String> {
     let mut lines = Vec::new();
     while let Some(due) = wire.poll_timeout().filter(|due| *due <= end) {
@@ -119,7 +119,7 @@ fn a_port_alone_on_its_wire_becomes_passive_and_never_bus_off() {
     ];
     assert_eq!(story(&mut wire, us(250_000)), expected);
     assert_eq!((wire.traffic.sent, wire.traffic.errors), (0, 0));
-    // Someone comes, and hears it at the next try: the 17th began at 16 * (one + 3) + 8.
+    // Another node joins and receives the next attempt: the 17th began at 16 * (one + 3) + 8.
     let first = 16 * (one + 3) + 8;
     let next = first + (250_000 - first).div_ceil(one + 3 + 8) * (one + 3 + 8);
     wire.join(owner(2), &"other".into(), false);
@@ -143,7 +143,7 @@ fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
     let after = destroyed + 3 + bits_b;
     let told = ["1 Active 8 0", "1 Errors(1)", "2 Active 0 1", "2 Errors(1)"].map(|what| format!("{destroyed} {what}"));
     assert_eq!(lines[1..], [&told[..], &[format!("{after} 1 frame [2]")]].concat());
-    // The counters go down by the frame, which is told with the next small news.
+    // The counters decrease with the frame, which is reported with the next minor notice.
     let rest = story(&mut wire, us(200_000));
     assert_eq!(
         rest,
@@ -176,7 +176,7 @@ fn a_port_with_only_destroyed_frames_goes_bus_off_with_back_off() {
     assert_eq!(healths[..2], ["1 Passive 128 0", "1 Off 255 0"]);
     let pauses: Vec<_> = offs.iter().zip(&backs).map(|(off, back)| back - off).collect();
     assert_eq!(pauses, [100, 200, 400, 800, 1600, 3200, 5000, 5000].map(|ms| ms * 1000 + 1408));
-    // 32 tries of a frame; at least 5 s of peace make the pause short again.
+    // 32 attempts per frame; at least 5 s without errors reset the delay.
     assert_eq!(wire.traffic.errors, 32 * offs.len() as u64);
     let calm = us(40_000_000);
     story(&mut wire, calm);
@@ -201,7 +201,7 @@ fn a_port_that_was_cut_off_sends_no_old_frames_afterwards() {
         assert!(!wire.hears(now, owner(1)) && wire.hears(now, owner(2)));
     }
     assert_eq!(wire.controllers[0].health().transmit_errors, 128);
-    // The one in the controller is the first of all; of the others only those of the last 50 ms are left.
+    // The frame in the controller is first; of the others only those of the last 50 ms are left.
     let told = story(&mut wire, us(520_000));
     let frames: Vec<_> = told.iter().filter_map(|line| line.split_once("frame [")?.1.strip_suffix(']')).collect();
     assert_eq!(frames, ["0", "46", "47", "48", "49"]);
@@ -256,7 +256,7 @@ fn noise_has_its_configured_rate_and_repeats_with_its_seed() {
     };
     let traffic = run(1);
     assert_eq!((traffic, traffic.sent, traffic.dropped), (run(1), 10_000, 0));
-    // Some 120 bits: 6 % of the tries.
+    // About 120 bits: 6 % of the attempts.
     let share = traffic.errors as f64 / (traffic.errors + traffic.sent) as f64;
     assert!((0.05..0.065).contains(&share), "{share}");
     assert_ne!(traffic.errors, run(2).errors);
@@ -272,7 +272,7 @@ fn the_next_process_of_a_module_finds_its_controller_as_it_is() {
     let back = story(&mut wire, us(200_000));
     assert!(back.contains(&"101418 3 back".to_string()), "{back:?}");
     wire.close(3);
-    // An interface that nobody uses acknowledges.
+    // An unused interface acknowledges.
     wire.send(us(300_000), owner(2), frame(0x181, &[1]));
     assert!(story(&mut wire, us(301_000)).iter().any(|line| line.ends_with("2 frame [1]")));
 }
