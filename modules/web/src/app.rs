@@ -30,17 +30,17 @@ pub struct App {
     pub lcm_url: Arc<str>,
     /// The robot's name.
     pub robot: Arc<str>,
-    /// Another one after each start of the server.
+    /// Identifier of this start of the server.
     pub session: Arc<str>,
     /// Permits for viewers.
     pub seats: Arc<Semaphore>,
-    /// Number of those.
+    /// Maximum number of viewers.
     pub seats_max: usize,
-    /// The longest message to a viewer, bytes.
+    /// Maximum length of a message to a viewer, bytes.
     pub message_max: usize,
-    /// True: the server ends.
+    /// True when the server ends.
     pub end: watch::Receiver<bool>,
-    /// Time when it was started.
+    /// Time of its start.
     pub started: Instant,
 }
 
@@ -50,13 +50,13 @@ impl App {
         self.seats_max.saturating_sub(self.seats.available_permits())
     }
 
-    /// The hub, for a moment.
+    /// Locks the hub.
     pub fn hub(&self) -> MutexGuard<'_, Hub> {
         self.hub.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Counters of the server's place on the bus.
+/// Counters of the server's bus connection.
 #[derive(Debug, Default)]
 pub struct BusCounts {
     pub(super) turns: AtomicU32,
@@ -66,22 +66,22 @@ pub struct BusCounts {
 }
 
 impl BusCounts {
-    /// Turns of the loop.
+    /// Number of turns of the loop.
     pub fn turns(&self) -> u32 {
         self.turns.load(Relaxed)
     }
 
-    /// Messages that there was no room for.
+    /// Number of messages lost for lack of buffer space.
     pub fn lost(&self) -> u32 {
         self.lost.load(Relaxed)
     }
 
-    /// Times that the bus could not be read.
+    /// Number of failed reads from the bus.
     pub fn broken(&self) -> u32 {
         self.broken.load(Relaxed)
     }
 
-    /// Messages that have no ROS 2 form.
+    /// Number of messages without a ROS 2 form.
     pub fn untranslated(&self) -> u32 {
         self.untranslated.load(Relaxed)
     }

@@ -1,4 +1,4 @@
-//! The page of the diagnostic center, as it was built into the program.
+//! The page of the diagnostic center as embedded in the program.
 
 use super::request::refused;
 use axum::body::{Body, Bytes};
@@ -14,15 +14,15 @@ pub struct File {
     content_type: &'static str,
     /// True if its name depends on its content: a browser may cache it for good.
     hashed: bool,
-    /// Another one for other content.
+    /// Entity tag, which depends on the content.
     tag: &'static str,
-    /// By gzip.
+    /// Content, compressed with gzip.
     packed: &'static [u8],
 }
 
 include!(concat!(env!("OUT_DIR"), "/page.rs"));
 
-/// Unpacked no file is longer.
+/// Maximum size of an unpacked file, bytes.
 const UNPACKED_MAX: u64 = 16 << 20;
 
 /// Answer where the page has not been built.
@@ -88,7 +88,7 @@ fn policy(host: &str) -> String {
     )
 }
 
-/// True if gzip is among what is accepted (RFC 9110, 12.5.3), and not refused by a weight of zero.
+/// True if gzip is acceptable (RFC 9110, 12.5.3), and not refused by a weight of zero.
 fn takes_gzip(accepted: &str) -> bool {
     accepted.split(',').any(|coding| {
         let mut words = coding.split(';').map(str::trim);

@@ -1,7 +1,7 @@
-//! The server's place on the bus: messages are read some times a second, translated, and given to the hub.
+//! The server's bus connection: messages are read several times a second, translated, and passed to the hub.
 //!
-//! People do not see more pictures than that, and a server that is not woken for each message costs the robot next to
-//! nothing. The kernel's and the rings' times of reception stay with the messages.
+//! People do not see more updates than that, and without a wake-up per message the server costs the robot almost
+//! nothing. Messages keep the reception times of the kernel and the rings.
 
 use super::app::App;
 use super::center::ExtraState;
@@ -15,7 +15,7 @@ use std::time::Duration;
 /// Read period while Foxglove is connected, and while it is not. For pages it reads when their next update is due.
 const POLL_PERIOD: Duration = Duration::from_millis(40);
 const IDLE_POLL_PERIOD: Duration = Duration::from_millis(200);
-/// Messages taken at a time: a flood waits, or is lost, while viewers are served.
+/// Maximum number of messages read at a time: a flood waits, or is lost, while viewers are served.
 const BURST: usize = 2000;
 
 /// Reader of the bus.
@@ -29,7 +29,7 @@ impl BusReader {
     /// Joins the bus.
     ///
     /// # Errors
-    /// One line: it cannot be joined.
+    /// One line: the bus cannot be joined.
     pub fn open(url: &str, scene: RobotScene) -> Result<Self, String> {
         Ok(Self { bus: Bus::open(url, &[".*"])?, translator: Translator::new(scene), epoch: clock::epoch() })
     }
@@ -54,7 +54,7 @@ impl BusReader {
         }
     }
 
-    /// Takes what has come; whether there may be more.
+    /// Processes the received messages; true if there may be more.
     fn take(&mut self, app: &App) -> bool {
         let mut hub = app.hub();
         let mut taken = 0;
@@ -85,7 +85,7 @@ impl BusReader {
     }
 }
 
-/// On the scale of message timestamps, which no step of the wall clock turns back; ns since the UNIX epoch.
+/// Message timestamp, ns since the UNIX epoch; no step of the wall clock turns it back.
 fn nanoseconds(epoch: Epoch, at: Instant) -> u64 {
     u64::try_from(epoch.timestamp(at)).unwrap_or_default() * 1000
 }

@@ -25,7 +25,7 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// Files that are downloaded at once.
+/// Maximum number of files downloaded at a time.
 const DOWNLOADS_MAX: usize = 8;
 
 /// State shared by all of its viewers.
@@ -36,7 +36,7 @@ pub struct Center {
     pub scene: Scene,
     /// Configuration of its model.
     pub config: diagnostics::Config,
-    /// The scene of a recorded run, by what its log carries of the configuration.
+    /// Scene of a recorded run, from the configuration in its log.
     pub recorded: fn(&Header) -> Option<Scene>,
     /// The folder of recorded runs.
     pub logs: Arc<Path>,
@@ -47,7 +47,7 @@ pub struct Center {
 }
 
 impl Center {
-    /// Makes the center of a robot without any message yet.
+    /// Creates the center of a robot without any message yet.
     #[must_use]
     pub fn new(scene: Scene, recorded: fn(&Header) -> Option<Scene>, config: diagnostics::Config, logs: &Path) -> Self {
         Self {
@@ -61,7 +61,7 @@ impl Center {
         }
     }
 
-    /// The run that is being recorded now.
+    /// Name of the run that is being recorded.
     #[must_use]
     pub fn recording(&self, now: Instant) -> Option<String> {
         self.show.look(|model| model.log.fresh(now).filter(|log| log.recording).map(|log| log.run.clone()))

@@ -1,4 +1,4 @@
-//! The live endpoint for Foxglove: its WebSocket protocol, over the server's own sockets.
+//! Live endpoint for Foxglove: its WebSocket protocol on the server's own sockets.
 
 pub mod endpoint;
 pub mod hub;

@@ -1,12 +1,12 @@
-//! Who may ask: looked at before anything else, for each request and each WebSocket.
+//! Access control, applied first to each request and each WebSocket.
 //!
-//! - `Host` must be a name that the robot has, or the address that was reached: a page of somebody else whose name suddenly
-//!   means this robot (DNS rebinding) names itself there.
-//! - `Origin`, where a browser sends one, must be the robot's own page or one on the list: a WebSocket is not kept from other
-//!   pages by the browser. Programs send none. What changes anything is for the robot's own page alone.
-//! - Then it is found out who asks, and each route says whom it answers. The credentials of `web.token_file` are an engineer's
-//!   as `Authorization: Bearer TOKEN`, and a viewer's, for those who cannot set headers, as `?token=TOKEN`: addresses are
-//!   written to logs.
+//! - `Host` must be a name of the robot or the address of the connection: a foreign page whose name suddenly resolves
+//!   to this robot (DNS rebinding) sends its own name.
+//! - `Origin`, if sent by a browser, must be the robot's own page or listed: browsers do not keep foreign pages from
+//!   opening WebSockets. Programs send none. Changes are reserved to the robot's own page.
+//! - Then the user is identified, and each route requires a role. The credentials of `web.token_file` are an engineer's
+//!   as `Authorization: Bearer TOKEN`, and a viewer's, for clients that cannot set headers, as `?token=TOKEN`, because
+//!   addresses are written to logs.
 
 use super::center::access::{Role, Who, is_same};
 use super::center::session_store::SessionStore;
@@ -25,25 +25,25 @@ use std::sync::Arc;
 pub struct Guard {
     /// Names of the robot besides `localhost` and its address, in lower case.
     pub hosts: Vec<String>,
-    /// Whose pages may connect besides its own.
+    /// Foreign pages that may connect.
     pub origins: Vec<String>,
     /// Credentials; `None`: any client on a loopback address is a viewer.
     pub token: Option<String>,
 }
 
-/// Whose page asks.
+/// Origin of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// No origin: a program, or a browser opening the page.
     None,
-    /// The robot's own.
+    /// The robot's own page.
     Own,
     /// Listed in `web.origins`.
     Listed,
 }
 
 impl Guard {
-    /// Whose page asks, and what it may without being paired, of a request that reached this address of ours.
+    /// Origin of a request to this address, and the role that it has without pairing.
     ///
     /// # Errors
     /// Reason for refusing every user.
@@ -57,7 +57,7 @@ impl Guard {
         Ok((origin, self.role(reached, uri, headers)))
     }
 
-    /// True if `host`, with or without a port, is us. The port may be another one: that of a tunnel.
+    /// True if `host`, with or without a port, is this robot. The port may be that of a tunnel.
     fn is_ours(&self, reached: IpAddr, host: &str) -> bool {
         let name = without_port(host).to_ascii_lowercase();
         let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
@@ -67,7 +67,7 @@ impl Guard {
         }
     }
 
-    /// True if `origin` is the page that this very `host` has served, or on the list.
+    /// Origin of a page that this very `host` served, or that is listed.
     fn origin(&self, origin: &str, host: &str) -> Option<Origin> {
         let own = ["http://", "https://"]
             .iter()
@@ -76,7 +76,7 @@ impl Guard {
         if own { Some(Origin::Own) } else { listed().then_some(Origin::Listed) }
     }
 
-    /// By the credentials, or by being there.
+    /// Role by credentials, or by the address.
     fn role(&self, reached: IpAddr, uri: &Uri, headers: &HeaderMap) -> Role {
         let Some(token) = &self.token else {
             return if reached.is_loopback() { Role::Viewer } else { Role::Nobody };
@@ -94,14 +94,14 @@ impl Guard {
     }
 }
 
-/// The session's key that a request brings.
+/// Session key of a request.
 fn key<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
     pairs.find(|(key, _)| *key == name).map(|(_, value)| value)
 }
 
-/// Guards every route, those too that are not there.
+/// Guards every route, including unknown ones.
 pub async fn guarded(
     State((guard, stats, session_store)): State<(Arc<Guard>, Arc<Stats>, Arc<SessionStore>)>,
     mut request: Request,
@@ -134,13 +134,13 @@ pub async fn guarded(
 /// Role required by a route.
 #[derive(Clone, Copy, Debug)]
 pub struct Needed {
-    /// At least.
+    /// Minimum role.
     pub role: Role,
-    /// The robot's own page only, and programs that look.
+    /// Reserved to the robot's own page, and to programs that only read.
     pub own: bool,
 }
 
-/// Guards one route, behind [`guarded`].
+/// Guards one route, after [`guarded`].
 pub async fn needed(State((needed, stats)): State<(Needed, Arc<Stats>)>, request: Request, next: Next) -> Response {
     let origin = request.extensions().get().copied().unwrap_or(Origin::Listed);
     let role = request.extensions().get().map_or(Role::Nobody, |who: &Who| who.role);

@@ -1,7 +1,7 @@
-//! The runs on the robot's disk: `/api/logs` lists them, `/api/logs/RUN/FILE` gives a file.
+//! Runs on the robot's disk: `/api/logs` lists them, `/api/logs/RUN/FILE` downloads a file.
 //!
-//! No path comes from a client: what it names is looked for in the listing, and what is not listed is not there. Links
-//! are not followed. A file that is being written is given as long as it is when it is asked for.
+//! No path is taken from a client: a name is looked up in the listing, and unlisted files do not exist. Links are not
+//! followed. A file that is being written is served with its length at the time of the request.
 
 use super::app::App;
 use super::request::refused;
@@ -20,14 +20,14 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 use tokio::task::spawn_blocking;
 
-/// Runs that are listed, the newest ones, and files of a run.
+/// Maximum number of runs listed, newest first, and of files in a run.
 const RUNS_MAX: usize = 1000;
 const FILES_MAX: usize = 200;
-/// Names are not longer.
+/// Maximum length of a name.
 const NAME_MAX: usize = 100;
 /// Folder in a run whose files are listed too: recorded inputs of the modules.
 const INPUTS: &str = "inputs";
-/// Read at once, bytes.
+/// Maximum number of bytes read at a time.
 const PIECE_BYTES: u64 = 128 << 10;
 
 /// `LogRun` of modules/web/page/src/protocol.ts.
@@ -36,7 +36,7 @@ pub struct Run {
     /// Name.
     pub run: String,
     bytes: u64,
-    /// True while it is written.
+    /// True while it is being recorded.
     pub recording: bool,
     files: Vec<Listed>,
 }
@@ -47,8 +47,7 @@ struct Listed {
     bytes: u64,
 }
 
-/// The runs of a folder, the newest first; `recording`: the one that is being written. A folder that is not there has
-/// none.
+/// Runs of a folder, newest first; `recording` is the one being written. Empty if the folder does not exist.
 pub fn runs(folder: &Path, recording: Option<&str>) -> Vec<Run> {
     let mut names: Vec<String> =
         entries(folder).filter(|(name, kind)| kind.is_dir() && is_run(name)).map(|(name, _)| name).collect();
@@ -64,7 +63,7 @@ pub fn runs(folder: &Path, recording: Option<&str>) -> Vec<Run> {
     names.into_iter().map(run).collect()
 }
 
-/// Plain files of a folder in order of their names; of a link none.
+/// Plain files of a folder, sorted by name; links are skipped.
 fn listed(folder: &Path, before: &str) -> Vec<Listed> {
     if !fs::symlink_metadata(folder).is_ok_and(|about| about.is_dir()) {
         return Vec::new();
@@ -181,7 +180,7 @@ fn take(folder: &Path, run: &str, file: &str) -> io::Result<(File, u64)> {
     if !is_there {
         return Err(io::ErrorKind::NotFound.into());
     }
-    // One part of the path after the other, so that none becomes a link meanwhile.
+    // Component by component, so that none can become a link meanwhile.
     let into = OFlag::O_DIRECTORY | OFlag::O_CLOEXEC;
     let mut at = open(folder, into, Mode::empty())?;
     let (parents, name) = file.rsplit_once('/').map_or((None, file), |(parent, name)| (Some(parent), name));
@@ -203,7 +202,7 @@ fn piece(mut file: File, left: u64) -> io::Result<(File, Bytes)> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Asked {
     All,
-    /// From the first byte to the one after the last.
+    /// From the first byte up to, not including, the second.
     Part(u64, u64),
     Beyond,
 }

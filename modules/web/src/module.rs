@@ -26,7 +26,7 @@ use super::foxglove::hub::{Hub, Limits};
 
 /// Period of checks on the server, and of retries for a refused address.
 const PERIOD: Duration = Duration::from_secs(1);
-/// While it ends it looks more often.
+/// Period of checks while the server ends.
 const END_CHECK_PERIOD: Duration = Duration::from_millis(20);
 /// Checks without a turn of the server's loop after which it counts as hung.
 const MISSED_TURNS_MAX: u32 = 5;
@@ -46,7 +46,7 @@ pub struct Settings {
     pub web: Section,
     /// Folder that `token_file` is relative to.
     pub config: PathBuf,
-    /// Parts of the robot that no message has.
+    /// Constant parts of the robot for Foxglove.
     pub scene: RobotScene,
     /// Scene for pages, with the map.
     pub center: Scene,
@@ -58,7 +58,7 @@ pub struct Settings {
     pub logs: PathBuf,
     /// The run folder.
     pub run: PathBuf,
-    /// Robot by which commands are checked.
+    /// Data of the robot for checking commands.
     pub commands: command::Robot,
 }
 
@@ -69,12 +69,12 @@ pub struct Web {
     /// Paired devices, and the thread that stores them.
     session_store: Option<(Arc<SessionStore>, JoinHandle<()>)>,
     next: Option<Instant>,
-    /// Turns of the server's loop at the last look that saw new ones, and looks since.
+    /// Number of turns of the server's loop when it last changed, and number of checks since.
     turns: (u32, u32),
 }
 
 impl Web {
-    /// A server that is not started yet.
+    /// Creates the module; the server is not started yet.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
         Self { settings, server: None, session_store: None, next: None, turns: (0, 0) }
@@ -146,13 +146,13 @@ impl Drop for Web {
     fn drop(&mut self) {
         if let Some((session_store, keeps)) = self.session_store.take() {
             session_store.close();
-            // Its files are gone when the process is.
+            // Its files disappear with the process.
             let _ = keeps.join();
         }
     }
 }
 
-/// Server, paired devices, the thread that stores them, and a remark on the stored ones.
+/// Server, paired devices, the thread that stores them, and a note on the stored ones.
 type Started = (Server, Arc<SessionStore>, JoinHandle<()>, Option<String>);
 
 fn start(settings: &Settings) -> Result<Started, String> {
@@ -208,7 +208,7 @@ fn start(settings: &Settings) -> Result<Started, String> {
 /// Reads the credentials: one line of visible characters, in a file that only its owner can read.
 ///
 /// # Errors
-/// One line: what is wrong with the file.
+/// One line: the defect of the file.
 pub fn token(path: &std::path::Path) -> Result<String, String> {
     let wrong = |why: &dyn std::fmt::Display| format!("web.token_file = {:?}: {why}", path.display().to_string());
     let metadata = fs::metadata(path).map_err(|error| wrong(&error))?;

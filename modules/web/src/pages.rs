@@ -1,4 +1,4 @@
-//! What there is to read: how to see the robot in Foxglove, the layout for Foxglove, how the server is.
+//! Pages for reading: instructions for Foxglove, its layout, the state of the server.
 
 use super::app::App;
 use super::center::authority;
@@ -8,14 +8,14 @@ use axum::http::{HeaderMap, header};
 use axum::response::{Html, IntoResponse};
 use serde::Serialize;
 
-/// The layout that Foxglove imports.
+/// Layout for import into Foxglove.
 const LAYOUT: &str = include_str!("../../../conf/foxglove/advee.json");
-/// The page; `{…}` are filled in.
+/// Template of the page with placeholders `{…}`.
 const PAGE: &str = include_str!("foxglove.html");
 
 /// `/foxglove-help`
 pub async fn index(State(app): State<App>, headers: HeaderMap) -> impl IntoResponse {
-    // By this name it was reached, and so it will be again.
+    // The name that the client used will work again.
     let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
     let page = PAGE
         .replace("{robot}", &escaped(&app.robot))
@@ -42,9 +42,9 @@ struct Health<'a> {
     topics: usize,
     viewers: usize,
     messages: Messages,
-    /// Messages of the bus that did not reach the server.
+    /// Number of messages of the bus that did not reach the server.
     bus_lost: u32,
-    /// Times that the bus could not be read.
+    /// Number of failed reads from the bus.
     bus_broken: u32,
     /// Messages without a ROS 2 form: of an unknown type, or malformed.
     untranslated: u32,

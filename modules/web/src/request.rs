@@ -1,22 +1,22 @@
-//! What a request carries and what it is refused with: what the guard and those who answer share.
+//! Common parts of requests and refusals, for the guard and the routes.
 
 use super::center::access::Role;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use std::net::SocketAddr;
 
-/// The local address that a request has reached.
+/// Local address of the connection of a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Reached(pub SocketAddr);
 
-/// The role that a request has without its session.
+/// Role of a request without its session.
 #[derive(Clone, Copy, Debug)]
 pub struct Unpaired(pub Role);
 
-/// The value of a header that may come at most once.
+/// Value of a header that may occur at most once.
 ///
 /// # Errors
-/// It comes twice, or is no text.
+/// It occurs twice, or is not text.
 #[allow(clippy::result_unit_err, reason = "the guard has one answer to it")]
 pub fn single<'a>(headers: &'a HeaderMap, name: &str) -> Result<Option<&'a str>, ()> {
     let mut values = headers.get_all(name).iter();
@@ -44,7 +44,7 @@ pub fn cookie_name(headers: &HeaderMap, port: u16) -> String {
     format!("advee-{}", asked.and_then(|asked| asked.parse().ok()).unwrap_or(port))
 }
 
-/// The answer to what is not served: why, in words.
+/// Answer to a refused request, with the reason.
 pub fn refused(code: StatusCode, why: &str) -> Response {
     let body = serde_json::json!({ "why": why }).to_string();
     (code, [(header::CONTENT_TYPE, "application/json")], body).into_response()

@@ -1,4 +1,4 @@
-//! The table of all routes, with the role that each needs.
+//! Table of all routes with their required roles.
 
 use super::app::App;
 use super::center::access::Role;
@@ -10,14 +10,14 @@ use axum::routing::{MethodRouter, any, get, post};
 use axum::{Router, middleware};
 use std::sync::Arc;
 
-/// A place to ask at.
+/// A route.
 pub struct Route {
     /// Path; `{name}` is any one segment, as in axum.
     pub path: &'static str,
-    /// Least role.
+    /// Minimum role.
     pub role: Role,
-    /// Pages that others have served get no answer, `web.origins` or not, and what is no GET must come from a page of
-    /// ours.
+    /// Foreign pages are refused, whether or not in `web.origins`, and requests other than GET must come from our own
+    /// page.
     pub own: bool,
     answers: fn() -> MethodRouter<App>,
 }
@@ -32,7 +32,7 @@ const fn own(path: &'static str, role: Role, answers: fn() -> MethodRouter<App>)
     Route { path, role, own: true, answers }
 }
 
-/// All routes but the files of the page, which are public: no route is defined elsewhere, and none without a role.
+/// All routes except the files of the page, which are public: no route is defined elsewhere, and each has a role.
 pub const ROUTES: &[Route] = &[
     look("/foxglove-help", Role::Viewer, || get(pages::index)),
     look("/layout.json", Role::Viewer, || get(pages::layout)),
@@ -49,7 +49,7 @@ pub const ROUTES: &[Route] = &[
     own("/ws/command", Role::Viewer, || any(operator::upgrade)),
 ];
 
-/// Every route, and the guard before it.
+/// Creates the router: every route, preceded by the guard.
 pub fn router(app: App, guard: Guard) -> Router {
     let guarded =
         middleware::from_fn_with_state((Arc::new(guard), app.stats.clone(), app.session_store.clone()), guard::guarded);

@@ -1,4 +1,4 @@
-//! The server's thread: connections are taken, bounded in number, size and time, and handed to the router.
+//! The server's thread: accepts connections, bounded in number, size and time, and passes them to the router.
 
 use super::app::App;
 use super::bus;
@@ -21,15 +21,15 @@ use std::time::Duration;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, watch};
 
-/// Maximum number of connections that are no viewers.
+/// Maximum number of connections other than viewers.
 const CONNECTIONS_MAX: usize = 64;
-/// A request's line and headers have come within this time, and are not longer.
+/// Timeout of a request's line and headers, and their maximum length and number.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 const HEAD_MAX: usize = 16 << 10;
 const HEADERS_MAX: usize = 64;
 /// Send buffer in the kernel for a viewer, bytes: beyond it only the newest message counts.
 const SEND_BUFFER: usize = 128 << 10;
-/// The kernel gives up one that acknowledges nothing for so long, ms.
+/// Time without acknowledgements after which the kernel closes a connection, ms.
 const UNACKNOWLEDGED_MAX_MS: u32 = 30_000;
 /// Time for closing messages to viewers at the end.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
@@ -40,7 +40,7 @@ pub struct Server {
     end: watch::Sender<bool>,
     /// Counters of refusals.
     pub stats: Arc<Stats>,
-    /// Turns of its loop, to see that it goes round.
+    /// Counts the turns of its loop, which shows that it is alive.
     pub bus: Arc<super::app::BusCounts>,
 }
 
@@ -50,30 +50,30 @@ pub struct Parts {
     pub listener: TcpListener,
     /// Access rules.
     pub guard: Guard,
-    /// The robot.
+    /// Reader of the bus.
     pub bus: bus::BusReader,
-    /// Shared by all who answer; its `end` is replaced.
+    /// State shared by all routes; its `end` is replaced.
     pub app: App,
 }
 
-/// Takes an address.
+/// Listens at an address.
 ///
 /// # Errors
-/// It is in use, or none of this machine's.
+/// The address is in use, or not one of this machine.
 pub fn listen(at: SocketAddr) -> io::Result<TcpListener> {
     let listener = TcpListener::bind(at)?;
     listener.set_nonblocking(true)?;
-    // Connections have it from here.
+    // Inherited by the connections.
     setsockopt(&listener, sockopt::SndBuf, &SEND_BUFFER)?;
     setsockopt(&listener, sockopt::TcpUserTimeout, &UNACKNOWLEDGED_MAX_MS)?;
     Ok(listener)
 }
 
 impl Server {
-    /// Starts it.
+    /// Starts the server.
     ///
     /// # Errors
-    /// There is no room for a thread or a runtime.
+    /// No thread or runtime can be created.
     pub fn start(parts: Parts) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let (end, ended) = watch::channel(false);
@@ -101,7 +101,7 @@ impl Server {
         Ok(Self { thread, end, stats, bus: counts })
     }
 
-    /// Ends it; [`Self::has_ended`] returns true afterwards.
+    /// Ends the server; [`Self::has_ended`] returns true afterwards.
     pub fn end(&self) {
         self.end.send_replace(true);
     }
@@ -126,7 +126,7 @@ async fn accept(listener: tokio::net::TcpListener, app: App, guard: Guard) {
     loop {
         let stream = match listener.accept().await {
             Ok((stream, _)) => stream,
-            // No descriptor left, or one that has gone already: others may do better a little later.
+            // No descriptor left, or the peer has gone: retried a little later.
             Err(_) => {
                 tokio::time::sleep(Duration::from_millis(50)).await;
                 continue;
@@ -146,7 +146,7 @@ async fn accept(listener: tokio::net::TcpListener, app: App, guard: Guard) {
 
 async fn serve(stream: TcpStream, router: TowerToHyperService<axum::Router>, stats: &Stats) {
     let Ok(reached) = stream.local_addr() else { return };
-    // Small messages leave at once.
+    // Small messages are sent at once.
     let _ = stream.set_nodelay(true);
     let service = service_fn(move |request: hyper::Request<Incoming>| {
         let mut request = request.map(Body::new);

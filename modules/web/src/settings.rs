@@ -22,7 +22,7 @@ pub struct Web {
     pub token_file: Option<PathBuf>,
 }
 
-/// Foxglove in a browser, and on the desktop.
+/// Foxglove in a browser and on the desktop.
 pub const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
 impl Default for Web {
@@ -39,7 +39,7 @@ impl Default for Web {
 }
 
 impl Web {
-    /// Reads the table, and what is wrong in it into its problems.
+    /// Reads the table; problems are added to its list.
     pub fn read(mut table: Table<'_>) -> Self {
         let default = Self::default();
         let listen = table.text("listen", Some(&default.listen.to_string()));
@@ -66,13 +66,13 @@ impl Web {
     }
 }
 
-/// A name as it stands in a request, lower case.
+/// A name as in a request, lower case.
 fn is_host(name: &str) -> bool {
     let of_a_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || ".-_".contains(c);
     name.len() <= 253 && name.chars().all(of_a_name)
 }
 
-/// As browsers send it; what any page can send ("null") is none.
+/// An origin as browsers send it; "null", which any page can send, is not accepted.
 fn is_origin(origin: &str) -> bool {
     let Some((scheme, authority)) = origin.split_once("://") else { return false };
     let graphic = |text: &str| text.chars().all(|c| c.is_ascii_graphic() && !c.is_ascii_uppercase());

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// Written at once, bytes.
+/// Maximum number of bytes written at a time.
 pub const BATCH: usize = 64 << 10;
 /// Time without progress after which a client is disconnected.
 pub const STALL_TIMEOUT: Duration = Duration::from_secs(30);
@@ -18,12 +18,12 @@ const MESSAGES_PER_SECOND_MAX: u32 = 200;
 const SECOND: Duration = Duration::from_secs(1);
 /// Number of refusals after which a client is disconnected.
 const REFUSED_MAX: u32 = 100;
-/// Saying good-bye takes no longer.
+/// Timeout of closing a connection.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Reason for the end of a connection.
 pub enum EndReason {
-    /// The client has gone, or takes nothing.
+    /// The client has gone, or does not read.
     Gone,
     /// Disconnected with a close code (RFC 6455, 7.4) and a reason.
     Sent(u16, Cow<'static, str>),
@@ -33,21 +33,21 @@ pub enum EndReason {
 pub struct Line {
     socket: WebSocket,
     stats: Arc<Stats>,
-    /// Messages read since the moment.
+    /// Number of messages read since this time.
     spoken: (u32, Instant),
     refused: u32,
 }
 
 impl Line {
-    /// Makes the line of a new client.
+    /// Creates the connection of a new client.
     pub fn new(socket: WebSocket, stats: Arc<Stats>) -> Self {
         Self { socket, stats, spoken: (0, Instant::now()), refused: 0 }
     }
 
-    /// Sends all of it at once.
+    /// Sends all messages in one write.
     ///
     /// # Errors
-    /// It has gone, or takes nothing.
+    /// The client has gone, or does not read.
     pub async fn send(&mut self, outgoing: Vec<Message>) -> Result<(), EndReason> {
         if outgoing.is_empty() {
             return Ok(());
@@ -66,7 +66,7 @@ impl Line {
         }
     }
 
-    /// Ends a line that takes nothing any more.
+    /// Ends the connection of a client that does not read.
     pub fn stalled(&self) -> EndReason {
         self.stats.refuse(Refusal::SentAway, "");
         EndReason::Gone
@@ -75,7 +75,7 @@ impl Line {
     /// Waits for input: texts, bytes and pongs. Cancelling the wait loses nothing.
     ///
     /// # Errors
-    /// It has gone, or sent what is no frame.
+    /// The client has gone, or sent an invalid frame.
     pub async fn hear(&mut self) -> Result<Message, EndReason> {
         loop {
             if self.spoken.0 >= MESSAGES_PER_SECOND_MAX {
@@ -102,7 +102,7 @@ impl Line {
     /// Counts a refused message; the caller reports the reason.
     ///
     /// # Errors
-    /// That was once too often.
+    /// Too many refusals.
     pub fn refuse(&mut self, kind: Refusal, why: &str) -> Result<(), EndReason> {
         self.stats.refuse(kind, why);
         self.refused += 1;

@@ -3,10 +3,10 @@
 use serde::Serialize;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Why a request, a connection or a viewer's message was not served.
+/// Reason why a request, a connection or a viewer's message was not served.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// `Host` is no name of the robot.
+    /// `Host` is not a name of the robot.
     Host,
     /// `Origin` is not listed.
     Origin,
@@ -28,9 +28,9 @@ pub enum Refusal {
     Frame,
     /// Malformed message of a viewer.
     Malformed,
-    /// A viewer's message that asks for what is not granted.
+    /// A viewer's request that is not supported.
     NotGranted,
-    /// Viewer that took nothing for too long, or sent too many refused messages.
+    /// A viewer that did not read for too long, or sent too many refused messages.
     SentAway,
 }
 
@@ -52,7 +52,7 @@ impl Refusal {
         Self::SentAway,
     ];
 
-    /// In words.
+    /// Text for people.
     #[must_use]
     pub const fn why(self) -> &'static str {
         match self {
@@ -126,7 +126,7 @@ impl Counts {
     }
 }
 
-/// Counters, and reports that wait.
+/// Counters, and pending reports.
 #[derive(Debug, Default)]
 pub struct Stats(Mutex<Inner>);
 
@@ -140,7 +140,7 @@ struct Inner {
 const QUOTED_MAX: usize = 80;
 
 impl Stats {
-    /// Counts a refusal; `what` is quoted in the report of the first of its kind.
+    /// Counts a refusal; `what` is quoted in the first report of its kind.
     pub fn refuse(&self, refusal: Refusal, what: &str) {
         let mut inner = self.lock();
         let count = inner.counts.of(refusal);
@@ -158,7 +158,7 @@ impl Stats {
         self.lock().counts
     }
 
-    /// Reports, a line each: at most one of a kind, ever.
+    /// Reports, one line each: at most one per kind, ever.
     pub fn take_news(&self) -> Vec<String> {
         std::mem::take(&mut self.lock().news)
     }

@@ -1,6 +1,6 @@
 //! Identity and roles of users: the codes that pair a device, the sessions of paired ones.
 //!
-//! Pure: the time and chance are handed in. [`super::keeper`] has the clock and the files.
+//! Pure: time and randomness are passed in. [`super::session_store`] has the clock and the files.
 
 use base::{Duration, Instant};
 use serde::{Deserialize, Serialize, Serializer};
@@ -14,11 +14,11 @@ pub enum Role {
     /// The page itself, and pairing; no part of the view.
     #[default]
     Nobody,
-    /// Sees.
+    /// May view.
     Viewer,
-    /// Drives.
+    /// May drive.
     Operator,
-    /// Everything.
+    /// May do everything.
     Engineer,
 }
 
@@ -27,7 +27,7 @@ pub enum Role {
 pub struct Who {
     /// Role.
     pub role: Role,
-    /// The name given when pairing; empty for who is not paired.
+    /// Name given when pairing; empty if not paired.
     pub name: Arc<str>,
     /// The paired device's number.
     pub device: Option<u32>,
@@ -38,9 +38,9 @@ pub type Chance = [u8; 32];
 
 /// Time without use after which a session ends.
 pub const IDLE_MAX: Duration = Duration::from_secs(12 * 3600);
-/// Sessions at a time; for a further one that goes which was unused longest.
+/// Maximum number of sessions; a further one replaces the least recently used.
 pub const SESSIONS_MAX: usize = 32;
-/// Characters of a name.
+/// Maximum length of a name, characters.
 pub const NAME_MAX: usize = 40;
 /// Number of wrong codes after which new codes are made.
 const WRONG_MAX: u32 = 10;
@@ -53,16 +53,16 @@ const CODES: u64 = 100_000_000;
 /// Reason for a refused pairing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// The name has no character to be seen, or too many.
+    /// The name has no visible character, or too many.
     Name,
     /// Wrong code.
     Wrong,
-    /// Too many have tried of late.
+    /// Too many recent attempts.
     TooMany,
 }
 
 impl Refused {
-    /// In words, for who tries.
+    /// Explanation for the user.
     #[must_use]
     pub const fn why(self) -> &'static str {
         match self {
@@ -76,21 +76,21 @@ impl Refused {
 /// Codes that pair a device, shown only at the robot.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Codes {
-    /// Eight digits.
+    /// Code of an operator, eight digits.
     pub operator: String,
-    /// Eight digits, others.
+    /// Code of an engineer, eight different digits.
     pub engineer: String,
 }
 
 impl Codes {
-    /// Two that differ.
+    /// Creates two different codes.
     #[must_use]
     pub fn new(chance: &Chance) -> Self {
         let operator = code(chance, 0, "");
         Self { engineer: code(chance, 8, &operator), operator }
     }
 
-    /// Whose code that is; takes as long for all.
+    /// Role of a code, compared in constant time.
     fn role(&self, given: &str) -> Option<Role> {
         let [operator, engineer] =
             [&self.operator, &self.engineer].map(|code| is_same(given.as_bytes(), code.as_bytes()));
@@ -102,7 +102,7 @@ impl Codes {
     }
 }
 
-/// Eight digits made of the chance from there on, and others than `not`.
+/// Eight digits derived from the random bytes from `at` on, different from `not`.
 fn code(chance: &Chance, at: usize, not: &str) -> String {
     let mut bytes = [0; 8];
     bytes.copy_from_slice(&chance[at..at + 8]);
@@ -111,10 +111,10 @@ fn code(chance: &Chance, at: usize, not: &str) -> String {
     if code == not { format!("{:08}", (number + 1) % CODES) } else { code }
 }
 
-/// A paired device, as it is kept and shown.
+/// A paired device, as stored and shown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Session {
-    /// Number, never given twice.
+    /// Number; never reused.
     pub id: u32,
     /// Key in its cookie: 32 hexadecimal digits.
     pub key: String,
@@ -122,9 +122,9 @@ pub struct Session {
     pub name: Arc<str>,
     /// Role.
     pub role: Role,
-    /// Time when it was seen last.
+    /// Time of last use.
     pub used: Instant,
-    /// Sockets.
+    /// Number of open sockets.
     connected: u32,
 }
 
@@ -143,7 +143,7 @@ impl Session {
         if self.connected > 0 { Duration::ZERO } else { now.since(self.used) }
     }
 
-    /// True if what was kept is what this would have kept.
+    /// True if a stored session is valid.
     fn is_good(&self) -> bool {
         let hexadecimal = self.key.len() == 32 && self.key.bytes().all(|byte| byte.is_ascii_hexdigit());
         hexadecimal && self.role >= Role::Operator && clean(&self.name).as_deref() == Some(&*self.name)
@@ -160,11 +160,11 @@ pub struct Device {
     pub name: Arc<str>,
     /// Role.
     pub role: Role,
-    /// s since it was seen last.
+    /// Time since its last use, s.
     pub idle: f64,
     /// True if it has an open socket.
     pub connected: bool,
-    /// The asking one itself.
+    /// True for the requesting device itself.
     pub you: bool,
 }
 
@@ -172,16 +172,16 @@ pub struct Device {
 #[derive(Debug)]
 pub struct Access {
     codes: Codes,
-    /// Wrong ones since the codes are new.
+    /// Number of wrong codes since the last renewal.
     wrong: u32,
-    /// Instants of the last tries, oldest first.
+    /// Times of the last attempts, oldest first.
     tries: Vec<Instant>,
     sessions: Vec<Session>,
     next: u32,
 }
 
 impl Access {
-    /// With sessions of an earlier life; those that cannot be are left out.
+    /// Restores the sessions of an earlier run; invalid ones are dropped.
     #[must_use]
     pub fn new(now: Instant, codes: Codes, kept: Vec<Session>) -> Self {
         let mut access = Self { codes, wrong: 0, tries: Vec::with_capacity(TRIES_MAX), sessions: Vec::new(), next: 1 };
@@ -196,7 +196,7 @@ impl Access {
         access
     }
 
-    /// Present codes.
+    /// Current codes.
     #[must_use]
     pub fn codes(&self) -> &Codes {
         &self.codes
@@ -208,10 +208,10 @@ impl Access {
         &self.sessions
     }
 
-    /// Pairs a device; its key, for the cookie, and who it is from now on.
+    /// Pairs a device; returns its key for the cookie, and its identity.
     ///
     /// # Errors
-    /// Why not; wrong codes are counted, and after too many there are new ones.
+    /// Reason of the refusal. Wrong codes are counted; after too many the codes are renewed.
     pub fn pair(&mut self, now: Instant, code: &str, name: &str, chance: &Chance) -> Result<(String, Who), Refused> {
         let name = clean(name).ok_or(Refused::Name)?;
         self.tries.retain(|at| now.since(*at) < TRIES_TIME);
@@ -250,7 +250,7 @@ impl Access {
         Ok((key, who))
     }
 
-    /// Whose key that is; it has been seen now.
+    /// User of a session key; updates the time of last use.
     pub fn who(&mut self, now: Instant, key: &str) -> Option<Who> {
         self.expire(now);
         let mut found = None;
@@ -263,20 +263,20 @@ impl Access {
         found
     }
 
-    /// True if a device is paired still.
+    /// True if a device is still paired.
     #[must_use]
     pub fn is_paired(&self, device: u32) -> bool {
         self.sessions.iter().any(|session| session.id == device)
     }
 
-    /// A device has a socket more.
+    /// Counts another socket of a device.
     pub fn connect(&mut self, device: u32) {
         if let Some(session) = self.of(device) {
             session.connected = session.connected.saturating_add(1);
         }
     }
 
-    /// And one less.
+    /// Counts the end of a socket.
     pub fn disconnect(&mut self, now: Instant, device: u32) {
         if let Some(session) = self.of(device) {
             session.connected = session.connected.saturating_sub(1);
@@ -284,14 +284,14 @@ impl Access {
         }
     }
 
-    /// Ends a session; whether there was one.
+    /// Ends a session; true if it existed.
     pub fn forget(&mut self, device: u32) -> bool {
         let before = self.sessions.len();
         self.sessions.retain(|session| session.id != device);
         self.sessions.len() < before
     }
 
-    /// All paired devices, for the engineer who asks.
+    /// All paired devices, for the engineer who requests the list.
     #[must_use]
     pub fn devices(&self, now: Instant, asking: Option<u32>) -> Vec<Device> {
         let row = |session: &Session| Device {
@@ -319,15 +319,15 @@ pub fn is_same(given: &[u8], token: &[u8]) -> bool {
     given.len() == token.len() && given.iter().zip(token).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }
 
-/// A text that is shared.
+/// Serializes a shared text.
 pub fn text<S: Serializer>(text: &Arc<str>, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(text)
 }
 
-/// A name as others see it: without what cannot be seen, blanks single; none when nothing, or too much, is left.
+/// Name without invisible characters and with single blanks; `None` if it becomes empty or is too long.
 #[must_use]
 pub fn clean(name: &str) -> Option<String> {
-    // Marks that turn the direction of writing, or join nothing, would make one name look like another.
+    // Marks that reverse the direction of writing or join characters would make names look alike.
     let unseen = |c: char| {
         c.is_control()
             || matches!(c, '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{feff}')
@@ -353,7 +353,7 @@ mod tests {
         Instant::from_millis(100_000_000 + seconds * 1000)
     }
 
-    /// Another one each time.
+    /// Different random bytes for each number.
     fn chance(number: u8) -> Chance {
         std::array::from_fn(|index| number.wrapping_mul(37).wrapping_add((index as u8).wrapping_mul(11)))
     }

@@ -1,11 +1,11 @@
 //! Motion authority among web users, and the validity of their commands.
 //!
-//! A pure state machine: time is handed in, its output is drained with [`Authority::poll`], its deadline is
-//! [`Authority::poll_timeout`]. It knows no socket, no bus and no JSON.
+//! A pure state machine, independent of sockets, bus and JSON: time is passed in, output is drained with
+//! [`Authority::poll`], the deadline is [`Authority::poll_timeout`].
 //!
-//! One holds the authority; it ends with its socket. Holding it one drives by holds, a press of the pad each: commands
-//! at 20 Hz that carry the page's clock. How old one is, is judged by the least difference of both clocks that was
-//! seen: what the network kept longer than that counts as late. A hold that has ended, however, is over for good.
+//! One client holds the authority; it ends with its socket. It drives by holds, one for each press of the pad: commands
+//! at 20 Hz that carry the page's clock. Their age follows from the minimum difference of both clocks observed so far:
+//! commands that the network delayed beyond that count as late. A hold that has ended is not resumed.
 
 use super::access::{Role, text};
 use base::{Duration, Instant};
@@ -15,59 +15,59 @@ use std::sync::Arc;
 
 /// Validity of a command from its creation: 250 ms less the time to wake up and send.
 pub const COMMAND_TTL: Duration = Duration::from_millis(240);
-/// A hold without a good command for so long ends.
+/// Time without a valid command after which a hold ends.
 pub const SILENCE_MAX: Duration = Duration::from_millis(200);
-/// Between the zeros at the end, and how many there are after the first.
+/// Interval of the zeros at the end, and their number after the first.
 const ZEROS_PERIOD: Duration = Duration::from_millis(50);
 const ZEROS_COUNT: u8 = 2;
 /// Delays at which the resume command for the planner is repeated: the drives do not acknowledge that they are ready.
 const RESUME_DELAYS: [Duration; 4] =
     [Duration::from_millis(100), Duration::from_millis(300), Duration::from_millis(700), Duration::from_millis(1500)];
-/// The least difference of the clocks is forgotten so slowly, s per s: two quartzes differ by less.
+/// Rate at which the minimum difference of the clocks is relaxed, s per s: two quartz clocks differ by less.
 const DRIFT_S_PER_S: f64 = 2e-4;
 /// Greatest value of a page's clock, ms: 300 years.
 const CLOCK_MAX: f64 = 1e13;
 
-/// A socket; another one after each connection.
+/// Number of a socket; new for each connection.
 pub type ClientId = u32;
 
 /// Limits of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Limits {
-    /// m/s
+    /// Maximum speed, m/s.
     pub speed: f64,
-    /// rad
+    /// Maximum steering angle, rad.
     pub steering: f64,
 }
 
 /// Holder of the motion authority.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Holder {
-    /// Socket.
+    /// Number of its socket.
     pub id: ClientId,
     /// Name.
     #[serde(serialize_with = "text")]
     pub name: Arc<str>,
     /// Role.
     pub role: Role,
-    /// A hold is under way.
+    /// True during a hold.
     pub driving: bool,
-    /// s since it took it.
+    /// Time since it took the authority, s.
     pub since: f64,
 }
 
 /// A command of a hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
-    /// Which press of the pad.
+    /// Number of the press of the pad.
     pub hold: u64,
-    /// Which command.
+    /// Sequence number.
     pub seq: u64,
     /// Time of creation, ms on the page's clock.
     pub t: f64,
-    /// m/s
+    /// Speed, m/s.
     pub speed: f64,
-    /// rad
+    /// Steering angle, rad.
     pub steering: f64,
 }
 
@@ -76,47 +76,47 @@ pub struct Drive {
 pub enum Output {
     /// A motion command.
     Motion {
-        /// Whose.
+        /// User.
         source: Arc<str>,
-        /// m/s
+        /// Speed, m/s.
         speed: f64,
-        /// rad
+        /// Steering angle, rad.
         steering: f64,
     },
     /// Zero command.
     Zero {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// The drives are to hold the quick stop.
+    /// Commands the drives to hold the quick stop.
     Pause {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// The drives may go on.
+    /// Permits the drives to move again.
     Run {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// The planner may go on.
+    /// Permits the planner to continue.
     Planner {
-        /// Whose.
+        /// User.
         source: Arc<str>,
     },
-    /// A client is to know who holds the authority.
+    /// Informs a client of the holder.
     Authority {
         /// Addressee.
         to: ClientId,
-        /// Why that has changed; empty at the start.
+        /// Reason of the change; empty at the start.
         why: String,
     },
     /// A client's hold has ended.
     Ended {
         /// Addressee.
         to: ClientId,
-        /// Which.
+        /// Number of the hold.
         hold: u64,
-        /// Why.
+        /// Reason.
         why: String,
     },
 }
@@ -124,21 +124,21 @@ pub enum Output {
 /// Counters of rejected commands, and of changes of authority.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Motion commands passed on.
+    /// Motion commands forwarded.
     pub passed: u64,
-    /// They came too late.
+    /// Late commands.
     pub late: u64,
-    /// Repeated, or out of order.
+    /// Commands repeated or out of order.
     pub repeated: u64,
     /// Commands of an ended hold.
     pub over: u64,
     /// Commands of users without authority.
     pub not_holder: u64,
-    /// Out of limits, or no number.
+    /// Commands out of limits or not a number.
     pub refused: u64,
     /// Holds that the server has ended.
     pub ended: u64,
-    /// Number of times that the authority was taken.
+    /// Number of takeovers of the authority.
     pub taken: u64,
     /// Of these, from another user.
     pub taken_over: u64,
@@ -146,7 +146,7 @@ pub struct Counts {
     pub stops: u64,
 }
 
-/// The least difference of two clocks.
+/// Minimum difference of two clocks.
 #[derive(Clone, Copy, Debug)]
 struct Offset {
     least_ms: f64,
@@ -160,7 +160,7 @@ struct Client {
     role: Role,
     source: Arc<str>,
     seq: Option<u64>,
-    /// The newest hold that has begun or ended.
+    /// Newest hold that has begun or ended.
     hold: u64,
     /// Newest hold whose rejection has been reported.
     told: Option<u64>,
@@ -168,7 +168,7 @@ struct Client {
 }
 
 impl Client {
-    /// Age of a message created at `t`; `None` if `t` is no valid time.
+    /// Age of a message created at `t`; `None` if `t` is invalid.
     fn age(&mut self, now: Instant, t: f64) -> Option<Duration> {
         if !(0.0..=CLOCK_MAX).contains(&t) {
             return None;
@@ -220,7 +220,7 @@ pub struct Authority {
     clients: Vec<Client>,
     next: ClientId,
     holder: Option<(ClientId, Instant)>,
-    /// The holder's.
+    /// Current hold of the holder.
     hold: Option<Hold>,
     endings: Vec<Ending>,
     resume: Option<Resume>,
@@ -229,7 +229,7 @@ pub struct Authority {
 }
 
 impl Authority {
-    /// Makes an authority without users.
+    /// Creates an authority without users.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -257,7 +257,7 @@ impl Authority {
         self.counts
     }
 
-    /// Present holder.
+    /// Current holder.
     #[must_use]
     pub fn holder(&self, now: Instant) -> Option<Holder> {
         let (id, since) = self.holder?;
@@ -266,7 +266,7 @@ impl Authority {
         Some(Holder { id, name: name.clone(), role: *role, driving: self.hold.is_some(), since })
     }
 
-    /// True if this one holds it.
+    /// True if this client holds the authority.
     #[must_use]
     pub fn holds(&self, client: ClientId) -> bool {
         self.holder.is_some_and(|(id, _)| id == client)
@@ -292,7 +292,7 @@ impl Authority {
         self.clients.retain(|other| other.id != client);
     }
 
-    /// Takes a sign of life, created at `t` on its clock and received now.
+    /// Processes a ping, created at `t` on the client's clock and received now.
     pub fn ping(&mut self, now: Instant, client: ClientId, t: f64) {
         self.handle_timeout(now);
         if let Some(client) = self.client(client) {
@@ -300,10 +300,10 @@ impl Authority {
         }
     }
 
-    /// Takes the authority, from no one or from exactly the holder that the user was shown.
+    /// Takes the authority, from no holder or from exactly the holder that the user was shown.
     ///
     /// # Errors
-    /// Why not, in words.
+    /// Reason of the refusal.
     pub fn take(&mut self, now: Instant, client: ClientId, from: Option<ClientId>) -> Result<(), String> {
         self.handle_timeout(now);
         let name = self.name(client);
@@ -333,10 +333,10 @@ impl Authority {
         Ok(())
     }
 
-    /// Gives it back.
+    /// Returns the authority.
     ///
     /// # Errors
-    /// It is not its own.
+    /// The client does not hold it.
     pub fn release(&mut self, now: Instant, client: ClientId) -> Result<(), String> {
         self.handle_timeout(now);
         if !self.holds(client) {
@@ -351,7 +351,8 @@ impl Authority {
         Ok(())
     }
 
-    /// A command of a hold: passed on, or counted as what it is. What is no honest command ends the hold.
+    /// Processes a command of a hold: forwards it, or counts the reason of its rejection. An invalid command ends the
+    /// hold.
     pub fn drive(&mut self, now: Instant, id: ClientId, drive: Drive) {
         self.handle_timeout(now);
         let (holds, limits) = (self.holds(id), self.limits);
@@ -406,7 +407,7 @@ impl Authority {
         self.out.push_back(Output::Motion { source, speed: drive.speed, steering: drive.steering });
     }
 
-    /// The hand is off.
+    /// The user released the pad.
     pub fn zero(&mut self, now: Instant, id: ClientId, hold: u64, seq: u64) {
         self.handle_timeout(now);
         let Some(client) = self.client(id) else { return };
@@ -417,7 +418,7 @@ impl Authority {
         }
     }
 
-    /// Takes an unintelligible message: its intent is unknown, so its hold ends.
+    /// Processes an unintelligible message: its intent is unknown, so its hold ends.
     pub fn nonsense(&mut self, now: Instant, id: ClientId) {
         self.handle_timeout(now);
         if self.holds(id) && self.hold.is_some() {
@@ -440,7 +441,8 @@ impl Authority {
         self.endings.iter_mut().filter(|ending| ending.source == source).for_each(|ending| ending.pause = true);
     }
 
-    /// Lets the drives, and then the planner, go on. The caller has seen that it holds the authority.
+    /// Permits the drives, and then the planner, to continue. The caller has checked that the client holds the
+    /// authority.
     pub fn resume(&mut self, now: Instant, id: ClientId) {
         self.handle_timeout(now);
         let Some(source) = self.client(id).map(|client| client.source.clone()) else { return };
@@ -467,13 +469,13 @@ impl Authority {
         self.endings.retain(|ending| ending.left > 0);
         if let Some(resume) = self.resume.as_mut().filter(|resume| resume.next() <= now) {
             self.out.push_back(Output::Planner { source: resume.source.clone() });
-            // Missed repetitions are not made up for.
+            // Missed repetitions are skipped.
             resume.step = RESUME_DELAYS.iter().filter(|after| resume.since + **after <= now).count();
         }
         self.resume.take_if(|resume| resume.step >= RESUME_DELAYS.len());
     }
 
-    /// Instant of the next [`Self::handle_timeout`].
+    /// Deadline of the next [`Self::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         let endings = self.endings.iter().map(|ending| ending.next);
@@ -486,7 +488,7 @@ impl Authority {
         self.out.pop_front()
     }
 
-    /// Ends the hold, if there is one, with zero; reports the reason, if any, to its user.
+    /// Ends the current hold, if any, with zero; reports the reason, if any, to its user.
     fn end_hold(&mut self, now: Instant, why: Option<String>) {
         let (Some(hold), Some((id, _))) = (self.hold.take(), self.holder) else { return };
         let Some(source) = self.client(id).map(|client| client.source.clone()) else { return };
@@ -507,7 +509,7 @@ impl Authority {
         self.endings.push(Ending { source, pause, left: ZEROS_COUNT, next: now + ZEROS_PERIOD });
     }
 
-    /// Hands the authority to a user, or to no one; informs all.
+    /// Gives the authority to a user, or to nobody; informs all.
     fn hand_to(&mut self, now: Instant, client: Option<ClientId>, why: impl Fn(ClientId) -> String) {
         self.holder = client.map(|id| (id, now));
         self.resume = None;

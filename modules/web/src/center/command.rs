@@ -11,17 +11,17 @@ use messages::middlelevel::Waypoint;
 use messages::simulation::CmdFault;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// The longest frame, bytes.
+/// Maximum length of a frame, bytes.
 pub const FRAME_MAX: usize = 4 << 10;
-/// Waypoints of a goal.
+/// Maximum number of waypoints of a goal.
 const WAYPOINTS_MAX: usize = 100;
-/// m; rad, s
+/// Maximum magnitude of a number: m, rad, s.
 const NUMBER_MAX: f64 = 1e6;
-/// A name of a module, channel, axis, target: bytes.
+/// Maximum length of a name of a module, channel, axis or target, bytes.
 const WORD_MAX: usize = 64;
-/// Bytes that are written to an object.
+/// Maximum number of bytes written to an object.
 const DATA_MAX: usize = 1024;
-/// A number that a page's language has exactly.
+/// Greatest integer that JavaScript represents exactly.
 const INTEGER_MAX: u64 = (1 << 53) - 1;
 
 /// Message of a page.
@@ -111,18 +111,18 @@ pub enum Command {
     },
 }
 
-/// A waypoint; without an angle any will do.
+/// A waypoint; without an angle any heading is accepted.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Place {
-    /// m
+    /// x, m.
     pub x: f64,
-    /// m
+    /// y, m.
     pub y: f64,
-    /// rad
+    /// Heading, rad.
     #[serde(default, deserialize_with = "there")]
     pub theta: Option<f64>,
-    /// m
+    /// Tolerance, m.
     #[serde(default, deserialize_with = "there")]
     pub tolerance: Option<f64>,
 }
@@ -156,10 +156,10 @@ pub enum Answer<'a> {
 }
 
 impl Answer<'_> {
-    /// A frame's text.
+    /// Text of a frame.
     #[must_use]
     pub fn text(&self) -> String {
-        // Numbers and strings have a form.
+        // Numbers and strings always serialize.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
@@ -167,17 +167,17 @@ impl Answer<'_> {
 /// Requirements of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
-    /// The least role.
+    /// Minimum role.
     pub role: Role,
     /// True if it needs the motion authority too.
     pub authority: bool,
 }
 
 impl Command {
-    /// Reads a frame.
+    /// Parses a frame.
     ///
     /// # Errors
-    /// What it is instead.
+    /// The defect.
     pub fn read(text: &str) -> Result<Self, Malformed> {
         let command: Self = serde_json::from_str(text).map_err(|error| {
             #[derive(Deserialize)]
@@ -192,7 +192,7 @@ impl Command {
         Ok(command)
     }
 
-    /// By which it is answered.
+    /// Number for the answer.
     #[must_use]
     pub fn id(&self) -> Option<i64> {
         match self {
@@ -278,32 +278,32 @@ fn in_range(number: f64) -> bool {
     number.abs() <= NUMBER_MAX
 }
 
-/// A way of the world's that has a name.
+/// A named route of the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
     /// Name.
     pub name: String,
     /// Points in order, m.
     pub points: Vec<[f64; 2]>,
-    /// After the last comes the first again.
+    /// True if the first point follows the last.
     pub looped: bool,
 }
 
-/// Robot by which commands are checked.
+/// Data of the robot for checking commands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
     /// Limits of a manual source.
     pub limits: Limits,
-    /// The world's.
+    /// Named routes of the world.
     pub routes: Vec<Route>,
-    /// True if it is simulated and takes faults.
+    /// True if it is simulated and accepts faults.
     pub simulated: bool,
 }
 
 /// Message of a command on the bus; `None` for those that belong to the authority or to an answer.
 ///
 /// # Errors
-/// Why it is not obeyed, in words for who asked.
+/// Reason of the refusal, for the user.
 pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -> Result<Option<Message>, String> {
     let waypoint = |place: &Place| Waypoint {
         x: place.x,
@@ -342,10 +342,10 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
     }))
 }
 
-/// An access to an object, without its number.
+/// Access to an object, without its request number.
 ///
 /// # Errors
-/// In words: what is to be written is no data.
+/// The data to be written is invalid; one line.
 pub fn sdo(node: u8, index: u16, subindex: u8, data: Option<&str>) -> Result<CmdSdo, String> {
     if !(1..=127).contains(&node) {
         return Err("CANopen nodes are 1 to 127".into());

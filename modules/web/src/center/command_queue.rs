@@ -1,5 +1,5 @@
-//! Output of the authority: to the bus at once, and to the sockets. A thread of its own keeps its deadlines, so that a
-//! busy or hanging server ends a hold all the same.
+//! Output of the authority to the bus and the sockets. A separate thread serves its deadlines, so that a hold ends in
+//! time even if the server is busy or hangs.
 
 use super::access::Role;
 use super::authority::{Authority, ClientId, Counts, Holder, Output};
@@ -19,9 +19,9 @@ use tokio::sync::mpsc;
 /// Maximum number of answers waiting for a page; beyond it the page is disconnected.
 const WAITING_MAX: usize = 64;
 
-/// The desk.
+/// Queue of the commands to the bus.
 pub struct CommandQueue {
-    /// Robot by which commands are checked.
+    /// Data of the robot for checking commands.
     pub robot: Robot,
     inner: Mutex<Inner>,
     wake: Condvar,
@@ -32,16 +32,16 @@ struct Inner {
     bus: Bus,
     epoch: Epoch,
     pages: Vec<(ClientId, mpsc::Sender<String>)>,
-    /// Until when the thread sleeps; none: until it is woken.
+    /// Wake-up time of the thread; `None`: until notified.
     sleeps_until: Option<Instant>,
     closed: bool,
 }
 
 impl CommandQueue {
-    /// Joins the bus, only to speak, and starts the thread.
+    /// Joins the bus without subscriptions, and starts the thread.
     ///
     /// # Errors
-    /// One line: the bus cannot be joined, or there is no room for a thread.
+    /// One line: the bus cannot be joined, or no thread can be created.
     pub fn open(url: &str, robot: Robot) -> Result<Arc<Self>, String> {
         let inner = Inner {
             authority: Authority::new(robot.limits),
@@ -64,7 +64,7 @@ impl CommandQueue {
         let mut inner = self.lock();
         let id = inner.authority.join(name, role, source);
         inner.pages.push((id, tell.clone()));
-        // A first word to an empty queue.
+        // First output to an empty queue.
         let _ = inner.drain(clock::now());
         QueueHandle { id, tell, told }
     }
@@ -103,7 +103,7 @@ impl CommandQueue {
         self.lock().bus.publish(message)
     }
 
-    /// The timestamp of a message that is made now.
+    /// Current message timestamp.
     pub fn timestamp(&self) -> i64 {
         self.lock().epoch.timestamp(clock::now())
     }
@@ -113,7 +113,7 @@ impl CommandQueue {
         self.lock().authority.holder(clock::now())
     }
 
-    /// True if this one does.
+    /// True if this client holds it.
     pub fn holds(&self, id: ClientId) -> bool {
         self.lock().authority.holds(id)
     }
@@ -123,7 +123,7 @@ impl CommandQueue {
         self.lock().authority.counts()
     }
 
-    /// Ends the thread; all have left before.
+    /// Ends the thread; all clients have left before.
     pub fn close(&self) {
         self.lock().closed = true;
         self.wake.notify_one();
@@ -134,7 +134,7 @@ impl CommandQueue {
         while !inner.closed {
             let now = clock::now();
             inner.authority.handle_timeout(now);
-            // A failure needs no retry here: zeros are sent three times, and then the drives' own time limit counts.
+            // A failure needs no retry here: zeros are sent three times, then the drives' own timeout applies.
             let _ = inner.drain(now);
             inner.sleeps_until = inner.authority.poll_timeout();
             inner = match inner.sleeps_until {
@@ -152,13 +152,13 @@ impl CommandQueue {
     }
 }
 
-/// A page's place at the desk.
+/// Handle of a page.
 pub struct QueueHandle {
     /// Number.
     pub id: ClientId,
     /// Sender of its answers.
     pub tell: mpsc::Sender<String>,
-    /// Answers for it; closed when it takes none.
+    /// Answers for the page; closed if it does not read them.
     pub told: mpsc::Receiver<String>,
 }
 
@@ -203,7 +203,7 @@ impl Inner {
     fn tell(&mut self, to: ClientId, answer: Answer<'_>) {
         let Some(place) = self.pages.iter().position(|(id, _)| *id == to) else { return };
         if self.pages[place].1.try_send(answer.text()).is_err() {
-            // It takes nothing: closing its channel ends its socket.
+            // The page does not read: closing its channel ends its socket.
             self.pages.swap_remove(place);
         }
     }

@@ -1,6 +1,6 @@
-//! `/ws/view?demo`: a recorded run, played at its own speed again and again to one viewer, through a model of its own.
+//! `/ws/view?demo`: a recorded run, played repeatedly at its own speed to one viewer, through its own model.
 //!
-//! A thread reads it; a few pieces ahead, no more. The viewer's task hears each message when it is due.
+//! A thread reads a few pieces ahead. The viewer's task processes each message when it is due.
 
 use super::scene::{Demo, Scene};
 use super::view_publisher::ViewPublisher;
@@ -19,22 +19,22 @@ use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::time::sleep;
 
-/// Played at once.
+/// Maximum number of runs played at a time.
 pub const VIEWERS_MAX: usize = 4;
 /// Read-ahead: number of pieces, and size of each in bytes and in messages.
 const READ_AHEAD_PIECES: usize = 4;
 const PIECE_BYTES: usize = 64 << 10;
 const PIECE_MESSAGES: usize = 256;
-/// A longer message is left out.
+/// Maximum length of a message, bytes; longer ones are skipped.
 const MESSAGE_MAX: usize = 1 << 20;
 /// Delay from which the rest is shifted, because the disk was slow.
 const DELAY_MAX: Duration = Duration::from_millis(500);
-/// A longer silence is not waited for: a step of the wall clock.
+/// Maximum silence that is waited for, ns; longer ones are steps of the wall clock.
 const SILENCE_MAX: u64 = 10_000_000_000;
-/// Between the end and the new beginning.
+/// Pause between the end and the next start.
 const REPEAT_PAUSE: Duration = Duration::from_secs(1);
 
-/// A run that is read.
+/// A run being read.
 pub struct Run {
     /// Scene.
     pub scene: Scene,
@@ -50,14 +50,13 @@ enum Piece {
 }
 
 struct RunMessage {
-    /// ns since the beginning.
+    /// Time since the begin of the run, ns.
     after: u64,
     channel: Arc<str>,
     data: Vec<u8>,
 }
 
-/// Opens the run that `asked` names, or the newest one that is finished: `1`, or nothing. `permit` is kept as long as
-/// it is read.
+/// Opens the run named `asked`, or the newest finished one for `1` or an empty name. `permit` is held while it is read.
 ///
 /// # Errors
 /// One line for the viewer.
@@ -171,7 +170,7 @@ impl Recorded {
 }
 
 impl Run {
-    /// Lets the viewers of `show` see it, until it cannot be read on.
+    /// Plays the run to the viewers of `show` until a read fails.
     pub async fn play(mut self, show: &ViewPublisher, config: &Config) -> EndReason {
         let beside = ExtraState { holder: None, viewers: 1 };
         let mut begin = clock::now();

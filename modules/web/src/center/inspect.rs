@@ -1,4 +1,4 @@
-//! The newest message of each channel, and as JSON of those that somebody watches.
+//! Newest message of each channel; as JSON for watched channels.
 
 use axum::extract::ws::Utf8Bytes;
 use base::{Duration, Instant, Ticker};
@@ -6,36 +6,36 @@ use messages::{Channel, Message};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Channels that are kept without a watcher.
+/// Maximum number of unwatched channels that are kept.
 const CHANNELS_MAX: usize = 256;
-/// A longer message is not shown, bytes.
+/// Maximum length of a message that is shown, bytes.
 const SHOWN_MAX: usize = 64 << 10;
-/// A watched message is sent this often at most; a long one less often.
+/// Minimum interval of updates of a watched message; more for a long one.
 const UPDATE_PERIOD: Duration = Duration::from_millis(50);
 const LONG_MESSAGE: usize = 8 << 10;
 const LONG_UPDATE_PERIOD: Duration = Duration::from_millis(500);
 
-/// All channels.
+/// State of all channels.
 #[derive(Debug)]
 pub struct Inspector {
-    /// In step with the parts of the view, so that it wakes nobody besides.
+    /// In step with the parts of the view, so that it causes no extra wake-ups.
     ticker: Ticker,
     channels: BTreeMap<String, Latest>,
 }
 
-/// Of a channel.
+/// State of a channel.
 #[derive(Debug, Default)]
 struct Latest {
-    /// As it came; none of what is too long.
+    /// Payload; empty if it is too long.
     bytes: Vec<u8>,
     length: usize,
     at: Option<Instant>,
     watchers: u32,
-    /// It has not been said to the watchers yet.
+    /// Not sent to the watchers yet.
     news: bool,
-    /// It may be said again: a long one.
+    /// Earliest time of the next update of a long message.
     next: Instant,
-    /// What they were told, and in which turn.
+    /// Last update, and its turn.
     told: Option<(u64, Utf8Bytes)>,
 }
 
@@ -58,7 +58,7 @@ impl Default for Inspector {
 }
 
 impl Inspector {
-    /// Something was said on a channel.
+    /// Processes a message on a channel.
     pub fn hear(&mut self, at: Instant, channel: &str, bytes: &[u8]) {
         if !self.channels.contains_key(channel) {
             if self.channels.len() >= CHANNELS_MAX {
@@ -74,15 +74,15 @@ impl Inspector {
         (latest.length, latest.at, latest.news) = (bytes.len(), Some(at), true);
     }
 
-    /// Somebody begins to watch a channel.
+    /// A viewer begins to watch a channel.
     pub fn watch(&mut self, channel: &str) {
         let latest = self.channels.entry(channel.into()).or_default();
         latest.watchers += 1;
-        // What was said before is told to all of them once more.
+        // The last message is sent to all watchers again.
         latest.news |= latest.at.is_some();
     }
 
-    /// Somebody has watched a channel long enough.
+    /// A viewer ends watching a channel.
     pub fn leave(&mut self, channel: &str) {
         let Some(latest) = self.channels.get_mut(channel) else { return };
         latest.watchers = latest.watchers.saturating_sub(1);
@@ -94,7 +94,7 @@ impl Inspector {
         }
     }
 
-    /// What is due is put into words; whether that was anything.
+    /// Converts due messages; true if there were any.
     pub fn turn(&mut self, now: Instant, turn: u64) -> bool {
         if !self.is_watched() || !self.ticker.due(now) {
             return false;
@@ -111,7 +111,7 @@ impl Inspector {
         any
     }
 
-    /// When the next turn is wanted.
+    /// Deadline of the next turn.
     pub fn due(&self) -> Instant {
         if self.is_watched() { self.ticker.next() } else { Instant::NEVER }
     }
@@ -120,7 +120,7 @@ impl Inspector {
         self.channels.values().any(|latest| latest.watchers > 0)
     }
 
-    /// What was said of a channel after a turn.
+    /// Update of a channel after a turn, if any.
     pub fn told(&self, channel: &str, after: u64) -> Option<Utf8Bytes> {
         let told = self.channels.get(channel)?.told.as_ref();
         told.filter(|(turn, _)| *turn > after).map(|(_, text)| text.clone())

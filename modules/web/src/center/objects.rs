@@ -13,12 +13,12 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::fmt::Write;
 use std::os::fd::AsFd;
 
-/// The driver answers within this time, or not at all.
+/// Timeout of the driver's answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
-/// More bytes of an object are not shown.
+/// Maximum number of bytes of an object that are shown.
 const SHOWN_MAX: usize = 4096;
 
-/// Asks, and waits for the answer: not on a thread that has others to serve.
+/// Sends a request and waits for the answer; blocks the thread.
 pub fn ask(url: &str, id: i64, asked: CmdSdo) -> String {
     match wait(url, asked) {
         Ok(DataSdo { abort_code: 0, data, .. }) => {
@@ -42,7 +42,7 @@ fn wait(url: &str, mut asked: CmdSdo) -> Result<DataSdo, String> {
     let mut bus = Bus::open(url, &[Channel::LlDataSdo.name()])?;
     let begun = clock::now();
     asked.timestamp = clock::epoch().timestamp(begun);
-    // A number that no other asks by now.
+    // A number that no other pending request has.
     asked.request = ((clock::wall() / 1000) as u32 & 0x3FFF_FFFF).cast_signed();
     let (request, node) = (asked.request, asked.node);
     bus.publish(&asked.into())?;

@@ -1,5 +1,5 @@
 //! `/ws/command`: the command socket of a page. Its messages are bounded, checked against its role and the authority,
-//! and executed at once; answers come from the desk.
+//! and executed at once; answers come from the command queue.
 
 use super::access::{Role, Who};
 use super::command::{self, Answer, Command, FRAME_MAX, Needs};
@@ -28,7 +28,7 @@ const SILENCE_MAX: Duration = Duration::from_secs(10);
 const STALL_TIMEOUT: Duration = Duration::from_secs(5);
 /// Number of refusals after which a page is disconnected.
 const REFUSED_MAX: u32 = 100;
-/// Saying good-bye takes no longer.
+/// Timeout of closing a connection.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// `/ws/command`
@@ -56,9 +56,9 @@ pub async fn upgrade(
     })
 }
 
-/// Why a page is not served any longer.
+/// Reason for the end of a page's connection.
 enum EndReason {
-    /// Gone, or takes nothing.
+    /// The page has gone, or does not read.
     Gone,
     /// Disconnected with a close code and a reason.
     Sent(u16, &'static str),
@@ -71,7 +71,7 @@ struct Page {
     id: u32,
     source: Arc<str>,
     tell: tokio::sync::mpsc::Sender<String>,
-    /// Messages read since the moment.
+    /// Number of messages read since this time.
     spoken: (u32, Instant),
     heard: Instant,
     refused: u32,
@@ -88,7 +88,7 @@ impl Drop for Page {
 
 impl Page {
     fn new(app: App, who: Who) -> (Self, tokio::sync::mpsc::Receiver<String>) {
-        // One without a name came with the credentials of a program.
+        // A client without a name used the credentials of a program.
         let name: Arc<str> = if who.name.is_empty() { "a program".into() } else { who.name.clone() };
         let source: Arc<str> = format!("web:{name}").into();
         let QueueHandle { id, tell, told } = app.command_queue.join(name, who.role, source.clone());
@@ -101,12 +101,12 @@ impl Page {
 
     async fn serve(mut self, mut socket: WebSocket, mut told: tokio::sync::mpsc::Receiver<String>) {
         let over = self.talk(&mut socket, &mut told).await;
-        // Releases its holds before anything waits for the network.
+        // Releases its holds before waiting for the network.
         drop(self);
         if let EndReason::Sent(code, reason) = over {
             let farewell = async {
                 socket.send(Message::Close(Some(CloseFrame { code, reason: reason.into() }))).await?;
-                // What was not read would make the kernel break the line before the reason is read.
+                // Unread input would make the kernel reset the connection before the reason is read.
                 while let Some(Ok(_)) = socket.recv().await {}
                 Ok::<(), axum::Error>(())
             };
@@ -232,7 +232,7 @@ impl Page {
         }
     }
 
-    /// Asks for an object beside all else; few at a time.
+    /// Requests an object in parallel; few at a time.
     fn ask(&self, id: i64, asked: messages::lowlevel::CmdSdo) -> Option<String> {
         let Ok(permit) = self.app.objects.clone().try_acquire_owned() else {
             return Some(Answer::Refused { id: Some(id), why: "too many objects are asked for at once" }.text());
@@ -240,7 +240,7 @@ impl Page {
         let (url, tell) = (self.app.lcm_url.clone(), self.tell.clone());
         tokio::task::spawn_blocking(move || {
             let answer = objects::ask(&url, id, asked);
-            // One that has gone, or takes nothing, is not waited for.
+            // A page that has gone or does not read is not waited for.
             let _ = tell.try_send(answer);
             drop(permit);
         });

@@ -16,11 +16,11 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// The longest body, bytes.
+/// Maximum length of a body, bytes.
 const BODY_MAX: usize = 4 << 10;
 /// Time limit for a request's body.
 const BODY_TIME: Duration = Duration::from_secs(5);
-/// A browser forgets the cookie after so long, s; the server does so after 12 h of not being used.
+/// Lifetime of the cookie in the browser, s; on the server a session ends after 12 h without use.
 const COOKIE_AGE: u32 = 400 * 24 * 3600;
 
 #[derive(Serialize)]

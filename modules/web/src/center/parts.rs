@@ -8,12 +8,12 @@ use serde::Serialize;
 /// Maximum number of texts in a part, the latest: it is sent once a second.
 const TEXTS_MAX: usize = 100;
 
-/// What is shown besides what the bus says.
+/// State that is not published on the bus.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ExtraState<'a> {
-    /// Who holds the motion authority among those on the web.
+    /// Web user that holds the motion authority.
     pub holder: Option<&'a serde_json::Value>,
-    /// Viewers, those of Foxglove among them.
+    /// Number of viewers, including those of Foxglove.
     pub viewers: usize,
 }
 
@@ -36,7 +36,7 @@ pub struct Drive<'a> {
 }
 
 impl<'a> Drive<'a> {
-    /// At a moment.
+    /// State at `now`.
     pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
             part: "drive",
@@ -67,7 +67,7 @@ pub struct Sensors<'a> {
 }
 
 impl<'a> Sensors<'a> {
-    /// At a moment.
+    /// State at `now`.
     pub fn of(model: &'a Model, now: Instant) -> Self {
         Self {
             part: "sensors",
@@ -88,7 +88,7 @@ pub struct Map<'a> {
 }
 
 impl<'a> Map<'a> {
-    /// At a moment.
+    /// State at `now`.
     pub fn of(model: &'a Model, now: Instant) -> Self {
         Self { part: "map", plan: model.plan.shown(now), obstacles: model.obstacles.shown(now) }
     }
@@ -113,7 +113,7 @@ pub struct System<'a> {
 }
 
 impl<'a> System<'a> {
-    /// At a moment.
+    /// State at `now`.
     pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
             part: "system",

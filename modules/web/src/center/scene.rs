@@ -1,31 +1,31 @@
-//! What stays as it is while a robot is looked at: its measures, the map that it drives on, the names of its parts.
+//! Constant part of the view: dimensions of the robot, its map, the names of its parts.
 
 use logger::ros::Sensor;
 use planner::map::{Cell, Map};
 use serde::Serialize;
 
-/// Walls of a map are not more than this; of a finer map they are coarser.
+/// Maximum number of walls of a map; a finer map is coarsened.
 const WALLS_MAX: usize = 4000;
 
-/// `ScenePart` of modules/web/page/src/protocol.ts. Lengths in m, angles in rad; of the robot in its own frame, of all
-/// else in the map's.
+/// `ScenePart` of modules/web/page/src/protocol.ts. Lengths in m, angles in rad; the robot in its own frame, everything
+/// else in the map frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Scene {
-    /// Which part of the view: `scene`.
+    /// Name of the part: `scene`.
     pub part: &'static str,
-    /// Name.
+    /// Name of the robot.
     pub robot: String,
     /// Version of this program.
     pub version: &'static str,
-    /// True if it is a simulated one.
+    /// True for a simulated robot.
     pub simulated: bool,
-    /// The recorded run that is played; none: the robot live.
+    /// Recorded run being played; `None` for the live robot.
     pub demo: Option<Demo>,
-    /// Corners.
+    /// Corners of the body.
     pub outline: Vec<[f64; 2]>,
-    /// Rear axle to front axle.
+    /// Distance of rear and front axle.
     pub wheelbase: f64,
-    /// What a hand may ask for.
+    /// Limits of manual commands.
     pub limits: Limits,
     /// The beam of a sonar.
     pub sonar: Beam,
@@ -37,31 +37,31 @@ pub struct Scene {
     pub walls: Vec<[f64; 4]>,
     /// Columns as x, y, radius.
     pub columns: Vec<[f64; 3]>,
-    /// Routes that have names.
+    /// Named routes.
     pub routes: Vec<Route>,
     /// Channels of the power controller.
     pub power_channels: Vec<&'static str>,
-    /// Drives and their nodes.
+    /// Drives with their nodes.
     pub drives: Vec<Drive>,
-    /// What can be broken in the simulation.
+    /// Faults that can be injected in the simulation.
     pub faults: Vec<Faults>,
 }
 
-/// A recorded run that is played.
+/// A recorded run being played.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Demo {
     /// Name.
     pub run: String,
-    /// How long it takes, s.
+    /// Duration, s.
     pub seconds: f64,
 }
 
-/// Greatest values, as a hand may ask for them.
+/// Limits of manual commands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Limits {
-    /// m/s.
+    /// Maximum speed, m/s.
     pub speed: f64,
-    /// rad.
+    /// Maximum steering angle, rad.
     pub steering: f64,
 }
 
@@ -70,36 +70,36 @@ pub struct Limits {
 pub struct Beam {
     /// Full width, rad.
     pub field_of_view: f64,
-    /// m.
+    /// Minimum range, m.
     pub min: f64,
-    /// m.
+    /// Maximum range, m.
     pub max: f64,
 }
 
 /// A beacon on the map, m.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Beacon {
-    /// As it is coded.
+    /// Number in its code.
     pub id: u8,
-    /// m.
+    /// x, m.
     pub x: f64,
-    /// m.
+    /// y, m.
     pub y: f64,
 }
 
-/// A route that has a name.
+/// A named route.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Route {
-    /// As it is commanded or shown.
+    /// Name for display and commands.
     pub name: String,
-    /// x, y, m.
+    /// Points x, y, m.
     pub points: Vec<[f64; 2]>,
 }
 
 /// A drive on a CANopen bus.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drive {
-    /// As it is commanded or shown.
+    /// Name for display and commands.
     pub name: &'static str,
     /// CANopen node.
     pub node: u8,
@@ -110,7 +110,7 @@ pub struct Drive {
 pub struct Faults {
     /// Name.
     pub target: String,
-    /// What can befall it.
+    /// Names of its faults.
     pub faults: Vec<&'static str>,
 }
 
@@ -145,19 +145,19 @@ impl From<Sensor> for Beam {
 }
 
 impl Scene {
-    /// The same where this can be broken: targets, each with its faults.
+    /// Adds the targets of the simulation, each with its faults.
     #[must_use]
     pub fn with_faults(self, faults: Vec<(String, Vec<&'static str>)>) -> Self {
         Self { faults: faults.into_iter().map(|(target, faults)| Faults { target, faults }).collect(), ..self }
     }
 
-    /// The same while a recorded run is played: nothing can be broken then.
+    /// Scene of a recorded run, without faults.
     #[must_use]
     pub fn played(self, demo: Demo) -> Self {
         Self { demo: Some(demo), faults: Vec::new(), ..self }
     }
 
-    /// As the page is sent it.
+    /// JSON for the page.
     #[must_use]
     pub fn json(&self) -> String {
         serde_json::to_string(self).unwrap_or_default()
@@ -170,7 +170,7 @@ pub fn rounded(metres: f64) -> f64 {
     (metres * 1e3).round() / 1e3
 }
 
-/// The borders between what is occupied on a map and what is not, in as long pieces as they go straight.
+/// Borders between occupied and free areas of a map, as straight segments of maximum length.
 #[must_use]
 pub fn outline(map: &Map) -> Vec<[f64; 4]> {
     let frame = map.frame();
@@ -210,7 +210,7 @@ fn borders(width: usize, height: usize, at: impl Fn(usize, usize) -> bool) -> Ve
     walls
 }
 
-/// Tells each run of places for which it holds: its first, and the one after its last.
+/// Calls `tell` with each run of indices for which `holds` is true: its first, and the one after its last.
 fn runs(count: usize, holds: impl Fn(usize) -> bool, mut tell: impl FnMut(usize, usize)) {
     let mut begin = None;
     for place in 0..=count {

@@ -1,8 +1,8 @@
-//! Where codes and sessions are kept, and what chance comes from: [`super::access`] with a clock and files.
+//! Storage of codes and sessions, and source of randomness: [`super::access`] with a clock and files.
 //!
-//! `RUN_FOLDER/web/codes-PORT` is for who sits on the robot's own line (`advee web code`), `sessions-PORT.json` for the
-//! next life of the server; nobody else may read either. Files are written by a thread of their own: neither the server
-//! nor the module waits for a disk.
+//! `RUN_FOLDER/web/codes-PORT` is for users on the robot's own machine (`advee web code`), `sessions-PORT.json` for the
+//! next start of the server; only their owner may read them. A separate thread writes the files, so that neither the
+//! server nor the module waits for a disk.
 
 use super::access::{Access, Chance, Codes, IDLE_MAX, Role, Session};
 use base::Duration;
@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
-/// The longest file that is read.
+/// Maximum size of a file that is read, bytes.
 const FILE_MAX: u64 = 64 << 10;
-/// That a device was used is written no more often than this.
+/// Minimum interval of storing the last use of a device, s.
 const LAST_USE_PERIOD: u64 = 60;
 /// Period of checks for something to write.
 const WRITE_PERIOD: Duration = Duration::from_millis(500);
@@ -33,7 +33,7 @@ struct StoredSession {
     key: String,
     name: String,
     role: Role,
-    /// s since the UNIX epoch.
+    /// Last use, s since the UNIX epoch.
     seen: u64,
 }
 
@@ -43,9 +43,9 @@ struct StoredSession {
 pub struct ShownCodes {
     /// Address of the server.
     pub address: String,
-    /// Eight digits.
+    /// Code of an operator, eight digits.
     pub operator: String,
-    /// Eight digits, others.
+    /// Code of an engineer, eight digits.
     pub engineer: String,
 }
 
@@ -57,7 +57,7 @@ impl ShownCodes {
     }
 }
 
-/// Codes and sessions, and where they are kept.
+/// Codes and sessions, and their storage.
 pub struct SessionStore {
     access: Mutex<Access>,
     chance: File,
@@ -70,10 +70,11 @@ pub struct SessionStore {
 }
 
 impl SessionStore {
-    /// Makes codes, and restores paired devices. If the stored ones are broken, none is paired: that is one line.
+    /// Creates codes and restores paired devices. If the stored ones are invalid, no device is paired, and a line
+    /// reports that.
     ///
     /// # Errors
-    /// The folder cannot be made, or there is no chance to be had from the kernel.
+    /// The folder cannot be created, or the kernel provides no random bytes.
     pub fn open(run: &Path, at: SocketAddr, hosts: &[String]) -> Result<(Self, Option<String>), String> {
         let folder = run.join("web");
         let named = |error: io::Error| format!("{}: {error}", folder.display());
@@ -113,10 +114,10 @@ impl SessionStore {
         self.access.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// From the kernel.
+    /// Random bytes of the kernel.
     ///
     /// # Errors
-    /// It gives none.
+    /// The kernel provides none.
     pub fn chance(&self) -> io::Result<Chance> {
         draw(&self.chance)
     }
@@ -125,19 +126,19 @@ impl SessionStore {
     pub async fn forgotten(&self, device: Option<u32>) {
         let mut ended = self.ended.subscribe();
         while device.is_none_or(|device| self.access().is_paired(device)) {
-            // The sender lives as long as this does.
+            // The sender lives as long as this object.
             let _ = ended.changed().await;
         }
     }
 
-    /// Ends a session; whether there was one.
+    /// Ends a session; true if it existed.
     pub fn forget(&self, device: u32) -> bool {
         let forgotten = self.access().forget(device);
         self.ended.send_replace(());
         forgotten
     }
 
-    /// Reports, a line each: new codes, and write failures.
+    /// Reports, one line each: new codes, and write failures.
     pub fn news(&self) -> Vec<String> {
         let codes = self.access().codes().clone();
         let mut inner = self.inner();
@@ -155,7 +156,7 @@ impl SessionStore {
         news
     }
 
-    /// Writes what changes, until [`Self::close`]: on a thread of its own, for a disk takes its time.
+    /// Writes changes until [`Self::close`]; runs on a separate thread, because disks are slow.
     pub fn keep(&self) {
         let mut written = Written { codes: None, sessions: self.inner().kept.clone() };
         let mut closed = false;
@@ -245,7 +246,7 @@ struct Written {
     sessions: Vec<StoredSession>,
 }
 
-/// Codes that the servers of a run folder show now.
+/// Codes that the servers of a run folder show.
 #[must_use]
 pub fn shown(run: &Path) -> Vec<ShownCodes> {
     let entries = fs::read_dir(run.join("web")).into_iter().flatten().flatten();
@@ -255,7 +256,7 @@ pub fn shown(run: &Path) -> Vec<ShownCodes> {
     paths.iter().filter_map(|path| serde_json::from_str(&bounded(path).ok()?).ok()).collect()
 }
 
-/// A code as people read it.
+/// A code, grouped for reading.
 #[must_use]
 pub fn spaced(code: &str) -> String {
     match code.split_at_checked(4) {
@@ -295,7 +296,7 @@ fn read(path: &Path) -> Result<Vec<StoredSession>, String> {
     }
 }
 
-/// Replaces a file as a whole, readable by its owner only.
+/// Replaces a file atomically, readable by its owner only.
 fn write(path: &Path, text: &str) -> io::Result<()> {
     let fresh = path.with_extension("new");
     match fs::remove_file(&fresh) {

@@ -1,6 +1,6 @@
-//! A robot as it is looked at: what is heard goes into the model, and some times a second each part that is due is put
-//! into words, once for all viewers. A viewer takes the newest of what it has not seen; what was newer meanwhile it
-//! never hears of. Nobody looks: nothing is put into words.
+//! View of a robot: received messages update the model, and several times a second each due part is encoded, once for
+//! all viewers. A viewer takes the newest version of each part that it has not seen; versions in between are skipped.
+//! Without viewers nothing is encoded.
 
 use super::inspect::Inspector;
 use super::parts::{Drive, ExtraState, Map, Sensors, System};
@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Notify, watch};
 
-/// The parts that are said again and again.
+/// Parts that are updated repeatedly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Drive,
@@ -21,22 +21,22 @@ enum Kind {
     System,
 }
 
-/// How often at most.
+/// Minimum interval of the updates of each part.
 const PERIODS: [(Kind, Duration); 4] = [
     (Kind::Drive, Duration::from_millis(100)),
     (Kind::Sensors, Duration::from_millis(200)),
     (Kind::Map, Duration::from_millis(500)),
     (Kind::System, Duration::from_millis(1000)),
 ];
-/// A map that does not change is said again after so long.
+/// Interval after which an unchanged map is sent again.
 const MAP_AGAIN: Duration = Duration::from_secs(5);
 
-/// The robot, and who looks at it.
+/// The model and its viewers.
 pub struct ViewPublisher {
     inner: Mutex<Inner>,
-    /// The number of the last turn in which something was said.
+    /// Number of the last turn with an update.
     turns: watch::Sender<u64>,
-    /// Somebody has come.
+    /// A viewer has joined.
     woken: Notify,
 }
 
@@ -45,7 +45,7 @@ struct Inner {
     inspector: Inspector,
     turn: u64,
     parts: [Part; PERIODS.len()],
-    /// When plan and obstacles were made that were said last, and when that was.
+    /// Timestamps of the plan and obstacles sent last, and the time of that.
     map: (Stamps, Instant),
 }
 
@@ -55,20 +55,20 @@ type Stamps = [Option<i64>; 2];
 struct Part {
     kind: Kind,
     ticker: Ticker,
-    /// Somebody has come who has none.
+    /// Requested by a new viewer.
     wanted: bool,
-    /// In which turn it was said, and what.
+    /// Last update and its turn.
     said: (u64, Utf8Bytes),
 }
 
-/// What a viewer has seen: a viewer's own.
+/// Progress of one viewer.
 pub struct Place {
     turn: u64,
     watched: Vec<(String, u64)>,
 }
 
 impl ViewPublisher {
-    /// One of which nothing is known yet.
+    /// Creates the view of a robot without any data.
     #[must_use]
     pub fn new(config: Config) -> Self {
         let part = |(kind, period)| Part {
@@ -87,11 +87,11 @@ impl ViewPublisher {
         Self { inner: Mutex::new(inner), turns: watch::Sender::new(0), woken: Notify::new() }
     }
 
-    /// Something was said on the bus.
+    /// Processes a message on the bus.
     pub fn hear(&self, at: Instant, channel: &str, data: &[u8]) {
         let inner = &mut *self.lock();
         inner.inspector.hear(at, channel, data);
-        // What a wire carried is counted; there is much of it, and no view has it.
+        // Raw frames are only counted: there are many, and no view shows them.
         let message = match Channel::from_name(channel) {
             None | Some(Channel::LlDataRaw) => None,
             Some(_) => Message::receive(channel, data).and_then(Result::ok),
@@ -99,7 +99,7 @@ impl ViewPublisher {
         inner.model.hear(at, channel, data.len(), message);
     }
 
-    /// Says what is due; when the next turn is wanted.
+    /// Encodes due parts; returns the deadline of the next turn.
     pub fn turn(&self, now: Instant, beside: ExtraState<'_>) -> Instant {
         if self.viewers() == 0 {
             return Instant::NEVER;
@@ -123,19 +123,19 @@ impl ViewPublisher {
         due
     }
 
-    /// How many look.
+    /// Number of viewers.
     #[must_use]
     pub fn viewers(&self) -> usize {
         self.turns.receiver_count()
     }
 
-    /// Waits until somebody has come.
+    /// Waits until a viewer joins.
     pub async fn woken(&self) {
         self.woken.notified().await;
     }
 
-    /// Somebody comes: what tells it that there is something to [take](Self::news), and what it has seen: nothing. It
-    /// is there until the former is dropped, and [leaves](Self::leave) before.
+    /// Adds a viewer; returns its notification of [updates](Self::news) and its progress. It counts until the former is
+    /// dropped, and must [leave](Self::leave) before.
     pub fn join(&self) -> (watch::Receiver<u64>, Place) {
         let turns = self.turns.subscribe();
         let mut inner = self.lock();
@@ -144,7 +144,7 @@ impl ViewPublisher {
         (turns, Place { turn: inner.turn, watched: Vec::new() })
     }
 
-    /// The newest of what a viewer has not seen.
+    /// Newest updates that a viewer has not seen.
     pub fn news(&self, place: &mut Place) -> Vec<Utf8Bytes> {
         let inner = self.lock();
         let seen = std::mem::replace(&mut place.turn, inner.turn);
@@ -158,7 +158,7 @@ impl ViewPublisher {
         news
     }
 
-    /// A viewer watches these channels from now on, and no others.
+    /// Replaces the list of channels that a viewer watches.
     pub fn watch(&self, place: &mut Place, channels: Vec<String>) {
         let mut inner = self.lock();
         let turn = inner.turn;
@@ -170,17 +170,17 @@ impl ViewPublisher {
         self.woken.notify_one();
     }
 
-    /// A viewer goes.
+    /// Removes a viewer.
     pub fn leave(&self, mut place: Place) {
         self.watch(&mut place, Vec::new());
     }
 
-    /// Forgets what was heard, not who looks.
+    /// Discards the model but not the viewers.
     pub fn forget(&self, config: Config) {
         self.lock().model = Model::new(config);
     }
 
-    /// Looks at the model, for a moment.
+    /// Reads the model under its lock.
     pub fn look<T>(&self, look: impl FnOnce(&Model) -> T) -> T {
         look(&self.lock().model)
     }
@@ -191,8 +191,8 @@ impl ViewPublisher {
 }
 
 impl Part {
-    /// True if it is to be said now; it counts as said then. `map`: when plan and obstacles were made that were said
-    /// last, and when that was.
+    /// True if it is due, and marks it as sent. `map`: timestamps of the plan and obstacles sent last, and the time of
+    /// that.
     fn is_due(&mut self, model: &Model, map: &mut (Stamps, Instant), now: Instant) -> bool {
         let (due, wanted) = (self.ticker.due(now), std::mem::take(&mut self.wanted));
         if self.kind != Kind::Map {
@@ -262,7 +262,7 @@ mod tests {
         }
         let count = |name: &str| heard.iter().filter(|part| *part == name).count();
         assert_eq!(["drive", "sensors", "map", "system"].map(count), [10, 5, 0, 1]);
-        // Who comes later gets what is true then, not what was said before.
+        // A late viewer gets the current state, not the earlier one.
         let (_turns, mut late) = show.join();
         assert!(parts(&show, &mut late).is_empty());
         show.turn(at(1010), ExtraState::default());
@@ -290,7 +290,7 @@ mod tests {
             show.turn(at(100 * turn), ExtraState::default());
             maps += parts(&show, &mut place).iter().filter(|part| *part == "map").count();
         }
-        // Obstacles of turns 100, 120 and 180, and what is said again after 5 s.
+        // Obstacles of turns 100, 120 and 180, and the repetition after 5 s.
         assert!((4..=5).contains(&maps), "{maps}");
     }
 

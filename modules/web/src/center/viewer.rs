@@ -1,8 +1,9 @@
-//! `/ws/view`: the WebSocket of a viewer. It gets the newest parts, each once, and names the channels that it watches.
+//! `/ws/view`: the WebSocket of a viewer, which receives the newest parts, each once, and selects the channels to
+//! watch.
 //!
-//! A picture that waits in a queue of the network would be taken for new by whoever gets it. So a ping follows every
-//! few pictures, which browsers answer by themselves, and while two of them are unanswered no picture is sent: what is
-//! on its way to a viewer is never more than [`UPDATES_PER_PING`] × [`UNANSWERED_PINGS_MAX`] pictures, 0.6 s.
+//! An update that waits in a network queue would be taken for current. So a ping follows every few updates, which
+//! browsers answer by themselves, and while two of them are unanswered no update is sent: at most [`UPDATES_PER_PING`]
+//! × [`UNANSWERED_PINGS_MAX`] updates, 0.6 s, are on their way to a viewer.
 
 use super::access::Who;
 use super::view_publisher::ViewPublisher;
@@ -20,9 +21,9 @@ use axum::response::Response;
 use serde::Deserialize;
 use tokio::time::{Instant, sleep_until};
 
-/// The longest message of a viewer, bytes.
+/// Maximum length of a viewer's message, bytes.
 const MESSAGE_MAX: usize = 4 << 10;
-/// Channels that a viewer may watch.
+/// Maximum number of channels that a viewer may watch.
 const WATCHED_MAX: usize = 8;
 /// Maximum length of a channel's name (LCM).
 const NAME_MAX: usize = 63;
@@ -30,7 +31,7 @@ const NAME_MAX: usize = 63;
 const UPDATES_PER_PING: u32 = 3;
 /// Maximum number of unanswered pings.
 const UNANSWERED_PINGS_MAX: u32 = 2;
-/// Size of the write buffer, bytes: the longest message shown as JSON, and some.
+/// Size of the write buffer, bytes: the longest message shown as JSON, with reserve.
 const WRITE_BUFFER_MAX: usize = 2 << 20;
 
 /// `/ws/view`
@@ -56,7 +57,7 @@ pub async fn upgrade(
         .on_upgrade(move |socket| async move {
             tokio::select! {
                 () = serve(socket, &app, demo) => {}
-                // Its new role counts when it connects again.
+                // Its new role takes effect when it reconnects.
                 () = app.session_store.forgotten(who.device) => {}
             }
             drop(seat);
@@ -77,7 +78,7 @@ async fn serve(socket: WebSocket, app: &App, demo: Option<String>) {
     line.close(over).await;
 }
 
-/// Shows a recorded run.
+/// Plays a recorded run.
 async fn play(line: &mut Line, app: &App, run: &str) -> EndReason {
     let Center { demos, config, .. } = &*app.center;
     let Ok(permit) = demos.clone().try_acquire_owned() else {
@@ -136,7 +137,7 @@ async fn talk(line: &mut Line, app: &App, show: &ViewPublisher, scene: String) -
 /// Updates on their way to a viewer.
 struct Flow {
     pictures: u32,
-    /// Pings sent, and the last one that was answered: by their numbers.
+    /// Number of pings sent, and of the last one answered.
     asked: u32,
     answered: u32,
     asked_at: Instant,
@@ -152,7 +153,7 @@ impl Flow {
         self.asked.wrapping_sub(self.answered) < UNANSWERED_PINGS_MAX
     }
 
-    /// A picture was sent; what is to follow it.
+    /// Counts a sent update; returns the ping that follows it, if due.
     fn sent(&mut self) -> Option<Message> {
         self.pictures += 1;
         if self.pictures < UPDATES_PER_PING {
@@ -162,7 +163,7 @@ impl Flow {
         Some(Message::Ping(self.asked.to_be_bytes().to_vec().into()))
     }
 
-    /// A ping was answered, and so are those before it (RFC 6455, 5.5.3). Numbers that were never asked say nothing.
+    /// A ping was answered, and so are those before it (RFC 6455, 5.5.3). Unknown numbers are ignored.
     fn answered(&mut self, payload: &[u8]) {
         let Ok(number) = <[u8; 4]>::try_from(payload).map(u32::from_be_bytes) else { return };
         if self.asked.wrapping_sub(number) < self.asked.wrapping_sub(self.answered) {
@@ -178,7 +179,7 @@ struct Watch {
     watch: Vec<String>,
 }
 
-/// The channels that somebody wants to watch from now on, if that is what it says.
+/// Parses the message of a viewer: the channels to watch from now on, if it contains them.
 fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, EndReason> {
     let asked = match said {
         Message::Pong(payload) => {

@@ -1,4 +1,4 @@
-//! One viewer's WebSocket: what it asks for is read, what the hub has for it is written, and either is bounded.
+//! WebSocket of one viewer: its requests are read, the hub's output is written, both bounded.
 
 use super::hub::{Outgoing, ViewerId};
 use super::protocol::{self, Refused, Request};

@@ -1,4 +1,4 @@
-//! What of the robot every viewer may see, and what each of them still has to be sent. No socket, no clock.
+//! Topics that every viewer may see, and pending output of each viewer. No sockets, no clock.
 //!
 //! A slow viewer gets the newest message of each channel: older ones are dropped from its queue, and counted. Other
 //! viewers are not affected.
@@ -34,7 +34,7 @@ const SOURCES_MAX: usize = 8;
 /// Time for which a full message is kept beside a newer partial one, ns: full state is published once a second.
 const FULL_AGE: u64 = 3_000_000_000;
 
-/// A viewer's number.
+/// Number of a viewer.
 pub type ViewerId = u64;
 
 /// Counters since the start.
@@ -56,7 +56,7 @@ pub struct Counts {
 pub struct Hub {
     limits: Limits,
     topics: BTreeMap<u32, Entry>,
-    /// Their numbers in the order in which they came.
+    /// Their numbers in order of appearance.
     order: Vec<u32>,
     viewers: BTreeMap<ViewerId, Viewer>,
     next: ViewerId,
@@ -67,8 +67,7 @@ pub struct Hub {
 
 struct Entry {
     topic: Topic,
-    /// The newest of what each channel of the bus had for it, for who comes later; none where it is no state of
-    /// anything.
+    /// Newest message of each channel of the bus, for later viewers; absent if the topic is not a state.
     latest: BTreeMap<String, Kept>,
 }
 
@@ -85,7 +84,7 @@ struct LatestMessage {
 }
 
 struct Viewer {
-    /// Channel to its own number for it.
+    /// Numbers of the viewer's subscriptions, by channel.
     subscriptions: BTreeMap<u32, u32>,
     queue: VecDeque<Queued>,
     bytes: usize,
@@ -113,7 +112,7 @@ pub enum Outgoing {
 }
 
 impl Hub {
-    /// Makes an empty hub.
+    /// Creates an empty hub.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -145,8 +144,8 @@ impl Hub {
         self.viewers.len()
     }
 
-    /// Takes a message of a topic, from a channel of the bus, at `time` ns since the UNIX epoch. Viewers are woken by
-    /// [`Self::stir`].
+    /// Processes a message of a topic, from a channel of the bus, at `time` ns since the UNIX epoch. Viewers are woken
+    /// by [`Self::wake_viewers`].
     pub fn publish(&mut self, topic: &Topic, from: &str, time: u64, data: &[u8]) {
         let id = u32::from(topic.id);
         self.counts.published += 1;
@@ -182,7 +181,7 @@ impl Hub {
         }
     }
 
-    /// Wakes those who have something new.
+    /// Wakes viewers with new messages.
     pub fn wake_viewers(&mut self) {
         for id in std::mem::take(&mut self.stirred) {
             if let Some(viewer) = self.viewers.get(&id) {
@@ -191,11 +190,11 @@ impl Hub {
         }
     }
 
-    /// Adds a viewer: its number, and the notification that there is something to [take](Self::take).
+    /// Adds a viewer; returns its number, and the notification that [`take`](Self::take) has output.
     pub fn join(&mut self) -> (ViewerId, Arc<Notify>) {
         let (id, wake) = (self.next, Arc::new(Notify::new()));
         self.next += 1;
-        // The channels that are there, to begin with.
+        // Announces the existing channels first.
         wake.notify_one();
         let viewer = Viewer {
             subscriptions: BTreeMap::new(),
@@ -209,19 +208,19 @@ impl Hub {
         (id, wake)
     }
 
-    /// A viewer has gone.
+    /// Removes a viewer.
     pub fn leave(&mut self, id: ViewerId) {
         self.viewers.remove(&id);
     }
 
-    /// A viewer wants a channel, and gets its newest message at once where that is a state of something.
+    /// Adds a subscription; queues the newest message of the channel if that is a state.
     ///
     /// # Errors
-    /// In words for it: there is no such channel, it has it already, or has used the number.
+    /// Text for the user: unknown channel, duplicate subscription, or number already in use.
     pub fn subscribe(&mut self, id: ViewerId, wanted: Subscription) -> Result<(), String> {
         let Subscription { id: subscription, channel_id } = wanted;
         let Some(viewer) = self.viewers.get_mut(&id) else { return Ok(()) };
-        // Only announced channels: each viewer has its own.
+        // Announced channels only: each viewer has its own.
         let known = self.order[..viewer.told].contains(&channel_id);
         let Some(entry) = self.topics.get(&channel_id).filter(|_| known) else {
             return Err(format!("there is no channel {channel_id}"));
@@ -241,7 +240,7 @@ impl Hub {
         Ok(())
     }
 
-    /// A viewer wants no more of its subscription.
+    /// Removes a subscription.
     ///
     /// # Errors
     /// Text: no subscription with this number.
@@ -279,7 +278,7 @@ impl Hub {
             }
             outgoing.push(Outgoing::Binary(protocol::message_data(queued.subscription, *time, data)));
         }
-        // The rest, when it comes back for it.
+        // Continues with the rest at the next call.
         if viewer.told < self.order.len() || !viewer.queue.is_empty() {
             viewer.wake.notify_one();
         }
@@ -287,7 +286,7 @@ impl Hub {
     }
 }
 
-/// The first of these topics, some `at_most` bytes of them, at least one; and how many they are.
+/// Announcement of the first topics, about `at_most` bytes, at least one; and their number.
 fn advertise(topics: &BTreeMap<u32, Entry>, ids: &[u32], at_most: usize) -> (String, usize) {
     let mut length = 0;
     let channels: Vec<Channel<'_>> = ids
@@ -340,14 +339,14 @@ impl Entry {
         kept
     }
 
-    /// True if a viewer puts its picture together of several messages.
+    /// True if viewers combine several messages of the topic.
     fn gathers(&self) -> bool {
         ["/scene", "/tf"].contains(&&*self.topic.name)
     }
 }
 
 impl Viewer {
-    /// Puts a message into the queue; how many others it took the place of.
+    /// Queues a message; returns the number of messages dropped for it.
     fn push(&mut self, queued: Queued, limit: usize) -> u64 {
         self.bytes += queued.len();
         self.queue.push_back(queued);
@@ -390,7 +389,7 @@ mod tests {
         Topic { id, name: name.into(), schema_name: "p/msg/T".into(), schema_text: "int32 a\n".into() }
     }
 
-    /// What a viewer gets: channel texts as they are, messages as subscription and payload, times not.
+    /// Output for a viewer: channel texts unchanged, messages as subscription and payload, without times.
     fn taken(hub: &mut Hub, id: ViewerId) -> Vec<String> {
         let shown = |outgoing| match outgoing {
             Outgoing::Text(text) => Some(text),

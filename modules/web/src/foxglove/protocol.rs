@@ -1,17 +1,17 @@
 //! Wire format of the WebSocket: stateless encoding and decoding.
 //!
 //! Protocol: <https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md>, v1; text is JSON with an `op`, binary
-//! begins with a byte that says what it is, numbers are little-endian. The names `foxglove.sdk.v1` and
-//! `foxglove.websocket.v1` say the same where, as here, channels carry their schemas as text.
+//! begins with an opcode, numbers are little-endian. The names `foxglove.sdk.v1` and `foxglove.websocket.v1` are
+//! equivalent if, as here, channels carry their schemas as text.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Names in the WebSocket handshake, in order of preference.
 pub const SUBPROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// A client's message is not longer than this: subscriptions to a thousand channels are.
+/// Maximum length of a client's message, bytes: enough for subscriptions to a thousand channels.
 pub const MESSAGE_MAX: usize = 64 << 10;
-/// Words of a client's that are repeated to it are cut here.
+/// Maximum length of a quotation from a client.
 const QUOTED_MAX: usize = 40;
 
 /// Request of a client.
@@ -27,18 +27,18 @@ pub enum Request {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Subscription {
-    /// The client's own number of it.
+    /// Number assigned by the client.
     pub id: u32,
     /// Channel.
     pub channel_id: u32,
 }
 
-/// Why a client's message does nothing.
+/// Reason why a client's message is rejected.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Refused {
     /// Not part of the protocol.
     Malformed(String),
-    /// Not granted: publishing, setting, calling.
+    /// Not supported: publishing, setting, calling.
     NotGranted(String),
 }
 
@@ -52,10 +52,10 @@ impl fmt::Display for Refused {
 }
 
 impl Request {
-    /// Reads a text.
+    /// Parses a text message.
     ///
     /// # Errors
-    /// It is nothing that is granted.
+    /// Malformed, or not supported.
     pub fn text(text: &str) -> Result<Self, Refused> {
         #[derive(Deserialize)]
         struct Op<'a> {
@@ -95,7 +95,7 @@ impl Request {
         }
     }
 
-    /// Reads bytes. None of those that the protocol has is granted.
+    /// Parses a binary message. None in the protocol is supported.
     #[must_use]
     pub fn binary(bytes: &[u8]) -> Refused {
         match bytes.first() {
@@ -108,7 +108,7 @@ impl Request {
     }
 }
 
-/// The first message to each client; `session` is another one after each start of the server.
+/// First message to each client; `session` identifies this start of the server.
 #[must_use]
 pub fn server_info(robot: &str, session: &str) -> String {
     #[derive(Serialize)]
@@ -147,11 +147,11 @@ pub struct Channel<'a> {
     pub schema_name: &'a str,
     /// `ros2msg`
     pub schema_encoding: &'a str,
-    /// The type's text, and those of the types in it.
+    /// Schema of the type, with those of its fields.
     pub schema: &'a str,
 }
 
-/// Channels are there from now on.
+/// Announces channels.
 #[must_use]
 pub fn advertise(channels: &[Channel<'_>]) -> String {
     #[derive(Serialize)]
@@ -174,12 +174,12 @@ pub fn status_error(message: &str) -> String {
     json(&Status { op: "status", level: 2, message })
 }
 
-/// Texts and numbers by their names: nothing of that can fail to be written.
+/// Serializes texts and numbers by name, which cannot fail.
 fn json(message: &impl Serialize) -> String {
     serde_json::to_string(message).unwrap_or_default()
 }
 
-/// A message of a channel; `time` in nanoseconds since the UNIX epoch.
+/// Message of a channel; `time` in nanoseconds since the UNIX epoch.
 #[must_use]
 pub fn message_data(subscription: u32, time: u64, data: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(13 + data.len());

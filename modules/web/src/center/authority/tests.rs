@@ -1,4 +1,4 @@
-//! What the authority says to what it hears: by hand, and for random pages on random networks.
+//! Outputs of the authority for given inputs: scripted, and for random pages on random networks.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn at(ms: u64) -> Instant {
 
 const LIMITS: Limits = Limits { speed: 0.5, steering: 0.4 };
 
-/// A desk with clients of which number `n` is called after its letter and counts its clock from there.
+/// An authority with clients; number `n` is named by its letter, and its clock starts there.
 struct Bench {
     authority: Authority,
     seq: u64,
@@ -25,7 +25,7 @@ impl Bench {
         bench
     }
 
-    /// What it says, a word each.
+    /// Its outputs, one word each.
     fn said(&mut self) -> Vec<String> {
         let mut said = Vec::new();
         while let Some(say) = self.authority.poll() {
@@ -42,7 +42,7 @@ impl Bench {
         said
     }
 
-    /// Said at `t`, heard at `ms`.
+    /// Created at `t`, received at `ms`.
     fn drive(&mut self, ms: u64, client: ClientId, hold: u64, t: u64, speed: f64) -> Vec<String> {
         self.seq += 1;
         let drive = Drive { hold, seq: self.seq, t: t as f64, speed, steering: 0.1 };
@@ -121,15 +121,15 @@ fn commands_delayed_by_the_network_are_late() {
     bench.take(0, 1, None).unwrap();
     bench.authority.ping(at(90), 1, 80.0);
     assert_eq!(bench.drive(100, 1, 1, 90, 0.3), ["a 0.3"]);
-    // Said at 140, and on the robot's clock at 150: good until 390 and a little for drift, though silence would end
-    // later.
+    // Created at 140, which is 150 on the robot's clock: valid until 390 plus a little for drift, although silence
+    // would end later.
     assert_eq!(bench.drive(280, 1, 1, 140, 0.3), ["a 0.3"]);
     assert_eq!(bench.drive(385, 1, 1, 134, 0.3), Vec::<String>::new(), "241 ms old");
     assert_eq!(bench.wait(389), []);
     let ended = timed(&[(390, "a 0"), (390, "1: hold 1: what was heard came too late")]);
     assert_eq!(bench.wait(391), ended);
     bench.wait(900);
-    // A press that begins late is none.
+    // A press that begins late is not accepted.
     assert_eq!(bench.drive(1000, 1, 2, 700, 0.3), ["1: hold 2: what was heard came too late: press anew"]);
     assert!(bench.drive(1001, 1, 2, 991, 0.3).is_empty());
     assert_eq!(bench.authority.counts().late, 2);
@@ -229,7 +229,7 @@ impl Chance {
     }
 }
 
-/// What is under way to the server: when it comes, and what it is.
+/// Message on its way to the server.
 #[derive(Clone, Debug)]
 enum Way {
     Ping { t: f64 },
@@ -243,8 +243,8 @@ enum Way {
     Leave,
 }
 
-/// Two operators with clocks of their own press, let go, take over and stop; the network delays, repeats and mixes up.
-/// Whatever happens, the rules hold.
+/// Two operators with their own clocks press, release, take over and stop; the network delays, repeats and reorders.
+/// The rules hold in every case.
 #[test]
 fn no_network_moves_the_robot_against_the_rules() {
     let mut moved = 0;
@@ -261,7 +261,7 @@ fn run(seed: u64) -> usize {
     for name in ["a", "b"] {
         authority.join(name.into(), Role::Operator, name.into());
     }
-    // When, in which order for the same moment, from whom, what.
+    // Arrival time, order among equal times, sender, message.
     let mut ways: Vec<(u64, u64, ClientId, Way)> = Vec::new();
     let (mut seqs, mut holds, mut pressed) = ([0_u64; 2], [0_u64; 2], [false; 2]);
     let worst = [1, 40, 200, 800][chance.below(4) as usize];
@@ -341,9 +341,9 @@ fn run(seed: u64) -> usize {
 
 #[derive(Default)]
 struct Judge {
-    /// Who moves the robot by which hold, and until when a zero must have been said.
+    /// Client that moves the robot, its hold, and the deadline for a zero.
     moving: Option<(ClientId, u64, Instant)>,
-    /// The newest hold of each that has ended.
+    /// Newest ended hold of each client.
     over: [u64; 3],
     moved: usize,
 }
