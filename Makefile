@@ -6,7 +6,7 @@ PROFILE = release
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
 
-.PHONY: run build web web-test e2e screenshots test test-fast lint lab lab-short lab-test deb reproducible arm bench generate docs clean
+.PHONY: run build web web-test e2e screenshots test test-fast fuzz lint lab lab-short lab-test deb reproducible arm bench generate docs clean
 
 run: build
 	$(ADVEE) up --sim
@@ -57,6 +57,11 @@ test: lint web-test
 test-fast: web
 	@tools/require cc
 	tools/test-fast
+
+# MINUTES in all, divided equally among the fuzz targets, as many of them at a time as there are processors (fuzz/README.md).
+MINUTES = 13
+fuzz:
+	tools/fuzz $(MINUTES)
 
 lint: web
 	@tools/require cc
