@@ -57,8 +57,8 @@ fn check(file: &[u8]) {
 // Whole bytes, so that files serve as a corpus: a byte that says what they are, then they.
 /// An EDS or DCF file, a concise DCF, or a value as text; the first byte of the input selects which.
 ///
-/// An error has one line; what is parsed can be served, named, mapped and configured; its concise form, and a value's text,
-/// parse to the same again.
+/// An error has one line; what is parsed can be served, named, mapped and configured; its concise form, and a value's
+/// text, parse to the same again.
 pub fn canopen_eds(input: &[u8]) {
     let Some((what, bytes)) = input.split_first() else { return };
     match what % 4 {

@@ -90,8 +90,8 @@ impl Bus {
 
 /// A master and two drives on a bus with arbitrary and lost frames, NMT, SDO, PDO, power cycles and time steps.
 ///
-/// Undisturbed drives boot. After each call and its draining the next deadline lies ahead, and no event is dropped. Each
-/// SDO request ends once.
+/// Undisturbed drives boot. After each call and its draining the next deadline lies ahead, and no event is dropped.
+/// Each SDO request ends once.
 pub fn canopen_engines(data: &[u8]) {
     let Some(input) = crate::input::<(u8, Vec<(u8, u16, [u8; 8])>)>(data) else { return };
     let (options, steps) = input;

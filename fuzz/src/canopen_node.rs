@@ -145,8 +145,8 @@ impl Bus {
     }
 }
 
-/// A node with the whole communication profile, three nodes that LSS can name, and an LSS master, with arbitrary, lost and
-/// doubled frames and time steps.
+/// A node with the whole communication profile, three nodes that LSS can name, and an LSS master, with arbitrary, lost
+/// and doubled frames and time steps.
 ///
 /// After each call and its draining the next deadline lies ahead. Each LSS command ends once. An address that an
 /// undisturbed scan finds exists.

@@ -13,8 +13,8 @@ const COMMANDS: [u8; 16] =
 
 /// An SDO client and a server, segmented and in blocks, with arbitrary, damaged, doubled, late and lost frames.
 ///
-/// The client ends each transfer once, in bounded time; an undisturbed read returns the server's data. On a line without
-/// arbitrary frames a block transfer is right or ends in an error, and the next one finds both ends free.
+/// The client ends each transfer once, in bounded time; an undisturbed read returns the server's data. On a line
+/// without arbitrary frames a block transfer is right or ends in an error, and the next one finds both ends free.
 pub fn canopen_sdo(data: &[u8]) {
     let Some(input) = crate::input::<(bool, Vec<Step>)>(data) else { return };
     match input {

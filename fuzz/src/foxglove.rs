@@ -48,8 +48,9 @@ pub fn foxglove(data: &[u8]) {
             }
             _ => {
                 let (id, name) = (u16::from(who % 32), ["/scene", "/LL_DATA_A", "/LL_CMD_A", "/marks"]);
-                let name = format!("{}{}", name[usize::from(id % 4)], if id < 4 { String::new() } else { id.to_string() });
-                let topic = Topic { id, name: name.into(), schema_name: "p/msg/T".into(), schema_text: "int32 a".into() };
+                let suffix = if id < 4 { String::new() } else { id.to_string() };
+                let name = format!("{}{suffix}", name[usize::from(id % 4)]).into();
+                let topic = Topic { id, name, schema_name: "p/msg/T".into(), schema_text: "int32 a".into() };
                 hub.publish(&topic, ["A", "B"][usize::from(what) / 8 % 2], u64::from(number), data);
                 hub.wake_viewers();
             }

@@ -9,8 +9,8 @@ use std::path::Path;
 
 /// A stream of a gamepad's lines into the driver; the first byte is the length of the chunks in which it arrives.
 ///
-/// A line survives encoding and decoding; commands are within the limits; after the end of the stream the last command is
-/// zero.
+/// A line survives encoding and decoding; commands are within the limits; after the end of the stream the last command
+/// is zero.
 pub fn gamepad(data: &[u8]) {
     let Some((len, stream)) = data.split_first() else { return };
     let place = Place {

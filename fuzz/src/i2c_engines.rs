@@ -53,11 +53,11 @@ fn bytes(bytes: &[u8]) -> Bytes {
     bytes.iter().copied().take(36).collect()
 }
 
-/// The bit-banged master and the fan controller on lines that others pull too, at any time; driver and SMBus with arbitrary
-/// outcomes.
+/// The bit-banged master and the fan controller on lines that others pull too, at any time; driver and SMBus with
+/// arbitrary outcomes.
 ///
-/// Each request ends with one outcome in bounded work, and changes one line at a time. Undisturbed, the next read is right.
-/// A round of the driver ends.
+/// Each request ends with one outcome in bounded work, and changes one line at a time. Undisturbed, the next read is
+/// right. A round of the driver ends.
 pub fn i2c_engines(data: &[u8]) {
     let Some(steps) = crate::input::<Vec<Step>>(data) else { return };
     let address = Address::new(max6615::ADDRESS).unwrap();

@@ -36,8 +36,8 @@ fn shell() -> Shell {
 
 /// A file of recorded inputs: arbitrary, or arbitrary payloads with correct checksums.
 ///
-/// A refusal has a place in the file; what is parsed is the same after it was written again, and the same shell gives the
-/// same outputs.
+/// A refusal has a place in the file; what is parsed is the same after it was written again, and the same shell gives
+/// the same outputs.
 pub fn inputs(data: &[u8]) {
     if data.starts_with(&MAGIC) {
         return read(data);

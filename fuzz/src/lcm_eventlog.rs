@@ -28,8 +28,8 @@ fn events(from: impl Read) -> (Vec<Owned>, Stats, u64) {
 
 /// An LCM event log: a whole file, or whole and damaged events with arbitrary bytes between them.
 ///
-/// Each byte belongs to an event or is counted. Events that were read are the same after they were written again. A log can
-/// be continued, and one in order can be searched by time.
+/// Each byte belongs to an event or is counted. Events that were read are the same after they were written again. A log
+/// can be continued, and one in order can be searched by time.
 pub fn lcm_eventlog(data: &[u8]) {
     if data.starts_with(&SYNC.to_be_bytes()) {
         return check(data.to_vec(), 0);

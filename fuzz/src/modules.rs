@@ -15,7 +15,8 @@ use std::path::Path;
 
 const MODULES: [&str; 6] = ["driver_rs485a", "driver_canbus", "simulator", "watchdog", "estimator", "driver_aux"];
 
-/// Datagrams to messages, and frames, words, I2C outcomes, process events and time steps, into each module in its shell.
+/// Datagrams to messages, and frames, words, I2C outcomes, process events and time steps, into each module in its
+/// shell.
 ///
 /// No deadline is due twice at one instant; what is published can be encoded; a module that is terminated ends.
 pub fn modules(data: &[u8]) {
@@ -44,7 +45,8 @@ pub fn modules(data: &[u8]) {
             1 | 2 => {
                 let channel = Channel::ALL[usize::from(number) % Channel::ALL.len()];
                 let payload = [&channel.fingerprint().to_be_bytes()[..], &bytes].concat();
-                let message = udpm::Message::new(n as u32, channel.name(), &payload, DATAGRAM_MAX).expect("it can be sent");
+                let message = udpm::Message::new(n as u32, channel.name(), &payload, DATAGRAM_MAX);
+                let message = message.expect("it can be sent");
                 for number in 0..message.count() {
                     let (header, rest) = message.datagram(number);
                     receive(&mut bench, &mut receiver, from, &[&header[..], rest].concat());

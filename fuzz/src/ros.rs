@@ -10,7 +10,8 @@ mod reader;
 /// Arrays in arrays, strings in them, elements without bytes, all numbers, types that ROS 2 does not have.
 const FOREIGN: &[(&str, &str)] = &[("f.lcm", "package f;
     enum e { RED, GREEN = 7 } struct nothing { } struct leaf { byte b; string s; double d; boolean t[3]; }
-    struct wide { int8_t n; int16_t m; int64_t k; float grid[n][m]; leaf rows[m][2]; string words[2][n]; nothing none[k]; e e; }
+    struct wide { int8_t n; int16_t m; int64_t k; float grid[n][m]; leaf rows[m][2]; string words[2][n];
+        nothing none[k]; e e; }
     struct many { nothing x[3000]; } struct more { int32_t n; many x[n]; int64_t timestamp; }
     struct tree { int8_t n; tree below[n]; string name; }")];
 
@@ -31,7 +32,8 @@ pub fn ros(data: &[u8]) {
     let Some(input) = crate::input::<Vec<(u8, u8, Vec<u8>)>>(data) else { return };
     let mut translator = BEGIN.clone();
     for (channel, ty, body) in input {
-        let channels = Channel::ALL.iter().map(|channel| channel.name()).chain(["pose", "range/1", "X", "LL_DATA_RAW_A"]);
+        let channels = Channel::ALL.iter().map(|channel| channel.name());
+        let channels = channels.chain(["pose", "range/1", "X", "LL_DATA_RAW_A"]);
         let channel = channels.cycle().nth(channel.into()).expect("there is always another");
         // The fingerprint is right, or nothing behind it would ever be reached.
         let all: Vec<_> = FILES.iter().flat_map(Types::iter).collect();

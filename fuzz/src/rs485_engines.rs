@@ -68,8 +68,8 @@ impl Wire {
 
 /// An EIA-485 master and a slave with arbitrary, damaged and lost words and time steps.
 ///
-/// Each request ends with one event. After each call and its draining the next deadline lies ahead. The request after the
-/// disturbance is answered.
+/// Each request ends with one event. After each call and its draining the next deadline lies ahead. The request after
+/// the disturbance is answered.
 pub fn rs485_engines(data: &[u8]) {
     let Some(input) = crate::input::<(bool, bool, Vec<(u8, u16, [u8; 4])>)>(data) else { return };
     let (full_duplex, talks, steps) = input;
