@@ -47,7 +47,7 @@ test: lint web-test
 	@tools/lcm-1.3.1
 	@rm -f $(ADVEE_SKIPPED)
 	cargo test --workspace --locked
-	cargo test -p advee --features sabotage --test sabotage --locked
+	tools/sabotage
 	$(MAKE) e2e
 	$(MAKE) lab-short
 	tools/arm-check --short
@@ -66,6 +66,7 @@ fuzz:
 lint: web
 	@tools/require cc
 	cargo fmt --all --check
+	rustfmt --edition 2024 --check advee/tests/sabotage/bug.rs advee/tests/sabotage/main.rs
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 

@@ -1,7 +1,7 @@
-//! Proof that the rules detect bugs: each deliberate bug is found by the soak within one robot-hour, by a rule that it
-//! breaks; and without a bug nothing is found.
+//! Proof that the rules detect bugs: each deliberate bug (`bug.rs`) is found by the soak within one robot-hour, by a rule
+//! that it breaks; and without a bug nothing is found.
 //!
-//! `cargo test -p advee --features sabotage --test sabotage -- --nocapture` prints the time and the rule.
+//! `tools/sabotage` builds and runs this test in a copy of the tree with `hooks.patch`; it prints the time and the rule.
 //! `BUG=PauseIgnored` selects one of them.
 
 use cli::soak::Robot;

@@ -1,7 +1,9 @@
-//! Deliberate bugs that show that the rules of `sim::check` find them. Compiled with the feature `sabotage` only, which
-//! no release has; without it [`is`] is a constant and every hook compiles to nothing.
+//! Deliberate bugs, which show that the rules of `sim::check` find them. No build of the workspace has this file:
+//! `hooks.patch` makes it a module of the crate `module`, in the copy of the tree that `tools/sabotage` builds.
 //!
-//! A hook is one line at the correct behaviour: `!sabotage::is(Bug::PauseIgnored)`.
+//! A hook is one expression where the right thing is done: `!module::bug!(PauseIgnored)`.
+
+use std::cell::Cell;
 
 /// Deliberate bug.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,34 +73,25 @@ impl Bug {
     ];
 }
 
-/// True if this bug is active: never.
-#[cfg(not(feature = "sabotage"))]
-#[must_use]
-#[inline(always)]
-pub const fn is(_: Bug) -> bool {
-    false
+thread_local! {
+    static BUG: Cell<Option<Bug>> = const { Cell::new(None) };
 }
 
-#[cfg(feature = "sabotage")]
-pub use built::{is, set};
+/// Selects the bug of all modules that this thread runs from now on; `None`: the code is right.
+pub fn set(bug: Option<Bug>) {
+    BUG.set(bug);
+}
 
-#[cfg(feature = "sabotage")]
-mod built {
-    use super::Bug;
-    use std::cell::Cell;
+/// Whether a bug is selected.
+#[macro_export]
+macro_rules! bug {
+    ($name:ident) => {
+        $crate::sabotage::is($crate::sabotage::Bug::$name)
+    };
+}
 
-    thread_local! {
-        static BUG: Cell<Option<Bug>> = const { Cell::new(None) };
-    }
-
-    /// Activates one bug, or none, in all modules that this thread runs from now on.
-    pub fn set(bug: Option<Bug>) {
-        BUG.set(bug);
-    }
-
-    /// True if this bug is active.
-    #[must_use]
-    pub fn is(bug: Bug) -> bool {
-        BUG.get() == Some(bug)
-    }
+/// Whether this bug is selected; hooks use the macro.
+#[must_use]
+pub fn is(bug: Bug) -> bool {
+    BUG.get() == Some(bug)
 }
