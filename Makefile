@@ -6,7 +6,7 @@ PROFILE = release
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
 
-.PHONY: run build web web-test e2e screenshots test test-fast lint lab lab-short lab-test deb reproducible arm bench generate docs clean
+.PHONY: run build web web-test e2e screenshots test test-fast fuzz lint lab lab-short lab-test deb reproducible arm bench generate docs clean
 
 run: build
 	$(ADVEE) up --sim
@@ -47,7 +47,7 @@ test: lint web-test
 	@tools/lcm-1.3.1
 	@rm -f $(ADVEE_SKIPPED)
 	cargo test --workspace --locked
-	cargo test -p advee --features sabotage --test sabotage --locked
+	tools/sabotage
 	$(MAKE) e2e
 	$(MAKE) lab-short
 	tools/arm-check --short
@@ -58,9 +58,15 @@ test-fast: web
 	@tools/require cc
 	tools/test-fast
 
+# MINUTES in all, divided equally among the fuzz targets, as many of them at a time as there are processors (fuzz/README.md).
+MINUTES = 13
+fuzz:
+	tools/fuzz $(MINUTES)
+
 lint: web
 	@tools/require cc
 	cargo fmt --all --check
+	rustfmt --edition 2024 --check advee/tests/sabotage/bug.rs advee/tests/sabotage/main.rs
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 

@@ -14,6 +14,7 @@ mod prose;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("robot lies in the workspace").into()
@@ -194,6 +195,15 @@ fn docs_holds_is_the_list_in_the_code() {
     };
     let coded: Vec<String> = messages::Hold::ALL.iter().map(row).collect();
     assert_eq!(documented, coded);
+}
+
+#[test]
+fn the_patch_of_deliberate_bugs_applies() {
+    let check = ["apply", "--check", "advee/tests/sabotage/hooks.patch"];
+    let checked = Command::new("git").args(check).current_dir(root()).output().expect("git is there");
+    let why = String::from_utf8_lossy(&checked.stderr);
+    let remedy = "run `tools/sabotage refresh`, mend the hunks that it names, then `tools/sabotage save`";
+    assert!(checked.status.success(), "{why}: {remedy} (CONTRIBUTING.md)");
 }
 
 /// Exceptions, where text of such a name is data, not a sentence for people: file and expression.

@@ -43,7 +43,6 @@ use can::WireEvent;
 use digest::Digest;
 use life::{Kept, Life};
 use messages::{Channel, Message};
-use module::sabotage::{self, Bug};
 use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
 use owner::Owner;
 use simulator::Random;
@@ -635,9 +634,6 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let process = &mut self.processes[place];
         let mut out = mem::take(&mut process.out);
-        if sabotage::is(Bug::WallClock) {
-            out = Actions::new(self.config.epoch);
-        }
         process.shell.handle(self.now, event, &mut out);
         if process.shell.has_lost_inputs() && !mem::replace(&mut process.told_of_gaps, true) {
             let report = Report::new(Severity::Warning, Fault::InputsLost, "inputs", GAPS_TEXT);

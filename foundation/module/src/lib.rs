@@ -53,7 +53,6 @@ mod call;
 mod event;
 pub mod exit;
 mod holds;
-pub mod sabotage;
 mod shell;
 mod state;
 #[cfg(test)]

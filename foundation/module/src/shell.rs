@@ -1,7 +1,6 @@
 //! Common part of all modules: state machine, announcement, state commands, reports, list of active faults, texts, end.
 
 use crate::call::{Call, CallLog};
-use crate::sabotage::{self, Bug};
 use crate::texts::{self, Texts};
 use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
 use base::{Deadlines, Duration, Fault, Instant, Level, Report, Severity};
@@ -362,7 +361,6 @@ impl Shell {
             (Condition::Working, State::Init) => self.wanted(),
             (Condition::Working, State::Error) => match self.before_error {
                 State::Init => self.wanted(),
-                State::Stop if sabotage::is(Bug::StopLeftByError) => State::Run,
                 before => before,
             },
             (Condition::Failed, state) if state.allows(State::Error, Cause::Itself) => {
@@ -386,7 +384,7 @@ impl Shell {
         if !all && command.module != self.config.name {
             return;
         }
-        let cause = if command.manual || sabotage::is(Bug::StopLeft) { Cause::Manual } else { Cause::Command };
+        let cause = if command.manual { Cause::Manual } else { Cause::Command };
         match State::from_value(command.state) {
             Some(to) if to == self.state => {}
             Some(to) if self.state.allows(to, cause) => {

@@ -31,7 +31,6 @@ use canopen::master::{ConfigError, Ticket};
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use ignored::Ignored;
 use messages::{Channel, Hold, Message, common, lowlevel};
-use module::sabotage::{self, Bug};
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::{Axis, Objection};
 use propulsion::Propulsion;
@@ -162,7 +161,6 @@ impl Canbus {
         }
         let limits = &self.config.limits;
         let in_limits = command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
-        let in_limits = in_limits || sabotage::is(Bug::LimitsIgnored);
         if !in_limits || !arbiter::is_priority(command.priority) {
             self.refuse(now, command, out);
             return;
@@ -270,7 +268,6 @@ impl Canbus {
                     drive.on_boot_failed(step, reason, out);
                 }
             }
-            CanEvent::Lost { .. } if sabotage::is(Bug::LostDriveIgnored) => {}
             CanEvent::Lost { node, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
@@ -421,9 +418,9 @@ impl Canbus {
         };
         let drives = [(Axis::Propulsion, &self.propulsion.drive), (Axis::Steering, &self.steering.drive)];
         let drives = drives.into_iter().filter_map(|(axis, drive)| Some(Objection::Drive(axis, drive.objection()?)));
-        let state = self.state.hold().filter(|_| !sabotage::is(Bug::StateIgnored)).map(Objection::State);
+        let state = self.state.hold().map(Objection::State);
         let refused = self.deadlines.is_set(Timer::Refused).then_some(Objection::Refused);
-        let not_homed = self.steering.why_not_homed().filter(|_| !sabotage::is(Bug::HomingNotRequired));
+        let not_homed = self.steering.why_not_homed();
         // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
         let devices = bus.into_iter().chain(second_master).chain(around(true)).chain(drives);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.

@@ -3,7 +3,6 @@
 use crate::{ModuleConfig, NAME};
 use base::{Duration, Fault, Instant, Severity};
 use messages::common;
-use module::sabotage::{self, Bug};
 use module::{Action, Actions, Cause, ProcessCommand, State};
 
 /// First delay after an immediate restart; doubles up to [`crate::Config::delay_max`].
@@ -261,8 +260,7 @@ impl Guard {
         if self.delay < DELAY_FIRST {
             self.delay = Duration::ZERO;
         }
-        let delay = if sabotage::is(Bug::RestartDelayIgnored) { Duration::ZERO } else { self.delay };
-        self.wanted = if sabotage::is(Bug::WantedForgotten) { State::Run } else { self.wanted };
+        let delay = self.delay;
         self.delay = (self.delay * 2).clamp(DELAY_FIRST, delay_max.max(DELAY_FIRST));
         self.storm |= delay >= STORM_DELAY.min(delay_max);
         self.phase = Phase::Down { not_before: now + delay };

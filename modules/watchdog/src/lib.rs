@@ -42,7 +42,6 @@ mod tests;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use guard::{Guard, Phase};
 use messages::{Channel, Message, common};
-use module::sabotage::{self, Bug};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
 use std::collections::BTreeMap;
 
@@ -514,16 +513,10 @@ impl Watchdog {
 
 /// A process hangs: reported, then ended.
 fn on_hang(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
-    if sabotage::is(Bug::WatchdogDeaf) {
-        return;
-    }
     let name = &guard.config.name;
     out.raise(Severity::Error, Fault::ModuleHung, name.as_str(), format!("{name} hangs, {why}: it is ended"));
     guard.end(now, HANG_GRACE, out);
     guard.state = State::Unknown;
-    if sabotage::is(Bug::TwoProcesses) {
-        guard.on_down(now, Duration::ZERO);
-    }
 }
 
 /// It was restarted too often: reported once, until its uptime is sufficient.

@@ -5,7 +5,6 @@
 
 use base::{Duration, Instant, Key};
 use messages::lowlevel::CmdMotion;
-use module::sabotage::{self, Bug};
 use std::ops::RangeInclusive;
 
 /// Maximum number of sources that are remembered; a further one takes the row of the one that has been silent longest.
@@ -98,7 +97,6 @@ impl Arbiter {
     /// Creates an arbiter with commands valid for `ttl`. The planner is latched at first.
     #[must_use]
     pub fn new(ttl: Duration) -> Self {
-        let ttl = if sabotage::is(Bug::TimeToLiveIgnored) { Duration::from_secs(60) } else { ttl };
         Self {
             ttl,
             sources: Vec::with_capacity(SOURCES_MAX),
@@ -134,10 +132,10 @@ impl Arbiter {
         if !held {
             return if blocked { Verdict::Blocked } else { verdict };
         }
-        if !manual && self.latched && !sabotage::is(Bug::PlannerNotLatched) {
+        if !manual && self.latched {
             return Verdict::Latched;
         }
-        if manual && !source.armed && !sabotage::is(Bug::ResumesByItself) {
+        if manual && !source.armed {
             return Verdict::NotReleased;
         }
         if manual {
@@ -152,7 +150,7 @@ impl Arbiter {
     #[must_use]
     pub fn current(&self, now: Instant) -> Option<Command> {
         let source = &self.sources[self.holder?.index()];
-        let may = source.armed || source.command.priority == PLANNER || sabotage::is(Bug::ResumesByItself);
+        let may = source.armed || source.command.priority == PLANNER;
         (may && now.since(source.at) < self.ttl).then_some(source.command)
     }
 
@@ -221,7 +219,7 @@ impl Arbiter {
         let held = self.sources[holder.index()].command.priority;
         let stronger = held > priority && self.current(at).is_some();
         // Of two equal priorities the first one holds until it is silent and the robot stands.
-        (stronger || held == priority).then_some(held).filter(|_| !sabotage::is(Bug::TwoAuthorities))
+        (stronger || held == priority).then_some(held)
     }
 
     /// Row of a command's source; a new source takes that of the source that has been silent longest. The holder keeps

@@ -2,7 +2,6 @@
 
 use base::{Deadlines, Duration, Fault, Instant};
 use messages::{Hold, StopSource, common, lowlevel, middlelevel};
-use module::sabotage::{self, Bug};
 
 /// `CM_DATA_PROCESSES` is sent ten times a second; after this time without it the watchdog counts as silent.
 const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(250);
@@ -97,16 +96,12 @@ impl Surroundings {
         self.deadlines.set(Timer::Watchdog, at + WATCHDOG_TIMEOUT);
         missing(&self.planning, &mut self.planning_missing);
         missing(&self.critical, &mut self.critical_missing);
-        if sabotage::is(Bug::CriticalIgnored) {
-            self.critical_missing.clear();
-        }
     }
 
     /// Processes the state of the PAUSE line, received at `at`.
     pub fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
-        let engaged = stop.engaged && !sabotage::is(Bug::PauseIgnored);
         let source = StopSource::from_name(&stop.source);
-        self.pause = if engaged { PauseLine::Engaged(source, stop.source.clone()) } else { PauseLine::Open };
+        self.pause = if stop.engaged { PauseLine::Engaged(source, stop.source.clone()) } else { PauseLine::Open };
         if self.has_pause_line {
             self.deadlines.set(Timer::Pause, at + PAUSE_TIMEOUT);
         }
@@ -127,7 +122,7 @@ impl Surroundings {
             PauseLine::Engaged(source, _) => Some(Objection::Paused(*source)),
             PauseLine::Open => None,
         };
-        let silent = self.deadlines.is_due(Timer::Watchdog, now) && !sabotage::is(Bug::WatchdogNotMissed);
+        let silent = self.deadlines.is_due(Timer::Watchdog, now);
         // An outdated list says nothing about the modules.
         let missing = if silent { &[][..] } else { &self.critical_missing };
         let missing = missing.iter().map(|place| Objection::Critical(*place));
@@ -153,7 +148,6 @@ impl Surroundings {
     pub fn objections_to_planner(&self, now: Instant) -> impl Iterator<Item = (Hold, &str)> + Clone + '_ {
         let missing = self.planning_missing.iter().map(|place| (Hold::PlannerModule, name(&self.planning, *place)));
         let located = self.deadlines.get(Timer::Estimate).is_some_and(|old| now < old);
-        let located = located || sabotage::is(Bug::EstimateIgnored);
         missing.chain((!located).then_some((Hold::PlannerNoEstimate, "")))
     }
 

@@ -1,0 +1,136 @@
+//! Proof that the rules detect bugs: each deliberate bug (`bug.rs`) is found by the soak within one robot-hour, by a rule
+//! that it breaks; and without a bug nothing is found.
+//!
+//! `tools/sabotage` builds and runs this test in a copy of the tree with `hooks.patch`; it prints the time and the rule.
+//! `BUG=PauseIgnored` selects one of them.
+
+use cli::soak::Robot;
+use module::sabotage::{self, Bug};
+use robot::config;
+use robot::place::Place;
+use sim::soak::{Scenario, Violation, draw};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::thread;
+
+const SEED: u64 = 1;
+const HOUR_S: f64 = 3600.0;
+const OFTEN: f64 = 30.0;
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name)
+}
+
+fn scenario() -> Scenario {
+    config::scenario(&folder("scenarios/default.toml")).expect("the shipped scenario")
+}
+
+fn robot(scenario: Scenario) -> Robot {
+    let place = Place {
+        config: folder("conf/advee"),
+        run_dir: "/run/advee".into(),
+        lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+        // Visitors have tests of their own.
+        sets: vec!["world.people=0".into()],
+        sim: true,
+        world: None,
+    };
+    Robot::new(place, scenario, SEED).expect("the shipped configuration")
+}
+
+/// Rules broken by a bug; which of them is detected first is random.
+fn rules(bug: Bug) -> &'static [&'static str] {
+    match bug {
+        Bug::TimeToLiveIgnored => &["fresh", "authority"],
+        Bug::LimitsIgnored => &["fresh", "refused"],
+        Bug::PauseIgnored => &["pause"],
+        Bug::ResumesByItself | Bug::PlannerNotLatched | Bug::EstimateIgnored => &["resumes"],
+        Bug::TwoAuthorities => &["authority"],
+        // An axis that needs no reference is not homed.
+        Bug::HomingNotRequired => &["homed", "moves"],
+        Bug::StateIgnored => &["idle"],
+        Bug::LostDriveIgnored => &["drives"],
+        Bug::CriticalIgnored | Bug::WatchdogNotMissed => &["critical", "stop"],
+        Bug::WatchdogDeaf => &["stop", "wanted", "moves"],
+        Bug::TwoProcesses => &["single"],
+        Bug::RestartDelayIgnored => &["restarts"],
+        Bug::WantedForgotten => &["wanted", "stopped"],
+        Bug::StopLeft | Bug::StopLeftByError => &["stopped"],
+        Bug::WallClock => &["clock"],
+    }
+}
+
+/// Faults that must occur for a bug to show, by the prefixes of their kinds: their rate is thirty times the usual one.
+fn often(bug: Option<Bug>) -> &'static [&'static str] {
+    match bug {
+        Some(Bug::StopLeft) => &["state_stop", "state_run"],
+        Some(Bug::StopLeftByError) => &["state_stop", "drive_"],
+        Some(Bug::WantedForgotten) => &["state_pause", "process_killed"],
+        Some(Bug::PlannerNotLatched) => &["motion_planned"],
+        Some(Bug::EstimateIgnored) => &["motion_planned_blindly"],
+        _ => &[],
+    }
+}
+
+/// Result of a robot-hour with this bug: the violation, and the seconds until then.
+fn soak(bug: Option<Bug>) -> Option<(f64, Violation)> {
+    let mut scenario = scenario();
+    for kind in &mut scenario.kinds {
+        let often = often(bug).iter().any(|name| kind.name.starts_with(name));
+        kind.per_hour *= if often { OFTEN } else { 1.0 };
+    }
+    let robot = robot(scenario.clone());
+    sabotage::set(bug);
+    let mut passed = 0.0;
+    for number in 0.. {
+        if passed >= HOUR_S {
+            break;
+        }
+        let outcome = robot.episode(number, &draw(&scenario, SEED, number)).expect("the robot is made");
+        passed += outcome.time.as_secs_f64();
+        if let Some(violation) = outcome.violation {
+            return Some((passed, violation)).filter(|_| passed <= HOUR_S);
+        }
+    }
+    None
+}
+
+fn name(bug: Option<Bug>) -> String {
+    bug.map_or("none".into(), |bug| format!("{bug:?}"))
+}
+
+#[test]
+fn each_deliberate_bug_is_found_within_a_robot_hour_and_without_one_nothing_is() {
+    let only = std::env::var("BUG").ok();
+    let all = std::iter::once(None).chain(Bug::ALL.map(Some));
+    let asked = |bug: &Option<Bug>| only.as_ref().is_none_or(|only| *only == name(*bug));
+    let bugs: Vec<Option<Bug>> = all.filter(asked).collect();
+    let (next, found) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let work = || {
+        while let Some(bug) = bugs.get(next.fetch_add(1, Relaxed)) {
+            let violation = soak(*bug);
+            found.lock().expect("no one panics with it").push((*bug, violation));
+        }
+    };
+    let jobs = thread::available_parallelism().map_or(1, usize::from);
+    thread::scope(|scope| (0..jobs).for_each(|_| drop(scope.spawn(work))));
+    let mut wrong = Vec::new();
+    for (bug, violation) in found.into_inner().expect("no one panicked") {
+        let name = name(bug);
+        let line = match &violation {
+            Some((after, violation)) => format!("{name:<20} {:>6.1} min  {violation}", after / 60.0),
+            None => format!("{name:<20}      -"),
+        };
+        println!("{line}");
+        let well = match (bug, &violation) {
+            (None, violation) => violation.is_none(),
+            (Some(bug), Some((_, violation))) => rules(bug).contains(&violation.rule),
+            (Some(_), None) => false,
+        };
+        if !well {
+            wrong.push(line);
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -1,0 +1,53 @@
+//! Fuzz targets: parsers and engines with arbitrary input. Each target is a function of bytes that panics where the
+//! code breaks a promise; libFuzzer calls it (`libfuzzer/`), and a test replays the kept inputs (`corpus/`).
+
+#![forbid(unsafe_code)]
+#![allow(clippy::unwrap_used, reason = "a target fails by panicking")]
+
+use arbitrary::{Arbitrary, Unstructured};
+
+/// A target: its name, which is also its folder's in `corpus`, and the function.
+pub type Target = (&'static str, fn(&[u8]));
+
+macro_rules! targets {
+    ($($name:ident,)*) => {
+        $(mod $name; pub use self::$name::$name;)*
+
+        /// Every target, by name.
+        pub const TARGETS: &[Target] = &[$((stringify!($name), $name),)*];
+    };
+}
+
+targets! {
+    auxiliary,
+    can_udp,
+    canopen_eds,
+    canopen_engines,
+    canopen_node,
+    canopen_sdo,
+    config,
+    estimator,
+    foxglove,
+    gamepad,
+    i2c_engines,
+    inputs,
+    lcm_codec,
+    lcm_datagram,
+    lcm_dynamic,
+    lcm_eventlog,
+    lcm_tcpq,
+    lcm_types,
+    logs,
+    messages,
+    modules,
+    plan,
+    ros,
+    rs485_engines,
+    rs485_line,
+    web_command,
+}
+
+/// A value made from the bytes of an input. Bytes that are missing count as zeros.
+fn input<'a, T: Arbitrary<'a>>(data: &'a [u8]) -> Option<T> {
+    T::arbitrary_take_rest(Unstructured::new(data)).ok()
+}

@@ -1,0 +1,43 @@
+use base::{Duration, Instant};
+use web::center::access::Role;
+use web::center::authority::{Authority, Limits, Output};
+use web::center::command::{self, Command, Robot};
+
+/// Lines of a command socket: the first byte selects the page, the second is a delay in ms, the rest is the command.
+///
+/// Only the holder of control moves the robot, within the limits; after a drain no deadline is due.
+pub fn web_command(data: &[u8]) {
+    let limits = Limits { speed: 0.5, steering: 0.4 };
+    let robot = Robot { limits, routes: Vec::new(), simulated: true };
+    let mut authority = Authority::new(limits);
+    let pages = ["a", "b"].map(|name| authority.join(name.into(), Role::Engineer, name.into()));
+    let mut now = Instant::from_millis(1_000_000);
+    for line in data.split(|byte| *byte == b'\n') {
+        let [which, wait, text @ ..] = line else { continue };
+        now += Duration::from_millis(u64::from(*wait));
+        let page = pages[usize::from(which & 1)];
+        match Command::read(&String::from_utf8_lossy(text)) {
+            Ok(Command::Ping { t }) => authority.ping(now, page, t),
+            Ok(Command::Take { from, .. }) => drop(authority.take(now, page, from)),
+            Ok(Command::Release { .. }) => drop(authority.release(now, page)),
+            Ok(Command::Stop { .. }) => authority.stop(now, page),
+            Ok(Command::Resume { .. }) if authority.holds(page) => authority.resume(now, page),
+            Ok(Command::Zero { hold, seq }) => authority.zero(now, page, hold, seq),
+            Ok(Command::Sdo { node, index, subindex, data, .. }) => {
+                drop(command::sdo(node, index, subindex, data.as_deref()));
+            }
+            Ok(command) => match command.drive() {
+                Some(drive) => authority.drive(now, page, drive),
+                None => drop(command::message(&command, &robot, 0, "web:a")),
+            },
+            Err(_) => authority.nonsense(now, page),
+        }
+        authority.handle_timeout(now);
+        while let Some(say) = authority.poll() {
+            if let Output::Motion { speed, steering, .. } = say {
+                assert!(authority.holds(page) && speed.abs() <= limits.speed && steering.abs() <= limits.steering);
+            }
+        }
+        assert!(authority.poll_timeout().is_none_or(|due| due > now), "nothing is due after a drain");
+    }
+}
