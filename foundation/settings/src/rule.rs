@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
 /// | `()`, which a declaration leaves out | `bool`, [`String`] and [`PathBuf`] that are not empty, lists of texts, what [`settings!`](crate::settings!) declared, and lists of such tables |
-/// | [`ZeroOr`], [`Off`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
+/// | [`ZeroOr`], [`Off`], [`Blank`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
 pub trait Rule<T> {
     /// The value that this is; none when it is not allowed.
     fn accept(&self, value: &Value) -> Option<T> {
@@ -247,6 +247,31 @@ impl<T: Default + PartialEq, R: Rule<T>> Rule<Option<T>> for Off<R> {
 
     fn shown(&self, value: &Option<T>) -> String {
         self.0.shown(value.as_ref().unwrap_or(&T::default()))
+    }
+}
+
+/// A text; an empty one counts as absent.
+pub struct Blank;
+
+impl<T> Rule<Option<T>> for Blank
+where
+    (): Rule<T>,
+{
+    fn accept(&self, value: &Value) -> Option<Option<T>> {
+        let empty = matches!(value, Value::String(text) if text.is_empty());
+        if empty { Some(None) } else { ().accept(value).map(Some) }
+    }
+
+    fn expected(&self) -> String {
+        Rule::<T>::expected(&())
+    }
+
+    fn stand_in(&self) -> Option<T> {
+        None
+    }
+
+    fn shown(&self, value: &Option<T>) -> String {
+        value.as_ref().map_or_else(|| "\"\"".into(), |value| ().shown(value))
     }
 }
 

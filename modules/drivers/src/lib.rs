@@ -9,5 +9,6 @@ mod line;
 pub mod power;
 pub mod rs485a;
 pub mod rs485b;
+pub mod rs485_bus;
 #[cfg(test)]
 mod testing;
