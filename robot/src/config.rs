@@ -14,11 +14,12 @@ mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{CanBus, Gamepad, General, I2cBus, Log, Robot, Rs485Bus, Sensors, Srf08, W1};
-pub use scenario::{Regression, regressions, scenario};
+pub use scenario::{regressions, scenario};
 pub use world::{parsed as parsed_world, place as world_place, world};
 
 pub use settings::ConfigError;
 
+use base::Level;
 use settings::{Moved, Moves, Node, Problems, Rows, Section, Table, read};
 use std::path::Path;
 
@@ -105,6 +106,14 @@ impl Config {
             }
         }
         Self::check(&robot, &modules, sim)
+    }
+
+    /// Configured lowest levels of a module's texts and reports that are printed, and that are published.
+    #[must_use]
+    pub fn levels(&self, name: &str) -> (Option<Level>, Option<Level>) {
+        let entry = self.modules.iter().find(|module| module.name() == name);
+        let (print, send) = entry.map_or((None, None), |entry| (entry.print_from, entry.send_from));
+        (print.or(self.robot.general.print_from), send.or(self.robot.general.send_from))
     }
 
     /// Checks both files, parsed; with `sim` for the simulated robot.

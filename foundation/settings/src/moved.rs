@@ -41,7 +41,11 @@ pub fn notices(found: &[Moved]) -> Vec<String> {
         }
     }
     let line = |(Moved { origin, old, new }, more): (&Moved, usize)| {
-        let more = if more > 0 { format!(", also in {more} other places") } else { String::new() };
+        let more = if more > 0 {
+            format!(", also in {more} other place{}", if more > 1 { "s" } else { "" })
+        } else {
+            String::new()
+        };
         format!("{origin}: {old} is the old name of {new}{more}; advee config migrate renames it")
     };
     lines.into_iter().map(line).collect()

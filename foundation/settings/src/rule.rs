@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
 /// | `()`, which a declaration leaves out | `bool`, [`String`] and [`PathBuf`] that are not empty, lists of texts, what [`settings!`](crate::settings!) declared, and lists of such tables |
-/// | [`ZeroOr`], [`Off`], [`Blank`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
+/// | [`ZeroOr`], [`Off`], [`Blank`], [`Texts`], [`Span`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
 pub trait Rule<T> {
     /// The value that this is; none when it is not allowed.
     fn accept(&self, value: &Value) -> Option<T> {
@@ -46,6 +46,11 @@ pub trait Rule<T> {
     }
 }
 
+/// A number with six digits: enough for a default in the docs.
+fn short(value: f64) -> String {
+    format!("{value:.5e}").parse().unwrap_or(value).to_string()
+}
+
 fn texts(values: &[impl Debug]) -> String {
     format!("{values:?}")
 }
@@ -64,7 +69,7 @@ impl Rule<f64> for RangeInclusive<f64> {
     }
 
     fn shown(&self, value: &f64) -> String {
-        value.to_string()
+        short(*value)
     }
 }
 
@@ -83,7 +88,7 @@ impl Rule<Duration> for RangeInclusive<f64> {
     }
 
     fn shown(&self, value: &Duration) -> String {
-        value.as_secs_f64().to_string()
+        short(value.as_secs_f64())
     }
 }
 
@@ -247,6 +252,52 @@ impl<T: Default + PartialEq, R: Rule<T>> Rule<Option<T>> for Off<R> {
 
     fn shown(&self, value: &Option<T>) -> String {
         self.0.shown(value.as_ref().unwrap_or(&T::default()))
+    }
+}
+
+/// A list of texts that is not empty, and what they are.
+pub struct Texts(pub &'static str);
+
+impl Rule<Vec<String>> for Texts {
+    fn accept(&self, value: &Value) -> Option<Vec<String>> {
+        ().accept(value).filter(|texts: &Vec<String>| !texts.is_empty())
+    }
+
+    fn expected(&self) -> String {
+        self.0.into()
+    }
+
+    fn stand_in(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn shown(&self, values: &Vec<String>) -> String {
+        texts(values)
+    }
+}
+
+/// One number, or the least and the greatest.
+pub struct Span(pub RangeInclusive<f64>);
+
+impl Rule<(f64, f64)> for Span {
+    fn accept(&self, value: &Value) -> Option<(f64, f64)> {
+        let number = |value: &Value| Rule::<f64>::accept(&self.0, value);
+        let Value::Array(items) = value else { return number(value).map(|both| (both, both)) };
+        let [least, greatest] = &items[..] else { return None };
+        let span = (number(&least.value)?, number(&greatest.value)?);
+        (span.0 <= span.1).then_some(span)
+    }
+
+    fn expected(&self) -> String {
+        format!("{}, or a list of two, the lesser first", Rule::<f64>::expected(&self.0))
+    }
+
+    fn stand_in(&self) -> (f64, f64) {
+        (*self.0.start(), *self.0.start())
+    }
+
+    fn shown(&self, (least, greatest): &(f64, f64)) -> String {
+        if least == greatest { least.to_string() } else { format!("[{least}, {greatest}]") }
     }
 }
 

@@ -112,11 +112,11 @@ settings! {
         port: PathBuf = required;
         /// Any rate that the port can make.
         baud: u32 = 115_200, 1200..=4_000_000;
-        /// How nine bits cross the port: two bytes for each word, as the tt8s* driver of the TS-7800 has them, or mark and
-        /// space parity of any UART.
+        /// How nine bits cross the port: two bytes for each word (`tt8s*` of the TS-7800), or mark and space parity (any
+        /// UART).
         transport: Transport = required;
-        /// Simulation with a device file as `port`: the other end, a device file that is wired to it, or a relative path
-        /// of a pseudo-terminal of two-byte words. Absent: the simulator makes `port` itself.
+        /// Simulation with a device file as `port`: the other end, a device file wired to it, or a relative path of a
+        /// pseudo-terminal of two-byte words. Absent: the simulator makes `port` itself.
         simulated_at: Option<PathBuf> = optional;
         /// Program and arguments that make the port an EIA-485 port, run before each opening.
         setup: Vec<String> = Vec::<String>::new();
@@ -283,7 +283,8 @@ settings! {
     /// Keys of `[gamepad]` for the port.
     #[derive(Clone, Debug, PartialEq)]
     pub struct GamepadPort {
-        /// The first device with two axes and a button, an event device, or a file, FIFO or socket of lines.
+        /// `"auto"`: the first `/dev/input/event*` with two axes and a button that is no tablet, mouse or touch screen;
+        /// a device file, best its name under `/dev/input/by-id/`; `"file:PATH"`: a file, FIFO or socket of lines.
         device as place: GamepadPlace = GamepadPlace::Auto, Parsed(
             GamepadPlace::parse, r#""auto", a device file as "/dev/input/event5", or "file:PATH""#, "auto"
         );

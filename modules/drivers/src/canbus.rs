@@ -34,7 +34,7 @@ use ignored::Ignored;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::sabotage::{self, Bug};
 use module::{Actions, Event, Holds, Input, Line, Module, PortId, PortSpec, Standing, State};
-use objection::{Axis, Objection};
+use objection::Objection;
 use propulsion::Propulsion;
 use requests::{Requests, Whose};
 use steering::Steering;
@@ -521,7 +521,8 @@ impl Canbus {
         }
         let by_source = if planner { limits.speed_autonomous_mps } else { limits.speed_manual_mps };
         let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
-        let by_curve = if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
+        let by_curve =
+            if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
         let bound = by_source.min(by_curve);
         Some((command.speed.clamp(-bound, bound), command.steering))
     }

@@ -7,8 +7,8 @@ pub mod canbus;
 pub mod joydev;
 mod line;
 pub mod power;
+pub mod rs485_bus;
 pub mod rs485a;
 pub mod rs485b;
-pub mod rs485_bus;
 #[cfg(test)]
 mod testing;

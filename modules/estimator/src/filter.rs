@@ -421,7 +421,7 @@ impl Filter {
         }
         let later = if stamp >= at { stamp.since(at).as_secs_f64() } else { -at.since(stamp).as_secs_f64() };
         let place_of = self.config.beacons[beacon].at;
-        let (mount, rates) = (Point::from(self.config.mount), step.rates());
+        let (mount, rates) = (self.config.mount.into(), step.rates());
         let sight = Sight { number: beacon, beacon: place_of, bearing, variance, mount, rates, later };
         let kind = Kind::Bearing { sight, fresh: true, used };
         self.history.insert(place, &Entry { at, kind, ..before });

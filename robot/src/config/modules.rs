@@ -10,12 +10,8 @@ use watchdog::ModuleConfig;
 pub const SIMULATOR: &str = "simulator";
 
 /// Levels of texts and reports.
-pub(super) const LEVELS: Choice<Level> = Choice(&[
-    ("debug", Level::Debug),
-    ("info", Level::Info),
-    ("warning", Level::Warning),
-    ("error", Level::Error),
-]);
+pub(super) const LEVELS: Choice<Level> =
+    Choice(&[("debug", Level::Debug), ("info", Level::Info), ("warning", Level::Warning), ("error", Level::Error)]);
 
 settings! {
     /// `modules.toml`.

@@ -16,7 +16,7 @@ settings! {
         speed: StickConfig = table;
         /// Stick for the steering angle; its limit in rad.
         steering: StickConfig = table;
-        /// Dead-man button. Absent: the left shoulder of a gamepad, the trigger of a joystick.
+        /// Dead-man button, by name or code. Absent: `BTN_TL`, else `BTN_TRIGGER`, else the first.
         dead_man: Option<u16> = optional, BUTTON;
         /// Share of the speed's limit that the stick reaches with no button held.
         scale: f64 = 1.0, 0.01..=1.0;
@@ -34,15 +34,16 @@ settings! {
     /// `speed = { … }`, `steering = { … }`: an axis, and the conversion of its position.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct StickConfig {
-        /// Its code. Absent: the first of the device that fits.
+        /// Name or code. Absent: of a gamepad (it has `BTN_SOUTH`) `ABS_Y` and `ABS_RX`, else `ABS_X`; of others
+        /// `ABS_Y` and `ABS_X`; else what there is.
         axis: Option<u16> = optional, AXIS;
         /// Greater values are forward or left. Sticks have these where they are pulled, and to the right.
         inverted: bool = false;
-        /// Share of the way to either end that counts as the middle; at least what the device reports.
+        /// Share of the way to either end that counts as the middle; at least the device's `flat`.
         dead_zone: f64 = 0.1, 0.0..=0.9;
         /// Shape of the curve: 0 a straight line; 1 the cube, fine near the middle.
         expo: f64 = 0.3, 0.0..=1.0;
-        /// Demand at its ends. Absent, and at most: the limit of a manual source.
+        /// Demand at its ends, m/s or rad. Absent, and at most: `limits.speed_manual_mps`, `limits.steering_rad`.
         limit: f64 = derived f64::INFINITY, 0.01..=10.0;
     }
 }
@@ -51,7 +52,7 @@ settings! {
     /// `slow = { … }`, `fast = { … }`: a button and the share of the speed's limit that it gives.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Gear {
-        /// Its code.
+        /// Name or code.
         button: u16 = required, BUTTON;
         /// Share of the limit.
         scale: f64 = required, 0.01..=1.0;

@@ -2,7 +2,7 @@
 
 use crate::rs485_bus::Node;
 use rs485::crc::Crc8;
-use settings::{Section, settings};
+use settings::settings;
 use std::fmt;
 
 settings! {
@@ -26,8 +26,8 @@ settings! {
         reserve: f64 = 0.2, 0.0..=1.0;
         /// The other modules, in the order in which they were started; they are ended the other way round.
         modules: Vec<String> = unset Vec::<String>::new();
-        /// Program and arguments that halt the computer when the supply is cut or channel host is switched off; never run
-        /// in simulation.
+        /// Program and arguments that halt the computer when the supply is cut or channel host is switched off; never
+        /// run in simulation.
         halt_command as halt: Vec<String> = Vec::<String>::new();
         /// Program and arguments that restart it. Absent: a restart is refused.
         reboot_command as reboot: Vec<String> = Vec::<String>::new();

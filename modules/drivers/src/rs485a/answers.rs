@@ -1,9 +1,9 @@
 //! What the boards answer, or fail to: from what is heard to messages.
 
-use super::odometry::Step;
 use super::Rs485a;
-use crate::rs485_bus::Kind;
+use super::odometry::Step;
 use crate::line::Heard;
+use crate::rs485_bus::Kind;
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataIrs, DataRanges, DataSrfs};
 use module::Actions;

@@ -18,13 +18,7 @@ fn config() -> Config {
         bus: "rs485.b".into(),
         baud: 115_200,
         crc: Crc8::SAE_J1850,
-        node: Node {
-            name: "sbs1".into(),
-            address: sbs1::ADDRESS,
-            kind: Kind::Sbs1,
-            rate_hz: 1.0,
-            timeout: ms(20),
-        },
+        node: Node { name: "sbs1".into(), address: sbs1::ADDRESS, kind: Kind::Sbs1, rate_hz: 1.0, timeout: ms(20) },
         beacons: vec![1, 2],
     }
 }

@@ -153,8 +153,11 @@ impl Config {
             return Err(ConfigError::Negative(what));
         }
         let above = [("bearing", self.bearing), ("lasting_s", self.lasting_s), ("range", self.range)];
-        let limits =
-            [("gate", self.gate), ("fine", self.fine_m.min(self.fine_rad)), ("coarse", self.coarse_m.min(self.coarse_rad))];
+        let limits = [
+            ("gate", self.gate),
+            ("fine", self.fine_m.min(self.fine_rad)),
+            ("coarse", self.coarse_m.min(self.coarse_rad)),
+        ];
         if let Some((what, _)) = { above.iter().chain(&limits) }.find(|(_, value)| !(value.is_finite() && *value > 0.0))
         {
             return Err(ConfigError::Zero(what));
