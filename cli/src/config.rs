@@ -121,13 +121,13 @@ fn diff(path: &Path, old: &str, new: &str) -> String {
 
 /// The files with their keys.
 fn files() -> [(&'static str, &'static str, Vec<Row>); 4] {
-    const ROBOT: &str = "What the robot is made of. SI units; angles in radians, counter-clockwise. The robot's frame has \
-        its origin on the floor under the middle of the rear axle, x forward, y to the left. In simulation `sim.toml` is \
-        laid over it, key by key, then every `--set table.key=value`.";
+    const ROBOT: &str = "What the robot is made of. SI units; angles in radians, counter-clockwise. The robot's frame \
+        has its\norigin on the floor under the middle of the rear axle, x forward, y to the left. In simulation \
+        `sim.toml` is laid over it,\nkey by key, then every `--set table.key=value`.";
     const MODULES: &str = "The modules that the watchdog starts, in this order; the simulator with `--sim` only. \
-        `--set modules.NAME.key=value` overrides a key.";
-    const WORLD: &str = "A [world](../conf/worlds/README.md) for the simulated robot. Metres and radians; x to the right, y up, \
-        angles counter-clockwise. `--set world.key=value` overrides a key.";
+        `--set\nmodules.NAME.key=value` overrides a key.";
+    const WORLD: &str = "A [world](../conf/worlds/README.md) for the simulated robot. Metres and radians; x to the \
+        right, y up, angles\ncounter-clockwise. `--set world.key=value` overrides a key.";
     const SCENARIO: &str = "A scenario of the [soak](soak.md).";
     [
         ("robot.toml", ROBOT, Rows::of::<Robot>()),
@@ -142,10 +142,11 @@ fn page() -> String {
     let mut page = String::from(
         "# Configuration\n\n\
          <!-- Generated: advee config keys --markdown > docs/configuration.md -->\n\n\
-         All keys of a configuration folder; [conf/advee](../conf/advee/) is that of the reference robot. Every key is\n\
-         checked: what is unknown or out of range is refused with file and line, and nothing starts. `advee config check`\n\
-         does that without a robot, `advee config keys` prints this list. A renamed key is read under its old name, too,\n\
-         with a notice; `advee config migrate` shows the new names as a diff, and with `--write` writes them.\n",
+         All keys of a configuration folder; [conf/advee](../conf/advee/) is that of the reference robot. Every key\n\
+         is checked: what is unknown or out of range is refused with file and line, and nothing starts. `advee\n\
+         config check` does that without a robot, `advee config keys` prints this list. A renamed key is read under\n\
+         its old name, too, with a notice; `advee config migrate` shows the new names as a diff, and with `--write`\n\
+         writes them.\n",
     );
     for (file, about, rows) in files() {
         // Writing to a string does not fail.

@@ -17,12 +17,11 @@ pub fn limits(place: &Place, restart_max: Duration) -> Result<Limits, ConfigErro
     let Some((bus, (propulsion, gear), steering)) = robot.can.iter().find_map(drives) else {
         return Err(ConfigError(vec!["checks: robot.toml has no [can.<bus>] with an epos and an icla".into()]));
     };
-    let critical = config.modules.iter().filter(|module| module.guard.critical);
     Ok(Limits {
         driver: canbus::NAME.into(),
         watchdog: watchdog::NAME.into(),
         planner: "planner".into(),
-        critical: critical.map(|module| module.name().into()).collect(),
+        critical: config.critical().collect(),
         bus: format!("can.{bus}"),
         propulsion,
         steering,

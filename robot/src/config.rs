@@ -116,6 +116,11 @@ impl Config {
         (print.or(self.robot.general.print_from), send.or(self.robot.general.send_from))
     }
 
+    /// Names of the modules without which the robot does not move.
+    pub fn critical(&self) -> impl Iterator<Item = String> {
+        self.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().into())
+    }
+
     /// Checks both files, parsed; with `sim` for the simulated robot.
     fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
         let problems = Problems::default();

@@ -141,7 +141,7 @@ pub(crate) fn shell_in(
         auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
-        web::NAME => Box::new(Web::new(web_settings(place, &config.modules, robot, world.as_ref()))),
+        web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, made)),
         SIMULATOR if place.sim => {
             let usual = simulated::config(world.unwrap_or_default(), robot, made.wire_time);
@@ -312,7 +312,7 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
 }
 
 /// `web`: where it is reached, and what it shows besides what is said.
-fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Option<&World>) -> web::Settings {
+fn web_settings(place: &Place, config: &Config, robot: &Robot, world: Option<&World>) -> web::Settings {
     // A map that cannot be read is the planner's to tell.
     let map = robot.planner.map.as_ref().and_then(|file| map_file::load(&place.config.join(file)).ok());
     let wire_time = Made::LIVE.wire_time;
@@ -332,16 +332,11 @@ fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Op
         scene: scene::translated(robot),
         center: scene::of(robot, world, map.as_ref()).with_faults(faults),
         recorded: recording::scene,
-        critical: critical(modules).collect(),
+        critical: config.critical().collect(),
         logs: log_folder(place, robot),
         run: place.run_dir.clone(),
         commands: command::Robot { limits, routes, simulated: place.sim },
     }
-}
-
-/// Modules without which the robot does not move.
-fn critical(modules: &[ModuleEntry]) -> impl Iterator<Item = String> {
-    modules.iter().filter(|module| module.guard.critical).map(|module| module.name().to_owned())
 }
 
 /// `estimator`: the map of beacons, and as many of them at once as the scanner takes.
@@ -400,7 +395,7 @@ fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError>
     };
     let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
     let config = canbus::Config {
-        critical: critical(&config.modules).filter(|name| name != canbus::NAME).collect(),
+        critical: config.critical().filter(|name| name != canbus::NAME).collect(),
         planning: planning.map(Into::into).collect(),
         has_pause_line: robot.power.is_some(),
         ..usual

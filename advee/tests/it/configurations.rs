@@ -1,7 +1,7 @@
 //! Configurations of earlier releases: read as they were then, renamed by `advee config migrate`, and driven with.
 
 use crate::command::Outcome;
-use crate::support;
+use crate::support::{self, Robot};
 use base::{Duration, Instant};
 use messages::{Message, lowlevel};
 use module::State;
@@ -112,6 +112,18 @@ fn what_cannot_be_migrated_is_refused_and_left_as_it_is() {
     }
     assert_eq!(fs::read_to_string(folder.join("robot.toml")).unwrap(), twice);
     fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_running_robot_publishes_each_notice_once() {
+    let world = shipped().join("../worlds/hall.toml");
+    let args = ["--config", "--world"].into_iter().zip([of_0_1(), world].map(|path| path.display().to_string()));
+    let args: Vec<String> = args.flat_map(|(option, path)| [option.to_owned(), path]).collect();
+    let robot = Robot::ready(&args.iter().map(String::as_str).collect::<Vec<_>>());
+    let notices = robot.view.texts.iter().filter(|text| text.text.starts_with("NOTICE: "));
+    let notices: Vec<_> = notices.map(|text| (text.module.as_str(), text.text.as_str())).collect();
+    assert_eq!(notices.len(), MOVED.len(), "{notices:#?}");
+    assert!(notices.iter().all(|(module, _)| *module == "watchdog"), "{notices:#?}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::{Hold, Outcomes, Row, START};
 use base::Instant;
 use estimator::Filter;
 use estimator::filter::{Config, Mount, Noise};
-use navitools::{Motion, Point, Pose};
+use navitools::{Motion, Pose};
 use robot::config;
 use serde_json::json;
 use std::path::Path;

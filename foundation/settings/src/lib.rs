@@ -18,7 +18,7 @@ pub use declare::{Declared, Given, Section};
 pub use moved::{Moved, Moves, notices};
 pub use reader::{Entry, Problems, Table};
 pub use rows::{Need, Row, Rows, markdown};
-pub use rule::{Blank, Bytes, Choice, Off, Parsed, Rule, Span, Texts, ZeroOr};
+pub use rule::{Blank, Bytes, Choice, Form, Off, Parsed, Rule, Span, Texts, ZeroOr};
 pub use tree::{Node, Origin, Value};
 
 use std::fmt;

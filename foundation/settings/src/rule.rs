@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
 /// | `()`, which a declaration leaves out | `bool`, [`String`] and [`PathBuf`] that are not empty, lists of texts, what [`settings!`](crate::settings!) declared, and lists of such tables |
-/// | [`ZeroOr`], [`Off`], [`Blank`], [`Texts`], [`Span`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
+/// | [`ZeroOr`], [`Off`], [`Blank`], [`Texts`], [`Span`], [`Form`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
 pub trait Rule<T> {
     /// The value that this is; none when it is not allowed.
     fn accept(&self, value: &Value) -> Option<T> {
@@ -373,6 +373,31 @@ impl<T: Clone + PartialEq> Rule<T> for Choice<T> {
     fn shown(&self, value: &T) -> String {
         let found = self.0.iter().find(|(_, choice)| choice == value);
         found.map_or_else(String::new, |(name, _)| format!("{name:?}"))
+    }
+}
+
+/// A value of a form of its own: how it is read, and refused; what is allowed; how the default is written; its rows.
+pub struct Form<T>(pub fn(&Entry<'_>) -> Option<T>, pub &'static str, pub &'static str, pub fn(&mut Rows));
+
+impl<T: Default> Rule<T> for Form<T> {
+    fn read(&self, entry: &Entry<'_>) -> Option<T> {
+        (self.0)(entry)
+    }
+
+    fn expected(&self) -> String {
+        self.1.into()
+    }
+
+    fn stand_in(&self) -> T {
+        T::default()
+    }
+
+    fn shown(&self, _: &T) -> String {
+        self.2.into()
+    }
+
+    fn rows(&self, rows: &mut Rows) {
+        (self.3)(rows);
     }
 }
 

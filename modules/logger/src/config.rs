@@ -51,8 +51,8 @@ settings! {
         compression: Compression = Compression::Zstd;
         /// A file that is longer is followed by the next.
         file_max_bytes: u64 = 256_000_000, Bytes(1e6..=FILE_MAX);
-        /// Buffer for a slow disk; beyond it messages are dropped, counted and reported. One message more than that fits
-        /// in any case.
+        /// Buffer for a slow disk; beyond it messages are dropped, counted and reported. One message more than that
+        /// fits in any case.
         buffer_bytes: usize = 32_000_000, Bytes(1e6..=1e9);
         /// While nothing is recorded, messages of this time are kept for a recording that begins.
         pretrigger_s as pretrigger: Duration = 10.0, 0.0..=600.0;

@@ -107,8 +107,8 @@ settings! {
         stop_distance_m as stop_distance: f64 = 0.25, 0.05..=2.0;
         /// Time from a thing's appearance to the brakes: sonar slot, poll, bus, loop, drive (docs/facts/robot.md 5).
         reaction_s as reaction: f64 = 0.37, 0.05..=2.0;
-        /// Deceleration of the robot rolling out when PAUSE opens the motors' feed; it drives no faster than it could so
-        /// stop before what it hears.
+        /// Deceleration of the robot rolling out when PAUSE opens the motors' feed; it drives no faster than it could
+        /// so stop before what it hears.
         coasting_mps2 as coasting: f64 = 0.25, 0.05..=20.0;
         /// Time for which it waits for a person in the way before it looks for a way around.
         patience_s as patience: f64 = 1.5, 0.5..=600.0;

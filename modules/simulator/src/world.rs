@@ -4,7 +4,7 @@
 
 mod keys;
 
-use keys::{Beacons, Drops, Lists, People, Start, column, point, wall};
+use keys::{BEACONS, COLUMNS, DROPS, PEOPLE, POINTS, START, WALLS};
 use navitools::{Point, Pose};
 use settings::{Section, settings};
 
@@ -67,7 +67,7 @@ settings! {
         /// Name in `--goal`.
         name: String = required;
         /// Waypoints in order, m; at least one.
-        waypoints: Vec<Point> = [], Lists(point);
+        waypoints: Vec<Point> = [], POINTS;
         /// After the last comes the first again.
         loop as looped: bool = false;
     }
@@ -78,20 +78,20 @@ settings! {
     #[derive(Clone, Debug, Default, PartialEq)]
     pub struct World {
         /// Pose of the robot at first: x and y of the middle of the rear axle, m; theta, rad.
-        start: Pose = required, Start;
+        start: Pose = required, START;
         /// Straight walls `[ax, ay, bx, by]`, m; seen and felt from both sides.
-        walls: Vec<Segment> = [], Lists(wall);
+        walls: Vec<Segment> = [], WALLS;
         /// Round columns `[x, y, radius]`, m; sonars hear one of 6 cm to 2.5 m, one of 25 cm to 6 m.
-        columns: Vec<Column> = [], Lists(column);
+        columns: Vec<Column> = [], COLUMNS;
         /// Areas without floor: polygons of at least three corners, m; stairs, edges of a stage.
-        drops: Vec<Vec<Point>> = [], Drops;
+        drops: Vec<Vec<Point>> = [], DROPS;
         /// Infrared beacons, each number once. They are the simulated robot's map, too: those of `robot.toml` are the
         /// real robot's, and count where a world has none.
-        beacons: Vec<Beacon> = [], Beacons;
+        beacons: Vec<Beacon> = [], BEACONS;
         /// Visitors: their number, or a table.
-        people: Crowd = Crowd::default(), People;
+        people: Crowd = Crowd::default(), PEOPLE;
         /// Places that visitors walk to, m; empty: anywhere.
-        places: Vec<Point> = [], Lists(point);
+        places: Vec<Point> = [], POINTS;
         /// Ways for the robot; `advee up --sim --goal NAME` drives one.
         routes: Vec<Route> = [];
     }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 pub const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
 settings! {
-    /// `[web]`: the web server of the diagnostic center (docs/web.md) and the live endpoint for Foxglove (docs/logs.md).
+    /// `[web]`: the web server of the diagnostic center (docs/web.md), with the live endpoint for Foxglove.
     #[derive(Clone, Debug, PartialEq, Eq)]
     pub struct Web {
         /// The robot starts it, where `modules.toml` lists it; `advee up --headless` sets false.

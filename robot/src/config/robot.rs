@@ -15,8 +15,8 @@ use std::path::PathBuf;
 use web::settings::Web;
 
 settings! {
-    /// `robot.toml`: what the robot is made of. SI units; angles in radians, counter-clockwise. The robot's frame has its
-    /// origin on the floor under the middle of the rear axle, x forward, y to the left.
+    /// `robot.toml`: what the robot is made of. SI units; angles in radians, counter-clockwise. The robot's frame has
+    /// its origin on the floor under the middle of the rear axle, x forward, y to the left.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Robot {
         /// The robot as a whole.

@@ -376,7 +376,8 @@ fn the_chips_of_an_i2c_bus_can_be() {
             "robot.toml:16: i2c.aux.chips[2].address = 24: expected one that no other chip of the bus has",
             "robot.toml:17: i2c.aux.chips[2].temperatures[0].channel = 3: expected an integer from 1 to 2",
             "robot.toml:18: i2c.aux.chips[2].temperatures[1].limit_c = 0: expected an integer from 1 to 150",
-            "robot.toml:18: i2c.aux.chips[2].temperatures[2].channel = 1: expected one that no other temperature of the chip has",
+            "robot.toml:18: i2c.aux.chips[2].temperatures[2].channel = 1: expected one that no other temperature of the \
+             chip has",
             "robot.toml:19: i2c.aux.chips[2].fans[0].duty = 2: expected a number from 0 to 1",
             "robot.toml:19: i2c.aux.chips[2].fans[0].follows = [1 items]: expected names of temperatures of this chip",
             "robot.toml:20: i2c.aux.chips[2].fans[1].rpm_min = 100: expected 0, or a number from 230 to 57600",

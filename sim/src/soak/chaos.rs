@@ -31,8 +31,8 @@ settings! {
         target: String = required;
         /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
         /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others
-        /// who command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the
-        /// names of `SIM_CMD_FAULT`.
+        /// who command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by
+        /// the names of `SIM_CMD_FAULT`.
         fault: String = required;
         /// Value.
         value: f64 = 0.0, -1e9..=1e9;

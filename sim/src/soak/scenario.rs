@@ -42,7 +42,7 @@ settings! {
         name: String = key;
         /// Targets, equally likely.
         targets: Vec<String> = required, Texts("a list of modules, buses, boards, drives, \"lcm\" or \"clock\"");
-        /// Fault, by the names of `SIM_CMD_FAULT`, and for modules and the clock of [`super::Fault`].
+        /// What happens to the target (docs/soak.md).
         fault: String = required;
         /// Rate of it in chaos.
         per_hour: f64 = required, 0.0..=3600.0;

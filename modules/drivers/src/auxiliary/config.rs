@@ -99,8 +99,8 @@ settings! {
 }
 
 settings! {
-    /// `[[i2c.<name>.chips]]`: a MAX6615. A fan follows temperatures of its chip, the warmer request wins; the chip does
-    /// that by itself.
+    /// `[[i2c.<name>.chips]]`: a MAX6615. A fan follows temperatures of its chip, the warmer request wins; the chip
+    /// does that by itself.
     #[derive(Clone, Debug, PartialEq)]
     pub struct ChipKeys {
         /// Seven bits.
