@@ -213,7 +213,7 @@ fn a_full_disk_is_reported_once_by_each_process_and_stops_none() {
     };
     let config = config::Config::load(&root().join("conf/advee"), true, &[]).unwrap();
     // In virtual time nothing is logged or viewed; the watchdog is not in its list of modules.
-    let virtually = config.modules.iter().filter(|module| !["logger", "web"].contains(&module.name.as_str()));
+    let virtually = config.modules.iter().filter(|module| !["logger", "web"].contains(&module.name()));
     let modules = virtually.count() as u32 + 1;
     assert_eq!(effect("empty", &scenario, &[]).1, 0);
     // A rule requires the robot to move in calm.

@@ -19,6 +19,7 @@
 mod bench;
 mod bus;
 mod can;
+mod config;
 mod diag;
 mod doctor;
 mod drive;
@@ -113,6 +114,9 @@ enum Command {
     Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
     Doctor(doctor::Doctor),
+    /// Check the configuration, list its keys, rename those that have moved
+    #[command(subcommand)]
+    Config(config::Command),
     /// Measure this machine: how late the robot's loops wake up
     Bench(bench::Bench),
     /// Logs of runs: show, play, convert, recover, compare
@@ -172,6 +176,7 @@ pub fn main() -> ExitCode {
         Command::Plot(command) => plot::plot(&command),
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
+        Command::Config(command) => config::config(&common, &command),
         Command::Bench(command) => bench::bench(&common, &command),
         Command::Log(command) => log::log(&common, &command),
         Command::Web(command) => web::web(&common, &command),
@@ -243,8 +248,15 @@ impl Common {
         self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
     }
 
+    /// The configuration; a notice on stderr for each key that was found under its old name.
     fn load(&self, sim: bool) -> Result<Config, ConfigError> {
-        Config::load(&self.config_dir(), sim, &self.sets)
+        let (config, notices) = self.load_with_notices(sim)?;
+        notice(&notices);
+        Ok(config)
+    }
+
+    fn load_with_notices(&self, sim: bool) -> Result<(Config, Vec<String>), ConfigError> {
+        Config::load_with_notices(&self.config_dir(), sim, &self.sets)
     }
 
     fn place(&self, sim: bool) -> Place {
@@ -260,14 +272,15 @@ impl Common {
 
     /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
     fn robot(&self) -> Result<(Place, Robot), Failed> {
-        let is_offered = |bus: &Rs485Bus| bus.offered().is_some_and(|name| self.run_dir().join(name).exists());
+        let is_offered = |bus: &Rs485Bus| bus.line.offered().is_some_and(|name| self.run_dir().join(name).exists());
         let is_here = |running: holder::Running| {
             let folders = [&running.place.run_dir, &self.run_dir()].map(std::fs::canonicalize);
             running.place.sim && matches!(folders, [Ok(theirs), Ok(ours)] if theirs == ours)
         };
-        if let Ok(simulated) = self.load(true)
+        if let Ok((simulated, notices)) = self.load_with_notices(true)
             && (simulated.robot.rs485.iter().any(is_offered) || holder::modules().any(is_here))
         {
+            notice(&notices);
             return Ok((self.place(true), simulated.robot));
         }
         Ok((self.place(false), self.load(false)?.robot))
@@ -277,6 +290,11 @@ impl Common {
 /// Options of a URL without effect; an invalid URL is reported by the command itself.
 fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
     ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
+}
+
+/// Prints notices about the configuration on stderr.
+fn notice(lines: &[String]) {
+    lines.iter().for_each(|line| complain(&format_args!("NOTICE: {line}")));
 }
 
 /// Prints a line of output. A reader that has read enough (`| head`) ends the command, without a word.

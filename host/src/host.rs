@@ -86,6 +86,8 @@ struct Host {
     log: Log,
     /// Warnings about refused resources, published after the module's start.
     lines: Vec<String>,
+    /// Notices about the configuration, published after the module's start; only the watchdog has any.
+    notices: Vec<String>,
     /// Rate limiters for the lines of foreign modules; used by the watchdog only.
     foreign: BTreeMap<String, Texts>,
     bus: Bus,
@@ -115,7 +117,7 @@ struct Host {
 }
 
 impl Host {
-    fn open(mut shell: Shell, config: HostConfig) -> Result<Self, String> {
+    fn open(mut shell: Shell, mut config: HostConfig) -> Result<Self, String> {
         // Before any thread can start, because threads inherit the signal mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let watchdog_seen = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
@@ -150,6 +152,7 @@ impl Host {
         epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
         epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
         let log = Log::new(shell.name());
+        let notices = config.launch.as_mut().map(|launch| mem::take(&mut launch.notices)).unwrap_or_default();
         let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         let mut lines: Vec<String> = limits::lock_memory().err().into_iter().map(|why| why.to_string()).collect();
         if let Some(processes) = &processes {
@@ -165,6 +168,7 @@ impl Host {
         Ok(Self {
             log,
             lines,
+            notices,
             foreign: BTreeMap::new(),
             shell,
             recording,
@@ -196,6 +200,9 @@ impl Host {
         self.feed(Event::Start);
         for line in mem::take(&mut self.lines) {
             self.say(Level::Warning, &line);
+        }
+        for line in mem::take(&mut self.notices) {
+            self.say(Level::Info, &format!("NOTICE: {line}"));
         }
         if let (Some(processes), Some(due)) = (&mut self.processes, self.shell.poll_timeout()) {
             processes.align(clock::now(), due);

@@ -103,6 +103,8 @@ pub struct Launch {
     /// The watchdog's own `SCHED_FIFO` priority: above that of every module, so that none can keep the watchdog from
     /// ending it.
     pub rt_priority: Option<u8>,
+    /// Notices about the configuration, each a line, published once after the start.
+    pub notices: Vec<String>,
 }
 
 /// The processes of a watchdog.

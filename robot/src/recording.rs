@@ -93,7 +93,7 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     let sim = header.text(SIM).is_some();
     let sets = [&header.texts(SET), sets].concat();
     let mut config = config(header, &sets)?;
-    for node in config.robot.can.iter_mut().flat_map(|can| &mut can.nodes) {
+    for node in config.robot.can.iter_mut().flat_map(|can| &mut can.driver.nodes) {
         node.eds = None;
     }
     let nowhere = Place {
@@ -167,7 +167,7 @@ mod tests {
             world: Some("empty".into()),
         };
         let config = Config::load(&place.config, true, &place.sets).unwrap();
-        let listed = config.modules.iter().map(|module| module.name.as_str());
+        let listed = config.modules.iter().map(|module| module.name());
         for name in listed.chain([watchdog::NAME]) {
             let header = header(&place, name, State::Pause, Made::LIVE).unwrap();
             assert_eq!(rebuild(&header, &[]).unwrap().name(), name);

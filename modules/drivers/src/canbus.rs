@@ -22,7 +22,7 @@ mod steering;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Config, Limits, PropulsionConfig, SteeringConfig};
+pub use config::{Axis, BusConfig, Config, Drive, EposConfig, Node, PropulsionConfig, SteeringConfig};
 
 use arbiter::{Arbiter, Verdict};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
@@ -32,7 +32,7 @@ use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use ignored::Ignored;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
-use objection::{Axis, Objection};
+use objection::Objection;
 use propulsion::Propulsion;
 use requests::{NodeOwner, Requests};
 use steering::Steering;
@@ -110,7 +110,7 @@ impl Canbus {
         let master = Master::new(master, &nodes)?;
         Ok(Self {
             master,
-            arbiter: Arbiter::new(config.ttl),
+            arbiter: Arbiter::new(config.limits.command_ttl),
             around: Surroundings::new(config.critical.clone(), config.planning.clone(), config.has_pause_line),
             ports,
             propulsion,
@@ -156,11 +156,11 @@ impl Canbus {
 
     fn on_motion(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
         // A command that is already older than its time to live no longer expresses the source's intention.
-        if now.since(at) >= self.config.ttl {
+        if now.since(at) >= self.config.limits.command_ttl {
             return;
         }
         let limits = &self.config.limits;
-        let in_limits = command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
+        let in_limits = command.speed.abs() <= limits.speed_mps && command.steering.abs() <= limits.steering_rad;
         if !in_limits || !arbiter::is_priority(command.priority) {
             self.refuse(now, command, out);
             return;
@@ -177,10 +177,10 @@ impl Canbus {
             Verdict::Latched => Some(Hold::PlannerLatched),
         };
         if verdict == Verdict::Contested {
-            self.deadlines.set(Timer::Contested, now + self.config.ttl);
+            self.deadlines.set(Timer::Contested, now + self.config.limits.command_ttl);
             out.raise(Severity::Warning, Fault::MotionContested, "", Hold::Contested.words(&command.source));
         }
-        self.ignored.put(now + self.config.ttl, source, why);
+        self.ignored.put(now + self.config.limits.command_ttl, source, why);
     }
 
     /// Rejects a command that no correct source sends: the robot stops, whatever the source.
@@ -188,9 +188,9 @@ impl Canbus {
         let limits = &self.config.limits;
         let message = format!(
             "command of {} refused: speed {} m/s (at most {}), steering {} rad (at most {}), priority {}",
-            command.source, command.speed, limits.speed, command.steering, limits.steering, command.priority
+            command.source, command.speed, limits.speed_mps, command.steering, limits.steering_rad, command.priority
         );
-        self.deadlines.set(Timer::Refused, now + self.config.ttl);
+        self.deadlines.set(Timer::Refused, now + self.config.limits.command_ttl);
         out.raise(Severity::Error, Fault::MotionRefused, "", message);
     }
 
@@ -488,7 +488,7 @@ impl Canbus {
         let plans = current.is_some();
         let objects = plans && self.around.objections_to_planner(now).next().is_some();
         if let Some(command) = current.filter(|_| objects && self.planned) {
-            let until = now + self.config.ttl;
+            let until = now + self.config.limits.command_ttl;
             self.ignored.put(until, command.source, Some(Hold::PlannerLatched));
             self.arbiter.disarm_all(now);
         }
@@ -517,9 +517,10 @@ impl Canbus {
         if planner && self.around.objections_to_planner(now).next().is_some() {
             return None;
         }
-        let by_source = if planner { limits.speed_autonomous } else { limits.speed_manual };
+        let by_source = if planner { limits.speed_autonomous_mps } else { limits.speed_manual_mps };
         let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
-        let by_curve = if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration / curvature) } else { by_source };
+        let by_curve =
+            if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
         let bound = by_source.min(by_curve);
         Some((command.speed.clamp(-bound, bound), command.steering))
     }

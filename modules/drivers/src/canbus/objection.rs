@@ -1,17 +1,10 @@
 //! Objections to any motion with their details: compared by value after every event, converted to text only for
 //! messages.
 
-use super::{Canbus, NAME, drive, steering, surroundings};
+use super::{Axis, Canbus, NAME, drive, steering, surroundings};
 use base::Fault;
 use messages::Hold;
 use module::ActiveHold;
-
-/// One of the two axes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Axis {
-    Propulsion,
-    Steering,
-}
 
 /// Reason why the robot must not move.
 #[derive(Clone, Copy, Debug, PartialEq)]

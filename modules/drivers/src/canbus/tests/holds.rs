@@ -1,6 +1,7 @@
 //! Holds as listed in `LL_DATA_HOLD`: all of them, in order, with the time at which each began.
 
-use super::super::objection::{Axis, Objection};
+use super::super::Axis;
+use super::super::objection::Objection;
 use super::super::{drive, steering};
 use super::*;
 use canopen::master::{BootError, LostReason, Step};
