@@ -1,10 +1,4 @@
-<<<<<<< HEAD:fuzz/src/config.rs
-use robot::config::{Config, ConfigError, parsed_world};
-=======
-//! The files of a configuration folder, an override, a world: a refusal is at least one line, each of one line.
-#![no_main]
 use robot::config::{Config, ConfigError, migrated, parsed_world};
->>>>>>> settings:fuzz/fuzz_targets/config.rs
 use settings::Node;
 use std::path::Path;
 

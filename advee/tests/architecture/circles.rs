@@ -13,7 +13,6 @@ type Module = Vec<String>;
 /// Largest circle that is allowed.
 const ALLOWED: usize = 3;
 
-
 #[test]
 fn no_circle_has_more_than_three_files() {
     let mut wrong = Vec::new();
