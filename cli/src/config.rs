@@ -122,12 +122,12 @@ fn diff(path: &Path, old: &str, new: &str) -> String {
 /// The files with their keys.
 fn files() -> [(&'static str, &'static str, Vec<Row>); 4] {
     const ROBOT: &str = "What the robot is made of. SI units; angles in radians, counter-clockwise. The robot's frame \
-        has its\norigin on the floor under the middle of the rear axle, x forward, y to the left. In simulation \
-        `sim.toml` is laid over it,\nkey by key, then every `--set table.key=value`.";
+        has its origin on the floor under the middle of the rear axle, x forward, y to the left. In simulation \
+        `sim.toml` is laid over it, key by key, then every `--set table.key=value`.";
     const MODULES: &str = "The modules that the watchdog starts, in this order; the simulator with `--sim` only. \
-        `--set\nmodules.NAME.key=value` overrides a key.";
+        `--set modules.NAME.key=value` overrides a key.";
     const WORLD: &str = "A [world](../conf/worlds/README.md) for the simulated robot. Metres and radians; x to the \
-        right, y up, angles\ncounter-clockwise. `--set world.key=value` overrides a key.";
+        right, y up, angles counter-clockwise. `--set world.key=value` overrides a key.";
     const SCENARIO: &str = "A scenario of the [soak](soak.md).";
     [
         ("robot.toml", ROBOT, Rows::of::<Robot>()),
@@ -142,17 +142,40 @@ fn page() -> String {
     let mut page = String::from(
         "# Configuration\n\n\
          <!-- Generated: advee config keys --markdown > docs/configuration.md -->\n\n\
-         All keys of a configuration folder; [conf/advee](../conf/advee/) is that of the reference robot. Every key\n\
-         is checked: what is unknown or out of range is refused with file and line, and nothing starts. `advee\n\
-         config check` does that without a robot, `advee config keys` prints this list. A renamed key is read under\n\
-         its old name, too, with a notice; `advee config migrate` shows the new names as a diff, and with `--write`\n\
+         All keys of a configuration folder; [conf/advee](../conf/advee/) is that of the reference robot. Every key \
+         is checked: what is unknown or out of range is refused with file and line, and nothing starts. `advee \
+         config check` does that without a robot, `advee config keys` prints this list. A renamed key is read under \
+         its old name, too, with a notice; `advee config migrate` shows the new names as a diff, and with `--write` \
          writes them.\n",
     );
     for (file, about, rows) in files() {
         // Writing to a string does not fail.
         let _ = write!(page, "\n## {file}\n\n{about}\n{}", settings::markdown(&rows));
     }
-    page
+    page.lines().map(wrapped).collect()
+}
+
+/// Columns of a page.
+const COLUMNS: usize = 120;
+
+/// A line of prose, broken between words; rows of tables stay.
+fn wrapped(line: &str) -> String {
+    let (mut text, mut column) = (String::new(), 0);
+    for word in line.split(' ') {
+        let length = word.chars().count();
+        let end = match column {
+            0 => "",
+            _ if !line.starts_with('|') && column + 1 + length > COLUMNS => {
+                column = 0;
+                "\n"
+            }
+            _ => " ",
+        };
+        column += end.trim_matches('\n').len() + length;
+        text += end;
+        text += word;
+    }
+    text + "\n"
 }
 
 /// The same as a list for a terminal.

@@ -155,6 +155,7 @@ fn made(header: &Header) -> Result<Made, ConfigError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::ModuleEntry;
 
     #[test]
     fn every_module_is_rebuilt_from_its_header() {
@@ -167,7 +168,7 @@ mod tests {
             world: Some("empty".into()),
         };
         let config = Config::load(&place.config, true, &place.sets).unwrap();
-        let listed = config.modules.iter().map(|module| module.name());
+        let listed = config.modules.iter().map(ModuleEntry::name);
         for name in listed.chain([watchdog::NAME]) {
             let header = header(&place, name, State::Pause, Made::LIVE).unwrap();
             assert_eq!(rebuild(&header, &[]).unwrap().name(), name);

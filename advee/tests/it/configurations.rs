@@ -30,16 +30,16 @@ const MOVED: [(&str, &str); 3] = [("joystick", "gamepad"), ("rate", "rate_hz"), 
 /// A copy of the configuration of 0.1.
 fn copy(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
-    fs::create_dir_all(&folder).unwrap();
+    fs::create_dir_all(&folder).expect("a folder");
     for file in FILES {
-        fs::copy(of_0_1().join(file), folder.join(file)).unwrap();
+        fs::copy(of_0_1().join(file), folder.join(file)).expect("a file of 0.1");
     }
     folder
 }
 
 fn advee(args: &[&str], folder: &Path) -> Outcome {
     let mut command = support::advee("udpm://239.255.76.67:7667?ttl=0", &folder.join("run"));
-    Outcome::of(command.args(args).arg(folder).output().unwrap())
+    Outcome::of(command.args(args).arg(folder).output().expect("the executable is built"))
 }
 
 #[test]
