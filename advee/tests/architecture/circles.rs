@@ -13,20 +13,14 @@ type Module = Vec<String>;
 /// The largest circle that is allowed.
 const ALLOWED: usize = 3;
 
-/// Crates that still have a larger one, with its size, which may only fall.
-const LARGER: [(&str, usize); 1] = [("foundation/settings", 4)];
-
 #[test]
 fn no_circle_has_more_than_three_files() {
     let mut wrong = Vec::new();
     for folder in super::members() {
         let largest = largest(&sources(&super::root().join(&folder).join("src")));
-        let allowed = LARGER.iter().find(|(name, _)| *name == folder).map_or(ALLOWED, |(_, size)| *size);
-        if largest.len() > allowed {
+        if largest.len() > ALLOWED {
             let names: Vec<String> = largest.iter().map(|module| module.join("/")).collect();
-            wrong.push(format!("{folder}: {} files import each other, allowed are {allowed}: {names:?}", names.len()));
-        } else if allowed > ALLOWED && largest.len() < allowed {
-            wrong.push(format!("{folder}: the largest circle has {} files now: lower its number", largest.len()));
+            wrong.push(format!("{folder}: {} files import each other, allowed are {ALLOWED}: {names:?}", names.len()));
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");

@@ -1,10 +1,11 @@
 //! The macro [`settings!`](crate::settings!), and the two traits that it implements.
 
-use crate::{Entry, Rows, Rule, Table};
-use crate::{Node, Origin, Problems, Value};
+use crate::rows::{Need, Row, Rows};
+use crate::{Entry, Node, Origin, Problems, Rule, Table, Value};
 use base::Duration;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::marker::PhantomData;
 use std::path::PathBuf;
 
 /// Keys of a table that belong together: a whole table, or a part of one that several declarations share.
@@ -67,7 +68,8 @@ impl<T: Declared> Rule<Vec<T>> for () {
             entry.refuse(<Self as Rule<Vec<T>>>::expected(self));
             return None;
         };
-        Some((0..items.len()).filter_map(|n| T::take(&entry.item(n)?)).collect())
+        let item = |n| entry.item(n).and_then(|item| T::take(&item)).unwrap_or_else(T::stand_in);
+        Some((0..items.len()).map(item).collect())
     }
 
     fn expected(&self) -> String {
@@ -90,6 +92,54 @@ impl<T: Declared> Rule<Vec<T>> for () {
 
     fn rows(&self, rows: &mut Rows) {
         rows.below("[]", T::rows);
+    }
+}
+
+/// Rows of the needs of a key; [`settings!`](crate::settings!) calls these.
+impl Rows {
+    /// All keys of a section and of the tables in it, each table before its keys.
+    #[must_use]
+    pub fn of<T: Section>() -> Vec<Row> {
+        let mut rows = Self::default();
+        T::rows(&mut rows);
+        rows.rows
+    }
+
+    /// The key must be there.
+    pub fn required<T, R: Rule<T>>(&mut self, rule: &R) {
+        self.end(rule, Need::Required);
+    }
+
+    /// The key may be left out.
+    pub fn optional<T, R: Rule<T>>(&mut self, _: PhantomData<Option<T>>, rule: &R) {
+        self.end(rule, Need::Optional);
+    }
+
+    /// The default of the key follows from others.
+    pub fn derived<T, R: Rule<T>>(&mut self, rule: &R) {
+        self.end(rule, Need::Derived);
+    }
+
+    /// The key has a default.
+    pub fn defaulted<T, R: Rule<T>>(&mut self, value: &T, rule: &R) {
+        self.end(rule, Need::Default(rule.shown(value)));
+    }
+
+    /// The key is a table that may be left out.
+    pub fn table<T: Section>(&mut self) {
+        self.last("a table", Need::Optional);
+        self.within(T::rows);
+    }
+
+    /// The key is a table of tables with names of the user's choice.
+    pub fn named<T: Section>(&mut self, _: PhantomData<Vec<T>>) {
+        self.last("tables with names of your choice", Need::Optional);
+        self.within(|rows| rows.below("<name>", T::rows));
+    }
+
+    fn end<T>(&mut self, rule: &impl Rule<T>, need: Need) {
+        self.last(&rule.expected(), need);
+        self.within(|rows| rule.rows(rows));
     }
 }
 
@@ -154,6 +204,7 @@ impl<const N: usize> Given<Vec<String>> for [&str; N] {
 /// | `named` | is a table of tables with names of the user's choice (`[can.main]`): the field is a `Vec` |
 /// | `key` | is none: the field is the name of this table, where it is one of `named` |
 /// | `flat` | is none: the field is another section, whose keys stand in this table |
+/// | `unset` and an expression | is none: the field has that value until the wiring of the robot sets it |
 ///
 /// RULE says what is allowed (see [`Rule`]): a range for numbers, nothing for texts, booleans and types that were declared
 /// by this macro. A [`Duration`] is written in seconds, its key ends in `_s`. A key that is still read under an older
@@ -247,6 +298,9 @@ macro_rules! settings {
     (@need $head:tt [$($done:tt)*] $key:tt flat; $($rest:tt)*) => {
         $crate::settings! { @keys $head [$($done)* {$key flat () ()}] $($rest)* }
     };
+    (@need $head:tt [$($done:tt)*] $key:tt unset $default:expr; $($rest:tt)*) => {
+        $crate::settings! { @keys $head [$($done)* {$key unset ($default) ()}] $($rest)* }
+    };
     (@need $head:tt [$($done:tt)*] $key:tt derived $default:expr $(, $rule:expr)?; $($rest:tt)*) => {
         $crate::settings! { @keys $head [$($done)* {$key derived ($default) ($($rule)?)}] $($rest)* }
     };
@@ -303,10 +357,12 @@ macro_rules! settings {
     (@read $table:ident $key:ident named () ()) => { $table.named(stringify!($key)) };
     (@read $table:ident $key:ident key () ()) => { $table.title() };
     (@read $table:ident $key:ident flat () ()) => { $crate::Section::read($table) };
+    (@read $table:ident $key:ident unset ($default:expr) ()) => { $crate::Given::given($default) };
     (@read $table:ident $key:ident $need:ident ($default:expr) $rule:tt) => {
         $table.default(stringify!($key), $crate::Given::given($default), &$rule)
     };
     (@row $rows:ident $doc:tt $key:ident $old:tt ($ty:ty) key () ()) => {};
+    (@row $rows:ident $doc:tt $key:ident $old:tt ($ty:ty) unset $default:tt ()) => {};
     (@row $rows:ident $doc:tt $key:ident $old:tt ($ty:ty) flat () ()) => { <$ty as $crate::Section>::rows($rows) };
     (@row $rows:ident [$($doc:literal)*] $key:ident [$($old:ident)?] ($ty:ty) $need:ident $default:tt $rule:tt) => {
         $rows.key(stringify!($key), [$(stringify!($old))?].first().copied(), concat!($($doc),*));
@@ -322,6 +378,8 @@ macro_rules! settings {
     (@kind $rows:ident ($ty:ty) default ($default:expr) $rule:tt) => {
         $rows.defaulted::<$ty, _>(&$crate::Given::given($default), &$rule)
     };
+    (@doc $key:ident unset $default:tt ()) => { "\n\nSet by the wiring." };
+    (@doc $key:ident flat () ()) => { "" };
     (@doc $key:ident default ($default:expr) ()) => {
         concat!("\n\nKey `", stringify!($key), "`, default `", stringify!($default), "`.")
     };

@@ -8,6 +8,7 @@ mod declare;
 mod moved;
 mod plain;
 mod reader;
+pub mod robot;
 mod rows;
 mod rule;
 #[cfg(test)]
@@ -15,10 +16,10 @@ mod tests;
 mod tree;
 
 pub use declare::{Declared, Given, Section};
-pub use moved::{Moved, Moves};
+pub use moved::{Moved, Moves, notices};
 pub use reader::{Entry, Problems, Table};
 pub use rows::{Need, Row, Rows, markdown};
-pub use rule::{Bytes, Choice, Off, Parsed, Rule, ZeroOr};
+pub use rule::{Blank, Bytes, Choice, Form, Off, Parsed, Rule, Span, Texts, ZeroOr};
 pub use tree::{Node, Origin, Value};
 
 use std::fmt;

@@ -30,6 +30,27 @@ pub struct Moved {
     pub new: String,
 }
 
+/// A line for each key that was found under its old name, with the first place of it.
+#[must_use]
+pub fn notices(found: &[Moved]) -> Vec<String> {
+    let mut lines: Vec<(&Moved, usize)> = Vec::new();
+    for moved in found {
+        match lines.iter_mut().find(|(known, _)| (known.old, &known.new) == (moved.old, &moved.new)) {
+            Some((_, more)) => *more += 1,
+            None => lines.push((moved, 0)),
+        }
+    }
+    let line = |(Moved { origin, old, new }, more): (&Moved, usize)| {
+        let more = if more > 0 {
+            format!(", also in {more} other place{}", if more > 1 { "s" } else { "" })
+        } else {
+            String::new()
+        };
+        format!("{origin}: {old} is the old name of {new}{more}; advee config migrate renames it")
+    };
+    lines.into_iter().map(line).collect()
+}
+
 impl Moves {
     /// The moves that these rows name.
     #[must_use]

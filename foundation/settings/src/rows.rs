@@ -1,9 +1,6 @@
 //! The declared keys as rows: for the docs, and for keys that are still read under older names.
 
-use crate::declare::Section;
-use crate::rule::Rule;
 use std::fmt::Write;
-use std::marker::PhantomData;
 
 /// A key.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,55 +37,15 @@ pub enum Need {
 pub struct Rows {
     path: Vec<String>,
     only: &'static str,
-    rows: Vec<Row>,
+    pub(crate) rows: Vec<Row>,
 }
 
 impl Rows {
-    /// All keys of a section and of the tables in it, each table before its keys.
-    #[must_use]
-    pub fn of<T: Section>() -> Vec<Row> {
-        let mut rows = Self::default();
-        T::rows(&mut rows);
-        rows.rows
-    }
-
     /// Begins a row.
     pub fn key(&mut self, key: &str, was: Option<&'static str>, about: &str) {
         let path = self.path.iter().cloned().chain([key.into()]).collect();
         let (about, only) = (about.trim().into(), self.only);
         self.rows.push(Row { path, was, only, expected: String::new(), need: Need::Required, about });
-    }
-
-    /// The key must be there.
-    pub fn required<T, R: Rule<T>>(&mut self, rule: &R) {
-        self.end(rule, Need::Required);
-    }
-
-    /// The key may be left out.
-    pub fn optional<T, R: Rule<T>>(&mut self, _: PhantomData<Option<T>>, rule: &R) {
-        self.end(rule, Need::Optional);
-    }
-
-    /// The default of the key follows from others.
-    pub fn derived<T, R: Rule<T>>(&mut self, rule: &R) {
-        self.end(rule, Need::Derived);
-    }
-
-    /// The key has a default.
-    pub fn defaulted<T, R: Rule<T>>(&mut self, value: &T, rule: &R) {
-        self.end(rule, Need::Default(rule.shown(value)));
-    }
-
-    /// The key is a table that may be left out.
-    pub fn table<T: Section>(&mut self) {
-        self.last("a table", Need::Optional);
-        self.within(T::rows);
-    }
-
-    /// The key is a table of tables with names of the user's choice.
-    pub fn named<T: Section>(&mut self, _: PhantomData<Vec<T>>) {
-        self.last("tables with names of your choice", Need::Optional);
-        self.within(|rows| rows.below("<name>", T::rows));
     }
 
     /// Adds rows one step below.
@@ -105,12 +62,7 @@ impl Rows {
         self.only = before;
     }
 
-    fn end<T>(&mut self, rule: &impl Rule<T>, need: Need) {
-        self.last(&rule.expected(), need);
-        self.within(|rows| rule.rows(rows));
-    }
-
-    fn last(&mut self, expected: &str, need: Need) {
+    pub(crate) fn last(&mut self, expected: &str, need: Need) {
         if let Some(row) = self.rows.last_mut() {
             row.expected = expected.into();
             row.need = need;
@@ -118,7 +70,7 @@ impl Rows {
     }
 
     /// Adds rows within the table that the last row is.
-    fn within(&mut self, add: impl FnOnce(&mut Self)) {
+    pub(crate) fn within(&mut self, add: impl FnOnce(&mut Self)) {
         let Some(row) = self.rows.last() else { return };
         let before = std::mem::replace(&mut self.path, row.path.clone());
         add(self);
@@ -127,12 +79,13 @@ impl Rows {
 }
 
 /// Endings of keys, longer ones first, and their units.
-const UNITS: [(&str, &str); 18] = [
+const UNITS: [(&str, &str); 19] = [
     ("_mps2", "m/s²"),
     ("_radps", "rad/s"),
     ("_radpm", "rad/m"),
     ("_bytes", "B"),
-    ("_cores", "cores"),
+    ("memory_max", "B"),
+    ("cpu_max", "cores"),
     ("_mps", "m/s"),
     ("_rad", "rad"),
     ("_per_c", "1/°C"),

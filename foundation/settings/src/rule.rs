@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
 /// | `()`, which a declaration leaves out | `bool`, [`String`] and [`PathBuf`] that are not empty, lists of texts, what [`settings!`](crate::settings!) declared, and lists of such tables |
-/// | [`ZeroOr`], [`Off`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
+/// | [`ZeroOr`], [`Off`], [`Blank`], [`Texts`], [`Span`], [`Form`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
 pub trait Rule<T> {
     /// The value that this is; none when it is not allowed.
     fn accept(&self, value: &Value) -> Option<T> {
@@ -46,6 +46,11 @@ pub trait Rule<T> {
     }
 }
 
+/// A number with six digits: enough for a default in the docs.
+fn short(value: f64) -> String {
+    format!("{value:.5e}").parse().unwrap_or(value).to_string()
+}
+
 fn texts(values: &[impl Debug]) -> String {
     format!("{values:?}")
 }
@@ -64,7 +69,7 @@ impl Rule<f64> for RangeInclusive<f64> {
     }
 
     fn shown(&self, value: &f64) -> String {
-        value.to_string()
+        short(*value)
     }
 }
 
@@ -83,7 +88,7 @@ impl Rule<Duration> for RangeInclusive<f64> {
     }
 
     fn shown(&self, value: &Duration) -> String {
-        value.as_secs_f64().to_string()
+        short(value.as_secs_f64())
     }
 }
 
@@ -250,6 +255,77 @@ impl<T: Default + PartialEq, R: Rule<T>> Rule<Option<T>> for Off<R> {
     }
 }
 
+/// A list of texts that is not empty, and what they are.
+pub struct Texts(pub &'static str);
+
+impl Rule<Vec<String>> for Texts {
+    fn accept(&self, value: &Value) -> Option<Vec<String>> {
+        ().accept(value).filter(|texts: &Vec<String>| !texts.is_empty())
+    }
+
+    fn expected(&self) -> String {
+        self.0.into()
+    }
+
+    fn stand_in(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn shown(&self, values: &Vec<String>) -> String {
+        texts(values)
+    }
+}
+
+/// One number, or the least and the greatest.
+pub struct Span(pub RangeInclusive<f64>);
+
+impl Rule<(f64, f64)> for Span {
+    fn accept(&self, value: &Value) -> Option<(f64, f64)> {
+        let number = |value: &Value| Rule::<f64>::accept(&self.0, value);
+        let Value::Array(items) = value else { return number(value).map(|both| (both, both)) };
+        let [least, greatest] = &items[..] else { return None };
+        let span = (number(&least.value)?, number(&greatest.value)?);
+        (span.0 <= span.1).then_some(span)
+    }
+
+    fn expected(&self) -> String {
+        format!("{}, or a list of two, the lesser first", Rule::<f64>::expected(&self.0))
+    }
+
+    fn stand_in(&self) -> (f64, f64) {
+        (*self.0.start(), *self.0.start())
+    }
+
+    fn shown(&self, (least, greatest): &(f64, f64)) -> String {
+        if least == greatest { least.to_string() } else { format!("[{least}, {greatest}]") }
+    }
+}
+
+/// A text; an empty one counts as absent.
+pub struct Blank;
+
+impl<T> Rule<Option<T>> for Blank
+where
+    (): Rule<T>,
+{
+    fn accept(&self, value: &Value) -> Option<Option<T>> {
+        let empty = matches!(value, Value::String(text) if text.is_empty());
+        if empty { Some(None) } else { ().accept(value).map(Some) }
+    }
+
+    fn expected(&self) -> String {
+        Rule::<T>::expected(&())
+    }
+
+    fn stand_in(&self) -> Option<T> {
+        None
+    }
+
+    fn shown(&self, value: &Option<T>) -> String {
+        value.as_ref().map_or_else(|| "\"\"".into(), |value| ().shown(value))
+    }
+}
+
 /// A number of bytes, which may be written as `256e6`.
 pub struct Bytes(pub RangeInclusive<f64>);
 
@@ -297,6 +373,31 @@ impl<T: Clone + PartialEq> Rule<T> for Choice<T> {
     fn shown(&self, value: &T) -> String {
         let found = self.0.iter().find(|(_, choice)| choice == value);
         found.map_or_else(String::new, |(name, _)| format!("{name:?}"))
+    }
+}
+
+/// A value of a form of its own: how it is read, and refused; what is allowed; how the default is written; its rows.
+pub struct Form<T>(pub fn(&Entry<'_>) -> Option<T>, pub &'static str, pub &'static str, pub fn(&mut Rows));
+
+impl<T: Default> Rule<T> for Form<T> {
+    fn read(&self, entry: &Entry<'_>) -> Option<T> {
+        (self.0)(entry)
+    }
+
+    fn expected(&self) -> String {
+        self.1.into()
+    }
+
+    fn stand_in(&self) -> T {
+        T::default()
+    }
+
+    fn shown(&self, _: &T) -> String {
+        self.2.into()
+    }
+
+    fn rows(&self, rows: &mut Rows) {
+        (self.3)(rows);
     }
 }
 

@@ -1,6 +1,9 @@
 //! What the macro declares, read from texts.
 
-use crate::{Bytes, Choice, Moves, Need, Node, Off, Parsed, Row, Rows, Section, Table, ZeroOr, read_as, settings};
+use crate::{
+    Blank, Bytes, Choice, Entry, Form, Moves, Need, Node, Off, Parsed, Row, Rows, Rule, Section, Span, Table, Texts,
+};
+use crate::{ZeroOr, read_as, settings};
 use base::Duration;
 use std::path::{Path, PathBuf};
 
@@ -311,4 +314,71 @@ fn the_page_has_a_section_for_each_table() {
     ] {
         assert!(page.lines().any(|found| found == line), "{line}\n{page}");
     }
+}
+
+settings! {
+    /// Values of the rarer rules.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Rare {
+        /// A device; an empty text for none.
+        device: Option<PathBuf> = None, Blank;
+        /// Who.
+        targets: Vec<String> = required, Texts("a list of names");
+        /// How long, s.
+        span_s as span: (f64, f64) = (1.0, 2.5), Span(0.0..=10.0);
+        /// First and last letter.
+        ends: String = String::new(), Form(ends, "a text of two letters", "\"az\"", |_| {});
+        /// Not in files.
+        place: u8 = unset 7;
+        /// Fifteen degrees, rad.
+        turn_rad: f64 = 15f64.to_radians(), 0.0..=1.0;
+    }
+}
+
+fn ends(entry: &Entry<'_>) -> Option<String> {
+    let text: String = ().accept(&entry.node.value).filter(|text: &String| text.len() == 2).unwrap_or_default();
+    if text.is_empty() {
+        entry.refuse("a text of two letters");
+    }
+    Some(text)
+}
+
+#[test]
+fn rarer_rules_accept_what_they_say() {
+    let read = |text: &str| read_as::<Rare>(&parse(text)).map_err(|error| error.0);
+    let rare = read("device = \"\"\ntargets = [\"a\"]\nspan_s = 3\nends = \"xy\"").unwrap();
+    assert_eq!((rare.device, rare.span, rare.ends.as_str(), rare.place), (None, (3.0, 3.0), "xy", 7));
+    let rare = read("device = \"d\"\ntargets = [\"a\"]\nspan_s = [0, 4.5]").unwrap();
+    assert_eq!((rare.device, rare.span), (Some("d".into()), (0.0, 4.5)));
+    assert_eq!(
+        read("device = 1\ntargets = []\nspan_s = [2, 1]\nends = 3\nplace = 1").unwrap_err(),
+        [
+            "f.toml:1: device = 1: expected a text",
+            "f.toml:2: targets = [0 items]: expected a list of names",
+            "f.toml:3: span_s = [2 items]: expected a number from 0 to 10, or a list of two, the lesser first",
+            "f.toml:4: ends = 3: expected a text of two letters",
+            "f.toml:5: place: unknown key, expected one of device, targets, span_s, ends, turn_rad",
+        ]
+    );
+    let rows = Rows::of::<Rare>();
+    let defaults: Vec<&Need> = rows.iter().map(|row| &row.need).collect();
+    let given = |text: &str| Need::Default(text.into());
+    let expected = [given("\"\""), Need::Required, given("[1, 2.5]"), given("\"az\""), given("0.261799")];
+    assert_eq!(defaults, expected.iter().collect::<Vec<_>>());
+}
+
+#[test]
+fn a_notice_names_the_first_place_and_the_number_of_others() {
+    let mut found = Vec::new();
+    let text = "joystick = { limit = 2 }\n[bus.b]\nnodes = [{ rate = 5 }, { rate = 4 },\n{ rate = 3 }]";
+    moves().rename(&mut parse(text), &mut found).unwrap();
+    let known = "is the old name of";
+    assert_eq!(
+        crate::notices(&found),
+        [
+            format!("f.toml:1: joystick {known} stick; advee config migrate renames it"),
+            format!("f.toml:1: limit {known} limit_mps; advee config migrate renames it"),
+            format!("f.toml:3: rate {known} rate_hz, also in 2 other places; advee config migrate renames it"),
+        ]
+    );
 }
