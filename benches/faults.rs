@@ -76,7 +76,7 @@ fn main() {
     let ours = campaign("ours", &format!("memory_max = {MEMORY_MAX}"), faults, limit);
     println!("{faults} faults, {robots} robots at a time, seed {seed}, {:.0} s", begin.elapsed().as_secs_f64());
     ours.print("beats, looked at every 20 ms");
-    let settings = format!("memory_max = {MEMORY_MAX}\nbeat_timeout = 60");
+    let settings = format!("memory_max = {MEMORY_MAX}\nbeat_timeout_s = 60");
     let control = campaign("control", &settings, faults.div_ceil(CONTROL), Duration::MAX);
     control.print("the thesis's settings: announcements, 2 s, looked at every 200 ms");
     ours.judge();
@@ -126,7 +126,7 @@ fn configure(folder: &Path, settings: &str) -> PathBuf {
 /// The modules that are harmed, and whether they are critical. The simulator plays the hardware.
 fn modules(config: &Path) -> BTreeMap<String, bool> {
     let config = robot::config::Config::load(config, true, &[]).expect("a good configuration");
-    let modules = config.modules.into_iter().map(|module| (module.name, module.critical));
+    let modules = config.modules.into_iter().map(|module| (module.guard.name, module.guard.critical));
     modules.filter(|(name, _)| name != SIMULATOR).chain([(watchdog::NAME.into(), true)]).collect()
 }
 

@@ -151,7 +151,7 @@ fn machine(world: &str, draws: bool, checked: bool) -> (Virtual, Rc<Seen>) {
     if draws {
         let known = robot::config::Config::load(&place.config, true, &[]).expect("the shipped configuration");
         let world = robot::config::world(&place.config, place.world.as_deref(), &[]).expect("a shipped world");
-        seen.picture.replace(Some(Picture::new(world, Some(known.robot.geometry.footprint()))));
+        seen.picture.replace(Some(Picture::new(world, Some(known.robot.footprint()))));
     }
     let keep = seen.clone();
     machine.observe(move |_, news| keep.take(news));

@@ -213,7 +213,7 @@ fn a_disk_that_is_full_is_told_once_by_each_process_and_stops_nobody() {
     };
     let config = config::Config::load(&root().join("conf/advee"), true, &[]).unwrap();
     // In virtual time nothing is logged or looked at; the watchdog is not among its modules.
-    let virtually = config.modules.iter().filter(|module| !["logger", "web"].contains(&module.name.as_str()));
+    let virtually = config.modules.iter().filter(|module| !["logger", "web"].contains(&module.name()));
     let modules = virtually.count() as u32 + 1;
     assert_eq!(effect("empty", &scenario, &[]).1, 0);
     // That the robot moves in calm is a rule.

@@ -4,7 +4,7 @@ use super::matrix::{add, normalized, predict, update};
 use super::truth::{Measured, ODOMETRY, Row, Run, STEP, beacons, run};
 use base::Instant;
 use estimator::Filter;
-use estimator::filter::{Beacon, Config, Noise, Quality};
+use estimator::filter::{Beacon, Config, Mount, Noise, Quality};
 use navitools::{Point, Pose, wrap};
 
 /// Three sweeps, s.
@@ -23,7 +23,7 @@ pub fn filter(row: &Row, knows: bool) -> Filter {
     let half = libm::sqrt(STEP);
     let odometry =
         Noise { along_per_m: 0.0, along_per_s: ODOMETRY.0 * half, turn_per_m: 0.0, turn_per_s: ODOMETRY.1 * half };
-    let mount = Point { x: 0.0, y: 0.0 };
+    let mount = Mount { x: 0.0, y: 0.0 };
     let usual =
         Config { beacons, odometry, mount, bearing: row.sigma, lasting: row.lasting, range: 25.0, ..Config::default() };
     let prior = |has: bool, deviation: f64| if has || !knows { deviation } else { 0.0 };

@@ -32,7 +32,7 @@ use ratatui::crossterm::event::{
 };
 use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Terminal};
-use robot::config::{Axis, Config as Configuration};
+use robot::config::Config as Configuration;
 use robot::place::Place;
 use robot::topology;
 use runs::Runs;
@@ -83,20 +83,20 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
     let geometry = &config.robot.geometry;
     let body = Body {
         rear: -geometry.rear_overhang_m,
-        front: geometry.length_m - geometry.rear_overhang_m,
+        front: geometry.front_m(),
         half_width: geometry.width_m / 2.0,
         sonar_beam: config.robot.sensors.srf08.beam_rad,
     };
-    let critical = config.modules.iter().filter(|module| module.critical).map(|module| module.name.clone());
+    let critical = config.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().to_owned());
     let limits = (config.robot.limits.speed_manual_mps, config.robot.limits.steering_rad);
-    let nodes = config.robot.can.iter().flat_map(|bus| &bus.nodes);
+    let nodes = config.robot.can.iter().flat_map(|bus| &bus.driver.nodes);
     let app = App::new(Setup {
-        model: Model::new(Config { robot: config.robot.name.clone(), critical: critical.collect() }),
+        model: Model::new(Config { robot: config.robot.general.name.clone(), critical: critical.collect() }),
         drive: Drive::new(clock::now(), limits),
         read_only: command.read_only,
         epoch: clock::epoch(),
         source: format!("diag:{}", std::process::id()),
-        nodes: nodes.map(|node| (node.id, axis_name(node.axis).to_owned())).collect(),
+        nodes: nodes.map(|node| (node.id, node.axis.name().to_owned())).collect(),
         runs: Runs::of(topology::log_folder(&place, &config.robot)),
     });
     let bus = Bus::open(&common.lcm_url(), &[".*"])?;
@@ -107,14 +107,6 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
         return Err("this is no terminal; try --once".into());
     }
     in_terminal(app, bus, body)
-}
-
-/// Name of an axis in messages.
-const fn axis_name(axis: Axis) -> &'static str {
-    match axis {
-        Axis::Propulsion => "propulsion",
-        Axis::Steering => "steering",
-    }
 }
 
 /// The running robot with its arguments, else the configured one. A robot elsewhere has no configuration here, and is

@@ -17,8 +17,9 @@ mod tests;
 
 use super::{Common, Outcome, print};
 use finding::{Finding, Level};
+use host::ports::settings::CanInterface;
 use report::Style;
-use robot::config::{CanInterface, Config, ConfigError};
+use robot::config::{Config, ConfigError};
 use std::fs;
 use std::process::ExitCode;
 
@@ -41,8 +42,10 @@ pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
     let capable = |capability| tables::capable(&status, capability);
     let user = user();
     let loaded = common.load(command.sim);
-    let wanted =
-        loaded.as_ref().ok().and_then(|config| config.modules.iter().filter_map(|module| module.rt_priority).max());
+    let wanted = loaded
+        .as_ref()
+        .ok()
+        .and_then(|config| config.modules.iter().filter_map(|module| module.limits.rt_priority).max());
     let groups: [Group; 4] = [
         ("bus", lcm_bus::check(&common.lcm_url())),
         ("configuration", configuration_group(common, &loaded, &user)),
@@ -74,17 +77,21 @@ fn user() -> String {
 fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, user: &str) -> Vec<Finding> {
     let mut findings = devices::configuration(loaded, &common.config_dir());
     let Ok(config) = loaded else { return findings };
-    findings.extend(config.robot.can.iter().filter_map(|bus| match &bus.interface {
+    findings.extend(config.robot.can.iter().filter_map(|bus| match &bus.port.interface {
         CanInterface::Socket(name) => devices::can(bus, &devices::Can::gather(name)),
         CanInterface::Slcan(path) => Some(devices::adapter(bus, path, &devices::Device::gather(path), user)),
         CanInterface::Udp { .. } => None,
     }));
     findings.extend(
-        config.robot.rs485.iter().filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.port), user)),
+        config
+            .robot
+            .rs485
+            .iter()
+            .filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.line.port), user)),
     );
     findings.extend(config.robot.i2c.iter().filter_map(|bus| devices::i2c(bus, devices::Device::gather, user)));
     findings.extend(config.robot.w1.iter().filter_map(devices::w1));
-    let gamepad = config.robot.joystick.as_ref();
+    let gamepad = config.robot.gamepad.as_ref();
     findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
     findings.extend(devices::commands(&config.modules, devices::executable));
     findings

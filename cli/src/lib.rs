@@ -228,8 +228,15 @@ impl Common {
         self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
     }
 
+    /// The configuration; a notice on stderr for each key that was found under its old name.
     fn load(&self, sim: bool) -> Result<Config, ConfigError> {
-        Config::load(&self.config_dir(), sim, &self.sets)
+        let (config, notices) = self.load_with_notices(sim)?;
+        notice(&notices);
+        Ok(config)
+    }
+
+    fn load_with_notices(&self, sim: bool) -> Result<(Config, Vec<String>), ConfigError> {
+        Config::load_with_notices(&self.config_dir(), sim, &self.sets)
     }
 
     fn place(&self, sim: bool) -> Place {
@@ -245,14 +252,15 @@ impl Common {
 
     /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
     fn robot(&self) -> Result<(Place, Robot), Failed> {
-        let is_offered = |bus: &Rs485Bus| bus.offered().is_some_and(|name| self.run_dir().join(name).exists());
+        let is_offered = |bus: &Rs485Bus| bus.line.offered().is_some_and(|name| self.run_dir().join(name).exists());
         let is_here = |running: holder::Running| {
             let folders = [&running.place.run_dir, &self.run_dir()].map(std::fs::canonicalize);
             running.place.sim && matches!(folders, [Ok(theirs), Ok(ours)] if theirs == ours)
         };
-        if let Ok(simulated) = self.load(true)
+        if let Ok((simulated, notices)) = self.load_with_notices(true)
             && (simulated.robot.rs485.iter().any(is_offered) || holder::modules().any(is_here))
         {
+            notice(&notices);
             return Ok((self.place(true), simulated.robot));
         }
         Ok((self.place(false), self.load(false)?.robot))
@@ -262,6 +270,11 @@ impl Common {
 /// Options of a URL without effect; an invalid URL is reported by the command itself.
 fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
     ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
+}
+
+/// Prints notices about the configuration on stderr.
+fn notice(lines: &[String]) {
+    lines.iter().for_each(|line| complain(&format_args!("NOTICE: {line}")));
 }
 
 /// Prints a line of output. A reader that has read enough (`| head`) ends the command, without a word.

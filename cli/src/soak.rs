@@ -10,6 +10,7 @@ use robot::config::{self, ConfigError, scenario};
 use robot::place::Place;
 use robot::topology::{virtual_machine, virtual_machine_recorded};
 use serde_json::json;
+use settings::robot::Geometry;
 use sim::check::Limits;
 use sim::host::{self, Virtual};
 use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, draw, shrink};
@@ -122,8 +123,8 @@ impl Robot {
         // Once, so that what is wrong is told as such.
         drop(virtual_machine(&place, host::Config::default())?);
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
-        let run = config.modules.iter().filter(|module| module.name != logger::NAME);
-        let mut modules: Vec<String> = run.map(|module| module.name.clone()).collect();
+        let run = config.modules.iter().filter(|module| module.name() != logger::NAME);
+        let mut modules: Vec<String> = run.map(|module| module.name().to_owned()).collect();
         modules.push(watchdog::NAME.into());
         Ok(Self { place, scenario, world, limits, seed, modules, again: String::new() })
     }
@@ -346,7 +347,7 @@ fn machine(place: &Place, config: host::Config, inputs: &Inputs) -> Result<Virtu
 /// The operator knows the robot.
 fn behaviour(place: &Place, operator: Behaviour) -> Result<Behaviour, ConfigError> {
     let config = config::Config::load(&place.config, true, &place.sets)?;
-    let config::Geometry { wheelbase_m, length_m, width_m, rear_overhang_m, .. } = config.robot.geometry;
+    let Geometry { wheelbase_m, length_m, width_m, rear_overhang_m, .. } = config.robot.geometry;
     let body = (rear_overhang_m, length_m - rear_overhang_m, width_m / 2.0);
     Ok(Behaviour { wheelbase: wheelbase_m, body, ..operator })
 }

@@ -10,7 +10,7 @@ use host::run_folder::RunFolder;
 use host::runs;
 use host::{beats, clock, processes};
 use parent::Parent;
-use robot::config::{self, Config, Rs485Bus};
+use robot::config::{self, Config};
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -40,9 +40,9 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     common.sets.extend(command.http.map(web::listen));
     common.sets.extend(command.headless.then(|| "web.enabled=false".into()));
     let common = &common;
-    // Whatever is wrong is said here, once, and nothing starts.
-    let config = common.load(command.sim)?;
-    if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name != ::web::NAME)) {
+    // Whatever is wrong is said here, once, and nothing starts; notices are the watchdog's to publish.
+    let (config, _) = common.load_with_notices(command.sim)?;
+    if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name() != ::web::NAME)) {
         return Err(format!("--http {at}: modules.toml has no module {}", ::web::NAME).into());
     }
     let route = route(common, command, &config)?;
@@ -75,7 +75,7 @@ fn route(common: &Common, command: &Up, config: &Config) -> Result<Option<String
     }
     let world = config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?;
     let has = |name: &str| world.routes.iter().any(|route| route.name == name);
-    let plans = config.modules.iter().any(|module| module.name == planner::NAME);
+    let plans = config.modules.iter().any(|module| module.name() == planner::NAME);
     match wanted {
         None => Ok((plans && has(PATROL)).then(|| PATROL.into())),
         Some("none") => Ok(None),
@@ -115,7 +115,7 @@ fn run(common: &Common, config: &Config, log: &Log) -> Option<PathBuf> {
 
 /// Removes what modules leave in the run folder when they are killed.
 fn clean(folder: &RunFolder, config: &Config) {
-    for name in config.robot.rs485.iter().filter_map(Rs485Bus::offered) {
+    for name in config.robot.rs485.iter().filter_map(|bus| bus.line.offered()) {
         let link = folder.path().join(name);
         for link in [link.with_extension("new"), link] {
             if link.is_symlink() {

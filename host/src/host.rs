@@ -84,6 +84,8 @@ struct Host {
     log: Log,
     /// Lines about refused resources, published after the module's start.
     lines: Vec<String>,
+    /// Notices about the configuration, published after the module's start; only the watchdog has any.
+    notices: Vec<String>,
     /// Rate limiters for the lines of foreign modules; only the watchdog has any.
     foreign: BTreeMap<String, Texts>,
     bus: Bus,
@@ -113,7 +115,7 @@ struct Host {
 }
 
 impl Host {
-    fn open(mut shell: Shell, config: HostConfig) -> Result<Self, String> {
+    fn open(mut shell: Shell, mut config: HostConfig) -> Result<Self, String> {
         // Before anything else may start a thread: all of them inherit the mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let guarded = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
@@ -147,6 +149,7 @@ impl Host {
         epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
         epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
         let log = Log::new(shell.name());
+        let notices = config.launch.as_mut().map(|launch| mem::take(&mut launch.notices)).unwrap_or_default();
         let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         let mut lines: Vec<String> = limits::lock_memory().err().into_iter().map(|why| why.to_string()).collect();
         if let Some(processes) = &processes {
@@ -162,6 +165,7 @@ impl Host {
         Ok(Self {
             log,
             lines,
+            notices,
             foreign: BTreeMap::new(),
             shell,
             recording,
@@ -193,6 +197,9 @@ impl Host {
         self.feed(Event::Start);
         for line in mem::take(&mut self.lines) {
             self.say(Level::Warning, &line);
+        }
+        for line in mem::take(&mut self.notices) {
+            self.say(Level::Info, &format!("NOTICE: {line}"));
         }
         if let (Some(processes), Some(due)) = (&mut self.processes, self.shell.poll_timeout()) {
             processes.align(clock::now(), due);

@@ -8,23 +8,33 @@ use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, rlim_t, setrlimit};
 use nix::unistd::{Pid, pipe2, write};
+use settings::{Bytes, Off, Section, settings};
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::fd::OwnedFd;
 
-/// The limits of one module, as `modules.toml` has them.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Limits {
-    /// `SCHED_FIFO` priority, 1..=99; none: the normal scheduler.
-    pub rt_priority: Option<u8>,
-    /// Processors it may use; empty: all.
-    pub cpus: Vec<u16>,
-    /// -20..=19.
-    pub nice: i8,
-    /// Bytes; none: no limit.
-    pub memory_max: Option<u64>,
-    /// Cores; none: no limit.
-    pub cpu_max: Option<f64>,
+settings! {
+    /// Limits of one module, keys of `[[modules]]`; what this machine does not permit is reported, and the module runs
+    /// without.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Limits {
+        /// `SCHED_FIFO` priority, its memory locked; 0: the normal scheduler. The watchdog runs one above the highest.
+        rt_priority: Option<u8> = None, Off(0..=98);
+        /// Processors it may use; empty: all.
+        cpus: Vec<u16> = [], 0..=1023;
+        /// Priority in the normal scheduler; the lowest number is served most.
+        nice: i8 = 0, -20..=19;
+        /// Memory: limit of the cgroup where there is one, else of its data (RLIMIT_DATA); 0: no limit.
+        memory_max: Option<u64> = None, Off(Bytes(0.0..=1e15));
+        /// Share of processor time, held by a cgroup alone; 0: no limit.
+        cpu_max: Option<f64> = None, Off(0.0..=64.0);
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self::usual()
+    }
 }
 
 /// What a new process takes on between fork and exec; all is prepared before.

@@ -8,6 +8,7 @@ mod i2c;
 mod queue;
 mod restart;
 mod serial;
+pub mod settings;
 mod store;
 mod threaded;
 mod w1;

@@ -102,6 +102,8 @@ pub struct Launch {
     pub divides: bool,
     /// The watchdog's own `SCHED_FIFO` priority: above that of any module, so that none can keep it from ending it.
     pub rt_priority: Option<u8>,
+    /// Notices about the configuration, each a line, published once after the start.
+    pub notices: Vec<String>,
 }
 
 /// The processes of a watchdog.

@@ -2,38 +2,29 @@
 //!
 //! `robot.toml` says what the robot is made of; in simulation `sim.toml` is laid over it, then every `--set`.
 //! `modules.toml` lists the modules (`--set modules.NAME.key=value`), a world where the simulated robot is (`--set
-//! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
+//! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`. Keys that have a new
+//! name are read under the old one, too.
 
-mod auxiliary;
-mod estimator;
-mod joystick;
-mod log;
 mod modules;
-mod planner;
 mod robot;
 mod scenario;
-mod sensors;
 #[cfg(test)]
 mod tests;
 mod world;
 
-pub use auxiliary::{I2cBus, I2cChip, I2cFan, I2cPlace, I2cTemperature, W1, W1Sensor};
-pub use joystick::{Joystick, JoystickDevice, JoystickGear, JoystickStick};
-pub use log::Log;
-pub use modules::{HardwareWatchdog, ModuleEntry, SIMULATOR};
-pub use planner::Planner;
-pub use robot::{
-    Axis, Beacon, CanBus, CanDriver, CanInterface, CanNode, Crc, Geometry, Limits, Power, Ranger, Robot, Rs485Bus,
-    Rs485Driver, Rs485Node,
-};
-pub use scenario::{Regression, regressions, scenario};
-pub use sensors::{Sensors, Srf08};
+pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
+pub use robot::{CanBus, Gamepad, General, I2cBus, Log, Robot, Rs485Bus, Sensors, Srf08, W1};
+pub use scenario::{regressions, scenario};
 pub use world::{parsed as parsed_world, place as world_place, world};
 
 pub use settings::ConfigError;
 
-use settings::{Node, Problems, Table, read};
+use base::Level;
+use settings::{Moved, Moves, Node, Problems, Rows, Section, Table, read};
 use std::path::Path;
+
+/// The files of a folder.
+pub const FILES: [&str; 3] = ["robot.toml", "sim.toml", "modules.toml"];
 
 /// The whole folder.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +39,18 @@ pub struct Config {
 
 impl Config {
     /// Reads the folder `dir`; with `sim` the simulated robot; `sets` are overrides `table.key=value`.
+    ///
+    /// # Errors
+    /// A line for each thing that is wrong.
     pub fn load(dir: &Path, sim: bool, sets: &[String]) -> Result<Self, ConfigError> {
+        Self::load_with_notices(dir, sim, sets).map(|(config, _)| config)
+    }
+
+    /// The same, and a line for each key that was found under its old name.
+    ///
+    /// # Errors
+    /// A line for each thing that is wrong.
+    pub fn load_with_notices(dir: &Path, sim: bool, sets: &[String]) -> Result<(Self, Vec<String>), ConfigError> {
         let mut problems = Vec::new();
         let mut take = |name: &str| match read(&dir.join(name)) {
             Ok(node) => Some(node),
@@ -63,59 +65,106 @@ impl Config {
         let (Some(robot), Some(over), Some(modules)) = (robot, over, modules) else {
             return Err(ConfigError(problems));
         };
-        Self::merge(robot, over, modules, sets)
+        let mut found = Vec::new();
+        let config = Self::merged(robot, over, modules, sets, &mut found)?;
+        Ok((config, settings::notices(&found)))
     }
 
     /// The same of files that were read: `robot.toml`, `sim.toml` for the simulated robot, `modules.toml`.
-    pub fn merge(mut robot: Node, over: Option<Node>, mut modules: Node, sets: &[String]) -> Result<Self, ConfigError> {
+    ///
+    /// # Errors
+    /// A line for each thing that is wrong.
+    pub fn merge<S: AsRef<str>>(
+        robot: Node,
+        over: Option<Node>,
+        modules: Node,
+        sets: &[S],
+    ) -> Result<Self, ConfigError> {
+        Self::merged(robot, over, modules, sets, &mut Vec::new())
+    }
+
+    fn merged<S: AsRef<str>>(
+        mut robot: Node,
+        over: Option<Node>,
+        mut modules: Node,
+        sets: &[S],
+        found: &mut Vec<Moved>,
+    ) -> Result<Self, ConfigError> {
+        let (of_robot, of_modules) = (moves::<Robot>(), moves::<Modules>());
         let sim = over.is_some();
-        if let Some(over) = over {
+        of_robot.rename(&mut robot, found)?;
+        if let Some(mut over) = over {
+            of_robot.rename(&mut over, found)?;
             robot.merge(over);
         }
-        override_by(sets, &mut robot, &mut modules).map_err(|line| ConfigError(vec![line]))?;
+        of_modules.rename(&mut modules, found)?;
+        // `world.key` is of the world, which is read elsewhere.
+        for set in sets.iter().map(AsRef::as_ref).filter(|set| !world::is_of_world(set)) {
+            match set.trim_start().starts_with("modules.") {
+                true => of_modules.set(&mut modules, set, found)?,
+                false => of_robot.set(&mut robot, set, found)?,
+            }
+        }
         Self::check(&robot, &modules, sim)
     }
 
+    /// Configured lowest levels of a module's texts and reports that are printed, and that are published.
+    #[must_use]
+    pub fn levels(&self, name: &str) -> (Option<Level>, Option<Level>) {
+        let entry = self.modules.iter().find(|module| module.name() == name);
+        let (print, send) = entry.map_or((None, None), |entry| (entry.print_from, entry.send_from));
+        (print.or(self.robot.general.print_from), send.or(self.robot.general.send_from))
+    }
+
+    /// Names of the modules without which the robot does not move.
+    pub fn critical(&self) -> impl Iterator<Item = String> {
+        self.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().into())
+    }
+
     /// Checks both files, parsed; with `sim` for the simulated robot.
-    pub fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
+    fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
         let problems = Problems::default();
-        let robot = Table::new(robot, "", &problems).and_then(Robot::read);
-        let modules = Table::new(modules, "", &problems).map(|root| modules::read(root, sim));
+        let robot = Table::root(robot, &problems).map(Table::whole::<Robot>);
+        let modules = Table::root(modules, &problems).map(Table::whole::<Modules>);
         match (robot, modules, problems.lines()) {
-            (Some(robot), Some((modules, hardware_watchdog)), lines) if lines.is_empty() => {
-                let mut config = Self { robot, modules, hardware_watchdog };
-                if !config.robot.web.enabled {
-                    config.leave_out(web::NAME);
+            (Some(robot), Some(mut modules), lines) if lines.is_empty() => {
+                if !sim {
+                    modules.leave_out(SIMULATOR);
                 }
-                Ok(config)
+                if !robot.web.enabled {
+                    modules.leave_out(web::NAME);
+                }
+                let Modules { hardware_watchdog, hardware_watchdog_timeout_s: timeout_s, modules } = modules;
+                let hardware_watchdog = hardware_watchdog.map(|path| HardwareWatchdog { path, timeout_s });
+                Ok(Self { robot, modules, hardware_watchdog })
             }
             (_, _, lines) => Err(ConfigError(lines)),
         }
     }
-
-    /// Takes a module off the list; nobody waits for it then.
-    fn leave_out(&mut self, name: &str) {
-        self.modules.retain(|module| module.name != name);
-        self.modules.iter_mut().for_each(|module| module.depends.retain(|other| other != name));
-    }
 }
 
-/// Applies every `--set`: `modules.NAME.key` goes to `modules.toml`, `world.key` to the world, which is read elsewhere,
-/// everything else to `robot.toml`.
-fn override_by<S: AsRef<str>>(sets: &[S], robot: &mut Node, modules: &mut Node) -> Result<(), String> {
-    let sets = sets.iter().map(AsRef::as_ref).filter(|set| !world::is_of_world(set));
-    sets.into_iter().try_for_each(|set| match set.trim_start().starts_with("modules.") {
-        true => modules.set(set),
-        false => robot.set(set),
-    })
+fn moves<T: Section>() -> Moves {
+    Moves::of(&Rows::of::<T>())
+}
+
+/// The text of a file of the folder with the new names of its keys.
+///
+/// # Errors
+/// It is no TOML, or has a key under both names.
+pub fn migrated(path: &Path, text: &str) -> Result<String, ConfigError> {
+    let of_modules = path.file_name().is_some_and(|name| name == "modules.toml");
+    let moves = if of_modules { moves::<Modules>() } else { moves::<Robot>() };
+    moves.migrate(path, text)
 }
 
 /// The table `estimator` of a file that may have others, too: for the filter without its robot.
+///
+/// # Errors
+/// A line for each thing that is wrong.
 pub fn estimator_of(path: &Path) -> Result<Option<::estimator::filter::Config>, ConfigError> {
     let node = read(path)?;
     let problems = Problems::default();
-    let table = Table::new(&node, "", &problems).and_then(|mut root| root.table_if_any("estimator"));
-    let config = table.map(estimator::read);
+    let config = Table::root(&node, &problems).and_then(|mut root| root.optional("estimator", &()));
     let lines = problems.lines();
     if lines.is_empty() { Ok(config) } else { Err(ConfigError(lines)) }
 }

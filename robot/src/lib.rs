@@ -6,8 +6,10 @@
 
 pub mod checks;
 pub mod config;
+mod launch;
 pub mod map_file;
 pub mod place;
 pub mod recording;
 pub mod scene;
+mod simulated;
 pub mod topology;

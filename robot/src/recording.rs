@@ -93,7 +93,7 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     let sim = header.text(SIM).is_some();
     let sets = [&header.texts(SET), sets].concat();
     let mut config = config(header, &sets)?;
-    for node in config.robot.can.iter_mut().flat_map(|can| &mut can.nodes) {
+    for node in config.robot.can.iter_mut().flat_map(|can| &mut can.driver.nodes) {
         node.eds = None;
     }
     let nowhere = Place {
@@ -155,6 +155,7 @@ fn made(header: &Header) -> Result<Made, ConfigError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::ModuleEntry;
 
     #[test]
     fn every_module_is_made_again_of_what_its_file_begins_with() {
@@ -167,7 +168,7 @@ mod tests {
             world: Some("empty".into()),
         };
         let config = Config::load(&place.config, true, &place.sets).unwrap();
-        let listed = config.modules.iter().map(|module| module.name.as_str());
+        let listed = config.modules.iter().map(ModuleEntry::name);
         for name in listed.chain([watchdog::NAME]) {
             let header = header(&place, name, State::Pause, Made::LIVE).unwrap();
             assert_eq!(rebuild(&header, &[]).unwrap().name(), name);

@@ -1,7 +1,7 @@
 //! What pages are shown of a robot and no message says: its measures, the map that it drives on, the names of its parts.
 
-use crate::config::{Axis, CanBus, Robot};
-use logger::ros::Sensor;
+use crate::config::{CanBus, Robot};
+use logger::ros::{self, RobotScene, Sensor};
 use navitools::Point;
 use planner::map::Map;
 use rs485::boards::psc1;
@@ -12,7 +12,7 @@ use web::center::scene::{Beacon, Drive, Limits, Route, Scene, outline, rounded};
 #[must_use]
 pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
     let geometry = &robot.geometry;
-    let (rear, front) = (-geometry.rear_overhang_m, geometry.length_m - geometry.rear_overhang_m);
+    let (rear, front) = (-geometry.rear_overhang_m, geometry.front_m());
     let half = geometry.width_m / 2.0;
     let walls = match (map, world) {
         (Some(map), _) => outline(map),
@@ -30,14 +30,11 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
         Route { name: route.name.clone(), points }
     };
     Scene {
-        robot: robot.name.clone(),
+        robot: robot.general.name.clone(),
         simulated: world.is_some(),
         outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
         wheelbase: geometry.wheelbase_m,
-        limits: Limits {
-            speed: robot.limits.speed_manual_mps.min(robot.limits.speed_mps),
-            steering: robot.limits.steering_rad,
-        },
+        limits: Limits { speed: robot.limits.manual_mps(), steering: robot.limits.steering_rad },
         sonar: Sensor::srf08(robot.sensors.srf08.beam_rad).into(),
         beacons: robot.beacons.iter().map(|beacon| Beacon { id: beacon.id, x: beacon.x, y: beacon.y }).collect(),
         walls,
@@ -49,12 +46,21 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
     }
 }
 
+/// What is shown of the robot and no message says.
+pub(crate) fn translated(robot: &Robot) -> RobotScene {
+    let geometry = &robot.geometry;
+    let (rear, front) = (-geometry.rear_overhang_m, geometry.front_m());
+    let half = geometry.width_m / 2.0;
+    let beacon = |beacon: &settings::robot::Beacon| ros::Beacon { id: beacon.id.into(), x: beacon.x, y: beacon.y };
+    RobotScene {
+        name: robot.general.name.clone(),
+        outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
+        beacons: robot.beacons.iter().map(beacon).collect(),
+        sonar: Sensor::srf08(robot.sensors.srf08.beam_rad),
+        infrared: Sensor::GP2Y0A41,
+    }
+}
+
 fn drives(bus: &CanBus) -> impl Iterator<Item = Drive> {
-    bus.nodes.iter().map(|node| Drive {
-        name: match node.axis {
-            Axis::Propulsion => "propulsion",
-            Axis::Steering => "steering",
-        },
-        node: node.id,
-    })
+    bus.driver.nodes.iter().map(|node| Drive { name: node.axis.name(), node: node.id })
 }

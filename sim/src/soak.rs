@@ -26,7 +26,7 @@ pub use crate::check::{Limits, Times, Violation};
 pub use chaos::{Disk, Fault, draw};
 pub use figures::{Figures, Worst};
 pub use report::Report;
-pub use scenario::{Behaviour, Kind, Phase, Scenario};
+pub use scenario::{Behaviour, Kind, Phase, Regression, Regressions, Scenario};
 pub use shrink::shrink;
 
 use crate::check::Checkers;

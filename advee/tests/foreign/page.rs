@@ -32,7 +32,7 @@ fn the_entries_that_the_page_shows_are_accepted() {
     fs::remove_dir_all(&config).unwrap();
     let modules = read.unwrap().modules;
     for (name, file) in [("battery_watch", "python/battery_watch.py"), ("nearest_obstacle", "cpp/nearest_obstacle")] {
-        let entry = modules.iter().find(|module| module.name == name).unwrap();
+        let entry = modules.iter().find(|module| module.name() == name).unwrap();
         let line = [entry.command.clone().unwrap_or_default(), entry.args.join(" ")].join(" ");
         assert!(line.contains(&format!("examples/modules/{file}")), "{line}");
     }

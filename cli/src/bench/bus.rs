@@ -8,7 +8,7 @@ use crate::{Common, Failed};
 use base::can::{Id, Notice};
 use base::{Duration, Instant};
 use host::clock;
-use robot::config::CanInterface;
+use host::ports::settings::CanInterface;
 use std::collections::BTreeMap;
 
 /// Gaps of this length and more are counted together, µs: beyond the time limits of heartbeats here.

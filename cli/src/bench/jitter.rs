@@ -4,8 +4,8 @@ use super::metronome::{self, Plan};
 use super::{beats, bus};
 use crate::{Common, Failed, Outcome, seconds};
 use base::Duration;
+use host::ports::settings::CanInterface;
 use host::sys;
-use robot::config::CanInterface;
 use std::process::ExitCode;
 
 #[derive(clap::Args)]

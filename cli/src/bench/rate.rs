@@ -6,7 +6,7 @@ use crate::{Common, Failed, Outcome, print};
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use host::clock;
-use robot::config::CanInterface;
+use host::ports::settings::CanInterface;
 use serde_json::json;
 use std::process::ExitCode;
 

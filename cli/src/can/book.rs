@@ -8,7 +8,7 @@ use crate::Failed;
 use canopen::dictionary::DataType;
 use canopen::eds::{self, Eds};
 use canopen::pdo::Pdo;
-use robot::config::CanDriver;
+use drivers::canbus::Drive;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -89,9 +89,9 @@ fn sheet(known: &Known) -> Result<Eds, Failed> {
     match &known.eds {
         Some(path) => read(path),
         None => {
-            let text = match known.driver {
-                CanDriver::Epos { .. } => EPOS,
-                CanDriver::Icla { .. } => ICLA,
+            let text = match known.drive {
+                Drive::Epos(_) => EPOS,
+                Drive::Icla(_) => ICLA,
             };
             Eds::parse(text.as_bytes()).map_err(|error| format!("the built-in data sheet: {error}").into())
         }

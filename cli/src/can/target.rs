@@ -2,9 +2,11 @@
 
 use crate::holder::{self, Holder, Running};
 use crate::{Common, Failed, whole};
+use drivers::canbus::Drive;
 use host::ports::PortConfig;
+use host::ports::settings::CanInterface;
 use module::State;
-use robot::config::{CanBus, CanDriver, CanInterface, SIMULATOR};
+use robot::config::{CanBus, SIMULATOR};
 use robot::place::Place;
 use robot::topology;
 use std::fs;
@@ -36,8 +38,8 @@ pub struct Known {
     pub id: u8,
     /// Name for people: its axis.
     pub name: String,
-    /// Driver.
-    pub driver: CanDriver,
+    /// Kind of drive.
+    pub drive: Drive,
     /// Electronic data sheet, where another than the built-in one is configured.
     pub eds: Option<PathBuf>,
 }
@@ -93,7 +95,7 @@ impl Target {
 
     /// An interface may be one of the robot's: then its nodes are known, too.
     fn find(common: &Common, interface: &CanInterface, bitrate: u32) -> Result<Self, Failed> {
-        let port = topology::can_port(&common.place(false), interface, bitrate)?;
+        let port = interface.port(&common.lcm_url(), bitrate)?;
         let name = match (interface, &port) {
             (CanInterface::Socket(interface), _) => interface.clone(),
             (CanInterface::Slcan(path), _) => format!("slcan:{}", path.display()),
@@ -111,20 +113,19 @@ impl Target {
     }
 
     fn of(place: &Place, bus: &CanBus) -> Result<Self, Failed> {
-        let name = |node: &robot::config::CanNode| format!("{:?}", node.axis).to_ascii_lowercase();
-        let known = bus.nodes.iter().map(|node| Known {
+        let known = bus.driver.nodes.iter().map(|node| Known {
             id: node.id,
-            name: name(node),
-            driver: node.driver,
+            name: node.axis.name().into(),
+            drive: node.drive.clone(),
             eds: node.eds.as_ref().map(|eds| place.config.join(eds)),
         });
         Ok(Self {
             name: format!("can.{}", bus.name),
-            raw: Some((bus.name.to_uppercase(), bus.raw)),
-            port: topology::can_port(place, &bus.interface, bus.bitrate)?,
-            bitrate: bus.bitrate,
+            raw: Some((bus.name.to_uppercase(), bus.port.raw)),
+            port: bus.port.interface.port(&place.lcm_url, bus.driver.bitrate)?,
+            bitrate: bus.driver.bitrate,
             known: known.collect(),
-            master: Some(bus.master),
+            master: Some(bus.driver.master),
         })
     }
 

@@ -1,10 +1,10 @@
 //! The configuration, and the devices that it names.
 
 use super::finding::Finding;
+use host::ports::GamepadPlace;
+use host::ports::settings::{CanInterface, I2cPlace};
 use nix::unistd::{AccessFlags, Gid, Group, access};
-use robot::config::{
-    CanBus, CanInterface, Config, ConfigError, I2cBus, I2cPlace, Joystick, JoystickDevice, ModuleEntry, Rs485Bus, W1,
-};
+use robot::config::{CanBus, Config, ConfigError, Gamepad, I2cBus, ModuleEntry, Rs485Bus, W1};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
@@ -15,8 +15,8 @@ pub fn configuration(loaded: &Result<Config, ConfigError>, dir: &Path) -> Vec<Fi
     const CHECK: &str = "configuration";
     match loaded {
         Ok(config) => {
-            let modules: Vec<&str> = config.modules.iter().map(|module| module.name.as_str()).collect();
-            vec![Finding::ok(CHECK, format!("{}: {}", config.robot.name, modules.join(", ")))]
+            let modules: Vec<&str> = config.modules.iter().map(ModuleEntry::name).collect();
+            vec![Finding::ok(CHECK, format!("{}: {}", config.robot.general.name, modules.join(", ")))]
         }
         Err(ConfigError(lines)) => {
             let wrong = |line: &String| {
@@ -67,43 +67,44 @@ impl Device {
 
 /// A serial port; a relative path is the simulator's and comes with it.
 pub fn serial(bus: &Rs485Bus, device: &Device, user: &str) -> Option<Finding> {
-    if bus.port.is_relative() {
+    if bus.line.port.is_relative() {
         return None;
     }
     let lost = "Its boards are not heard; where the module is critical the robot does not move.";
-    Some(device_file(&format!("rs485.{}", bus.name), &bus.port, bus.baud, device, (lost, user), SERIAL))
+    Some(device_file(&format!("rs485.{}", bus.name), &bus.line.port, bus.line.baud, device, (lost, user), SERIAL))
 }
 
 /// An I2C adapter, or the GPIO chip that makes one; none for the simulator's.
 pub fn i2c(bus: &I2cBus, device: impl Fn(&Path) -> Device, user: &str) -> Option<Finding> {
-    let (path, kind) = match &bus.place {
+    let (path, kind) = match &bus.port.place {
         I2cPlace::Dev(path) => (path, ("ls -l /dev/i2c-*; sudo modprobe i2c-dev", "i2c")),
         I2cPlace::Gpio { chip, .. } => (chip, ("ls -l /dev/gpiochip*", "gpio")),
         I2cPlace::Socket(_) => return None,
     };
     let lost = "Temperatures and fans are not seen; the fans go on by themselves.";
-    Some(device_file(&format!("i2c.{}", bus.name), path, bus.hz, &device(path), (lost, user), kind))
+    Some(device_file(&format!("i2c.{}", bus.name), path, bus.port.hz, &device(path), (lost, user), kind))
 }
 
 /// The kernel's 1-Wire thermometers; none for the simulator's.
 pub fn w1(w1: &W1) -> Option<Finding> {
     const CHECK: &str = "w1";
-    if w1.folder.is_relative() {
+    if w1.port.folder.is_relative() {
         return None;
     }
-    let folder = w1.folder.display();
-    if !w1.folder.is_dir() {
+    let folder = w1.port.folder.display();
+    if !w1.port.folder.is_dir() {
         let what = format!("{folder} is not there: no thermometer is connected");
         return Some(Finding::warning(CHECK, what).cure("sudo modprobe w1-therm; dmesg | grep -i w1"));
     }
     let missing: Vec<&str> = w1
+        .driver
         .sensors
         .iter()
-        .filter(|sensor| !w1.folder.join(sensor.id.to_string()).exists())
+        .filter(|sensor| !w1.port.folder.join(sensor.rom.to_string()).exists())
         .map(|sensor| &*sensor.name)
         .collect();
     Some(match missing[..] {
-        [] => Finding::ok(CHECK, format!("{} thermometers are connected", w1.sensors.len())),
+        [] => Finding::ok(CHECK, format!("{} thermometers are connected", w1.driver.sensors.len())),
         _ => Finding::warning(CHECK, format!("not connected: {}", missing.join(", "))).cure(format!("ls {folder}")),
     })
 }
@@ -111,7 +112,7 @@ pub fn w1(w1: &W1) -> Option<Finding> {
 /// The serial device of a CAN adapter.
 pub fn adapter(bus: &CanBus, path: &Path, device: &Device, user: &str) -> Finding {
     let lost = "The drives are not reached: the robot does not move.";
-    device_file(&format!("can.{}", bus.name), path, bus.bitrate, device, (lost, user), SERIAL)
+    device_file(&format!("can.{}", bus.name), path, bus.driver.bitrate, device, (lost, user), SERIAL)
 }
 
 /// Hints for a serial device, and its usual group.
@@ -140,23 +141,23 @@ fn device_file(
 }
 
 /// A gamepad: its absence is no fault, missing rights are. `None` for a stream, which may come later.
-pub fn gamepad(joystick: &Joystick, gather: impl Fn(&Path) -> Device, user: &str) -> Option<Finding> {
+pub fn gamepad(gamepad: &Gamepad, gather: impl Fn(&Path) -> Device, user: &str) -> Option<Finding> {
     const CHECK: &str = "joystick";
-    let path = match &joystick.device {
-        JoystickDevice::Auto => Path::new("/dev/input"),
-        JoystickDevice::Path(path) => path,
-        JoystickDevice::Stream(_) => return None,
+    let path = match &gamepad.port.place {
+        GamepadPlace::Auto => Path::new("/dev/input"),
+        GamepadPlace::Device(path) => path,
+        GamepadPlace::Stream(_) => return None,
     };
     let (device, place) = (gather(path), path.display());
-    Some(match (&joystick.device, device) {
+    Some(match (&gamepad.port.place, device) {
         (_, Device { there: false, .. }) => Finding::ok(CHECK, format!("{place} is not there: not connected")),
-        (JoystickDevice::Path(_), Device { readable: false, group, .. }) => {
+        (GamepadPlace::Device(_), Device { readable: false, group, .. }) => {
             let group = group.filter(|group| group != "root").unwrap_or_else(|| "input".into());
             Finding::fail(CHECK, format!("{user} may not open {place}"))
                 .why("The gamepad is not heard. Log in anew after the cure.")
                 .cure(format!("sudo usermod -aG {group} {user}"))
         }
-        (JoystickDevice::Path(_), _) => Finding::ok(CHECK, format!("{place} is connected")),
+        (GamepadPlace::Device(_), _) => Finding::ok(CHECK, format!("{place} is connected")),
         _ => Finding::ok(CHECK, format!("any gamepad in {place}")),
     })
 }
@@ -197,21 +198,21 @@ fn details(json: &[u8]) -> (Option<u32>, Option<String>) {
 
 /// A CAN bus on a network interface; `None` for one over UDP, which belongs to the simulator.
 pub fn can(bus: &CanBus, can: &Can) -> Option<Finding> {
-    let CanInterface::Socket(name) = &bus.interface else { return None };
+    let CanInterface::Socket(name) = &bus.port.interface else { return None };
     let check = format!("can.{}", bus.name);
     let fail = |what: String| Finding::fail(&check, what).why("The drives are not reached: the robot does not move.");
     let set = format!(
         "sudo ip link set {name} down; sudo ip link set {name} type can bitrate {} restart-ms 100; \
          sudo ip link set {name} up",
-        bus.bitrate
+        bus.driver.bitrate
     );
     Some(match can {
         Can { there: false, .. } => {
             fail(format!("there is no interface {name}")).cure("ip -br link show type can; sudo dmesg | grep -i can")
         }
         Can { can: false, .. } => fail(format!("{name} is no CAN interface")).cure("ip -br link show type can"),
-        Can { bitrate: Some(rate), .. } if *rate != bus.bitrate => {
-            fail(format!("{name} runs at {rate} bit/s, {} is asked for", bus.bitrate)).cure(set)
+        Can { bitrate: Some(rate), .. } if *rate != bus.driver.bitrate => {
+            fail(format!("{name} runs at {rate} bit/s, {} is asked for", bus.driver.bitrate)).cure(set)
         }
         Can { up: false, .. } => fail(format!("{name} is down")).cure(set),
         Can { state: Some(state), .. } if state == "BUS-OFF" => fail(format!("{name} is BUS-OFF")).cure(set),
@@ -228,7 +229,7 @@ pub fn commands(modules: &[ModuleEntry], found: impl Fn(&str) -> bool) -> Vec<Fi
     let missing = modules.iter().filter_map(|module| Some((module, module.command.as_deref()?)));
     let missing = missing.filter(|(_, command)| !found(command));
     let finding = |(module, command): (&ModuleEntry, &str)| {
-        Finding::fail(format!("module {}", module.name), format!("there is no executable {command}"))
+        Finding::fail(format!("module {}", module.name()), format!("there is no executable {command}"))
             .why("The watchdog cannot start it.")
             .cure(format!("ls -l {command}; command -v {command}"))
     };

@@ -4,7 +4,8 @@
 //! Where a module has an `rt_priority` a finding is a warning, else a remark.
 
 use super::finding::Finding;
-use robot::config::{CanInterface, Robot, Rs485Bus};
+use host::ports::settings::CanInterface;
+use robot::config::{Robot, Rs485Bus};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -79,7 +80,7 @@ pub fn latency_timer(wanted: Option<u8>, bus: &Rs485Bus, device: &str, timer_ms:
     let check = format!("rs485.{}", bus.name);
     Some(match timer_ms? {
         ms @ ..=1 => Finding::ok(check, format!("{device} hands bytes on after {ms} ms")),
-        ms if bus.low_latency => {
+        ms if bus.line.low_latency => {
             Finding::ok(check, format!("{device} collects bytes for {ms} ms until its module opens it (low_latency)"))
         }
         ms => told(
@@ -168,14 +169,14 @@ pub fn check(wanted: Option<u8>, robot: Option<&Robot>) -> Vec<Finding> {
         Some(interrupt(wanted, &Interrupt { bus, thread, pid, priority }))
     };
     for bus in &robot.can {
-        let CanInterface::Socket(name) = &bus.interface else { continue };
+        let CanInterface::Socket(name) = &bus.port.interface else { continue };
         let class = PathBuf::from(format!("/sys/class/net/{name}"));
         let queue = fs::read_to_string(class.join("tx_queue_len")).ok().and_then(|text| text.trim().parse().ok());
-        findings.extend(transmit_queue(wanted, &bus.name, name, queue, bus.bitrate));
+        findings.extend(transmit_queue(wanted, &bus.name, name, queue, bus.driver.bitrate));
         findings.extend(served(format!("can.{}", bus.name), &class.join("device")));
     }
-    for bus in robot.rs485.iter().filter(|bus| bus.port.is_absolute()) {
-        let path = fs::canonicalize(&bus.port).unwrap_or_default();
+    for bus in robot.rs485.iter().filter(|bus| bus.line.port.is_absolute()) {
+        let path = fs::canonicalize(&bus.line.port).unwrap_or_default();
         let Some(device) = path.file_name().and_then(|name| name.to_str()) else { continue };
         let timer = read(&format!("/sys/bus/usb-serial/devices/{device}/latency_timer"));
         let timer = timer.and_then(|text| text.trim().parse().ok());

@@ -9,10 +9,13 @@ use super::network::{Interface, Listener};
 use super::probe::{Outgoing, Trip};
 use super::real_time::{self, Interrupt};
 use super::report::Style;
-use host::ports::Transport;
+use drivers::{canbus, joydev, rs485_bus};
+use host::ports::settings::{CanInterface, CanPort, GamepadPort, SerialPort};
+use host::ports::{GamepadPlace, Transport};
 use host::sys::ClockState;
 use lcm::url::{Interface as Choice, Udpm};
-use robot::config::{CanBus, CanInterface, ConfigError, Crc, Joystick, JoystickDevice, JoystickStick, Rs485Bus};
+use robot::config::{CanBus, ConfigError, Gamepad, Rs485Bus};
+use settings::Section;
 use std::collections::BTreeSet;
 use std::fs;
 use std::net::Ipv4Addr;
@@ -217,16 +220,8 @@ fn every_line_that_is_wrong_in_the_configuration_is_a_failure() {
 fn rs485() -> Rs485Bus {
     Rs485Bus {
         name: "a".into(),
-        port: "/dev/ttyUSB0".into(),
-        baud: 115_200,
-        transport: Transport::TwoByte,
-        setup: Vec::new(),
-        direction: None,
-        low_latency: false,
-        simulated_at: None,
-        crc: Crc::default(),
-        raw: false,
-        nodes: Vec::new(),
+        line: SerialPort { port: "/dev/ttyUSB0".into(), transport: Transport::TwoByte, ..SerialPort::usual() },
+        driver: rs485_bus::BusConfig::usual(),
     }
 }
 
@@ -243,41 +238,30 @@ fn a_serial_port_must_be_a_device_that_may_be_opened() {
     says(&check(&bus, closed.clone()).unwrap(), Level::Fail, "robo may not open", "usermod -aG dialout robo");
     let owned = Device { group: Some("root".into()), ..closed };
     says(&check(&bus, owned).unwrap(), Level::Fail, "robo may not open", "usermod -aG dialout robo");
-    bus.port = "rs485-a".into();
+    bus.line.port = "rs485-a".into();
     assert_eq!(check(&bus, Device::default()), None);
 }
 
 #[test]
 fn a_gamepad_that_is_not_there_is_well_and_one_that_may_not_be_heard_is_not() {
-    let stick = JoystickStick { axis: None, inverted: false, dead_zone: 0.1, expo: 0.3, limit: None };
-    let joystick = |device| Joystick {
-        device,
-        grab: false,
-        speed: stick,
-        steering: stick,
-        dead_man: None,
-        scale: 1.0,
-        slow: None,
-        fast: None,
-        quiet_s: None,
-    };
+    let gamepad = |place| Gamepad { port: GamepadPort { place, grab: false }, driver: joydev::Config::usual() };
     let there =
         Device { there: true, character: true, readable: true, group: Some("input".into()), ..Device::default() };
-    let check = |place: JoystickDevice, device: &Device| devices::gamepad(&joystick(place), |_| device.clone(), "robo");
-    let own = || JoystickDevice::Path("/dev/input/event5".into());
+    let check = |place: GamepadPlace, device: &Device| devices::gamepad(&gamepad(place), |_| device.clone(), "robo");
+    let own = || GamepadPlace::Device("/dev/input/event5".into());
     says(&check(own(), &there).unwrap(), Level::Ok, "event5 is connected", "");
     says(&check(own(), &Device::default()).unwrap(), Level::Ok, "event5 is not there: not connected", "");
     let closed = Device { readable: false, ..there.clone() };
     says(&check(own(), &closed).unwrap(), Level::Fail, "robo may not open /dev/input/event5", "usermod -aG input robo");
-    says(&check(JoystickDevice::Auto, &there).unwrap(), Level::Ok, "any gamepad in /dev/input", "");
-    assert_eq!(check(JoystickDevice::Stream("gamepad".into()), &there), None);
+    says(&check(GamepadPlace::Auto, &there).unwrap(), Level::Ok, "any gamepad in /dev/input", "");
+    assert_eq!(check(GamepadPlace::Stream("gamepad".into()), &there), None);
 }
 
 #[test]
 fn a_can_interface_must_be_up_at_the_bit_rate_asked() {
     let interface = CanInterface::Socket("can0".into());
-    let nodes = Vec::new();
-    let bus = CanBus { name: "main".into(), interface, bitrate: 500_000, master: 127, sync_s: None, raw: false, nodes };
+    let driver = canbus::BusConfig::usual();
+    let bus = CanBus { name: "main".into(), port: CanPort { interface, raw: false }, driver };
     let state = Some("ERROR-ACTIVE".into());
     let good = Can { there: true, can: true, up: true, bitrate: Some(500_000), state };
     let check = |can: Can| devices::can(&bus, &can).unwrap();
@@ -289,7 +273,8 @@ fn a_can_interface_must_be_up_at_the_bit_rate_asked() {
     let slow = Can { bitrate: Some(250_000), ..good.clone() };
     says(&check(slow), Level::Fail, "runs at 250000 bit/s", "ip link set can0 down");
     says(&check(Can { state: Some("BUS-OFF".into()), ..good }), Level::Fail, "BUS-OFF", "restart-ms");
-    let virtual_bus = CanBus { interface: CanInterface::Udp { group: HERE, port: None }, ..bus.clone() };
+    let virtual_bus = CanInterface::Udp { group: HERE, port: None };
+    let virtual_bus = CanBus { port: CanPort { interface: virtual_bus, raw: false }, ..bus.clone() };
     assert_eq!(devices::can(&virtual_bus, &Can::default()), None);
 }
 
@@ -346,7 +331,7 @@ fn an_adapter_that_collects_bytes_is_told_unless_its_module_changes_that() {
     let of = |bus: Rs485Bus, timer| move |wanted| real_time::latency_timer(wanted, &bus, "ttyUSB0", timer).unwrap();
     assert_eq!(real_time::latency_timer(Some(50), &rs485(), "ttyS0", None), None);
     says(&of(rs485(), Some(1))(Some(50)), Level::Ok, "after 1 ms", "");
-    let low = Rs485Bus { low_latency: true, ..rs485() };
+    let low = Rs485Bus { line: SerialPort { low_latency: true, ..rs485().line }, ..rs485() };
     says(&of(low, Some(16))(Some(50)), Level::Ok, "until its module opens it", "");
     warns(of(rs485(), Some(16)), "collects bytes for 16 ms", "/ttyUSB0/latency_timer");
     warns(of(rs485(), Some(2)), "for 2 ms", "low_latency = true in [rs485.a]");

@@ -5,8 +5,8 @@ use super::csv::Data;
 use super::{Hold, Outcomes, Row, START};
 use base::Instant;
 use estimator::Filter;
-use estimator::filter::{Config, Noise};
-use navitools::{Motion, Point, Pose};
+use estimator::filter::{Config, Mount, Noise};
+use navitools::{Motion, Pose};
 use robot::config;
 use serde_json::json;
 use std::path::Path;
@@ -73,7 +73,7 @@ pub fn estimates(
 /// A robot of which nothing is known: the sensor in its middle, and the figures of docs/facts/robot.md 3.3.
 fn unknown() -> Config {
     let odometry = Noise { along_per_m: 0.0, along_per_s: 0.015, turn_per_m: 0.0, turn_per_s: 0.025 };
-    Config { mount: Point::default(), odometry, lasting: 0.0, range: 1000.0, ..Config::default() }
+    Config { mount: Mount { x: 0.0, y: 0.0 }, odometry, lasting: 0.0, range: 1000.0, ..Config::default() }
 }
 
 /// Looks one thing after the other for what the bearings fit better, coarsely and then finely.
@@ -94,7 +94,9 @@ fn find_out(data: &Data, start: Option<[f64; 3]>, best: &mut Assumed, fits: &mut
         }
         let advee = Config::default();
         let others = vec![
-            with(best, &|config| config.mount = if config.mount.x == 0.0 { advee.mount } else { Point::default() }),
+            with(best, &|config| {
+                config.mount = if config.mount.x == 0.0 { advee.mount } else { Mount { x: 0.0, y: 0.0 } }
+            }),
             with(best, &|config| config.lasting = if config.lasting == 0.0 { advee.lasting } else { 0.0 }),
         ];
         try_others(data, start, best, fits, others)?;

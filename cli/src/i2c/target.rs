@@ -3,8 +3,8 @@
 use crate::holder::holder;
 use crate::{Common, Failed, whole};
 use base::i2c::Address;
-use robot::config::{I2cBus, I2cPlace};
-use robot::topology;
+use host::ports::settings::I2cPlace;
+use robot::config::I2cBus;
 use std::fs;
 use std::path::Path;
 
@@ -64,13 +64,13 @@ impl Where {
             (None, _) => return Err(format!("which bus? --bus with one of {names}, or --port").into()),
         };
         let bus = bus.ok_or_else(|| format!("robot.toml has no bus [i2c.{}]; it has {names}", wanted.unwrap_or("")))?;
-        let port = topology::i2c_place(&place, &bus.place, bus.hz);
-        Ok(Target { name: format!("i2c.{}", bus.name), port, device: device(&bus.place), known: known(bus) })
+        let port = bus.port.place.port(&place.run_dir, bus.port.hz);
+        Ok(Target { name: format!("i2c.{}", bus.name), port, device: device(&bus.port.place), known: known(bus) })
     }
 
     /// A port may be one of the robot's: then its chips are known, too.
     fn find_port(&self, common: &Common, port: &I2cPlace) -> Target {
-        let same = |bus: &I2cBus| match (&bus.place, port) {
+        let same = |bus: &I2cBus| match (&bus.port.place, port) {
             (I2cPlace::Dev(one), I2cPlace::Dev(two)) => {
                 one == two || fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(two).is_ok_and(|two| one == two))
             }
@@ -78,23 +78,14 @@ impl Where {
         };
         let robot = common.robot().ok();
         let configured = robot.as_ref().and_then(|(_, robot)| robot.i2c.iter().find(|bus| same(bus)));
-        let (name, path) = match port {
-            I2cPlace::Dev(path) => (path.display().to_string(), port.clone()),
-            I2cPlace::Gpio { chip, sda, scl } => (format!("gpio:{}:{sda}:{scl}", chip.display()), port.clone()),
-            // What is named on the command line is looked for where that is.
-            I2cPlace::Socket(path) => (
-                format!("unix:{}", path.display()),
-                I2cPlace::Socket(std::path::absolute(path).unwrap_or(path.clone())),
-            ),
-        };
-        let port = match &path {
-            I2cPlace::Socket(path) => host::ports::PortConfig::I2cSocket { path: path.clone() },
-            I2cPlace::Dev(path) => host::ports::PortConfig::I2cDev { path: path.clone() },
-            I2cPlace::Gpio { chip, sda, scl } => {
-                host::ports::PortConfig::I2cGpio { chip: chip.clone(), sda: *sda, scl: *scl, hz: self.hz }
-            }
-        };
-        Target { name, port, device: device(&path), known: configured.map(known).unwrap_or_default() }
+        // What is named on the command line is looked for in the working directory.
+        let path = port.port(Path::new(""), self.hz);
+        Target {
+            name: port.to_string(),
+            port: path,
+            device: device(port),
+            known: configured.map(known).unwrap_or_default(),
+        }
     }
 }
 
@@ -107,8 +98,8 @@ fn device(place: &I2cPlace) -> Option<std::path::PathBuf> {
 }
 
 fn known(bus: &I2cBus) -> Vec<Known> {
-    let chips = bus.chips.iter();
-    chips.filter_map(|chip| Some(Known { name: chip.name.clone(), address: Address::new(chip.address)? })).collect()
+    let chips = bus.driver.chips.iter();
+    chips.filter_map(|chip| Some(Known { name: chip.name.clone(), address: chip.address()? })).collect()
 }
 
 impl Target {

@@ -9,7 +9,9 @@ use crate::{Common, Failed, Outcome, complain, print};
 use logger::ros::{RobotScene, Sensor, Topic, Translator};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, Writer};
+use robot::config::Sensors;
 use serde_json::json;
+use settings::Section;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -90,8 +92,8 @@ pub fn import(common: &Common, command: &Import) -> Outcome {
 
 /// The robot's name is that of the configuration, if there is one. Its shape and beacons need not be the log's.
 fn scene(common: &Common) -> RobotScene {
-    let robot = common.load(false).map(|config| (config.robot.name, config.robot.sensors));
-    let (name, sensors) = robot.unwrap_or_default();
+    let robot = common.load(false).map(|config| (config.robot.general.name, config.robot.sensors));
+    let (name, sensors) = robot.unwrap_or_else(|_| (String::new(), Sensors::usual()));
     let sonar = Sensor::srf08(sensors.srf08.beam_rad);
     RobotScene { name, sonar, infrared: Sensor::GP2Y0A41, ..RobotScene::default() }
 }

@@ -73,11 +73,16 @@ pub fn open(run: &Path, header: &Header) -> Result<(Picture, Title), Failed> {
     let robot = recording::config(header, &header.texts(runs::SET))?.robot;
     let mut world = recording::world(header)?.unwrap_or_default();
     if world.beacons.is_empty() {
-        let beacon = |known: &robot::config::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
+        let beacon = |known: &settings::robot::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
         world.beacons = robot.beacons.iter().map(beacon).collect();
     }
-    let title = Title { run: name(run), robot: robot.name, program: header.program.clone(), remarks: Vec::new() };
-    Ok((Picture::new(world, Some(robot.geometry.footprint())), title))
+    let title = Title {
+        run: name(run),
+        robot: robot.general.name.clone(),
+        program: header.program.clone(),
+        remarks: Vec::new(),
+    };
+    Ok((Picture::new(world, Some(robot.footprint())), title))
 }
 
 /// What a module published and printed. All modules have one clock, which does not step: `epoch` tells its moments.

@@ -5,9 +5,8 @@ use crate::{Common, Failed, whole};
 use base::Duration;
 use host::ports::TerminalConfig;
 use host::ports::Transport;
-use robot::config::{Rs485Bus, Rs485Driver};
+use robot::config::Rs485Bus;
 use robot::place::Place;
-use robot::topology;
 use rs485::boards::{BOARDS, Board};
 use rs485::crc::Crc8;
 use std::fs;
@@ -32,11 +31,8 @@ pub struct Where {
 }
 
 fn transport(text: &str) -> Result<Transport, String> {
-    match text {
-        "two-byte" => Ok(Transport::TwoByte),
-        "parity" => Ok(Transport::Parity),
-        _ => Err("expected two-byte or parity".into()),
-    }
+    let found = Transport::ALL.iter().find(|(name, _)| *name == text);
+    found.map(|(_, transport)| *transport).ok_or_else(|| "expected two-byte or parity".into())
 }
 
 /// A board that is known to be on the line, or might be.
@@ -116,17 +112,17 @@ impl Where {
 
 impl Target {
     fn of(place: &Place, bus: &Rs485Bus) -> Self {
-        let known = bus.nodes.iter().map(|node| Known {
+        let known = bus.driver.nodes.iter().map(|node| Known {
             name: node.name.clone(),
             address: node.address,
-            board: BOARDS.iter().find(|board| board.name == name_of(node.driver)),
-            timeout: Duration::from_secs_f64(node.timeout_s),
+            board: BOARDS.iter().find(|board| board.name == node.kind.name()),
+            timeout: node.timeout,
         });
         Self {
             name: format!("rs485.{}", bus.name),
-            raw: Some((bus.name.to_uppercase(), bus.raw)),
-            terminal: topology::terminal(place, bus),
-            crc: topology::crc(bus.crc),
+            raw: Some((bus.name.to_uppercase(), bus.line.raw)),
+            terminal: bus.line.terminal(&place.run_dir),
+            crc: bus.driver.crc.into(),
             known: known.collect(),
         }
     }
@@ -166,9 +162,4 @@ impl Target {
         let names = if names.is_empty() { String::new() } else { format!(", or one of {}", names.join(", ")) };
         Err(format!("no board {text:?}: expected an address from 1 to 254{names}").into())
     }
-}
-
-/// What the boards' list calls a driver: as the configuration does, the variant's name in small letters.
-fn name_of(driver: Rs485Driver) -> String {
-    format!("{driver:?}").to_ascii_lowercase()
 }

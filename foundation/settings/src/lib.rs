@@ -6,7 +6,6 @@
 
 mod declare;
 mod moved;
-mod plain;
 mod reader;
 pub mod robot;
 mod rows;

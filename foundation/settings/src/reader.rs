@@ -54,10 +54,6 @@ pub struct Entry<'a> {
 }
 
 impl<'a> Entry<'a> {
-    pub(crate) fn new(name: String, node: &'a Node, problems: &'a Problems) -> Self {
-        Self { name, title: "", node, problems }
-    }
-
     /// Notes that the value is not `expected`.
     pub fn refuse(&self, expected: impl Display) {
         let what = format!(" = {}: expected {expected}", self.node.value);

@@ -9,6 +9,7 @@ mod setup;
 pub use driver::Driver;
 
 use super::{Device, Lost, Received};
+use ::settings::{Table, settings};
 use base::serial::Word;
 use base::{Duration, Instant};
 use module::{Input, Output};
@@ -26,26 +27,39 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How nine bits cross a serial port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Transport {
-    /// Two bytes a word.
-    TwoByte,
-    /// Mark and space parity.
-    Parity,
+settings! {
+    /// How nine bits cross a serial port.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Transport {
+        /// Two bytes a word.
+        TwoByte = "two-byte",
+        /// Mark and space parity.
+        Parity = "parity",
+    }
 }
 
-/// `rs485_direction = { … }`: when RTS lets the driver of the line talk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Direction {
-    /// RTS is high while sending, and low else; default true.
-    pub rts_on_send: bool,
-    /// RTS is high when not sending; default the opposite of `rts_on_send`.
-    pub rts_after_send: bool,
-    /// From RTS to the first start bit, 0..=100 ms; default 0.
-    pub delay_before_ms: u32,
-    /// From the last stop bit to RTS, 0..=100 ms; default 0.
-    pub delay_after_ms: u32,
+settings! {
+    /// `rs485_direction = { … }`: when RTS enables the driver of the line.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Direction {
+        /// RTS is high while sending.
+        rts_on_send: bool = true;
+        /// RTS is high while not sending; the opposite of `rts_on_send`.
+        rts_after_send: bool = derived !rts_on_send;
+        /// Time from RTS to the first start bit.
+        delay_before_ms: u32 = 0, 0..=100;
+        /// Time from the last stop bit to RTS.
+        delay_after_ms: u32 = 0, 0..=100;
+    }
+    check Direction::check;
+}
+
+impl Direction {
+    fn check(&self, table: &Table<'_>) {
+        if self.rts_on_send == self.rts_after_send {
+            table.refuse("rts_after_send", "the opposite of rts_on_send");
+        }
+    }
 }
 
 /// Start bit, eight data bits, the ninth, stop bit.

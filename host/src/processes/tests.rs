@@ -12,7 +12,13 @@ fn launch(program: &'static str, args: Vec<&'static str>, run_dir: Option<&Path>
         command.args(&args);
         Start { command, limits: Limits::default(), foreign: false, lines_from: LinesFrom::default() }
     };
-    Launch { start: Box::new(start), run_dir: run_dir.map(Into::into), divides: false, rt_priority: None }
+    Launch {
+        start: Box::new(start),
+        run_dir: run_dir.map(Into::into),
+        divides: false,
+        rt_priority: None,
+        notices: Vec::new(),
+    }
 }
 
 fn shell(script: &'static str, run_dir: Option<&Path>) -> Launch {
@@ -312,7 +318,13 @@ fn a_foreign_module_s_lines_are_read_until_its_end_and_by_the_next_watchdog() {
             command.args(["-c", script]);
             Start { command, limits: Limits::default(), foreign: true, lines_from: from }
         };
-        Launch { start: Box::new(start), run_dir: Some(dir.clone()), divides: false, rt_priority: None }
+        Launch {
+            start: Box::new(start),
+            run_dir: Some(dir.clone()),
+            divides: false,
+            rt_priority: None,
+            notices: Vec::new(),
+        }
     };
     let line = |level, text: &str| Line { module: "m".into(), level, text: text.into(), from };
     let mut first = Processes::new(clock::now(), launch(), None).unwrap();

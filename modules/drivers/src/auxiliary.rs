@@ -18,7 +18,10 @@ mod thermometers;
 use base::i2c::Outcome;
 use base::{Duration, Fault, Instant, Severity, Ticker, w1};
 use chip::Chip;
-pub use config::{BusConfig, Channel, ChipConfig, Config, ConfigError, FanConfig, Thermometer, W1Config};
+pub use config::{
+    BusConfig, Channel, ChipConfig, ChipKeys, Chips, Config, ConfigError, Fan, FanConfig, Temperature, Thermometer,
+    Thermometers as ThermometerKeys, W1Config,
+};
 use messages::lowlevel::{DataBus, DataTemperature};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
 use thermometers::Thermometers;

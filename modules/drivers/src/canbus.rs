@@ -23,7 +23,7 @@ mod steering;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Config, Limits, PropulsionConfig, SteeringConfig};
+pub use config::{Axis, BusConfig, Config, Drive, EposConfig, Node, PropulsionConfig, SteeringConfig};
 
 use arbiter::{Arbiter, Verdict};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
@@ -34,7 +34,7 @@ use ignored::Ignored;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::sabotage::{self, Bug};
 use module::{Actions, Event, Holds, Input, Line, Module, PortId, PortSpec, Standing, State};
-use objection::{Axis, Objection};
+use objection::Objection;
 use propulsion::Propulsion;
 use requests::{Requests, Whose};
 use steering::Steering;
@@ -112,7 +112,7 @@ impl Canbus {
         let master = Master::new(master, &nodes)?;
         Ok(Self {
             master,
-            arbiter: Arbiter::new(config.ttl),
+            arbiter: Arbiter::new(config.limits.command_ttl),
             around: Surroundings::new(config.critical.clone(), config.planning.clone(), config.has_pause_line),
             ports,
             propulsion,
@@ -158,11 +158,11 @@ impl Canbus {
 
     fn on_motion(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
         // A command that waited longer than it lives says what somebody wanted then, not what he wants now.
-        if now.since(at) >= self.config.ttl {
+        if now.since(at) >= self.config.limits.command_ttl {
             return;
         }
         let limits = &self.config.limits;
-        let in_limits = command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
+        let in_limits = command.speed.abs() <= limits.speed_mps && command.steering.abs() <= limits.steering_rad;
         let in_limits = in_limits || sabotage::is(Bug::LimitsIgnored);
         if !in_limits || !arbiter::is_priority(command.priority) {
             self.refuse(now, command, out);
@@ -180,10 +180,10 @@ impl Canbus {
             Verdict::Latched => Some(Hold::PlannerLatched),
         };
         if verdict == Verdict::Contested {
-            self.deadlines.set(Timer::Contested, now + self.config.ttl);
+            self.deadlines.set(Timer::Contested, now + self.config.limits.command_ttl);
             out.raise(Severity::Warning, Fault::MotionContested, "", Hold::Contested.words(&command.source));
         }
-        self.ignored.put(now + self.config.ttl, source, why);
+        self.ignored.put(now + self.config.limits.command_ttl, source, why);
     }
 
     /// A command that no honest source sends: the robot stops, whoever sent it.
@@ -191,9 +191,9 @@ impl Canbus {
         let limits = &self.config.limits;
         let message = format!(
             "command of {} refused: speed {} m/s (at most {}), steering {} rad (at most {}), priority {}",
-            command.source, command.speed, limits.speed, command.steering, limits.steering, command.priority
+            command.source, command.speed, limits.speed_mps, command.steering, limits.steering_rad, command.priority
         );
-        self.deadlines.set(Timer::Refused, now + self.config.ttl);
+        self.deadlines.set(Timer::Refused, now + self.config.limits.command_ttl);
         out.raise(Severity::Error, Fault::MotionRefused, "", message);
     }
 
@@ -490,7 +490,7 @@ impl Canbus {
         let plans = current.is_some();
         let objects = plans && self.around.objections_to_planner(now).next().is_some();
         if let Some(command) = current.filter(|_| objects && self.planned) {
-            let until = now + self.config.ttl;
+            let until = now + self.config.limits.command_ttl;
             self.ignored.put(until, command.source, Some(Hold::PlannerLatched));
             self.arbiter.stopped(now);
         }
@@ -519,9 +519,10 @@ impl Canbus {
         if planner && self.around.objections_to_planner(now).next().is_some() {
             return None;
         }
-        let by_source = if planner { limits.speed_autonomous } else { limits.speed_manual };
+        let by_source = if planner { limits.speed_autonomous_mps } else { limits.speed_manual_mps };
         let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
-        let by_curve = if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration / curvature) } else { by_source };
+        let by_curve =
+            if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
         let bound = by_source.min(by_curve);
         Some((command.speed.clamp(-bound, bound), command.steering))
     }

@@ -7,6 +7,7 @@ pub mod canbus;
 pub mod joydev;
 mod line;
 pub mod power;
+pub mod rs485_bus;
 pub mod rs485a;
 pub mod rs485b;
 #[cfg(test)]

@@ -80,9 +80,9 @@ impl Power {
     /// When the configuration cannot be.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
-        let period = Duration::from_secs_f64(1.0 / config.rate_hz);
+        let period = Duration::from_secs_f64(1.0 / config.node.rate_hz);
         let polls = vec![(GET_PWR_STATUS, period), (GET_CURRENTS, period)];
-        let board = line::Board::new(&config.name, config.address, psc1::INSTRUCTIONS, polls);
+        let board = line::Board::new(&config.node.name, config.node.address, psc1::INSTRUCTIONS, polls);
         let link = master::Config {
             baud: config.baud,
             crc: config.crc,
@@ -90,7 +90,7 @@ impl Power {
             unasked: psc1::UNASKED,
             ..master::Config::default()
         };
-        let line = Line::new(&config.bus, link, vec![(board, config.timeout)]);
+        let line = Line::new(&config.bus, link, vec![(board, config.node.timeout)]);
         Ok(Self {
             ports: [line.port()],
             line,
@@ -105,7 +105,7 @@ impl Power {
     }
 
     fn on_heard(&mut self, now: Instant, heard: &Heard, out: &mut Actions) {
-        let address = self.config.address;
+        let address = self.config.node.address;
         match heard {
             Heard::Unasked { from, instruction, data } if *from == address => {
                 match self.line.judge(address, parse_unasked(*instruction, data), out) {
@@ -155,7 +155,7 @@ impl Power {
     fn on_pause(&mut self, now: Instant, engaged: bool, source: u8, out: &mut Actions) {
         let known = self.pause.replace((engaged, source));
         self.deadlines.set(Timer::Pause, now + PAUSE_UNKNOWN);
-        let name = self.config.name.as_str();
+        let name = self.config.node.name.as_str();
         out.clear(Fault::PauseUnknown, name, format!("{name} tells of the PAUSE line again"));
         let who = if engaged { source_name(source).unwrap_or_default() } else { "" };
         if known.map(|(engaged, _)| engaged).unwrap_or_default() != engaged {
@@ -221,7 +221,7 @@ impl Power {
     }
 
     fn watch_reserve(&self, out: &mut Actions) {
-        let (charge, reserve, name) = (self.gauge.charge(), self.config.reserve, self.config.name.as_str());
+        let (charge, reserve, name) = (self.gauge.charge(), self.config.reserve, self.config.node.name.as_str());
         let percent = charge * 100.0;
         if charge < reserve {
             let message = format!("the battery has {percent:.0} %: drive it to its charger");
@@ -257,7 +257,7 @@ impl Power {
     fn tell(&mut self) {
         let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
         if self.channels.telling().is_some() || releases {
-            self.line.demand(self.config.address, &SET_PWR_STATUS);
+            self.line.demand(self.config.node.address, &SET_PWR_STATUS);
         }
     }
 
@@ -271,7 +271,7 @@ impl Power {
             None => "all is to be switched off".into(),
         };
         let message = format!("{what}: the modules are ended, then the computer");
-        out.raise(Severity::Warning, Fault::PowerOff, self.config.name.as_str(), message);
+        out.raise(Severity::Warning, Fault::PowerOff, self.config.node.name.as_str(), message);
         self.channels.forget();
         self.shutdown = Some(Shutdown::new(now, aim, &self.config.modules, seconds));
     }
@@ -290,7 +290,7 @@ impl Power {
         self.shutdown = None;
         self.deadlines.set(Timer::Halted, now + HALTS_WITHIN);
         let command = if aim == Aim::Reboot { &self.config.reboot } else { &self.config.halt };
-        let name = self.config.name.as_str();
+        let name = self.config.node.name.as_str();
         let line = command.join(" ");
         if command.is_empty() {
             out.report(Severity::Warning, Fault::PowerOff, name, "no halt_command is configured: the computer runs on");
@@ -305,7 +305,7 @@ impl Power {
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
         self.line.on_timer(now, out);
-        let name = self.config.name.as_str();
+        let name = self.config.node.name.as_str();
         if self.deadlines.take(Timer::Pause, now) {
             let message = format!("{name} does not tell of the PAUSE line: the robot stops");
             out.raise(Severity::Error, Fault::PauseUnknown, name, message);

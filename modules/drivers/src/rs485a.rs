@@ -17,9 +17,10 @@ mod config;
 mod odometry;
 mod ranges;
 
-pub use config::{Config, ConfigError, Kind, Node, Ranger, Wheels};
+pub use config::{Config, ConfigError, Ranger, Wheels};
 
 use crate::line::{self, Line, PORT};
+use crate::rs485_bus::{Kind, Node};
 use base::{Duration, Instant};
 use messages::{Channel, Message, common::CmdState};
 use module::{Actions, Event, Module, PortSpec, State};
@@ -142,7 +143,8 @@ impl Module for Rs485a {
 fn board(node: &Node) -> (line::Board, Duration) {
     let (table, poll): (&[Instruction], _) = match node.kind {
         Kind::Sd1 => (sd1::INSTRUCTIONS, sd1::GET_BOTH_DATA),
-        Kind::So1 => (so1::INSTRUCTIONS, so1::GET_TICKS),
+        // Other kinds have been refused.
+        Kind::So1 | Kind::Sbs1 | Kind::Psc1 => (so1::INSTRUCTIONS, so1::GET_TICKS),
     };
     let period = Duration::from_secs_f64(1.0 / node.rate_hz);
     (line::Board::new(&node.name, node.address, table, vec![(poll, period)]), node.timeout)

@@ -13,6 +13,7 @@
 mod sightings;
 
 use crate::line::{self, Heard, Line, PORT};
+use crate::rs485_bus::Node;
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::DataActiveBeacons;
 use messages::{Channel, Message};
@@ -38,14 +39,8 @@ pub struct Config {
     pub baud: u32,
     /// The check of its frames.
     pub crc: Crc8,
-    /// What messages and reports call the scanner: `sbs1`.
-    pub name: String,
-    /// 1..=254.
-    pub address: u8,
-    /// How often it is asked, Hz; above 0.
-    pub rate_hz: f64,
-    /// How long its answer may take.
-    pub timeout: Duration,
+    /// The scanner.
+    pub node: Node,
     /// Beacons to look for until somebody commands others; none: all. At most [`BEACONS`], none twice.
     pub beacons: Vec<u8>,
 }
@@ -92,20 +87,21 @@ impl Rs485b {
     /// # Errors
     /// When the configuration cannot be.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
-        if !(config.rate_hz.is_finite() && config.rate_hz > 0.0) {
+        let node = config.node;
+        if !(node.rate_hz.is_finite() && node.rate_hz > 0.0) {
             return Err(ConfigError::Rate);
         }
         if !is_list(&config.beacons) {
             return Err(ConfigError::Beacons);
         }
-        let polls = vec![(GET_BEACON_DATA, Duration::from_secs_f64(1.0 / config.rate_hz)), (GET_DEBUG_DATA, DEBUG)];
-        let board = line::Board::new(&config.name, config.address, sbs1::INSTRUCTIONS, polls);
+        let polls = vec![(GET_BEACON_DATA, Duration::from_secs_f64(1.0 / node.rate_hz)), (GET_DEBUG_DATA, DEBUG)];
+        let board = line::Board::new(&node.name, node.address, sbs1::INSTRUCTIONS, polls);
         let bus = master::Config { baud: config.baud, crc: config.crc, ..master::Config::default() };
-        let line = Line::new(&config.bus, bus, vec![(board, config.timeout)]);
+        let line = Line::new(&config.bus, bus, vec![(board, node.timeout)]);
         Ok(Self {
             ports: [line.port()],
             line,
-            address: config.address,
+            address: node.address,
             sightings: Sightings::new(config.baud),
             wanted: config.beacons,
             told: None,

@@ -12,7 +12,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Beacon, Config, ConfigError, Noise};
+pub use config::{Beacon, Config, ConfigError, Mount, Noise};
 pub(crate) use state::deviations;
 
 use crate::search::{self, Bearing};
@@ -421,7 +421,7 @@ impl Filter {
         }
         let later = if stamp >= at { stamp.since(at).as_secs_f64() } else { -at.since(stamp).as_secs_f64() };
         let place_of = self.config.beacons[beacon].at;
-        let (mount, rates) = (self.config.mount, step.rates());
+        let (mount, rates) = (self.config.mount.into(), step.rates());
         let sight = Sight { number: beacon, beacon: place_of, bearing, variance, mount, rates, later };
         let kind = Kind::Bearing { sight, fresh: true, used };
         self.history.insert(place, &Entry { at, kind, ..before });
@@ -719,8 +719,8 @@ impl Filter {
         let (position, heading) = deviations(&covariance);
         let mut quality = match () {
             () if self.doubt.is_some() => without,
-            () if position <= self.config.fine.0 && heading <= self.config.fine.1 => Quality::Fine,
-            () if position <= self.config.coarse.0 && heading <= self.config.coarse.1 => Quality::Coarse,
+            () if position <= self.config.fine_m && heading <= self.config.fine_rad => Quality::Fine,
+            () if position <= self.config.coarse_m && heading <= self.config.coarse_rad => Quality::Coarse,
             () => without,
         };
         let doubtful = match () {

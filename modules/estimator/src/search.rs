@@ -203,10 +203,10 @@ fn carry(config: &Config, seen: &Bearing, trail: &Trail, turn: f64, delay: f64) 
     let from = |then: Place| now.pose.inverse() * then.pose;
     let then = place(delay)?;
     let own = from(then);
-    let sensor = own * config.mount;
+    let sensor = own * Point::from(config.mount);
     let earlier = place(delay + DELAY_STEP / 2.0).map_or((Point::default(), 0.0), |then| {
         let (other, per_s) = (from(then), 2.0 / DELAY_STEP);
-        let there = other * config.mount;
+        let there = other * Point::from(config.mount);
         let moved = Point { x: (there.x - sensor.x) * per_s, y: (there.y - sensor.y) * per_s };
         (moved, (other.theta - own.theta).radians() * per_s)
     });

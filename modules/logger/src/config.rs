@@ -1,17 +1,20 @@
 //! What a logger is to do.
 
 use base::Duration;
+use settings::{Bytes, Section, settings};
 
-/// How chunks are compressed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Compression {
-    /// Not at all.
-    None,
-    /// LZ4.
-    Lz4,
-    /// Zstandard, its level 1: a fifth smaller, and hardly slower here (`docs/logs.md`).
-    #[default]
-    Zstd,
+settings! {
+    /// How chunks are compressed.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum Compression {
+        /// Not at all.
+        None = "none",
+        /// LZ4.
+        Lz4 = "lz4",
+        /// Zstandard, its level 1: a fifth smaller, and hardly slower here (`docs/logs.md`).
+        #[default]
+        Zstd = "zstd",
+    }
 }
 
 /// Something that each file carries.
@@ -25,53 +28,45 @@ pub struct Attachment {
     pub data: Vec<u8>,
 }
 
-/// Configuration of the module.
-#[derive(Clone, Debug)]
-pub struct Config {
-    /// The port of the folder of logs.
-    pub bus: String,
-    /// The robot's name.
-    pub robot: String,
-    /// The program's version.
-    pub version: String,
-    /// What each file carries beside the definitions of the messages.
-    pub attachments: Vec<Attachment>,
-    /// The folder that this run has already, for other records of it; the first run is written there.
-    pub run: Option<String>,
-    /// Whether it records from the start, or when it is told to.
-    pub start: bool,
-    /// How chunks are compressed.
-    pub compression: Compression,
-    /// A file that is longer is followed by the next.
-    pub file_max_bytes: u64,
-    /// What waits for the disk; beyond it messages are dropped. One message more than that fits in any case.
-    pub buffer_bytes: usize,
-    /// While nothing is recorded the messages of so long are kept for a recording that begins.
-    pub pretrigger: Duration,
-    /// And at most so many bytes of them.
-    pub pretrigger_bytes: usize,
-    /// So much stays free on the disk.
-    pub keep_free_bytes: u64,
-    /// All runs together take no more than this: older ones are removed when another file is begun.
-    pub keep_runs_bytes: u64,
+/// Bytes of a file of messages; where a place in a file has 32 bits, a file that is closed late stays below 2 GiB.
+const FILE_MAX: f64 = if cfg!(target_pointer_width = "32") { 2e9 } else { 1e12 };
+
+settings! {
+    /// Keys of `[log]` for the logger.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct Config {
+        /// The port of the folder of logs.
+        bus: String = unset "log";
+        /// The robot's name.
+        robot: String = unset "";
+        /// The program's version.
+        version: String = unset "";
+        /// Attachments of each file beside the definitions of the messages.
+        attachments: Vec<Attachment> = unset [];
+        /// The folder that this run has already, for other records of it; the first run is written there.
+        run: Option<String> = unset None;
+        /// It records from the start, else when `CM_CMD_LOG` commands it.
+        start: bool = true;
+        /// Compression of chunks.
+        compression: Compression = Compression::Zstd;
+        /// A file that is longer is followed by the next.
+        file_max_bytes: u64 = 256_000_000, Bytes(1e6..=FILE_MAX);
+        /// Buffer for a slow disk; beyond it messages are dropped, counted and reported. One message more than that
+        /// fits in any case.
+        buffer_bytes: usize = 32_000_000, Bytes(1e6..=1e9);
+        /// While nothing is recorded, messages of this time are kept for a recording that begins.
+        pretrigger_s as pretrigger: Duration = 10.0, 0.0..=600.0;
+        /// Maximum size of these messages.
+        pretrigger_bytes: usize = 16_000_000, Bytes(0.0..=1e9);
+        /// Space that stays free on the disk: the oldest runs are removed, then recording stops.
+        keep_free_bytes: u64 = 200_000_000, Bytes(0.0..=1e15);
+        /// Maximum size of all runs together: older ones are removed when another file is begun.
+        keep_runs_bytes: u64 = 8_000_000_000, Bytes(1e6..=1e15);
+    }
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            bus: "log".into(),
-            robot: String::new(),
-            version: String::new(),
-            attachments: Vec::new(),
-            run: None,
-            start: true,
-            compression: Compression::default(),
-            file_max_bytes: 256_000_000,
-            buffer_bytes: 32_000_000,
-            pretrigger: Duration::from_secs(10),
-            pretrigger_bytes: 16_000_000,
-            keep_free_bytes: 200_000_000,
-            keep_runs_bytes: 8_000_000_000,
-        }
+        Self::usual()
     }
 }

@@ -2,6 +2,8 @@
 
 use crate::map::Map;
 use navitools::Point;
+use settings::{Section, robot, settings};
+use std::path::PathBuf;
 
 /// The configuration; SI units. Whoever builds it from a file has checked its numbers.
 #[derive(Clone, Debug)]
@@ -56,39 +58,67 @@ pub struct Limits {
     pub lateral_acceleration: f64,
 }
 
-/// `[planner]`: how it behaves among people and things.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Manners {
-    /// Backwards, m/s.
-    pub speed_reverse: f64,
-    /// Through space that was not seen within the last second, m/s.
-    pub speed_unseen: f64,
-    /// Kept to what is sensed, m, beside the robot while it drives.
-    pub margin: f64,
-    /// Kept to what stands in the way, m.
-    pub stop_distance: f64,
-    /// From a thing's appearance to the brakes, s: sonar slot, poll, bus, loop, drive (docs/facts/robot.md 5).
-    pub reaction: f64,
-    /// Of the robot rolling out when PAUSE opens the motors' feed, m/s²; it drives no faster than it could so stop
-    /// before what it hears.
-    pub coasting: f64,
-    /// So long it waits for somebody in the way to leave before it looks for a way around, s.
-    pub patience: f64,
-    /// So often it tries to get free, one way or another, before a goal that is not a loop has failed.
-    pub attempts: u32,
+impl From<&robot::Geometry> for Body {
+    fn from(geometry: &robot::Geometry) -> Self {
+        Self {
+            wheelbase: geometry.wheelbase_m,
+            front: geometry.front_m(),
+            rear: geometry.rear_overhang_m,
+            width: geometry.width_m,
+        }
+    }
+}
+
+impl From<&robot::Limits> for Limits {
+    fn from(limits: &robot::Limits) -> Self {
+        Self {
+            speed: limits.speed_autonomous_mps,
+            steering: limits.steering_rad,
+            steering_rate: limits.steering_rate_radps,
+            acceleration: limits.acceleration_mps2,
+            deceleration: limits.deceleration_mps2,
+            lateral_acceleration: limits.lateral_acceleration_mps2,
+        }
+    }
+}
+
+settings! {
+    /// `[planner]`: what stands where the robot drives, and how it drives among it.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Map of walls in YAML and PGM, as nav2 has them, from the configuration folder on. Absent: an open floor, in
+        /// simulation the world's walls.
+        map: Option<PathBuf> = optional;
+        manners: Manners = flat;
+    }
+}
+
+settings! {
+    /// Behaviour among people and things.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Manners {
+        /// Speed backwards.
+        speed_reverse_mps as speed_reverse: f64 = 0.3, 0.01..=2.0;
+        /// Speed through space that was not seen within the last second.
+        speed_unseen_mps as speed_unseen: f64 = 0.4, 0.01..=2.0;
+        /// Distance beside the robot to what is sensed.
+        margin_m as margin: f64 = 0.2, 0.01..=1.0;
+        /// Distance to what stands in the way, beyond the margin.
+        stop_distance_m as stop_distance: f64 = 0.25, 0.05..=2.0;
+        /// Time from a thing's appearance to the brakes: sonar slot, poll, bus, loop, drive (docs/facts/robot.md 5).
+        reaction_s as reaction: f64 = 0.37, 0.05..=2.0;
+        /// Deceleration of the robot rolling out when PAUSE opens the motors' feed; it drives no faster than it could
+        /// so stop before what it hears.
+        coasting_mps2 as coasting: f64 = 0.25, 0.05..=20.0;
+        /// Time for which it waits for a person in the way before it looks for a way around.
+        patience_s as patience: f64 = 1.5, 0.5..=600.0;
+        /// Attempts to get free before a goal that is no loop has failed.
+        attempts: u32 = 8, 1..=1000;
+    }
 }
 
 impl Default for Manners {
     fn default() -> Self {
-        Self {
-            speed_reverse: 0.3,
-            speed_unseen: 0.4,
-            margin: 0.20,
-            stop_distance: 0.25,
-            reaction: 0.37,
-            coasting: 0.25,
-            patience: 1.5,
-            attempts: 8,
-        }
+        Self::usual()
     }
 }

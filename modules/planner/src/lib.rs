@@ -17,5 +17,5 @@ pub mod search;
 pub mod senses;
 pub mod track;
 
-pub use config::{Body, Config, Limits, Manners};
+pub use config::{Body, Config, Limits, Manners, Settings};
 pub use planner::{NAME, Planner};

@@ -9,6 +9,7 @@ use crate::random::Random;
 use crate::world::World;
 use base::Duration;
 use navitools::{Ackermann, Motion, Pose};
+use settings::robot::Geometry;
 
 /// The step of the integration.
 pub const STEP: Duration = Duration::from_millis(5);
@@ -111,6 +112,21 @@ impl Default for Parameters {
 }
 
 impl Parameters {
+    /// Those of the usual robot with these measures.
+    #[must_use]
+    pub fn of(geometry: &Geometry) -> Self {
+        Self {
+            wheelbase: geometry.wheelbase_m,
+            track: geometry.track_m,
+            overhang_rear: geometry.rear_overhang_m,
+            overhang_front: geometry.front_m() - geometry.wheelbase_m,
+            width: geometry.width_m,
+            wheel_radius: geometry.wheel_radius_m,
+            encoder_counts: f64::from(geometry.ticks_per_turn),
+            ..Self::default()
+        }
+    }
+
     /// Motor turns per metre driven.
     #[must_use]
     pub fn motor_turns_per_metre(&self) -> f64 {

@@ -1,8 +1,12 @@
 //! The world: walls, columns, drops in the floor; what a ray meets and how near a body is.
 //!
-//! Plain data. The file format (`conf/worlds/*.toml`) is read by `robot`; its keys are the fields here.
+//! Plain data. Its fields are the keys of the files `conf/worlds/*.toml`.
 
+mod keys;
+
+use keys::{BEACONS, COLUMNS, DROPS, PEOPLE, POINTS, START, WALLS};
 use navitools::{Point, Pose};
+use settings::{Section, settings};
 
 /// A straight wall, seen and felt from both sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,15 +35,17 @@ pub struct Beacon {
     pub at: Point,
 }
 
-/// Visitors.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Crowd {
-    /// Number, at most [`Crowd::MOST`].
-    pub count: u32,
-    /// The share of them that walks in groups of two to four, 0..=1.
-    pub grouped: f64,
-    /// Fraction of people who look where they go, 0..=1: others see the robot only at their feet.
-    pub attentive: f64,
+settings! {
+    /// Visitors.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Crowd {
+        /// Number.
+        count: u32 = required, 0..=Crowd::MOST;
+        /// Share of them that walks in groups of two to four.
+        grouped: f64 = 0.5, 0.0..=1.0;
+        /// Share of people who look where they go: others see the robot only at their feet.
+        attentive: f64 = 0.9, 0.0..=1.0;
+    }
 }
 
 impl Crowd {
@@ -50,40 +56,45 @@ impl Crowd {
 impl Default for Crowd {
     /// An empty crowd; people added to it walk in groups half of the time and mostly look where they go.
     fn default() -> Self {
-        Self { count: 0, grouped: 0.5, attentive: 0.9 }
+        Self::usual()
     }
 }
 
-/// A way through the world, by name.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Route {
-    /// Name in `--goal`.
-    pub name: String,
-    /// Waypoints in order, m; at least one.
-    pub waypoints: Vec<Point>,
-    /// After the last comes the first again.
-    pub looped: bool,
+settings! {
+    /// `[[routes]]`: a way through the world, by name.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct Route {
+        /// Name in `--goal`.
+        name: String = required;
+        /// Waypoints in order, m; at least one.
+        waypoints: Vec<Point> = [], POINTS;
+        /// After the last comes the first again.
+        loop as looped: bool = false;
+    }
 }
 
-/// All static objects, and the number of people.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct World {
-    /// Walls.
-    pub walls: Vec<Segment>,
-    /// Columns.
-    pub columns: Vec<Column>,
-    /// Areas without floor: polygons, m, at least three corners.
-    pub drops: Vec<Vec<Point>>,
-    /// Beacons.
-    pub beacons: Vec<Beacon>,
-    /// Visitors.
-    pub people: Crowd,
-    /// Places that visitors walk to; empty: anywhere.
-    pub places: Vec<Point>,
-    /// Ways for the robot.
-    pub routes: Vec<Route>,
-    /// Start pose of the robot.
-    pub start: Pose,
+settings! {
+    /// A world for the simulated robot (conf/worlds/README.md): all static objects, and the number of people.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct World {
+        /// Pose of the robot at first: x and y of the middle of the rear axle, m; theta, rad.
+        start: Pose = required, START;
+        /// Straight walls `[ax, ay, bx, by]`, m; seen and felt from both sides.
+        walls: Vec<Segment> = [], WALLS;
+        /// Round columns `[x, y, radius]`, m; sonars hear one of 6 cm to 2.5 m, one of 25 cm to 6 m.
+        columns: Vec<Column> = [], COLUMNS;
+        /// Areas without floor: polygons of at least three corners, m; stairs, edges of a stage.
+        drops: Vec<Vec<Point>> = [], DROPS;
+        /// Infrared beacons, each number once. They are the simulated robot's map, too: those of `robot.toml` are the
+        /// real robot's, and count where a world has none.
+        beacons: Vec<Beacon> = [], BEACONS;
+        /// Visitors: their number, or a table.
+        people: Crowd = Crowd::default(), PEOPLE;
+        /// Places that visitors walk to, m; empty: anywhere.
+        places: Vec<Point> = [], POINTS;
+        /// Ways for the robot; `advee up --sim --goal NAME` drives one.
+        routes: Vec<Route> = [];
+    }
 }
 
 /// Defect of a world.

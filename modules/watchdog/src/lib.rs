@@ -15,6 +15,7 @@ use guard::{Guard, Phase};
 use messages::{Channel, Message, common};
 use module::sabotage::{self, Bug};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
+use settings::{Choice, Table, settings};
 use std::collections::BTreeMap;
 
 /// The watchdog's name as a module.
@@ -63,19 +64,30 @@ impl Default for Config {
     }
 }
 
-/// One module.
-#[derive(Clone, Debug)]
-pub struct ModuleConfig {
-    /// Its name.
-    pub name: String,
-    /// Modules that must have come up before it is started.
-    pub depends: Vec<String>,
-    /// A thread of it that beats no more for this long hangs; 200 ms where nothing else is asked for.
-    pub beat_timeout: Duration,
-    /// Whether it is started again when it ends unasked.
-    pub restart: bool,
-    /// Whether the robot must not move without it.
-    pub critical: bool,
+settings! {
+    /// Keys of `[[modules]]` for the watchdog.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ModuleConfig {
+        /// Name on the bus.
+        name: String = required;
+        /// Modules, listed before, that must have come up before it is started.
+        depends: Vec<String> = Vec::<String>::new();
+        /// Time without a beat of one of its threads after which it counts as hung (docs/beats.md).
+        beat_timeout_s was beat_timeout as beat_timeout: Duration = 0.2, 0.02..=60.0;
+        /// True (`"always"`) if it is started again when it ends unasked.
+        restart: bool = true, Choice(&[("always", true), ("never", false)]);
+        /// The robot must not move without it.
+        critical: bool = false;
+    }
+    check ModuleConfig::check;
+}
+
+impl ModuleConfig {
+    fn check(&self, table: &Table<'_>) {
+        if !self.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
+            table.refuse("name", "letters, digits, _ and -");
+        }
+    }
 }
 
 base::deadlines! {

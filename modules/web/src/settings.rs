@@ -1,68 +1,52 @@
 //! `[web]`: where the robot's web server is reached, and by whom.
 
-use ::settings::Table;
+use ::settings::{Parsed, Section, Table, settings};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
-
-/// `[web]`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Web {
-    /// True if the robot starts it, where `modules.toml` lists it; default true. `advee up --headless` says false.
-    pub enabled: bool,
-    /// Where it listens; default 127.0.0.1:8080. Any other than a loopback address needs `token_file`.
-    pub listen: SocketAddr,
-    /// Names by which browsers may call it, besides `localhost` and the address that they reached; default none.
-    pub hosts: Vec<String>,
-    /// Where pages of others may come from that connect to it; default [`ORIGINS`].
-    pub origins: Vec<String>,
-    /// As many viewers at once, 1..=100; default 20.
-    pub viewers: u16,
-    /// The file with the credentials that each request must bring, from the configuration folder on; none: whoever
-    /// reaches the loopback address may look.
-    pub token_file: Option<PathBuf>,
-}
 
 /// Foxglove in a browser, and on the desktop.
 pub const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
+settings! {
+    /// `[web]`: the web server of the diagnostic center (docs/web.md), with the live endpoint for Foxglove.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct Web {
+        /// The robot starts it, where `modules.toml` lists it; `advee up --headless` sets false.
+        enabled: bool = true;
+        /// Address and port; any other than a loopback address needs `token_file`.
+        listen: SocketAddr = SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)), Parsed(
+            |text| text.parse().ok(), "an address and port as \"127.0.0.1:8080\" or \"[::1]:8080\"", "127.0.0.1:8080"
+        );
+        /// Names by which browsers may call it, besides `localhost` and the address that they reached.
+        hosts: Vec<String> = Vec::<String>::new();
+        /// Origins of foreign pages that may connect.
+        origins: Vec<String> = ORIGINS;
+        /// Maximum number of viewers at a time.
+        viewers: u16 = 20, 1..=100;
+        /// File with the credentials that each request must bring, of 16 to 256 characters and mode 600, from the
+        /// configuration folder on. Absent: whoever reaches the loopback address may look.
+        token_file: Option<PathBuf> = optional;
+    }
+    check Web::check;
+}
+
 impl Default for Web {
     fn default() -> Self {
-        Self {
-            enabled: true,
-            listen: (Ipv4Addr::LOCALHOST, 8080).into(),
-            hosts: Vec::new(),
-            origins: ORIGINS.map(String::from).into(),
-            viewers: 20,
-            token_file: None,
-        }
+        Self::usual()
     }
 }
 
 impl Web {
-    /// Reads the table, and what is wrong in it into its problems.
-    pub fn read(mut table: Table<'_>) -> Self {
-        let default = Self::default();
-        let listen = table.text("listen", Some(&default.listen.to_string()));
-        let listen = listen.parse().unwrap_or_else(|_| {
-            table.refuse("listen", "an address and port as \"127.0.0.1:8080\" or \"[::1]:8080\"");
-            default.listen
-        });
-        let token_file = table.has("token_file").then(|| table.text("token_file", None).into());
-        if !listen.ip().is_loopback() && token_file.is_none() {
+    fn check(&self, table: &Table<'_>) {
+        if !self.listen.ip().is_loopback() && self.token_file.is_none() {
             table.refuse("listen", "a loopback address, or web.token_file beside it");
         }
-        let hosts = table.texts("hosts");
-        if !hosts.iter().all(|host| is_host(host)) {
+        if !self.hosts.iter().all(|host| is_host(host)) {
             table.refuse("hosts", "names as \"advee.local\", without a port");
         }
-        let origins = if table.has("origins") { table.texts("origins") } else { default.origins };
-        if !origins.iter().all(|origin| is_origin(origin)) {
+        if !self.origins.iter().all(|origin| is_origin(origin)) {
             table.refuse("origins", "origins as \"https://app.foxglove.dev\", without a path");
         }
-        let enabled = table.boolean("enabled", default.enabled);
-        let viewers = table.integer("viewers", Some(default.viewers), 1..=100);
-        table.end();
-        Self { enabled, listen, hosts, origins, viewers, token_file }
     }
 }
 

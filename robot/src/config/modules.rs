@@ -1,40 +1,49 @@
 //! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
 
 use base::Level;
-use settings::Table;
+use host::limits::Limits;
+use settings::{Blank, Choice, Table, settings};
 use std::path::PathBuf;
+use watchdog::ModuleConfig;
 
-/// One `[[modules]]`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ModuleEntry {
-    /// Its name on the bus.
-    pub name: String,
-    /// Its executable; none: `advee run NAME`.
-    pub command: Option<String>,
-    /// Arguments of `command`, or further ones of `advee run NAME`.
-    pub args: Vec<String>,
-    /// Modules that must have come up before.
-    pub depends: Vec<String>,
-    /// Silence of its beat that counts as a hang, 0.02..=60 s; default 0.2.
-    pub beat_timeout_s: f64,
-    /// `SCHED_FIFO` priority, 1..=98; none: the normal scheduler.
-    pub rt_priority: Option<u8>,
-    /// Processors it may use; empty: all.
-    pub cpus: Vec<u16>,
-    /// -20..=19; default 0.
-    pub nice: i8,
-    /// Bytes, from 1 MiB; none: no limit.
-    pub memory_max: Option<u64>,
-    /// Cores, 0.01..=64; none: no limit.
-    pub cpu_max: Option<f64>,
-    /// Whether it is started again when it ends unasked; default true.
-    pub restart: bool,
-    /// Whether the robot must not move without it; default false.
-    pub critical: bool,
-    /// Lowest level of its texts and reports that are printed; none: `robot.print_from`.
-    pub print_from: Option<Level>,
-    /// Lowest level of its texts and reports that are sent; none: `robot.send_from`.
-    pub send_from: Option<Level>,
+/// The module that only a simulated robot has.
+pub const SIMULATOR: &str = "simulator";
+
+/// Levels of texts and reports.
+pub(super) const LEVELS: Choice<Level> =
+    Choice(&[("debug", Level::Debug), ("info", Level::Info), ("warning", Level::Warning), ("error", Level::Error)]);
+
+settings! {
+    /// `modules.toml`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Modules {
+        /// Device of the computer's own watchdog, which resets it when a critical module is down for too long
+        /// (docs/supervision.md).
+        hardware_watchdog: Option<PathBuf> = None, Blank;
+        /// It resets when it was not served for this long.
+        hardware_watchdog_timeout_s was hardware_watchdog_timeout: u32 = 10, 2..=3600;
+        /// Modules in the order in which they are started.
+        modules: Vec<ModuleEntry> = [];
+    }
+    check Modules::check;
+}
+
+settings! {
+    /// `[[modules]]`: a module.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ModuleEntry {
+        guard: ModuleConfig = flat;
+        /// Executable to start instead of `advee run NAME`.
+        command: Option<String> = None, Blank;
+        /// Arguments of `command`, or further ones of `advee run NAME`.
+        args: Vec<String> = Vec::<String>::new();
+        limits: Limits = flat;
+        /// Lowest level of its texts and reports that are printed. Absent: `robot.print_from`.
+        print_from: Option<Level> = optional, LEVELS;
+        /// Lowest level of its texts and reports that are published on `CM_EVENT_TEXT` and `CM_EVENT_ERROR`. Absent:
+        /// `robot.send_from`.
+        send_from: Option<Level> = optional, LEVELS;
+    }
 }
 
 /// The computer's own watchdog, which resets it when the robot's critical modules are not healthy.
@@ -42,74 +51,34 @@ pub struct ModuleEntry {
 pub struct HardwareWatchdog {
     /// Its device.
     pub path: PathBuf,
-    /// It resets when it was not fed for this long, 2..=3600 s; default 10.
+    /// It resets when it was not fed for this long, 2..=3600 s.
     pub timeout_s: u32,
 }
 
-/// The module that only a simulated robot has.
-pub const SIMULATOR: &str = "simulator";
-
-/// Reads the list; `sim` tells whether the simulator is part of it.
-pub(super) fn read(mut root: Table<'_>, sim: bool) -> (Vec<ModuleEntry>, Option<HardwareWatchdog>) {
-    let path = root.text("hardware_watchdog", Some(""));
-    let timeout_s = root.integer("hardware_watchdog_timeout", Some(10), 2..=3600);
-    let hardware_watchdog = (!path.is_empty()).then(|| HardwareWatchdog { path: path.into(), timeout_s });
-    let items: Vec<_> = root.tables("modules");
-    let mut modules: Vec<ModuleEntry> = Vec::new();
-    for mut item in items {
-        let mut module = ModuleEntry::read(&mut item);
-        if modules.iter().any(|other| other.name == module.name) {
-            item.refuse("name", "one that no other module has");
-        }
-        // Listed before: so there can be no circle.
-        let unknown = |name: &String| !modules.iter().any(|other| other.name == *name);
-        if module.depends.iter().any(unknown) {
-            item.refuse("depends", format_args!("modules listed before {}", module.name));
-        }
-        item.end();
-        if !sim {
-            module.depends.retain(|name| name != SIMULATOR);
-        }
-        modules.push(module);
-    }
-    root.end();
-    modules.retain(|module| sim || module.name != SIMULATOR);
-    (modules, hardware_watchdog)
-}
-
 impl ModuleEntry {
-    fn read(table: &mut Table<'_>) -> Self {
-        let none_if_zero = |value: f64| (value > 0.0).then_some(value);
-        let name = table.text("name", None);
-        if !name.is_empty() && !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
-            table.refuse("name", "letters, digits, _ and -");
-        }
-        Self {
-            name,
-            command: Some(table.text("command", Some(""))).filter(|command| !command.is_empty()),
-            args: table.texts("args"),
-            depends: table.texts("depends"),
-            beat_timeout_s: table.number("beat_timeout", Some(0.2), 0.02..=60.0),
-            rt_priority: Some(table.integer("rt_priority", Some(0), 0..=98)).filter(|priority| *priority > 0),
-            cpus: table.integers("cpus", 0..=1023),
-            nice: table.integer("nice", Some(0), -20..=19),
-            memory_max: none_if_zero(table.number("memory_max", Some(0.0), 0.0..=1e15)).map(|bytes| bytes as u64),
-            cpu_max: none_if_zero(table.number("cpu_max", Some(0.0), 0.0..=64.0)),
-            restart: table.choice("restart", Some(true), &[("always", true), ("never", false)]),
-            critical: table.boolean("critical", false),
-            print_from: level(table, "print_from"),
-            send_from: level(table, "send_from"),
-        }
+    /// Its name on the bus.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.guard.name
     }
 }
 
-/// Reads a level by name; none if the key is absent.
-pub(super) fn level(table: &mut Table<'_>, key: &'static str) -> Option<Level> {
-    let levels = [
-        ("debug", Some(Level::Debug)),
-        ("info", Some(Level::Info)),
-        ("warning", Some(Level::Warning)),
-        ("error", Some(Level::Error)),
-    ];
-    table.choice(key, Some(None), &levels)
+impl Modules {
+    fn check(&self, table: &Table<'_>) {
+        let names: Vec<&str> = self.modules.iter().map(ModuleEntry::name).collect();
+        table.unique("modules", "name", &names, "one that no other module has");
+        for (n, module) in self.modules.iter().enumerate() {
+            // Listed before: so there can be no circle.
+            if module.guard.depends.iter().any(|name| !names[..n].contains(&name.as_str())) {
+                let expected = format!("modules listed before {}", module.name());
+                table.item("modules", n).iter().for_each(|item| item.refuse("depends", &expected));
+            }
+        }
+    }
+
+    /// Takes a module off the list; no other waits for it then.
+    pub(super) fn leave_out(&mut self, name: &str) {
+        self.modules.retain(|module| module.name() != name);
+        self.modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
+    }
 }

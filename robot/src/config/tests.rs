@@ -1,7 +1,10 @@
 //! What is wrong in a configuration, and the line that says so.
 
 use super::*;
-use host::ports::{Direction, Transport};
+use drivers::joydev::Gear;
+use drivers::rs485_bus::Crc;
+use host::ports::settings::CanInterface;
+use host::ports::{Direction, GamepadPlace, Transport};
 use std::path::PathBuf;
 
 /// The shipped folder, which every checkout has.
@@ -42,7 +45,7 @@ nodes = [
 port = "/dev/ttyS1"
 transport = "two-byte"
 nodes = [
-    { address = 0x10, driver = "sd1", rate = 4 },
+    { address = 0x10, driver = "sd1", rate_hz = 4 },
 ]
 [[srfs]]
 id = 0
@@ -54,11 +57,10 @@ theta = 0.0
 "#;
 
 fn load(robot: &str, over: &str, sets: &[&str], modules: &str) -> Result<Config, Vec<String>> {
-    let mut tree = Node::parse(Path::new("robot.toml"), robot)?;
-    tree.merge(Node::parse(Path::new("sim.toml"), over)?);
-    let mut modules = Node::parse(Path::new("modules.toml"), modules)?;
-    override_by(sets, &mut tree, &mut modules).map_err(|line| vec![line])?;
-    Config::check(&tree, &modules, true).map_err(|ConfigError(lines)| lines)
+    let robot = Node::parse(Path::new("robot.toml"), robot)?;
+    let over = Node::parse(Path::new("sim.toml"), over)?;
+    let modules = Node::parse(Path::new("modules.toml"), modules)?;
+    Config::merge(robot, Some(over), modules, sets).map_err(|ConfigError(lines)| lines)
 }
 
 /// The small robot with `from` replaced by `to` is refused with exactly these lines.
@@ -72,26 +74,26 @@ fn refused(from: &str, to: &str, lines: &[&str]) {
 #[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
     use base::gamepad::{ABS_RY, BTN_TR, BTN_WEST};
-    let table = "[joystick]\ndevice = \"/dev/input/event5\"\ndead_man = \"BTN_TR\"\nspeed = { axis = \"ABS_RY\", limit = 0.4 }\n\
+    let table = "[gamepad]\ndevice = \"/dev/input/event5\"\ndead_man = \"BTN_TR\"\n\
+                 speed = { axis = \"ABS_RY\", limit = 0.4 }\n\
                  steering = { axis = 0x28, inverted = true }\nslow = { button = \"BTN_WEST\", scale = 0.25 }\n[limits]";
-    let joystick = load(&ROBOT.replacen("[limits]", table, 1), "", &[], MODULES).unwrap().robot.joystick.unwrap();
-    assert_eq!(joystick.device, JoystickDevice::Path("/dev/input/event5".into()));
-    assert_eq!((joystick.speed.axis, joystick.speed.limit), (Some(ABS_RY), Some(0.4)));
-    assert_eq!((joystick.steering.axis, joystick.steering.inverted), (Some(0x28), true));
-    assert_eq!((joystick.steering.dead_zone, joystick.steering.limit), (0.1, None));
-    assert_eq!(
-        (joystick.dead_man, joystick.slow),
-        (Some(BTN_TR), Some(JoystickGear { button: BTN_WEST, scale: 0.25 }))
-    );
-    assert_eq!((joystick.fast, joystick.quiet_s, joystick.scale), (None, None, 1.0));
-    assert!(load(ROBOT, "", &[], MODULES).unwrap().robot.joystick.is_none());
+    let robot = load(&ROBOT.replacen("[limits]", table, 1), "", &[], MODULES).unwrap().robot;
+    let (port, driver) = robot.gamepad.map(|gamepad| (gamepad.port, gamepad.driver)).unwrap();
+    assert_eq!(port.place, GamepadPlace::Device("/dev/input/event5".into()));
+    assert_eq!((driver.speed.axis, driver.speed.limit), (Some(ABS_RY), 0.4));
+    assert_eq!((driver.steering.axis, driver.steering.inverted), (Some(0x28), true));
+    assert_eq!((driver.steering.dead_zone, driver.steering.limit), (0.1, f64::INFINITY));
+    assert_eq!((driver.dead_man, driver.slow), (Some(BTN_TR), Some(Gear { button: BTN_WEST, scale: 0.25 })));
+    assert_eq!((driver.fast, driver.quiet, driver.scale), (None, None, 1.0));
+    let driver = driver.within(&robot.limits);
+    assert_eq!((driver.speed.limit, driver.steering.limit), (0.4, 0.61), "the limits of a manual source");
+    assert!(load(ROBOT, "", &[], MODULES).unwrap().robot.gamepad.is_none());
 }
 
 #[test]
 fn a_gamepad_that_cannot_be_meant_is_refused() {
-    let table = |lines: &str| format!("[joystick]\n{lines}\n[limits]");
-    let refused =
-        |line: &str, why: &str| refused("[limits]", &table(line), &[&format!("robot.toml:12: joystick{why}")]);
+    let table = |lines: &str| format!("[gamepad]\n{lines}\n[limits]");
+    let refused = |line: &str, why: &str| refused("[limits]", &table(line), &[&format!("robot.toml:12: gamepad{why}")]);
     refused(
         "device = \"js0\"",
         ".device = \"js0\": expected \"auto\", a device file as \"/dev/input/event5\", or \"file:PATH\"",
@@ -108,7 +110,10 @@ fn a_gamepad_that_cannot_be_meant_is_refused() {
     refused("speed = { axis = 64 }", ".speed.axis = 64: expected a name as \"ABS_Y\", or a code from 0x0 to 0x3f");
     refused("speed = { dead_zone = 1.0 }", ".speed.dead_zone = 1.0: expected a number from 0 to 0.9");
     refused("steering = { expo = nan }", ".steering.expo = NaN: expected a number from 0 to 1");
-    refused("slow = { scale = 0.5 }", ".slow.button: missing, expected the name of a button");
+    refused(
+        "slow = { scale = 0.5 }",
+        ".slow.button: missing, expected a name as \"BTN_TL\", or a code from 0x100 to 0x2ff",
+    );
     refused("scale = 0", ".scale = 0: expected a number from 0.01 to 1");
     refused("quiet_s = 0", ".quiet_s = 0: expected a number from 0.5 to 3600");
     refused(
@@ -120,10 +125,10 @@ fn a_gamepad_that_cannot_be_meant_is_refused() {
     let found = load(&ROBOT.replacen("[limits]", &table(twice), 1), "", &[], MODULES).unwrap_err();
     assert_eq!(found.len(), 2, "{found:?}");
     assert!(
-        found[0].starts_with("robot.toml:13: joystick.steering = ")
+        found[0].starts_with("robot.toml:13: gamepad.steering = ")
             && found[0].ends_with("another axis than that of the speed")
     );
-    assert!(found[1].starts_with("robot.toml:15: joystick.fast = "), "{found:?}");
+    assert!(found[1].starts_with("robot.toml:15: gamepad.fast = "), "{found:?}");
 }
 
 #[test]
@@ -131,11 +136,11 @@ fn the_shipped_robot_loads_live_and_simulated() {
     let live = Config::load(&shipped(), false, &[]).unwrap();
     let sim = Config::load(&shipped(), true, &[]).unwrap();
     assert_eq!((live.robot.srfs.len(), live.robot.irs.len()), (16, 4));
-    assert_eq!(live.robot.can[0].interface, CanInterface::Socket("can0".into()));
+    assert_eq!(live.robot.can[0].port.interface, CanInterface::Socket("can0".into()));
     let group = std::net::Ipv4Addr::new(239, 74, 163, 2);
-    assert_eq!(sim.robot.can[0].interface, CanInterface::Udp { group, port: None });
-    assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
-    let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
+    assert_eq!(sim.robot.can[0].port.interface, CanInterface::Udp { group, port: None });
+    assert_eq!(sim.robot.rs485[0].line.port, PathBuf::from("rs485-a"));
+    let names = |config: &Config| config.modules.iter().map(|module| module.name().to_owned()).collect::<Vec<_>>();
     let drivers = [
         "logger",
         "driver_power",
@@ -150,19 +155,19 @@ fn the_shipped_robot_loads_live_and_simulated() {
     ];
     assert_eq!(names(&live), drivers);
     assert_eq!(names(&sim)[..], [&["simulator"], &drivers[..]].concat());
-    let device = |config: &Config| config.robot.joystick.as_ref().map(|joystick| joystick.device.clone());
-    assert_eq!(device(&live), Some(JoystickDevice::Auto));
-    assert_eq!(device(&sim), Some(JoystickDevice::Stream("gamepad".into())));
+    let device = |config: &Config| config.robot.gamepad.as_ref().map(|gamepad| gamepad.port.place.clone());
+    assert_eq!(device(&live), Some(GamepadPlace::Auto));
+    assert_eq!(device(&sim), Some(GamepadPlace::Stream("gamepad".into())));
     assert!(live.robot.power.is_some() && live.robot.beacons.len() == 6);
-    assert!(live.modules.iter().all(|module| module.depends.is_empty()));
+    assert!(live.modules.iter().all(|module| module.guard.depends.is_empty()));
 }
 
 #[test]
 fn the_small_robot_loads_with_the_defaults() {
     let robot = load(ROBOT, "", &[], MODULES).unwrap().robot;
-    assert_eq!(robot.limits.command_ttl_s, 0.25);
-    assert_eq!((robot.can[0].bitrate, robot.rs485[0].baud), (500_000, 115_200));
-    assert_eq!(robot.rs485[0].crc, Crc { polynomial: 0x1D, initial: 0xFF, reflected: false, final_xor: 0xFF });
+    assert_eq!(robot.limits.command_ttl.as_secs_f64(), 0.25);
+    assert_eq!((robot.can[0].driver.bitrate, robot.rs485[0].line.baud), (500_000, 115_200));
+    assert_eq!(robot.rs485[0].driver.crc, Crc { polynomial: 0x1D, initial: 0xFF, reflected: false, final_xor: 0xFF });
 }
 
 #[test]
@@ -181,7 +186,7 @@ fn an_unknown_table_is_refused() {
         "[powder]\nport = \"x\"\n[limits]",
         &[
             "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, i2c, w1, srfs, irs, \
-           sensors, beacons, estimator, power, joystick, planner, log, web",
+           sensors, beacons, estimator, power, gamepad, planner, log, web",
         ],
     );
 }
@@ -240,7 +245,7 @@ fn a_choice_names_the_choices() {
 fn a_serial_port_is_set_up_as_it_says() {
     let parity = "\"parity\"\nsetup = [\"/sbin/ctl\", \"--485\"]\nlow_latency = true\n\
                   rs485_direction = { rts_on_send = false, delay_after_ms = 1 }";
-    let bus = load(&ROBOT.replacen("\"two-byte\"", parity, 1), "", &[], MODULES).unwrap().robot.rs485.remove(0);
+    let bus = load(&ROBOT.replacen("\"two-byte\"", parity, 1), "", &[], MODULES).unwrap().robot.rs485.remove(0).line;
     assert_eq!((bus.transport, bus.low_latency), (Transport::Parity, true));
     assert_eq!(bus.setup, ["/sbin/ctl", "--485"]);
     let direction = Direction { rts_on_send: false, rts_after_send: true, delay_before_ms: 0, delay_after_ms: 1 };
@@ -328,11 +333,11 @@ fn a_power_controller_has_a_link_of_its_own_and_a_battery_that_can_be() {
         &["robot.toml:12: power.bus = \"rs485.a\": expected an rs485 bus with one node, whose driver is \"psc1\""],
     );
     let link = "[rs485.link]\nport = \"p\"\ntransport = \"two-byte\"\n\
-                nodes = [{ address = 0x40, driver = \"psc1\", rate = 1 }]\n\
+                nodes = [{ address = 0x40, driver = \"psc1\", rate_hz = 1 }]\n\
                 [power]\nbus = \"rs485.link\"\ncapacity_ah = 40\ncells = 8\nhalt_command = [\"halt\"]\n[limits]";
     let robot = load(&ROBOT.replacen("[limits]", link, 1), "", &[], MODULES).unwrap().robot;
     let power = robot.power.unwrap();
-    assert_eq!((power.reserve, power.halt_command.len(), power.reboot_command.len()), (0.2, 1, 0));
+    assert_eq!((power.reserve, power.halt.len(), power.reboot.len()), (0.2, 1, 0));
 }
 
 #[test]
@@ -340,9 +345,9 @@ fn the_boards_of_a_real_port_are_simulated_at_another_place() {
     let a = |port: &str, at: &str| {
         let sets = [format!("rs485.a.port={port}"), format!("rs485.a.simulated_at={at}")];
         load(ROBOT, "", &sets.each_ref().map(String::as_str), MODULES)
-            .map(|config| config.robot.rs485[0].offered().map(PathBuf::from))
+            .map(|config| config.robot.rs485[0].line.offered().map(PathBuf::from))
     };
-    assert_eq!(load(ROBOT, "", &[], MODULES).unwrap().robot.rs485[0].offered(), None);
+    assert_eq!(load(ROBOT, "", &[], MODULES).unwrap().robot.rs485[0].line.offered(), None);
     assert_eq!(a("/dev/ttyS0", "/dev/ttyS1").unwrap(), None);
     assert_eq!(a("/dev/ttyUSB0", "boards").unwrap(), Some("boards".into()));
     for (port, at) in [("rs485-a", "boards"), ("/dev/ttyS0", "/dev/ttyS0")] {
@@ -352,25 +357,13 @@ fn the_boards_of_a_real_port_are_simulated_at_another_place() {
 }
 
 #[test]
-fn an_i2c_bus_is_where_it_says_and_its_chips_can_be() {
-    use crate::config::I2cPlace;
-    let place = |text: &str| I2cPlace::parse(text);
-    assert_eq!(place("/dev/i2c-1"), Some(I2cPlace::Dev("/dev/i2c-1".into())));
-    let chip = "/dev/gpiochip0".into();
-    assert_eq!(place("gpio:/dev/gpiochip0:2:3"), Some(I2cPlace::Gpio { chip, sda: 2, scl: 3 }));
-    assert_eq!(place("unix:i2c-aux"), Some(I2cPlace::Socket("i2c-aux".into())));
-    for bad in ["", "i2c-1", "unix:", "gpio:", "gpio:/dev/gpiochip0", "gpio:/dev/gpiochip0:2", "gpio:chip:2:3"] {
-        assert_eq!(place(bad), None, "{bad}");
-    }
-    for bad in ["gpio:/dev/gpiochip0:2:2", "gpio:/dev/gpiochip0:-1:2", "gpio:/dev/gpiochip0:2:x"] {
-        assert_eq!(place(bad), None, "{bad}");
-    }
+fn the_chips_of_an_i2c_bus_can_be() {
     let bus = "[i2c.aux]\nbus = \"i2c-1\"\nchips = [\n\
                { address = 0x78, driver = \"max6615\" },\n\
                { address = 0x18, driver = \"lm75\" },\n\
                { address = 0x18, driver = \"max6615\", temperatures = [\n\
                { name = \"box\", channel = 3, limit_c = 60 },\n\
-               { name = \"box\", channel = 1, limit_c = 0 } ], fans = [\n\
+               { name = \"box\", channel = 1, limit_c = 0 }, { name = \"cab\", channel = 1, limit_c = 5 } ], fans = [\n\
                { name = \"fan\", output = 1, follows = [\"bax\"], duty = 2 },\n\
                { name = \"fan\", output = 1, rpm_min = 100 } ] },\n]\n[limits]";
     refused(
@@ -383,9 +376,10 @@ fn an_i2c_bus_is_where_it_says_and_its_chips_can_be() {
             "robot.toml:16: i2c.aux.chips[2].address = 24: expected one that no other chip of the bus has",
             "robot.toml:17: i2c.aux.chips[2].temperatures[0].channel = 3: expected an integer from 1 to 2",
             "robot.toml:18: i2c.aux.chips[2].temperatures[1].limit_c = 0: expected an integer from 1 to 150",
-            "robot.toml:18: i2c.aux.chips[2].temperatures[1].channel = 1: expected one that no other temperature of the chip has",
-            "robot.toml:19: i2c.aux.chips[2].fans[0].follows = [1 items]: expected names of temperatures of this chip",
+            "robot.toml:18: i2c.aux.chips[2].temperatures[2].channel = 1: expected one that no other temperature of the \
+             chip has",
             "robot.toml:19: i2c.aux.chips[2].fans[0].duty = 2: expected a number from 0 to 1",
+            "robot.toml:19: i2c.aux.chips[2].fans[0].follows = [1 items]: expected names of temperatures of this chip",
             "robot.toml:20: i2c.aux.chips[2].fans[1].rpm_min = 100: expected 0, or a number from 230 to 57600",
             "robot.toml:20: i2c.aux.chips[2].fans[1].output = 1: expected one that no other fan of the chip has",
         ],
@@ -406,7 +400,7 @@ fn thermometers_have_the_names_of_the_kernel() {
         ],
     );
     let robot = load(&ROBOT.replacen("[limits]", "[w1]\n[limits]", 1), "", &[], MODULES).unwrap().robot;
-    assert_eq!(robot.w1.unwrap().folder, PathBuf::from("/sys/bus/w1/devices"));
+    assert_eq!(robot.w1.unwrap().port.folder, PathBuf::from("/sys/bus/w1/devices"));
 }
 
 #[test]
@@ -460,15 +454,15 @@ fn later_layers_override_single_keys() {
     ];
     let robot = load(ROBOT, "[limits]\nspeed_mps = 0.9\nsteering_rad = 0.3\n", &sets, MODULES).unwrap().robot;
     assert_eq!((robot.limits.speed_mps, robot.limits.steering_rad, robot.limits.acceleration_mps2), (0.5, 0.3, 0.5));
-    assert_eq!((robot.can[0].nodes[1].id, robot.name.as_str()), (7, "n"));
+    assert_eq!((robot.can[0].driver.nodes[1].id, robot.general.name.as_str()), (7, "n"));
     let group = std::net::Ipv4Addr::new(239, 0, 0, 1);
-    assert_eq!(robot.can[0].interface, CanInterface::Udp { group, port: Some(5000) });
+    assert_eq!(robot.can[0].port.interface, CanInterface::Udp { group, port: Some(5000) });
 }
 
 #[test]
 fn modules_are_overridden_by_name() {
     let modules = load(ROBOT, "", &["modules.driver_canbus.critical=true"], MODULES).unwrap().modules;
-    assert!(modules[0].critical);
+    assert!(modules[0].guard.critical);
     let error = load(ROBOT, "", &["modules.driver_canbsu.critical=true"], MODULES).unwrap_err();
     assert_eq!(error, ["--set modules.driver_canbsu.critical=true: driver_canbsu is none of the 1 items"]);
 }
@@ -557,7 +551,7 @@ fn the_web_server_stays_on_this_machine_unless_it_asks_for_credentials() {
 fn a_robot_without_a_web_server_has_no_such_module() {
     let listed = |set: &str| {
         let config = Config::load(&shipped(), true, &[set.into()]).unwrap();
-        config.modules.iter().filter(|module| module.name == web::NAME).count()
+        config.modules.iter().filter(|module| module.name() == web::NAME).count()
     };
     assert_eq!((listed("web.enabled=true"), listed("web.enabled=false")), (1, 0));
 }
@@ -583,16 +577,17 @@ fn the_shipped_worlds_load() {
 fn a_world_is_read_as_strictly() {
     let text = "walls = [\n[0, 0, 1],\n[0, 0, 1, 2e4],\n]\ncolumns = 1\ndrops = [3, [[0, \"a\"]]]\nmoon = true\n\
                 [[beacons]]\nid = 256\nx = 0\ny = 0\n";
-    let ConfigError(lines) = super::world::check(&Node::parse(Path::new("w.toml"), text).unwrap()).unwrap_err();
+    let ConfigError(lines) =
+        settings::read_as::<simulator::world::World>(&Node::parse(Path::new("w.toml"), text).unwrap()).unwrap_err();
     assert_eq!(
         lines,
         [
-            "w.toml:1: start: missing, expected a list of 3 numbers: x, y, theta",
-            "w.toml:2: walls = [3 items]: expected a list of 4 numbers within ±10000",
-            "w.toml:3: walls = [4 items]: expected a list of 4 numbers within ±10000",
+            "w.toml:1: start: missing, expected a list of 3 numbers within ±10000: x, y, theta",
+            "w.toml:2: walls[0] = [3 items]: expected a list of 4 numbers within ±10000",
+            "w.toml:3: walls[1] = [4 items]: expected a list of 4 numbers within ±10000",
             "w.toml:5: columns = 1: expected a list",
-            "w.toml:6: drops = 3: expected a list of corners [x, y]",
-            "w.toml:6: drops = [2 items]: expected a list of 2 numbers within ±10000",
+            "w.toml:6: drops[0] = 3: expected a list of corners [x, y]",
+            "w.toml:6: drops[1][0] = [2 items]: expected a list of 2 numbers within ±10000",
             "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons, people, places, routes",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]

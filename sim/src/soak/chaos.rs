@@ -6,6 +6,7 @@ use crate::host::Virtual;
 use base::{Duration, Instant};
 use messages::{common, simulation};
 use module::State;
+use settings::settings;
 use simulator::Random;
 use std::cell::Cell;
 use std::fmt;
@@ -18,24 +19,26 @@ const CLOCK: &str = "clock";
 /// Source of the chaos's state commands, distinct from the operator.
 const SOURCE: &str = "chaos";
 
-/// A fault. Its instant and its numbers are complete: removing another fault does not change it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Fault {
-    /// Instant.
-    pub at: Duration,
-    /// The name of its [kind](super::Kind).
-    pub kind: String,
-    /// Target.
-    pub target: String,
-    /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
-    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others who
-    /// command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names
-    /// of `SIM_CMD_FAULT`.
-    pub fault: String,
-    /// Value.
-    pub value: f64,
-    /// Duration, s; 0: momentary.
-    pub lasts: f64,
+settings! {
+    /// A fault. Its instant and its numbers are complete: removing another fault does not change it.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Fault {
+        /// Instant.
+        at_s as at: Duration = required, 0.0..=86_400.0;
+        /// The name of its [kind](super::Kind).
+        kind: String = "regression";
+        /// Target.
+        target: String = required;
+        /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
+        /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others
+        /// who command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by
+        /// the names of `SIM_CMD_FAULT`.
+        fault: String = required;
+        /// Value.
+        value: f64 = 0.0, -1e9..=1e9;
+        /// Duration, s; 0: momentary.
+        lasts_s as lasts: f64 = 0.0, 0.0..=86_400.0;
+    }
 }
 
 impl fmt::Display for Fault {

@@ -1,99 +1,116 @@
 //! What a robot-hour is made of: how long chaos and calm last, what breaks how often, how the operator drives.
 
+use super::Fault;
 use base::Duration;
+use settings::{Section, Span, Texts, settings};
 
-/// A scenario, read from a file by the caller.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scenario {
-    /// From the start of an episode's robot to its first chaos: modules come up, the steering is homed.
-    pub settle: Duration,
-    /// Then things break for so long,
-    pub chaos: Duration,
-    /// and nothing breaks for so long;
-    pub calm: Duration,
-    /// and so on, this number of times in an episode.
-    pub turns: u32,
-    /// A message takes up to this longer than the usual latency.
-    pub lcm_jitter: Duration,
-    /// Probability that a receiver misses a message, always.
-    pub lcm_loss: f64,
-    /// The longest delay before a dead process is started again.
-    pub restart_delay_max: Duration,
-    /// In calm the robot has moved within this time, homing not counted.
-    pub moves_within: Duration,
-    /// Behaviour of the operator.
-    pub operator: Behaviour,
-    /// Possible faults, in the order of their names.
-    pub kinds: Vec<Kind>,
+/// A day, s.
+const DAY: f64 = 86_400.0;
+
+settings! {
+    /// A scenario: times, rates, and the kinds of faults. Its keys are described in docs/soak.md.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Scenario {
+        /// Time from the start of an episode's robot to its first chaos: modules come up, the steering is homed.
+        settle_s as settle: Duration = 20.0, 0.0..=DAY;
+        /// Duration of each chaos.
+        chaos_s as chaos: Duration = 60.0, 1.0..=DAY;
+        /// Duration without faults after it.
+        calm_s as calm: Duration = 60.0, 1.0..=DAY;
+        /// Number of times of both in an episode.
+        turns: u32 = 5, 1..=10_000;
+        /// Longest delay before a dead process is started again.
+        restart_delay_max_s as restart_delay_max: Duration = 2.0, 0.1..=DAY;
+        /// In calm the robot has moved within this time, homing not counted.
+        moves_within_s as moves_within: Duration = 20.0, 1.0..=DAY;
+        /// Longest addition to the usual latency of a message.
+        lcm_jitter_s as lcm_jitter: Duration = 0.0002, 0.0..=0.1;
+        /// Probability that a receiver misses a message, always.
+        lcm_loss: f64 = 0.0, 0.0..=1.0;
+        /// Behaviour of the operator.
+        operator: Behaviour = table;
+        /// Possible faults, in the order of their names.
+        faults as kinds: Vec<Kind> = named;
+    }
 }
 
-/// A kind of fault.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Kind {
-    /// Name in reports: `process_hung`.
-    pub name: String,
-    /// Targets, equally likely: modules, buses, boards, drives, `lcm`, `clock`.
-    pub targets: Vec<String>,
-    /// Fault, by the names of `SIM_CMD_FAULT`, and for modules and the clock of [`super::Fault`].
-    pub fault: String,
-    /// Rate, per hour of chaos.
-    pub per_hour: f64,
-    /// Least and greatest value.
-    pub value: (f64, f64),
-    /// Shortest and longest duration, s; cut by the end of the chaos. 0: momentary.
-    pub lasts: (f64, f64),
+settings! {
+    /// `[faults.<name>]`: a kind of fault.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Kind {
+        /// Name in reports: `process_hung`.
+        name: String = key;
+        /// Targets, equally likely.
+        targets: Vec<String> = required, Texts("a list of modules, buses, boards, drives, \"lcm\" or \"clock\"");
+        /// What happens to the target (docs/soak.md).
+        fault: String = required;
+        /// Rate of it in chaos.
+        per_hour: f64 = required, 0.0..=3600.0;
+        /// Least and greatest value.
+        value: (f64, f64) = (0.0, 0.0), Span(-1e9..=1e9);
+        /// Shortest and longest duration; cut by the end of the chaos. 0: momentary.
+        lasts_s as lasts: (f64, f64) = (0.0, 0.0), Span(0.0..=DAY);
+    }
 }
 
-/// Behaviour of the operator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Behaviour {
-    /// Greatest speed, m/s.
-    pub speed: f64,
-    /// Steers as far as this, rad.
-    pub steering: f64,
-    /// Keeps this far from what he sees, m.
-    pub clearance: f64,
-    /// The least and greatest duration of a piece of a drive, s.
-    pub leg: (f64, f64),
-    /// Probability of falling silent at the end of a piece, instead of going on or commanding zero.
-    pub silence: f64,
-    /// Probability of commanding zero there.
-    pub zero: f64,
-    /// The wheelbase of what he drives, m: he knows where it will go.
-    pub wheelbase: f64,
-    /// Behind and ahead of the rear axle, and half its width, m.
-    pub body: (f64, f64, f64),
+settings! {
+    /// `[operator]`: behaviour of the operator.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Behaviour {
+        /// Greatest speed.
+        speed_mps as speed: f64 = 0.6, 0.1..=10.0;
+        /// Greatest steering angle.
+        steering_rad as steering: f64 = 0.5, 0.1..=1.5;
+        /// Distance kept to what he sees.
+        clearance_m as clearance: f64 = 0.3, 0.0..=100.0;
+        /// Least and greatest duration of a piece of a drive.
+        leg_s as leg: (f64, f64) = (1.0, 6.0), Span(0.1..=DAY);
+        /// Probability of falling silent at the end of a piece, instead of going on or commanding zero.
+        silence: f64 = 0.2, 0.0..=1.0;
+        /// Probability of commanding zero there.
+        zero: f64 = 0.2, 0.0..=1.0;
+        /// The wheelbase of what he drives, m: he knows where it will go.
+        wheelbase: f64 = unset 0.6;
+        /// Behind and ahead of the rear axle, and half its width, m.
+        body: (f64, f64, f64) = unset (0.15, 0.75, 0.30);
+    }
 }
 
-impl Default for Behaviour {
-    fn default() -> Self {
-        Self {
-            speed: 0.6,
-            steering: 0.5,
-            clearance: 0.3,
-            leg: (1.0, 6.0),
-            silence: 0.2,
-            zero: 0.2,
-            wheelbase: 0.6,
-            body: (0.15, 0.75, 0.30),
-        }
+settings! {
+    /// `[[regressions]]`: an episode that once failed.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Regression {
+        /// Cause, in words.
+        cause: String = required;
+        /// The seed of the soak.
+        seed: u64 = required, 0..=u64::MAX;
+        /// The number of the episode.
+        episode: u64 = required, 0..=u64::MAX;
+        /// The world.
+        world: String = "hall";
+        /// The faults that it took.
+        faults: Vec<Fault> = [];
+    }
+}
+
+settings! {
+    /// A file of what once failed.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Regressions {
+        /// Episodes.
+        regressions: Vec<Regression> = [];
     }
 }
 
 impl Default for Scenario {
     fn default() -> Self {
-        Self {
-            settle: Duration::from_secs(20),
-            chaos: Duration::from_secs(60),
-            calm: Duration::from_secs(60),
-            turns: 5,
-            lcm_jitter: Duration::from_micros(200),
-            lcm_loss: 0.0,
-            restart_delay_max: Duration::from_secs(2),
-            moves_within: Duration::from_secs(20),
-            operator: Behaviour::default(),
-            kinds: Vec::new(),
-        }
+        Self::usual()
+    }
+}
+
+impl Default for Behaviour {
+    fn default() -> Self {
+        Self::usual()
     }
 }
 

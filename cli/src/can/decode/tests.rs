@@ -2,17 +2,17 @@
 
 use super::*;
 use crate::can::target::{Known, Target};
+use drivers::canbus::{Drive, EposConfig};
 use host::ports::PortConfig;
-use robot::config::CanDriver;
 
 fn decoder() -> Decoder {
-    let known = |id, name: &str, driver| Known { id, name: name.into(), driver, eds: None };
+    let known = |id, name: &str, drive| Known { id, name: name.into(), drive, eds: None };
     let target = Target {
         name: "can.main".into(),
         raw: None,
         port: PortConfig::CanSocket { interface: "can0".into() },
         bitrate: 500_000,
-        known: vec![known(1, "propulsion", CanDriver::Epos { gear: 1.0 })],
+        known: vec![known(1, "propulsion", Drive::Epos(EposConfig { gear: 1.0 }))],
         master: None,
     };
     Decoder::new(Book::new(&target, None).unwrap())

@@ -1,17 +1,10 @@
 //! What stands against any motion, with the figures of each cause: compared by value after every event, put into words only
 //! when a message is made.
 
-use super::{Canbus, NAME, drive, steering, surroundings};
+use super::{Axis, Canbus, NAME, drive, steering, surroundings};
 use base::Fault;
 use messages::Hold;
 use module::Standing;
-
-/// One of the two axes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Axis {
-    Propulsion,
-    Steering,
-}
 
 /// Why the robot must not move.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -33,10 +33,10 @@ impl Propulsion {
         let units = Units::new(own.rpm_per_mps, own.rpm_per_mps, own.rpm_per_mps);
         let parameters = cia402::Parameters {
             // A margin above the limit of commands, for the drive's own controller.
-            velocity_rpm: units.speed(config.limits.speed * 1.1).min(epos::VELOCITY_MAX_RPM),
-            acceleration: units.acceleration(config.limits.acceleration),
-            deceleration: units.acceleration(config.limits.deceleration),
-            quick_stop_deceleration: units.acceleration(config.limits.quick_stop),
+            velocity_rpm: units.speed(config.limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
+            acceleration: units.acceleration(config.limits.acceleration_mps2),
+            deceleration: units.acceleration(config.limits.deceleration_mps2),
+            quick_stop_deceleration: units.acceleration(config.limits.quick_stop_mps2),
             ..epos::parameters(own.node)
         };
         Self {

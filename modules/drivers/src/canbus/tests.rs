@@ -6,7 +6,7 @@ mod holds;
 mod hostile;
 mod layout;
 
-use super::{Canbus, Config, Limits, NAME, PropulsionConfig, SteeringConfig};
+use super::{Canbus, Config, NAME, PropulsionConfig, SteeringConfig};
 use base::{Duration, Fault, Instant, Severity, can};
 use canopen::axis::PowerState;
 use canopen::drives::{epos, icla};
@@ -14,6 +14,7 @@ use fake::Fake;
 use messages::{Hold, Message, common, lowlevel};
 use module::bench::Bench;
 use module::{Action, Event, Input, Output, PortId, Shell, ShellConfig, State};
+use settings::robot::Limits;
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -25,16 +26,17 @@ fn config() -> Config {
         sync: None,
         wheelbase: 0.6,
         limits: Limits {
-            speed: 1.2,
-            steering: 0.61,
-            speed_manual: 0.6,
-            speed_autonomous: 0.8,
-            lateral_acceleration: 0.8,
-            acceleration: 0.5,
-            deceleration: 0.8,
-            quick_stop: 1.5,
+            speed_mps: 1.2,
+            steering_rad: 0.61,
+            speed_manual_mps: 0.6,
+            speed_autonomous_mps: 0.8,
+            lateral_acceleration_mps2: 0.8,
+            acceleration_mps2: 0.5,
+            deceleration_mps2: 0.8,
+            quick_stop_mps2: 1.5,
+            steering_rate_radps: 0.7,
+            command_ttl: Duration::from_millis(250),
         },
-        ttl: Duration::from_millis(250),
         critical: vec!["driver_rs485a".into()],
         planning: vec!["planner".into()],
         has_pause_line: false,

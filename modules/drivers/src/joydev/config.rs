@@ -1,51 +1,94 @@
 //! How a gamepad drives the robot: what is set, and what cannot be.
 
-use base::Duration;
+use base::{Duration, gamepad};
+use settings::robot::Limits;
+use settings::{Rule, Table, Value, settings};
 use std::fmt;
+use std::ops::RangeInclusive;
 
-/// Configuration of `driver_joydev`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Config {
-    /// The port's name: `joystick`.
-    pub bus: String,
-    /// What asks for a speed; its limit in m/s.
-    pub speed: StickConfig,
-    /// What asks for a steering angle; its limit in rad.
-    pub steering: StickConfig,
-    /// The dead-man button; none: what such a device has in its place.
-    pub dead_man: Option<u16>,
-    /// The share of the speed's limit that the stick reaches with no button held, above 0 to 1.
-    pub scale: f64,
-    /// A button that makes it another one while it is held, and counts before `fast`.
-    pub slow: Option<Gear>,
-    /// Another such button.
-    pub fast: Option<Gear>,
-    /// While it drives, a gamepad that says nothing for so long counts as let go; none: it may rest for ever.
-    pub quiet: Option<Duration>,
+settings! {
+    /// Keys of `[gamepad]` for the driver.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Config {
+        /// The port's name.
+        bus: String = unset "joystick";
+        /// Stick for the speed; its limit in m/s.
+        speed: StickConfig = table;
+        /// Stick for the steering angle; its limit in rad.
+        steering: StickConfig = table;
+        /// Dead-man button, by name or code. Absent: `BTN_TL`, else `BTN_TRIGGER`, else the first.
+        dead_man: Option<u16> = optional, BUTTON;
+        /// Share of the speed's limit that the stick reaches with no button held.
+        scale: f64 = 1.0, 0.01..=1.0;
+        /// Button that makes it another share while it is held; takes precedence over `fast`.
+        slow: Option<Gear> = optional;
+        /// Another such button.
+        fast: Option<Gear> = optional;
+        /// A gamepad that drives and sends nothing for this long counts as released. Absent: never.
+        quiet_s as quiet: Option<Duration> = optional, 0.5..=3600.0;
+    }
+    check Config::refuse_double;
 }
 
-/// An axis, and how what it says becomes what it asks for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StickConfig {
-    /// Its code; none: what such a device has for this.
-    pub axis: Option<u16>,
-    /// Towards its greater values is forward or left. Sticks have these where they are pulled, and to the right.
-    pub inverted: bool,
-    /// So much around the middle is the middle, 0 to 0.9 of the way to either end; at least what the device says.
-    pub dead_zone: f64,
-    /// 0: straight; 1: the cube of the way, fine near the middle.
-    pub expo: f64,
-    /// What it asks for at its ends, above 0.
-    pub limit: f64,
+settings! {
+    /// `speed = { … }`, `steering = { … }`: an axis, and the conversion of its position.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct StickConfig {
+        /// Name or code. Absent: of a gamepad (it has `BTN_SOUTH`) `ABS_Y` and `ABS_RX`, else `ABS_X`; of others
+        /// `ABS_Y` and `ABS_X`; else what there is.
+        axis: Option<u16> = optional, AXIS;
+        /// Greater values are forward or left. Sticks have these where they are pulled, and to the right.
+        inverted: bool = false;
+        /// Share of the way to either end that counts as the middle; at least the device's `flat`.
+        dead_zone: f64 = 0.1, 0.0..=0.9;
+        /// Shape of the curve: 0 a straight line; 1 the cube, fine near the middle.
+        expo: f64 = 0.3, 0.0..=1.0;
+        /// Demand at its ends, m/s or rad. Absent, and at most: `limits.speed_manual_mps`, `limits.steering_rad`.
+        limit: f64 = derived f64::INFINITY, 0.01..=10.0;
+    }
 }
 
-/// A button and the share of the speed's limit that it gives.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gear {
-    /// `BTN_…`
-    pub button: u16,
-    /// Above 0 to 1.
-    pub scale: f64,
+settings! {
+    /// `slow = { … }`, `fast = { … }`: a button and the share of the speed's limit that it gives.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Gear {
+        /// Name or code.
+        button: u16 = required, BUTTON;
+        /// Share of the limit.
+        scale: f64 = required, 0.01..=1.0;
+    }
+}
+
+/// A code by its name, or as a number for a code without one.
+struct Code {
+    by_name: fn(&str) -> Option<u16>,
+    range: RangeInclusive<u16>,
+    example: &'static str,
+}
+
+const AXIS: Code = Code { by_name: gamepad::axis_code, range: 0..=0x3F, example: "ABS_Y" };
+const BUTTON: Code = Code { by_name: gamepad::button_code, range: 0x100..=0x2FF, example: "BTN_TL" };
+
+impl Rule<u16> for Code {
+    fn accept(&self, value: &Value) -> Option<u16> {
+        match value {
+            Value::String(name) => (self.by_name)(name),
+            number => self.range.accept(number),
+        }
+    }
+
+    fn expected(&self) -> String {
+        let (start, end) = (self.range.start(), self.range.end());
+        format!("a name as {:?}, or a code from {start:#x} to {end:#x}", self.example)
+    }
+
+    fn stand_in(&self) -> u16 {
+        *self.range.start()
+    }
+
+    fn shown(&self, code: &u16) -> String {
+        format!("{code:#x}")
+    }
 }
 
 /// Why a configuration is refused.
@@ -72,6 +115,27 @@ impl fmt::Display for ConfigError {
 impl std::error::Error for ConfigError {}
 
 impl Config {
+    fn refuse_double(&self, table: &Table<'_>) {
+        if self.speed.axis.is_some() && self.speed.axis == self.steering.axis {
+            table.refuse("steering", "another axis than that of the speed");
+        }
+        let [slow, fast] = [self.slow, self.fast].map(|gear| gear.map(|gear| gear.button));
+        if slow.is_some() && slow == self.dead_man {
+            table.refuse("slow", "another button than dead_man");
+        }
+        if fast.is_some() && [self.dead_man, slow].contains(&fast) {
+            table.refuse("fast", "another button than dead_man and slow");
+        }
+    }
+
+    /// The same within the limits of a manual source, m/s and rad.
+    #[must_use]
+    pub fn within(mut self, limits: &Limits) -> Self {
+        self.speed.limit = self.speed.limit.min(limits.manual_mps());
+        self.steering.limit = self.steering.limit.min(limits.steering_rad);
+        self
+    }
+
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         if self.speed.axis.is_some() && self.speed.axis == self.steering.axis {
             return Err(ConfigError::OneAxis);

@@ -1,40 +1,39 @@
 //! What `driver_power` must know of the robot; SI units but for ampere-hours.
 
-use base::Duration;
+use crate::rs485_bus::Node;
 use rs485::crc::Crc8;
+use settings::settings;
 use std::fmt;
 
-/// Configuration of `driver_power`.
-#[derive(Clone, Debug)]
-pub struct Config {
-    /// The link's name: `rs485.power`.
-    pub bus: String,
-    /// bit/s on the wire.
-    pub baud: u32,
-    /// The check of its frames.
-    pub crc: Crc8,
-    /// What messages and reports call the controller: `psc1`.
-    pub name: String,
-    /// 1..=254.
-    pub address: u8,
-    /// How often channels and currents are asked for, Hz; above 0.
-    pub rate_hz: f64,
-    /// How long an answer may take.
-    pub timeout: Duration,
-    /// Of a full battery, Ah; above 0.
-    pub capacity_ah: f64,
-    /// In series, 1 to 16.
-    pub cells: u8,
-    /// Below this charge, 0..=1, a warning is reported.
-    pub reserve: f64,
-    /// The other modules, in the order in which they were started; they are ended the other way round.
-    pub modules: Vec<String>,
-    /// What halts the computer; none: the operator's affair.
-    pub halt: Vec<String>,
-    /// What restarts it; none: a restart is refused.
-    pub reboot: Vec<String>,
-    /// A simulated robot: the computer belongs to somebody else, and neither is run.
-    pub simulated: bool,
+settings! {
+    /// `[power]`: the power controller and its battery. With this table the robot does not move unless the state of the
+    /// PAUSE line is known.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Config {
+        /// Link to the controller: an EIA-485 bus with a node of driver `psc1`, and no other.
+        bus: String = "rs485.power";
+        /// bit/s on the wire.
+        baud: u32 = unset 115_200;
+        /// The check of its frames.
+        crc: Crc8 = unset Crc8::SAE_J1850;
+        /// The controller.
+        node: Node = unset Node::usual();
+        /// Capacity of the full battery.
+        capacity_ah: f64 = required, 0.1..=10_000.0;
+        /// Cells in series.
+        cells: u8 = required, 1..=16;
+        /// Charge below which a warning is reported.
+        reserve: f64 = 0.2, 0.0..=1.0;
+        /// The other modules, in the order in which they were started; they are ended the other way round.
+        modules: Vec<String> = unset Vec::<String>::new();
+        /// Program and arguments that halt the computer when the supply is cut or channel host is switched off; never
+        /// run in simulation.
+        halt_command as halt: Vec<String> = Vec::<String>::new();
+        /// Program and arguments that restart it. Absent: a restart is refused.
+        reboot_command as reboot: Vec<String> = Vec::<String>::new();
+        /// A simulated robot: the computer belongs to others, and neither command is run.
+        simulated: bool = unset false;
+    }
 }
 
 /// Why a configuration is refused.
@@ -60,7 +59,7 @@ impl std::error::Error for ConfigError {}
 impl Config {
     /// Looks at what the module relies on.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
-        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+        if !(self.node.rate_hz.is_finite() && self.node.rate_hz > 0.0) {
             return Err(ConfigError::Rate);
         }
         let capacity = self.capacity_ah.is_finite() && self.capacity_ah > 0.0;

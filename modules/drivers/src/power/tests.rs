@@ -1,6 +1,7 @@
 //! The driver against an emulated controller, on a small wire in virtual time.
 
 use super::*;
+use crate::rs485_bus::{Kind, Node};
 use crate::testing::Rig;
 use messages::common::{CmdState, DataProcesses, Process};
 use rs485::boards::psc1::{ADDRESS, build_currents, build_status, parse_set};
@@ -17,10 +18,7 @@ fn config() -> Config {
         bus: "rs485.power".into(),
         baud: 115_200,
         crc: Crc8::SAE_J1850,
-        name: "psc1".into(),
-        address: ADDRESS,
-        rate_hz: 1.0,
-        timeout: ms(20),
+        node: Node { name: "psc1".into(), address: ADDRESS, kind: Kind::Psc1, rate_hz: 1.0, timeout: ms(20) },
         capacity_ah: 40.0,
         cells: 8,
         reserve: 0.2,
@@ -332,7 +330,7 @@ fn a_configuration_that_cannot_be_is_refused() {
         change(&mut config);
         Power::new(config).unwrap_err()
     };
-    assert_eq!(refused(|config| config.rate_hz = f64::NAN), ConfigError::Rate);
+    assert_eq!(refused(|config| config.node.rate_hz = f64::NAN), ConfigError::Rate);
     assert_eq!(refused(|config| config.capacity_ah = 0.0), ConfigError::Battery);
     assert_eq!(refused(|config| config.cells = 0), ConfigError::Battery);
     assert_eq!(refused(|config| config.reserve = 1.1), ConfigError::Battery);

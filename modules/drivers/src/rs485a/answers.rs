@@ -1,8 +1,9 @@
 //! What the boards answer, or fail to: from what is heard to messages.
 
+use super::Rs485a;
 use super::odometry::Step;
-use super::{Kind, Rs485a};
 use crate::line::Heard;
+use crate::rs485_bus::Kind;
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataIrs, DataRanges, DataSrfs};
 use module::Actions;
@@ -35,7 +36,7 @@ impl Rs485a {
                 let counts = self.line.judge(to, wheels(data), out);
                 counts.map(|counts| self.on_ticks(now, to, counts, out))
             }
-            None => return,
+            Some(Kind::Sbs1 | Kind::Psc1) | None => return,
         };
         if understood.is_none() {
             self.on_failure(now, to, instruction, out);

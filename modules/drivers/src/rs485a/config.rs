@@ -1,8 +1,10 @@
 //! What the module must know of the robot; SI units.
 
-use base::Duration;
+use crate::rs485_bus::{Kind, Node};
 use rs485::crc::Crc8;
 use rs485::master::NODES_MAX;
+use settings::robot::{Geometry, Limits};
+use settings::settings;
 use std::fmt;
 
 /// Configuration of `driver_rs485a`.
@@ -24,47 +26,25 @@ pub struct Config {
     pub wheels: Wheels,
 }
 
-/// A board.
-#[derive(Clone, Debug)]
-pub struct Node {
-    /// What messages and reports call it: `sd1_front`.
-    pub name: String,
-    /// 1..=254.
-    pub address: u8,
-    /// What it is.
-    pub kind: Kind,
-    /// How often it is asked, Hz; above 0. A rate beyond the wire's limit gives what the wire gives.
-    pub rate_hz: f64,
-    /// How long its answer may take; 20 ms by `docs/facts/boards.md` 1.
-    pub timeout: Duration,
-}
-
-/// What a board is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Distances: BR-SD1.
-    Sd1,
-    /// Odometry: BR-SO1. One on the bus at most.
-    So1,
-}
-
-/// A ranger and where it sits in the robot's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ranger {
-    /// Its number in messages.
-    pub id: u8,
-    /// The address of the SD1 that serves it.
-    pub board: u8,
-    /// Its place in that board's answer.
-    pub channel: u8,
-    /// Forward, m.
-    pub x: f64,
-    /// Left, m.
-    pub y: f64,
-    /// Where it looks, rad.
-    pub theta: f64,
-    /// Full opening angle of its beam, rad; 0 for a line.
-    pub beam: f64,
+settings! {
+    /// An item of `srfs` or `irs`: a ranger and where it sits in the robot's frame.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Ranger {
+        /// Number in messages.
+        id: u8 = required, 0..=255;
+        /// Address of the SD1 that serves it.
+        board: u8 = required, 1..=254;
+        /// Place in the answer of that board: 0 to 7 of `srfs`, 0 and 1 of `irs`.
+        channel: u8 = required, 0..=7;
+        /// Forward.
+        x: f64 = required, -10.0..=10.0;
+        /// Left.
+        y: f64 = required, -10.0..=10.0;
+        /// Direction in which it looks.
+        theta: f64 = required, -std::f64::consts::PI..=std::f64::consts::PI;
+        /// Full opening angle of its beam, rad; 0 for a line.
+        beam: f64 = unset 0.0;
+    }
 }
 
 /// The front wheels, steered and not driven.
@@ -91,6 +71,18 @@ impl Default for Wheels {
 }
 
 impl Wheels {
+    /// Those of the robot.
+    #[must_use]
+    pub fn of(geometry: &Geometry, limits: &Limits) -> Self {
+        Self {
+            wheelbase_m: geometry.wheelbase_m,
+            track_m: geometry.track_m,
+            radius_m: geometry.wheel_radius_m,
+            ticks_per_turn: geometry.ticks_per_turn,
+            speed_max_mps: limits.speed_mps,
+        }
+    }
+
     /// The way of one tick, m.
     #[must_use]
     pub fn metres_per_tick(&self) -> f64 {
@@ -105,6 +97,8 @@ pub enum ConfigError {
     Nodes(usize),
     /// Two boards of one address, or two SO1: the name of the second.
     Twice(String),
+    /// A board of another kind: its name.
+    Kind(String),
     /// A board's rate is not above 0: its name.
     Rate(String),
     /// A ranger's board is no SD1 of this bus: the ranger's number.
@@ -118,6 +112,7 @@ impl fmt::Display for ConfigError {
         match self {
             Self::Nodes(nodes) => write!(f, "{nodes} boards on one bus: 1 to {NODES_MAX} are possible"),
             Self::Twice(name) => write!(f, "board {name}: its address, or an SO1, is there twice"),
+            Self::Kind(name) => write!(f, "{name} on rs485.a: it knows sd1 and so1"),
             Self::Rate(name) => write!(f, "board {name}: its rate must be above 0"),
             Self::NoBoard(id) => write!(f, "ranger {id}: its board is no SD1 of this bus"),
             Self::Wheels => f.write_str("wheels: lengths, ticks per turn and speed must be above 0"),
@@ -137,6 +132,9 @@ impl Config {
             let so1 = |other: &Node| (node.kind, other.kind) == (Kind::So1, Kind::So1);
             if self.nodes[..i].iter().any(|other| other.address == node.address || so1(other)) {
                 return Err(ConfigError::Twice(node.name.clone()));
+            }
+            if !matches!(node.kind, Kind::Sd1 | Kind::So1) {
+                return Err(ConfigError::Kind(node.name.clone()));
             }
             if !(node.rate_hz.is_finite() && node.rate_hz > 0.0) {
                 return Err(ConfigError::Rate(node.name.clone()));

@@ -7,7 +7,8 @@
 //! measurement, which keeps its instant. A channel fires once a sweep, so what was known of its last firing narrows the
 //! next one too.
 
-use super::config::{Config, Kind, Ranger};
+use super::config::{Config, Ranger};
+use crate::rs485_bus::Kind;
 use base::{Duration, Instant};
 use messages::lowlevel::{Range, Reading};
 use rs485::boards::sd1::{Both, IR_CYCLE, NO_ECHO, OUT_OF_RANGE, SLOT, SRFS, SWEEP};

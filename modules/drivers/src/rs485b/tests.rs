@@ -1,6 +1,7 @@
 //! The driver against an emulated scanner, on a small wire in virtual time.
 
 use super::*;
+use crate::rs485_bus::Kind;
 use crate::testing::Rig;
 use messages::lowlevel::DataBeacons;
 use module::State;
@@ -17,10 +18,7 @@ fn config() -> Config {
         bus: "rs485.b".into(),
         baud: 115_200,
         crc: Crc8::SAE_J1850,
-        name: "sbs1".into(),
-        address: sbs1::ADDRESS,
-        rate_hz: 1.0,
-        timeout: ms(20),
+        node: Node { name: "sbs1".into(), address: sbs1::ADDRESS, kind: Kind::Sbs1, rate_hz: 1.0, timeout: ms(20) },
         beacons: vec![1, 2],
     }
 }
@@ -165,7 +163,7 @@ fn a_configuration_that_cannot_be_is_refused() {
         change(&mut config);
         Rs485b::new(config).unwrap_err()
     };
-    assert_eq!(refused(|config| config.rate_hz = 0.0), ConfigError::Rate);
+    assert_eq!(refused(|config| config.node.rate_hz = 0.0), ConfigError::Rate);
     assert_eq!(refused(|config| config.beacons = vec![1, 1]), ConfigError::Beacons);
     assert_eq!(refused(|config| config.beacons = (0..43).collect()), ConfigError::Beacons);
 }

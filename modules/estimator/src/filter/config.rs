@@ -1,6 +1,7 @@
 //! Configuration of the filter: the robot and its surroundings.
 
 use navitools::Point;
+use settings::{Section, settings};
 use std::fmt;
 
 /// A beacon of the map.
@@ -12,77 +13,83 @@ pub struct Beacon {
     pub at: Point,
 }
 
-/// Noise of measured motion; variances add up over distance and time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
-    /// Along the path, m/√m.
-    pub along_per_m: f64,
-    /// Along the path, m/√s while driving.
-    pub along_per_s: f64,
-    /// Heading, rad/√m.
-    pub turn_per_m: f64,
-    /// Heading, rad/√s while driving.
-    pub turn_per_s: f64,
+settings! {
+    /// Noise of measured motion; variances add up over distance and time.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Noise {
+        /// Deviation along the path, m/√m.
+        odometry_along_per_m as along_per_m: f64 = 0.01, 0.0..=1.0;
+        /// Deviation along the path while driving, m/√s.
+        odometry_along_per_s as along_per_s: f64 = 0.002, 0.0..=1.0;
+        /// Deviation of the heading, rad/√m.
+        odometry_turn_per_m as turn_per_m: f64 = 0.5f64.to_radians(), 0.0..=1.0;
+        /// Deviation of the heading while driving, rad/√s.
+        odometry_turn_per_s as turn_per_s: f64 = 0.002, 0.0..=1.0;
+    }
 }
 
-/// Configuration of the filter; SI units. The defaults are those of docs/facts/robot.md 1.2.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Config {
-    /// The beacons; each number once.
-    pub beacons: Vec<Beacon>,
-    /// The sensor in the robot frame, m: 0.25 m ahead of the rear axle.
-    pub mount: Point,
-    /// Of the odometry: 1 cm and 0.5 degrees for each √m.
-    pub odometry: Noise,
-    /// Deviation of a bearing, rad: 0.5 degrees.
-    pub bearing: f64,
-    /// The part of a bearing's variance that lasts (0 to 1): 0.5.
-    pub lasting: f64,
-    /// For how long that lasts, s: 2.
-    pub lasting_s: f64,
-    /// The part of bearings that are of something else (above 0, below 1): 0.05.
-    pub wild: f64,
-    /// A bearing whose squared innovation is more than so many variances is not used: 16.
-    pub gate: f64,
-    /// Beacons further away than this are not seen, m: 15.
-    pub range: f64,
-    /// Deviation of the sensor's turn at the start, rad: 2 degrees.
-    pub turn: f64,
-    /// Deviation of the odometry's scale at the start: 0.02.
-    pub scale: f64,
-    /// Deviation of the turning that wheels of unequal size make, rad/m: 0.01.
-    pub bend: f64,
-    /// Deviation of the scale of turns at the start: 0.02.
-    pub track: f64,
-    /// Deviation of the bearings' delay at the start, s: 0.3.
-    pub delay: f64,
-    /// Below these deviations of the position, m, and the heading, rad, the quality is FINE: 0.25 m and 6 degrees.
-    pub fine: (f64, f64),
-    /// Below these it is COARSE, else LOST: 1 m and 20 degrees.
-    pub coarse: (f64, f64),
+settings! {
+    /// Place of the beacon scanner in the robot's frame.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Mount {
+        /// Ahead of the rear axle.
+        sensor_x_m as x: f64 = 0.25, -10.0..=10.0;
+        /// Left of the middle.
+        sensor_y_m as y: f64 = 0.0, -10.0..=10.0;
+    }
+}
+
+settings! {
+    /// `[estimator]`: accuracy of the sensors of the pose; standard deviations. The defaults are those of
+    /// docs/facts/robot.md 1.2.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Config {
+        /// The beacons; each number once.
+        beacons: Vec<Beacon> = unset [];
+        mount: Mount = flat;
+        odometry: Noise = flat;
+        /// Deviation of a bearing.
+        bearing_rad as bearing: f64 = 0.5f64.to_radians(), 1e-5..=0.5;
+        /// Part of a bearing's variance that lasts.
+        bearing_lasting as lasting: f64 = 0.5, 0.0..=0.99;
+        /// Time for which that part lasts.
+        bearing_lasting_s as lasting_s: f64 = 2.0, 0.01..=100.0;
+        /// Part of bearings that are of something else.
+        bearing_wild as wild: f64 = 0.05, 1e-4..=0.5;
+        /// A bearing whose squared innovation exceeds this many variances is not used.
+        gate: f64 = 16.0, 4.0..=100.0;
+        /// Range of the scanner: beacons further away are not seen.
+        range_m as range: f64 = 15.0, 0.5..=1000.0;
+        /// Deviation of the sensor's turn at the start.
+        sensor_turn_rad as turn: f64 = 2f64.to_radians(), 0.0..=1.0;
+        /// Deviation of the odometry's scale at the start.
+        scale: f64 = 0.02, 0.0..=0.5;
+        /// Deviation of the turning that wheels of unequal size make.
+        bend_radpm as bend: f64 = 0.01, 0.0..=1.0;
+        /// Deviation of the scale of turns at the start.
+        track: f64 = 0.02, 0.0..=0.5;
+        /// Deviation of the bearings' delay at the start, beyond the ages that the scanner reports.
+        delay_s as delay: f64 = 0.3, 0.0..=1.0;
+        /// Deviation of the position below which the quality is FINE.
+        fine_m: f64 = 0.25, 0.001..=10.0;
+        /// Deviation of the heading below which the quality is FINE.
+        fine_rad: f64 = 6f64.to_radians(), 0.001..=3.0;
+        /// Deviation of the position below which it is COARSE, else LOST.
+        coarse_m: f64 = 1.0, 0.001..=100.0;
+        /// Deviation of the heading below which it is COARSE, else LOST.
+        coarse_rad: f64 = 20f64.to_radians(), 0.001..=3.0;
+    }
 }
 
 impl Default for Config {
     fn default() -> Self {
-        let turn_per_m = 0.5f64.to_radians();
-        Self {
-            beacons: Vec::new(),
-            mount: Point { x: 0.25, y: 0.0 },
-            odometry: Noise { along_per_m: 0.01, along_per_s: 0.002, turn_per_m, turn_per_s: 0.002 },
-            bearing: 0.5f64.to_radians(),
-            lasting: 0.5,
-            lasting_s: 2.0,
-            wild: 0.05,
-            gate: 16.0,
-            range: 15.0,
-            turn: 2f64.to_radians(),
-            scale: 0.02,
-            bend: 0.01,
-            track: 0.02,
-            delay: 0.3,
-            fine: (0.25, 6f64.to_radians()),
-            coarse: (1.0, 20f64.to_radians()),
-        }
+        Self::usual()
+    }
+}
+
+impl From<Mount> for Point {
+    fn from(Mount { x, y }: Mount) -> Self {
+        Self { x, y }
     }
 }
 
@@ -121,7 +128,7 @@ impl Config {
     /// # Errors
     /// When it cannot: what is wrong with it.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let places = self.beacons.iter().map(|beacon| beacon.at).chain([self.mount]);
+        let places = self.beacons.iter().map(|beacon| beacon.at).chain([self.mount.into()]);
         if !{ places }.all(|at| at.x.is_finite() && at.y.is_finite()) {
             return Err(ConfigError::Place);
         }
@@ -146,8 +153,11 @@ impl Config {
             return Err(ConfigError::Negative(what));
         }
         let above = [("bearing", self.bearing), ("lasting_s", self.lasting_s), ("range", self.range)];
-        let limits =
-            [("gate", self.gate), ("fine", self.fine.0.min(self.fine.1)), ("coarse", self.coarse.0.min(self.coarse.1))];
+        let limits = [
+            ("gate", self.gate),
+            ("fine", self.fine_m.min(self.fine_rad)),
+            ("coarse", self.coarse_m.min(self.coarse_rad)),
+        ];
         if let Some((what, _)) = { above.iter().chain(&limits) }.find(|(_, value)| !(value.is_finite() && *value > 0.0))
         {
             return Err(ConfigError::Zero(what));

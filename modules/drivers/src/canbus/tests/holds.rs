@@ -1,6 +1,7 @@
 //! What stands against motion, as `LL_DATA_HOLD` lists it: all of it, in order, with the moment it began.
 
-use super::super::objection::{Axis, Objection};
+use super::super::Axis;
+use super::super::objection::Objection;
 use super::super::{drive, steering};
 use super::*;
 use canopen::master::{BootError, LostReason, Step};
