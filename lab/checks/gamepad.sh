@@ -20,7 +20,7 @@ awk 'BEGIN { RS = ""; ORS = "\n\n" } !/^\[\[modules/ || /name = "(simulator|driv
 cat "$HOME/modules" >conf/advee/modules.toml
 mkfifo "$HOME/pad"
 step "start"
-"$ADVEE" up --headless --sim --set 'joystick.device="auto"' >"$log" 2>&1 &
+"$ADVEE" up --headless --sim --set 'gamepad.device="auto"' >"$log" 2>&1 &
 up=$!
 expect "the steering is homed" 60
 

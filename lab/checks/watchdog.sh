@@ -11,7 +11,7 @@ start() { # IDENTITY OF THE DEVICE: the robot runs and has armed it
     [ -e "$HOME/module" ] || cp "$ADVEE" "$HOME/module"
     cat >conf/advee/modules.toml <<END
 hardware_watchdog = "/dev/$device"
-hardware_watchdog_timeout = 4
+hardware_watchdog_timeout_s = 4
 [[modules]]
 name = "driver_aux"
 command = "$HOME/module"

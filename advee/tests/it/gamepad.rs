@@ -25,7 +25,7 @@ impl Hand {
     }
 
     fn setting(&self) -> String {
-        format!("joystick.device=\"file:{}\"", self.path.display())
+        format!("gamepad.device=\"file:{}\"", self.path.display())
     }
 
     fn plug(&mut self) {
@@ -148,7 +148,7 @@ fn the_simulator_s_gamepad_is_held_from_the_shell_and_survives_its_driver() {
 #[test]
 fn a_gamepad_of_the_kernel_drives_the_robot() {
     let Some(mut pad) = Uinput::new() else { return };
-    let mut robot = Robot::ready(&["--set", "joystick.device=\"auto\""]);
+    let mut robot = Robot::ready(&["--set", "gamepad.device=\"auto\""]);
     robot.until("it is found", 5.0, |view| view.joydev.as_ref().is_some_and(|pad| pad.name == "advee uinput pad"));
     pad.say("key 1\nabs -20000\n");
     robot.until("it moves", 3.0, |view| view.speed() > 0.2);

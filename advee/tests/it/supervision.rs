@@ -422,7 +422,7 @@ fn the_service_manager_is_fed_while_all_critical_modules_are_healthy() {
 #[test]
 fn the_hardware_watchdog_is_fed_and_disarmed_by_a_clean_end_alone() {
     let device = std::env::temp_dir().join(format!("advee-fake-watchdog-{}", std::process::id()));
-    let conf = Conf::new("hardware", &format!("hardware_watchdog = {device:?}\nhardware_watchdog_timeout = 3"));
+    let conf = Conf::new("hardware", &format!("hardware_watchdog = {device:?}\nhardware_watchdog_timeout_s = 3"));
     let conf = conf.folder();
     let fed = |device: &Path| fs::read(device).unwrap();
 
