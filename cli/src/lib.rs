@@ -4,6 +4,7 @@
 mod bench;
 mod bus;
 mod can;
+mod config;
 mod diag;
 mod doctor;
 mod drive;
@@ -98,6 +99,9 @@ enum Command {
     Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
     Doctor(doctor::Doctor),
+    /// Check the configuration, list its keys, rename those that have moved
+    #[command(subcommand)]
+    Config(config::Command),
     /// Measure this machine: how late the robot's loops wake up
     Bench(bench::Bench),
     /// Logs of runs: show, play, convert, recover, compare
@@ -157,6 +161,7 @@ pub fn main() -> ExitCode {
         Command::Plot(command) => plot::plot(&command),
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
+        Command::Config(command) => config::config(&common, &command),
         Command::Bench(command) => bench::bench(&common, &command),
         Command::Log(command) => log::log(&common, &command),
         Command::Web(command) => web::web(&common, &command),
