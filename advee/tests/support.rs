@@ -130,6 +130,7 @@ pub struct View {
     pub joydev: Option<lowlevel::DataJoydev>,
     pub processes: BTreeMap<String, common::Process>,
     pub errors: Vec<common::Error>,
+    pub texts: Vec<common::EventText>,
     pub seen: BTreeMap<String, u32>,
 }
 
@@ -147,6 +148,7 @@ impl View {
                 self.processes = list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
             }
             Ok(Message::CmEventError(error)) => self.errors.push(error),
+            Ok(Message::CmEventText(text)) => self.texts.push(text),
             _ => {}
         }
     }

@@ -8,6 +8,7 @@ mod can_tools;
 mod canopen_peers;
 #[path = "../support/command.rs"]
 mod command;
+mod configurations;
 mod drive;
 mod gamepad;
 // The crate that has the bus has the hosts to prove it on.

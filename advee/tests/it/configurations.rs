@@ -1,0 +1,163 @@
+//! Configurations of earlier releases: read as they were then, renamed by `advee config migrate`, and driven with.
+
+use crate::command::Outcome;
+use crate::support::{self, Robot};
+use base::{Duration, Instant};
+use messages::{Message, lowlevel};
+use module::State;
+use robot::config::{Config, FILES};
+use robot::place::Place;
+use robot::topology::virtual_machine;
+use sim::check::Checkers;
+use sim::host::{self, News};
+use std::cell::RefCell;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+/// The configuration of the reference robot of release 0.1, byte for byte.
+fn of_0_1() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/configurations/0.1")
+}
+
+fn shipped() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee")
+}
+
+/// Each moved key of that configuration with its new name.
+const MOVED: [(&str, &str); 3] = [("joystick", "gamepad"), ("rate", "rate_hz"), ("beat_timeout", "beat_timeout_s")];
+
+/// A copy of the configuration of 0.1.
+fn copy(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+    fs::create_dir_all(&folder).expect("a folder");
+    for file in FILES {
+        fs::copy(of_0_1().join(file), folder.join(file)).expect("a file of 0.1");
+    }
+    folder
+}
+
+fn advee(args: &[&str], folder: &Path) -> Outcome {
+    let mut command = support::advee("udpm://239.255.76.67:7667?ttl=0", &folder.join("run"));
+    Outcome::of(command.args(args).arg(folder).output().expect("the executable is built"))
+}
+
+#[test]
+fn a_configuration_of_0_1_is_read_as_the_one_of_today() {
+    for sim in [false, true] {
+        let (old, notices) = Config::load_with_notices(&of_0_1(), sim, &[]).unwrap();
+        let (new, none) = Config::load_with_notices(&shipped(), sim, &[]).unwrap();
+        assert_eq!(old, new);
+        assert_eq!(none, [""; 0]);
+        assert_eq!(notices.len(), MOVED.len(), "{notices:#?}");
+        for (old, new) in MOVED {
+            let of_it = |line: &&String| line.contains(&format!(": {old} is the old name of {new}"));
+            assert_eq!(notices.iter().filter(of_it).count(), 1, "{old}: {notices:#?}");
+        }
+    }
+    let sets = ["joystick.scale=0.5", "gamepad.expo=1"].map(String::from);
+    let error = Config::load(&of_0_1(), true, &sets).unwrap_err().to_string();
+    assert!(error.starts_with("--set: gamepad.expo: unknown key, expected one of device, grab, speed, "), "{error}");
+    let (config, notices) = Config::load_with_notices(&shipped(), true, &sets[..1]).unwrap();
+    assert_eq!(config.robot.gamepad.unwrap().driver.scale, 0.5);
+    assert_eq!(notices, ["--set: joystick is the old name of gamepad; advee config migrate renames it"]);
+}
+
+#[test]
+fn a_configuration_of_0_1_is_migrated_with_its_comments_and_gives_no_notice_any_more() {
+    let folder = copy("migrated");
+    let check = advee(&["config", "check"], &folder);
+    assert_eq!((check.code, check.err.lines().count()), (Some(0), MOVED.len()), "{check:?}");
+    assert!(check.err.lines().all(|line| line.starts_with("advee: NOTICE: ")), "{check:?}");
+
+    let before = FILES.map(|file| fs::read_to_string(folder.join(file)).unwrap());
+    let shown = advee(&["config", "migrate"], &folder).good();
+    for line in
+        ["-[joystick]", "+[gamepad]", "-rate = 20                      # Hz", "+rate_hz = 20                   # Hz"]
+    {
+        assert!(shown.lines().any(|shown| shown == line), "{line}\n{shown}");
+    }
+    assert!(shown.contains("robot.toml\n@@ -") && shown.contains("modules.toml\n@@ -"), "{shown}");
+    assert_eq!(FILES.map(|file| fs::read_to_string(folder.join(file)).unwrap()), before, "nothing is written");
+
+    advee(&["config", "migrate", "--write"], &folder).good();
+    assert!(advee(&["config", "check"], &folder).good().ends_with(": good, for the robot and the simulated robot\n"));
+    assert!(advee(&["config", "migrate"], &folder).good().ends_with(": no key has moved\n"));
+    for (file, before) in FILES.iter().zip(before) {
+        let after = fs::read_to_string(folder.join(file)).unwrap();
+        let comments = |text: &str| {
+            let lines = text.lines().filter_map(|line| line.split_once('#'));
+            lines.map(|(_, comment)| comment.to_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!((comments(&after), after.lines().count()), (comments(&before), before.lines().count()), "{file}");
+    }
+    for sim in [false, true] {
+        assert_eq!(Config::load(&folder, sim, &[]).unwrap(), Config::load(&shipped(), sim, &[]).unwrap());
+    }
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn what_cannot_be_migrated_is_refused_and_left_as_it_is() {
+    let folder = copy("refused");
+    let robot = fs::read_to_string(folder.join("robot.toml")).unwrap();
+    let twice = robot.replacen("[joystick]", "[gamepad]\n[joystick]", 1);
+    fs::write(folder.join("robot.toml"), &twice).unwrap();
+    let line = 1 + twice.lines().position(|line| line == "[joystick]").unwrap();
+    for args in [&["config", "check"][..], &["config", "migrate", "--write"]] {
+        let refused = advee(args, &folder);
+        assert_eq!(refused.code, Some(i32::from(module::exit::RESOURCE)));
+        let why = format!("robot.toml:{line}: joystick: the old name of gamepad, which is there, too");
+        assert!(refused.bad().ends_with(&why));
+    }
+    assert_eq!(fs::read_to_string(folder.join("robot.toml")).unwrap(), twice);
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_running_robot_publishes_each_notice_once() {
+    let world = shipped().join("../worlds/hall.toml");
+    let args = ["--config", "--world"].into_iter().zip([of_0_1(), world].map(|path| path.display().to_string()));
+    let args: Vec<String> = args.flat_map(|(option, path)| [option.to_owned(), path]).collect();
+    let robot = Robot::ready(&args.iter().map(String::as_str).collect::<Vec<_>>());
+    let notices = robot.view.texts.iter().filter(|text| text.text.starts_with("NOTICE: "));
+    let notices: Vec<_> = notices.map(|text| (text.module.as_str(), text.text.as_str())).collect();
+    assert_eq!(notices.len(), MOVED.len(), "{notices:#?}");
+    assert!(notices.iter().all(|(module, _)| *module == "watchdog"), "{notices:#?}");
+}
+
+#[test]
+fn a_configuration_of_0_1_drives() {
+    let place = Place {
+        config: of_0_1(),
+        run_dir: "/run/advee".into(),
+        lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+        sets: vec!["world.people=0".into()],
+        sim: true,
+        world: Some(shipped().join("../worlds/hall.toml")),
+    };
+    let at = |seconds: f64| Instant::ZERO + Duration::from_secs_f64(seconds);
+    let mut machine = virtual_machine(&place, host::Config::default()).unwrap();
+    let limits = robot::checks::limits(&place, Duration::from_secs(10)).unwrap();
+    let checkers = Rc::new(RefCell::new(Checkers::new(limits)));
+    let speed = Rc::new(RefCell::new(f64::NAN));
+    let (rules, seen) = (checkers.clone(), speed.clone());
+    machine.observe(move |now, news| {
+        rules.borrow_mut().observe(now, news);
+        if let News::Message { message: Message::SimDataTruth(truth), .. } = news {
+            *seen.borrow_mut() = truth.speed;
+        }
+    });
+    machine.spawn("watchdog", State::Run).expect("the watchdog starts");
+    machine.run_until(at(12.0));
+    for n in 0..60 {
+        let priority = lowlevel::CmdMotion::REMOTE;
+        let command = lowlevel::CmdMotion { timestamp: 0, speed: 0.4, steering: 0.1, priority, source: "test".into() };
+        machine.inject(at(12.0) + n * Duration::from_millis(50), command);
+    }
+    machine.run_until(at(15.0));
+    assert!((*speed.borrow() - 0.4).abs() < 0.02, "{} m/s", speed.borrow());
+    machine.run_until(at(18.0));
+    assert!(speed.borrow().abs() < 0.001, "{} m/s", speed.borrow());
+    assert_eq!(checkers.borrow().violation(), None);
+}
