@@ -1,6 +1,7 @@
 //! The files of a configuration folder, an override, a world: a refusal is at least one line, each of one line.
 #![no_main]
-use robot::config::{Config, ConfigError, Node, parsed_world};
+use robot::config::{Config, ConfigError, migrated, parsed_world};
+use settings::Node;
 use std::path::Path;
 
 libfuzzer_sys::fuzz_target!(|texts: (&str, &str, &str)| {
@@ -9,16 +10,16 @@ libfuzzer_sys::fuzz_target!(|texts: (&str, &str, &str)| {
     for refused in [&tree, &over].into_iter().filter_map(|tree| tree.as_ref().err()) {
         lines(refused);
     }
-    let (Ok(mut tree), Ok(over)) = (tree, over) else { return };
+    match migrated(Path::new("robot.toml"), text) {
+        Ok(text) => assert_eq!(migrated(Path::new("robot.toml"), &text).as_ref(), Ok(&text), "renamed once"),
+        Err(ConfigError(refused)) => lines(&refused),
+    }
+    let (Ok(tree), Ok(over)) = (tree, over) else { return };
     if let Err(ConfigError(refused)) = parsed_world(tree.clone(), Path::new("world.toml"), &[format!("world.{set}")]) {
         lines(&refused);
     }
     let modules = over.clone();
-    tree.merge(over);
-    if let Err(why) = tree.set(set) {
-        lines(&[why]);
-    }
-    if let Err(ConfigError(refused)) = Config::check(&tree, &modules, true) {
+    if let Err(ConfigError(refused)) = Config::merge(tree, Some(over), modules, &[set]) {
         lines(&refused);
     }
 });
