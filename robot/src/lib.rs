@@ -12,7 +12,8 @@
 //! // A file is refused as a whole, with a line for each key that is wrong.
 //! let robot = Node::parse(Path::new("robot.toml"), "[robot]\nname = \"small\"\ncolour = \"red\"\n").unwrap();
 //! let modules = Node::parse(Path::new("modules.toml"), "[[modules]]\nname = \"planner\"\n").unwrap();
-//! let Err(ConfigError(lines)) = Config::check(&robot, &modules, false) else { panic!("colour is no key") };
+//! let refused = Config::merge::<&str>(robot, None, modules, &[]);
+//! let Err(ConfigError(lines)) = refused else { panic!("colour is not a key") };
 //! assert!(lines.iter().any(|line| line.starts_with("robot.toml:3: robot.colour")));
 //!
 //! // A world, with one key overridden as by `--set world.start=…`; it gives the planner its map.

@@ -10,17 +10,17 @@
 //!
 //! ```
 //! use base::{Duration, Instant};
-//! use diagnostics::{Config, Model, Word};
+//! use diagnostics::{Config, Model, RobotStatus};
 //! use messages::{Message, lowlevel::DataMotion};
 //!
 //! let mut model = Model::new(Config { robot: "advee".into(), ..Config::default() });
 //! let now = Instant::from_millis(10_000);
-//! assert_eq!(model.status(now).word, Word::Silent);
+//! assert_eq!(model.status(now).word, RobotStatus::Silent);
 //!
 //! let motion = DataMotion { speed: 0.5, enabled: true, homed: true, ..DataMotion::default() };
 //! let message = Message::from(motion);
-//! model.hear(now, &message.channel_name(), 80, Some(message));
-//! assert_eq!(model.status(now).word, Word::Driving);
+//! model.receive(now, &message.channel_name(), 80, Some(message));
+//! assert_eq!(model.status(now).word, RobotStatus::Driving);
 //! assert_eq!(model.motion.fresh(now).map(|motion| motion.speed), Some(0.5));
 //!
 //! // LL_DATA_MOTION has a period of 50 ms: after two of them the speed counts as unknown.

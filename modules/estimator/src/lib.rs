@@ -9,9 +9,9 @@
 //! use estimator::filter::{Beacon, Config, Filter};
 //! use navitools::{Motion, Point, Pose};
 //!
-//! // A beacon at (5, 4), and the robot at the origin: standard deviations 0.2 m, 0.2 m and 0.1 rad.
-//! let beacons = vec![Beacon { id: 7, at: Point { x: 5.0, y: 4.0 } }];
-//! let mut filter = Filter::new(Config { beacons, mount: Point::default(), ..Config::default() })?;
+//! // A beacon, and the robot at the origin: standard deviations 0.2 m, 0.2 m and 0.1 rad.
+//! let beacons = vec![Beacon { id: 7, at: Point { x: 5.25, y: 4.0 } }];
+//! let mut filter = Filter::new(Config { beacons, ..Config::default() })?;
 //! filter.odometry(Instant::ZERO, Motion::default()).unwrap();
 //! filter.set(Pose::default(), [[0.04, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.01]]).unwrap();
 //!
@@ -24,7 +24,8 @@
 //! let before = filter.estimate(now);
 //! assert!((before.pose.x - 1.0).abs() < 1e-9);
 //!
-//! // From (1, 0) the beacon is seen at 45 degrees to the left: the heading becomes more certain.
+//! // The scanner, 0.25 m ahead of the rear axle, sees the beacon at 45 degrees to the left: the heading becomes more
+//! // certain.
 //! filter.bearing(now, 7, FRAC_PI_4).unwrap();
 //! assert!(filter.estimate(now).covariance[2][2] < 0.5 * before.covariance[2][2]);
 //! # Ok::<(), estimator::filter::ConfigError>(())

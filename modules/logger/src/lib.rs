@@ -15,7 +15,7 @@
 //! let logger = Logger::new(Config::default(), ros::Translator::new(ros::RobotScene::default()));
 //! let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(logger)));
 //! bench.start();
-//! bench.heard(DataOdo::default());
+//! bench.raw_message(DataOdo::default());
 //! let mut file = Vec::new();
 //! for _ in 0..100 {
 //!     bench.pass(Duration::from_millis(20));

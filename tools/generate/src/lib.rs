@@ -8,6 +8,18 @@
 //! | `docs/messages.md` | `messages::Channel`, the message definitions, the modules' sources |
 //!
 //! `make generate` writes them; the test `tests/current.rs` compares them with the repository.
+//!
+//! ```
+//! use generate::{numbers, text};
+//!
+//! // A row of the table of `docs/faults.md`.
+//! let table = numbers::faults();
+//! assert!(table.lines().any(|row| row.starts_with("| 0x0701 | ChipLost | DEVICE |")));
+//!
+//! // A doc comment of Rust as one of TypeScript.
+//! let plain = text::without_links("Set by [`Shell`](module::Shell), m/s.");
+//! assert_eq!(text::comment(&plain, "  "), "  /** Set by `Shell`, m/s. */\n");
+//! ```
 #![forbid(unsafe_code)]
 
 pub mod channels;
