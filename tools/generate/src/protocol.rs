@@ -51,7 +51,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("foundation/diagnostics/src/slot.rs", "Shown"),
             same("foundation/diagnostics/src/slot.rs", "Freshness"),
             same("foundation/diagnostics/src/status.rs", "Status"),
-            renamed("foundation/diagnostics/src/status.rs", "Word", "StatusWord"),
+            renamed("foundation/diagnostics/src/status.rs", "RobotStatus", "StatusWord"),
             same("foundation/diagnostics/src/holds.rs", "HoldRow"),
             same("foundation/diagnostics/src/view.rs", "Ellipse"),
             same("modules/web/src/center/authority.rs", "Holder"),

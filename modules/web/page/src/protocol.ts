@@ -15,11 +15,11 @@
 export type Role =
   /** The page itself, and pairing; no part of the view. */
   | "nobody"
-  /** Sees. */
+  /** May view. */
   | "viewer"
-  /** Drives. */
+  /** May drive. */
   | "operator"
-  /** Everything. */
+  /** May do everything. */
   | "engineer";
 
 /** `GET /api/me`, for everybody. */
@@ -56,11 +56,11 @@ export interface Device {
   name: string;
   /** Role. */
   role: Role;
-  /** s since it was seen last. */
+  /** Time since its last use, s. */
   idle: number;
   /** True if it has an open socket. */
   connected: boolean;
-  /** The asking one itself. */
+  /** True for the requesting device itself. */
   you: boolean;
 }
 
@@ -74,7 +74,7 @@ export interface LogRun {
   /** Name. */
   run: string;
   bytes: number;
-  /** True while it is written. */
+  /** True while it is being recorded. */
   recording: boolean;
   files: LogFile[];
 }
@@ -92,19 +92,19 @@ export interface LogFile {
  */
 export interface ScenePart {
   part: "scene";
-  /** Name. */
+  /** Name of the robot. */
   robot: string;
   /** Version of this program. */
   version: string;
-  /** True if it is a simulated one. */
+  /** True for a simulated robot. */
   simulated: boolean;
-  /** The recorded run that is played; none: the robot live. */
+  /** Recorded run being played; `None` for the live robot. */
   demo: Demo | null;
-  /** Corners. */
+  /** Corners of the body. */
   outline: [number, number][];
-  /** Rear axle to front axle. */
+  /** Distance of rear and front axle. */
   wheelbase: number;
-  /** What a hand may ask for. */
+  /** Limits of manual commands. */
   limits: Limits;
   /** The beam of a sonar. */
   sonar: Beam;
@@ -116,29 +116,29 @@ export interface ScenePart {
   walls: [number, number, number, number][];
   /** Columns as x, y, radius. */
   columns: [number, number, number][];
-  /** Routes that have names. */
+  /** Named routes. */
   routes: Route[];
   /** Channels of the power controller. */
   power_channels: string[];
-  /** Drives and their nodes. */
+  /** Drives with their nodes. */
   drives: DriveNode[];
-  /** What can be broken in the simulation. */
+  /** Faults that can be injected in the simulation. */
   faults: TargetFaults[];
 }
 
-/** A recorded run that is played. */
+/** A recorded run being played. */
 export interface Demo {
   /** Name. */
   run: string;
-  /** How long it takes, s. */
+  /** Duration, s. */
   seconds: number;
 }
 
 /** Limits of commands. */
 export interface Limits {
-  /** m/s */
+  /** Maximum speed, m/s. */
   speed: number;
-  /** rad */
+  /** Maximum steering angle, rad. */
   steering: number;
 }
 
@@ -146,33 +146,33 @@ export interface Limits {
 export interface Beam {
   /** Full width, rad. */
   field_of_view: number;
-  /** m. */
+  /** Minimum range, m. */
   min: number;
-  /** m. */
+  /** Maximum range, m. */
   max: number;
 }
 
 /** A beacon on the map, m. */
 export interface MapBeacon {
-  /** As it is coded. */
+  /** Number in its code. */
   id: number;
-  /** m. */
+  /** x, m. */
   x: number;
-  /** m. */
+  /** y, m. */
   y: number;
 }
 
-/** A route that has a name. */
+/** A named route. */
 export interface Route {
-  /** As it is commanded or shown. */
+  /** Name for display and commands. */
   name: string;
-  /** x, y, m. */
+  /** Points x, y, m. */
   points: [number, number][];
 }
 
 /** A drive on a CANopen bus. */
 export interface DriveNode {
-  /** As it is commanded or shown. */
+  /** Name for display and commands. */
   name: string;
   /** CANopen node. */
   node: number;
@@ -182,7 +182,7 @@ export interface DriveNode {
 export interface TargetFaults {
   /** Name. */
   target: string;
-  /** What can befall it. */
+  /** Names of its faults. */
   faults: string[];
 }
 
@@ -258,183 +258,183 @@ export interface Watch {
   watch: string[];
 }
 
-/** A value as it is shown: `age` in s, `null` while there is none; whoever shows it lets it grow older by itself. */
+/** Value as shown: `age` in s, `null` without one; the display lets it grow older by itself. */
 export interface Shown<T> {
-  /** s since it was heard. */
+  /** Time since reception, s. */
   age: number | null;
-  /** It should be heard this often, s; none: it is said on change only, and never grows stale. */
+  /** Expected period, s; `None` if it is sent on change only and never becomes stale. */
   period: number | null;
-  /** Whether it is. */
+  /** Validity. */
   freshness: Freshness;
-  /** The value itself. */
+  /** Value. */
   value: T | null;
 }
 
-/** How much a value is worth. */
+/** Validity of a value. */
 export type Freshness =
-  /** Nothing was ever heard. */
+  /** Nothing received yet. */
   | "never"
-  /** It is as it should be. */
+  /** Current. */
   | "fresh"
-  /** It is older than twice its period: shown grey. */
+  /** Older than twice its period: shown grey. */
   | "stale";
 
-/** How the robot is, and why. */
+/** Status with its reason. */
 export interface Status {
-  /** In a word. */
+  /** Status. */
   word: StatusWord;
-  /** In a sentence, and what to do about it where that is known. */
+  /** Sentence with the reason, and what to do about it if known. */
   reason: string;
 }
 
-/** How the robot is. */
+/** Status of the robot. */
 export type StatusWord =
-  /** Nothing is heard of it. */
+  /** Nothing is received. */
   | "silent"
   /** The PAUSE line is engaged. */
   | "paused"
-  /** Something without which it does not move is broken. */
+  /** A fault prevents motion. */
   | "fault"
-  /** It does not move before somebody does something, or something is done. */
+  /** Stopped until a person acts or a task ends. */
   | "stopped"
-  /** It would move and waits. */
+  /** Waiting with a command to move. */
   | "waiting"
-  /** It moves. */
+  /** Moving. */
   | "driving"
-  /** It stands, and would move if told to. */
+  /** At standstill and ready for a command. */
   | "ready";
 
-/** A cause for which a module does not act. */
+/** Cause for which a module does not act. */
 export interface HoldRow {
-  /** The module that does not act. */
+  /** Module that does not act. */
   module: string;
-  /** What, by number (docs/holds.md); 0 where only the words are known, as of a log from before the numbers. */
+  /** Number of the cause (docs/holds.md); 0 if only the text is known, as in a log from before the numbers. */
   code: number;
-  /** The number's name; empty of a number that this version does not know. */
+  /** Name of the number; empty for one unknown to this version. */
   name: string;
-  /** Which drive, bus, module, source or waypoint, as on the wire. */
+  /** Drive, bus, module, source or waypoint, as on the wire. */
   subject: string;
-  /** The same as people call it. */
+  /** Subject for people. */
   who: string;
-  /** In a sentence. */
+  /** Sentence for people. */
   words: string;
-  /** What to do about it; empty where that is not known. */
+  /** Action of an operator; empty if unknown. */
   remedy: string;
-  /** Stays until a person acts. */
+  /** True if it remains until a person acts. */
   latched: boolean;
-  /** Since when, microseconds since the UNIX epoch; `null` where that is not known. */
+  /** Time since which it applies, microseconds since the UNIX epoch; `null` if unknown. */
   since: number | null;
 }
 
-/** An ellipse of two standard deviations. */
+/** Ellipse of two standard deviations. */
 export interface Ellipse {
-  /** The long half axis, m. */
+  /** Semi-major axis, m. */
   long: number;
-  /** The short half axis, m. */
+  /** Semi-minor axis, m. */
   short: number;
-  /** Where the long one points, rad. */
+  /** Direction of the major axis, rad. */
   angle: number;
-  /** Two deviations of the heading, rad. */
+  /** Two standard deviations of the heading, rad. */
   heading: number;
 }
 
 /** Holder of the motion authority. */
 export interface Holder {
-  /** Socket. */
+  /** Number of its socket. */
   id: number;
   /** Name. */
   name: string;
   /** Role. */
   role: Role;
-  /** A hold is under way. */
+  /** True during a hold. */
   driving: boolean;
-  /** s since it took it. */
+  /** Time since it took the authority, s. */
   since: number;
 }
 
-/** A module. */
+/** Module. */
 export interface ModuleRow {
-  /** Its name. */
+  /** Name. */
   module: string;
-  /** The state that it announced last. */
+  /** Last announced state. */
   state: string;
-  /** The state that it was commanded to; empty where no watchdog guards it. */
+  /** Commanded state; empty if no watchdog guards the module. */
   wanted: string;
-  /** What its process does: `running`, `ending`, `down`; `stranger` where no watchdog guards it. */
+  /** Phase of its process: `running`, `ending`, `down`; `stranger` if no watchdog guards it. */
   phase: string;
-  /** Its process; 0: none. */
+  /** Process id; 0 without a process. */
   pid: number;
-  /** s. */
+  /** Time since the start of the process, s. */
   uptime: number;
-  /** How often it was started again. */
+  /** Number of restarts. */
   restarts: number;
-  /** How its last process ended, in words; empty when it never did. */
+  /** Sentence on how the last process ended; empty if none has. */
   last_exit: string;
-  /** Cores. */
+  /** Processor load, cores. */
   cpu: number;
-  /** Bytes. */
+  /** Resident memory, bytes. */
   rss: number;
-  /** Whether the robot does not move without it. */
+  /** True if the robot does not move without it. */
   critical: boolean;
-  /** Whether it is as it should be: runs, and is in the wanted state. */
+  /** True if it runs and is in the wanted state. */
   well: boolean;
-  /** s since it announced its state; none: never. */
+  /** Time since its last announcement, s; `None` without one. */
   age: number | null;
-  /** Number of its active faults; none: not known. */
+  /** Number of its active faults; `None` if unknown. */
   faults: number | null;
 }
 
-/** A group at a moment. */
+/** Group at one instant. */
 export interface ErrorGroup {
-  /** The module that reports. */
+  /** Reporting module. */
   module: string;
-  /** The fault's number (docs/faults.md). */
+  /** Number of the fault (docs/faults.md). */
   number: number;
-  /** Which of several: a board, a drive. Empty where there is only one, and where nothing but reports is known. */
+  /** Subject, such as a board or a drive. Empty if there is only one, or if only reports are known. */
   subject: string;
-  /** Number of times it was reported, its ends not counted. */
+  /** Number of reports, without the clearing ones. */
   count: number;
-  /** When it was reported first, microseconds since the UNIX epoch. */
+  /** First report, microseconds since the UNIX epoch. */
   first: number;
-  /** When it was reported last. */
+  /** Last report, microseconds since the UNIX epoch. */
   last: number;
-  /** The severity of the last report that was not its end; values of `error_t`. */
+  /** Severity of the last report that was not a clearing one; values of `error_t`. */
   severity: number;
-  /** True while it is active, as far as is known. */
+  /** True while the fault is active, as far as known. */
   standing: boolean;
-  /** The last message. */
+  /** Last message. */
   message: string;
-  /** False while it is not known which faults of its module are active: `standing` is as it was then. */
+  /** False while the active faults of its module are unknown: `standing` is then the last known value. */
   known: boolean;
 }
 
-/** A text as it is shown. */
+/** Text as shown. */
 export interface Text {
-  /** Microseconds since the UNIX epoch. */
+  /** Publication, microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The module, at most 512 bytes. */
+  /** Module, at most 512 bytes. */
   module: string;
-  /** Values of `event_text_t`. */
+  /** Level; values of `event_text_t`. */
   level: number;
   /** One line, at most 512 bytes. */
   text: string;
 }
 
-/** A channel. */
+/** Channel. */
 export interface ChannelRow {
-  /** Its name. */
+  /** Name. */
   channel: string;
-  /** The type of its messages; empty where it is not one of the robot's. */
+  /** Type of its messages; empty for a channel that is not one of the robot's. */
   type: string;
-  /** Messages since the model began. */
+  /** Number of messages since the model was created. */
   count: number;
-  /** Messages a second. */
+  /** Messages per second. */
   rate: number;
-  /** Bytes a second. */
+  /** Bytes per second. */
   bandwidth: number;
-  /** Bytes of the last message. */
+  /** Size of the last message, bytes. */
   bytes: number;
-  /** s since it. */
+  /** Age of the last message, s. */
   age: number;
 }
 
@@ -488,15 +488,15 @@ export type Command =
   /** Fault of the simulation; `duration` in s. Engineers. */
   | { type: "fault"; id: number; target: string; fault: string; value: number; duration: number };
 
-/** A waypoint; without an angle any will do. */
+/** A waypoint; without an angle any heading is accepted. */
 export interface Waypoint {
-  /** m */
+  /** x, m. */
   x: number;
-  /** m */
+  /** y, m. */
   y: number;
-  /** rad */
+  /** Heading, rad. */
   theta?: number;
-  /** m */
+  /** Tolerance, m. */
   tolerance?: number;
 }
 
@@ -519,26 +519,26 @@ export type Answer =
 
 // ---------------------------------------------------------------------------------------------------- messages
 
-/** The logger's progress: `CM_DATA_LOG`, 1 Hz. */
+/** State of the logger: `CM_DATA_LOG`, 1 Hz. */
 export interface DataLog {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** Whether a run is being recorded. */
+  /** True while a run is being recorded. */
   recording: boolean;
-  /** The run's folder, YYYY_MM_DD_HH_MM_SS; empty when there is none. */
+  /** Folder of the run, YYYY_MM_DD_HH_MM_SS; empty without a run. */
   run: string;
   /** Bytes written in this run. */
   bytes: number;
-  /** Messages of this run that were lost before they could be written. */
+  /** Number of messages of this run that were lost before they could be written. */
   dropped: number;
-  /** Bytes free on the disk. */
+  /** Free space on the disk, bytes. */
   free: number;
 }
 
 /**
- * How the robot is to move: `LL_CMD_MOTION`, 20 Hz while it is to move. Good for 250 ms.
- * - PLANNER 0, REMOTE 1, GAMEPAD 2, MAINTENANCE 3: Priorities; the highest that spoke within its time to live is
- *   obeyed.
+ * Motion command: `LL_CMD_MOTION`, 20 Hz while the robot is to move. Valid for 250 ms.
+ * - PLANNER 0, REMOTE 1, GAMEPAD 2, MAINTENANCE 3: Priorities; of the valid commands the one with the highest priority
+ *   is executed.
  */
 export interface CmdMotion {
   /** Microseconds since the UNIX epoch. */
@@ -549,132 +549,130 @@ export interface CmdMotion {
   steering: number | null;
   /** One of the constants. */
   priority: number;
-  /** Who sends it; of two with the same priority the first holds. */
+  /** Name of the source; of two with the same priority the first keeps control. */
   source: string;
 }
 
-/** The drives as CANopen nodes: `LL_DATA_AXES`, 5 Hz and on change. */
+/** Drives as CANopen nodes: `LL_DATA_AXES`, 5 Hz and on change. */
 export interface DataAxes {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The axes, in order of the configuration. */
+  /** Axes in order of the configuration. */
   axes: Axis[];
 }
 
-/** One drive. */
+/** Drive. */
 export interface Axis {
   /** `propulsion` or `steering`. */
   name: string;
-  /**
-   * NMT state as in the heartbeat (CiA 301): 0 boot-up, 4 stopped, 5 operational, 127 pre-operational; -1 when lost.
-   */
+  /** NMT state as in the heartbeat (CiA 301): 0 boot-up, 4 stopped, 5 operational, 127 pre-operational; -1 if lost. */
   nmt_state: number;
   /** Statusword, object 6041h (CiA 402). */
   statusword: number;
-  /** Error code of the last emergency message, object 603Fh; 0 when there is none. */
+  /** Error code of the last emergency message, object 603Fh; 0 without one. */
   error_code: number;
   /** Position at the robot: m for propulsion, rad for steering. */
   position: number | null;
   /** Velocity at the robot: m/s for propulsion, rad/s for steering. */
   velocity: number | null;
-  /** Motor current, A; NaN when the drive does not tell. */
+  /** Motor current, A; NaN if the drive does not report it. */
   current: number | null;
 }
 
-/** The beacons that the scanner saw in its last sweep: `LL_DATA_BEACONS`, 1 Hz. */
+/** Beacons sighted by the scanner in its last sweep: `LL_DATA_BEACONS`, 1 Hz. */
 export interface DataBeacons {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The sightings, in order of the sweep. */
+  /** Sightings in order of the sweep. */
   beacons: Beacon[];
 }
 
-/** One sighting of a beacon. */
+/** Sighting of a beacon. */
 export interface Beacon {
-  /** The sighting's own instant, microseconds since the UNIX epoch. */
+  /** Instant of the sighting, microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The beacon's number. */
+  /** Number of the beacon. */
   id: number;
   /** Direction in the robot frame, counter-clockwise from x, rad. */
   bearing: number | null;
-  /** Strength of the signal, 0..1. */
+  /** Signal strength, 0..1. */
   strength: number | null;
 }
 
 /**
- * How one bus fares: `LL_DATA_BUS`, 1 Hz for each bus.
- * - ACTIVE 0, WARNING 1, PASSIVE 2, OFF 3, CLOSED 4: States of a bus: the CAN controller's; CLOSED when the port is not
- *   open. Buses without a controller are ACTIVE or CLOSED.
+ * State of a bus: `LL_DATA_BUS`, 1 Hz for each bus.
+ * - ACTIVE 0, WARNING 1, PASSIVE 2, OFF 3, CLOSED 4: States of a bus: those of the CAN controller, or CLOSED if the
+ *   port is not open. Buses without a controller are ACTIVE or CLOSED.
  */
 export interface DataBus {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The bus's name in the configuration. */
+  /** Name of the bus in the configuration. */
   bus: string;
-  /** Share of the wire's time in use over the last second, 0..1. */
+  /** Bus load over the last second, 0..1. */
   load: number | null;
-  /** Frames in both directions since the start. */
+  /** Number of frames in both directions since the start. */
   frames: number;
-  /** Errors on the wire since the start, frames that were lost among them. */
+  /** Number of errors on the wire since the start, including lost frames. */
   errors: number;
   /** One of the constants. */
   state: number;
-  /** The nodes, in order of the configuration. */
+  /** Nodes in order of the configuration. */
   nodes: Node[];
 }
 
 /**
- * One node or board on a bus.
- * - OK 0, DEGRADED 1, LOST 2: States of a node: OK, answering now and then, not answering.
+ * Node or board on a bus.
+ * - OK 0, DEGRADED 1, LOST 2: States of a node: OK, answering intermittently, not answering.
  */
 export interface Node {
-  /** Its name in the configuration. */
+  /** Name in the configuration. */
   name: string;
-  /** Its address or node id on the bus. */
+  /** Address or node id on the bus. */
   address: number;
   /** One of the constants. */
   state: number;
-  /** Requests sent to it since the start. */
+  /** Number of requests sent to it since the start. */
   requests: number;
-  /** Requests that were repeated. */
+  /** Number of repeated requests. */
   retries: number;
-  /** Requests that it did not answer in time. */
+  /** Number of requests without an answer in time. */
   timeouts: number;
-  /** Answers with a wrong checksum. */
+  /** Number of answers with a wrong checksum. */
   crc_errors: number;
-  /** Shortest time from request to answer over the last second, s; NaN when there was no answer. */
+  /** Shortest round trip of the last second, s; NaN without an answer. */
   round_trip_min: number | null;
-  /** Mean time from request to answer over the last second, s; NaN when there was no answer. */
+  /** Mean round trip of the last second, s; NaN without an answer. */
   round_trip_mean: number | null;
-  /** Longest time from request to answer over the last second, s; NaN when there was no answer. */
+  /** Longest round trip of the last second, s; NaN without an answer. */
   round_trip_max: number | null;
 }
 
-/** The infrared range finders: `LL_DATA_IRS`. Always carries all of them. */
+/** Infrared range finders: `LL_DATA_IRS`. Always contains all of them. */
 export interface DataIrs {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** One for each range finder, in order of their numbers. */
+  /** One range for each range finder, in order of their numbers. */
   irs: Range[];
 }
 
-/** The gamepad: `LL_DATA_JOYDEV`, 5 Hz. */
+/** Gamepad: `LL_DATA_JOYDEV`, 5 Hz. */
 export interface DataJoydev {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** What the device calls itself. */
+  /** Name reported by the device. */
   name: string;
-  /** Whether it is there. */
+  /** True if it is connected. */
   connected: boolean;
-  /** Whether the dead-man button is held. */
+  /** True while the dead-man button is held. */
   dead_man: boolean;
-  /** The speed that its sticks ask for, m/s. */
+  /** Speed demanded by the sticks, m/s. */
   speed: number | null;
-  /** The steering angle that its sticks ask for, rad. */
+  /** Steering angle demanded by the sticks, rad. */
   steering: number | null;
 }
 
-/** How the robot moves, by its drives: `LL_DATA_MOTION`, 20 Hz. */
+/** Motion of the robot as measured by its drives: `LL_DATA_MOTION`, 20 Hz. */
 export interface DataMotion {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
@@ -682,19 +680,19 @@ export interface DataMotion {
   speed: number | null;
   /** Angle of the equivalent single front wheel, counter-clockwise, rad. */
   steering: number | null;
-  /** The speed that the drives are set to, m/s. */
+  /** Set-point of the speed, m/s. */
   speed_target: number | null;
-  /** The steering angle that the drives are set to, rad. */
+  /** Set-point of the steering angle, rad. */
   steering_target: number | null;
-  /** Whether both drives are enabled. */
+  /** True if both drives are enabled. */
   enabled: boolean;
-  /** Whether the steering knows where its middle is. */
+  /** True if the steering is homed. */
   homed: boolean;
-  /** Whether a quick stop is held. */
+  /** True while a quick stop is active. */
   quick_stop: boolean;
-  /** The source that is obeyed; empty when there is none. */
+  /** Source whose commands are executed; empty without one. */
   source: string;
-  /** Why it does not move, in words for people; empty when it may. Programs read `LL_DATA_HOLD`. */
+  /** Sentence for people on why the robot does not move; empty if it may. Programs use `LL_DATA_HOLD`. */
   reason: string;
 }
 
@@ -706,13 +704,13 @@ export interface DataOdo {
   translation: number | null;
   /** Rate of turn, counter-clockwise, rad/s. */
   rotation: number | null;
-  /** Running integral of the translation, m. */
+  /** Integral of the translation, m. */
   path: number | null;
-  /** Running integral of the rotation, rad; not wrapped. */
+  /** Integral of the rotation, rad; not wrapped. */
   heading: number | null;
-  /** Running count of the left wheel's encoder, ticks; wraps. */
+  /** Count of the left wheel's encoder, ticks; wraps. */
   ticks_left: number;
-  /** Running count of the right wheel's encoder, ticks; wraps. */
+  /** Count of the right wheel's encoder, ticks; wraps. */
   ticks_right: number;
 }
 
@@ -724,54 +722,54 @@ export interface DataPower {
   voltage: number | null;
   /** State of charge, 0..1. */
   charge: number | null;
-  /** Time until the battery is empty at the present load, s; NaN when unknown. */
+  /** Time until the battery is empty at the present load, s; NaN if unknown. */
   remaining: number | null;
-  /** The channels, in order of their numbers on the board. */
+  /** Channels in order of their numbers on the board. */
   channels: Channel[];
 }
 
-/** One power channel. */
+/** Power channel. */
 export interface Channel {
   /** `host`, `computer1`, `computer2`, `motors`, `monitor`, `audio`, `sensors` or `switch`. */
   name: string;
-  /** Whether it is switched on. */
+  /** True if it is switched on. */
   on: boolean;
   /** Current, A. */
   current: number | null;
 }
 
 /**
- * What all range finders measured, each at its own instant: `LL_DATA_RANGES`. Always carries every range finder of the
- * configuration, sonars first, in order of their numbers; once a round of the boards, and at least once a second.
+ * Measurements of all range finders, each at its own instant: `LL_DATA_RANGES`. Always contains every range finder of
+ * the configuration, sonars first, in order of their numbers; once per round of the boards, and at least once a second.
  */
 export interface DataRanges {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** One for each range finder. */
+  /** One reading for each range finder. */
   readings: Reading[];
 }
 
 /**
- * The last measurement of one range finder.
- * - SONAR 0, INFRARED 1, OTHER 2: Kinds. SONAR: looks along the floor by sound. INFRARED: looks at the floor by light.
- *   OTHER: anything else.
+ * Last measurement of a range finder.
+ * - SONAR 0, INFRARED 1, OTHER 2: Kinds. SONAR: ultrasound, along the floor. INFRARED: light, down to the floor. OTHER:
+ *   anything else.
  * - UNKNOWN 0, SILENT 1, MEASURED 2: Status. UNKNOWN: there is no measurement (board lost, answer implausible, never
  *   read, stopped); unknown is not free. SILENT: measured, and nothing within range returned an echo. MEASURED:
  *   `distance` was measured.
  */
 export interface Reading {
   /**
-   * When the range finder fired, microseconds since the UNIX epoch, on the scale of the message's own timestamp. The
-   * same measurement read again keeps its instant. UNKNOWN: instant of the last measurement; 0: there was none.
+   * Firing instant, microseconds since the UNIX epoch, on the scale of the message's own timestamp. The same
+   * measurement read again keeps its instant. UNKNOWN: instant of the last measurement; 0: there was none.
    */
   timestamp: number;
-  /** The range finder's number in the configuration; unique among those of its kind. */
+  /** Number of the range finder in the configuration; unique among those of its kind. */
   id: number;
   /** See above. */
   kind: number;
   /** See above. */
   status: number;
-  /** Distance from the range finder to the nearest thing, m; NaN unless MEASURED. */
+  /** Distance from the range finder to the nearest obstacle, m; NaN unless MEASURED. */
   distance: number | null;
   /** Position of the range finder, robot frame, forward, m. */
   x: number | null;
@@ -783,11 +781,11 @@ export interface Reading {
   beam: number | null;
 }
 
-/** The sonars: `LL_DATA_SRFS`. Always carries all of them. */
+/** Sonars: `LL_DATA_SRFS`. Always contains all of them. */
 export interface DataSrfs {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** One for each sonar, in order of their numbers. */
+  /** One range for each sonar, in order of their numbers. */
   srfs: Range[];
 }
 
@@ -795,66 +793,66 @@ export interface DataSrfs {
 export interface DataTemperature {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The thermometers, in order of the configuration. */
+  /** Thermometers in order of the configuration. */
   temperatures: Temperature[];
-  /** The fans, in order of the configuration. */
+  /** Fans in order of the configuration. */
   fans: Fan[];
 }
 
-/** One thermometer. */
+/** Thermometer. */
 export interface Temperature {
-  /** Its name in the configuration. */
+  /** Name in the configuration. */
   name: string;
-  /** Temperature, degrees Celsius; NaN when it cannot be read. */
+  /** Temperature, degrees Celsius; NaN if it cannot be read. */
   value: number | null;
-  /** Whether it is above its limit. */
+  /** True if it is above its limit. */
   over: boolean;
 }
 
-/** One fan. */
+/** Fan. */
 export interface Fan {
-  /** Its name in the configuration. */
+  /** Name in the configuration. */
   name: string;
   /** Share of full drive, 0..1. */
   duty: number | null;
   /** Speed, revolutions per minute. */
   rpm: number | null;
-  /** Whether it stands although it is driven. */
+  /** True if the fan stands still although it is driven. */
   failed: boolean;
 }
 
 /**
- * The PAUSE line: `LL_EVENT_STOP`, on change and every 500 ms, engaged or not. While it is engaged, or has not been
- * heard of for 1.2 s, the robot stands.
+ * PAUSE line: `LL_EVENT_STOP`, on change and every 500 ms, engaged or not. The robot does not move while it is engaged,
+ * or if this message has been absent for 1.2 s.
  */
 export interface EventStop {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** Whether something holds the robot. */
+  /** True while the line is engaged. */
   engaged: boolean;
-  /** What does: `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty when nothing does. */
+  /** Source: `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged. */
   source: string;
 }
 
-/** What one range finder, sonar or infrared, measures. */
+/** Measurement of a range finder, sonar or infrared. */
 export interface Range {
-  /** The sensor's number in the configuration. */
+  /** Number of the sensor in the configuration. */
   id: number;
-  /** Where the sensor sits, robot frame, forward, m. */
+  /** Position of the sensor, robot frame, forward, m. */
   x: number | null;
-  /** Where the sensor sits, robot frame, left, m. */
+  /** Position of the sensor, robot frame, left, m. */
   y: number | null;
-  /** Where the sensor looks, robot frame, rad. */
+  /** Direction of the beam's axis, robot frame, rad. */
   theta: number | null;
-  /** Distance from the sensor to the nearest thing, m; NaN when there is nothing. */
+  /** Distance from the sensor to the nearest obstacle, m; NaN without an echo. */
   distance: number | null;
-  /** Whether there is something. */
+  /** True if there is an echo. */
   valid: boolean;
 }
 
 /**
- * Where the robot is, as the estimator believes: `ML_DATA_ESTIMATE`, 20 Hz.
- * - LOST 0, SEARCHING 1, COARSE 2, FINE 3: How good the estimate is.
+ * Estimated pose and motion of the robot: `ML_DATA_ESTIMATE`, 20 Hz.
+ * - LOST 0, SEARCHING 1, COARSE 2, FINE 3: Qualities of the estimate.
  */
 export interface DataEstimate {
   /** Microseconds since the UNIX epoch. */
@@ -876,29 +874,29 @@ export interface DataEstimate {
 }
 
 /**
- * How the goal fares: `ML_DATA_GOAL`.
- * - IDLE 0, DRIVING 1, REACHED 2, BLOCKED 3, FAILED 4, CANCELLED 5: What the planner does about the goal.
+ * State of the goal: `ML_DATA_GOAL`.
+ * - IDLE 0, DRIVING 1, REACHED 2, BLOCKED 3, FAILED 4, CANCELLED 5: States of the goal.
  */
 export interface DataGoal {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The goal's number. */
+  /** Number of the goal. */
   id: number;
   /** Index of the waypoint that is driven to, from 0. */
   waypoint: number;
   /** One of the constants. */
   status: number;
-  /** Way to the last waypoint, m; NaN when unknown. */
+  /** Remaining distance to the last waypoint, m; NaN if unknown. */
   remaining: number | null;
-  /** The same in words, for people. */
+  /** State as a sentence for people. */
   message: string;
 }
 
-/** The obstacles that the planner believes in: `ML_DATA_OBSTACLES`. */
+/** Obstacles sensed by the planner: `ML_DATA_OBSTACLES`. */
 export interface DataObstacles {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** Edge of a cell, m. */
+  /** Side of a cell, m. */
   size: number | null;
   /** Middles of the cells in the world, m. */
   x: (number | null)[];
@@ -906,25 +904,25 @@ export interface DataObstacles {
   y: (number | null)[];
 }
 
-/** The path that the planner follows: `ML_DATA_PLAN`. */
+/** Path that the planner follows: `ML_DATA_PLAN`. */
 export interface DataPlan {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** The points in the world, m. */
+  /** Points in the world, m. */
   x: (number | null)[];
-  /** The points in the world, m. */
+  /** Points in the world, m. */
   y: (number | null)[];
 }
 
-/** The simulation's time: `SIM_DATA_CLOCK`, 1 Hz. */
+/** Time of the simulation: `SIM_DATA_CLOCK`, 1 Hz. */
 export interface DataClock {
-  /** Microseconds since the UNIX epoch, as the modules have it. */
+  /** Microseconds since the UNIX epoch, on the clock of the modules. */
   timestamp: number;
-  /** Simulated seconds a real second: 1 live, the achieved factor in virtual time. */
+  /** Simulated seconds per real second: 1 live, the achieved factor in virtual time. */
   rate: number | null;
 }
 
-/** Where the simulated robot really is: `SIM_DATA_TRUTH`. */
+/** True pose and motion of the simulated robot: `SIM_DATA_TRUTH`. */
 export interface DataTruth {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
@@ -938,8 +936,8 @@ export interface DataTruth {
   speed: number | null;
   /** Angle of the equivalent single front wheel, counter-clockwise, rad. */
   steering: number | null;
-  /** Distance from the robot's outline to the nearest thing, m. */
+  /** Distance from the robot's outline to the nearest obstacle, m. */
   clearance: number | null;
-  /** How often the robot has touched something since the start. */
+  /** Number of collisions since the start. */
   collisions: number;
 }
