@@ -1,7 +1,7 @@
 //! Live host: runs one module as a process on `epoll`, with real buses and the machine's clocks. Together with what
 //! stands on it, this is where files and ports are opened, processes started and clocks read.
 //!
-//! Read [`host`] first. Nothing here depends on what a module does.
+//! Read `host` first. Nothing here depends on what a module does.
 //!
 //! The bus as modules and tools have it, here within the process:
 //!

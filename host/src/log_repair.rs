@@ -1,6 +1,6 @@
 //! Adds the missing index to logs of earlier runs that ended by a power failure or a crash of the logger.
 //!
-//! One thread at the lowest priority, limited to [`RATE`], so that it yields to everything else on the machine. A file
+//! One thread at the lowest priority, limited to `RATE`, so that it yields to everything else on the machine. A file
 //! that a logger is writing is recognized by its lock (`host/src/ports/store`) and skipped, whatever run it belongs to.
 //! A file that cannot be repaired stays unchanged and is tried again at the next start.
 

@@ -2,7 +2,7 @@
 //! and adopts those of an earlier watchdog.
 //!
 //! A process outlives the watchdog that started it, so that a new watchdog finds a working robot. The information for
-//! that is kept in a file ([`record`]). A pidfd reports the end of a child and of an adopted process alike; the parent
+//! that is kept in a file (`record`). A pidfd reports the end of a child and of an adopted process alike; the parent
 //! of an adopted process (`advee up`) keeps its exit status readable for a moment.
 
 mod identity;

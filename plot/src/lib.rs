@@ -2,8 +2,8 @@
 //! of standstill, the reports and the state of each module. As SVG or PNG.
 //!
 //! Fed with messages from any source: a recording (`advee plot`) or an observer of a virtual machine. Memory is bounded
-//! for any input: a long run is shown with less detail. No file access. [`data`] is the content, [`map`], [`timeline`]
-//! and [`page`] are the layout, [`canvas`] is the drawing surface.
+//! for any input: a long run is shown with less detail. No file access. `data` is the content, `map`, `timeline`
+//! and `page` are the layout, `canvas` is the drawing surface.
 //!
 //! ```
 //! use messages::simulation::DataTruth;

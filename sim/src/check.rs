@@ -177,7 +177,7 @@ impl Checkers {
         Times { pause_to_stop: self.pause.worst, loss_to_stop: self.stop.worst, calm_to_wanted: self.wanted.worst }
     }
 
-    /// Begins the calm: no faults are injected, and all modules must reach their wanted state ([`wanted`]).
+    /// Begins the calm: no faults are injected, and all modules must reach their wanted state (`wanted`).
     pub fn calm(&mut self, now: Instant) {
         self.wanted.calm(now);
     }

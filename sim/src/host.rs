@@ -5,8 +5,8 @@
 //! [`Virtual::digest`] proves.
 //!
 //! Modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN with
-//! exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits per word and collisions
-//! ([`serial`]); I2C with the duration of its bits ([`i2c`]), 1-Wire with that of a search or a measurement ([`w1`]);
+//! exact frame lengths, arbitration and error confinement (`can`); serial lines with 11 bits per word and collisions
+//! (`serial`); I2C with the duration of its bits (`i2c`), 1-Wire with that of a search or a measurement (`w1`);
 //! disks that lose unsynchronized data in a power failure ([`Disk`]); processes that are started, ended, killed, hung
 //! or slow, send heartbeats as live ones do, and outlive their watchdog for a while; and the effect of faults on all of
 //! these. Not modelled: computing time (an event is served at once, or with a given latency) and resource usage

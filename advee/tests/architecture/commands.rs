@@ -8,7 +8,7 @@ use std::fs;
 /// Pages that show commands of their time, or of other programs' versions.
 const OTHER: [&str; 3] = ["docs/facts/", "docs/decisions/", "CHANGELOG.md"];
 
-/// Words of a shell line, up to its first pipe, redirection, comment or next command.
+/// Words of a shell line, up to its first pipe, redirection, comment or next command; of a list by commas its first.
 fn words(line: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
     for letter in line.chars() {
@@ -23,6 +23,10 @@ fn words(line: &str) -> Vec<String> {
     }
     words.push(word);
     words.retain(|word| !word.is_empty());
+    if let Some(at) = words.iter().position(|word| word.ends_with(',')) {
+        words.truncate(at + 1);
+        words[at].pop();
+    }
     words
 }
 
@@ -35,6 +39,11 @@ fn call(line: &str) -> Option<Vec<String>> {
     let at = words.iter().position(|word| !is_prefix(word))?;
     let is_executable = words[at] == "advee" || words[at].ends_with("/advee");
     (is_executable && words.len() > at + 1).then(|| words[at + 1..].to_vec())
+}
+
+/// True for a line of a drawing or a table without borders: columns, which no shell line has before its comment.
+fn has_columns(line: &str) -> bool {
+    line.split('#').next().unwrap_or_default().trim().contains("  ")
 }
 
 /// Texts in backticks.
@@ -79,7 +88,8 @@ fn each_command_of_the_executable_that_a_page_shows_is_one() {
         for (number, line, block) in lines(&text) {
             let mut calls = Vec::new();
             match block {
-                Some("" | "sh" | "bash" | "console" | "text") => calls.extend(call(line).map(|call| (call, false))),
+                Some("sh" | "bash" | "console") => calls.extend(call(line).map(|call| (call, false))),
+                Some("") if !has_columns(line) => calls.extend(call(line).map(|call| (call, false))),
                 Some(_) => {}
                 None => calls.extend(quoted(line).filter_map(|text| Some((call(text)?, true)))),
             }
@@ -106,6 +116,7 @@ fn each_target_of_make_that_a_page_shows_is_one() {
             for text in texts {
                 let words = words(text.trim_start().trim_start_matches("$ "));
                 if words.first().is_some_and(|word| word == "make")
+                    && !words.iter().any(|word| word == "-C")
                     && let Some(target) = words[1..].iter().find(|word| !word.contains('=') && !word.starts_with('-'))
                     && !targets.contains(target.as_str())
                 {
@@ -122,7 +133,9 @@ fn a_call_is_found_in_a_line_of_a_shell() {
     let call = |line: &str| call(line).map(|words| words.join(" "));
     assert_eq!(call("$ sudo target/release/advee log mark \"the dog\"  # then").as_deref(), Some("log mark the dog"));
     assert_eq!(call("ADVEE_RUN=/tmp advee up --sim | tee x").as_deref(), Some("up --sim"));
+    assert_eq!(call("advee log info, play"), Some("log info".into()));
     assert_eq!(call("the advee up"), None);
+    assert!(has_columns("advee up      starts the watchdog") && !has_columns("advee up --sim      # starts it"));
     assert!(objection(&words("diag --no-such-option"), true).is_some());
     assert!(objection(&words("no-such-command"), true).is_some());
     assert!(objection(&words("goal"), true).is_none());

@@ -9,7 +9,7 @@
 //! place where data is missing, cut off or damaged. The crate depends on neither files nor configuration: everything
 //! needed to create the shell again is in the [`Header`] as names and texts.
 //!
-//! `docs/replay.md` specifies the format for readers in other languages. Read [`call`] and [`answer`] for the content
+//! `docs/replay.md` specifies the format for readers in other languages. Read `call` and `answer` for the content
 //! of a record.
 //!
 //! A second of a module, recorded and replayed:

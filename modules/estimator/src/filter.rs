@@ -3,7 +3,7 @@
 //! A bearing is applied at its own instant: the motion steps and bearings of the last two seconds are kept with the
 //! state after each, and a late measurement is inserted in its place and the later ones are processed again
 //! (docs/facts/robot.md 3.1). The probability that a bearing belongs to its beacon follows from its innovation. When
-//! bearings contradict the pose, or no pose is known, [`crate::search`] looks for one among all that the bearings of
+//! bearings contradict the pose, or no pose is known, `crate::search` looks for one among all that the bearings of
 //! the last seconds allow.
 
 mod config;

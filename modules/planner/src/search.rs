@@ -3,8 +3,8 @@
 //! D. Dolgov, S. Thrun, M. Montemerlo, J. Diebel, Practical search techniques in path planning for autonomous driving
 //! (2008). States are cells of the map and 72 headings, each with the exact pose of the path that reached it; steps are
 //! arcs with curvatures of zero, half and the whole limit. Two heuristics are combined: a path for a round robot around
-//! all obstacles ([`reach`]) and, near the goal, the path of a car without obstacles (Reeds and Shepp), which also ends
-//! the search where it is free. Then parts of the path are replaced by better curves ([`smooth`]).
+//! all obstacles (`reach`) and, near the goal, the path of a car without obstacles (Reeds and Shepp), which also ends
+//! the search where it is free. Then parts of the path are replaced by better curves (`smooth`).
 //!
 //! An engine without a clock: [`Search::begin`], then [`Search::advance`] repeatedly. The budget counts work, in
 //! expanded states or operations of equal duration (a few microseconds), so that a request has the same result on every

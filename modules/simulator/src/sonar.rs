@@ -28,7 +28,7 @@ pub struct Sonar {
     pub lost: f64,
     /// See [`Sonar::short`].
     pub random: f64,
-    /// Probability of an echo from a leg in sound-absorbing clothes: within [`CLOTHES`], and beyond.
+    /// Probability of an echo from a leg in sound-absorbing clothes: within `CLOTHES`, and beyond.
     pub person: (f64, f64),
     /// The air of a run is at most so much warmer or colder than the sensor takes for granted, K.
     pub warmth: f64,

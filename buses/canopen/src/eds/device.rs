@@ -6,8 +6,8 @@ use super::number::number;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-/// [DeviceInfo], [FileInfo], [Comments], [DummyUsage], and [DeviceComissioning] of a DCF. What a file leaves empty is
-/// `None` or empty here.
+/// `[DeviceInfo]`, `[FileInfo]`, `[Comments]`, `[DummyUsage]`, and `[DeviceComissioning]` of a DCF. What a file leaves
+/// empty is `None` or empty here.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Device {
     /// The vendor's name.
@@ -40,13 +40,13 @@ pub struct Device {
     pub file_name: String,
     /// Description of the file.
     pub description: String,
-    /// The lines of [Comments].
+    /// The lines of `[Comments]`.
     pub comments: Vec<String>,
     /// Which of the devices it is; only in a DCF.
     pub commissioning: Option<Commissioning>,
 }
 
-/// [DeviceComissioning] of a DCF; the standard's own spelling, the other one is read too.
+/// `[DeviceComissioning]` of a DCF; the standard's own spelling, the other one is read too.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Commissioning {
     /// The node id, 1..=127.

@@ -26,7 +26,7 @@ impl Master {
     }
 
     /// Asks any node but this one for an object, as soon as its SDO channel is free of boot-up work. The answer is
-    /// [`Event::SdoRead`] or [`Event::SdoFailed`] with the ticket.
+    /// `Event::SdoRead` or `Event::SdoFailed` with the ticket.
     ///
     /// Up to 16 requests wait for a node; nodes that are not configured may be asked too, 8 of them at a time.
     ///
@@ -45,7 +45,7 @@ impl Master {
         self.request(now, node, index, sub, Transfer::ReadBlock)
     }
 
-    /// Writes an object; see [`Self::sdo_read`]. The answer is [`Event::SdoWritten`] or [`Event::SdoFailed`].
+    /// Writes an object; see [`Self::sdo_read`]. The answer is `Event::SdoWritten` or `Event::SdoFailed`.
     ///
     /// # Errors
     /// Why not; nothing was sent.

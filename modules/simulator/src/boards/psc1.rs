@@ -1,6 +1,6 @@
 //! BR-PSC1: channels that start and stop one after the other, currents, the battery, the PAUSE line, the end of supply.
 //!
-//! Start-up runs from slaves to masters, power-off the other way round ([`ORDER`]). Whoever wrote what this answers is
+//! Start-up runs from slaves to masters, power-off the other way round (`ORDER`). Whoever wrote what this answers is
 //! already running, so at the start all channels are on. Channels are bistable relays: a reset of the processor leaves
 //! them as they are, as `docs/facts/robot.md` 1.1 has it of the relay in the motor feed.
 

@@ -34,7 +34,7 @@ pub struct Sbs1Config {
     pub mount: Pose,
     /// m.
     pub range: f64,
-    /// Deviation of a bearing, rad; half of the variance lasts for [`DRIFT`].
+    /// Deviation of a bearing, rad; half of the variance lasts for `DRIFT`.
     pub sigma: f64,
     /// Steps of a bearing, rad.
     pub quantum: f64,

@@ -2,8 +2,8 @@
 //! watch.
 //!
 //! An update that waits in a network queue would be taken for current. So a ping follows every few updates, which
-//! browsers answer by themselves, and while two of them are unanswered no update is sent: at most [`UPDATES_PER_PING`]
-//! × [`UNANSWERED_PINGS_MAX`] updates, 0.6 s, are on their way to a viewer.
+//! browsers answer by themselves, and while two of them are unanswered no update is sent: at most `UPDATES_PER_PING`
+//! × `UNANSWERED_PINGS_MAX` updates, 0.6 s, are on their way to a viewer.
 
 use super::access::Who;
 use super::view_publisher::ViewPublisher;
