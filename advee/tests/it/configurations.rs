@@ -107,7 +107,7 @@ fn what_cannot_be_migrated_is_refused_and_left_as_it_is() {
     for args in [&["config", "check"][..], &["config", "migrate", "--write"]] {
         let refused = advee(args, &folder);
         assert_eq!(refused.code, Some(i32::from(module::exit::RESOURCE)));
-        let why = format!("robot.toml:{line}: joystick: the old name of gamepad, which is there, too");
+        let why = format!("robot.toml:{line}: joystick: the old name of gamepad, which is also set");
         assert!(refused.bad().ends_with(&why));
     }
     assert_eq!(fs::read_to_string(folder.join("robot.toml")).unwrap(), twice);

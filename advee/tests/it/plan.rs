@@ -98,7 +98,7 @@ fn an_invalid_map_is_named_with_line_or_byte() {
         ("room.pgm", "short.pgm", "short.pgm: byte 18: the picture ends after 3 of 19200 pixels"),
         ("room.pgm", "header.pgm", "header.pgm: byte 0: not a PGM file"),
         ("room.pgm", "nowhere.pgm", "nowhere.pgm: "),
-        ("room.pgm", ".", "no file"),
+        ("room.pgm", ".", "not a file"),
     ] {
         fs::write(folder.join("bad.yaml"), text.replace(from, to)).unwrap();
         let output = plan(&folder, &request);
