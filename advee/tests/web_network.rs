@@ -194,7 +194,7 @@ impl Hand {
                 match self.page.receive(left) {
                     // Like the page: a hold that has ended is released, and pressed anew.
                     Received::Message(message) if message["type"] == "ended" && message["hold"] == self.hold => {
-                        self.hold += 1
+                        self.hold += 1;
                     }
                     Received::Closed(..) => {
                         std::thread::sleep(left);

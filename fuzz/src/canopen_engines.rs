@@ -136,7 +136,7 @@ pub fn canopen_engines(data: &[u8]) {
         match what % 23 {
             0 => bus.receive(&Frame::standard(number, &data[..usize::from(data[7] % 9)])),
             // Of the two nodes.
-            1..=3 => bus.receive(&Frame::standard(number & 0x780 | 1 + (number & 1), &data)),
+            1..=3 => bus.receive(&Frame::standard((number & 0x780) | (1 + (number & 1)), &data)),
             // SDO, both ways.
             4 => bus.receive(&Frame::standard(0x581 + u16::from(node & 1), &data)),
             5 => bus.receive(&Frame::standard(0x601 + u16::from(node & 1), &data)),

@@ -440,7 +440,7 @@ impl Virtual {
                     self.tell(chips.pid, Waiting::I2cRequested(chips.port, transfer));
                 }
                 Some(i2c::I2cEvent::Over(owner, transfer, outcome)) => {
-                    self.transfer_over(place, owner, &transfer, outcome)
+                    self.transfer_over(place, owner, &transfer, outcome);
                 }
                 None => {}
             },
@@ -616,7 +616,7 @@ impl Virtual {
                 self.handle(pid, Event::Process(ProcessEvent::Unstartable { module: &module, reason: &reason }));
             }
             Waiting::HeartbeatStarted(child) => {
-                self.handle(pid, Event::Process(ProcessEvent::HeartbeatStarted { pid: child }))
+                self.handle(pid, Event::Process(ProcessEvent::HeartbeatStarted { pid: child }));
             }
             Waiting::HeartbeatLate(child, last) => {
                 self.handle(pid, Event::Process(ProcessEvent::HeartbeatLate { pid: child, thread: "main", last }));

@@ -379,7 +379,7 @@ macro_rules! settings {
         $rows.defaulted::<$ty, _>(&$crate::Given::given($default), &$rule)
     };
     (@doc $key:ident unset $default:tt ()) => { "\n\nSet by the wiring." };
-    (@doc $key:ident flat () ()) => { "" };
+    (@doc $key:ident flat () ()) => { "\n\nIts keys are in this table." };
     (@doc $key:ident default ($default:expr) ()) => {
         concat!("\n\nKey `", stringify!($key), "`, default `", stringify!($default), "`.")
     };

@@ -53,7 +53,7 @@ impl Module for Scribe {
                 self.asked -= 1;
             }
             Event::RawMessage { at, channel, data } if channel.starts_with("CM_") => {
-                assert!(at <= now && !data.is_empty())
+                assert!(at <= now && !data.is_empty());
             }
             Event::RawMessage { channel, data, .. } => {
                 let line = format!("{channel} {}\n", data.len());

@@ -112,7 +112,7 @@ impl Power {
                 match self.line.judge(address, parse_unasked(*instruction, data), out) {
                     Some(Unasked::PauseChanged { engaged, source }) => self.on_pause(now, engaged, source, out),
                     Some(Unasked::PowerOffRequested { seconds }) => {
-                        self.shut_down(now, ShutdownPurpose::Cut, Some(seconds), out)
+                        self.shut_down(now, ShutdownPurpose::Cut, Some(seconds), out);
                     }
                     None => {}
                 }

@@ -218,7 +218,7 @@ impl Steering {
         }
         match self.goal {
             SteeringGoal::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => {
-                self.homing.start()
+                self.homing.start();
             }
             SteeringGoal::Home => {}
             _ => self.homing.cancel(),
