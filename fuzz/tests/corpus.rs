@@ -1,6 +1,6 @@
 //! Replay of the kept inputs through every target.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![allow(clippy::unwrap_used, clippy::disallowed_methods, reason = "a test reads its files and fails by panicking")]
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -350,7 +350,7 @@ fn frames_cross_a_multicast_bus_without_own_and_invalid_ones() {
             _ => panic!(),
         }
     }
-    assert_eq!(heard, ["[1, 2, 3]", "no frame: it is not a map"]);
+    assert_eq!(heard, ["[1, 2, 3]", "not a frame: it is not a map"]);
     let Ok(Received::Fault(..)) = left.device.receive(clock::now()) else { panic!("its own frame, or nothing") };
     assert!(matches!(left.device.receive(clock::now()), Ok(Received::Nothing)));
 }

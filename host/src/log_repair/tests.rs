@@ -118,7 +118,7 @@ fn an_irreparable_log_is_reported_and_kept() {
     made.file("run/log_002.mcap", b"no log at all, but more than a few bytes of it");
     let told = made.repair();
     assert_eq!(told.len(), 3, "{told:?}");
-    assert!(told[0].starts_with("run/log_000.mcap: damaged inside: advee log recover"), "{told:?}");
+    assert!(told[0].starts_with("run/log_000.mcap: damaged inside: use advee log recover"), "{told:?}");
     assert_eq!(told[1], "run/log_001.mcap: removed, because it was empty");
     assert_eq!(fs::read(&path).unwrap(), damaged);
     assert!(!made.0.join("run/log_001.mcap").exists());

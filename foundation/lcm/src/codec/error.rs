@@ -53,7 +53,7 @@ impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoRoom { needed, room } => write!(f, "{needed} bytes needed, room for {room}"),
-            Self::Nul { member } => write!(f, "`{member}` holds a NUL character, which LCM ends strings with"),
+            Self::Nul { member } => write!(f, "`{member}` contains a NUL character, the end of a string in LCM"),
             Self::TooLong { member, len, max } => {
                 write!(f, "`{member}`: length {len} is above {max}")
             }

@@ -133,8 +133,8 @@ fn nothing_outside_is_touched() {
     symlink(outside.join("new"), folder.join("run/log_000.mcap")).unwrap();
     assert_eq!(listed(&mut disk), [("run".into(), 0)], "targets of links are not counted");
     for name in ["", "/etc/passwd", "../outside/new", "run/../../outside", ".", "a/b/c", "run/\0", "run\n/x"] {
-        assert!(failed(disk.perform(create(name))).contains("is no name"), "{name:?}");
-        assert!(failed(disk.perform(remove(name))).contains("is no name"), "{name:?}");
+        assert!(failed(disk.perform(create(name))).contains("is no valid file name"), "{name:?}");
+        assert!(failed(disk.perform(remove(name))).contains("is no valid file name"), "{name:?}");
     }
     failed(disk.perform(create("link/new")));
     failed(disk.perform(create("run/log_000.mcap")));
