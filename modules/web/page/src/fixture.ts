@@ -71,7 +71,7 @@ function drivePart(): DrivePart {
   const word = robot.paused ? "paused" : robot.held ? "stopped" : moves ? "driving" : "ready";
   const said = robot.paused
     ? "the PAUSE line is engaged by bumper1; release it, then let the robot go on"
-    : robot.held ? why : moves ? `${robot.speed.toFixed(2)} m/s; ${patrols ? "planner" : `web:${holder?.name}`} commands` : "it stands; nobody commands it";
+    : robot.held ? why : moves ? `${robot.speed.toFixed(2)} m/s; commanded by ${patrols ? "planner" : `web:${holder?.name}`}` : "the robot is at standstill without a command";
   const [gx, gy] = ROUTE[robot.goal % ROUTE.length] as [number, number];
   const quality = mode === "search" ? 1 : 3;
   return {
