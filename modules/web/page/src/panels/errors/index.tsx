@@ -92,7 +92,7 @@ function Texts({ words }: { words: string[] }) {
         <p class="muted p-grow">What modules have to say, the latest first; a hundred of them are shown here, all are in the log.</p>
       </div>
       {rows.length === 0 ? <p class="empty">{texts.length ? "None of them matches." : "Nothing has been said since the server started."}</p> : null}
-      <ol class={`p-texts ${lost() ? "is-stale" : ""}`}>
+      <ol class={`p-texts ${lost() ? "is-stale" : ""}`} tabIndex={0} aria-label="texts of the modules">
         {rows.map((text, place) => (
           <li key={TEXT_KEYS(text, place)}>
             <time>{moment(text.timestamp)}</time>
