@@ -123,8 +123,8 @@ impl Dictionary {
         })
     }
 
-    /// Value of a numeric object, regardless of access rights; `None` if there is none. A REAL or a time gives its bit
-    /// pattern, and so does an UNSIGNED64 beyond `i64::MAX`.
+    /// Value of a numeric object, regardless of access rights; `None` if the dictionary has no such object. A REAL
+    /// or a time gives its bit pattern, and so does an UNSIGNED64 beyond `i64::MAX`.
     #[must_use]
     pub fn get(&self, index: u16, sub: u8) -> Option<i64> {
         let slot = &self.slots[self.find(index, sub).ok()?];

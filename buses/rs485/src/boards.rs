@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn no_table_names_a_code_twice_and_all_have_version_and_reset() {
         for board in BOARDS {
-            // Unsolicited messages are told from answers by their instruction alone, so the codes must differ.
+            // Unsolicited messages differ from answers by their instruction alone, so no code may occur twice.
             let codes = board.instructions.iter().chain(board.unasked).map(|instruction| instruction.code);
             for (i, code) in codes.clone().enumerate() {
                 assert!(codes.clone().take(i).all(|earlier| earlier != code), "{}: {code:#04x}", board.name);

@@ -37,7 +37,7 @@ impl Histogram {
         self.count
     }
 
-    /// Smallest time, µs; 0 if there is none.
+    /// Smallest time, µs; 0 without samples.
     pub fn min(&self) -> u64 {
         self.min.min(self.max)
     }

@@ -77,8 +77,8 @@ pub fn remap(
     writes
 }
 
-/// Reads, one after another, that give a PDO of a node: read [`Reading::object`] and pass the data to
-/// [`Reading::found`] until there is none; then [`Reading::finish`].
+/// Sequence of reads that gives a PDO of a node: read [`Reading::object`] and pass the data to [`Reading::found`] until
+/// no object is left; then call [`Reading::finish`].
 #[must_use]
 pub fn read_plan(record: u16) -> Reading {
     let pdo = Pdo { record, cob_id: INVALID, kind: 0, inhibit: None, event_timer: None, entries: Vec::new() };

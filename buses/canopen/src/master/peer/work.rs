@@ -68,7 +68,7 @@ impl Peer {
         let Some(end) = self.channel.poll_done(&mut self.stats, shared) else {
             return;
         };
-        // With reception of own frames, other clients cannot be told apart from this one.
+        // With reception of own frames, frames of other clients look like those of this one.
         let is_plain = timeouts == self.stats.timeouts && !shared.config.own_frames_return;
         match (end, self.phase) {
             _ if is_plain && self.duplicate.answered(self.stats.ignored) => self.two(now, shared),
