@@ -6,7 +6,7 @@ PROFILE = release
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
 
-.PHONY: run build web web-test e2e screenshots test test-fast fuzz lint lab lab-short lab-test deb reproducible arm bench generate docs clean
+.PHONY: run build web web-test e2e screenshots test test-fast fuzz bad-input lint lab lab-short lab-test deb reproducible arm bench generate docs clean
 
 run: build
 	$(ADVEE) up --sim
@@ -29,7 +29,7 @@ web-test: web
 # The page in a browser, against the live simulated robot; skipped without a browser, except under make test.
 e2e: web
 	@tools/require chromium || [ "$$ADVEE_PEERS" != required ]
-	cargo build -p advee --locked
+	[ -n "$(BUILT)" ] || cargo build -p advee --locked
 	cd $(PAGE) && npm run --silent e2e
 
 # The pictures of docs/web.md.
@@ -41,12 +41,14 @@ screenshots: web
 # Peers that a package registry provides are required; tests that need a device are skipped without it, and listed.
 test: export ADVEE_PEERS := required
 test: export ADVEE_SKIPPED := $(CURDIR)/target/skipped
+# The executable that the tests were built with: a build of its own selects other features, and compiles all crates anew.
+test: export BUILT := yes
 test: lint web-test
 	@tools/require cc c++ python3-venv glib java rust-bare ip
 	@tools/venv
 	@tools/lcm-1.3.1
 	@rm -f $(ADVEE_SKIPPED)
-	cargo test --workspace --locked
+	tools/run-tests
 	tools/sabotage
 	$(MAKE) e2e
 	$(MAKE) lab-short
@@ -62,6 +64,11 @@ test-fast: web
 MINUTES = 13
 fuzz:
 	tools/fuzz $(MINUTES)
+
+# Bad input at a driving simulated robot for MINUTES; SEED=N chooses another course, ROUND=N repeats one round.
+bad-input: web
+	@tools/require cc
+	BAD_INPUT_MINUTES=$(MINUTES) cargo test -p advee --locked --test it bad_input_leaves_the_robot -- --nocapture
 
 lint: web
 	@tools/require cc
@@ -82,7 +89,7 @@ lab: build lab-test
 # make test.
 lab-short: lab-test
 	@tools/require qemu kbuild can-utils ip || [ "$$ADVEE_PEERS" != required ]
-	cargo build -p advee --locked
+	[ -n "$(BUILT)" ] || cargo build -p advee --locked
 	ADVEE=target/debug/advee lab/lab --short
 
 # Tests of the lab's runner; they need no virtual machine.

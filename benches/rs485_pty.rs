@@ -115,7 +115,15 @@ fn host(name: &str, module: Box<dyn Module>, port: PortConfig, lcm: u16) {
     let mut config = ShellConfig::new(name);
     config.wanted = State::Run;
     let lcm_url = format!("udpm://239.255.76.67:{}?ttl=0", 30_000 + 4 * (std::process::id() as u16 % 5000) + lcm);
-    let place = HostConfig { lcm_url, ports: vec![port], raw: Vec::new(), launch: None, beats: None, inputs: None };
+    let place = HostConfig {
+        lcm_url,
+        ports: vec![port],
+        raw: Vec::new(),
+        policy: module::admission::Policy::default(),
+        launch: None,
+        beats: None,
+        inputs: None,
+    };
     run(Shell::new(config, module), place).expect("a host");
 }
 

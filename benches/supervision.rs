@@ -38,8 +38,15 @@ fn main() -> ExitCode {
         && word == "module"
     {
         let lcm_url = std::env::var("LCM_DEFAULT_URL").unwrap_or_default();
-        let config =
-            HostConfig { lcm_url, ports: Vec::new(), raw: Vec::new(), launch: None, beats: None, inputs: None };
+        let config = HostConfig {
+            lcm_url,
+            ports: Vec::new(),
+            raw: Vec::new(),
+            policy: module::admission::Policy::default(),
+            launch: None,
+            beats: None,
+            inputs: None,
+        };
         return ExitCode::from(host::run(Shell::new(ShellConfig::new(name), Box::new(Idle)), config).unwrap_or(1));
     }
     let folder = std::env::temp_dir().join(format!("advee-bench-{}", std::process::id()));

@@ -14,7 +14,7 @@ mod sys;
 use base::{Duration, Instant};
 use messages::{Message, lowlevel};
 use plot::Picture;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::virtual_machine;
 use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
@@ -137,7 +137,7 @@ fn command(second: u64) -> lowlevel::CmdMotion {
 
 fn machine(world: &str, draws: bool, checked: bool) -> (Virtual, Rc<Seen>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let place = Place {
+    let place = RobotLocation {
         config: root.join("conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),

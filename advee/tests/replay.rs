@@ -6,7 +6,7 @@ use base::{Duration, Instant};
 use messages::lowlevel;
 use module::State;
 use record::Sink;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::virtual_machine_recorded;
 use serde_json::Value;
 use sim::host::Config;
@@ -18,7 +18,7 @@ use std::process::Command;
 use std::rc::Rc;
 use support::Robot;
 
-const MODULES: [&str; 10] = [
+const MODULES: [&str; 11] = [
     "driver_aux",
     "driver_canbus",
     "driver_joydev",
@@ -26,6 +26,7 @@ const MODULES: [&str; 10] = [
     "driver_rs485a",
     "driver_rs485b",
     "estimator",
+    "guard",
     "planner",
     "simulator",
     "watchdog",
@@ -71,7 +72,7 @@ type File = Rc<RefCell<Vec<u8>>>;
 fn recorded(name: &str) -> Run {
     let run = Run(std::env::temp_dir().join(format!("advee-replay-{name}-{}", std::process::id())));
     fs::create_dir_all(run.0.join("inputs")).expect("a folder");
-    let place = Place {
+    let place = RobotLocation {
         config: support::workspace().join("conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
@@ -146,8 +147,8 @@ fn a_run_is_drawn_from_its_recorded_messages() {
     assert_eq!((within(&drawn, "world", "<polyline"), within(&drawn, "world", "<circle")), (13, 6));
     assert_eq!((within(&drawn, "beacons", "<circle"), within(&drawn, "truth", "<polyline")), (6, 1));
     assert_eq!((within(&drawn, "robot", "<polygon"), within(&drawn, "speed", "polyline") > 4), (1, true));
-    // Ten modules, each with its name; one died, which the watchdog reported.
-    assert_eq!(MODULES.map(|module| within(&drawn, "states", &format!(">{module}<"))), [1; 10]);
+    // Eleven modules, each with its name; one died, which the watchdog reported.
+    assert_eq!(MODULES.map(|module| within(&drawn, "states", &format!(">{module}<"))), [1; 11]);
     assert!(drawn.contains("ERROR  watchdog ModuleDied: driver_rs485a ended by signal 9"));
     assert!(drawn.contains("the steering is being homed"));
 
@@ -179,14 +180,14 @@ fn a_run_is_drawn_from_its_recorded_messages() {
         fs::write(run.file(name), "something else").unwrap();
     }
     let (code, said) = plot(&[]);
-    assert!(code == Some(1) && said.contains("none of its 11 files is a recording of inputs"), "{said}");
+    assert!(code == Some(1) && said.contains("none of its 12 files is a recording of inputs"), "{said}");
 }
 
 #[test]
 fn a_changed_constant_is_shown_with_its_instant_channel_and_fields() {
     let run = recorded("constant");
     // The robot coasts as far as before: the set-points differ.
-    let sets = ["--set", "limits.speed_manual_mps=0.3"];
+    let sets = ["--set", "limits.speed_manual_mps=0.1"];
     let (code, lines) = Run::replay(&run.0, &[&["--module", "driver_canbus"], &sets[..]].concat());
     assert_eq!(code, 1);
     let difference = &lines[0]["different"];
@@ -267,7 +268,7 @@ fn a_truncated_damaged_or_incomplete_recording_is_refused_with_its_position() {
 
 #[test]
 fn a_live_run_is_replayed_bit_for_bit() {
-    let mut robot = Robot::ready(&[]);
+    let mut robot = Robot::ready(&["--set", "guard.ranging=\"sonar\""]);
     robot.drive(0.4, 0.1, 2.0);
     assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
     let pid = robot.view.pid("driver_rs485a");

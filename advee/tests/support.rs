@@ -5,8 +5,10 @@
 use lcm::live::Lcm;
 use messages::{Channel, Hold, Message, common, lowlevel, simulation};
 use module::State;
+use nix::fcntl::{Flock, FlockArg};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -44,8 +46,11 @@ pub fn python() -> Option<PathBuf> {
 }
 
 /// Share of this machine, returned when the last clone is dropped. Each test in real time holds one: at most as many as
-/// there are cores, however many threads run tests.
-pub struct Turn(usize);
+/// there are cores, however many threads run tests, and with `ADVEE_TURNS` however many test programs run at a time.
+pub struct Turn {
+    shares: usize,
+    _locks: Vec<Flock<File>>,
+}
 
 /// Waiting turns, first come, first served.
 struct Turns {
@@ -91,15 +96,36 @@ fn take(shares: usize) -> Arc<Turn> {
         turns.free -= shares;
     }
     RETURNED.notify_all();
-    let turn = Arc::new(Turn(shares));
+    drop(turns);
+    let turn = Arc::new(Turn { shares, _locks: locks(shares, cores) });
     OWN.set(Arc::downgrade(&turn));
     turn
+}
+
+/// Shares against other test programs: a locked file each in the folder `ADVEE_TURNS`, which `tools/run-tests` sets.
+fn locks(shares: usize, cores: usize) -> Vec<Flock<File>> {
+    let Some(folder) = std::env::var_os("ADVEE_TURNS").map(PathBuf::from) else { return Vec::new() };
+    let lock = |number: usize, how| {
+        let path = folder.join(number.to_string());
+        let file = OpenOptions::new().create(true).truncate(false).write(true).open(path);
+        Flock::lock(file.expect("the folder ADVEE_TURNS is writable"), how).ok()
+    };
+    if shares == cores {
+        // In this order everywhere, so that two tests that need the whole machine do not block each other.
+        return (0..cores).map(|number| lock(number, FlockArg::LockExclusive).expect("a file is locked")).collect();
+    }
+    loop {
+        if let Some(own) = (0..cores).find_map(|number| lock(number, FlockArg::LockExclusiveNonblock)) {
+            return vec![own];
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }
 
 impl Drop for Turn {
     fn drop(&mut self) {
         if let Some(turns) = TURNS.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
-            turns.free += self.0;
+            turns.free += self.shares;
         }
         RETURNED.notify_all();
     }
@@ -202,6 +228,9 @@ pub struct Robot {
     _turn: Arc<Turn>,
 }
 
+/// Settings of a robot that is as fast as it is commanded: tests of the guard switch it on.
+const UNGUARDED: &[&str] = &["--set", "guard.ranging=none", "--set", "guard.speed_blind_mps=2.0"];
+
 impl Robot {
     /// Starts a robot in a hall without visitors; `extra` are further arguments of `advee up --sim`.
     pub fn start(extra: &[&str]) -> Self {
@@ -210,6 +239,11 @@ impl Robot {
 
     /// Starts a robot with this time to live of its multicast packets.
     pub fn start_on(ttl: u8, extra: &[&str]) -> Self {
+        Self::start_with(ttl, extra, |_, _| ())
+    }
+
+    /// Starts a robot whose process and run folder are prepared first.
+    pub fn start_with(ttl: u8, extra: &[&str], prepare: impl FnOnce(&mut Command, &Path)) -> Self {
         let turn = turn();
         let port = unique_port();
         let url = format!("udpm://239.255.76.67:{port}?ttl={ttl}&shm=auto");
@@ -217,26 +251,37 @@ impl Robot {
         let bus = listen(&url);
         // The web server runs only if the test has an address for it.
         let headless: &[&str] = if extra.contains(&"--http") { &[] } else { &["--headless"] };
-        let up = advee(&url, &run_dir)
-            .args(["up", "--sim", "--goal", "none"])
+        let mut up = advee(&url, &run_dir);
+        up.args(["up", "--sim", "--goal", "none"])
             .args(headless)
             .args(["--set", &format!("log.folder={:?}", logs(&run_dir)), "--set", "world.people=0"])
             .args(extra)
-            .stdin(Stdio::null())
-            .spawn()
-            .expect("the executable is built");
+            .stdin(Stdio::null());
+        prepare(&mut up, &run_dir);
+        let up = up.spawn().expect("the executable is built");
         Self { url, port, run_dir, view: View::default(), bus, up, _turn: turn }
     }
 
-    /// Starts a robot, and waits until every module runs and the steering is homed.
+    /// Starts a robot without a guard, as fast as it is commanded, and waits until every module runs and the steering
+    /// is homed. If a busy machine made the watchdog restart a module meanwhile, the start no longer releases homing,
+    /// and an operator does.
     pub fn ready(extra: &[&str]) -> Self {
         Self::ready_on(0, extra)
     }
 
     /// As [`Self::ready`], with this time to live of its multicast packets.
     pub fn ready_on(ttl: u8, extra: &[&str]) -> Self {
-        let mut robot = Self::start_on(ttl, extra);
-        robot.until("all modules RUN and the steering homed", 20.0, |view| view.all_run() && view.is_homed());
+        let mut robot = Self::start_on(ttl, &[UNGUARDED, extra].concat());
+        let is_ready = |view: &View| view.all_run() && view.is_homed();
+        let waits = |view: &View| view.all_run() && view.causes().first() == Some(&Hold::ToBeHomed);
+        for _ in 0..3 {
+            robot.until("all modules RUN and the steering homed", 20.0, |view| is_ready(view) || waits(view));
+            if is_ready(&robot.view) {
+                break;
+            }
+            robot.advee(&["home"]);
+        }
+        robot.until("the steering homed", 20.0, is_ready);
         robot
     }
 

@@ -72,7 +72,7 @@ impl Module for Ear {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => out.working(),
-            Event::Port { input: Input::Can(frame), .. } => self.master.handle_rx(now, &frame),
+            Event::Port { input: Input::Can { frame, .. }, .. } => self.master.handle_rx(now, &frame),
             Event::Timer => self.master.handle_timeout(now),
             _ => {}
         }
@@ -116,6 +116,7 @@ pub fn report() {
         lcm_url,
         ports: vec![PortConfig::CanUdp { bus: group }],
         raw: Vec::new(),
+        policy: module::admission::Policy::default(),
         launch: None,
         beats: None,
         inputs: None,

@@ -11,6 +11,10 @@ impl Times {
         self.0.push(took);
     }
 
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
     pub fn append(&mut self, other: &Self) {
         self.0.extend(&other.0);
     }

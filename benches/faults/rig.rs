@@ -18,8 +18,12 @@ use std::time::{Duration, Instant};
 const COMMANDS: Duration = Duration::from_millis(50);
 /// Longest iteration of the bench's loop.
 const STEP: Duration = Duration::from_millis(5);
-const SPEED: f64 = 0.3;
+/// Speed at which the table "What stops the robot" was measured, m/s, on a circle that has room anywhere.
+const SPEED: f64 = 0.8;
 const STEERING: f64 = 0.4;
+/// Speed below which the body stands, m/s, and its deceleration between two samples of the truth, m/s².
+const STANDS: f64 = 0.01;
+const DECELERATION: f64 = 1.5;
 /// Number of last log lines that are kept.
 const LINES: usize = 40;
 
@@ -33,6 +37,7 @@ pub struct Rig {
     reader: Option<JoinHandle<()>>,
     pub processes: BTreeMap<String, common::Process>,
     homed: bool,
+    reason: String,
     speed: f64,
     /// Speed commanded by the operator, and the time of the next command.
     wanted: f64,
@@ -42,6 +47,9 @@ pub struct Rig {
     /// Since [`Rig::mark`]: first sign of a stop, longest iteration of this loop, number of the watchdog's
     /// announcements.
     pub stop: Option<Instant>,
+    /// Instant from which the body stood, since [`Rig::mark`].
+    pub stood: Option<Instant>,
+    moved: Option<(Instant, f64)>,
     pub slowest: Duration,
     pub announced: Option<Instant>,
     turn: Instant,
@@ -78,7 +86,7 @@ impl Rig {
             .args(advee.get_args())
             .arg("--config")
             .arg(yard.config)
-            .args(["--set", &format!("log.folder={:?}", logs)])
+            .args(["--set", &format!("log.folder={:?}", logs), "--set", "limits.speed_manual_mps=0.8"])
             .args(["up", "--sim", "--headless", "--goal", "none", "--world"])
             .arg(world)
             .env("LD_PRELOAD", yard.saboteur)
@@ -101,11 +109,14 @@ impl Rig {
             reader,
             processes: BTreeMap::new(),
             homed: false,
+            reason: String::new(),
             speed: 0.0,
             wanted: 0.0,
             next: now,
             sign: None,
             stop: None,
+            stood: None,
+            moved: None,
             slowest: Duration::ZERO,
             announced: None,
             turn: now,
@@ -118,6 +129,7 @@ impl Rig {
         self.turn();
         self.marked = Instant::now();
         (self.stop, self.slowest, self.announced, self.turn) = (None, Duration::ZERO, None, self.marked);
+        (self.stood, self.moved) = (None, None);
         self.marked
     }
 
@@ -141,11 +153,11 @@ impl Rig {
                 calm = Instant::now();
             } else if self.wanted == 0.0 && calm.elapsed() >= Duration::from_millis(150) {
                 self.drive(true);
-            } else if self.wanted != 0.0 && calm.elapsed() >= Duration::from_millis(1500) && !self.drives() {
+            } else if self.wanted != 0.0 && calm.elapsed() >= Duration::from_millis(2500) && !self.drives() {
                 // Stopped once more.
                 self.drive(false);
                 calm = Instant::now();
-            } else if self.drives() && self.speed > SPEED / 2.0 {
+            } else if self.drives() && self.speed > 0.95 * SPEED {
                 return true;
             }
         }
@@ -218,8 +230,11 @@ impl Rig {
         while let Some(received) = self.bus.recv().expect("the bus can be read") {
             let Some(channel) = Channel::from_name(received.channel) else { continue };
             match Message::decode(channel, received.payload) {
-                Ok(Message::SimDataTruth(truth)) => self.speed = truth.speed.abs(),
-                Ok(Message::LlDataMotion(motion)) => self.homed = motion.homed,
+                Ok(Message::SimDataTruth(truth)) => {
+                    self.speed = truth.speed.abs();
+                    self.look();
+                }
+                Ok(Message::LlDataMotion(motion)) => (self.homed, self.reason) = (motion.homed, motion.reason),
                 Ok(Message::CmDataProcesses(list)) => {
                     self.processes =
                         list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
@@ -238,6 +253,21 @@ impl Rig {
                 self.stop.get_or_insert(at);
             }
         }
+    }
+
+    /// Notes when the body stands: samples are 50 ms apart, and between them it brakes.
+    fn look(&mut self) {
+        let now = Instant::now();
+        if self.speed >= STANDS {
+            self.moved = Some((now, self.speed));
+        } else if let Some((at, speed)) = self.moved {
+            self.stood.get_or_insert(now.min(at + Duration::from_secs_f64(speed / DECELERATION)));
+        }
+    }
+
+    /// Why it stands, in words.
+    pub fn reason(&self) -> &str {
+        &self.reason
     }
 
     /// Last lines of the log.

@@ -1,9 +1,9 @@
 //! One fault, from its injection until the module is back.
 
-use super::canary::{Canary, STALL};
+use super::canary::Canary;
 use super::kind::Kind;
 use super::rig::Rig;
-use super::{RUN_MS, STOP_MS};
+use super::{RUN_MS, STOP_MS, table};
 use crate::support;
 use host::beats;
 use robot::config::SIMULATOR;
@@ -33,6 +33,9 @@ pub struct Outcome {
     /// command.
     pub stop: Option<Duration>,
     pub run: Option<Duration>,
+    /// Time from the fault to standstill of a robot that had to stop, and that of the table "What stops the robot".
+    pub stands: Option<Duration>,
+    pub table: Option<Duration>,
     pub ending: Ending,
 }
 
@@ -43,10 +46,33 @@ pub enum Ending {
     Back,
     /// The module is not in RUN.
     Never,
-    /// The machine stalled for this long meanwhile: no figure.
-    Stalled(Duration),
-    /// The simulator, which plays the hardware, was absent or stalled: no figure.
-    NoHardware,
+    /// No figure, for this reason.
+    Void(Void),
+}
+
+/// Reason why a trial has no figure, with the length of the pause.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Void {
+    /// A processor ran nothing of this bench.
+    Machine(Duration),
+    /// The operator, which is this bench, did not command.
+    Operator(Duration),
+    /// The simulator, which plays the hardware, was another process afterwards.
+    HardwareRestarted,
+    /// The simulator did not run.
+    Hardware(Duration),
+}
+
+impl Void {
+    /// Words for people, and the pause.
+    pub fn told(self) -> (&'static str, Duration) {
+        match self {
+            Self::Machine(pause) => ("the machine stood still for 40 ms or more", pause),
+            Self::Operator(pause) => ("the operator did not command for 100 ms or more", pause),
+            Self::HardwareRestarted => ("the simulator was started again", Duration::ZERO),
+            Self::Hardware(pause) => ("the simulator stood still for 150 ms or more", pause),
+        }
+    }
 }
 
 impl Outcome {
@@ -66,6 +92,7 @@ impl Outcome {
         match self {
             _ if self.ending.is_void() => None,
             _ if self.is_missed() => Some("missed"),
+            _ if self.stands > self.table && self.table.is_some() => Some("stands late"),
             _ if beyond(self.stop, STOP_MS) => Some("late stop"),
             _ if beyond(self.run, RUN_MS) => Some("late RUN"),
             _ => None,
@@ -120,7 +147,7 @@ impl Vital {
 impl Ending {
     /// True if the result is void and the fault must be repeated.
     pub fn is_void(&self) -> bool {
-        matches!(self, Self::Stalled(_) | Self::NoHardware)
+        matches!(self, Self::Void(_))
     }
 }
 
@@ -139,7 +166,16 @@ pub fn run(
     let fault = rig.mark();
     let mut simulator = Vital::new(rig, SIMULATOR, hardware, fault);
     kind.inject(pid);
-    let mut outcome = Outcome { module: module.into(), kind, critical, stop: None, run: None, ending: Ending::Never };
+    let mut outcome = Outcome {
+        module: module.into(),
+        kind,
+        critical,
+        stop: None,
+        run: None,
+        stands: None,
+        table: None,
+        ending: Ending::Never,
+    };
     if kind.is_burden() {
         burden(rig, fault, pid, &mut simulator, &mut outcome);
     } else {
@@ -149,11 +185,12 @@ pub fn run(
         // No other process does.
         support::signal(pid, "KILL");
     }
-    if let Some(stall) = canary.stalled(fault, Instant::now()).or(Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE))
-    {
-        outcome.ending = Ending::Stalled(stall.max(STALL));
-    } else if rig.process(SIMULATOR) != Some(hardware) || simulator.pause >= HARDWARE_PAUSE {
-        outcome.ending = Ending::NoHardware;
+    let machine = canary.stalled(fault, Instant::now()).map(Void::Machine);
+    let operator = Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE).map(Void::Operator);
+    let restarted = (rig.process(SIMULATOR) != Some(hardware)).then_some(Void::HardwareRestarted);
+    let stalled = Some(simulator.pause).filter(|pause| *pause >= HARDWARE_PAUSE).map(Void::Hardware);
+    if let Some(why) = machine.or(operator).or(restarted).or(stalled) {
+        outcome.ending = Ending::Void(why);
     }
     Some(outcome)
 }
@@ -173,7 +210,9 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
         if back.is_none() && rig.is_back(&outcome.module, pid) {
             back = Some(Instant::now());
         }
-        if back.is_some_and(|at| rig.stop.is_some() || !outcome.critical || at.elapsed() >= WATCHDOG_MISSED) {
+        // A watchdog that is back before it is missed causes no stop.
+        let owed = |at: Instant| outcome.critical && (rig.stop.is_some() || at.elapsed() < WATCHDOG_MISSED);
+        if back.is_some_and(|at| rig.stood.is_some() || !owed(at)) {
             break;
         }
     }
@@ -181,6 +220,10 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
     outcome.run = back.map(|at| at.saturating_duration_since(since));
     if outcome.critical {
         outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
+        if rig.stop.is_some() {
+            outcome.stands = rig.stood.map(|at| at.saturating_duration_since(since)).or(Some(PATIENCE));
+            outcome.table = Some(table::stands_after(&outcome.module, outcome.kind));
+        }
     }
     if back.is_some() {
         outcome.ending = Ending::Back;

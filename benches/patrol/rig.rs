@@ -4,21 +4,30 @@
 #![allow(dead_code, reason = "bench and test use it, each its part")]
 
 use base::{Duration, Instant};
+use messages::lowlevel::Reading;
 use messages::middlelevel::{CmdGoal, DataGoal, Waypoint};
 use messages::{Hold, Message, lowlevel, simulation};
 use module::State;
+use navitools::Pose;
 use record::Sink;
 use robot::config;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::virtual_machine_recorded;
 use sim::host::{self, News, Virtual};
+use simulator::people::{Contact, Mover};
 use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 use std::rc::Rc;
 
 /// Period at which the attendant checks the robot, and time for which the planner must have waited for an operator.
 const LOOK: Duration = Duration::from_millis(500);
 const WAITS: Duration = Duration::from_secs(2);
+/// Time for which echoes are kept, s, and the accuracy by which one is of what was touched, m; from the middle of a
+/// person to the leg that answers, m.
+const ECHOES_KEPT_FOR_S: f64 = 2.0;
+const ANSWER_M: f64 = 0.3;
+const PERSON_M: f64 = 0.15;
 
 /// Values seen by an observer.
 #[derive(Clone, Debug, Default)]
@@ -27,8 +36,13 @@ pub struct Seen {
     pub truth: simulation::DataTruth,
     /// Distance driven, m.
     pub way: f64,
-    /// Contacts: time, true if the robot moved into the other party, and description.
-    pub contacts: Vec<(f64, bool, String)>,
+    /// Contacts, with their times.
+    pub contacts: Vec<(f64, Contact)>,
+    /// Sonars that had answered what was touched, for each contact: number, and how long before, s.
+    pub answered: Vec<Vec<(i32, f64)>>,
+    /// Time for which each cause slowed or held the robot, s: of the motion, and of the goal.
+    pub causes: BTreeMap<(&'static str, Option<Hold>), f64>,
+    echoes: VecDeque<Echo>,
     /// State of the goal.
     pub goal: DataGoal,
     /// Number of waypoints reached.
@@ -52,6 +66,19 @@ pub struct Seen {
     estimates: u32,
 }
 
+/// Echo of a sonar.
+#[derive(Clone, Copy, Debug)]
+struct Echo {
+    sonar: i32,
+    fired: i64,
+    /// Time of its reception, s.
+    at: f64,
+    /// Pose of the sonar in the world, opening of its beam, and distance.
+    pose: Pose,
+    beam: f64,
+    distance: f64,
+}
+
 /// Patrolling robot.
 pub struct Patrol {
     /// Machine of the robot.
@@ -64,9 +91,9 @@ pub struct Patrol {
 }
 
 /// Shipped robot in the world of this name.
-pub fn place(world: &str, sets: &[String]) -> Place {
+pub fn place(world: &str, sets: &[String]) -> RobotLocation {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    Place {
+    RobotLocation {
         config: root.join("conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
@@ -80,7 +107,13 @@ impl Patrol {
     /// Robot in the world of this name, with its route `patrol` as the goal; `people` replaces the number of visitors.
     /// `sink` records the planner's inputs.
     pub fn new(world: &str, people: Option<u32>, seed: u64, sink: Option<Sink>) -> Self {
-        let sets: Vec<String> = people.map(|count| format!("world.people={count}")).into_iter().collect();
+        Self::with(world, people, seed, sink, &[])
+    }
+
+    /// The same, with overrides of the configuration.
+    pub fn with(world: &str, people: Option<u32>, seed: u64, sink: Option<Sink>, more: &[&str]) -> Self {
+        let mut sets: Vec<String> = people.map(|count| format!("world.people={count}")).into_iter().collect();
+        sets.extend(more.iter().copied().map(String::from));
         let place = place(world, &sets);
         let read = config::world(&place.config, place.world.as_deref(), &place.sets).expect("a shipped world");
         let route = read.routes.iter().find(|route| route.name == "patrol").expect("a patrol");
@@ -165,7 +198,7 @@ impl Patrol {
 impl Seen {
     /// Number of contacts caused by the robot.
     pub fn own_contacts(&self) -> usize {
-        self.contacts.iter().filter(|(_, own, _)| *own).count()
+        self.contacts.iter().filter(|(_, contact)| contact.mover == Mover::Robot).count()
     }
 
     fn take(&mut self, now: Instant, news: &News<'_>) {
@@ -175,13 +208,19 @@ impl Seen {
                 let (dx, dy) = (truth.x - self.truth.x, truth.y - self.truth.y);
                 if self.truth.timestamp != 0 {
                     self.way += dx.hypot(dy);
+                    let dt = (truth.timestamp - self.truth.timestamp) as f64 / 1e6;
+                    for (whose, list) in [("motion", &self.holds), ("goal", &self.goal_holds)] {
+                        *self.causes.entry((whose, list.first())).or_default() += dt;
+                    }
                 }
                 self.truth = truth.clone();
             }
             News::Note { module, line } if *module == config::SIMULATOR && line.starts_with("contact: ") => {
-                let own = line.starts_with("contact: by robot");
-                self.contacts.push((seconds, own, (*line).into()));
+                let contact: Contact = line.parse().expect("a contact");
+                self.answered.push(self.answers(seconds, &contact));
+                self.contacts.push((seconds, contact));
             }
+            News::Message { message: Message::LlDataRanges(ranges), .. } => self.on_ranges(seconds, ranges),
             News::Message { message: Message::MlDataGoal(goal), .. } => self.on_goal(now, goal),
             News::Message { message: Message::LlCmdMotion(command), .. } => self.command = command.clone(),
             News::Message { message: Message::LlDataMotion(motion), .. } => self.motion = motion.clone(),
@@ -190,7 +229,7 @@ impl Seen {
             }
             News::Message { message: Message::LlDataHold(list), .. } if list.is_of_goal() => {
                 self.goal_holds = list.clone();
-                let waits = list.first() == Some(Hold::PlannerLatched);
+                let waits = matches!(list.first(), Some(Hold::PlannerLatched | Hold::PauseLatched));
                 self.waits = waits.then(|| self.waits.unwrap_or(now));
             }
             News::Message { message: Message::MlDataEstimate(estimate), .. } => {
@@ -198,6 +237,39 @@ impl Seen {
             }
             _ => {}
         }
+    }
+
+    fn on_ranges(&mut self, seconds: f64, ranges: &lowlevel::DataRanges) {
+        let robot = Pose::new(self.truth.x, self.truth.y, self.truth.theta);
+        let sonars = ranges.readings.iter().filter(|one| one.kind == Reading::SONAR && one.status == Reading::MEASURED);
+        for one in sonars {
+            let known = self.echoes.iter().any(|echo| (echo.sonar, echo.fired) == (one.id, one.timestamp));
+            if !known {
+                let pose = robot * Pose::new(one.x, one.y, one.theta);
+                let (sonar, fired, at) = (one.id, one.timestamp, seconds);
+                self.echoes.push_back(Echo { sonar, fired, at, pose, beam: one.beam, distance: one.distance });
+            }
+        }
+        while self.echoes.front().is_some_and(|old| seconds - old.at > ECHOES_KEPT_FOR_S) {
+            self.echoes.pop_front();
+        }
+    }
+
+    /// Sonars that had answered what a contact touched, and how long before.
+    fn answers(&self, seconds: f64, contact: &Contact) -> Vec<(i32, f64)> {
+        let of_it = |echo: &&Echo| {
+            let from = echo.pose.point();
+            let bearing = (contact.at.y - from.y).atan2(contact.at.x - from.x);
+            let within = (echo.pose.theta + -bearing).radians().abs() < echo.beam / 2.0 + 0.1;
+            let off = from.distance(contact.at) - PERSON_M - echo.distance;
+            // Who walks was elsewhere.
+            let walked = contact.person.map_or(0.0, |(_, speed)| speed.abs()) * (seconds - echo.at);
+            within && off.abs() < ANSWER_M + walked
+        };
+        let mut answers: Vec<(i32, f64)> =
+            self.echoes.iter().filter(of_it).map(|echo| (echo.sonar, seconds - echo.at)).collect();
+        answers.sort_by(|a, b| b.1.total_cmp(&a.1));
+        answers
     }
 
     fn on_goal(&mut self, now: Instant, goal: &DataGoal) {

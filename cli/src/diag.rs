@@ -33,7 +33,7 @@ use ratatui::crossterm::event::{
 use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Terminal};
 use robot::config::Config as Configuration;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology;
 use runs::Runs;
 use serde_json::Value;
@@ -111,9 +111,9 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
 
 /// The running robot with its arguments, else the configured one. A robot elsewhere has no configuration here, and is
 /// shown without it.
-fn configuration(common: &Common) -> Result<(Place, Configuration), Failed> {
+fn configuration(common: &Common) -> Result<(RobotLocation, Configuration), Failed> {
     let ours = fs::canonicalize(common.run_dir()).ok();
-    let is_here = |place: &Place| ours.is_some() && fs::canonicalize(&place.run_dir).ok() == ours;
+    let is_here = |place: &RobotLocation| ours.is_some() && fs::canonicalize(&place.run_dir).ok() == ours;
     let running = holder::modules().map(|running| running.place).find(is_here);
     if let Some(place) = running
         && let Ok(config) = Configuration::load(&place.config, place.sim, &place.sets)

@@ -4,7 +4,9 @@
 mod buffer;
 mod bus;
 mod devices;
+mod entering;
 mod finding;
+mod guard;
 mod lcm_bus;
 mod machine;
 mod network;
@@ -16,6 +18,7 @@ mod tables;
 mod tests;
 
 use super::{Common, Outcome, print};
+use drivers::canbus::{self, SecondWay};
 use finding::{Finding, Level};
 use host::ports::settings::CanInterface;
 use report::Style;
@@ -31,6 +34,9 @@ pub struct Doctor {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+    /// Within a network name space of its own: what a datagram of another computer comes to
+    #[arg(long, hide = true)]
+    entering: bool,
 }
 
 /// A heading with its findings.
@@ -38,6 +44,10 @@ type Group = (&'static str, Vec<Finding>);
 
 /// Exit status 0 when nothing fails.
 pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
+    if command.entering {
+        print(entering::inside()?)?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let capable = |capability| tables::capable(&status, capability);
     let user = user();
@@ -94,7 +104,33 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
     let gamepad = config.robot.gamepad.as_ref();
     findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
     findings.extend(devices::commands(&config.modules, devices::executable));
+    findings.push(second_way(&config.robot));
+    findings.extend(guard_findings(&config.robot));
     findings
+}
+
+/// What the robot's guard can promise.
+fn guard_findings(robot: &robot::config::Robot) -> Vec<Finding> {
+    let config = robot.guard_config();
+    let mut findings = vec![guard::ranging(&config)];
+    if let Some(coverage) = guard::coverage(&config) {
+        findings.extend([guard::deceleration(&config, &robot.limits, &robot.stop), coverage]);
+    }
+    findings
+}
+
+/// What stops the robot if a drive does not brake.
+fn second_way(robot: &robot::config::Robot) -> Finding {
+    let check = "second way to stop";
+    if robot.power.is_some() && robot.stop.second_way == SecondWay::Power {
+        return Finding::ok(check, "the power controller cuts the motors' feed");
+    }
+    if let Some(output) = robot.stop.feed_output() {
+        let canbus::OutputConfig { node, index, subindex, .. } = output;
+        return Finding::ok(check, format!("node {node} cuts the motors' feed by its object 0x{index:04X}:{subindex}"));
+    }
+    let why = "a drive that does not brake as commanded is not cut off its feed".into();
+    Finding { why, ..Finding::warning(check, "none") }
 }
 
 fn machine_group(common: &Common, wanted: Option<u8>, capable: impl Fn(u32) -> bool, user: &str) -> Vec<Finding> {

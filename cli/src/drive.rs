@@ -1,10 +1,12 @@
 //! `advee drive SPEED STEERING [--for S]`: a manual source of motion at 20 Hz, which begins and ends with zero.
+//! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing.
 
 use super::bus::{Heard, Tool};
+use super::release::Release;
 use super::{Common, Failed, Outcome, finite, print, seconds};
 use base::{Duration, Instant, Ticker};
 use host::clock;
-use messages::lowlevel::{CmdMotion, DataMotion};
+use messages::lowlevel::{CmdCreep, CmdMotion, DataMotion};
 use messages::{Channel, Message};
 use std::process::ExitCode;
 
@@ -20,11 +22,14 @@ pub struct Drive {
     /// Duration, s; without it until Ctrl-C
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<Duration>,
+    /// Creep past the guard where something stands in the way: only while somebody watches
+    #[arg(long)]
+    creep: bool,
 }
 
 const PERIOD: Duration = Duration::from_millis(50);
 /// Time limit, sending zero, for the robot to get ready; homing takes its time.
-const READY: Duration = Duration::from_secs(15);
+const READY: Duration = Duration::from_secs(20);
 /// Time limit for standstill at the end.
 const STAND: Duration = Duration::from_secs(3);
 /// Less counts as standing.
@@ -38,6 +43,10 @@ struct Session {
     grid: Ticker,
     last: Option<DataMotion>,
     told: String,
+    /// What waits for an operator is released; absent once the robot is ready.
+    release: Option<Release>,
+    /// Number of this session; set while it creeps past the guard.
+    creep: Option<i64>,
 }
 
 /// Why a phase ended.
@@ -49,8 +58,9 @@ enum End {
 }
 
 pub fn drive(common: &Common, command: &Drive) -> Outcome {
-    let tool = Tool::join(common, "drive", &[Channel::LlDataMotion])?;
-    let mut session = Session { tool, grid: Ticker::new(clock::now(), PERIOD), last: None, told: String::new() };
+    let tool = Tool::join(common, "drive", &[Channel::LlDataMotion, Channel::LlDataHold])?;
+    let (creep, grid) = (command.creep.then(|| tool.timestamp()), Ticker::new(clock::now(), PERIOD));
+    let mut session = Session { tool, grid, last: None, told: String::new(), release: Some(Release::default()), creep };
     let ready = |motion: &DataMotion| motion.homed && motion.enabled && motion.reason.is_empty();
     match session.command(0.0, 0.0, clock::now() + READY, ready)? {
         End::Reached => {}
@@ -59,6 +69,7 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         }
         End::Interrupt => return Err("interrupted before the robot was ready".into()),
     }
+    session.release = None;
     let _ = print(format_args!("driving at {} m/s, {} rad", command.speed, command.steering));
     let from = session.last.as_ref().map_or(0.0, |motion| motion.steering);
     let mut moved = command.speed.abs() < STANDS_MPS && (command.steering - from).abs() < STEERED_RAD;
@@ -98,6 +109,10 @@ impl Session {
             }
             if self.grid.due(now) {
                 let (timestamp, source) = (self.tool.timestamp(), self.tool.source.clone());
+                if let Some(session) = self.creep {
+                    let (source, held) = (source.clone(), speed != 0.0);
+                    self.tool.publish(CmdCreep { timestamp, source, session, held })?;
+                }
                 self.tool.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source })?;
             }
             match self.tool.hear(self.grid.next().min(until))? {
@@ -107,6 +122,11 @@ impl Session {
                     self.last = Some(motion);
                     if end {
                         return Ok(End::Reached);
+                    }
+                }
+                Heard::Message(Message::LlDataHold(list)) => {
+                    if let Some(release) = &mut self.release {
+                        release.on_holds(&mut self.tool, &list)?;
                     }
                 }
                 Heard::Message(_) | Heard::Nothing => {}

@@ -1,6 +1,7 @@
 //! `advee goal X,Y[,THETA]… [--loop]`, `advee goal cancel`, `advee goal --route NAME`: sends the robot somewhere.
 
 use super::bus::{Heard, Tool};
+use super::release::Release;
 use super::{Common, Outcome, holder, print};
 use base::{Duration, Instant};
 use host::clock;
@@ -16,7 +17,7 @@ use std::process::ExitCode;
 pub struct Goal {
     /// Target, m and rad; or `cancel`: stand still
     #[arg(required_unless_present = "route", conflicts_with = "route", value_name = "X,Y[,THETA]", value_parser = place)]
-    waypoints: Vec<Place>,
+    waypoints: Vec<Destination>,
     /// A way of the simulated world's, by its name
     #[arg(long, value_name = "NAME")]
     route: Option<String>,
@@ -29,7 +30,7 @@ pub struct Goal {
     /// Distance that counts as reached, m
     #[arg(long, value_name = "M", default_value = "0", value_parser = super::finite)]
     tolerance: f64,
-    /// Wait until the robot is ready before the goal is sent
+    /// Wait until the robot is ready before the goal is sent; release it where that waits for an operator
     #[arg(long)]
     when_ready: bool,
     /// Wait until it is reached
@@ -42,7 +43,7 @@ pub struct Goal {
 
 /// One argument.
 #[derive(Clone, Debug, PartialEq)]
-enum Place {
+enum Destination {
     Cancel,
     At(Waypoint),
 }
@@ -56,11 +57,11 @@ const READY: Duration = Duration::from_secs(60);
 /// What was said longer ago is not known any more; the slowest of it comes at 5 Hz.
 const CURRENT: Duration = Duration::from_millis(500);
 
-fn place(text: &str) -> Result<Place, String> {
+fn place(text: &str) -> Result<Destination, String> {
     if text == "cancel" {
-        return Ok(Place::Cancel);
+        return Ok(Destination::Cancel);
     }
-    waypoint(text).map(Place::At).map_err(|expected| format!("{expected}, or cancel"))
+    waypoint(text).map(Destination::At).map_err(|expected| format!("{expected}, or cancel"))
 }
 
 /// A place as people write it: `X,Y` or `X,Y,THETA`.
@@ -115,10 +116,10 @@ fn wanted(common: &Common, command: &Goal) -> Result<CmdGoal, super::Failed> {
         return Ok(goal);
     }
     match &command.waypoints[..] {
-        [Place::Cancel] => {}
+        [Destination::Cancel] => {}
         places => {
             for place in places {
-                let Place::At(waypoint) = place else { return Err("cancel stands alone".into()) };
+                let Destination::At(waypoint) = place else { return Err("cancel stands alone".into()) };
                 goal.waypoints.push(Waypoint { tolerance: command.tolerance, ..waypoint.clone() });
             }
         }
@@ -130,6 +131,7 @@ fn wanted(common: &Common, command: &Goal) -> Result<CmdGoal, super::Failed> {
 fn ready(tool: &mut Tool) -> Result<(), super::Failed> {
     let until = clock::now() + READY;
     let (mut located, mut homed, mut free) = (None, None, None);
+    let mut release = Release::default();
     let mut why = String::from("LL_DATA_MOTION is not heard");
     let fresh = |at: Option<Instant>| at.is_some_and(|at| clock::now().since(at) < CURRENT);
     loop {
@@ -139,6 +141,7 @@ fn ready(tool: &mut Tool) -> Result<(), super::Failed> {
             }
             Heard::Message(Message::LlDataHold(list)) if list.is_of_motion() => {
                 free = list.is_free().then(clock::now);
+                release.on_holds(tool, &list)?;
             }
             Heard::Message(Message::LlDataMotion(motion)) => {
                 homed = motion.homed.then(clock::now);
@@ -239,10 +242,10 @@ mod tests {
 
     #[test]
     fn a_place_is_two_numbers_or_three_or_no_place() {
-        let at = |x, y, theta, heading| Ok(Place::At(Waypoint { x, y, theta, tolerance: 0.0, heading }));
+        let at = |x, y, theta, heading| Ok(Destination::At(Waypoint { x, y, theta, tolerance: 0.0, heading }));
         assert_eq!(place("1,-2"), at(1.0, -2.0, 0.0, false));
         assert_eq!(place("1.5, 2 ,3.1"), at(1.5, 2.0, 3.1, true));
-        assert_eq!(place("cancel"), Ok(Place::Cancel));
+        assert_eq!(place("cancel"), Ok(Destination::Cancel));
         for bad in ["", "1", "1,2,3,4", "1,nan", "a,b", "inf,0", "1,,2"] {
             assert!(place(bad).is_err(), "{bad}");
         }

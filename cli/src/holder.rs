@@ -2,7 +2,7 @@
 
 use super::{Cli, Command};
 use clap::Parser;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
@@ -40,7 +40,7 @@ pub struct Running {
     /// Name.
     pub module: String,
     /// The robot that it is of.
-    pub place: Place,
+    pub place: RobotLocation,
 }
 
 /// The process that has the device open, as far as `/proc` lets us see: none for a device that is not there.
@@ -92,7 +92,7 @@ fn module_of(command: &[u8]) -> Option<String> {
 }
 
 /// Robot of a module, by its arguments.
-fn place_of(command: &[u8]) -> Option<Place> {
+fn place_of(command: &[u8]) -> Option<RobotLocation> {
     let words = command.strip_suffix(&[0]).unwrap_or(command).split(|byte| *byte == 0).map(OsStr::from_bytes);
     match Cli::try_parse_from(words).ok()? {
         Cli { common, command: Command::Run(run) } => Some(run.place(&common)),

@@ -29,13 +29,16 @@ mod goal;
 mod holder;
 mod home;
 mod i2c;
+mod keep;
 mod lcm;
 mod log;
+mod neighbours;
 mod plan;
 mod plot;
 mod port;
 mod pose;
 mod power;
+mod release;
 mod replay;
 mod rs485;
 mod run;
@@ -46,7 +49,7 @@ mod web;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use robot::config::{Config, ConfigError, Robot, Rs485Bus};
-use robot::place::{CHECKOUT, INSTALLED, LCM_URL, Place, in_checkout};
+use robot::place::{CHECKOUT, INSTALLED, LCM_URL, RobotLocation, in_checkout};
 use std::env;
 use std::fmt::Display;
 use std::io::Write;
@@ -86,6 +89,9 @@ enum Command {
     Up(up::Up),
     /// Run one module in the foreground
     Run(run::Run),
+    /// Start and end a module as this user, for the watchdog of another user's robot
+    #[command(hide = true)]
+    Keep(keep::Keep),
     /// The diagnostic center in a terminal: see everything, drive, command
     Diag(diag::Diag),
     /// Show the modules' states, or command one
@@ -162,6 +168,7 @@ pub fn main() -> ExitCode {
     let result = match command {
         Command::Up(command) => up::up(&common, &command),
         Command::Run(command) => run::run(&common, &command),
+        Command::Keep(command) => keep::keep(&command),
         Command::Diag(command) => diag::diag(&common, &command),
         Command::State(command) => state::state(&common, &command),
         Command::Drive(command) => drive::drive(&common, &command),
@@ -259,8 +266,8 @@ impl Common {
         Config::load_with_notices(&self.config_dir(), sim, &self.sets)
     }
 
-    fn place(&self, sim: bool) -> Place {
-        Place {
+    fn place(&self, sim: bool) -> RobotLocation {
+        RobotLocation {
             config: self.config_dir(),
             run_dir: self.run_dir(),
             lcm_url: self.lcm_url(),
@@ -271,7 +278,7 @@ impl Common {
     }
 
     /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
-    fn robot(&self) -> Result<(Place, Robot), Failed> {
+    fn robot(&self) -> Result<(RobotLocation, Robot), Failed> {
         let is_offered = |bus: &Rs485Bus| bus.line.offered().is_some_and(|name| self.run_dir().join(name).exists());
         let is_here = |running: holder::Running| {
             let folders = [&running.place.run_dir, &self.run_dir()].map(std::fs::canonicalize);

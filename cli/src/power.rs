@@ -6,7 +6,7 @@ use base::{Duration, Fault as Code};
 use diagnostics::orders;
 use host::clock;
 use messages::lowlevel::{CmdPower, DataPower};
-use messages::{Channel, Message};
+use messages::{Channel, Hold, MOTION_MODULE, Message};
 use rs485::boards::psc1::CHANNELS;
 use std::process::ExitCode;
 
@@ -30,10 +30,17 @@ const SWITCHED: Duration = Duration::from_secs(30);
 const DRIVER: &str = "driver_power";
 
 pub fn power(common: &Common, command: &Power) -> Outcome {
-    let mut tool = Tool::join(common, "power", &[Channel::LlDataPower, Channel::CmEventError])?;
+    let mut tool = Tool::join(common, "power", &[Channel::LlDataPower, Channel::LlDataHold, Channel::CmEventError])?;
     // Whoever is told must be there first.
-    let first = heard(&mut tool, HEARD, |_| true)?
-        .ok_or_else(|| Failed::from(format!("LL_DATA_POWER is not heard on {}; is advee up?", common.lcm_url())))?;
+    let Some(first) = heard(&mut tool, HEARD, |_| true)? else {
+        // Without a power controller the motors may be fed through an output.
+        if let (Some("motors"), Some("on")) = (command.channel.as_deref(), command.action.as_deref())
+            && is_cut(&mut tool, HEARD, true)?
+        {
+            return feed(&mut tool);
+        }
+        return Err(format!("LL_DATA_POWER is not heard on {}; is advee up?", common.lcm_url()).into());
+    };
     match (&command.channel, &command.action) {
         (Some(channel), Some(action)) => order(&mut tool, channel, action),
         (channel, _) => show(&first, channel.as_deref(), command.json),
@@ -85,6 +92,35 @@ fn order(tool: &mut Tool, channel: &str, action: &str) -> Outcome {
     }
     print(format_args!("{channel} is {}", if code == CmdPower::OFF { "off" } else { "on" }))?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Switches the motors on where there is no power controller, and waits until they are fed.
+fn feed(tool: &mut Tool) -> Outcome {
+    tool.publish(orders::power(tool.timestamp(), "motors", "on")?)?;
+    if !is_cut(tool, SWITCHED, false)? {
+        return Err(format!("motors was not switched within {} s: the robot must stand", SWITCHED.as_secs()).into());
+    }
+    print(format_args!("motors is on"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// True once `driver_canbus` says that the motors' feed is cut (`cut`), or is not; false if that is not reported in
+/// time.
+fn is_cut(tool: &mut Tool, time: Duration, cut: bool) -> Result<bool, Failed> {
+    let until = clock::now() + time;
+    let cuts = |hold: &Hold| matches!(hold, Hold::FeedCut | Hold::FeedOff);
+    loop {
+        match tool.hear(until)? {
+            Heard::Message(Message::LlDataHold(list)) if list.module == MOTION_MODULE => {
+                if list.holds.iter().filter_map(messages::lowlevel::Hold::cause).any(|hold| cuts(&hold)) == cut {
+                    return Ok(true);
+                }
+            }
+            Heard::Message(_) => {}
+            Heard::Nothing => return Ok(false),
+            Heard::Interrupt => return Err("interrupted".into()),
+        }
+    }
 }
 
 /// The next message of which `is` says so; none when there was none in time.

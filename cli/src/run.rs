@@ -4,8 +4,9 @@ use super::{Common, Outcome};
 use host::log::Log;
 use host::log_repair;
 use host::ports::PortConfig;
+use host::processes;
 use module::State;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -32,12 +33,16 @@ fn first_state(text: &str) -> Result<State, String> {
 
 impl Run {
     /// The robot that the module is of.
-    pub fn place(&self, common: &Common) -> Place {
-        Place { world: self.world.clone(), ..common.place(self.sim) }
+    pub fn place(&self, common: &Common) -> RobotLocation {
+        RobotLocation { world: self.world.clone(), ..common.place(self.sim) }
     }
 }
 
 pub fn run(common: &Common, command: &Run) -> Outcome {
+    // In a running robot the watchdog publishes the notices, once for all modules.
+    if command.module != watchdog::NAME && std::env::var_os(processes::VARIABLE).is_none() {
+        common.load(command.sim)?;
+    }
     let (shell, host) = topology::module(&command.place(common), &command.module, command.state)?;
     for port in &host.ports {
         if let PortConfig::Store { folder } = port {

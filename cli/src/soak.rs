@@ -7,7 +7,7 @@ use base::Duration;
 use inputs::Inputs;
 use robot::checks;
 use robot::config::{self, ConfigError, scenario};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::{virtual_machine, virtual_machine_recorded};
 use serde_json::json;
 use settings::robot::Geometry;
@@ -99,7 +99,7 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
 
 /// A robot that can be made again and again, and what it is put through.
 pub struct Robot {
-    place: Place,
+    place: RobotLocation,
     scenario: Scenario,
     world: World,
     limits: Limits,
@@ -116,7 +116,7 @@ impl Robot {
     ///
     /// # Errors
     /// What is wrong with any of the files.
-    pub fn new(place: Place, scenario: Scenario, seed: u64) -> Result<Self, ConfigError> {
+    pub fn new(place: RobotLocation, scenario: Scenario, seed: u64) -> Result<Self, ConfigError> {
         let world = config::world(&place.config, place.world.as_deref(), &place.sets)?;
         let limits = checks::limits(&place, scenario.restart_delay_max)?;
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
@@ -132,7 +132,9 @@ impl Robot {
     fn load(common: &Common, command: &Soak) -> Result<Self, Failed> {
         let path = command.scenario.clone().unwrap_or_else(|| usual_scenario(&common.config_dir()));
         let scenario = scenario(&path)?;
-        let place = Place { world: command.world.clone(), ..common.place(true) };
+        // Names the keys with old names, once for all episodes.
+        common.load(true)?;
+        let place = RobotLocation { world: command.world.clone(), ..common.place(true) };
         let mut again = format!("advee soak --seed {}", command.seed);
         let mut option = |name: &str, value: String| again.push_str(&format!(" --{name} {}", quoted(&value)));
         for (name, path) in [("world", &command.world), ("scenario", &command.scenario), ("config", &common.config)] {
@@ -336,7 +338,7 @@ impl Progress {
     }
 }
 
-fn machine(place: &Place, config: host::Config, inputs: &Inputs) -> Result<Virtual, String> {
+fn machine(place: &RobotLocation, config: host::Config, inputs: &Inputs) -> Result<Virtual, String> {
     let inputs = inputs.clone();
     let machine = virtual_machine_recorded(place, config, move |module| inputs.sink(module));
     let mut machine = machine.map_err(|error| error.to_string())?;
@@ -345,7 +347,7 @@ fn machine(place: &Place, config: host::Config, inputs: &Inputs) -> Result<Virtu
 }
 
 /// The operator knows the robot.
-fn behaviour(place: &Place, operator: Behaviour) -> Result<Behaviour, ConfigError> {
+fn behaviour(place: &RobotLocation, operator: Behaviour) -> Result<Behaviour, ConfigError> {
     let config = config::Config::load(&place.config, true, &place.sets)?;
     let Geometry { wheelbase_m, length_m, width_m, rear_overhang_m, .. } = config.robot.geometry;
     let body = (rear_overhang_m, length_m - rear_overhang_m, width_m / 2.0);

@@ -1,9 +1,10 @@
-//! `advee state [MODULE [STATE]]`: shows what modules do and their active faults, or commands one as an operator.
+//! `advee state [MODULE [STATE]]`: shows what modules do, what the guard permits, and active faults; or commands one as
+//! an operator.
 
 use super::bus::{Heard, Tool, error_of};
 use super::{Common, Failed, Outcome, print};
-use base::{Duration, Fault as Code};
-use diagnostics::orders;
+use base::{Duration, Fault as Code, Instant};
+use diagnostics::{Config, Model, orders};
 use host::clock;
 use host::log::{OneLine, TimeOfDay};
 use messages::common::{DataFaults, DataProcesses, Error, Fault, Process};
@@ -36,8 +37,9 @@ const LISTEN: Duration = Duration::from_millis(1200);
 const OBEY: Duration = Duration::from_secs(5);
 
 pub fn state(common: &Common, command: &State) -> Outcome {
-    let channels = [Channel::CmDataState, Channel::CmDataProcesses, Channel::CmDataFaults, Channel::CmEventError];
-    let mut tool = Tool::join(common, "state", &channels)?;
+    let modules = [Channel::CmDataState, Channel::CmDataProcesses, Channel::CmDataFaults, Channel::CmEventError];
+    let of_the_guard = [Channel::LlDataGuard, Channel::LlDataMotion, Channel::LlDataHold];
+    let mut tool = Tool::join(common, "state", &[&modules[..], &of_the_guard].concat())?;
     match (&command.module, command.state) {
         (Some(module), Some(state)) => order(&mut tool, module, state),
         (module, _) => show(common, &mut tool, module.as_deref(), command.json),
@@ -52,9 +54,11 @@ struct Row {
     list: Option<DataFaults>,
 }
 
-fn listen(tool: &mut Tool) -> Result<BTreeMap<String, Row>, Failed> {
+/// Rows by module, and what else was received.
+fn listen(tool: &mut Tool) -> Result<(BTreeMap<String, Row>, Model), Failed> {
     let until = clock::now() + LISTEN;
     let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+    let mut model = Model::new(Config::default());
     loop {
         match tool.hear(until)? {
             Heard::Message(Message::CmDataState(state)) => {
@@ -70,8 +74,11 @@ fn listen(tool: &mut Tool) -> Result<BTreeMap<String, Row>, Failed> {
                 let name = list.module.clone();
                 rows.entry(name).or_default().list = Some(list);
             }
-            Heard::Message(_) => {}
-            Heard::Nothing => return Ok(rows),
+            Heard::Message(message) => {
+                let channel = message.channel_name().into_owned();
+                model.receive(clock::now(), &channel, 0, Some(message));
+            }
+            Heard::Nothing => return Ok((rows, model)),
             Heard::Interrupt => return Err("interrupted".into()),
         }
     }
@@ -92,6 +99,7 @@ impl Row {
             None => "-",
             Some(Process::RUNNING) => "RUNNING",
             Some(Process::TERMINATING) => "TERMINATING",
+            Some(Process::UNKNOWN) => "UNKNOWN",
             Some(_) => "TERMINATED",
         }
     }
@@ -137,7 +145,7 @@ fn fault_line(fault: &Fault) -> String {
 }
 
 fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> Outcome {
-    let mut rows = listen(tool)?;
+    let (mut rows, model) = listen(tool)?;
     if let Some(module) = module {
         rows.retain(|name, _| name == module);
     }
@@ -155,6 +163,11 @@ fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> O
     for (name, row) in &rows {
         print(row.line(name))?;
     }
+    if module.is_none_or(|module| module == guard::NAME)
+        && let Some(line) = bound_line(&model, clock::now())
+    {
+        print(format_args!("\n{line}"))?;
+    }
     let lines: Vec<String> = rows.iter().flat_map(|(name, row)| row.fault_lines(name)).collect();
     if !lines.is_empty() {
         print("\nMODULE           ACTIVE FAULTS (times are UTC)")?;
@@ -163,9 +176,14 @@ fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> O
     Ok(ExitCode::SUCCESS)
 }
 
+/// What the guard permits, and why; `None` for a robot without one.
+fn bound_line(model: &Model, now: Instant) -> Option<String> {
+    Some(format!("{:16} {}", "GUARD", OneLine(&model.bound(now)?.words)))
+}
+
 /// Commands, and waits until all that are meant show the state, or one says no.
 fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
-    let heard = listen(tool)?;
+    let (heard, _) = listen(tool)?;
     let mut waiting: Vec<String> = match module {
         "*" => heard.keys().filter(|name| *name != watchdog::NAME).cloned().collect(),
         name => vec![name.into()],
@@ -202,4 +220,29 @@ fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
     }
     print(format_args!("{module} {state}"))?;
     Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::lowlevel::{DataGuard, DataHold, Hold};
+
+    #[test]
+    fn the_bound_and_its_cause_are_one_line() {
+        let mut model = Model::new(Config::default());
+        let now = Instant::from_millis(1000);
+        let hear = |model: &mut Model, message: Message| {
+            model.receive(now, &message.channel_name(), 0, Some(message));
+        };
+        assert_eq!(bound_line(&model, now), None, "a robot without a guard");
+        let (code, subject) = (messages::Hold::GuardStops.code(), "sonar\n3".into());
+        let guard = DataGuard { forward: 0.32, backward: 0.8, code, subject, ..DataGuard::default() };
+        hear(&mut model, guard.into());
+        let line = bound_line(&model, now).unwrap();
+        assert!(line.starts_with("GUARD            at most 0.32 m/s forward: sonar") && !line.contains('\n'), "{line}");
+        let code = messages::Hold::GuardCreep.code();
+        let holds = vec![Hold { code, subject: "gamepad".into(), latched: false, since: 0 }];
+        hear(&mut model, DataHold { timestamp: 0, module: messages::MOTION_MODULE.into(), holds }.into());
+        assert!(bound_line(&model, now).unwrap().contains("creeping; otherwise at most 0.32 m/s forward"));
+    }
 }

@@ -3,7 +3,7 @@
 mod guards;
 mod parent;
 
-use super::{Common, Failed, Outcome, web};
+use super::{Common, Failed, Outcome, neighbours, web};
 use guards::Guards;
 use host::log::Log;
 use host::run_folder::RunFolder;
@@ -32,6 +32,9 @@ pub struct Up {
     /// No web server
     #[arg(long)]
     headless: bool,
+    /// Although a robot is on the bus
+    #[arg(long)]
+    force: bool,
 }
 
 pub fn up(common: &Common, command: &Up) -> Outcome {
@@ -42,6 +45,7 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     let common = &common;
     // Whatever is wrong is said here, once, and nothing starts; notices are the watchdog's to publish.
     let (config, _) = common.load_with_notices(command.sim)?;
+    host::keepers::Place::all()?;
     if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name() != ::web::NAME)) {
         return Err(format!("--http {at}: modules.toml has no module {}", ::web::NAME).into());
     }
@@ -52,6 +56,13 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     let guards = Guards::new(log.clone(), config.hardware_watchdog.clone(), command.sim)?;
     let mut parent = Parent::new(log.clone(), guards)?;
     let folder = RunFolder::take(&common.run_dir())?;
+    if !command.force {
+        let own = std::path::absolute(common.run_dir()).ok();
+        if let Err(refused) = neighbours::refuse(&common.lcm_url(), "this robot is not started", own.as_deref()) {
+            folder.release();
+            return Err(refused);
+        }
+    }
     parent.log_to(run(common, &config, &log));
     parent.run_errand(goal);
     let result = parent.run(&watchdog);

@@ -20,7 +20,7 @@ pub struct Web {
 
 #[derive(clap::Subcommand)]
 enum Asked {
-    /// Show the codes that pair a phone or another browser with the robot that runs here
+    /// Make codes that pair a phone or another browser with the robot that runs here, for ten minutes
     Code(Code),
 }
 
@@ -49,12 +49,10 @@ pub fn web(common: &Common, command: &Web) -> Outcome {
 }
 
 fn show(common: &Common, code: &Code) -> Outcome {
-    let shown = session_store::shown(&common.run_dir());
+    let shown = session_store::ask(&common.run_dir())?;
     if shown.is_empty() {
         let folder = common.run_dir();
-        return Err(
-            format!("no web server of {} shows codes that may be read here; is advee up?", folder.display()).into()
-        );
+        return Err(format!("no web server of {} makes codes for you; is advee up?", folder.display()).into());
     }
     for server in shown {
         if code.json {
@@ -64,6 +62,7 @@ fn show(common: &Common, code: &Code) -> Outcome {
         let (operator, engineer) = (session_store::spaced(&server.operator), session_store::spaced(&server.engineer));
         print(format_args!("operator  {operator}   {}", server.link(&server.operator)))?;
         print(format_args!("engineer  {engineer}   {}", server.link(&server.engineer)))?;
+        print(format_args!("each pairs one device within {} minutes", server.valid_s.div_ceil(60)))?;
     }
     Ok(ExitCode::SUCCESS)
 }

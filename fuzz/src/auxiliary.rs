@@ -1,3 +1,5 @@
+//! Texts of kernel interfaces: I2C bridges and 1-Wire slaves.
+
 use base::i2c::codec;
 use host::ports::w1_read;
 

@@ -1,3 +1,5 @@
+//! Codec of the virtual CAN bus over UDP.
+
 use base::can::{Frame, Id};
 use host::ports::can_udp_codec::{DATAGRAM_MAX, decode, encode};
 

@@ -1,3 +1,5 @@
+//! Electronic data sheets and configuration files of CANopen.
+
 use canopen::dictionary::DataType;
 use canopen::eds::{Eds, MAX_NAME, MAX_WARNINGS, address, read_concise, write_concise};
 use canopen::pdo::Layout;

@@ -1,3 +1,5 @@
+//! CANopen master and two drives on a disturbed bus.
+
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use canopen::drives::{epos, icla};

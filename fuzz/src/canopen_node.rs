@@ -1,3 +1,5 @@
+//! CANopen node with LSS, driven by frames and calls.
+
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use canopen::dictionary::{Access, DataType, Dictionary, Entry};

@@ -1,3 +1,5 @@
+//! SDO client and server, on a line with errors and against invented answers.
+
 use base::{Duration, Instant};
 use canopen::dictionary::{Access, DataType, Entry};
 use canopen::sdo::{BLOCK_SIZE, Client, Error, Server};

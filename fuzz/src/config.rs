@@ -1,3 +1,5 @@
+//! Configuration files of a robot.
+
 use robot::config::{Config, ConfigError, migrated, parsed_world};
 use settings::Node;
 use std::path::Path;

@@ -1,3 +1,5 @@
+//! Estimator with arbitrary motion steps and bearings.
+
 use base::Instant;
 use estimator::Filter;
 use estimator::filter::{Beacon, Config};

@@ -1,3 +1,5 @@
+//! Foxglove hub with viewers that misbehave.
+
 use logger::ros::Topic;
 use web::foxglove::hub::{Hub, Limits, Outgoing, ViewerId};
 use web::foxglove::protocol::{Request, Subscription};

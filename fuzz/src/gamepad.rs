@@ -1,9 +1,11 @@
+//! Gamepad port: bytes of an input device.
+
 use base::Duration;
 use messages::Message;
 use module::bench::Bench;
 use module::{Event, Input, PortId, State};
 use host::ports::gamepad_codec::{Line, Reader, encode};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology;
 use std::path::Path;
 
@@ -13,7 +15,7 @@ use std::path::Path;
 /// is zero.
 pub fn gamepad(data: &[u8]) {
     let Some((len, stream)) = data.split_first() else { return };
-    let place = Place {
+    let place = RobotLocation {
         config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
         run_dir: "/nowhere".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),

@@ -1,3 +1,5 @@
+//! Bit-banged I2C master, fan controller, SMBus commands.
+
 use base::i2c::{Address, Bytes, Error, Outcome, Read, Transfer};
 use base::{Duration, Instant};
 use i2c::bitbang::{Config, Levels, Master};

@@ -1,3 +1,5 @@
+//! Recorded inputs of a module: reader, writer, player.
+
 use base::{Epoch, Instant};
 use record::{Header, Item, MAGIC, Player, Reader, Recorder, VERSION};
 use module::{Action, Actions, Event, Input, Module, Output, Shell, ShellConfig, State};
@@ -12,7 +14,7 @@ impl Module for Echo {
         match event {
             Event::Start => out.working(),
             Event::Message { message, .. } => out.publish(message.clone()),
-            Event::Port { port, input: Input::Can(frame) } => out.send_can(port, frame),
+            Event::Port { port, input: Input::Can { frame, .. } } => out.send_can(port, frame),
             Event::Port { port, input: Input::Words(words) } => out.send_words(port, words),
             Event::Port { port, input: Input::I2c(outcome) } => {
                 out.push(Action::Send(port, Output::I2cAnswer(outcome.clone())));

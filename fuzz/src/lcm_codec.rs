@@ -1,3 +1,5 @@
+//! Generated LCM codecs, compared with the official ones' rules.
+
 use lcm::codec::{Type, View};
 use std::fmt::Debug;
 

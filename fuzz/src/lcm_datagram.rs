@@ -1,3 +1,5 @@
+//! LCM receiver: datagrams, reassembly.
+
 use arbitrary::Arbitrary;
 use lcm::reassembly::{Buffer, Limits};
 use lcm::receiver::Receiver;

@@ -1,3 +1,5 @@
+//! Messages decoded by their definition, compared with the generated code.
+
 use lcm_gen::Schema;
 use lcm_gen::dynamic::{Missing, Types};
 use messages::{Channel, Message};

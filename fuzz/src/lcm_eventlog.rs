@@ -1,3 +1,5 @@
+//! LCM event logs.
+
 use lcm::eventlog::{Event, HEADER, Reader, SYNC, Stats, Writer};
 use std::io::{Cursor, Read};
 

@@ -1,3 +1,5 @@
+//! TCPQ hub and its clients.
+
 use lcm::tcpq::hub::{ClientId, Hub, Limits};
 use lcm::tcpq::{Decoder, Message, Peer, hello};
 use std::collections::BTreeMap;

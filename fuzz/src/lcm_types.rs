@@ -1,3 +1,5 @@
+//! Parser of LCM type definitions.
+
 use lcm_gen::Schema;
 use lcm_gen::rust::{self, Options, Serde};
 

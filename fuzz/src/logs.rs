@@ -1,3 +1,5 @@
+//! MCAP logs: index, reader, recovery.
+
 use logger::read::{Channel, Filter, Index, MAGIC, Messages, Schema};
 use logger::recover::{Sealed, recover, seal};
 use std::io::Cursor;

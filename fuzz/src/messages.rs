@@ -1,3 +1,5 @@
+//! Messages of the robot: decoding and encoding.
+
 use messages::{Channel, Message};
 
 /// A payload on one of the robot's channels; the first byte selects the channel.

@@ -1,3 +1,5 @@
+//! Modules in their shells, driven by a hostile host.
+
 use base::can::Frame;
 use base::serial::Word;
 use base::{Duration, Instant, gamepad};
@@ -8,7 +10,7 @@ use lcm::udpm::{self, DATAGRAM_MAX};
 use messages::{Channel, Message};
 use module::bench::Bench;
 use module::{Action, Event, ExitStatus, Input, Line, PortId, ProcessEvent, State};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::Path;
@@ -22,7 +24,7 @@ const MODULES: [&str; 6] = ["driver_rs485a", "driver_canbus", "simulator", "watc
 pub fn modules(data: &[u8]) {
     let Some(input) = crate::input::<(u8, Vec<(u8, u16, Vec<u8>)>)>(data) else { return };
     let (which, steps) = input;
-    let place = Place {
+    let place = RobotLocation {
         config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
         run_dir: "/nowhere".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),

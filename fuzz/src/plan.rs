@@ -1,3 +1,5 @@
+//! Map files and path search.
+
 use navitools::Pose;
 use planner::map::{Field, Map, Obstacle, Unknown, pgm, yaml};
 use planner::search::{Budget, Footprint, Goal, Limits, Search};

@@ -1,3 +1,5 @@
+//! Translation of messages to ROS 2.
+
 use lcm_gen::Schema;
 use lcm_gen::dynamic::Types;
 use logger::ros::{RobotScene, Translator, Untranslated};

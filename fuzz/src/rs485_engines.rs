@@ -1,3 +1,5 @@
+//! EIA-485 master and boards on a disturbed line.
+
 use base::serial::Word;
 use base::{Duration, Instant};
 use rs485::boards::psc1;

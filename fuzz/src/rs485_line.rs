@@ -1,3 +1,5 @@
+//! Codecs of the ninth bit on serial lines.
+
 use base::serial::Word;
 use base::{Duration, Instant};
 use rs485::boards::{psc1, sbs1, sd1, so1};

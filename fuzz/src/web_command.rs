@@ -1,3 +1,5 @@
+//! Commands of the web page.
+
 use base::{Duration, Instant};
 use web::center::access::Role;
 use web::center::authority::{Authority, Limits, Output};

@@ -4,11 +4,13 @@
 //! write. Plain system calls write and read it: a page in a memory file system never waits for a disk, and unlike a
 //! mapping it is harmless to the reader if somebody truncates the file.
 
+use crate::keepers;
 use base::{Duration, Instant};
+use module::admission::Process;
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
-use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -25,8 +27,9 @@ const MAGIC: [u8; 4] = *b"BEAT";
 const VERSION: u32 = 1;
 /// Offset of the first thread's entry; [`ENTRY_SIZE`] is the length of each.
 const ENTRIES_OFFSET: usize = 64;
-/// Offset of the watchdog's own counter.
+/// Offset of the watchdog's own counter; its process id follows.
 const READER_OFFSET: u64 = 16;
+const WATCHDOG_OFFSET: u64 = 20;
 const ENTRY_SIZE: usize = 64;
 /// Length of the name in an entry; the counter follows it.
 const NAME_SIZE: usize = 48;
@@ -36,12 +39,15 @@ pub const THREADS_MAX: usize = (PAGE_SIZE - ENTRIES_OFFSET) / ENTRY_SIZE;
 /// A module's own page.
 pub struct HeartbeatPage {
     file: Arc<File>,
+    /// User of the watchdog, who made the page.
+    uid: u32,
     threads: usize,
 }
 
 /// Heartbeat of one thread, owned by that thread.
 pub struct Heartbeat {
     file: Arc<File>,
+    uid: u32,
     place: u64,
     count: u32,
     next: Instant,
@@ -59,12 +65,19 @@ impl HeartbeatPage {
         }
     }
 
-    fn at(path: &Path) -> io::Result<Self> {
+    /// The watchdog that reads this page; `None` if none has written it.
+    #[must_use]
+    pub fn watchdog(&self) -> Option<Process> {
+        watchdog_of(&self.file, self.uid)
+    }
+
+    pub(crate) fn at(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
-        if !file.metadata()?.is_file() {
+        let found = file.metadata()?;
+        if !found.is_file() {
             return Err(io::ErrorKind::InvalidInput.into());
         }
-        Ok(Self { file: Arc::new(file), threads: 0 })
+        Ok(Self { file: Arc::new(file), uid: found.uid(), threads: 0 })
     }
 
     /// Registers a thread, whose first heartbeat is `now`. From the first registration on, the watchdog judges the
@@ -90,8 +103,20 @@ impl HeartbeatPage {
         head[8..12].copy_from_slice(&std::process::id().to_le_bytes());
         head[12..].copy_from_slice(&(self.threads as u32).to_le_bytes());
         self.file.write_all_at(&head, 0)?;
-        Ok(Heartbeat { file: self.file.clone(), place: place + NAME_SIZE as u64, count: 1, next: now + PERIOD })
+        Ok(Heartbeat {
+            file: self.file.clone(),
+            uid: self.uid,
+            place: place + NAME_SIZE as u64,
+            count: 1,
+            next: now + PERIOD,
+        })
     }
+}
+
+fn watchdog_of(page: &File, uid: u32) -> Option<Process> {
+    let mut pid = [0; 4];
+    page.read_exact_at(&mut pid, WATCHDOG_OFFSET).ok()?;
+    Some(Process { pid: u32::from_le_bytes(pid), uid }).filter(|process| process.pid != 0)
 }
 
 impl Heartbeat {
@@ -118,6 +143,12 @@ impl Heartbeat {
         }
     }
 
+    /// The watchdog that reads this page; `None` if none has written it.
+    #[must_use]
+    pub fn watchdog(&self) -> Option<Process> {
+        watchdog_of(&self.file, self.uid)
+    }
+
     /// Deadline of the next heartbeat.
     #[must_use]
     pub fn next(&self) -> Instant {
@@ -142,6 +173,9 @@ pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
             format!("{} belongs to another user", path.display()),
         ));
     }
+    // Modules of other users find their own pages by their paths.
+    let mode = if keepers::are_any() { 0o710 } else { 0o700 };
+    fs::set_permissions(&path, Permissions::from_mode(mode))?;
     Ok(path)
 }
 
@@ -210,17 +244,22 @@ pub enum Reading<'a> {
 }
 
 impl PageReader {
-    /// Creates an empty page for a process that is about to start; it replaces that of an earlier process.
+    /// Creates an empty page for a process that is about to start; it replaces that of an earlier process. `for_group`:
+    /// a process of another user writes it.
     ///
     /// # Errors
     /// The page cannot be created.
-    pub fn create(path: &Path) -> io::Result<Self> {
+    pub fn create(path: &Path, for_group: bool) -> io::Result<Self> {
         match fs::remove_file(path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => {}
         }
         let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(path)?;
         file.set_len(PAGE_SIZE as u64)?;
+        if for_group {
+            file.set_permissions(Permissions::from_mode(0o660))?;
+        }
+        file.write_all_at(&std::process::id().to_le_bytes(), WATCHDOG_OFFSET)?;
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
@@ -230,6 +269,8 @@ impl PageReader {
     /// The page does not exist.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        // Before this watchdog publishes anything, so that the module knows who guards it now.
+        let _ = file.write_all_at(&std::process::id().to_le_bytes(), WATCHDOG_OFFSET);
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
@@ -240,7 +281,10 @@ impl PageReader {
             // An earlier watchdog may have incremented it.
             let mut count = [0; 4];
             let _ = self.file.read_exact_at(&mut count, READER_OFFSET);
-            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER_OFFSET);
+            let count = u32::from_le_bytes(count).wrapping_add(1).to_le_bytes();
+            // Before the counter, whose change says that there is news.
+            let _ = self.file.write_all_at(&std::process::id().to_le_bytes(), WATCHDOG_OFFSET);
+            let _ = self.file.write_all_at(&count, READER_OFFSET);
         }
     }
 
@@ -249,7 +293,7 @@ impl PageReader {
         self.threads.iter().map(|thread| (thread.name.as_str(), thread.last))
     }
 
-    /// Reads the page. `held_up` is the delay of the watchdog itself beyond its period, which is not charged to the
+    /// Reads the page. `held_up` is the part of the watchdog's own delay beyond its period that is not charged to the
     /// threads.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
         let mut page = [0; PAGE_SIZE];
@@ -333,7 +377,7 @@ mod tests {
 
     fn pair(dir: &Dir) -> (PageReader, HeartbeatPage) {
         let path = dir.0.join("module");
-        (PageReader::create(&path).unwrap(), HeartbeatPage::at(&path).unwrap())
+        (PageReader::create(&path, false).unwrap(), HeartbeatPage::at(&path).unwrap())
     }
 
     #[test]

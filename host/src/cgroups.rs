@@ -6,9 +6,12 @@
 //! a group can still be killed as a whole. The kernel lets a group either hold processes or distribute resources, so
 //! the processes in OWN first move to `OWN/advee-HASH/guard` (cgroups(7), "no internal processes").
 
+use super::sys;
+use nix::sys::signal::Signal;
 use nix::sys::statfs::{CGROUP2_SUPER_MAGIC, statfs};
 use std::fs::{self, File, OpenOptions};
 use std::io;
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 
 /// Group of the supervising processes once their own group distributes resources.
@@ -126,6 +129,23 @@ impl Leaf {
     #[must_use]
     pub fn join_file(&self) -> Option<File> {
         OpenOptions::new().write(true).open(self.path.join("cgroup.procs")).ok()
+    }
+
+    /// Sends a signal to all processes of the group but `leader`.
+    pub fn signal_others(&self, leader: u32, signal: Signal) {
+        for pid in self.processes().into_iter().filter(|pid| *pid != leader) {
+            let Ok(process) = sys::pidfd_open(pid) else { continue };
+            // The process id was that of a member before; only if it is one now as well does the descriptor refer to
+            // that process.
+            if self.processes().contains(&pid) {
+                let _ = sys::pidfd_send_signal(process.as_fd(), signal);
+            }
+        }
+    }
+
+    fn processes(&self) -> Vec<u32> {
+        let listed = fs::read_to_string(self.path.join("cgroup.procs")).unwrap_or_default();
+        listed.lines().filter_map(|line| line.parse().ok()).collect()
     }
 
     /// Kills all processes of the group (Linux 5.14).

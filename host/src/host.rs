@@ -18,6 +18,7 @@ use super::recorder::{Inputs, Recording};
 use super::sys;
 use base::{Duration, Fault, Instant, Level, Report, Severity, earliest};
 use messages::{Channel, Message, Raw};
+use module::admission::{Admission, Policy, RELEASES, Refusal, SECOND_ROBOT_END, Sender, Way};
 use module::texts::Texts;
 use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell};
 use nix::errno::Errno;
@@ -60,6 +61,8 @@ pub struct HostConfig {
     /// For each port in order the `<BUS>` of `LL_DATA_RAW_<BUS>` on which its traffic is published; missing entries
     /// count as `None`.
     pub raw: Vec<Option<String>>,
+    /// Which senders are accepted.
+    pub policy: Policy,
     /// Start of modules; watchdog only.
     pub launch: Option<Launch>,
     /// Folder of the heartbeat pages; watchdog only.
@@ -86,11 +89,14 @@ struct Host {
     log: Log,
     /// Warnings about refused resources, published after the module's start.
     lines: Vec<String>,
-    /// Notices about the configuration, published after the module's start; only the watchdog has any.
+    /// Notices about the configuration and about the accepted senders, published after the module's start.
     notices: Vec<String>,
     /// Rate limiters for the lines of foreign modules; used by the watchdog only.
     foreign: BTreeMap<String, Texts>,
     bus: Bus,
+    admission: Admission,
+    /// Time of the last message of another watchdog, while that is a fault.
+    second_robot: Option<Instant>,
     health: BusHealth,
     bad: BadInput,
     ports: Vec<Port>,
@@ -118,6 +124,7 @@ struct Host {
 
 impl Host {
     fn open(mut shell: Shell, mut config: HostConfig) -> Result<Self, String> {
+        let (mut notices, launch_is_none) = (Vec::<String>::new(), config.launch.is_none());
         // Before any thread can start, because threads inherit the signal mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let watchdog_seen = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
@@ -128,6 +135,9 @@ impl Host {
         let mut channels: Vec<Channel> = shell.subscriptions().collect();
         // The heartbeat page shows the watchdog too, at lower cost.
         channels.extend(watchdog_seen.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
+        // The watchdog lists the processes that may report that nothing engages PAUSE, or that the way is free.
+        let believes = channels.iter().any(|channel| RELEASES.contains(channel));
+        channels.extend(believes.then_some(Channel::CmDataProcesses));
         let wants_raw_bus = shell.module().wants_raw_bus();
         channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
@@ -137,6 +147,13 @@ impl Host {
         };
         let bus =
             Bus::open_with_buffer(&config.lcm_url, &channels, if wants_raw_bus { RAW_RECEIVE_BUFFER } else { 0 })?;
+        // The page of heartbeats follows when another watchdog takes over; without one, and without places in shared
+        // memory, senders cannot be told from each other.
+        let page = beats.as_ref().and_then(HeartbeatPage::watchdog);
+        let watchdog = page.filter(|_| watchdog_seen.is_some() && bus.knows_senders());
+        if believes && watchdog.is_none() && launch_is_none {
+            notices.push("no watchdog is known here: whoever may command is believed that all is well".into());
+        }
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
         let taps = taps(config.raw, specs.len());
@@ -152,7 +169,7 @@ impl Host {
         epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
         epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
         let log = Log::new(shell.name());
-        let notices = config.launch.as_mut().map(|launch| mem::take(&mut launch.notices)).unwrap_or_default();
+        notices.extend(config.launch.as_mut().map(|launch| mem::take(&mut launch.notices)).unwrap_or_default());
         let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         let mut lines: Vec<String> = limits::lock_memory().err().into_iter().map(|why| why.to_string()).collect();
         if let Some(processes) = &processes {
@@ -175,6 +192,8 @@ impl Host {
             out: Actions::new(epoch),
             spare: Actions::new(epoch),
             bus,
+            admission: Admission::new(config.policy, watchdog),
+            second_robot: None,
             health: BusHealth::new(),
             bad: BadInput::default(),
             notes: vec![String::new(); ports.len()],
@@ -287,7 +306,8 @@ impl Host {
         let beat = self.beat.as_ref().map(Heartbeat::next);
         let parent = self.parent.as_ref().map(ToParent::next);
         let unsupervised = self.watchdog_seen.map(|sign| sign + UNSUPERVISED_MAX);
-        earliest([shell, ports, taps, processes, end, beat, parent, unsupervised])
+        let second_robot = self.second_robot.map(|at| at + SECOND_ROBOT_END);
+        earliest([shell, ports, taps, processes, end, beat, parent, unsupervised, second_robot])
     }
 
     fn arm(&mut self, now: Instant, due: Option<Instant>) -> nix::Result<()> {
@@ -314,6 +334,7 @@ impl Host {
         if self.beat.as_mut().is_some_and(|beat| beat.beat(now)) {
             self.check_watchdog(now);
         }
+        self.end_second_robot(now);
         if let Some(trouble) = self.recording.as_mut().and_then(Recording::trouble) {
             self.raise(Fault::InputsLost, "inputs", trouble);
         }
@@ -350,8 +371,11 @@ impl Host {
     /// Reads the watchdog's counter in the heartbeat page.
     fn check_watchdog(&mut self, now: Instant) {
         if let (Some(beat), Some(_)) = (&self.beat, self.watchdog_seen) {
-            let reader = beat.reader();
+            let (reader, watchdog) = (beat.reader(), beat.watchdog());
             if mem::replace(&mut self.reader, reader) != reader {
+                if let Some(watchdog) = watchdog {
+                    self.admission.set_watchdog(watchdog);
+                }
                 self.on_watchdog_sign(now);
             }
         }
@@ -399,12 +423,17 @@ impl Host {
                     self.report_ended_causes(now);
                     return;
                 }
-                FromBus::Message { at, message } => {
-                    if let Channel::CmDataProcesses = message.channel() {
-                        self.on_watchdog_sign(now);
+                FromBus::Message { at, message } => match self.judge(&message) {
+                    Ok(()) => {
+                        if let Channel::CmDataProcesses = message.channel() {
+                            self.on_watchdog_sign(now);
+                        }
+                        if self.shell.wants(message.channel()) {
+                            self.feed(Event::Message { at, message: &message });
+                        }
                     }
-                    self.feed(Event::Message { at, message: &message });
-                }
+                    Err(refusal) => self.refuse(now, &message, refusal),
+                },
                 FromBus::Foreign => {}
                 FromBus::Malformed { subject, why } => {
                     self.reject_input(now, Fault::MessageMalformed, subject, why, 1);
@@ -415,6 +444,62 @@ impl Host {
                     return;
                 }
             }
+        }
+    }
+
+    /// Decides whether a message is accepted. Another watchdog may have taken over a moment ago: the page shows it.
+    fn judge(&mut self, message: &Message) -> Result<(), Refusal> {
+        let sender = self.bus.sender();
+        match (self.admission.judge(message, sender), self.beat.as_ref()) {
+            (Err(Refusal::SecondRobot), Some(beat)) => match beat.watchdog() {
+                Some(watchdog) if sender.process == Some(watchdog) => {
+                    self.admission.set_watchdog(watchdog);
+                    self.admission.judge(message, sender)
+                }
+                _ => Err(Refusal::SecondRobot),
+            },
+            (judged, _) => judged,
+        }
+    }
+
+    /// Counts and reports a message that is not accepted.
+    fn refuse(&mut self, now: Instant, message: &Message, refusal: Refusal) {
+        let Sender { way, process } = self.bus.sender();
+        let whom = match (way, process) {
+            (Way::Network, _) => "another computer".to_string(),
+            (_, Some(process)) => format!("process {}", process.pid),
+            (_, None) => "a process of this computer that is not known".to_string(),
+        };
+        let channel = message.channel_name();
+        match refusal {
+            Refusal::SecondRobot => {
+                self.second_robot = Some(now);
+                let why = format!(
+                    "{whom} publishes {channel}, too: two robots, or a robot and a simulated one, are on this bus. The \
+                     robot stops; end one of them, or give it another --lcm-url"
+                );
+                let report = Report::new(Severity::Error, Fault::SecondRobot, "", why);
+                self.shell.raise(now, report, &mut self.out);
+                self.act();
+            }
+            Refusal::Command | Refusal::Release => {
+                let why = match refusal {
+                    Refusal::Command => "may not command this robot ([bus] commands in robot.toml)",
+                    _ => "is not the process that is due to publish it",
+                };
+                let cause = format!("{channel} {way:?}").to_lowercase();
+                self.reject_input(now, Fault::SenderRefused, cause, format!("{channel} dropped: {whom} {why}"), 1);
+            }
+        }
+    }
+
+    /// Clears the fault once the other watchdog is silent.
+    fn end_second_robot(&mut self, now: Instant) {
+        if self.second_robot.is_some_and(|at| now.since(at) >= SECOND_ROBOT_END) {
+            self.second_robot = None;
+            let report = Report::new(Severity::Notice, Fault::SecondRobot, "", "one robot is on this bus");
+            self.shell.clear(now, report, &mut self.out);
+            self.act();
         }
     }
 

@@ -36,6 +36,8 @@ mod cgroups;
 pub mod clock;
 pub mod hardware_watchdog;
 mod host;
+pub mod keeper;
+pub mod keepers;
 pub mod limits;
 pub mod log;
 pub mod log_repair;

@@ -43,6 +43,8 @@ pub struct PreparedLimits {
     cpus: Option<CpuSet>,
     fifo: Option<u8>,
     data: Option<rlim_t>,
+    /// Capabilities that the process keeps.
+    capabilities: &'static [u8],
     leaf: Option<File>,
     refused: OwnedFd,
 }
@@ -56,6 +58,7 @@ enum Limit {
     Cpus,
     Memory,
     Fifo,
+    Capabilities,
     /// No limit: the process id.
     Number,
 }
@@ -64,12 +67,13 @@ enum Limit {
 const RECORD_LEN: usize = 6;
 
 impl Limits {
-    /// Prepares the limits of a process and the reader of refusals. `leaf` is the module's cgroup.
+    /// Prepares the limits of a process and the reader of refusals. `leaf` is the module's cgroup, `capabilities` are
+    /// the numbers of those of its parent that it keeps.
     ///
     /// # Errors
     /// No descriptor is left.
     #[allow(clippy::useless_conversion, reason = "machines of 32 bits have narrower ones")]
-    pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(PreparedLimits, Refused)> {
+    pub fn prepare(&self, leaf: Option<&Leaf>, capabilities: &'static [u8]) -> io::Result<(PreparedLimits, Refused)> {
         let (read, refused) = pipe2(OFlag::O_CLOEXEC | OFlag::O_NONBLOCK)?;
         let mut unprepared = Vec::new();
         let mut cpus = CpuSet::new();
@@ -87,6 +91,7 @@ impl Limits {
             cpus: (!self.cpus.is_empty()).then_some(cpus),
             fifo: self.rt_priority,
             data: self.memory_max.filter(|_| !held.memory).map(|bytes| bytes.try_into().unwrap_or(RLIM_INFINITY)),
+            capabilities,
             leaf: leaf.and_then(Leaf::join_file),
             refused,
         };
@@ -112,6 +117,8 @@ impl PreparedLimits {
         if let Some(priority) = self.fifo {
             self.report(Limit::Fifo, sys::set_fifo(priority, false));
         }
+        // Last: the capabilities may be needed for the limits.
+        self.report(Limit::Capabilities, sys::keep_capabilities(self.capabilities));
     }
 
     /// Reports the id of the process that will run the module. System calls only, here too.
@@ -149,6 +156,7 @@ impl Refused {
                 limit if limit == Limit::Nice as u8 => format!("nice: {error}; not set"),
                 limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; all may be used"),
                 limit if limit == Limit::Memory as u8 => format!("memory_max: {error}; not limited"),
+                limit if limit == Limit::Capabilities as u8 => format!("capabilities: {error}; it keeps them all"),
                 limit if limit == Limit::Fifo as u8 => format!("rt_priority: {error}; not set"),
                 _ => {
                     pid = Some(number.unsigned_abs());
@@ -158,6 +166,10 @@ impl Refused {
         }
         (lines, pid)
     }
+}
+
+fn on_fault() -> MlockAllFlags {
+    MlockAllFlags::from_bits_retain(nix::libc::MCL_ONFAULT)
 }
 
 /// Locks the memory of a real-time process, because fetching a page would delay a cycle. Does nothing for other
@@ -172,7 +184,12 @@ pub fn lock_memory() -> Result<(), String> {
     let _ = setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY);
     // With a limit, later allocations would fail at run time.
     match getrlimit(Resource::RLIMIT_MEMLOCK) {
-        Ok((RLIM_INFINITY, _)) => mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)
+        // What is mapped now is fetched now. What is mapped later, a ring of the bus of 4 MiB for each process that
+        // joins, is locked page by page as it is touched: fetched as a whole, inside the loop, it would take a
+        // millisecond and memory that nobody uses. A kernel before 4.4 has no such flag.
+        Ok((RLIM_INFINITY, _)) => mlockall(MlockAllFlags::MCL_CURRENT)
+            .and_then(|()| mlockall(MlockAllFlags::MCL_FUTURE | on_fault()))
+            .or_else(|_| mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE))
             .map_err(|errno| format!("mlockall: {}; its memory may be paged out", errno.desc())),
         _ => Err("RLIMIT_MEMLOCK is limited; its memory may be paged out".into()),
     }
@@ -186,7 +203,7 @@ mod tests {
 
     /// Output of `script` in a shell with these limits, and the refused limits.
     fn run(limits: &Limits, script: &str) -> (String, Vec<String>) {
-        let (birth, refused) = limits.prepare(None).unwrap();
+        let (birth, refused) = limits.prepare(None, &[]).unwrap();
         let mut command = Command::new("/bin/sh");
         command.args(["-c", script]).stdout(Stdio::piped()).process_group(0);
         sys::give_limits(&mut command, birth, None);
@@ -205,6 +222,28 @@ mod tests {
             run(&limits, "cut -d' ' -f19 /proc/self/stat; ulimit -d; grep Cpus_allowed_list /proc/self/status");
         assert_eq!(refused, [""; 0]);
         assert_eq!(said, "5\n65536\nCpus_allowed_list:\t0\n");
+    }
+
+    #[test]
+    fn a_process_keeps_the_capabilities_that_it_is_given_and_no_others() {
+        // In a thread of its own, whose capabilities end with it.
+        let kept = |kept: &'static [u8]| {
+            std::thread::spawn(move || {
+                sys::add_capability(sys::CAP_NET_ADMIN)?;
+                let (birth, _refused) = Limits::default().prepare(None, kept)?;
+                let mut command = Command::new("grep");
+                command.args(["CapAmb", "/proc/self/status"]).stdout(Stdio::piped());
+                sys::give_limits(&mut command, birth, None);
+                Ok::<String, io::Error>(String::from_utf8_lossy(&command.output()?.stdout).trim().into())
+            })
+            .join()
+            .unwrap()
+        };
+        let Some(none) = testing::machine_or_skip(kept(&[]).map_err(|error| format!("capabilities: {error}"))) else {
+            return;
+        };
+        assert_eq!(none, "CapAmb:\t0000000000000000");
+        assert_eq!(kept(&[sys::CAP_NET_ADMIN]).unwrap(), "CapAmb:\t0000000000001000");
     }
 
     #[test]

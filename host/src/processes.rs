@@ -6,6 +6,8 @@
 //! of an adopted process (`advee up`) keeps its exit status readable for a moment.
 
 mod identity;
+pub(crate) mod kept;
+mod punctuality;
 mod record;
 mod starts;
 mod stderr;
@@ -16,18 +18,20 @@ use self::record::Record;
 use super::beats::{self, PageReader, Reading};
 use super::cgroups::{Cgroups, Leaf};
 use super::clock;
+use super::keepers::Place;
 use super::limits::Limits;
 use super::notify;
 use super::sys;
 use base::{Duration, Instant, Level, Ticker};
-use identity::Stat;
-pub use identity::{VARIABLE, children};
+pub use identity::{Stat, VARIABLE, children};
+use kept::{Answer, Kept};
 use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
-use nix::sys::signal::{Signal, killpg};
+use nix::sys::signal::{Signal, kill, killpg};
 use nix::sys::wait::{Id, WaitPidFlag, WaitStatus, waitid};
 use nix::unistd::{Pid, SysconfVar, sysconf};
-use starts::{StartResult, Starts};
+use punctuality::Punctuality;
+use starts::{Born, Order, StartResult, Starts};
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
 use std::io;
@@ -40,11 +44,13 @@ use stderr::Stderr;
 /// Period of measuring the processes' load.
 const USAGE_PERIOD: Duration = Duration::from_secs(1);
 /// Period of checking their heartbeats.
-const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
+const HEARTBEAT_CHECK_PERIOD: Duration = punctuality::PERIOD;
 /// Delay of a thread at which its heartbeat counts as missing.
 const LATE_AFTER: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
 /// Period of reading the standard error of foreign modules.
 const LINES_PERIOD: Duration = Duration::from_millis(100);
+/// Maximum number of answers of a keeper that are read at a time.
+const KEEPER_ANSWERS: usize = 16;
 /// File name of the record in the run folder.
 const RECORD: &str = "processes";
 
@@ -54,11 +60,16 @@ pub struct Start {
     pub command: Command,
     /// Its resource limits.
     pub limits: Limits,
+    /// Numbers of those of our capabilities that it keeps; without a unit that grants some there are none.
+    pub capabilities: &'static [u8],
     /// True for a program in another language, which may not end by itself without a watchdog: our parent adopts it at
     /// once, and it dies with that. Its standard error is read and published on `CM_EVENT_TEXT`.
     pub foreign: bool,
     /// Lowest levels of its lines that are printed and sent; used for foreign modules.
     pub lines_from: LinesFrom,
+    /// Keeper that starts it, if it runs as another user. Its arguments are `run`, its name, and those that the keeper
+    /// passes on; its limits are the keeper's.
+    pub keeper: Option<Place>,
 }
 
 /// Lowest levels of a module's lines that are printed and sent.
@@ -120,7 +131,9 @@ pub struct Processes {
     /// Folder of the heartbeat pages; `None`: modules are judged by their announcements only.
     beats: Option<PathBuf>,
     looks: Ticker,
-    looked: Instant,
+    punctuality: Punctuality,
+    /// Why the page of the process adopted last cannot be read.
+    unread: Option<String>,
     reads: Ticker,
     lines: VecDeque<Line>,
     news: VecDeque<News>,
@@ -138,6 +151,8 @@ struct Process {
     start: Option<u64>,
     /// `None` if it is the child of another process or was adopted.
     child: Option<Child>,
+    /// The keeper whose child it is.
+    kept: Option<Kept>,
     /// `None` if the kernel provides no pidfd: the process is polled.
     end: Option<OwnedFd>,
     leaf: Option<Leaf>,
@@ -147,9 +162,13 @@ struct Process {
     /// Its heartbeat page has invalid content.
     bad: bool,
     beats: bool,
+    /// The last check found a thread of it silent.
+    silent: bool,
     /// Processor time at the last measurement, and the time of that.
     ticks: u64,
     measured: Instant,
+    /// Processor time and resident pages as reported by its keeper: `/proc` may not show processes of other users.
+    used: Option<(u64, u64)>,
 }
 
 /// Data of a process that is being started.
@@ -170,6 +189,7 @@ enum News {
     Usage { pid: u32, cpu: f64, rss: i64 },
     HeartbeatStarted { pid: u32 },
     HeartbeatLate { pid: u32, thread: String, last: Instant },
+    CheckLate { by: Duration },
     BadHeartbeat { pid: u32, why: String },
 }
 
@@ -178,6 +198,11 @@ pub fn clean(run_dir: &Path) {
     let _ = fs::remove_file(run_dir.join(RECORD));
     let _ = fs::remove_file(run_dir.join(RECORD).with_extension("new"));
     stderr::clean(run_dir);
+    for link in Place::all().unwrap_or_default().iter().map(|place| run_dir.join(&place.module)) {
+        if link.is_symlink() {
+            let _ = fs::remove_file(link);
+        }
+    }
     Cgroups::remove(&group_name(run_dir));
 }
 
@@ -204,7 +229,8 @@ impl Processes {
             usage: Ticker::new(now + USAGE_PERIOD, USAGE_PERIOD),
             beats,
             looks: Ticker::new(now + HEARTBEAT_CHECK_PERIOD, HEARTBEAT_CHECK_PERIOD),
-            looked: now,
+            punctuality: Punctuality::new(now),
+            unread: None,
             reads: Ticker::new(now + LINES_PERIOD, LINES_PERIOD),
             lines: VecDeque::new(),
             news: VecDeque::new(),
@@ -229,27 +255,40 @@ impl Processes {
         self.notes.extend(told.err());
         for entry in record.entries().to_vec() {
             let owner = identity::owner(record.path(), &entry.module);
-            let found = match entry.process {
-                None if entry.starting => identity::find(&owner),
-                other => other,
-            };
-            let process = found.and_then(|(pid, start)| self.take_over(now, &entry.module, pid, start, &owner));
-            // Not adopted: its command line differs from today's configuration.
             let start = (self.launch.start)(&entry.module, State::Run);
             let mark = identity::mark(record.path(), &entry.module, &start.command);
+            let (process, its_mark) = match &start.keeper {
+                Some(place) => self.take_over_kept(now, place, &owner).unzip(),
+                None => {
+                    let found = match entry.process {
+                        None if entry.starting => identity::find(&owner),
+                        other => other,
+                    };
+                    let process = found.and_then(|(pid, start)| self.take_over(now, &entry.module, pid, start, &owner));
+                    (process, process.and_then(|(pid, _)| identity::mark_of(pid)))
+                }
+            };
             if let (Some(process), true) = (self.running.last_mut().filter(|_| process.is_some()), start.foreign) {
                 process.stderr = Stderr::open(&run_dir, &entry.module).ok().map(|stderr| (stderr, start.lines_from));
             }
             let process = match process {
-                Some((pid, _)) if identity::mark_of(pid) != Some(mark) => {
+                // Not adopted: its command line differs from today's configuration.
+                Some((pid, _)) if its_mark != Some(mark) => {
                     self.signal(pid, Signal::SIGKILL);
                     None
                 }
                 other => other,
             };
-            let _ = record.change(&entry.module, |entry| (entry.process, entry.starting) = (process, false));
+            if let Err(error) = record.change(&entry.module, |entry| (entry.process, entry.starting) = (process, false))
+            {
+                self.note(not_recorded(&record, &error));
+            }
             let (module, wanted, held) = (entry.module, entry.wanted, entry.held);
             self.news.push_back(News::Earlier { module, wanted, held, pid: process.map(|(pid, _)| pid) });
+            // After the module is known.
+            if let (Some((pid, _)), Some(why)) = (process, self.unread.take()) {
+                self.news.push_back(News::BadHeartbeat { pid, why });
+            }
         }
         self.record = Some(record);
     }
@@ -259,32 +298,50 @@ impl Processes {
         // The descriptor refers to the current owner of the number, which must be the recorded process.
         Stat::of(pid).filter(|stat| stat.start == start && !stat.zombie)?;
         identity::mark_of(pid).filter(|mark| mark.starts_with(owner))?;
-        let page = self.beats.as_ref().and_then(|folder| PageReader::open(&folder.join(module)).ok());
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
-        let mut process = Process {
-            pid,
-            module: module.into(),
-            start: Some(start),
-            child: None,
-            end,
-            leaf,
-            page,
-            stderr: None,
-            bad: false,
-            beats: false,
-            ticks: 0,
-            measured: now,
-        };
-        process.ticks = Stat::of(pid).map_or(0, |stat| stat.ticks);
+        let ticks = Stat::of(pid).map_or(0, |stat| stat.ticks);
+        let page = self.page_of(module);
+        let process = Process { end, leaf, page, ticks, ..Process::new(pid, module.into(), Some(start), now) };
         self.watch(&process);
         self.running.push(process);
         Some((pid, start))
     }
 
-    fn watch(&self, process: &Process) {
+    /// Takes over the process that a keeper has; with its mark.
+    fn take_over_kept(&mut self, now: Instant, place: &Place, owner: &str) -> Option<((u32, u64), String)> {
+        let (kept, Answer::Running { pid, start, mark }) = Kept::find(place).ok()? else { return None };
+        if !mark.starts_with(owner) || !is_foreign(pid) {
+            return None;
+        }
+        let page = self.page_of(&place.module);
+        let kept = Some(kept);
+        let process = Process { kept, page, ..Process::new(pid, place.module.clone(), Some(start), now) };
+        self.watch(&process);
+        self.running.push(process);
+        Some(((pid, start), mark))
+    }
+
+    /// Opens the heartbeat page of a running module.
+    fn page_of(&mut self, module: &str) -> Option<PageReader> {
+        let page = self.beats.as_ref().map(|folder| PageReader::open(&folder.join(module))).transpose();
+        let (page, unread) = match page {
+            Ok(page) => (page, None),
+            Err(error) => (None, Some(format!("cannot be opened: {error}"))),
+        };
+        self.unread = unread;
+        page
+    }
+
+    fn watch(&mut self, process: &Process) {
+        if self.running.iter().all(|other| other.page.is_none()) {
+            self.punctuality.resume(process.measured);
+        }
         if let Some(end) = &process.end {
             // Without a descriptor the process is polled.
             let _ = self.ends.add(end, EpollEvent::new(EpollFlags::EPOLLIN, u64::from(process.pid)));
+        }
+        if let Some(kept) = &process.kept {
+            let _ = self.ends.add(kept, EpollEvent::new(EpollFlags::EPOLLIN, u64::from(process.pid)));
         }
     }
 
@@ -303,19 +360,19 @@ impl Processes {
     }
 
     fn spawn(&mut self, module: String, wanted: State) {
-        let Start { mut command, limits, foreign, lines_from } = (self.launch.start)(&module, wanted);
+        let start = (self.launch.start)(&module, wanted);
+        let Start { mut command, limits, capabilities, foreign, lines_from, keeper } = start;
         command.stdin(Stdio::null()).process_group(0);
-        if let Some(record) = &self.record {
-            let mark = identity::mark(record.path(), &module, &command);
-            command.env(VARIABLE, mark);
-        }
-        let page = self.beats.as_ref().map(|folder| {
-            let path = folder.join(&module);
-            command.env(beats::VARIABLE, &path);
-            PageReader::create(&path)
-        });
+        let mark = self.record.as_ref().map(|record| identity::mark(record.path(), &module, &command));
+        command.envs(mark.iter().map(|mark| (VARIABLE, mark)));
+        let path = self.beats.as_ref().map(|folder| folder.join(&module));
+        command.envs(path.iter().map(|path| (beats::VARIABLE, path)));
+        let page = path.as_ref().map(|path| PageReader::create(path, keeper.is_some()));
         // Recorded before the process exists, so that a successor can look for it.
         self.record_entry(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
+        if let Some(place) = keeper {
+            return self.spawn_kept(place, &command, &limits, mark.unwrap_or_default(), page);
+        }
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(&module).ok());
         let stderr = self.launch.run_dir.as_ref().filter(|_| foreign).map(|run_dir| Stderr::create(run_dir, &module));
         let stderr = match stderr {
@@ -330,11 +387,36 @@ impl Processes {
             None => None,
         };
         let pending = PendingStart { module: module.clone(), leaf, page, stderr };
-        let begun = limits.prepare(pending.leaf.as_ref()).and_then(|(birth, refused)| {
+        let begun = limits.prepare(pending.leaf.as_ref(), capabilities).and_then(|(birth, refused)| {
             sys::give_limits(&mut command, birth, foreign.then(subreaper).flatten());
             self.starts.begin(command, refused, pending)
         });
         if let Err(error) = begun {
+            self.start_failed(module, error.to_string());
+        }
+    }
+
+    /// Has a module started by its keeper.
+    fn spawn_kept(
+        &mut self,
+        place: Place,
+        command: &Command,
+        limits: &Limits,
+        mark: String,
+        page: Option<io::Result<PageReader>>,
+    ) {
+        let module = place.module.clone();
+        if *limits != Limits::default() {
+            self.note(format!("{module}: limits in modules.toml are not applied: those of its keeper's unit hold"));
+        }
+        if let Some(Err(error)) = self.launch.run_dir.as_ref().map(|run_dir| link(&run_dir.join(&module), &place)) {
+            self.note(format!("{module}: its folder is not linked in the run folder: {error}"));
+        }
+        let path = self.beats.as_ref().map(|folder| folder.join(&module));
+        let pending = PendingStart { module: module.clone(), leaf: None, page, stderr: None };
+        // Without the name of the program, `run` and that of the module, which the keeper knows.
+        let args = command.get_args().skip(2).map(Into::into).collect();
+        if let Err(error) = self.starts.begin_kept(Order { place, mark, page: path, args }, pending) {
             self.start_failed(module, error.to_string());
         }
     }
@@ -344,11 +426,17 @@ impl Processes {
         for line in result.refused {
             self.note(format!("{module}: {line}"));
         }
-        let (pid, child) = match result.process {
-            Ok(process) => process,
+        let Born { pid, start, child, kept } = match result.process {
+            Ok(Born { pid, kept: Some(_), .. }) if !is_foreign(pid) => {
+                return self.start_failed(module, "its keeper names a process of this user".into());
+            }
+            Ok(born) => born,
             Err(reason) => return self.start_failed(module, reason),
         };
-        let start = Stat::of(pid).map(|stat| stat.start);
+        // A process id that a keeper reported before, and that now belongs to this process: the keeper's process no
+        // longer exists.
+        self.forget_kept(pid);
+        let start = start.or_else(|| Stat::of(pid).map(|stat| stat.start));
         self.record_entry(&module, |entry| {
             (entry.process, entry.starting) = (start.map(|start| (pid, start)), false);
         });
@@ -357,24 +445,23 @@ impl Processes {
         if let Some(error) = refused {
             self.news.push_back(News::BadHeartbeat { pid, why: format!("cannot be made: {error}") });
         }
-        let end = sys::pidfd_open(pid).ok();
-        let measured = clock::now();
-        let process = Process {
-            pid,
-            module,
-            start,
-            child,
-            end,
-            leaf,
-            page,
-            stderr,
-            bad: false,
-            beats: false,
-            ticks: 0,
-            measured,
-        };
+        let end = if kept.is_some() { None } else { sys::pidfd_open(pid).ok() };
+        let new = Process::new(pid, module, start, clock::now());
+        let process = Process { child, kept, end, leaf, page, stderr, ..new };
         self.watch(&process);
         self.running.push(process);
+    }
+
+    /// Gives up a keeper's process.
+    fn forget_kept(&mut self, pid: u32) {
+        let news = &mut self.news;
+        self.running.retain(|process| {
+            let stays = process.pid != pid || process.kept.is_none();
+            if !stays {
+                news.push_back(News::Exited { pid, status: ExitStatus::Code(-1) });
+            }
+            stays
+        });
     }
 
     fn start_failed(&mut self, module: String, reason: String) {
@@ -385,8 +472,7 @@ impl Processes {
     fn record_entry(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
         let Some(record) = &mut self.record else { return };
         if let Err(error) = record.change(module, change) {
-            let line =
-                format!("{}: {error}; a restarted watchdog will not adopt these processes", record.path().display());
+            let line = not_recorded(record, &error);
             self.note(line);
         }
     }
@@ -430,7 +516,7 @@ impl Processes {
     pub fn handle_timeout(&mut self, now: Instant) {
         if self.looks.due(now) {
             self.check_heartbeats(now);
-            if self.running.iter().any(|process| process.end.is_none()) {
+            if self.running.iter().any(Process::is_polled) {
                 self.on_ends();
             }
         }
@@ -443,7 +529,11 @@ impl Processes {
             return;
         }
         for process in &mut self.running {
-            let Some(Stat { ticks, pages, .. }) = Stat::of(process.pid) else { continue };
+            let used = match process.kept {
+                Some(_) => process.used,
+                None => Stat::of(process.pid).map(|stat| (stat.ticks, stat.pages)),
+            };
+            let Some((ticks, pages)) = used else { continue };
             let seconds = now.since(process.measured).as_secs_f64().max(1e-3);
             let cpu = ticks.saturating_sub(process.ticks) as f64 / self.ticks_per_second / seconds;
             (process.ticks, process.measured) = (ticks, now);
@@ -453,23 +543,26 @@ impl Processes {
 
     /// Checks the heartbeats.
     fn check_heartbeats(&mut self, now: Instant) {
-        let held_up = now.since(self.looked + HEARTBEAT_CHECK_PERIOD);
-        // A small delay of the check itself is no excuse for late threads.
-        let held_up = if held_up < LATE_AFTER { Duration::ZERO } else { held_up };
-        self.looked = now;
+        if self.running.iter().all(|process| process.page.is_none()) {
+            return self.punctuality.resume(now);
+        }
+        let check = self.punctuality.check(now);
+        if check.late > Duration::ZERO {
+            self.news.push_back(News::CheckLate { by: check.late });
+        }
         for process in &mut self.running {
             let (Some(page), pid) = (&mut process.page, process.pid) else { continue };
             page.show(now);
             if process.bad {
                 continue;
             }
-            match page.read(now, pid, held_up) {
+            match page.read(now, pid, check.forgiven) {
                 Reading::Blank => {}
                 Reading::Oldest { thread, last } => {
                     if !std::mem::replace(&mut process.beats, true) {
                         self.news.push_back(News::HeartbeatStarted { pid });
                     }
-                    if now.since(last) >= LATE_AFTER {
+                    if check.reports(now.since(last) >= LATE_AFTER, &mut process.silent) {
                         self.news.push_back(News::HeartbeatLate { pid, thread: thread.into(), last });
                     }
                 }
@@ -490,7 +583,7 @@ impl Processes {
     /// Deadline of the next check or measurement.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        let looked_after = |process: &Process| process.page.is_some() || process.end.is_none();
+        let looked_after = |process: &Process| process.page.is_some() || process.is_polled();
         match self.running.iter().any(looked_after) {
             // Measuring and reading are done with the next check.
             true => Some(self.looks.next()),
@@ -516,6 +609,7 @@ impl Processes {
             News::Usage { pid, cpu, rss } => ProcessEvent::Usage { pid: *pid, cpu: *cpu, rss: *rss },
             News::HeartbeatStarted { pid } => ProcessEvent::HeartbeatStarted { pid: *pid },
             News::HeartbeatLate { pid, thread, last } => ProcessEvent::HeartbeatLate { pid: *pid, thread, last: *last },
+            News::CheckLate { by } => ProcessEvent::CheckLate { by: *by },
             News::BadHeartbeat { pid, why } => ProcessEvent::BadHeartbeat { pid: *pid, why },
         });
         true
@@ -540,14 +634,56 @@ impl AsFd for Processes {
 }
 
 impl Process {
-    /// True if its number still refers to this process: that of a child does until it is reaped.
-    fn is_itself(&self) -> bool {
-        self.child.is_some() || Stat::of(self.pid).is_some_and(|stat| Some(stat.start) == self.start)
+    fn new(pid: u32, module: String, start: Option<u64>, measured: Instant) -> Self {
+        Self {
+            pid,
+            module,
+            start,
+            child: None,
+            kept: None,
+            end: None,
+            leaf: None,
+            page: None,
+            stderr: None,
+            bad: false,
+            beats: false,
+            silent: false,
+            ticks: 0,
+            measured,
+            used: None,
+        }
     }
 
-    /// Sends a signal to the whole group, unless the process has ended, which is then about to be reported.
+    /// True if nothing becomes readable when it ends.
+    fn is_polled(&self) -> bool {
+        self.end.is_none() && self.kept.is_none()
+    }
+
+    /// True if its number still refers to this process: that of a child does until it is reaped.
+    fn is_itself(&self) -> bool {
+        self.child.is_some()
+            || self.kept.is_some()
+            || Stat::of(self.pid).is_some_and(|stat| Some(stat.start) == self.start)
+    }
+
+    /// Sends a signal to the process and all that it started, unless it has ended: then its end is about to be
+    /// reported.
     fn signal(&self, signal: Signal) {
-        let _ = killpg(Pid::from_raw(self.pid as i32), signal);
+        if let Some(kept) = &self.kept {
+            return kept.signal(signal);
+        }
+        match (&self.end, &self.leaf) {
+            // An adopted process: its parent may reap it at any time, and its process id may be reused.
+            (Some(end), Some(leaf)) if self.child.is_none() => {
+                if sys::pidfd_send_signal(end.as_fd(), signal).is_ok() {
+                    leaf.signal_others(self.pid, signal);
+                }
+            }
+            // The process id of a child stays its own until it is reaped here.
+            _ => {
+                let _ = killpg(Pid::from_raw(self.pid as i32), signal);
+            }
+        }
         if let (Signal::SIGKILL, Some(leaf)) = (signal, &self.leaf) {
             leaf.kill();
         }
@@ -555,6 +691,9 @@ impl Process {
 
     /// Exit status, if it ended. Processes left in its group are killed before its number can be reused.
     fn ended(&mut self) -> Option<ExitStatus> {
+        if self.kept.is_some() {
+            return self.kept_ended();
+        }
         let Some(child) = &mut self.child else {
             return self.adopted_ended();
         };
@@ -568,6 +707,23 @@ impl Process {
         };
         self.clear();
         Some(exit_status(status))
+    }
+
+    /// The state that its keeper reports; without a keeper it has ended.
+    fn kept_ended(&mut self) -> Option<ExitStatus> {
+        let kept = self.kept.as_ref()?;
+        for _ in 0..KEEPER_ANSWERS {
+            match kept.poll() {
+                Ok(None) => return None,
+                Ok(Some(Answer::Used { ticks, pages })) => self.used = Some((ticks, pages)),
+                Ok(Some(Answer::Ended(status))) => {
+                    return Some(exit_status(std::process::ExitStatus::from_raw(status)));
+                }
+                Ok(Some(_)) => {}
+                Err(_) => return Some(ExitStatus::Code(-1)),
+            }
+        }
+        None
     }
 
     /// The parent reaps an adopted process; until then the kernel shows its exit status, if permitted.
@@ -598,6 +754,29 @@ impl Process {
             leaf.kill();
         }
     }
+}
+
+/// True if a process is another user's: one of this user is not what a keeper started.
+fn is_foreign(pid: u32) -> bool {
+    kill(Pid::from_raw(pid as i32), None).is_err() || nix::unistd::geteuid().is_root()
+}
+
+/// Links the folder of a kept module into the run folder.
+fn link(name: &Path, place: &Place) -> io::Result<()> {
+    let folder = place.folder.join(&place.module);
+    if fs::read_link(name).is_ok_and(|to| to == folder) {
+        return Ok(());
+    }
+    match fs::symlink_metadata(name) {
+        Ok(found) if found.is_dir() => fs::remove_dir_all(name)?,
+        Ok(_) => fs::remove_file(name)?,
+        Err(_) => {}
+    }
+    std::os::unix::fs::symlink(folder, name)
+}
+
+fn not_recorded(record: &Record, error: &io::Error) -> String {
+    format!("{}: {error}; a restarted watchdog will not adopt these processes", record.path().display())
 }
 
 fn exit_status(status: std::process::ExitStatus) -> ExitStatus {

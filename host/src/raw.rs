@@ -45,7 +45,7 @@ impl Tap {
     pub fn received(&mut self, now: Instant, input: &Input<'_>) {
         match input {
             Input::Words(words) => words.iter().for_each(|word| self.push(now, *word, DataRaw::RECEIVED)),
-            Input::Can(frame) => self.ready.push((now, of_can(frame, DataRaw::RECEIVED))),
+            Input::Can { frame, .. } => self.ready.push((now, of_can(frame, DataRaw::RECEIVED))),
             Input::I2c(outcome) => {
                 if let Some(address) = self.asked.pop_front() {
                     self.ready.push((now, of_outcome(address, outcome)));
@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn a_can_frame_has_its_kind() {
         let mut tap = Tap::default();
-        tap.received(ms(0), &Input::Can(can::Frame::standard(0x181, &[1])));
+        tap.received(ms(0), &Input::Can { frame: can::Frame::standard(0x181, &[1]), at: ms(0) });
         tap.sent(ms(1), &Output::Can(can::Frame::remote(can::Id::Extended(0x1234), 2).unwrap()));
         assert_eq!(taken(&mut tap), ["0 0 181 0 [01]", "1 1 1234 3 []"]);
     }

@@ -216,6 +216,46 @@ fn move_to(subreaper: nix::unistd::Pid, limits: &PreparedLimits) -> io::Result<(
     Ok(nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?)
 }
 
+/// Reduces the ambient capabilities of the calling thread (capabilities(7)) to `kept`, by their numbers. A program of
+/// an ordinary user has no others. System calls only.
+pub fn keep_capabilities(kept: &[u8]) -> io::Result<()> {
+    for number in 0..=libc::c_ulong::from(CAPABILITY_MAX) {
+        let ambient = |what: libc::c_int, number: libc::c_ulong| {
+            // SAFETY: plain numbers.
+            unsafe {
+                libc::prctl(libc::PR_CAP_AMBIENT, what as libc::c_ulong, number, 0 as libc::c_ulong, 0 as libc::c_ulong)
+            }
+        };
+        let is_kept = kept.iter().any(|own| libc::c_ulong::from(*own) == number);
+        if ambient(libc::PR_CAP_AMBIENT_IS_SET, number) == 1 && !is_kept {
+            check(ambient(libc::PR_CAP_AMBIENT_LOWER, number))?;
+        }
+    }
+    Ok(())
+}
+
+/// `CAP_NET_ADMIN` (linux/capability.h).
+pub const CAP_NET_ADMIN: u8 = 12;
+/// Greatest number that a kernel may know: they have 64 bits.
+const CAPABILITY_MAX: u8 = 63;
+
+/// Makes a capability of the calling thread ambient, for a test; only root may.
+#[cfg(test)]
+pub fn add_capability(number: u8) -> io::Result<()> {
+    // struct __user_cap_header_struct and two of struct __user_cap_data_struct (linux/capability.h): effective,
+    // permitted, inheritable.
+    let header: [u32; 2] = [0x2008_0522, 0];
+    let mut data = [0u32; 6];
+    // SAFETY: the kernel reads the live header and fills the live data of this version's size.
+    check(unsafe { libc::syscall(libc::SYS_capget, header.as_ptr(), data.as_mut_ptr()) } as libc::c_int)?;
+    data[2] |= 1 << number;
+    // SAFETY: the kernel reads both.
+    check(unsafe { libc::syscall(libc::SYS_capset, header.as_ptr(), data.as_ptr()) } as libc::c_int)?;
+    let [raise, none] = [libc::PR_CAP_AMBIENT_RAISE as libc::c_ulong, 0];
+    // SAFETY: plain numbers.
+    check(unsafe { libc::prctl(libc::PR_CAP_AMBIENT, raise, libc::c_ulong::from(number), none, none) })
+}
+
 /// Nice value of the calling process, from -20 (served most) to 19 (least).
 pub fn set_nice(nice: i8) -> io::Result<()> {
     // SAFETY: plain numbers.
@@ -245,6 +285,19 @@ pub fn pidfd_open(pid: u32) -> io::Result<OwnedFd> {
     check(fd)?;
     // SAFETY: `fd` was just opened and belongs to nobody else. The kernel closes it at exec.
     Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+}
+
+/// Sends a signal to the process of a pidfd, which cannot refer to another process in the meantime (Linux 5.1).
+///
+/// # Errors
+/// The process has ended and was reaped, or may not be signalled.
+pub fn pidfd_send_signal(process: BorrowedFd<'_>, signal: nix::sys::signal::Signal) -> io::Result<()> {
+    let no_info = ptr::null::<libc::siginfo_t>();
+    // SAFETY: plain numbers; without siginfo the kernel reads nothing. The descriptor is open for as long as it is
+    // borrowed.
+    let sent =
+        unsafe { libc::syscall(libc::SYS_pidfd_send_signal, process.as_raw_fd(), signal as libc::c_int, no_info, 0) };
+    check(sent as libc::c_int)
 }
 
 /// Sets the timeout of a hardware watchdog, s; returns the timeout in effect (linux/watchdog.h).

@@ -113,7 +113,7 @@ impl Module for Toy {
                     .iter()
                     .for_each(|word| self.note(format!("{:02x}{}", word.byte, if word.ninth { "!" } else { "" })));
             }
-            Event::Port { input: Input::Can(frame), .. } => self.note(format!("{:?}", frame.data())),
+            Event::Port { input: Input::Can { frame, .. }, .. } => self.note(format!("{:?}", frame.data())),
             Event::State(state) => self.note(state.name()),
             Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
@@ -130,8 +130,19 @@ fn host(toy: Toy, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
 
 fn host_of(module: impl Module + 'static, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
     let shell = Shell::new(ShellConfig::new("toy"), Box::new(module));
-    run(shell, HostConfig { lcm_url: lcm_url.into(), ports, raw: Vec::new(), launch: None, beats: None, inputs: None })
-        .unwrap()
+    run(
+        shell,
+        HostConfig {
+            lcm_url: lcm_url.into(),
+            ports,
+            raw: Vec::new(),
+            policy: module::admission::Policy::default(),
+            launch: None,
+            beats: None,
+            inputs: None,
+        },
+    )
+    .unwrap()
 }
 
 fn count(notes: &Notes, what: &str) -> usize {
@@ -344,7 +355,7 @@ fn frames_cross_a_multicast_bus_without_own_and_invalid_ones() {
     let mut heard = Vec::new();
     for _ in 0..20 {
         match right.device.receive(clock::now()).unwrap() {
-            Received::Input { input: Input::Can(frame), .. } => heard.push(format!("{:?}", frame.data())),
+            Received::Input { input: Input::Can { frame, .. }, .. } => heard.push(format!("{:?}", frame.data())),
             Received::Fault(_, why) => heard.push(why.split_once(" is ").unwrap().1.into()),
             Received::Nothing => thread::sleep(Duration::from_millis(5)),
             _ => panic!(),

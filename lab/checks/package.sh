@@ -66,6 +66,6 @@ says_homed() { motion | grep -q 'homed=true'; }
 fail() { # WHY: shown with the journal
     echo "FAILED: $*"
     systemctl --no-pager status advee.service || true
-    journalctl --no-pager -n 60 -u advee.service
+    journalctl --no-pager -n 60 -u advee.service -u advee-web.service
     exit 1
 }

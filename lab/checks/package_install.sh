@@ -13,6 +13,7 @@ is inactive || fail "it was started"
 ! systemctl --quiet is-enabled advee || fail "it was enabled"
 id advee
 for group in dialout i2c gpio input; do id -nG advee | grep -qw $group || fail "its user is not in $group"; done
+[ "$(id -nG advee-web)" = advee-web ] || fail "the web server's user is in $(id -nG advee-web)"
 [ "$(stat -c '%U %a' /opt/advee/log)" = "advee 750" ] || fail "the log folder is $(stat -c '%U %a' /opt/advee/log)"
 
 step "without any hardware it runs nevertheless, and reports what is missing"
@@ -24,7 +25,7 @@ journalctl --no-pager -u advee | grep -m 1 'can0' || fail "can0 is not mentioned
 [ "$(ps -o user= -p "$(main)" 2>/dev/null || stat -c %U /proc/"$(main)")" = advee ] || fail "it runs as another user"
 systemctl stop advee
 is inactive || fail "it does not stop"
-[ -z "$(module watchdog)$(module driver_canbus)" ] || fail "something is left over"
+[ -z "$(module watchdog)$(module driver_canbus)$(module web)" ] || fail "something is left over"
 
 step "a CAN interface comes up, by itself when its controller appears"
 modprobe kvaser_pci
@@ -47,11 +48,31 @@ drive
 score=$(systemd-analyze security --no-pager advee.service | tail -n 1)
 echo "$score"
 systemd-analyze security --no-pager --threshold=25 advee.service >/dev/null || fail "its sandbox is too wide"
+
+step "the web server is another user's, without capabilities, CAN and serial ports, and in shared memory"
+user() { stat -c %U "/proc/$(module "$1")"; }
+[ "$(user driver_canbus) $(user web)" = "advee advee-web" ] || fail "driver_canbus is $(user driver_canbus)'s, web $(user web)'s"
+capabilities() { sed -n "s/^Cap$2:\t//p" "/proc/$(module "$1")/status"; }
+for kind in Prm Eff Bnd Amb; do
+    [ "$(capabilities web $kind)" = 0000000000000000 ] || fail "web has capabilities: $(capabilities web $kind)"
+done
+[ "$(capabilities driver_canbus Eff)" = 0000000000001000 ] || fail "driver_canbus has $(capabilities driver_canbus Eff)"
+shared=$(find /dev/shm -maxdepth 1 -name 'lcm*' -user advee -perm 1770)
+[ -d "$shared" ] || fail "the bus is not shared: $(ls -l /dev/shm)"
+find "$shared" -name '*.station' -user advee-web | grep -q . || fail "web is not in shared memory"
+before=$(module web)
+kill -STOP "$before"
+within 30 other web "$before" || fail "it hangs, and is not replaced"
+within 30 all_run || fail "not all modules RUN"
+score=$(systemd-analyze security --no-pager advee-web.service | tail -n 1)
+echo "$score"
+systemd-analyze security --no-pager --threshold=20 advee-web.service >/dev/null || fail "its sandbox is too wide"
 systemctl stop advee
 is inactive || fail "it does not stop"
+[ "$(systemctl show -P ActiveState advee-web)" = inactive ] || fail "the web server's unit does not stop with it"
 [ "$(show Result)" = success ] || fail "it ended with $(show Result)"
-ls -la /run/advee 2>/dev/null && fail "its run folder is left over"
-journalctl --no-pager -u advee | grep -iE 'denied|not permitted|read-only' && fail "something is not permitted"
+ls -la /run/advee /run/advee-web 2>/dev/null && fail "a run folder is left over"
+journalctl --no-pager -u advee -u advee-web | grep -iE 'denied|not permitted|read-only' && fail "something is not permitted"
 
 step "processor and memory settings of modules.toml are permitted"
 sed -i '/^name = "driver_canbus"/a rt_priority = 20' /opt/advee/conf/modules.toml

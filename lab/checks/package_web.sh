@@ -8,7 +8,7 @@ present || install_deb old
 step "the web server is opened to the network, as in docs/install.md"
 umask 077
 od -An -tx1 -N 24 /dev/urandom | tr -d ' \n' >/opt/advee/conf/web.token
-chown advee /opt/advee/conf/web.token
+chown advee-web /opt/advee/conf/web.token
 umask 022
 sed -i 's|^listen = .*|listen = "0.0.0.0:8080"|; s|^hosts = .*|hosts = ["robot.lab"]|; s|^# token_file = .*|token_file = "web.token"|' \
     /opt/advee/conf/robot.toml

@@ -39,6 +39,35 @@ macro_rules! channels {
                 match self { $(Self::$variant => <$type>::FINGERPRINT),* }
             }
 
+            /// Maximum size of a message that a module of this robot accepts, bytes: of the types without arrays 4 KiB,
+            /// which leaves room for texts, of the others 256 KiB.
+            #[must_use]
+            pub const fn size_max(self) -> usize {
+                const SMALL: usize = 4 << 10;
+                const LARGE: usize = 256 << 10;
+                match self {
+                    Self::CmDataState
+                    | Self::CmCmdState
+                    | Self::CmEventError
+                    | Self::CmEventText
+                    | Self::LlDataOdo
+                    | Self::LlCmdMotion
+                    | Self::LlDataMotion
+                    | Self::LlCmdCreep
+                    | Self::LlCmdHoming
+                    | Self::LlCmdPower
+                    | Self::LlEventStop
+                    | Self::MlDataEstimate
+                    | Self::MlCmdEstimate
+                    | Self::SimDataTruth
+                    | Self::SimCmdFault
+                    | Self::SimDataClock
+                    | Self::CmCmdLog
+                    | Self::CmDataLog => SMALL,
+                    _ => LARGE,
+                }
+            }
+
             fn from_full_name(name: &str) -> Option<Self> {
                 match name {
                     $($name => Some(Self::$variant),)*
@@ -111,6 +140,8 @@ channels! {
     LlDataActiveBeacons = "LL_DATA_ACTIVE_BEACONS": lowlevel::DataActiveBeacons;
     LlCmdMotion = "LL_CMD_MOTION": lowlevel::CmdMotion;
     LlDataMotion = "LL_DATA_MOTION": lowlevel::DataMotion;
+    LlDataGuard = "LL_DATA_GUARD": lowlevel::DataGuard;
+    LlCmdCreep = "LL_CMD_CREEP": lowlevel::CmdCreep;
     LlDataAxes = "LL_DATA_AXES": lowlevel::DataAxes;
     LlDataHold = "LL_DATA_HOLD": lowlevel::DataHold;
     LlCmdHoming = "LL_CMD_HOMING": lowlevel::CmdHoming;

@@ -9,8 +9,9 @@
 //! | 200 to 299 | the CAN bus and its drives |
 //! | 300 to 399 | modules |
 //! | 400 to 499 | sources of motion commands |
-//! | 500 to 599 | position and sensors that the planner needs |
+//! | 500 to 599 | position and sensors |
 //! | 600 to 699 | the goal |
+//! | 700 to 799 | the guard: what is sensed, or not known, around the robot |
 
 use crate::{StopSource, lowlevel};
 
@@ -56,6 +57,9 @@ holds! {
     /// The power controller does not report the PAUSE line. No subject.
     PauseUnknown = 101, "the state of the PAUSE line is unknown",
         "Check that the power controller is on and that its link is plugged in.";
+    /// The PAUSE line was engaged and is not any more; it remains until a deliberate act. No subject.
+    PauseLatched = 102, "PAUSE was engaged: the robot must be let go",
+        "Clear the cause; then release the controls and press again, or send the goal again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
     /// Floor sensors engage the PAUSE line. Subject: `sd1_front` or `sd1_rear`.
@@ -98,12 +102,33 @@ holds! {
     Centering = 223, "the {} is homed and turns straight", "Wait some seconds.";
     /// Homing failed; it is not retried automatically. Subject: the axis.
     HomingFailed = 224, "homing the {} failed", "Home it again, with room at the front wheels.";
+    /// The steering has no reference, and homing moves the wheels: it waits for a release. Subject: the axis.
+    ToBeHomed = 225, "the {} is to be homed: let it",
+        "Keep clear of the front wheels; then home it, send a goal, or drive by hand from zero.";
+    /// An object of a drive on which the stop depends was changed; it is written again. Subject: the drive.
+    DriveParameter = 231, "the {} drive does not hold its configuration",
+        "Find out who writes to the {}; it is configured again automatically.";
+    /// The robot was measured to be faster than commanded, and braked. No subject.
+    SpeedExceeded = 232, "the robot was faster than commanded",
+        "Find out why; then command driver_canbus to RUN by hand.";
+    /// The robot did not brake as commanded, and the motors' feed was cut. No subject.
+    FeedCut = 233, "the motors' feed was cut: the robot did not brake as commanded",
+        "Find out why; then switch the power channel motors on by hand.";
+    /// The output that cuts the motors' feed does not answer, or its state is not known yet. No subject.
+    SecondWayLost = 234, "the second way to stop does not answer",
+        "Check power and cable of the node whose output cuts the motors' feed.";
+    /// The output that feeds the motors is off, and not by this driver's order. No subject.
+    FeedOff = 235, "the motors' feed is switched off",
+        "Check that the robot may move; then switch the power channel motors on by hand.";
 
     /// A module without which the robot must not move does not run. Subject: the module.
     CriticalModule = 301, "critical module {} is not running",
         "Wait some seconds: {} is restarted automatically. If not, check the modules.";
     /// The watchdog's list of processes is missing. No subject.
     WatchdogSilent = 302, "the watchdog is not heard", "Wait some seconds: the watchdog is restarted automatically.";
+    /// The watchdog of another robot is on the message bus. No subject.
+    SecondRobot = 303, "another robot is on the message bus",
+        "End the other robot, or give it a message bus of its own (--lcm-url).";
     /// The module has not started working. Subject: the module.
     ModuleInit = 311, "{} is in INIT", "Wait some seconds; the errors show the reason.";
     /// The module was commanded into PAUSE. Subject: the module.
@@ -126,13 +151,15 @@ holds! {
     /// A source sends commands while another one of equal priority moves the robot. Subject: the source.
     Contested = 404, "{} must wait: another source of its priority moves the robot",
         "Wait until the other source releases the robot.";
-    /// The robot was stopped and the source has not released it since. Subject: the source.
+    /// The robot was stopped, or the source was silent, and it has not sent zero since. Subject: the source.
     NotReleased = 405, "{} must send zero first: the robot was stopped", "Release the controls, then press again.";
     /// The robot was stopped, or driven by hand, and no operator has resumed the planner since. Subject: the source.
     PlannerLatched = 406, "{} must be let go by an operator first",
         "Send the goal again, or let the robot go on.";
     /// Another source moves the robot. Subject: that source.
     OtherSource = 407, "{} drives the robot", "Wait until {} releases the robot, then let it go on.";
+    /// The cause of a quick stop has ended, and the robot still brakes: it is served when it stands. No subject.
+    Stopping = 408, "the robot finishes its stop", "Wait a moment: it stands within a second.";
 
     /// No estimate was received since the start. No subject.
     NoEstimate = 501, "no estimate of the position has come yet", "Wait some seconds; the estimator must run.";
@@ -148,6 +175,9 @@ holds! {
     /// The state of the sonars in the direction of travel is unknown. Subject: `front` or `rear`.
     SonarsUnknown = 506, "nothing is known of the sonars at the {}",
         "Check the errors: the ranging board at the {} must answer.";
+    /// A ranging board does not measure: what its sonars and floor sensors would detect is unknown. Subject: the board.
+    RangingLost = 507, "ranging board {} is not heard",
+        "Check power and cable of {}. When it answers, release the controls and press again, or send the goal again.";
     /// A module without which the planner must not drive does not run. Subject: the module.
     PlannerModule = 511, "the planner may not drive: {} is not running",
         "Wait some seconds: {} is restarted automatically. Then let the robot go on.";
@@ -194,6 +224,30 @@ holds! {
         "Wait some seconds: the robot tries again.";
     /// No path: the obstacle in the way remains. Subject: the waypoint, counted from 1.
     WayBlocked = 619, "no way to waypoint {}: something stands in the way", "Clear the passage.";
+
+    /// `LL_DATA_GUARD` is missing: the robot stands until a source releases it. No subject.
+    GuardSilent = 701, "the guard is not heard", "Wait some seconds: the guard is restarted automatically.";
+    /// Something is too near for the commanded speed. A notice: the speed is less, or 0. Subject: the sensor.
+    GuardStops = 711, "something is near: {}", "Clear what stands before {}.";
+    /// Somebody could walk into the way. A notice: the speed is less. Subject: the sensor.
+    GuardSlows = 712, "the robot slows for what is ahead: {}", "Clear what stands before {}, or wait.";
+    /// Nothing is known of a sensor: its space counts as occupied. A notice: less speed, or none. Subject: the sensor.
+    GuardUnknown = 713, "nothing is known of {}: its space counts as occupied",
+        "Check the errors: the board of {} must answer.";
+    /// Nothing senses what is in the way. A notice: the speed is less. No subject.
+    GuardBlind = 714, "nothing senses what is in the way: the robot drives slowly",
+        "Give the robot sensors: table guard of robot.toml.";
+    /// The measured motion is missing. A notice: the speed is 0. No subject.
+    GuardMotion = 715, "the guard does not know the motion", "Check the modules: driver_canbus must run.";
+    /// `LL_DATA_GUARD` was missing for a moment. A notice: the speed is 0 until it returns. No subject.
+    GuardLate = 716, "the guard was not heard for a moment", "Wait some seconds.";
+    /// The guard bounds this direction, and names no cause for it. A notice: the speed is less, or 0. No subject.
+    GuardBounds = 717, "the guard permits no more this way", "Clear what stands this way, or wait.";
+    /// The reach of the sensors bounds the speed. A notice: the speed is less. No subject.
+    GuardReach = 718, "the sensors reach no farther: the robot drives as fast as it can stop within their reach",
+        "Nothing is wrong: command a lower speed.";
+    /// A person creeps past the guard by a second input. A notice. Subject: the source.
+    GuardCreep = 721, "{} creeps past the guard", "Release the second input when the way is free.";
 }
 
 impl Hold {
@@ -215,12 +269,38 @@ impl Hold {
         matches!(self, Self::NobodyCommands | Self::NoGoal)
     }
 
+    /// True if the module acts, but not as far as it is commanded to: a speed is bounded.
+    #[must_use]
+    pub const fn is_notice(self) -> bool {
+        matches!(
+            self,
+            Self::GuardStops
+                | Self::GuardSlows
+                | Self::GuardUnknown
+                | Self::GuardBlind
+                | Self::GuardMotion
+                | Self::GuardLate
+                | Self::GuardBounds
+                | Self::GuardReach
+                | Self::GuardCreep
+        )
+    }
+
     /// True if the cause alone shows that it remains until a person acts: a command, or a new press.
     #[must_use]
     pub const fn is_latched(self) -> bool {
         matches!(
             self,
-            Self::ModulePaused | Self::ModuleStopped | Self::HomingFailed | Self::NotReleased | Self::PlannerLatched
+            Self::PauseLatched
+                | Self::ToBeHomed
+                | Self::SpeedExceeded
+                | Self::FeedCut
+                | Self::FeedOff
+                | Self::ModulePaused
+                | Self::ModuleStopped
+                | Self::HomingFailed
+                | Self::NotReleased
+                | Self::PlannerLatched
         )
     }
 
@@ -249,7 +329,8 @@ impl Hold {
             | Self::DriveStuck
             | Self::DriveNoTarget
             | Self::DriveFault
-            | Self::DriveUnseen => format!("{subject} drive"),
+            | Self::DriveUnseen
+            | Self::DriveParameter => format!("{subject} drive"),
             _ => subject.into(),
         }
     }
@@ -309,16 +390,16 @@ impl lowlevel::DataHold {
         self.holds.first()?.cause()
     }
 
-    /// True if the module acts, or would act as soon as it is commanded to.
+    /// True if the module acts, be it with a bounded speed, or would act as soon as it is commanded to.
     #[must_use]
     pub fn is_free(&self) -> bool {
-        self.holds.iter().all(|hold| hold.cause().is_some_and(Hold::is_idle))
+        self.holds.iter().all(|hold| hold.cause().is_some_and(|cause| cause.is_idle() || cause.is_notice()))
     }
 
     /// True if the module would act as soon as it is commanded to, and has no command.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        !self.holds.is_empty() && self.is_free()
+        self.is_free() && self.holds.iter().any(|hold| hold.cause().is_some_and(Hold::is_idle))
     }
 }
 

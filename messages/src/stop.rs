@@ -1,54 +1,41 @@
 //! Sources of the PAUSE line, from the names in `LL_EVENT_STOP`.
 
 use crate::Hold;
+use base::listed;
 
-/// Source of PAUSE. The numbers are those of the power controller; 0 is a source without a known name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u8)]
-pub enum StopSource {
-    /// Name outside the contract, or an empty one.
-    Unknown = 0,
-    /// Bumper switch 1, in front.
-    Bumper1 = 1,
-    /// Bumper switch 2, in front.
-    Bumper2 = 2,
-    /// Bumper switch 3, in front.
-    Bumper3 = 3,
-    /// Bumper switch 4, in front.
-    Bumper4 = 4,
-    /// Bumper switch 5, at the rear.
-    Bumper5 = 5,
-    /// Bumper switch 6, at the rear.
-    Bumper6 = 6,
-    /// Bumper switch 7, at the rear.
-    Bumper7 = 7,
-    /// Bumper switch 8, at the rear.
-    Bumper8 = 8,
-    /// Floor sensors of the front ranging board.
-    Sd1Front = 0x10,
-    /// Floor sensors of the rear ranging board.
-    Sd1Rear = 0x11,
-    /// Stop button.
-    Button = 0x20,
+listed! {
+    /// Source of PAUSE. The numbers are those of the power controller; 0 is a source without a known name.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    #[repr(u8)]
+    pub enum StopSource {
+        /// Name outside the contract, or an empty one.
+        Unknown = 0,
+        /// Bumper switch 1, in front.
+        Bumper1 = 1,
+        /// Bumper switch 2, in front.
+        Bumper2 = 2,
+        /// Bumper switch 3, in front.
+        Bumper3 = 3,
+        /// Bumper switch 4, in front.
+        Bumper4 = 4,
+        /// Bumper switch 5, at the rear.
+        Bumper5 = 5,
+        /// Bumper switch 6, at the rear.
+        Bumper6 = 6,
+        /// Bumper switch 7, at the rear.
+        Bumper7 = 7,
+        /// Bumper switch 8, at the rear.
+        Bumper8 = 8,
+        /// Floor sensors of the front ranging board.
+        Sd1Front = 0x10,
+        /// Floor sensors of the rear ranging board.
+        Sd1Rear = 0x11,
+        /// Stop button.
+        Button = 0x20,
+    }
 }
 
 impl StopSource {
-    /// All sources, [`StopSource::Unknown`] first.
-    pub const ALL: [Self; 12] = [
-        Self::Unknown,
-        Self::Bumper1,
-        Self::Bumper2,
-        Self::Bumper3,
-        Self::Bumper4,
-        Self::Bumper5,
-        Self::Bumper6,
-        Self::Bumper7,
-        Self::Bumper8,
-        Self::Sd1Front,
-        Self::Sd1Rear,
-        Self::Button,
-    ];
-
     /// Source of a name, as in `source` of `LL_EVENT_STOP`. The only parser of these names.
     #[must_use]
     pub fn from_name(name: &str) -> Self {

@@ -16,6 +16,8 @@ const ELLIPSES_MAX: usize = 256;
 const STATE_VALID_S: f64 = 2.5;
 /// Time for which the reason not to move (5 Hz or more) and the PAUSE line (2 Hz) remain valid, s.
 const REASON_VALID_S: f64 = 1.0;
+/// Time before the end of the picture from which on the guard's fields are drawn, s: the guard sends them at 20 Hz.
+const FIELDS_VALID_S: f64 = 0.5;
 const PAUSE_VALID_S: f64 = 2.0;
 /// Maximum numbers of entries; those left out are counted.
 const MODULES_MAX: usize = 256;
@@ -23,6 +25,12 @@ const TEXTS_MAX: usize = 500;
 const MARKS_MAX: usize = 100;
 const CONTACTS_MAX: usize = 1000;
 const CELLS_MAX: usize = 50_000;
+const FIELDS_MAX: usize = 4;
+const CORNERS_MAX: usize = 64;
+/// Greatest distance of a corner from the robot along an axis, m.
+const CORNER_MAX_M: f64 = 100.0;
+/// Speed below which the robot stands, m/s.
+const STANDSTILL_MPS: f64 = 0.01;
 /// Maximum length of a text, characters.
 const TEXT_CHARS_MAX: usize = 200;
 /// Largest plausible distance of a timestamp from the first one, s.
@@ -64,6 +72,10 @@ pub struct Picture {
     collisions: Option<(i32, i32)>,
     pub(super) speed: Series,
     pub(super) speed_target: Series,
+    /// Greatest speeds that the guard permits, forward and, negative, backward.
+    pub(super) bounds: [Series; 2],
+    /// Fields of the guard, and their time, s.
+    fields: (f64, Vec<GuardField>),
     pub(super) steering: Series,
     pub(super) steering_target: Series,
     pub(super) voltage: Series,
@@ -112,6 +124,17 @@ pub struct Ellipse {
     pub covariance: [f64; 3],
 }
 
+/// Field of the guard, in the robot's frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuardField {
+    /// What is in it stops the robot; else it slows the robot.
+    pub protective: bool,
+    /// Something is in it.
+    pub occupied: bool,
+    /// Corners, m.
+    pub corners: Vec<Point>,
+}
+
 /// Reports of the same fault with the same subject; with the same text if the subject is unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReportGroup {
@@ -155,6 +178,8 @@ impl Picture {
             collisions: None,
             speed: Series::default(),
             speed_target: Series::default(),
+            bounds: Default::default(),
+            fields: (f64::NEG_INFINITY, Vec::new()),
             steering: Series::default(),
             steering_target: Series::default(),
             voltage: Series::default(),
@@ -198,12 +223,17 @@ impl Picture {
                 this.cell = obstacles.size;
             }),
             Message::LlDataMotion(motion) => self.at(at).map(|this| this.on_motion(at, motion)),
+            Message::LlDataGuard(guard) => self.at(at).map(|this| this.on_guard(at, guard)),
             Message::LlDataPower(power) => self.at(at).map(|this| {
                 this.voltage.push(at, power.voltage);
                 this.charge.push(at, 100.0 * power.charge);
             }),
             Message::LlDataHold(list) if list.is_of_motion() => self.at(at).map(|this| {
-                let words = list.holds.first().map_or(String::new(), lowlevel::Hold::words);
+                // A bound is a cause of standstill only while the robot stands.
+                let stands = this.speed.ends().is_none_or(|(_, last)| last.abs() < STANDSTILL_MPS);
+                let is_notice = |hold: &lowlevel::Hold| hold.cause().is_some_and(messages::Hold::is_notice);
+                let hold = list.holds.iter().find(|hold| stands || !is_notice(hold));
+                let words = hold.map_or(String::new(), lowlevel::Hold::words);
                 this.holds.push(
                     at,
                     StandstillCause { idle: list.is_idle(), ..StandstillCause::of(&words) },
@@ -290,6 +320,10 @@ impl Picture {
         }
         let middle = Point { x: estimate.x, y: estimate.y };
         self.estimate.push(at, middle);
+        // A real robot has no truth.
+        if self.truth.spots().is_empty() && middle.x.is_finite() && middle.y.is_finite() && estimate.theta.is_finite() {
+            self.pose = Some(Pose::new(estimate.x, estimate.y, estimate.theta));
+        }
         if self.ellipses.last().is_some_and(|last| at - last.at < self.ellipse_every) {
             return;
         }
@@ -311,6 +345,30 @@ impl Picture {
         self.steering.push(at, motion.steering);
         self.steering_target.push(at, motion.steering_target);
         self.reasons.push(at, StandstillCause::of(&motion.reason), REASON_VALID_S);
+    }
+
+    fn on_guard(&mut self, at: f64, guard: &lowlevel::DataGuard) {
+        let [forward, backward] = &mut self.bounds;
+        forward.push(at, guard.forward);
+        backward.push(at, -guard.backward);
+        let field = |field: &lowlevel::Field| GuardField {
+            protective: field.kind == lowlevel::Field::PROTECTIVE,
+            occupied: field.occupied,
+            corners: path(&field.x, &field.y),
+        };
+        let near = |place: &f64| place.abs() <= CORNER_MAX_M;
+        let sound = |field: &&lowlevel::Field| {
+            (3..=CORNERS_MAX).contains(&field.x.len())
+                && field.x.len() == field.y.len()
+                && field.x.iter().chain(&field.y).all(near)
+        };
+        self.fields = (at, guard.fields.iter().filter(sound).take(FIELDS_MAX).map(field).collect());
+    }
+
+    /// Fields of the guard at the end of the picture.
+    pub(super) fn fields(&self) -> &[GuardField] {
+        let end = self.span.map_or(f64::INFINITY, |(_, to)| to);
+        if end - self.fields.0 <= FIELDS_VALID_S { &self.fields.1 } else { &[] }
     }
 
     fn on_state(&mut self, at: f64, state: &common::DataState) {

@@ -61,6 +61,7 @@ impl Picture {
         draw_track(canvas, &view, "truth", &self.truth, &Stroke::new(TRUTH, 1.6));
         draw_track(canvas, &view, "estimate", &self.estimate, &Stroke::new(ESTIMATE, 1.2).dashed(5.0, 3.0));
         self.draw_ellipses(canvas, &view);
+        self.draw_fields(canvas, &view);
         self.draw_robot(canvas, &view);
         self.draw_moments(canvas, &view, sheet);
         canvas.begin("contacts");
@@ -152,6 +153,23 @@ impl Picture {
         canvas.end();
     }
 
+    /// Draws the guard's fields at the end of the run.
+    fn draw_fields(&self, canvas: &mut dyn Canvas, view: &View) {
+        let Some(pose) = self.pose.filter(|_| !self.fields().is_empty()) else { return };
+        canvas.begin("fields");
+        for field in self.fields() {
+            let mut outline: Vec<Point> = field.corners.iter().map(|corner| view.at(pose * *corner)).collect();
+            if field.occupied && outline.iter().all(|corner| view.rect.has(*corner)) {
+                canvas.area(&outline, style::field(field.protective).colour.cover(0.3), None);
+            }
+            outline.extend(outline.first().copied());
+            for part in view.rect.cut_line(&outline) {
+                canvas.line(&part, &style::field(field.protective));
+            }
+        }
+        canvas.end();
+    }
+
     /// Draws the robot at the end of the run, and a ring at its beginning.
     fn draw_robot(&self, canvas: &mut dyn Canvas, view: &View) {
         if let Some(first) = self.truth.spots().first().or(self.estimate.spots().first())
@@ -202,6 +220,10 @@ impl Picture {
         add(!self.ellipses.is_empty(), ("ellipse", &ellipses));
         add(!self.plan.is_empty(), ("plan", "last plan"));
         add(!self.cells.is_empty(), ("cell", "last obstacles"));
+        let fields = if self.pose.is_some() { self.fields() } else { &[] };
+        add(fields.iter().any(|field| field.protective), ("protective", "protective field"));
+        add(fields.iter().any(|field| !field.protective), ("warning", "warning field"));
+        add(fields.iter().any(|field| field.occupied), ("occupied", "something is in it"));
         add(!self.world.beacons.is_empty(), ("beacon", "beacons"));
         add(true, ("begin", end));
         add(sheet.moments.len() > 1, ("moment", sheet.unit_in_words));
@@ -232,6 +254,11 @@ fn sample(canvas: &mut dyn Canvas, kind: &str, at: Point) {
         "plan" => canvas.line(&ends, &Stroke::new(PLAN.cover(0.75), 3.2)),
         "cell" => {
             canvas.area(&Rect { x: middle.x - 4.0, y: at.y - 4.0, w: 8.0, h: 8.0 }.corners(), OBSTACLE, None);
+        }
+        "protective" | "warning" => canvas.line(&ends, &style::field(kind == "protective")),
+        "occupied" => {
+            let area = Rect { x: at.x, y: at.y - 5.0, w: 19.0, h: 10.0 };
+            canvas.area(&area.corners(), style::field(true).colour.cover(0.3), None);
         }
         "beacon" => canvas.disc(middle, 5.0, BEACON, Some(&thin)),
         "begin" => canvas.disc(middle, 4.5, WHITE, Some(&Stroke::new(INK, 1.4))),

@@ -117,6 +117,12 @@ pub fn severity(canvas: &mut dyn Canvas, severity: usize, at: Point) {
     }
 }
 
+/// Outline of a field of the guard: solid if what is in it stops the robot, dotted if it slows the robot.
+#[must_use]
+pub fn field(protective: bool) -> Stroke {
+    if protective { Stroke::new(ESTIMATE, 1.8) } else { Stroke::new(BEACON, 1.4).dashed(1.5, 2.5) }
+}
+
 /// Sign of a contact: a cross.
 pub fn contact(canvas: &mut dyn Canvas, at: Point, size: f64) {
     for turn in [1.0, -1.0] {

@@ -128,6 +128,82 @@ fn stops_follow_the_numbers_of_the_log_and_a_missing_command_is_not_a_stop() {
 }
 
 #[test]
+fn a_bound_is_a_stop_only_while_the_robot_stands() {
+    let mut picture = picture();
+    for n in 0..100 {
+        let at = BEGIN + i64::from(n) * 100_000;
+        let speed = if n < 50 { 0.2 } else { 0.0 };
+        picture.take(at, &lowlevel::DataMotion { speed, ..Default::default() }.into());
+        let code = if n < 50 { messages::Hold::GuardSlows } else { messages::Hold::GuardStops }.code();
+        let holds = vec![lowlevel::Hold { code, subject: "sonar 3".into(), ..Default::default() }];
+        picture.take(at, &lowlevel::DataHold { timestamp: 0, module: "driver_canbus".into(), holds }.into());
+    }
+    let svg = picture.svg();
+    assert_eq!((within(&svg, "stops", ">A  something is near: sonar 3<"), svg.matches("slows for").count()), (1, 0));
+}
+
+#[test]
+fn the_bounds_of_the_guard_are_curves_and_its_last_fields_are_around_the_robot() {
+    let field = |kind, occupied, x: Vec<f64>| {
+        let y = vec![-0.3, -0.3, 0.3, 0.3];
+        lowlevel::Field { kind, occupied, x, y }
+    };
+    let guard = |occupied| lowlevel::DataGuard {
+        forward: 0.7,
+        backward: 0.6,
+        fields: vec![
+            field(lowlevel::Field::PROTECTIVE, occupied, vec![0.8, 1.3, 1.3, 0.8]),
+            field(lowlevel::Field::WARNING, false, vec![0.8, 2.5, 2.5, 0.8]),
+        ],
+        ..Default::default()
+    };
+    let svg = |occupied, end: i64| {
+        let mut picture = whole();
+        for n in 0..=90 {
+            picture.take(BEGIN + n * 100_000 + end, &guard(occupied).into());
+        }
+        picture.svg()
+    };
+    let without = whole().svg();
+    assert!(!without.contains("at most") && !without.contains("class=\"fields\"") && !without.contains("field<"));
+    // Two curves more, each with its line in the legend.
+    let plain = svg(false, 900_000);
+    let lines = |svg: &str| ["#d55e00", "#6a3d9a"].map(|ink| within(svg, "speed", &format!("stroke=\"{ink}\"")));
+    assert_eq!((lines(&without), lines(&plain)), ([0, 0], [2, 2]));
+    assert_eq!((within(&plain, "speed", ">at most forward<"), within(&plain, "speed", ">at most backward<")), (1, 1));
+    assert_eq!((within(&without, "speed", ">–0.5<"), within(&plain, "speed", ">–0.5<")), (0, 1), "backward is below");
+    // An outline each; what is in a field fills it. The legend names what is there.
+    let occupied = svg(true, 900_000);
+    assert_eq!((within(&plain, "fields", "<polyline"), within(&plain, "fields", "<polygon")), (2, 0));
+    assert_eq!((within(&occupied, "fields", "<polyline"), within(&occupied, "fields", "<polygon")), (2, 1));
+    let named = |svg: &str| {
+        [">protective field<", ">warning field<", ">something is in it<"].map(|name| within(svg, "legend", name))
+    };
+    assert_eq!((named(&plain), named(&occupied)), ([1, 1, 0], [1, 1, 1]));
+    // The guard fell silent before the end: where its fields would be now is not known.
+    assert!(!svg(true, 300_000).contains("class=\"fields\""));
+    // A message that is no field, from anybody.
+    let mut picture = whole();
+    let odd = [vec![f64::NAN; 4], vec![1e300; 4], vec![1.0; 2]].map(|x| field(0, true, x));
+    let (forward, backward) = (f64::NAN, f64::INFINITY);
+    let message = lowlevel::DataGuard { forward, backward, fields: odd.into(), ..Default::default() };
+    picture.take(BEGIN + 9_900_000, &message.into());
+    let svg = picture.svg();
+    assert!(!svg.contains("NaN") && !svg.contains("inf"));
+}
+
+#[test]
+fn without_the_truth_the_robot_is_drawn_where_it_believes_to_be() {
+    let mut picture = picture();
+    for n in 0..10 {
+        let quality = middlelevel::DataEstimate::FINE;
+        let estimate = middlelevel::DataEstimate { x: 5.0 + f64::from(n), y: 6.0, quality, ..Default::default() };
+        picture.take(BEGIN + i64::from(n) * 100_000, &estimate.into());
+    }
+    assert_eq!(within(&picture.svg(), "robot", "<polygon"), 1);
+}
+
+#[test]
 fn a_run_without_positions_or_without_data_is_still_a_page() {
     let mut bare = Picture::new(World::default(), None);
     assert!(size(&bare.png().unwrap()).2 > 1000, "axes and words");

@@ -35,10 +35,15 @@ impl Picture {
         let top = top + if self.marks.is_empty() { 0.0 } else { 12.0 };
         let curve = |name, series, stroke, hold| Curve { name, series, stroke, hold };
         let target = Stroke::new(INK, 1.0).dashed(4.0, 2.5);
-        let speeds = [
+        let mut speeds = vec![
             curve("measured", &self.speed, Stroke::new(TRUTH, 1.5), MOTION_GAP_S),
             curve("commanded", &self.speed_target, target, MOTION_GAP_S),
         ];
+        // Of the guard, where the robot has one.
+        let bounds = ["at most forward", "at most backward"].into_iter().zip(&self.bounds);
+        let strokes = [Stroke::new(ESTIMATE, 1.2), Stroke::new(MARK, 1.2).dashed(1.5, 2.0)];
+        let bounds = bounds.zip(strokes).filter(|((_, bound), _)| bound.range().is_some());
+        speeds.extend(bounds.map(|((name, bound), stroke)| curve(name, bound, stroke, MOTION_GAP_S)));
         let mut y = panel(canvas, sheet, top, ("speed", "Speed", "m/s"), &speeds, None);
         let angles = [
             curve("measured", &self.steering, Stroke::new(PLAN, 1.5), MOTION_GAP_S),

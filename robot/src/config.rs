@@ -134,6 +134,9 @@ impl Config {
                 if !robot.web.enabled {
                     modules.leave_out(web::NAME);
                 }
+                if robot.guard.ranging != guard::Ranging::None {
+                    modules.add_guard();
+                }
                 let Modules { hardware_watchdog, hardware_watchdog_timeout_s: timeout_s, modules } = modules;
                 let hardware_watchdog = hardware_watchdog.map(|path| HardwareWatchdog { path, timeout_s });
                 Ok(Self { robot, modules, hardware_watchdog })

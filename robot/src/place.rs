@@ -19,7 +19,7 @@ pub const CHECKOUT: (&str, &str, &str) = ("conf/advee", "run", "log");
 
 /// Location of a robot, passed to each of its processes.
 #[derive(Clone, Debug)]
-pub struct Place {
+pub struct RobotLocation {
     /// Configuration folder.
     pub config: PathBuf,
     /// Run folder.
@@ -34,7 +34,7 @@ pub struct Place {
     pub world: Option<PathBuf>,
 }
 
-impl Place {
+impl RobotLocation {
     /// The arguments that make another `advee run` find the same robot.
     #[must_use]
     pub fn arguments(&self) -> Vec<OsString> {

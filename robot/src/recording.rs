@@ -6,9 +6,9 @@
 //! when a module is created and do not affect its behavior.
 
 use crate::config::{self, Config, ConfigError};
-use crate::place::Place;
+use crate::place::RobotLocation;
 use crate::scene;
-use crate::topology::{self, Made};
+use crate::topology::{self, HostOptions};
 use base::Duration;
 use host::recorder::Inputs;
 use host::runs::{MODULES, OVERRIDES, ROBOT, SET, SIM, WORLD};
@@ -23,25 +23,31 @@ use web::center::Scene;
 
 /// Environment variable with the folder of the run.
 pub const VARIABLE: &str = "ADVEE_LOG";
-/// Values chosen by the host: [`Made`].
+/// Values chosen by the host: [`HostOptions`].
 const WIRE_TIME: &str = "wire_time";
 const SEED: &str = "seed";
 const DELAY_MAX: &str = "restart_delay_max_ns";
 const LOGS: &str = "logs";
+const GUARDED: &str = "guarded";
 
 /// Inputs to be recorded by a module's host, if the configuration and the run require it.
-pub fn inputs(place: &Place, config: &Config, name: &str, wanted: State) -> Result<Option<Inputs>, ConfigError> {
+pub fn inputs(
+    place: &RobotLocation,
+    config: &Config,
+    name: &str,
+    wanted: State,
+) -> Result<Option<Inputs>, ConfigError> {
     // Requests to the web server cannot be replayed, and the inputs of the logger are what it writes.
     let wanted_here = config.robot.log.inputs && ![web::NAME, logger::NAME].contains(&name);
     let Some(run) = std::env::var_os(VARIABLE).filter(|_| wanted_here) else {
         return Ok(None);
     };
-    let header = header(place, name, wanted, Made::LIVE)?;
+    let header = header(place, name, wanted, HostOptions::live())?;
     Ok(Some(Inputs { run: run.into(), header, limit: config.robot.log.inputs_max_bytes }))
 }
 
 /// Header of a module's file.
-pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<Header, ConfigError> {
+pub fn header(place: &RobotLocation, name: &str, wanted: State, options: HostOptions) -> Result<Header, ConfigError> {
     let mut texts = Vec::new();
     let mut add = |name: &str, path: PathBuf| match fs::read_to_string(&path) {
         Ok(text) => {
@@ -57,10 +63,11 @@ pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<He
         add(WORLD, config::world_place(&place.config, place.world.as_deref()))?;
     }
     texts.extend(place.sets.iter().map(|set| (SET.to_string(), set.clone())));
-    let delay_max = made.restart_delay_max.map(|delay| u64::try_from(delay.as_nanos()).unwrap_or(u64::MAX));
-    texts.extend(made.wire_time.then(|| (WIRE_TIME.into(), String::new())));
-    texts.extend(made.logs.then(|| (LOGS.into(), String::new())));
-    texts.extend(made.seed.map(|seed| (SEED.into(), seed.to_string())));
+    let delay_max = options.restart_delay_max.map(|delay| u64::try_from(delay.as_nanos()).unwrap_or(u64::MAX));
+    texts.extend(options.wire_time.then(|| (WIRE_TIME.into(), String::new())));
+    texts.extend(options.logs.then(|| (LOGS.into(), String::new())));
+    texts.extend(options.guarded.then(|| (GUARDED.into(), String::new())));
+    texts.extend(options.seed.map(|seed| (SEED.into(), seed.to_string())));
     texts.extend(delay_max.map(|delay| (DELAY_MAX.into(), delay.to_string())));
     Ok(Header { program: program(), module: name.into(), wanted, texts })
 }
@@ -68,8 +75,8 @@ pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<He
 /// Attachments of a log: the configuration as read, its overrides, and the version. For a module created from a
 /// recording, the recorded configuration.
 #[must_use]
-pub fn attachments(place: &Place, made: Made) -> Vec<Attachment> {
-    let header = header(place, logger::NAME, State::Run, made);
+pub fn attachments(place: &RobotLocation, options: HostOptions) -> Vec<Attachment> {
+    let header = header(place, logger::NAME, State::Run, options);
     let texts = header.map(|header| header.texts).unwrap_or_default();
     let overrides: String = texts.iter().filter(|(name, _)| name == SET).map(|(_, set)| format!("{set}\n")).collect();
     let files = texts.into_iter().filter(|(name, _)| name.ends_with(".toml"));
@@ -96,7 +103,7 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     for node in config.robot.can.iter_mut().flat_map(|can| &mut can.driver.nodes) {
         node.eds = None;
     }
-    let nowhere = Place {
+    let nowhere = RobotLocation {
         config: PathBuf::new(),
         run_dir: PathBuf::new(),
         lcm_url: String::new(),
@@ -105,7 +112,7 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
         world: None,
     };
     let world = || parsed_world(header, &sets);
-    topology::shell_in(&nowhere, &config, &header.module, header.wanted, made(header)?, world)
+    topology::shell_in(&nowhere, &config, &header.module, header.wanted, options(header)?, world)
 }
 
 /// Configuration of a header with these overrides.
@@ -137,16 +144,17 @@ fn parsed_world(header: &Header, sets: &[String]) -> Result<World, ConfigError> 
     config::parsed_world(node(header, WORLD)?, Path::new(WORLD), sets)
 }
 
-fn made(header: &Header) -> Result<Made, ConfigError> {
+fn options(header: &Header) -> Result<HostOptions, ConfigError> {
     let number = |name: &str| {
         let read = |text: &str| {
             text.parse().map_err(|_| ConfigError(vec![format!("{name} = {text:?}: expected a number of nanoseconds")]))
         };
         header.text(name).map(read).transpose()
     };
-    Ok(Made {
+    Ok(HostOptions {
         wire_time: header.text(WIRE_TIME).is_some(),
         logs: header.text(LOGS).is_some(),
+        guarded: header.text(GUARDED).is_some(),
         seed: number(SEED)?,
         restart_delay_max: number(DELAY_MAX)?.map(Duration::from_nanos),
     })
@@ -159,7 +167,7 @@ mod tests {
 
     #[test]
     fn every_module_is_rebuilt_from_its_header() {
-        let place = Place {
+        let place = RobotLocation {
             config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
             run_dir: "/run/advee".into(),
             lcm_url: String::new(),
@@ -170,7 +178,7 @@ mod tests {
         let config = Config::load(&place.config, true, &place.sets).unwrap();
         let listed = config.modules.iter().map(ModuleEntry::name);
         for name in listed.chain([watchdog::NAME]) {
-            let header = header(&place, name, State::Pause, Made::LIVE).unwrap();
+            let header = header(&place, name, State::Pause, HostOptions::LIVE).unwrap();
             assert_eq!(rebuild(&header, &[]).unwrap().name(), name);
             let refused = rebuild(&header, &["limits.command_ttl_s=9".into()]).err().unwrap().to_string();
             assert!(refused.starts_with("--set: limits.command_ttl_s = 9: expected"), "{refused}");

@@ -36,6 +36,7 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
         outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
         wheelbase: geometry.wheelbase_m,
         limits: Limits { speed: robot.limits.manual_mps(), steering: robot.limits.steering_rad },
+        blind: robot.blind_mps(),
         sonar: Sensor::srf08(robot.sensors.srf08.beam_rad).into(),
         beacons: robot.beacons.iter().map(|beacon| Beacon { id: beacon.id, x: beacon.x, y: beacon.y }).collect(),
         walls,

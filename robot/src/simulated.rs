@@ -2,7 +2,9 @@
 
 use crate::config::{CanBus, Robot};
 use crate::place::{GAMEPAD_BUS, W1_BUS};
+use base::Duration;
 use drivers::auxiliary::ChipKeys;
+use drivers::canbus::{self, PauseStop};
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
 use navitools::{Point, Pose};
@@ -22,12 +24,13 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
         let beacon = |beacon: &Beacon| simulator::world::Beacon { id: beacon.id, at: at(beacon) };
         world.beacons = robot.beacons.iter().map(beacon).collect();
     }
-    let can = robot.can.iter().find_map(drives);
+    let can = robot.can.iter().find_map(|bus| drives(bus, robot.stop.feed_output()));
     let usual = Parameters::default();
     let parameters = Parameters {
         gear: can.as_ref().map_or(usual.gear, |(_, gear)| *gear),
         steering_rate: robot.limits.steering_rate_radps,
         errors: Errors::usual(),
+        brake: if robot.stop.pause == PauseStop::Brake { robot.stop.brake_mps2 } else { 0.0 },
         ..Parameters::of(&robot.geometry)
     };
     let serial = robot.rs485.iter().map(|bus| SerialConfig {
@@ -49,6 +52,7 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
     });
     let usual = Config::default();
     Config {
+        pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
         can: can.map(|(can, _)| can),
@@ -62,8 +66,8 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
     }
 }
 
-/// A CAN bus with both drives on it, and the gear of the propulsion.
-fn drives(bus: &CanBus) -> Option<(CanConfig, f64)> {
+/// A CAN bus with both drives on it, with the output that feeds the motors, and the gear of the propulsion.
+fn drives(bus: &CanBus, output: Option<canbus::OutputConfig>) -> Option<(CanConfig, f64)> {
     let (propulsion, gear) = bus.driver.propulsion()?;
     let steering = bus.driver.steering()?;
     let can = CanConfig {
@@ -72,6 +76,9 @@ fn drives(bus: &CanBus) -> Option<(CanConfig, f64)> {
         propulsion,
         steering: steering.node,
         gearing: Gearing { counts_per_turn: steering.counts_per_turn, gear: steering.gear },
+        output: output.map(|canbus::OutputConfig { node, index, subindex, bits, on, .. }| {
+            simulator::boards::output::OutputConfig { node, index, sub: subindex, bits, on }
+        }),
     };
     Some((can, gear))
 }

@@ -3,7 +3,7 @@
 use crate::config::{self, CanBus, Config, ConfigError, ModuleEntry, Robot, SIMULATOR};
 use crate::launch::launcher;
 use crate::map_file;
-use crate::place::{self, GAMEPAD_BUS, LOG_BUS, Place, W1_BUS};
+use crate::place::{self, GAMEPAD_BUS, LOG_BUS, RobotLocation, W1_BUS};
 use crate::recording;
 use crate::scene;
 use crate::simulated;
@@ -14,6 +14,7 @@ use canopen::eds::Eds;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
 use logger::ros::{Sensor, Translator};
+use module::admission::Policy;
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::Point;
 use record::{Recorder, Sink};
@@ -28,9 +29,9 @@ use web::center::{authority, command};
 pub use ::host::ports::settings::can_port_beside;
 
 /// Makes the module `name` in its shell, to start in `wanted`, and says where its host finds what it needs.
-pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostConfig), ConfigError> {
+pub fn module(place: &RobotLocation, name: &str, wanted: State) -> Result<(Shell, HostConfig), ConfigError> {
     let (config, notices) = Config::load_with_notices(&place.config, place.sim, &place.sets)?;
-    let shell = shell(place, &config, name, wanted, Made::LIVE)?;
+    let shell = shell(place, &config, name, wanted, HostOptions::live())?;
     let simulated_side = name == SIMULATOR;
     let ports = shell.module().ports().iter().map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
     let ports = ports.collect::<Result<_, _>>()?;
@@ -44,18 +45,35 @@ pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostCo
     // Without a folder for their pages modules are judged by their announcements.
     let beats = launch.as_ref().and_then(|_| beats::folder(&place.run_dir).ok());
     let inputs = recording::inputs(place, &config, name, wanted)?;
-    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, launch, beats, inputs };
+    let policy = policy(&config);
+    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, policy, launch, beats, inputs };
     Ok((shell, host))
 }
 
+/// The accepted senders: a program in another language has no place in shared memory by which it could be identified.
+pub(crate) fn policy(config: &Config) -> Policy {
+    let ours = |name: &str| {
+        let ours = |module: &&ModuleEntry| module.name() == name && module.command.is_none();
+        config.modules.iter().find(ours).map(|module| module.name().into())
+    };
+    let has_ranging = config.robot.ranging_boards().next().is_some();
+    Policy {
+        commands: config.robot.bus.commands,
+        power: ours(power::NAME).filter(|_| config.robot.power.is_some()),
+        guard: ours(guard::NAME),
+        ranging: ours(rs485a::NAME).filter(|_| has_ranging),
+        motion: ours(canbus::NAME),
+    }
+}
+
 /// The same robot in virtual time: spawn its watchdog, and it starts the rest.
-pub fn virtual_machine(place: &Place, config: host::Config) -> Result<Virtual, ConfigError> {
+pub fn virtual_machine(place: &RobotLocation, config: host::Config) -> Result<Virtual, ConfigError> {
     virtual_machine_recorded(place, config, |_| None)
 }
 
 /// The same; what each process is told and answers is written to the sink that there is for its module, if any.
 pub fn virtual_machine_recorded(
-    place: &Place,
+    place: &RobotLocation,
     config: host::Config,
     sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
@@ -63,12 +81,12 @@ pub fn virtual_machine_recorded(
 }
 
 /// The same as [`virtual_machine`], with the logger, whose disk is that of the bus `log`.
-pub fn virtual_machine_logged(place: &Place, config: host::Config) -> Result<Virtual, ConfigError> {
+pub fn virtual_machine_logged(place: &RobotLocation, config: host::Config) -> Result<Virtual, ConfigError> {
     virtual_machine_made(place, config, true, |_| None)
 }
 
 fn virtual_machine_made(
-    place: &Place,
+    place: &RobotLocation,
     mut config: host::Config,
     logs: bool,
     mut sink: impl FnMut(&str) -> Option<Sink> + 'static,
@@ -77,13 +95,14 @@ fn virtual_machine_made(
     let mut place = place.clone();
     place.sets.push("web.enabled=false".into());
     let read = Config::load(&place.config, place.sim, &place.sets)?;
+    config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let restart_delay_max = Some(config.restart_delay_max);
-    let made = Made { wire_time: false, seed: Some(config.seed), restart_delay_max, logs };
+    let options = HostOptions { wire_time: false, seed: Some(config.seed), restart_delay_max, logs, guarded: true };
     let mut make = move |name: &str, wanted| {
-        let mut shell = shell(&place, &read, name, wanted, made)?;
+        let mut shell = shell(&place, &read, name, wanted, options)?;
         if let Some(sink) = sink(name) {
-            let header = recording::header(&place, name, wanted, made)?;
+            let header = recording::header(&place, name, wanted, options)?;
             shell.record(Recorder::new(&header, u64::MAX, sink));
         }
         Ok(shell)
@@ -93,7 +112,7 @@ fn virtual_machine_made(
 
 /// What a host decides about its modules, beside the configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Made {
+pub struct HostOptions {
     /// The simulator plays the time that words take on a wire.
     pub wire_time: bool,
     /// What the simulator's chance comes from; none: always the same.
@@ -102,27 +121,46 @@ pub struct Made {
     pub restart_delay_max: Option<Duration>,
     /// Whether there is a logger, where the configuration has one. In virtual time it would take more than all else.
     pub logs: bool,
+    /// A watchdog starts the modules.
+    pub guarded: bool,
 }
 
-impl Made {
+impl HostOptions {
     /// A pseudo-terminal has no wire: the time on it must be played.
-    pub const LIVE: Self = Self { wire_time: true, seed: None, restart_delay_max: None, logs: true };
+    pub const LIVE: Self = Self { wire_time: true, seed: None, restart_delay_max: None, logs: true, guarded: false };
+
+    /// True for the live host, guarded or not.
+    fn is_live(self) -> bool {
+        self == Self { guarded: self.guarded, ..Self::LIVE }
+    }
+
+    /// The live host's, in this process.
+    #[must_use]
+    pub fn live() -> Self {
+        Self { guarded: std::env::var_os(::host::processes::VARIABLE).is_some(), ..Self::LIVE }
+    }
 }
 
-fn shell(place: &Place, config: &Config, name: &str, wanted: State, made: Made) -> Result<Shell, ConfigError> {
-    shell_in(place, config, name, wanted, made, || config::world(&place.config, place.world.as_deref(), &place.sets))
+fn shell(
+    place: &RobotLocation,
+    config: &Config,
+    name: &str,
+    wanted: State,
+    options: HostOptions,
+) -> Result<Shell, ConfigError> {
+    shell_in(place, config, name, wanted, options, || config::world(&place.config, place.world.as_deref(), &place.sets))
 }
 
 /// Makes a module in its shell; the simulated robot is in `world`, and has its map.
 pub(crate) fn shell_in(
-    place: &Place,
+    place: &RobotLocation,
     config: &Config,
     name: &str,
     wanted: State,
-    made: Made,
+    options: HostOptions,
     world: impl FnOnce() -> Result<World, ConfigError>,
 ) -> Result<Shell, ConfigError> {
-    let without = (!made.logs).then(|| without_logger(config));
+    let without = (!options.logs).then(|| without_logger(config));
     let config = without.as_ref().unwrap_or(config);
     let world = if place.sim && MAPPED.contains(&name) { Some(world()?) } else { None };
     let robot = &mapped(&config.robot, world.as_ref());
@@ -130,22 +168,23 @@ pub(crate) fn shell_in(
         watchdog::NAME => {
             let usual = watchdog::Config::default();
             let modules = config.modules.iter().map(|module| module.guard.clone()).collect();
-            let delay_max = made.restart_delay_max.unwrap_or(usual.delay_max);
+            let delay_max = options.restart_delay_max.unwrap_or(usual.delay_max);
             Box::new(Watchdog::new(watchdog::Config { modules, delay_max, ..usual }))
         }
         rs485a::NAME => Box::new(rs485a(&config.robot)?),
         rs485b::NAME => Box::new(rs485b(robot)?),
         power::NAME => Box::new(power(place, config)?),
         estimator::NAME => Box::new(estimator(robot)?),
-        canbus::NAME => Box::new(canbus(place, config)?),
+        canbus::NAME => Box::new(canbus(place, config, options.guarded)?),
+        guard::NAME => Box::new(guard(robot)?),
         auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
-        logger::NAME => Box::new(logger(place, robot, made)),
+        logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
-            let usual = simulated::config(world.unwrap_or_default(), robot, made.wire_time);
-            Box::new(simulator::Simulator::new(simulator::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
+            let usual = simulated::config(world.unwrap_or_default(), robot, options.wire_time);
+            Box::new(simulator::Simulator::new(simulator::Config { seed: options.seed.unwrap_or(usual.seed), ..usual }))
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
         _ => {
@@ -184,7 +223,7 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 12] = [
+const MODULES: [&str; 13] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -193,6 +232,7 @@ const MODULES: [&str; 12] = [
     canbus::NAME,
     joydev::NAME,
     auxiliary::NAME,
+    guard::NAME,
     estimator::NAME,
     planner::NAME,
     web::NAME,
@@ -206,7 +246,7 @@ fn refused<T>(why: String) -> Result<T, ConfigError> {
 }
 
 /// Where a port of a bus is; the simulator has the other end of it.
-fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
+fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
     let (run_dir, missing) = (&*place.run_dir, || refused(format!("bus {bus}: robot.toml has no table [{bus}]")));
     let port =
         match (bus.split_once('.').unwrap_or((bus, "")), simulated_side) {
@@ -254,21 +294,21 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
 
 /// Where runs have their folders.
 #[must_use]
-pub fn log_folder(place: &Place, robot: &Robot) -> PathBuf {
+pub fn log_folder(place: &RobotLocation, robot: &Robot) -> PathBuf {
     let folder = robot.log.folder.as_ref().map_or_else(place::log_folder, |folder| place.config.join(folder));
     std::path::absolute(&folder).unwrap_or(folder)
 }
 
 /// `logger`: all that is said. Its first run is written where the inputs of this run's modules are, if they are.
-fn logger(place: &Place, robot: &Robot, made: Made) -> logger::Logger {
+fn logger(place: &RobotLocation, robot: &Robot, options: HostOptions) -> logger::Logger {
     let folder = log_folder(place, robot);
-    let run = std::env::var_os(recording::VARIABLE).map(PathBuf::from).filter(|_| made == Made::LIVE);
+    let run = std::env::var_os(recording::VARIABLE).map(PathBuf::from).filter(|_| options.is_live());
     let run = run.filter(|run| run.parent() == Some(&*folder));
     let config = logger::Config {
         bus: LOG_BUS.into(),
         robot: robot.general.name.clone(),
         version: env!("CARGO_PKG_VERSION").into(),
-        attachments: recording::attachments(place, made),
+        attachments: recording::attachments(place, options),
         run: run.and_then(|run| Some(run.file_name()?.to_str()?.to_owned())),
         ..robot.log.logger.clone()
     };
@@ -312,10 +352,10 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
 }
 
 /// `web`: where it is reached, and what it shows besides what is said.
-fn web_settings(place: &Place, config: &Config, robot: &Robot, world: Option<&World>) -> web::Settings {
+fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Option<&World>) -> web::Settings {
     // A map that cannot be read is the planner's to tell.
     let map = robot.planner.map.as_ref().and_then(|file| map_file::load(&place.config.join(file)).ok());
-    let wire_time = Made::LIVE.wire_time;
+    let wire_time = HostOptions::LIVE.wire_time;
     let simulated = |world: &World| simulator::Simulator::offered(simulated::config(world.clone(), robot, wire_time));
     let faults = world.map(simulated).unwrap_or_default();
     let route = |route: &simulator::world::Route| {
@@ -354,7 +394,7 @@ fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
 }
 
 /// `driver_power`: the link that the table `power` names. In simulation the computer belongs to somebody else.
-fn power(place: &Place, config: &Config) -> Result<power::Power, ConfigError> {
+fn power(place: &RobotLocation, config: &Config) -> Result<power::Power, ConfigError> {
     let robot = &config.robot;
     let found = robot.power.as_ref().and_then(|power| Some((power, robot.rs485_bus(&power.bus)?)));
     let Some((power, bus, node)) = found.and_then(|(power, bus)| Some((power, bus, bus.driver.nodes.first()?))) else {
@@ -387,7 +427,7 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
 }
 
 /// `driver_canbus`: the CAN bus that both drives are on.
-fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError> {
+fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
     let usual = |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), &robot.geometry, robot.limits);
     let Some((bus, usual)) = robot.can.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
@@ -398,11 +438,27 @@ fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError>
         critical: config.critical().filter(|name| name != canbus::NAME).collect(),
         planning: planning.map(Into::into).collect(),
         has_pause_line: robot.power.is_some(),
+        ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),
+        ranging_age_max: robot.sensors.age_max,
+        guarded,
+        stop: robot.stop,
+        protection: protection(&robot.guard),
         ..usual
     };
     let driver = canbus::Canbus::new(config).or_else(|error| refused(format!("driver_canbus: {error}")))?;
     check_sheets(place, bus, &driver)?;
     Ok(driver)
+}
+
+/// What `driver_canbus` applies of the table `[guard]`.
+fn protection(guard: &guard::Settings) -> canbus::protection::Config {
+    let guard::Settings { ranging, speed_blind, creep, .. } = *guard;
+    canbus::protection::Config { guarded: ranging != guard::Ranging::None, speed_blind, creep }
+}
+
+/// `guard`: the robot's outline and its sonars.
+fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
+    guard::Guard::new(&robot.guard_config()).or_else(|error| refused(format!("guard: {error}")))
 }
 
 /// `driver_joydev`: the gamepad, within the limits of a manual source.
@@ -415,7 +471,7 @@ fn joydev(robot: &Robot) -> Result<joydev::Joydev, ConfigError> {
 }
 
 /// `planner`: the robot's measures and limits, and a map: the file that the configuration names, or the world's walls.
-fn planner(place: &Place, robot: &Robot, world: Option<&World>) -> Result<planner::Planner, ConfigError> {
+fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Result<planner::Planner, ConfigError> {
     let map = match &robot.planner.map {
         Some(file) => Some(map_file::load(&place.config.join(file)).or_else(refused)?),
         // One that is too large for a map is an open floor.
@@ -424,14 +480,16 @@ fn planner(place: &Place, robot: &Robot, world: Option<&World>) -> Result<planne
     Ok(planner::Planner::new(planner::Config {
         body: (&robot.geometry).into(),
         limits: (&robot.limits).into(),
-        manners: robot.planner.manners,
+        behaviour: robot.planner.behaviour,
+        law: robot.planner.behaviour.law(robot.guard.law(robot.limits.deceleration_mps2, robot.power_lost_mps2())),
         sonar_beam: robot.sensors.srf08.beam_rad,
+        age_max: robot.sensors.age_max,
         map,
     }))
 }
 
 /// A data sheet that the configuration names must be one of a device that the driver can set up.
-fn check_sheets(place: &Place, bus: &CanBus, driver: &canbus::Canbus) -> Result<(), ConfigError> {
+fn check_sheets(place: &RobotLocation, bus: &CanBus, driver: &canbus::Canbus) -> Result<(), ConfigError> {
     for node in &bus.driver.nodes {
         let (Some(path), Some(setup)) = (&node.eds, driver.nodes().find(|setup| setup.id == node.id)) else { continue };
         let path = place.config.join(path);
@@ -451,8 +509,8 @@ mod tests {
     use ::host::ports::{GamepadPlace, TerminalConfig};
     use std::path::Path;
 
-    fn shipped(sim: bool) -> Place {
-        Place {
+    fn shipped(sim: bool) -> RobotLocation {
+        RobotLocation {
             config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
             run_dir: "/run/advee".into(),
             lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
@@ -463,13 +521,23 @@ mod tests {
     }
 
     #[test]
+    fn the_shipped_robot_has_a_witness_for_all_that_frees_it() {
+        let config = Config::load(&shipped(true).config, true, &[]).unwrap();
+        let Policy { power, guard, ranging, motion, .. } = policy(&config);
+        let witnesses = [power, guard, ranging, motion].map(Option::unwrap_or_default);
+        assert_eq!(witnesses, ["driver_power", "guard", "driver_rs485a", "driver_canbus"]);
+    }
+
+    #[test]
     fn a_data_sheet_of_another_device_is_refused_before_anything_starts() {
         let place = shipped(true);
         let mut config = Config::load(&place.config, true, &[]).unwrap();
         let mut with = |sheet: &str| {
             let sheet = Path::new(env!("CARGO_MANIFEST_DIR")).join("../buses/canopen/eds").join(sheet);
             config.robot.can[0].driver.nodes[1].eds = Some(sheet);
-            shell(&place, &config, canbus::NAME, State::Run, Made::LIVE).map(|_| ()).map_err(|error| error.to_string())
+            shell(&place, &config, canbus::NAME, State::Run, HostOptions::LIVE)
+                .map(|_| ())
+                .map_err(|error| error.to_string())
         };
         assert_eq!(with("icla_sim.eds"), Ok(()));
         let refused = with("epos_sim.eds").unwrap_err();
@@ -503,7 +571,8 @@ mod tests {
     fn at_a_real_port_the_boards_are_simulated_where_it_is_wired_to() {
         let side = |name, at: &str| {
             let sets = ["port=\"/dev/ttyLAB0\"".into(), "transport=\"parity\"".into(), format!("simulated_at={at:?}")];
-            let place = Place { sets: sets.map(|set: String| format!("rs485.a.{set}")).into(), ..shipped(true) };
+            let place =
+                RobotLocation { sets: sets.map(|set: String| format!("rs485.a.{set}")).into(), ..shipped(true) };
             module(&place, name, State::Run).unwrap().1.ports
         };
         let terminal = |path: &str| {
@@ -521,7 +590,7 @@ mod tests {
     fn the_gamepad_is_the_simulator_s_where_its_socket_lies_in_the_run_folder() {
         let ports = |sim, name: &str, set: &str| {
             let sets = if set.is_empty() { Vec::new() } else { vec![format!("gamepad.device={set:?}")] };
-            module(&Place { sets, ..shipped(sim) }, name, State::Run).unwrap().1.ports
+            module(&RobotLocation { sets, ..shipped(sim) }, name, State::Run).unwrap().1.ports
         };
         let stream = |path: &str| PortConfig::Gamepad { place: GamepadPlace::Stream(path.into()), grab: false };
         let hub = PortConfig::GamepadHub { path: "/run/advee/gamepad".into() };

@@ -9,21 +9,31 @@
 //! Independent of module names: [`Limits`] has the names and the bounds of the robot's configuration.
 
 mod authority;
+mod believed;
+mod blind;
 mod body;
 mod clock;
 mod critical;
 mod drives;
 mod facts;
+mod feed;
+mod foreign;
 mod fresh;
 mod homed;
 mod idle;
+mod late_watchdog;
 mod life;
 mod names;
 mod pause;
+mod pause_line;
+mod promise;
 mod queues;
 mod refused;
+mod released;
 mod restarts;
 mod resumes;
+mod rival;
+mod second_robot;
 mod single;
 mod sources;
 mod stop;
@@ -32,12 +42,17 @@ mod stopped;
 mod tests;
 mod wanted;
 
+pub use blind::RangingBoard;
+pub use promise::Promise;
+
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use facts::Facts;
 use messages::{Message, common};
 use module::State;
+use module::admission::{Commands, Sender};
+use simulator::people::NoContact;
 use std::fmt;
 
 /// Bounds of the rules, and names of the modules.
@@ -51,6 +66,10 @@ pub struct Limits {
     pub planner: String,
     /// Modules without which the robot must not move; the driver is one of them.
     pub critical: Vec<String>,
+    /// Module of the power controller, which reports the PAUSE line; absent without one.
+    pub power: Option<String>,
+    /// Who may command.
+    pub commands: Commands,
     /// The drives' bus: `can.main`.
     pub bus: String,
     /// Node of the propulsion.
@@ -71,8 +90,12 @@ pub struct Limits {
     pub quick_stop: f64,
     /// Time to live of a command.
     pub ttl: Duration,
-    /// True if a power controller reports the PAUSE line.
-    pub pause_line: bool,
+    /// Boards of range finders.
+    pub ranging: Vec<RangingBoard>,
+    /// The robot's start releases the first homing.
+    pub homing_at_start: bool,
+    /// What the guard promises; absent: the robot senses nothing.
+    pub promise: Option<Promise>,
     /// Maximum delay between the end of a process and its restart.
     pub restart_max: Duration,
 }
@@ -123,12 +146,20 @@ type Verdict = Result<(), String>;
 pub struct Checkers {
     facts: Facts,
     authority: authority::Rule,
+    blind: blind::Rule,
     body: body::Rule,
     clock: clock::Rule,
     drives: drives::Rule,
+    feed: feed::Rule,
+    foreign: foreign::Rule,
     homed: homed::Rule,
+    late_watchdog: late_watchdog::Rule,
     pause: pause::Rule,
+    promise: promise::Rule,
+    released: released::Rule,
     restarts: restarts::Rule,
+    rival: rival::Rule,
+    second_robot: second_robot::Rule,
     single: single::Rule,
     stop: stop::Rule,
     stopped: stopped::Rule,
@@ -142,14 +173,22 @@ impl Checkers {
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
+            blind: blind::Rule::new(&limits.ranging),
+            foreign: foreign::Rule::new(limits.ttl),
+            promise: promise::Rule::new(&limits.ranging),
             facts: Facts::new(limits),
             authority: authority::Rule::default(),
             body: body::Rule::default(),
             clock: clock::Rule::default(),
             drives: drives::Rule::default(),
+            feed: feed::Rule::default(),
             homed: homed::Rule::default(),
+            late_watchdog: late_watchdog::Rule::default(),
             pause: pause::Rule::default(),
+            released: released::Rule::default(),
             restarts: restarts::Rule::default(),
+            rival: rival::Rule::default(),
+            second_robot: second_robot::Rule::default(),
             single: single::Rule::default(),
             stop: stop::Rule::default(),
             stopped: stopped::Rule::default(),
@@ -201,16 +240,39 @@ impl Checkers {
     fn judge(&mut self, now: Instant, news: &News<'_>) -> Result<(), (&'static str, String)> {
         let facts = &self.facts;
         match news {
-            News::Can { bus, frame } if *bus == facts.limits.bus => self.on_frame(now, frame),
+            News::Can { bus, pid, frame } if *bus == facts.limits.bus && *pid != 0 => self.on_frame(now, frame),
+            News::Can { bus, frame, .. } if *bus == facts.limits.bus => {
+                self.rival.on_foreign(now, frame, facts);
+                Ok(())
+            }
+            News::Heard { pid, at, sender, message }
+                if facts.driver.pid == Some(*pid) && facts.believes(*sender, message) =>
+            {
+                self.released.on_heard(now, *at, message, facts);
+                Ok(())
+            }
             News::CanLost { bus, frame } if *bus == facts.limits.bus => {
                 self.on_frame_lost(frame);
                 Ok(())
             }
-            News::Message { pid, message } => self.on_message(now, *pid, message),
+            News::Message { sender, message } => self.on_message(now, *sender, message),
+            News::Words { bus, words, .. } => {
+                self.blind.on_words(now, bus, words, facts);
+                self.promise.on_words(now, bus, words, facts);
+                Ok(())
+            }
+            News::Note { line, .. } => match line.parse() {
+                Ok(contact) => named("promise", self.promise.on_contact(now, &contact, facts)),
+                Err(NoContact) => Ok(()),
+            },
             News::Started { module, pid } => {
                 self.clock.on_started(*pid);
                 if *module == facts.limits.watchdog {
                     self.stop.on_back(module);
+                    self.late_watchdog.on_late(now, Duration::ZERO);
+                } else if *module == facts.limits.driver {
+                    self.released.on_driver();
+                    self.feed.on_driver();
                 }
                 named("single", self.single.on_started(module, *pid))?;
                 named("restarts", self.restarts.on_started(now, module, facts))
@@ -230,7 +292,12 @@ impl Checkers {
                 self.stop.on_back(module);
                 Ok(())
             }
+            News::Crawls { module, late, .. } if *module == facts.limits.watchdog => {
+                self.late_watchdog.on_late(now, *late);
+                Ok(())
+            }
             News::State { module, state } => {
+                self.released.update(now, facts);
                 if *module == facts.limits.watchdog && *state == State::Init {
                     self.restarts.on_watchdog();
                 }
@@ -246,6 +313,8 @@ impl Checkers {
         if id != 0x500 + u16::from(self.facts.limits.propulsion) {
             self.stop.on_frame(now, id, frame.data(), &self.facts);
             self.drives.on_frame(now, id, frame.data(), &self.facts);
+            self.feed.on_frame(id, frame.data(), &self.facts);
+            self.released.on_frame(now, id, frame.data(), &self.facts);
             return Ok(());
         }
         let left_over = self.facts.is_left_over(now);
@@ -255,6 +324,7 @@ impl Checkers {
         }
         let Some(speed) = facts.set_point.speed() else {
             self.stop.on_still(now, facts);
+            self.feed.on_still(now, facts);
             self.pause.on_still(now, facts);
             self.authority.on_still(facts.set_point);
             return Ok(());
@@ -265,12 +335,18 @@ impl Checkers {
         }
         self.setpoints += 1;
         self.pause.on_moving();
+        named("foreign", self.foreign.on_set_point(now, speed, facts))?;
+        named("second_robot", self.second_robot.on_set_point(now, speed, facts))?;
+        named("rival", self.rival.on_set_point(now, speed, facts))?;
+        named("late_watchdog", self.late_watchdog.on_set_point(now, speed, facts))?;
+        named("feed", self.feed.on_set_point(now, speed))?;
         named("fresh", fresh::on_set_point(now, speed, facts))?;
         named("resumes", resumes::on_set_point(now, speed, facts))?;
         named("pause", pause::on_set_point(now, speed, facts))?;
         named("critical", critical::on_set_point(now, speed, facts))?;
         named("refused", refused::on_set_point(now, speed, facts))?;
         named("idle", idle::on_set_point(now, speed, facts))?;
+        named("blind", self.blind.on_set_point(now, speed, facts))?;
         named("drives", self.drives.on_set_point(now, speed, facts))?;
         named("homed", self.homed.on_set_point(speed))?;
         named("authority", self.authority.on_set_point(now, speed, facts))
@@ -282,8 +358,14 @@ impl Checkers {
         }
     }
 
-    fn on_message(&mut self, now: Instant, pid: u32, message: &Message) -> Result<(), (&'static str, String)> {
+    fn on_message(&mut self, now: Instant, sender: Sender, message: &Message) -> Result<(), (&'static str, String)> {
         let facts = &self.facts;
+        if !facts.believes(sender, message) {
+            self.foreign.on_message(now, message);
+            self.second_robot.on_message(now, message, facts);
+            return Ok(());
+        }
+        let pid = sender.pid().unwrap_or(0);
         named("clock", self.clock.on_message(pid, message))?;
         match message {
             Message::LlDataMotion(motion) => {
@@ -291,14 +373,25 @@ impl Checkers {
                 named("authority", self.authority.on_motion(now, motion, facts))
             }
             Message::SimDataTruth(truth) => {
+                self.promise.on_truth(truth);
                 named("pause", self.pause.on_truth(now, truth.speed, facts))?;
                 named("body", self.body.on_truth(now, truth.speed, facts))?;
+                named("feed", self.feed.on_truth(now, truth.speed, facts))?;
+                named("released", self.released.on_truth(now, truth.steering, facts))?;
                 named("stop", self.stop.on_truth(now, truth.speed, facts))?;
                 named("wanted", self.wanted.on_time(now))
+            }
+            Message::LlCmdCreep(_) => {
+                self.promise.on_creep(now);
+                Ok(())
             }
             Message::CmCmdState(command) => {
                 self.on_command(now, pid, command);
                 Ok(())
+            }
+            Message::LlCmdPower(command) => {
+                let by_driver = facts.driver.pid == Some(pid);
+                named("feed", self.feed.on_power(now, by_driver, command, facts))
             }
             Message::CmDataProcesses(list) => named("wanted", self.wanted.on_list(now, pid, list)),
             _ => Ok(()),

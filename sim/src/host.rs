@@ -6,11 +6,12 @@
 //!
 //! Modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN with
 //! exact frame lengths, arbitration and error confinement (`can`); serial lines with 11 bits per word and collisions
-//! (`serial`); I2C with the duration of its bits (`i2c`), 1-Wire with that of a search or a measurement (`w1`);
-//! disks that lose unsynchronized data in a power failure ([`Disk`]); processes that are started, ended, killed, hung
-//! or slow, send heartbeats as live ones do, and outlive their watchdog for a while; and the effect of faults on all of
-//! these. Not modelled: computing time (an event is served at once, or with a given latency) and resource usage
-//! ([`module::ProcessEvent::Usage`] is never sent).
+//! (`serial`); I2C with the duration of its bits (`i2c`), 1-Wire with that of a search or a measurement (`w1`); disks
+//! that lose unsynchronized data in a power failure ([`Disk`]); processes that are started, ended, killed, hung or
+//! slow, send heartbeats as live ones do, and outlive their watchdog for a while; and the effect of faults on all of
+//! these. A process accepts only the senders that [`Config::policy`] names, as in the live host. Not modelled:
+//! computing time (an event is served at once, or with a given latency), resource usage
+//! ([`module::ProcessEvent::Usage`] is never sent), and the reports of messages that are not accepted.
 
 mod agenda;
 mod can;
@@ -35,7 +36,8 @@ pub use config::Config;
 pub use news::{News, Traffic};
 pub use store::{Disk, Stored};
 
-use agenda::{Entry, Happening, Waiting};
+use agenda::{Entry, Happening, SentMessage, Waiting};
+use base::can::Frame;
 use base::gamepad::Event as GamepadEvent;
 use base::serial::Word;
 use base::{Duration, Fault, Instant, Report, Severity};
@@ -43,6 +45,7 @@ use can::WireEvent;
 use digest::Digest;
 use life::{Kept, Life};
 use messages::{Channel, Message};
+use module::admission::{self, Admission, RELEASES, Refusal, SECOND_ROBOT_END, Sender, Way};
 use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
 use owner::Owner;
 use simulator::Random;
@@ -81,6 +84,10 @@ struct Process {
     /// Wires of its ports.
     wires: Vec<usize>,
     life: Life,
+    /// Which senders it accepts.
+    admission: Admission,
+    /// Time at which it last received the watchdog of another robot, while that is reported.
+    second_robot: Option<Instant>,
     /// Actions, with the epoch at the start of the process.
     out: Actions,
     due: Option<(Instant, u64)>,
@@ -88,6 +95,15 @@ struct Process {
     told_of_gaps: bool,
     /// Time of its last timer event, and the number of them at that time.
     spin: (Instant, u32),
+}
+
+impl Process {
+    /// True for a channel of its module, and the list of processes, by which a guarded process knows from which senders
+    /// to accept that all is well.
+    fn hears(&self, channel: Channel) -> bool {
+        let learns = || self.admission.is_guarded() && RELEASES.iter().any(|channel| self.shell.wants(*channel));
+        self.shell.wants(channel) || channel == Channel::CmDataProcesses && learns()
+    }
 }
 
 /// Creates a module's shell by name, with its wanted state. The error is the reason in one line.
@@ -225,9 +241,24 @@ impl Virtual {
         self.end(pid, ExitStatus::Signal(SIGKILL));
     }
 
-    /// Sends a message at a given time (now, if that is past), as process 0.
+    /// Sends a message at a given time (now, if that is past), as process 0 of the robot's user.
     pub fn inject(&mut self, at: Instant, message: impl Into<Message>) {
-        self.schedule(at.max(self.now), Happening::Inject(message.into()));
+        self.inject_by(at, sender(0), message);
+    }
+
+    /// The same, from any sender.
+    pub fn inject_by(&mut self, at: Instant, sender: Sender, message: impl Into<Message>) {
+        self.schedule(at.max(self.now), Happening::Inject(SentMessage { sender, message: message.into() }));
+    }
+
+    /// Sends a frame at a given time (now, if that is past), as a node on a CAN bus that belongs to nobody; false if no
+    /// port was ever on that bus.
+    pub fn inject_frame(&mut self, at: Instant, bus: &str, frame: Frame) -> bool {
+        let place = self.wires.iter().position(|wire| &*wire.bus == bus && matches!(wire.kind, Kind::Can(_)));
+        if let Some(place) = place {
+            self.schedule(at.max(self.now), Happening::Frame(place, frame));
+        }
+        place.is_some()
     }
 
     /// Sends an event of a gamepad that no process simulates; false if no port of that bus was ever opened.
@@ -333,6 +364,8 @@ impl Virtual {
             shell,
             wires,
             life: Life::new(),
+            admission: Admission::new(self.config.policy.clone(), (parent != 0).then(|| of_robot(parent))),
+            second_robot: None,
             out: Actions::new(self.config.epoch),
             due: None,
             told_of_gaps: false,
@@ -349,7 +382,13 @@ impl Virtual {
         };
         match entry.happening {
             Happening::Deliver(message) => self.deliver(&message),
-            Happening::Inject(message) => self.publish(0, message),
+            Happening::Inject(SentMessage { sender, message }) => self.publish(sender, message),
+            Happening::Frame(place, frame) => {
+                if let Kind::Can(wire) = &mut self.wires[place].kind {
+                    wire.send_foreign(self.now, frame);
+                }
+                self.arm_wire(place);
+            }
             Happening::Tell(pid, waiting) => self.tell(pid, waiting),
             Happening::Serve(pid, waiting) => self.serve(pid, waiting),
             Happening::Look => self.serve_check(),
@@ -382,9 +421,10 @@ impl Virtual {
         }
     }
 
-    fn deliver(&mut self, message: &Rc<Message>) {
+    fn deliver(&mut self, sent: &Rc<SentMessage>) {
+        let message = &sent.message;
         let mut loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
-        if let Message::SimCmdFault(command) = &**message {
+        if let Message::SimCmdFault(command) = message {
             // Fault commands are not affected by faults.
             loss = 0.0;
             let (target, fault) = (command.target.as_str(), command.fault.as_str());
@@ -400,8 +440,7 @@ impl Virtual {
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
             let process = &self.processes[place];
             pid = process.pid;
-            let (wants, wants_raw_bus) =
-                (process.shell.wants(message.channel()), process.shell.module().wants_raw_bus());
+            let (wants, wants_raw_bus) = (process.hears(message.channel()), process.shell.module().wants_raw_bus());
             if !process.life.started || !(wants || wants_raw_bus) || self.lcm.chance(loss) {
                 continue;
             }
@@ -410,7 +449,7 @@ impl Virtual {
                 self.tell(pid, Waiting::Heard(self.now, channel, data));
             }
             if wants {
-                self.tell(pid, Waiting::Message(self.now, message.clone()));
+                self.tell(pid, Waiting::Message(self.now, sent.clone()));
             }
         }
     }
@@ -481,10 +520,10 @@ impl Virtual {
         }
     }
 
-    fn frame_over(&mut self, place: usize, owner: Owner, frame: base::can::Frame) {
+    fn frame_over(&mut self, place: usize, owner: Owner, frame: Frame) {
         let bus = self.wires[place].bus.clone();
         self.digest.can(self.now, &bus, &frame);
-        self.news(&News::Can { bus: &bus, frame });
+        self.news(&News::Can { bus: &bus, pid: owner.pid, frame });
         let wire = &mut self.wires[place];
         let Some((at, times)) = wire.passes(self.now) else {
             self.news(&News::CanLost { bus: &bus, frame });
@@ -584,11 +623,19 @@ impl Virtual {
             return;
         }
         match waiting {
-            Waiting::Message(at, message) => {
-                self.news(&News::Heard { pid, at, message: &message });
-                self.handle(pid, Event::Message { at, message: &message });
+            Waiting::Message(at, sent) => match process.admission.judge(&sent.message, sent.sender) {
+                Ok(()) if !process.shell.wants(sent.message.channel()) => {}
+                Ok(()) => {
+                    self.news(&News::Heard { pid, at, sender: sent.sender, message: &sent.message });
+                    self.handle(pid, Event::Message { at, message: &sent.message });
+                }
+                Err(Refusal::SecondRobot) => self.on_second_robot(pid),
+                Err(Refusal::Command | Refusal::Release) => {}
+            },
+            Waiting::Can(port, frame) => {
+                let input = Input::Can { frame, at: self.now };
+                self.handle(pid, Event::Port { port, input });
             }
-            Waiting::Can(port, frame) => self.handle(pid, Event::Port { port, input: Input::Can(frame) }),
             Waiting::Notice(port, notice) => self.handle(pid, Event::Port { port, input: Input::CanNotice(notice) }),
             Waiting::Down(port) => self.handle(pid, Event::Port { port, input: Input::Down(BUS_OFF) }),
             Waiting::Up(port) => self.handle(pid, Event::Port { port, input: Input::Up }),
@@ -621,6 +668,7 @@ impl Virtual {
             Waiting::HeartbeatLate(child, last) => {
                 self.handle(pid, Event::Process(ProcessEvent::HeartbeatLate { pid: child, thread: "main", last }));
             }
+            Waiting::SecondRobotEnd => self.end_second_robot(pid),
             Waiting::Start => self.begin(pid),
             Waiting::Terminate => {
                 let mut out = mem::take(&mut process.out);
@@ -642,6 +690,35 @@ impl Virtual {
         self.perform(pid, out);
     }
 
+    /// A process has received the watchdog of another robot.
+    fn on_second_robot(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        let process = &mut self.processes[place];
+        if process.second_robot.replace(self.now).is_none() {
+            let report = Report::new(Severity::Error, Fault::SecondRobot, "", "two robots are on this bus");
+            let mut out = mem::take(&mut process.out);
+            process.shell.raise(self.now, report, &mut out);
+            self.perform(pid, out);
+            self.schedule(self.now + SECOND_ROBOT_END, Happening::Tell(pid, Waiting::SecondRobotEnd));
+        }
+    }
+
+    /// Clears the fault once the other watchdog is silent.
+    fn end_second_robot(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        let process = &mut self.processes[place];
+        let Some(end) = process.second_robot.map(|at| at + SECOND_ROBOT_END) else { return };
+        if end > self.now {
+            self.schedule(end, Happening::Tell(pid, Waiting::SecondRobotEnd));
+            return;
+        }
+        process.second_robot = None;
+        let report = Report::new(Severity::Notice, Fault::SecondRobot, "", "one robot is on this bus");
+        let mut out = mem::take(&mut process.out);
+        process.shell.clear(self.now, report, &mut out);
+        self.perform(pid, out);
+    }
+
     /// Executes a shell's actions, then arms its timer.
     fn perform(&mut self, pid: u32, mut out: Actions) {
         for action in out.drain() {
@@ -657,7 +734,7 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let module = self.processes[place].module.clone();
         match action {
-            Action::Publish(message) => self.publish(pid, message),
+            Action::Publish(message) => self.publish(sender(pid), message),
             Action::Send(port, output) => self.send(place, port, output),
             Action::Report(report) => self.news(&News::Report { module: &module, report: &report }),
             Action::Note(_, line) => self.news(&News::Note { module: &module, line: &line }),
@@ -674,7 +751,8 @@ impl Virtual {
         }
     }
 
-    fn publish(&mut self, pid: u32, message: Message) {
+    fn publish(&mut self, sender: Sender, message: Message) {
+        let pid = sender.pid().unwrap_or(0);
         self.bytes.clear();
         if let Err(error) = message.encode(&mut self.bytes) {
             let line = format!("not sent on {}: {error}", message.channel_name());
@@ -682,9 +760,8 @@ impl Virtual {
             return;
         }
         self.digest.message(self.now, pid, &message.channel_name(), &self.bytes);
-        self.news(&News::Message { pid, message: &message });
-        let hears =
-            |process: &Process| process.shell.wants(message.channel()) || process.shell.module().wants_raw_bus();
+        self.news(&News::Message { sender, message: &message });
+        let hears = |process: &Process| process.hears(message.channel()) || process.shell.module().wants_raw_bus();
         if self.processes.iter().any(hears) {
             let jitter = part(self.config.lcm_jitter, &mut self.lcm);
             let disturbance = &self.lcm_disturbance;
@@ -698,7 +775,7 @@ impl Virtual {
                     *last
                 }
             };
-            let message = Rc::new(message);
+            let message = Rc::new(SentMessage { sender, message });
             if self.lcm_disturbance.duplicates(self.now, &mut self.lcm) {
                 let again = at + part(DUPLICATE_WITHIN, &mut self.lcm);
                 self.schedule(again, Happening::Deliver(message.clone()));
@@ -812,6 +889,16 @@ impl Virtual {
             (_, due) => due.map(|due| (due, self.number())),
         }
     }
+}
+
+/// A process of the robot's user; all modules of the simulation have the same.
+fn of_robot(pid: u32) -> admission::Process {
+    admission::Process { pid, uid: 0 }
+}
+
+/// Such a process, whose messages come through shared memory.
+fn sender(pid: u32) -> Sender {
+    Sender { way: Way::Memory, process: Some(of_robot(pid)) }
 }
 
 /// Channel and bytes of a message.

@@ -143,11 +143,13 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
         reason: String::new(),
         unknown: None,
     }));
-    Ok(Episode::new(scenario, machine, watch).run(faults, stage.disk))
+    Ok(Episode::new(stage, machine, watch).run(faults))
 }
 
 struct Episode<'a> {
     scenario: &'a Scenario,
+    limits: &'a Limits,
+    disk: &'a Disk,
     machine: Virtual,
     watch: Rc<RefCell<Watch>>,
     counts: BTreeMap<String, u64>,
@@ -155,15 +157,20 @@ struct Episode<'a> {
 }
 
 impl<'a> Episode<'a> {
-    fn new(scenario: &'a Scenario, mut machine: Virtual, watch: Rc<RefCell<Watch>>) -> Self {
+    fn new(stage: &Stage<'a>, mut machine: Virtual, watch: Rc<RefCell<Watch>>) -> Self {
+        // Processes that already run were started before the observation began.
+        for (pid, module) in machine.processes() {
+            watch.borrow_mut().observe(machine.now(), &News::Started { module, pid });
+        }
         let keep = watch.clone();
         machine.observe(move |now, news| keep.borrow_mut().observe(now, news));
-        Self { scenario, machine, watch, counts: BTreeMap::new(), calm: None }
+        let &Stage { scenario, limits, disk, .. } = stage;
+        Self { scenario, limits, disk, machine, watch, counts: BTreeMap::new(), calm: None }
     }
 
-    fn run(mut self, faults: &[Fault], disk: &Disk) -> Outcome {
+    fn run(mut self, faults: &[Fault]) -> Outcome {
         // A module that violates its own invariant would end its process in the live host; here it ends the episode.
-        let violation = match catch_unwind(AssertUnwindSafe(|| self.pass(faults, disk))) {
+        let violation = match catch_unwind(AssertUnwindSafe(|| self.pass(faults))) {
             Ok(violation) => violation,
             Err(panic) => {
                 let text = panic.downcast_ref::<String>().map(String::as_str);
@@ -185,8 +192,8 @@ impl<'a> Episode<'a> {
         }
     }
 
-    fn pass(&mut self, faults: &[Fault], disk: &Disk) -> Option<Violation> {
-        let mut chaos = Chaos::new(faults, disk.clone());
+    fn pass(&mut self, faults: &[Fault]) -> Option<Violation> {
+        let mut chaos = Chaos::new(faults, self.disk.clone(), self.limits);
         let mut acts = Ticker::new(Instant::ZERO + operator::PERIOD, operator::PERIOD);
         for (phase, end) in self.scenario.phases() {
             let end = Instant::ZERO + end;

@@ -10,7 +10,7 @@ use base::{Duration, Fault, Instant, Report, Severity};
 use canopen::{Node, drives};
 use messages::{Channel, Message, common, lowlevel, simulation};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, Shell, ShellConfig, State};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::{self, can_port_beside, virtual_machine};
 use sim::host::{Config, News, Virtual};
 use std::cell::RefCell;
@@ -194,12 +194,12 @@ fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee")
 }
 
-fn place() -> Place {
-    Place {
+fn place() -> RobotLocation {
+    RobotLocation {
         config: shipped(),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-        sets: Vec::new(),
+        sets: ["guard.ranging=none", "guard.speed_blind_mps=2.0"].map(String::from).into(),
         sim: true,
         world: None,
     }
@@ -277,6 +277,14 @@ impl InVirtualTime {
         assert!((seen.speed - 0.4).abs() < 0.02, "{} m/s: {}", seen.speed, seen.reason);
     }
 
+    /// It stands, for a cause that the driver names.
+    #[track_caller]
+    fn stands(&self, reason: &str) {
+        let seen = self.seen.borrow();
+        assert!(seen.speed.abs() < 0.02, "{} m/s: {}", seen.speed, seen.reason);
+        assert_eq!(seen.reason, reason);
+    }
+
     /// Takes the reports since the last call: severity, fault, line.
     fn reports(&self) -> Vec<(Severity, Fault, String)> {
         let reports = std::mem::take(&mut self.seen.borrow_mut().reports);
@@ -304,14 +312,16 @@ fn an_occasional_bad_crc_is_counted_and_retried() {
 }
 
 #[test]
-fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_drives_on() {
+fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_stands() {
     let mut robot = InVirtualTime::driving(60.0);
     let odo = robot.seen.borrow().odo;
     robot.fault("sd1_front", "bad_crc", 0.0);
     robot.pass(30.0);
     let degraded = "sd1_front (0x10 on rs485.a) fails repeatedly: it answers with a wrong CRC; polled on";
     let lost = "sd1_front (0x10 on rs485.a) answers with a wrong CRC: its data is invalid, polled once a second";
+    let blind = "the robot is stopped: ranging board sd1_front is not heard";
     let expected = [
+        (Severity::Error, Fault::RangingLost, blind.to_string()),
         (Severity::Warning, Fault::BoardDegraded, degraded.to_string()),
         (Severity::Error, Fault::BoardLost, lost.to_string()),
     ];
@@ -322,7 +332,7 @@ fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_drive
     assert_eq!((node.timeouts, node.state), (0, lowlevel::Node::LOST));
     let heard = robot.seen.borrow().odo - odo;
     assert!(heard >= 590, "{heard} of 600: the other boards are asked as before");
-    robot.drives_on();
+    robot.stands("ranging board sd1_front is not heard");
 
     robot.fault("sd1_front", "none", 0.0);
     robot.pass(3.0);
@@ -330,23 +340,37 @@ fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_drive
         (Severity::Notice, Fault::BoardDegraded, "sd1_front (0x10 on rs485.a) answers properly again".to_string()),
         (Severity::Notice, Fault::BoardLost, "sd1_front (0x10 on rs485.a) answers again".to_string()),
     ];
-    assert_eq!(robot.reports(), back);
-    robot.drives_on();
+    let (of_the_stop, of_the_board): (Vec<_>, Vec<_>) =
+        robot.reports().into_iter().partition(|(_, fault, _)| *fault == Fault::RangingLost);
+    assert_eq!(of_the_board, back);
+    assert!(matches!(of_the_stop[..], [(Severity::Notice, ..)]), "{of_the_stop:?}");
+    // Nothing resumes by itself: the command goes on, and was never zero.
+    robot.stands("test must send zero first: the robot was stopped");
 }
 
 #[test]
-fn an_unknown_instruction_is_reported_once_and_counted_and_the_robot_drives_on() {
+fn an_unknown_instruction_is_reported_once_and_counted_and_the_robot_stands() {
     let mut robot = InVirtualTime::driving(40.0);
     robot.fault("sd1_rear", "refuses", 25.0);
     robot.pass(20.0);
     let refused = "sd1_rear (0x11 on rs485.a) does not know instruction 0x10; polled on, its data is missing";
-    assert_eq!(robot.reports(), [(Severity::Warning, Fault::BoardRefused, refused.to_string())]);
+    let blind = "the robot is stopped: ranging board sd1_rear is not heard";
+    let expected = [
+        (Severity::Warning, Fault::BoardRefused, refused.to_string()),
+        (Severity::Error, Fault::RangingLost, blind.to_string()),
+    ];
+    assert_eq!(robot.reports(), expected);
     assert_eq!(robot.node("sd1_rear").state, lowlevel::Node::OK, "it answers");
-    robot.drives_on();
+    robot.stands("ranging board sd1_rear is not heard");
     robot.pass(7.0);
-    let again = "sd1_rear (0x11 on rs485.a) executes its instructions again, after 100 refusals";
-    assert_eq!(robot.reports(), [(Severity::Notice, Fault::BoardRefused, again.to_string())]);
-    robot.drives_on();
+    let reports = robot.reports();
+    let again = "sd1_rear (0x11 on rs485.a) executes its instructions again, after ";
+    assert!(
+        reports.iter().any(|(_, fault, why)| *fault == Fault::BoardRefused && why.starts_with(again)),
+        "{reports:?}"
+    );
+    assert!(reports.iter().all(|(severity, ..)| *severity == Severity::Notice), "{reports:?}");
+    robot.stands("test must send zero first: the robot was stopped");
 }
 
 /// EPOS that refuses to have its quick stop deceleration written.
@@ -372,7 +396,7 @@ impl Module for Stubborn {
                 self.node.power_on(now);
                 out.working();
             }
-            Event::Port { input: Input::Can(frame), .. } => match (frame.id(), frame.data()) {
+            Event::Port { input: Input::Can { frame, .. }, .. } => match (frame.id(), frame.data()) {
                 // Initiate download, expedited.
                 (Id::Standard(0x601), &[0x20..=0x2F, low, high, sub, ..]) if [low, high] == QUICK_STOP_DECELERATION => {
                     *self.refused.borrow_mut() += 1;

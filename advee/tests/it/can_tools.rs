@@ -101,7 +101,7 @@ impl Drop for Bus {
 
 fn serve(port: &mut Port, nodes: &mut [Node]) {
     let now: Instant = clock::now();
-    while let Ok(Received::Input { input: Input::Can(frame), .. }) = port.device.receive(now) {
+    while let Ok(Received::Input { input: Input::Can { frame, .. }, .. }) = port.device.receive(now) {
         nodes.iter_mut().for_each(|node| node.handle_rx(now, &frame));
     }
     for node in nodes {

@@ -3,10 +3,10 @@
 use crate::command::Outcome;
 use crate::support::{self, Robot};
 use base::{Duration, Instant};
-use messages::{Message, lowlevel};
+use messages::{Hold, Message, lowlevel};
 use module::State;
 use robot::config::{Config, FILES};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::virtual_machine;
 use sim::check::Checkers;
 use sim::host::{self, News};
@@ -27,6 +27,26 @@ fn shipped() -> PathBuf {
 /// Each moved key of that configuration with its new name.
 const MOVED: [(&str, &str); 3] = [("joystick", "gamepad"), ("rate", "rate_hz"), ("beat_timeout", "beat_timeout_s")];
 
+/// Today's configuration, with the defaults of the keys that 0.1 did not have, and the values that 0.1 set differently.
+/// It has no guard.
+fn shipped_as_in_0_1(sim: bool) -> Config {
+    let sets = [
+        "can.main.homing_release=operator",
+        "stop.pause=coast",
+        "gamepad.quiet_s=0.5",
+        "guard.ranging=none",
+        "planner.margin_m=0.2",
+        "planner.stop_distance_m=0.25",
+        "planner.reaction_s=0.37",
+        "planner.coasting_mps2=0.25",
+    ]
+    .map(String::from);
+    let mut config = Config::load(&shipped(), sim, &sets).expect("the shipped configuration");
+    let boards = config.robot.rs485.iter_mut().flat_map(|bus| &mut bus.driver.nodes);
+    boards.filter(|board| board.name.starts_with("sd1_")).for_each(|board| board.rate_hz = 4.0);
+    config
+}
+
 /// A copy of the configuration of 0.1.
 fn copy(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
@@ -46,8 +66,8 @@ fn advee(args: &[&str], folder: &Path) -> Outcome {
 fn a_configuration_of_0_1_is_read_as_the_one_of_today() {
     for sim in [false, true] {
         let (old, notices) = Config::load_with_notices(&of_0_1(), sim, &[]).unwrap();
-        let (new, none) = Config::load_with_notices(&shipped(), sim, &[]).unwrap();
-        assert_eq!(old, new);
+        let (_, none) = Config::load_with_notices(&shipped(), sim, &[]).unwrap();
+        assert_eq!(old, shipped_as_in_0_1(sim));
         assert_eq!(none, [""; 0]);
         assert_eq!(notices.len(), MOVED.len(), "{notices:#?}");
         for (old, new) in MOVED {
@@ -92,7 +112,7 @@ fn a_configuration_of_0_1_is_migrated_with_its_comments_and_gives_no_notice_any_
         assert_eq!((comments(&after), after.lines().count()), (comments(&before), before.lines().count()), "{file}");
     }
     for sim in [false, true] {
-        assert_eq!(Config::load(&folder, sim, &[]).unwrap(), Config::load(&shipped(), sim, &[]).unwrap());
+        assert_eq!(Config::load(&folder, sim, &[]).unwrap(), shipped_as_in_0_1(sim));
     }
     fs::remove_dir_all(&folder).unwrap();
 }
@@ -119,6 +139,8 @@ fn a_running_robot_publishes_each_notice_once() {
     let world = shipped().join("../worlds/hall.toml");
     let args = ["--config", "--world"].into_iter().zip([of_0_1(), world].map(|path| path.display().to_string()));
     let args: Vec<String> = args.flat_map(|(option, path)| [option.to_owned(), path]).collect();
+    // Nothing in it lets the start of the robot release homing.
+    let args = [args, vec!["--set".into(), "can.main.homing_release=start".into()]].concat();
     let robot = Robot::ready(&args.iter().map(String::as_str).collect::<Vec<_>>());
     let notices = robot.view.texts.iter().filter(|text| text.text.starts_with("NOTICE: "));
     let notices: Vec<_> = notices.map(|text| (text.module.as_str(), text.text.as_str())).collect();
@@ -127,8 +149,39 @@ fn a_running_robot_publishes_each_notice_once() {
 }
 
 #[test]
-fn a_configuration_of_0_1_drives() {
-    let place = Place {
+fn soak_and_a_module_by_itself_print_each_notice_once() {
+    let folder = copy("noticed");
+    let scenario = folder.join("scenario.toml");
+    fs::write(&scenario, "settle_s = 12\nchaos_s = 1\ncalm_s = 1\nturns = 1\n").unwrap();
+    let advee = |args: &[&str]| {
+        let url = format!("udpm://239.255.76.67:{}?ttl=0", support::unique_port());
+        let mut command = support::advee(&url, &folder.join("run"));
+        command.arg("--config").arg(&folder).args(args);
+        command
+    };
+    let [path, world] = [scenario, shipped().join("../worlds/empty.toml")].map(|path| path.display().to_string());
+    let soak = ["soak", "--episode", "0", "--faults", "none", "--world", &world, "--scenario", &path];
+    let soak = Outcome::of(advee(&soak).output().expect("the executable is built"));
+    assert_eq!((soak.code, soak.err.lines().count()), (Some(0), MOVED.len()), "{soak:?}");
+    assert!(soak.err.lines().all(|line| line.starts_with("advee: NOTICE: ")), "{soak:?}");
+
+    // The watchdog's modules leave the notices to it; a module that is refused ends before it opens anything.
+    let refused = |guarded: bool| {
+        let mut command = advee(&["run", "nobody", "--sim"]);
+        if guarded {
+            command.env(::host::processes::VARIABLE, "1");
+        }
+        let outcome = Outcome::of(command.output().expect("the executable is built"));
+        assert_eq!(outcome.code, Some(i32::from(module::exit::RESOURCE)), "{outcome:?}");
+        outcome.err.lines().filter(|line| line.starts_with("advee: NOTICE: ")).count()
+    };
+    assert_eq!((refused(false), refused(true)), (MOVED.len(), 0));
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_configuration_of_0_1_drives_as_fast_as_a_robot_that_senses_nothing() {
+    let place = RobotLocation {
         config: of_0_1(),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
@@ -141,14 +194,24 @@ fn a_configuration_of_0_1_drives() {
     let limits = robot::checks::limits(&place, Duration::from_secs(10)).unwrap();
     let checkers = Rc::new(RefCell::new(Checkers::new(limits)));
     let speed = Rc::new(RefCell::new(f64::NAN));
-    let (rules, seen) = (checkers.clone(), speed.clone());
+    let (told, notice) = (Rc::new(RefCell::new(0)), Rc::new(RefCell::new(false)));
+    let (rules, seen, warned, noticed) = (checkers.clone(), speed.clone(), told.clone(), notice.clone());
     machine.observe(move |now, news| {
         rules.borrow_mut().observe(now, news);
-        if let News::Message { message: Message::SimDataTruth(truth), .. } = news {
-            *seen.borrow_mut() = truth.speed;
+        match news {
+            News::Message { message: Message::SimDataTruth(truth), .. } => *seen.borrow_mut() = truth.speed,
+            News::Message { message: Message::LlDataHold(list), .. } if list.is_of_motion() => {
+                *noticed.borrow_mut() |= list.first() == Some(Hold::GuardBlind);
+            }
+            News::Note { module: "driver_canbus", line } => {
+                *warned.borrow_mut() += u32::from(line.contains("NOTHING SENSES WHAT IS IN THE WAY: AT MOST 0.3 m/s"));
+            }
+            _ => {}
         }
     });
     machine.spawn("watchdog", State::Run).expect("the watchdog starts");
+    // An operator lets the wheels be homed.
+    machine.inject(at(2.0), lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     machine.run_until(at(12.0));
     for n in 0..60 {
         let priority = lowlevel::CmdMotion::REMOTE;
@@ -156,7 +219,8 @@ fn a_configuration_of_0_1_drives() {
         machine.inject(at(12.0) + n * Duration::from_millis(50), command);
     }
     machine.run_until(at(15.0));
-    assert!((*speed.borrow() - 0.4).abs() < 0.02, "{} m/s", speed.borrow());
+    assert!((*speed.borrow() - 0.3).abs() < 0.02, "{} m/s", speed.borrow());
+    assert_eq!((*told.borrow(), *notice.borrow()), (1, true));
     machine.run_until(at(18.0));
     assert!(speed.borrow().abs() < 0.001, "{} m/s", speed.borrow());
     assert_eq!(checkers.borrow().violation(), None);

@@ -149,6 +149,19 @@ fn a_module_follows_state_commands_and_keeps_its_state_after_a_restart() {
 }
 
 #[test]
+fn what_the_guard_permits_is_told_in_the_shell_and_in_the_terminal() {
+    let robot = Robot::ready(&["--set", "guard.ranging=\"sonar\""]);
+    let said = |args: &[&str]| String::from_utf8_lossy(&robot.advee(args).stdout).into_owned();
+    let table = said(&["state"]);
+    let permits = |line: &str| line.contains("at most ") && line.contains(" m/s forward") || line.contains("must not");
+    assert!(table.lines().any(|line| line.starts_with("GUARD            ") && permits(line)), "{table}");
+    let alone = said(&["state", "driver_canbus"]);
+    assert!(!alone.contains("GUARD"), "{alone}");
+    let view = said(&["diag", "--once", "--view", "overview"]);
+    assert!(view.lines().any(|line| line.contains("guard ") && permits(line)), "{view}");
+}
+
+#[test]
 fn malformed_messages_are_reported_once_and_survived() {
     let mut robot = Robot::ready(&[]);
     let odo = lowlevel::DataOdo::default();
@@ -186,6 +199,29 @@ fn malformed_messages_are_reported_once_and_survived() {
         };
         assert_eq!(robot.view.errors.iter().filter(refused).count(), 1);
     }
+}
+
+#[test]
+fn a_command_to_drive_releases_what_pause_has_latched() {
+    let mut robot = Robot::ready(&[]);
+    let pause = |robot: &mut Robot| {
+        let pressed = robot.advee(&["fault", "psc1", "bumper", "2", "--for", "0.3"]);
+        assert!(pressed.status.success(), "{pressed:?}");
+        robot.until("it is open, and latched", 3.0, |view| view.causes().contains(&Hold::PauseLatched));
+    };
+    for command in [&["drive", "0.3", "0", "--for", "1"][..], &["goal", "5,6", "--when-ready"]] {
+        pause(&mut robot);
+        let mut released = robot.spawn(command);
+        robot.until("the robot moves", 15.0, |view| view.speed() > MOVES);
+        let status = released.wait().unwrap();
+        assert!(status.success(), "{command:?}: {status}");
+    }
+    // What stops it on its way stays as it is.
+    let mut drive = robot.spawn(&["drive", "0.3", "0", "--for", "4"]);
+    robot.until("the robot moves", 15.0, |view| view.speed() > MOVES);
+    pause(&mut robot);
+    assert!(drive.wait().unwrap().success());
+    assert!(robot.view.speed().abs() < 0.01 && robot.view.causes().contains(&Hold::PauseLatched));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::command::Outcome;
-use crate::support::{advee, alone, listen, python, unique_port, workspace};
+use crate::support::{Robot, advee, alone, listen, python, unique_port, workspace};
 use lcm::eventlog;
 use lcm::live::{Hub, Lcm};
 use mcap::records::{MessageHeader, Metadata};
@@ -237,6 +237,29 @@ fn exported_event_logs_are_read_by_the_official_library() {
 }
 
 #[test]
+fn an_export_replaces_files_alone() {
+    let bench = Bench::new();
+    let (run, out, link, pipe) = (bench.sample("run"), bench.path("file"), bench.path("link"), bench.path("pipe"));
+    let export = |to: &str| bench.run(&["export", &run, "--format", "lcm", "--out", to]);
+    export(&out).good();
+    let whole = fs::read(&out).unwrap();
+    fs::write(&out, "before").unwrap();
+    std::os::unix::fs::symlink(&out, &link).unwrap();
+    export(&link).good();
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink() && fs::read(&out).unwrap() == whole);
+    // As a device, a pipe is written to. A rename would put a file in its place, and leave its reader waiting.
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || fs::read(pipe).unwrap()
+    });
+    export(&pipe).good();
+    assert!(!fs::metadata(&pipe).unwrap().is_file());
+    assert!(reader.join().unwrap() == whole);
+    export(&bench.path("")).bad();
+}
+
+#[test]
 fn exported_tables_have_a_column_for_each_member_and_element() {
     let bench = Bench::new();
     let (run, out) = (bench.sample("run"), bench.path("tables"));
@@ -468,6 +491,48 @@ fn play_takes_parts_renames_and_leaves_commands_out() {
         let error = bench.run(args).bad();
         assert!(error.starts_with("advee: ") && error.contains(says), "{args:?}: {error}");
     }
+}
+
+#[test]
+fn beside_a_robot_a_log_is_played_by_force_alone_and_without_what_modules_decide_by() {
+    const LINES: u64 = 60;
+    let bench = Bench::new();
+    let mut robot = Robot::ready(&[]);
+    let line = |ms, message: Message| (ms, message.channel_name().into_owned(), encoded(message));
+    let lines = (0..LINES).flat_map(|n| {
+        // A robot that stands at a stop button, with modules that do not run, and a guard that permits nothing.
+        let source = "button".into();
+        [
+            line(50 * n, lowlevel::EventStop { timestamp: 0, engaged: true, source }.into()),
+            line(50 * n, common::DataProcesses::default().into()),
+            line(50 * n, lowlevel::DataGuard::default().into()),
+            line(50 * n, lowlevel::CmdMotion { speed: 9.0, ..Default::default() }.into()),
+            (50 * n, "FOREIGN".to_owned(), vec![7; 11]),
+        ]
+    });
+    let log = bench.path("robot.mcap");
+    fs::write(&log, file(&lines.collect::<Vec<_>>(), 0)).unwrap();
+
+    let refused = Outcome::of(robot.advee(&["log", "play", &log])).bad();
+    assert!(refused.contains("the log is not played: a robot is on the bus"), "{refused}");
+    robot.drive(0.4, 0.3, 1.5);
+    let mut bus = Lcm::new(&lcm::Url::parse(&robot.url).unwrap().0).unwrap();
+    bus.subscribe("LL_DATA_GUARD|CM_DATA_PROCESSES").unwrap();
+    let mut player = robot.spawn(&["log", "play", &log, "--force"]);
+    let mut slowest = f64::INFINITY;
+    while player.try_wait().unwrap().is_none() {
+        robot.drive(0.4, 0.3, 0.1);
+        slowest = slowest.min(robot.view.speed());
+        while let Some(received) = bus.recv().unwrap() {
+            let played = [encoded(lowlevel::DataGuard::default()), encoded(common::DataProcesses::default())];
+            assert!(!played.iter().any(|data| data == received.payload), "{} is played", received.channel);
+        }
+    }
+    assert!(player.wait().unwrap().success());
+    assert_eq!(robot.view.seen.get("FOREIGN"), Some(&(LINES as u32)));
+    assert!(slowest > 0.35, "{slowest} m/s: {}", robot.view.reason());
+    let told = |fault: base::Fault| robot.view.errors.iter().any(|error| error.number == fault as i32);
+    assert!(!told(base::Fault::SecondRobot) && !told(base::Fault::MotionRefused));
 }
 
 /// External program, ended with the test.

@@ -11,6 +11,7 @@ mod command;
 mod configurations;
 mod drive;
 mod gamepad;
+mod hostile;
 // The hosts come from the tests of the crate that implements the bus.
 #[path = "../../../foundation/lcm/tests/common/hosts.rs"]
 mod hosts;
@@ -36,6 +37,7 @@ mod supervision;
 #[path = "../support.rs"]
 mod support;
 mod two_hosts;
+mod users;
 mod web;
 mod web_command;
 mod web_view;

@@ -78,7 +78,7 @@ fn python_can_receives_our_frames_and_we_receive_its() {
         pass(&left, &right);
         pass(&right, &left);
         if port.state == PortState::Up
-            && let Received::Input { input: Input::Can(frame), .. } = port.device.receive(now).unwrap()
+            && let Received::Input { input: Input::Can { frame, .. }, .. } = port.device.receive(now).unwrap()
         {
             // A repeated frame is answered again.
             if back.last() != Some(&frame) {

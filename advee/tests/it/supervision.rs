@@ -14,13 +14,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-const MODULES: [&str; 10] = [
+const MODULES: [&str; 11] = [
     "simulator",
     "logger",
     "driver_power",
     "driver_rs485a",
     "driver_rs485b",
     "estimator",
+    "guard",
     "driver_canbus",
     "driver_joydev",
     "driver_aux",
@@ -34,7 +35,7 @@ fn running(extra: &[&str]) -> Robot {
     robot
 }
 
-fn find(robot: &Robot, words: &str) -> Option<i32> {
+pub fn find(robot: &Robot, words: &str) -> Option<i32> {
     let is_it = |pid: &u32| {
         let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         String::from_utf8_lossy(&line).contains(words)
@@ -46,7 +47,7 @@ fn up(robot: &Robot) -> i32 {
     find(robot, "\0up\0").expect("advee up runs")
 }
 
-fn watchdog(robot: &Robot) -> i32 {
+pub fn watchdog(robot: &Robot) -> i32 {
     find(robot, "\0run\0watchdog\0").expect("the watchdog runs")
 }
 
@@ -64,7 +65,7 @@ fn gone_within(robot: &Robot, seconds: f64) {
     println!("all gone after {:.2} s", begin.elapsed().as_secs_f64());
 }
 
-fn reported(robot: &Robot, fault: Fault) -> Vec<String> {
+pub fn reported(robot: &Robot, fault: Fault) -> Vec<String> {
     let of_it = robot.view.errors.iter().filter(|error| error.number == fault as i32);
     of_it.map(|error| error.message.clone()).collect()
 }

@@ -4,10 +4,16 @@
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
 use crate::hosts::{self, Host};
-use crate::support::{self, Robot, python, workspace};
+use crate::support::{self, Robot, View, python, workspace};
+use base::Instant;
+use base::can::Frame;
+use host::ports::{Port, PortConfig, Received, can_udp_codec};
+use module::Input;
+use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
-use std::net::Ipv4Addr;
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -76,7 +82,7 @@ fn a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled() {
     on_a_host("a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled", |here| {
         let Some(python) = python() else { return };
         let there = cabled(&here);
-        let mut robot = Robot::ready_on(1, &[]);
+        let mut robot = Robot::ready_on(1, &["--set", "bus.commands=network"]);
         let mut module = Module::start(&python, &there, &robot, 0.4);
         module.until("ready");
         module.until("moving");
@@ -91,10 +97,13 @@ fn a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled() {
         module.until("silent");
         assert!(robot.view.all_run(), "the rest of the robot does not need that cable");
 
-        // The module never stopped commanding, and silence is not a fault: plugged in again it drives, without a
-        // restart.
+        // The module never stopped commanding motion: plugged in again it must send zero first, without a restart.
         there.ip("link set eth8 up");
         there.ip("route add default dev eth8");
+        let not_released = |view: &View| view.causes() == [messages::Hold::NotReleased];
+        robot.until("the module is heard again", 20.0, not_released);
+        robot.pass(1.0);
+        assert!(robot.view.speed().abs() < 0.01, "{}", robot.view.speed());
         robot.until("the robot moves", 20.0, |view| view.speed() > 0.35);
     });
 }
@@ -111,6 +120,60 @@ fn with_ttl_0_nothing_of_a_running_robot_leaves_its_host() {
         let far = here.all_seen("eth7", &tap);
         let ours: Vec<_> = far.iter().filter(|seen| [GROUP, CAN_GROUP].contains(&seen.to)).collect();
         assert!(ours.is_empty(), "{ours:?}");
+    });
+}
+
+/// The next frame at a port, if one has arrived.
+fn arrived(port: &mut Port) -> Option<Frame> {
+    match port.device.receive(Instant::ZERO).expect("the port is open") {
+        Received::Input { input: Input::Can { frame, .. }, .. } => Some(frame),
+        Received::Nothing => None,
+        _ => panic!("neither a frame nor nothing"),
+    }
+}
+
+/// A socket on the bus without a filter.
+fn control(bus: SocketAddrV4) -> UdpSocket {
+    let ear = socket(AddressFamily::Inet, SockType::Datagram, SockFlag::SOCK_CLOEXEC, None).unwrap();
+    setsockopt(&ear, sockopt::ReuseAddr, &true).unwrap();
+    setsockopt(&ear, sockopt::ReusePort, &true).unwrap();
+    bind(ear.as_raw_fd(), &SockaddrIn::from(bus)).unwrap();
+    let ear = UdpSocket::from(ear);
+    ear.join_multicast_v4(bus.ip(), &Ipv4Addr::UNSPECIFIED).unwrap();
+    ear.set_read_timeout(Some(std::time::Duration::from_secs(10))).unwrap();
+    ear
+}
+
+#[test]
+fn frames_of_another_host_do_not_enter_the_can_bus() {
+    const SHOTS: u16 = 16;
+    on_a_host("frames_of_another_host_do_not_enter_the_can_bus", |here| {
+        let there = cabled(&here);
+        let bus = SocketAddrV4::new(CAN_GROUP, 24_000);
+        let [mut ours, mut neighbour] = ["ours", "neighbour"].map(|name| {
+            let mut port = Port::new(name.into(), PortConfig::CanUdp { bus });
+            port.device.open().expect("the bus opens");
+            port
+        });
+        let control = control(bus);
+        let stranger = there.run(|| UdpSocket::bind("0.0.0.0:0")).unwrap();
+        stranger.set_multicast_ttl_v4(1).unwrap();
+        let mut datagram = Vec::new();
+        for n in 0..SHOTS {
+            // A set-point of the propulsion among them.
+            can_udp_codec::encode(&Frame::standard(0x4F8 + n, &[0x0F, 0, 0xE9, 2, 0, 0]), 0.0, &mut datagram);
+            stranger.send_to(&datagram, bus).unwrap();
+        }
+        for _ in 0..SHOTS {
+            control.recv(&mut [0; 512]).expect("a socket without the filter receives them");
+        }
+        // What the control has received has been passed to all sockets.
+        assert_eq!([arrived(&mut ours), arrived(&mut neighbour)], [None, None]);
+        // Nor do they count as lost.
+        let frame = Frame::standard(0x181, &[1]);
+        assert_eq!(neighbour.device.send(Instant::ZERO, &module::Output::Can(frame)), Ok(true));
+        control.recv(&mut [0; 512]).expect("a frame of this host enters");
+        assert_eq!(arrived(&mut ours), Some(frame));
     });
 }
 

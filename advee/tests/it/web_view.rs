@@ -85,6 +85,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "outline",
         "wheelbase",
         "limits",
+        "blind",
         "sonar",
         "infrared",
         "beacons",
@@ -112,8 +113,8 @@ fn each_part_has_its_shape_and_its_rate() {
     assert!((1..=10).contains(&rates[2]) && (4..=6).contains(&rates[3]), "{rates:?}");
     let drive = part(&texts, "drive");
     let of_drive = sorted([
-        "part", "status", "motion", "holds", "commands", "stop", "odometry", "estimate", "ellipse", "goal", "truth",
-        "gamepad", "holder",
+        "part", "status", "motion", "holds", "commands", "guard", "bound", "stop", "odometry", "estimate", "ellipse",
+        "goal", "truth", "gamepad", "holder",
     ]);
     assert!(drive.iter().all(|drive| keys(drive) == of_drive));
     let last = drive[drive.len() - 1];

@@ -30,6 +30,8 @@ pub enum Bug {
     LostDriveIgnored,
     /// A critical module that does not run does not stop the robot.
     CriticalIgnored,
+    /// The robot drives on although a ranging board does not measure: what is unknown is free.
+    BlindnessIgnored,
     /// The robot drives on without a watchdog.
     WatchdogNotMissed,
     /// The watchdog ignores missing heartbeats and announcements.
@@ -46,11 +48,27 @@ pub enum Bug {
     StopLeftByError,
     /// Timestamps follow the wall clock and its steps.
     WallClock,
+    /// The state of the PAUSE line is what its last sender reported.
+    PauseOfTheLast,
+    /// Homing begins without a release once the cause of a stop has ended.
+    HomesByItself,
+    /// Nothing monitors that the robot stops, and that it is not faster than commanded.
+    SpeedUnwatched,
+    /// The motors' feed is cut although the drive brakes as commanded.
+    FeedCutEarly,
+    /// Commands and releases are accepted from any sender.
+    AnybodyBelieved,
+    /// Another CANopen master does not stop the robot.
+    RivalIgnored,
+    /// The watchdog of another robot does not stop this one.
+    SecondRobotIgnored,
+    /// A watchdog that is late again and again judges its modules all the same.
+    LatenessForgiven,
 }
 
 impl Bug {
     /// All bugs.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 28] = [
         Self::TimeToLiveIgnored,
         Self::LimitsIgnored,
         Self::PauseIgnored,
@@ -62,6 +80,7 @@ impl Bug {
         Self::StateIgnored,
         Self::LostDriveIgnored,
         Self::CriticalIgnored,
+        Self::BlindnessIgnored,
         Self::WatchdogNotMissed,
         Self::WatchdogDeaf,
         Self::TwoProcesses,
@@ -70,6 +89,14 @@ impl Bug {
         Self::StopLeft,
         Self::StopLeftByError,
         Self::WallClock,
+        Self::PauseOfTheLast,
+        Self::HomesByItself,
+        Self::SpeedUnwatched,
+        Self::FeedCutEarly,
+        Self::AnybodyBelieved,
+        Self::RivalIgnored,
+        Self::SecondRobotIgnored,
+        Self::LatenessForgiven,
     ];
 }
 

@@ -1,13 +1,14 @@
-//! Proof that the rules detect bugs: each deliberate bug (`bug.rs`) is found by the soak within one robot-hour, by a rule
-//! that it breaks; and without a bug nothing is found.
+//! Proof that the rules detect bugs: each deliberate bug (`bug.rs`) is found by the soak within one robot-hour, by a
+//! rule that it breaks; and without a bug nothing is found.
 //!
-//! `tools/sabotage` builds and runs this test in a copy of the tree with `hooks.patch`; it prints the time and the rule.
+//! `tools/sabotage` builds and runs this test in a copy of the tree with `hooks.patch`; it prints the time and the
+//! rule.
 //! `BUG=PauseIgnored` selects one of them.
 
 use cli::soak::Robot;
 use module::sabotage::{self, Bug};
 use robot::config;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use sim::soak::{Scenario, Violation, draw};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -27,7 +28,7 @@ fn scenario() -> Scenario {
 }
 
 fn robot(scenario: Scenario) -> Robot {
-    let place = Place {
+    let place = RobotLocation {
         config: folder("conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
@@ -46,18 +47,33 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         Bug::LimitsIgnored => &["fresh", "refused"],
         Bug::PauseIgnored => &["pause"],
         Bug::ResumesByItself | Bug::PlannerNotLatched | Bug::EstimateIgnored => &["resumes"],
-        Bug::TwoAuthorities => &["authority"],
+        // A source that moves the robot beside the holder has not begun with zero either.
+        Bug::TwoAuthorities => &["authority", "resumes"],
         // An axis that needs no reference is not homed.
         Bug::HomingNotRequired => &["homed", "moves"],
         Bug::StateIgnored => &["idle"],
-        Bug::LostDriveIgnored => &["drives"],
+        // The order to stop does not reach the lost drive, so its feed is cut when it answers again.
+        Bug::LostDriveIgnored => &["drives", "feed"],
         Bug::CriticalIgnored | Bug::WatchdogNotMissed => &["critical", "stop"],
+        Bug::BlindnessIgnored => &["blind"],
         Bug::WatchdogDeaf => &["stop", "wanted", "moves"],
         Bug::TwoProcesses => &["single"],
         Bug::RestartDelayIgnored => &["restarts"],
         Bug::WantedForgotten => &["wanted", "stopped"],
         Bug::StopLeft | Bug::StopLeftByError => &["stopped"],
         Bug::WallClock => &["clock"],
+        Bug::PauseOfTheLast => &["pause", "released"],
+        Bug::HomesByItself => &["released"],
+        // The steering keeps turning, too.
+        Bug::SpeedUnwatched => &["feed", "released"],
+        Bug::FeedCutEarly => &["feed"],
+        // After an accepted release comes motion, a state, or the first set-point without a cause for it.
+        Bug::AnybodyBelieved => {
+            &["authority", "foreign", "pause", "released", "resumes", "second_robot", "stopped", "wanted"]
+        }
+        Bug::RivalIgnored => &["rival"],
+        Bug::SecondRobotIgnored => &["second_robot"],
+        Bug::LatenessForgiven => &["late_watchdog"],
     }
 }
 
@@ -68,7 +84,14 @@ fn often(bug: Option<Bug>) -> &'static [&'static str] {
         Some(Bug::StopLeftByError) => &["state_stop", "drive_"],
         Some(Bug::WantedForgotten) => &["state_pause", "process_killed"],
         Some(Bug::PlannerNotLatched) => &["motion_planned"],
+        Some(Bug::BlindnessIgnored) => &["board_silent"],
         Some(Bug::EstimateIgnored) => &["motion_planned_blindly"],
+        Some(Bug::HomesByItself) => &["drive_rebooted"],
+        Some(Bug::PauseOfTheLast) => &["pause_told"],
+        Some(Bug::SpeedUnwatched) => &["drive_unbraked", "drive_runaway"],
+        Some(Bug::AnybodyBelieved | Bug::SecondRobotIgnored | Bug::RivalIgnored) => &["foreign_"],
+        Some(Bug::LatenessForgiven) => &["process_slow"],
+        Some(Bug::WatchdogDeaf) => &["process_hung"],
         _ => &[],
     }
 }

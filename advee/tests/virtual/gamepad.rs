@@ -1,7 +1,8 @@
 //! A gamepad moves the robot in virtual time, and disappears in every possible way.
 
 use super::*;
-use base::gamepad::{ABS_RX, ABS_Y, Axis, BTN_SOUTH, BTN_TL, Button, Device, Event};
+use base::gamepad::{ABS_RX, ABS_Y, Axis, BTN_SOUTH, BTN_TL, BTN_TR, Button, Device, Event};
+use messages::Hold;
 use messages::simulation::CmdFault;
 
 /// Commanded stop from the manual limit: 0.6 m/s at 0.8 m/s², and some periods of loops and drives.
@@ -121,6 +122,43 @@ fn a_gamepad_that_disappears_with_its_simulator_stops_the_robot_too() {
     assert!(robot.speed() > 0.15, "{} {}", robot.speed(), robot.motion().reason);
     assert!(robot.machine.gamepad("joystick", Event::Gone));
     robot.stands_within(STANDS, "gone");
+}
+
+#[test]
+fn it_creeps_past_the_guard_while_its_second_button_is_held() {
+    let mut place = place();
+    // The front is 0.19 m before a wall.
+    place.sets.extend(["guard.ranging=\"sonar\"", "world.start=[19.06, 6.0, 0.0]"].map(String::from));
+    let mut robot = Robot::at(&place, Config { seed: 7, ..Config::default() });
+    robot.machine.run_until(at(12.0));
+    assert!(robot.motion().homed, "{}", robot.motion().reason);
+    let mut pad = Device::new("of the test");
+    for code in [ABS_Y, ABS_RX] {
+        pad.add_axis(Axis { code, min: -100, max: 100, fuzz: 0, flat: 0, value: 0 });
+    }
+    for code in [BTN_SOUTH, BTN_TL, BTN_TR] {
+        pad.add_button(Button { code, pressed: false });
+    }
+    let feel = |robot: &mut Robot, event: Event| {
+        for event in [event, Event::Frame] {
+            assert!(robot.machine.gamepad("joystick", event));
+        }
+        robot.pass(0.1);
+    };
+    let button = |code, pressed| Event::Button { code, pressed };
+    feel(&mut robot, Event::Found(Box::new(pad)));
+    feel(&mut robot, button(BTN_TL, true));
+    feel(&mut robot, Event::Axis { code: ABS_Y, value: -60 });
+    robot.pass(0.3);
+    assert!(robot.speed().abs() < 0.01, "the guard permits nothing: {} m/s", robot.speed());
+    feel(&mut robot, button(BTN_TR, true));
+    robot.pass(0.2);
+    assert!((0.03..=0.16).contains(&robot.speed()), "{} m/s {}", robot.speed(), robot.motion().reason);
+    let creeps = |robot: &Robot| robot.seen.borrow().holds.has(Hold::GuardCreep);
+    assert!(creeps(&robot), "{:?}", robot.seen.borrow().holds);
+    feel(&mut robot, button(BTN_TR, false));
+    robot.pass(0.3);
+    assert!(robot.speed().abs() < 0.01 && !creeps(&robot), "{} m/s", robot.speed());
 }
 
 #[test]

@@ -176,7 +176,7 @@ impl Start {
     /// Drives for 1.5 s, then sends nothing until it must stand. True if it followed the command at once.
     fn drive(&mut self) -> bool {
         self.checker.borrow_mut().fastest = 0.0;
-        self.robot.drive(SPEED, STEERING, 1.5);
+        self.robot.drive_anew(SPEED, STEERING, 1.5);
         self.robot.pass(1.4);
         let went = self.checker.borrow().motion.reason.is_empty() && self.checker.borrow().fastest > SPEED - 0.02;
         self.robot.pass(1.2);

@@ -3,19 +3,22 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod auxiliary;
+mod blind;
 mod estimator;
 mod faults;
 mod gamepad;
+mod guard;
 mod logs;
 mod loss;
 mod patrol;
 mod power;
+mod stops;
 mod storm;
 
 use base::{Duration, Instant, can};
 use messages::{Hold, Message, lowlevel};
 use module::State;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology::virtual_machine;
 use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
@@ -45,9 +48,16 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
+/// Shipped robot without visitors, as fast as it is commanded: tests of the guard have a place of their own.
+fn place() -> RobotLocation {
+    let sets = ["guard.ranging=none", "guard.speed_blind_mps=2.0"].map(String::from);
+    let place = guarded_place();
+    RobotLocation { sets: [place.sets, sets.into()].concat(), ..place }
+}
+
 /// Shipped robot without visitors.
-fn place() -> Place {
-    Place {
+fn guarded_place() -> RobotLocation {
+    RobotLocation {
         config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
@@ -58,7 +68,7 @@ fn place() -> Place {
 }
 
 /// Shipped robot without its middle level: the test estimates and plans.
-fn low_level() -> Place {
+fn low_level() -> RobotLocation {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("low-level-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let shipped = place();
@@ -69,7 +79,7 @@ fn low_level() -> Place {
     let middle = |entry: &&str| ["estimator", "planner"].iter().any(|name| entry.contains(&format!("name = {name:?}")));
     let entries: Vec<&str> = modules.split("[[modules]]").filter(|entry| !middle(entry)).collect();
     std::fs::write(folder.join("modules.toml"), entries.join("[[modules]]")).expect("a file");
-    Place { config: folder, ..shipped }
+    RobotLocation { config: folder, ..shipped }
 }
 
 impl Robot {
@@ -81,7 +91,7 @@ impl Robot {
         Self::at(&place(), config)
     }
 
-    fn at(place: &Place, config: Config) -> Self {
+    fn at(place: &RobotLocation, config: Config) -> Self {
         let mut machine = virtual_machine(place, config).expect("the shipped configuration");
         let seen = Rc::new(RefCell::new(Seen::default()));
         let keep = seen.clone();
@@ -108,6 +118,12 @@ impl Robot {
         for n in 0..(seconds * 20.0) as u32 {
             self.machine.inject(begin + n * Duration::from_millis(50), command(speed, steering));
         }
+    }
+
+    /// The same by a deliberate press: zero first.
+    fn drive_anew(&mut self, speed: f64, steering: f64, seconds: f64) {
+        self.machine.inject(self.machine.now(), command(0.0, steering));
+        self.drive(speed, steering, seconds);
     }
 
     fn pass(&mut self, seconds: f64) {

@@ -6,13 +6,13 @@
 use super::{Robot, at, command, low_level};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel, simulation};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use sim::host::Config;
 use simulator::Random;
 use std::sync::LazyLock;
 
 /// Robot without estimator and planner, whose messages the storm sends.
-static LOW_LEVEL: LazyLock<Place> = LazyLock::new(low_level);
+static LOW_LEVEL: LazyLock<RobotLocation> = LazyLock::new(low_level);
 
 const SOURCES: [(&str, i8); 5] = [("planner", 0), ("phone", 1), ("shell", 1), ("pad", 2), ("service", 3)];
 /// Faults of a drive: one makes it brake, the other makes it coast.
@@ -186,6 +186,8 @@ impl Storm {
     fn drives(&mut self, speed: f64) -> bool {
         for n in 0..60 {
             let now = self.robot.machine.now() + n * TICK;
+            // A deliberate press begins with zero.
+            let speed = if n == 0 { 0.0 } else { speed };
             self.robot.machine.inject(now, lowlevel::CmdMotion { source: "phone".into(), ..command(speed, 0.0) });
         }
         self.robot.pass(2.9);

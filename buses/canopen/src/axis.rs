@@ -14,6 +14,7 @@ mod walk;
 pub use units::{Factors, Rate, Units};
 pub use walk::{Axis, AxisConfig, AxisEvent, Goal, Why};
 
+use base::listed;
 use core::fmt;
 
 /// Bits of a statusword.
@@ -87,33 +88,23 @@ impl fmt::Display for StatusBits {
     }
 }
 
-/// A state of the power state machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[allow(missing_docs)] // the names are the standard's
-pub enum PowerState {
-    NotReady,
-    SwitchOnDisabled,
-    ReadyToSwitchOn,
-    SwitchedOn,
-    OperationEnabled,
-    QuickStopActive,
-    FaultReactionActive,
-    Fault,
+listed! {
+    /// A state of the power state machine.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    #[allow(missing_docs)] // the names are the standard's
+    pub enum PowerState {
+        NotReady,
+        SwitchOnDisabled,
+        ReadyToSwitchOn,
+        SwitchedOn,
+        OperationEnabled,
+        QuickStopActive,
+        FaultReactionActive,
+        Fault,
+    }
 }
 
 impl PowerState {
-    /// All states.
-    pub const ALL: [Self; 8] = [
-        Self::NotReady,
-        Self::SwitchOnDisabled,
-        Self::ReadyToSwitchOn,
-        Self::SwitchedOn,
-        Self::OperationEnabled,
-        Self::QuickStopActive,
-        Self::FaultReactionActive,
-        Self::Fault,
-    ];
-
     /// The state a statusword names; `None` for patterns that the standard does not have. The Refresh and Measure
     /// Init states of EPOS are Switched On here.
     #[must_use]

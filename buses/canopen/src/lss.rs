@@ -19,6 +19,7 @@ pub use command::{Command, Event, Failure, Range, Refusal, StartError, Timing};
 pub use master::Master;
 pub use slave::{Slave, SlaveConfig, SlaveEvent};
 
+use base::listed;
 use core::fmt;
 
 /// The node id on the wire of a slave that has none.
@@ -59,20 +60,17 @@ impl fmt::Display for Address {
     }
 }
 
-/// One word of an [`Address`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[allow(missing_docs)] // as in Address
-#[repr(u8)]
-pub enum Part {
-    Vendor,
-    Product,
-    Revision,
-    Serial,
-}
-
-impl Part {
-    /// In the order of the address.
-    pub const ALL: [Self; 4] = [Self::Vendor, Self::Product, Self::Revision, Self::Serial];
+listed! {
+    /// One word of an [`Address`].
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[allow(missing_docs)] // as in Address
+    #[repr(u8)]
+    pub enum Part {
+        Vendor,
+        Product,
+        Revision,
+        Serial,
+    }
 }
 
 /// The state of a slave: only in the second one it is configured.
@@ -85,38 +83,27 @@ pub enum Mode {
     Configuration = 1,
 }
 
-/// A bit rate of CiA 301's table (table selector 0); as a number: its index there. Index 5, once 100 kbit/s, is
-/// reserved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[allow(missing_docs)] // the number is in kbit/s
-#[repr(u8)]
-pub enum BitRate {
-    Kbit1000 = 0,
-    Kbit800 = 1,
-    Kbit500 = 2,
-    Kbit250 = 3,
-    Kbit125 = 4,
-    Kbit50 = 6,
-    Kbit20 = 7,
-    Kbit10 = 8,
-    /// The slave finds out by itself.
-    Auto = 9,
+listed! {
+    /// A bit rate of CiA 301's table (table selector 0); as a number: its index there. Index 5, once 100 kbit/s, is
+    /// reserved.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[allow(missing_docs)] // the number is in kbit/s
+    #[repr(u8)]
+    pub enum BitRate {
+        Kbit1000 = 0,
+        Kbit800 = 1,
+        Kbit500 = 2,
+        Kbit250 = 3,
+        Kbit125 = 4,
+        Kbit50 = 6,
+        Kbit20 = 7,
+        Kbit10 = 8,
+        /// The slave detects the bit rate by itself.
+        Auto = 9,
+    }
 }
 
 impl BitRate {
-    /// All bit rates of the table.
-    pub const ALL: [Self; 9] = [
-        Self::Kbit1000,
-        Self::Kbit800,
-        Self::Kbit500,
-        Self::Kbit250,
-        Self::Kbit125,
-        Self::Kbit50,
-        Self::Kbit20,
-        Self::Kbit10,
-        Self::Auto,
-    ];
-
     /// The one at an index of the table.
     #[must_use]
     pub fn from_index(index: u8) -> Option<Self> {

@@ -15,6 +15,7 @@ mod peer;
 mod peers;
 mod plan;
 mod producers;
+mod rival;
 mod shared;
 mod stats;
 mod strangers;
@@ -23,7 +24,7 @@ mod tests;
 
 pub use crate::write::{ConfigWrite, How};
 pub use config::{ConfigError, Expect, Farewell, Guarding, MasterConfig, NodeConfig, PdoMapping, Stamp};
-pub use events::{BootError, Event, LostReason, PdoError, RequestError, State, Step, Ticket};
+pub use events::{BootError, Event, Foreign, LostReason, PdoError, RequestError, State, Step, Ticket};
 pub use stats::{Jitter, RoundTrip, Spread, Stats};
 
 use crate::wire::{self, NmtState, Service};
@@ -34,6 +35,7 @@ use heartbeat::OwnHeartbeat;
 use peer::Peer;
 use peers::Peers;
 use producers::{Sync, Time};
+use rival::Rival;
 use shared::Shared;
 use strangers::Strangers;
 
@@ -56,6 +58,7 @@ pub struct Master {
     heartbeat: Option<OwnHeartbeat>,
     sync: Option<Sync>,
     time: Option<Time>,
+    rival: Rival,
     tickets: u32,
     foreign: u32,
 }
@@ -76,14 +79,22 @@ impl Master {
             heartbeat: None,
             sync: None,
             time: Time::new(&config),
+            rival: Rival::new(&config),
             tickets: 0,
             foreign: 0,
             shared: Shared::new(config, mandatory),
         })
     }
 
-    /// A frame from the bus. The master's own frames, where the bus gives them back, do no harm.
+    /// A frame from the bus, which arrives now. The master's own frames, where the bus returns them, do no harm.
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
+        self.handle_rx_at(now, now, frame);
+    }
+
+    /// A frame from the bus that arrived at `arrived` and was read at `now`. A node's heartbeat shows that it lived
+    /// when the frame arrived: one that waited to be read does not extend its life.
+    pub fn handle_rx_at(&mut self, now: Instant, arrived: Instant, frame: &Frame) {
+        let arrived = arrived.min(now);
         self.shared.outbox.at(now);
         self.shared.outbox.crossed(frame);
         if frame.is_remote() {
@@ -91,6 +102,7 @@ impl Master {
         }
         let service = Service::of(frame);
         self.count(service, frame);
+        self.watch_for_rival(now, service, frame);
         match service {
             Some(Service::ErrorControl { node }) if node == self.shared.config.id => {
                 self.own_heartbeat(now);
@@ -99,7 +111,7 @@ impl Master {
                 if let Some(state) = wire::decode_heartbeat(frame.data()) {
                     self.named(node, state);
                 }
-                self.to(node, |peer, shared| peer.heartbeat(now, frame, shared));
+                self.to(node, |peer, shared| peer.heartbeat(now, arrived, frame, shared));
             }
             Some(Service::SdoResponse { node }) if self.strangers.is_asked(node) => {
                 self.strangers.handle_rx(now, node, frame, &mut self.shared);
@@ -117,7 +129,7 @@ impl Master {
                 self.foreign = self.foreign.saturating_add(1);
                 let _known = self.peers.with(node, Peer::asked_by_others);
             }
-            // NMT, SYNC, RPDO and SDO requests are our own frames come back, or another master's.
+            // Our own frames come back, or another master's, which was reported.
             Some(
                 Service::Nmt
                 | Service::Sync
@@ -130,6 +142,23 @@ impl Master {
             | None => self.foreign = self.foreign.saturating_add(1),
         }
         self.settle(now);
+    }
+
+    /// Reports commands to our nodes that this master did not send.
+    fn watch_for_rival(&mut self, now: Instant, service: Option<Service>, frame: &Frame) {
+        let ours = |node: u8| self.peers.get(node).is_some();
+        let command = match service {
+            Some(Service::Nmt) => {
+                rival::nmt_target(frame).filter(|node| *node == 0 || ours(*node)).map(|node| Foreign::Nmt { node })
+            }
+            Some(Service::Sync) => Some(Foreign::Sync),
+            Some(Service::Rpdo { node, .. }) if ours(node) => Some(Foreign::Rpdo { node }),
+            Some(Service::SdoRequest { node }) if ours(node) => Some(Foreign::SdoRequest { node }),
+            _ => None,
+        };
+        if let Some(command) = command.and_then(|command| self.rival.received(now, frame, command)) {
+            self.shared.events.push(Event::SecondMaster { by: command });
+        }
     }
 
     /// Counts the frames of each node, except answers to requests.
@@ -179,8 +208,8 @@ impl Master {
         let Some(heartbeat) = &mut self.heartbeat else {
             return;
         };
-        if heartbeat.heard(now) {
-            self.shared.events.push(Event::SecondMaster);
+        if heartbeat.is_foreign() && self.rival.reported(now) {
+            self.shared.events.push(Event::SecondMaster { by: Foreign::Heartbeat });
         }
     }
 
@@ -218,12 +247,14 @@ impl Master {
     /// Next frame to send. SDO frames come after all others, limited to what the wire takes at once.
     pub fn poll_tx(&mut self) -> Option<Frame> {
         if let Some(frame) = self.shared.outbox.pop() {
+            self.rival.sent(&frame);
             return Some(frame);
         }
         while let Some(node) = self.shared.outbox.turn() {
             let said = self.peers.with(node, Peer::poll_tx).unwrap_or_else(|| self.strangers.poll_tx(node));
             if let Some(frame) = said {
                 self.shared.outbox.said(&frame);
+                self.rival.sent(&frame);
                 return Some(frame);
             }
             self.shared.outbox.unmark(node);

@@ -4,6 +4,7 @@
 pub mod sdo;
 
 use base::can::{Frame, Id};
+use base::listed;
 
 /// The service that an 11-bit identifier belongs to in the pre-defined connection set (CiA 301, 9.3.2). PDOs are
 /// named from the node's side and numbered 1 to 4.
@@ -91,27 +92,25 @@ pub const fn is_restricted(cob_id: u16) -> bool {
     matches!(cob_id, 0..=0x07F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..)
 }
 
-/// An NMT command (CiA 301, 9.2.6.1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u8)]
-pub enum NmtCommand {
-    /// To Operational.
-    Start = 0x01,
-    /// To Stopped.
-    Stop = 0x02,
-    /// To Pre-operational.
-    EnterPreOperational = 0x80,
-    /// Everything to power-on values, then boot-up.
-    ResetNode = 0x81,
-    /// The communication profile to power-on values, then boot-up.
-    ResetCommunication = 0x82,
+listed! {
+    /// An NMT command (CiA 301, 9.2.6.1).
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[repr(u8)]
+    pub enum NmtCommand {
+        /// To Operational.
+        Start = 0x01,
+        /// To Stopped.
+        Stop = 0x02,
+        /// To Pre-operational.
+        EnterPreOperational = 0x80,
+        /// Everything to power-on values, then boot-up.
+        ResetNode = 0x81,
+        /// The communication profile to power-on values, then boot-up.
+        ResetCommunication = 0x82,
+    }
 }
 
 impl NmtCommand {
-    /// All commands.
-    pub const ALL: [Self; 5] =
-        [Self::Start, Self::Stop, Self::EnterPreOperational, Self::ResetNode, Self::ResetCommunication];
-
     fn from_byte(byte: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|command| *command as u8 == byte)
     }

@@ -30,6 +30,8 @@ struct Poll {
     turn: Turn,
     period: Duration,
     ticker: Ticker,
+    /// The node is lost: this poll probes it, or pauses.
+    lost: bool,
 }
 
 /// At most `N` polls and [`DEMANDS`] waiting demands.
@@ -52,7 +54,17 @@ impl<const N: usize> Schedule<N> {
 
     /// Asks `turn` at `first`, then every `period`. False when there is no room.
     pub fn poll(&mut self, first: Instant, period: Duration, turn: Turn) -> bool {
-        self.polls.push(Poll { turn, period, ticker: Ticker::new(first, period) }).is_ok()
+        self.polls.push(Poll { turn, period, ticker: Ticker::new(first, period), lost: false }).is_ok()
+    }
+
+    /// Changes the period of a poll, which is due at once, so that polls that are changed together are in phase. While
+    /// the node is lost the period is kept for later.
+    pub fn set_period(&mut self, now: Instant, turn: Turn, period: Duration) {
+        let Some(poll) = self.polls.iter_mut().find(|poll| poll.turn == turn) else { return };
+        poll.period = period;
+        if !poll.lost {
+            poll.ticker = Ticker::new(now, period);
+        }
     }
 
     /// Asks `turn` once, as soon as no poll is due; before the first poll, at once. False when [`DEMANDS`] wait
@@ -102,14 +114,19 @@ impl<const N: usize> Schedule<N> {
         if let Some(poll) = polls.next() {
             let period = poll.period.max(PROBE);
             poll.ticker = Ticker::new(now + period, period);
+            poll.lost = true;
         }
-        polls.for_each(|poll| poll.ticker = Ticker::new(Instant::NEVER, poll.period));
+        polls.for_each(|poll| {
+            poll.ticker = Ticker::new(Instant::NEVER, poll.period);
+            poll.lost = true;
+        });
     }
 
     /// The node is back: its polls have their own periods again, from now on.
     pub fn back(&mut self, now: Instant, node: u8) {
         for poll in self.polls.iter_mut().filter(|poll| poll.turn.to == node) {
             poll.ticker = Ticker::new(now + poll.period, poll.period);
+            poll.lost = false;
         }
     }
 }
@@ -217,6 +234,26 @@ mod tests {
         schedule.back(ms(5000), SO1.to);
         let asked = (5000..6000).filter(|now| schedule.due(ms(*now)).is_some_and(|turn| turn.to == SO1.to)).count();
         assert_eq!(asked, 9 + 19);
+    }
+
+    #[test]
+    fn a_changed_period_begins_at_once_and_of_a_lost_node_when_it_is_back() {
+        let asked = |schedule: &mut Schedule<4>, from: u64, to: u64| {
+            (from..to)
+                .filter(|now| schedule.due(ms(*now)).is_some_and(|turn| turn == SD1))
+                .collect::<std::vec::Vec<_>>()
+        };
+        let mut schedule = schedule();
+        assert_eq!(asked(&mut schedule, 0, 300), [0, 250]);
+        schedule.set_period(ms(300), SD1, Duration::from_millis(50));
+        assert_eq!(asked(&mut schedule, 300, 500), [300, 350, 400, 450]);
+        schedule.set_period(ms(500), SD1, Duration::from_millis(250));
+        assert_eq!(asked(&mut schedule, 500, 1200), [500, 750, 1000]);
+        schedule.lost(ms(1200), SD1.to);
+        schedule.set_period(ms(1200), SD1, Duration::from_millis(50));
+        assert_eq!(asked(&mut schedule, 1200, 4000), [2200, 3200]);
+        schedule.back(ms(4000), SD1.to);
+        assert_eq!(asked(&mut schedule, 4000, 4200), [4050, 4100, 4150]);
     }
 
     #[test]

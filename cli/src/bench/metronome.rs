@@ -117,6 +117,7 @@ pub fn measure(plan: Plan, lcm_url: &str) -> Result<Report, Failed> {
         lcm_url: lcm_url.into(),
         ports: Vec::new(),
         raw: Vec::new(),
+        policy: module::admission::Policy::default(),
         launch: None,
         beats: None,
         inputs: None,

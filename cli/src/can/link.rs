@@ -53,7 +53,7 @@ impl Link {
     pub fn receive(&mut self, now: Instant) -> Result<Heard, Failed> {
         let heard = match self.open.port.device.receive(now) {
             Ok(Received::Nothing) => Ok(Heard::Nothing),
-            Ok(Received::Input { input: Input::Can(frame), stamp, .. }) => Ok(Heard::Frame { frame, stamp }),
+            Ok(Received::Input { input: Input::Can { frame, .. }, stamp, .. }) => Ok(Heard::Frame { frame, stamp }),
             Ok(Received::Input { input: Input::CanNotice(notice), .. }) => Ok(Heard::Notice(notice)),
             Ok(Received::Input { input: Input::Down(_), .. }) => Err("the port is down".into()),
             Ok(Received::Input { .. }) => Ok(Heard::Note(String::new())),

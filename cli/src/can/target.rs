@@ -7,7 +7,7 @@ use host::ports::PortConfig;
 use host::ports::settings::CanInterface;
 use module::State;
 use robot::config::{CanBus, SIMULATOR};
-use robot::place::Place;
+use robot::place::RobotLocation;
 use robot::topology;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ pub struct Held {
     /// Holder.
     pub holder: Holder,
     /// The robot that it is of.
-    pub place: Place,
+    pub place: RobotLocation,
 }
 
 impl Where {
@@ -112,7 +112,7 @@ impl Target {
         Ok(configured.unwrap_or(stranger))
     }
 
-    fn of(place: &Place, bus: &CanBus) -> Result<Self, Failed> {
+    fn of(place: &RobotLocation, bus: &CanBus) -> Result<Self, Failed> {
         let known = bus.driver.nodes.iter().map(|node| Known {
             id: node.id,
             name: node.axis.name().into(),

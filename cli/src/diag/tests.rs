@@ -44,8 +44,12 @@ fn press(app: &mut App, millis: u64, keys: &str) {
 }
 
 fn screen(app: &App, width: u16, height: u16) -> String {
+    screen_at(app, width, height, 0)
+}
+
+fn screen_at(app: &App, width: u16, height: u16, millis: u64) -> String {
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-    terminal.draw(|frame| draw::draw(frame, app, BODY, at(0))).unwrap();
+    terminal.draw(|frame| draw::draw(frame, app, BODY, at(millis))).unwrap();
     let cells = terminal.backend().buffer().content();
     cells
         .chunks(usize::from(width))
@@ -202,7 +206,7 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     for told in [
         "stands     5.0s PAUSE is engaged by bumper2 ",
         "           1.0s web:Jana must send zero first: the robot was",
-        "                until somebody acts",
+        "                latched until commanded",
         "           0.0s the estimator is lost",
     ] {
         assert!(screen.contains(told), "{told}:\n{screen}");
@@ -213,6 +217,35 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     hear(&mut old, DataMotion { reason: "the watchdog is not heard".into(), ..DataMotion::default() });
     let screen = self::screen(&old, 160, 40);
     assert!(screen.contains("- the watchdog is not heard"), "{screen}");
+}
+
+#[test]
+fn the_bound_of_the_guard_is_one_line_with_its_cause() {
+    let mut app = app(false);
+    hear(&mut app, DataMotion { speed: 0.3, ..DataMotion::default() });
+    let line = |app: &App, millis: u64| {
+        let screen = screen_at(app, 200, 40, millis);
+        screen.lines().find(|line| line.contains("guard ")).map(str::to_owned)
+    };
+    assert_eq!(line(&app, 0), None, "a robot without a guard");
+    let guard = messages::lowlevel::DataGuard {
+        forward: 0.32,
+        backward: 0.8,
+        code: messages::Hold::GuardStops.code(),
+        subject: "sonar 3".into(),
+        ..Default::default()
+    };
+    hear(&mut app, guard);
+    let told = line(&app, 0).unwrap();
+    assert!(told.contains("guard      0.0s at most 0.32 m/s forward: sonar 3 "), "{told}");
+    let (code, subject) = (messages::Hold::GuardCreep.code(), "diag:1".into());
+    let holds = vec![messages::lowlevel::Hold { code, subject, latched: false, since: 0 }];
+    hear(&mut app, messages::lowlevel::DataHold { timestamp: 1, module: "driver_canbus".into(), holds });
+    let told = line(&app, 0).unwrap();
+    assert!(told.contains(" creeping; otherwise at most 0.32 m/s forward: sonar 3 "), "{told}");
+    assert!(screen(&app, 160, 40).contains("bounded  "), "it does not stand");
+    let told = line(&app, 300).unwrap();
+    assert!(told.contains("!0.3s") && told.contains("the guard is not heard"), "{told}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The LCM bus over UDP multicast. Every check is a function of the results of `network` and `probe`.
 
+use super::entering::{Incoming, Unproven};
 use super::finding::{Finding, bytes};
 use super::network::Interface;
 use super::probe::{Outgoing, Trip};
@@ -184,6 +185,40 @@ pub fn outgoing(
             ),
         ),
     }
+}
+
+/// With TTL 0 nothing from another computer enters.
+pub fn incoming(url: &Udpm, proof: &Result<Incoming, Unproven>) -> Option<Finding> {
+    const CHECK: &str = "nothing enters";
+    let cure = "zgrep CONFIG_NET /proc/config.gz; sysctl net.core.optmem_max";
+    let finding = match proof {
+        _ if url.ttl > 0 => return None,
+        Err(Unproven::NoFilter(why)) => Finding::fail(CHECK, why.clone())
+            .why("Any computer of the network could command the robot, so no module starts.")
+            .cure(cure),
+        Err(Unproven::NoNetwork(why)) => {
+            Finding::ok(CHECK, format!("a socket filter drops what comes from other computers (not tried here: {why})"))
+        }
+        Ok(Incoming { sent, control, .. }) if control < sent => Finding::ok(
+            CHECK,
+            format!(
+                "a socket filter drops what comes from other computers \
+                 (not proven: {control} of {sent} came without it)"
+            ),
+        ),
+        Ok(Incoming { sent, passed: 0, .. }) => Finding::ok(
+            CHECK,
+            format!(
+                "none of {sent} datagrams of another computer passed the socket filter (control without it: {sent})"
+            ),
+        ),
+        Ok(Incoming { sent, passed, .. }) => {
+            Finding::fail(CHECK, format!("{passed} of {sent} datagrams of another computer passed the socket filter"))
+                .why("Any computer of the network can command the robot.")
+                .cure(cure)
+        }
+    };
+    Some(finding)
 }
 
 /// `net.ipv4.igmp_max_memberships`: a socket joins on the interface and on `lo`.

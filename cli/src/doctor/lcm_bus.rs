@@ -3,7 +3,7 @@
 use super::finding::Finding;
 use super::network::{Interface, Listener};
 use super::probe::Trip;
-use super::{buffer, bus, devices, machine, network, probe};
+use super::{buffer, bus, devices, entering, machine, network, probe};
 use lcm::url::{Shm, Udpm, Url};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::Path;
@@ -56,11 +56,12 @@ fn multicast(url: &Udpm) -> Vec<Finding> {
     findings.push(net.self_test(&joined));
     findings.extend(net.official(&listeners));
     findings.push(net.outgoing());
+    findings.extend(bus::incoming(url, &entering::prove()));
     findings.extend(joined.ok().and_then(|(_, granted)| net.buffer(granted)));
     findings.extend(bus::memberships(network::sysctl("net.ipv4.igmp_max_memberships")));
     findings.extend(bus::reverse_path(url, net.ours(), &interfaces));
     findings.push(buffer::listeners(&listeners, overflows));
-    findings.extend(bus::shm(url.shm == Shm::Auto, gather_shm()));
+    findings.extend(bus::shm(url.shm != Shm::Off, gather_shm()));
     findings
 }
 

@@ -3,12 +3,16 @@
 use super::buffer::{self, Buffer};
 use super::bus::{self, Shm};
 use super::devices::{self, Can, Device};
+use super::entering::{Incoming, Unproven};
 use super::finding::{Finding, Level};
+use super::guard;
 use super::machine::{self, Folder, RealTime};
 use super::network::{Interface, Listener};
 use super::probe::{Outgoing, Trip};
 use super::real_time::{self, Interrupt};
 use super::report::Style;
+use ::guard::Ranging;
+use drivers::canbus::PauseStop;
 use drivers::{canbus, joydev, rs485_bus};
 use host::ports::settings::{CanInterface, CanPort, GamepadPort, SerialPort};
 use host::ports::{GamepadPlace, Transport};
@@ -16,6 +20,7 @@ use host::sys::ClockState;
 use lcm::url::{Interface as Choice, Udpm};
 use robot::config::{CanBus, ConfigError, Gamepad, Rs485Bus};
 use settings::Section;
+use settings::robot::{Geometry, Limits};
 use std::collections::BTreeSet;
 use std::fs;
 use std::net::Ipv4Addr;
@@ -129,6 +134,24 @@ fn that_nothing_leaves_is_proven_by_a_count_that_counts() {
     let wide = Udpm { ttl: 1, ..url.clone() };
     says(&bus::outgoing(&wide, Some(&eth0), &of(0), &of(16)), Level::Warning, "TTL 1 sends", "ttl=0");
     says(&bus::outgoing(&wide, Some(&lo()), &of(0), &of(16)), Level::Ok, "on lo", "");
+}
+
+#[test]
+fn that_nothing_enters_is_proven_by_datagrams_that_could() {
+    let url = Udpm::default();
+    let check = |proof| bus::incoming(&url, &proof).unwrap();
+    let of = |control, passed| Ok(Incoming { sent: 16, control, passed });
+    says(&check(of(16, 0)), Level::Ok, "none of 16 datagrams of another computer passed", "");
+    says(&check(of(16, 1)), Level::Fail, "1 of 16 datagrams", "optmem_max");
+    says(&check(of(3, 0)), Level::Ok, "not proven: 3 of 16", "");
+    says(&check(Err(Unproven::NoNetwork("not permitted".into()))), Level::Ok, "not tried here: not permitted", "");
+    says(&check(Err(Unproven::NoFilter("no memory".into()))), Level::Fail, "no memory", "optmem_max");
+    assert!(bus::incoming(&Udpm { ttl: 1, ..url.clone() }, &of(16, 0)).is_none(), "said with what leaves");
+    // The result on this machine: a proof, or the reason why it cannot be given.
+    match super::entering::prove() {
+        Ok(Incoming { sent, control, passed }) => assert_eq!((control, passed), (sent, 0)),
+        Err(why) => assert!(matches!(why, Unproven::NoNetwork(_)), "{why:?}"),
+    }
 }
 
 #[test]
@@ -420,6 +443,78 @@ fn the_interrupt_of_a_device_is_its_own_or_that_of_what_it_hangs_on() {
     assert_eq!(of("nowhere"), None);
 }
 
+const GEOMETRY: Geometry = Geometry {
+    wheelbase_m: 0.6,
+    track_m: 0.5,
+    wheel_radius_m: 0.1,
+    length_m: 0.9,
+    width_m: 0.6,
+    rear_overhang_m: 0.15,
+    ticks_per_turn: 4000,
+};
+
+const LIMITS: Limits = Limits {
+    speed_mps: 1.2,
+    speed_manual_mps: 0.6,
+    speed_autonomous_mps: 0.8,
+    steering_rad: 0.61,
+    acceleration_mps2: 0.5,
+    deceleration_mps2: 0.8,
+    quick_stop_mps2: 1.5,
+    lateral_acceleration_mps2: 0.8,
+    steering_rate_radps: 0.7,
+    command_ttl: base::Duration::from_millis(250),
+};
+
+/// A guard with these sensors: x and direction of each, on the middle line; its beam covers the robot's width 0.5 m
+/// ahead.
+fn guarded(ranging: Ranging, sensors: &[(f64, f64)]) -> ::guard::Config {
+    let at = |x| navitools::Point { x, y: 0.0 };
+    let sensor = |&(x, theta): &(f64, f64)| ::guard::Sensor { id: 0, at: at(x), theta, beam: 1.2 };
+    let settings = ::guard::Settings { ranging, ..::guard::Settings::usual() };
+    ::guard::Config::of(settings, &GEOMETRY, &LIMITS, 0.25, sensors.iter().map(sensor).collect())
+}
+
+#[test]
+fn a_robot_that_senses_nothing_says_so_in_large_letters() {
+    let blind = guarded(Ranging::None, &[]);
+    says(&guard::ranging(&blind), Level::Warning, "NOTHING SENSES WHAT IS IN THE WAY: AT MOST 0.3 m/s", "");
+    says(&guard::ranging(&guarded(Ranging::Sonar, &[])), Level::Ok, "by the sonars", "");
+}
+
+#[test]
+fn the_guard_must_not_count_on_more_than_the_weakest_stop() {
+    let stop = |pause| canbus::Stop { pause, brake_mps2: 1.5, coasting_mps2: 0.15, ..canbus::Stop::usual() };
+    let mut config = guarded(Ranging::Sonar, &[]);
+    let check = |config: &::guard::Config, limits: &Limits, pause| guard::deceleration(config, limits, &stop(pause));
+    let brake = check(&config, &LIMITS, PauseStop::Brake);
+    says(&brake, Level::Ok, "counts on 0.25 m/s², the least of all stops is 0.8", "");
+    // Without a brake it rolls when its motors lose their feed, a delayed opening or not.
+    for pause in [PauseStop::Coast, PauseStop::Delayed] {
+        let rolls = check(&config, &LIMITS, pause);
+        says(&rolls, Level::Warning, "counts on 0.25 m/s², and stop.coasting_mps2 is 0.15", "");
+    }
+    let weak = Limits { quick_stop_mps2: 0.2, ..LIMITS };
+    says(&check(&config, &weak, PauseStop::Brake), Level::Warning, "limits.quick_stop_mps2 is 0.2", "");
+    config.braking = 0.15;
+    says(&check(&config, &LIMITS, PauseStop::Coast), Level::Ok, "0.15", "");
+}
+
+#[test]
+fn a_direction_that_no_sensor_covers_is_named() {
+    let (front, rear) = ((0.75, 0.0), (-0.15, std::f64::consts::PI));
+    let check = |sensors: &[(f64, f64)]| guard::coverage(&guarded(Ranging::Sonar, sensors));
+    says(&check(&[front, rear]).unwrap(), Level::Ok, "in every direction of travel", "");
+    says(&check(&[front]).unwrap(), Level::Warning, "the width of the robot backward", "");
+    says(&check(&[]).unwrap(), Level::Warning, "the width of the robot forward, backward", "");
+    assert!(check(&[]).unwrap().why.contains("at most at 0.3 m/s"));
+    assert_eq!(guard::coverage(&guarded(Ranging::None, &[front])), None, "it is said that nothing senses");
+    let flat = ::guard::Config { footprint: Vec::new(), ..guarded(Ranging::Sonar, &[front]) };
+    for finding in [guard::coverage(&flat).unwrap(), guard::deceleration(&flat, &LIMITS, &canbus::Stop::usual())] {
+        says(&finding, Level::Fail, "has no area", "");
+    }
+}
+
 #[test]
 fn a_clock_that_nobody_sets_is_a_warning() {
     let state = |synchronized| Ok(ClockState { synchronized, error_us: 12_345 });
@@ -459,4 +554,17 @@ fn a_report_is_lines_that_a_terminal_holds_and_commands_in_one_piece() {
     assert!(text.lines().filter(|line| !line.contains('$')).all(|line| line.len() <= 100), "{text}");
     let coloured = Style { colour: true }.text(&[("bus", findings)], &counts);
     assert!(coloured.contains("\x1b[1;31mFAIL    \x1b[0m two"), "{coloured}");
+}
+
+#[test]
+fn the_second_way_to_stop_is_named_or_said_to_be_missing() {
+    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
+    let found = |sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        super::second_way(&robot::config::Config::load(&conf, true, &sets).unwrap().robot)
+    };
+    says(&found(&["stop.second_way=power"]), Level::Ok, "power controller", "");
+    let output = ["stop.second_way=canopen", "stop.output.node=5", "stop.output.index=0x6200"];
+    says(&found(&output), Level::Ok, "node 5 cuts the motors' feed by its object 0x6200:1", "");
+    says(&found(&["stop.second_way=none"]), Level::Warning, "none", "");
 }

@@ -2,7 +2,7 @@
 
 use super::types::{Dictionary, TypesArg};
 use crate::bus::{interrupt, wait};
-use crate::{Common, Failed, Outcome, seconds};
+use crate::{Common, Failed, Outcome, neighbours, seconds};
 use base::{Duration, Instant};
 use host::clock;
 use lcm::Url;
@@ -44,6 +44,9 @@ pub struct Pub {
     /// Duration, s; with --rate and neither --count nor this until Ctrl-C
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<Duration>,
+    /// Although a robot is on the bus
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     types: TypesArg,
 }
@@ -65,6 +68,10 @@ pub fn publish(common: &Common, command: &Pub) -> Outcome {
     let ty = type_of(&types, command)?;
     let interrupt = interrupt()?;
     let name = common.lcm_url();
+    if neighbours::is_safety(&command.channel) && !command.force {
+        let what = format!("{}, which its own modules publish, is not published", command.channel);
+        neighbours::refuse(&name, &what, None)?;
+    }
     let (url, _) = Url::parse(&name).map_err(|error| Failed::from(error.to_string()))?;
     let lcm = Lcm::new(&url).map_err(|error| Failed::from(format!("LCM bus {name}: {error}")))?;
     let missing = if command.defaults { Missing::Zero } else { Missing::Refuse };

@@ -90,34 +90,41 @@ fn named(path: &Path, error: impl std::fmt::Display) -> Failed {
     format!("{}: {error}", path.display()).into()
 }
 
-/// A new file that takes the place of `path` when all of it is written: what was there stays until then.
+/// A new file that takes the place of `path` when all of it is written: what was there stays until then. A path that is
+/// not a regular file, such as `/dev/null` or a pipe, is written to, and not replaced.
 pub struct New {
-    path: PathBuf,
-    scratch: PathBuf,
-    done: bool,
+    /// For a regular file: the scratch file beside it, and its final name.
+    unfinished: Option<(PathBuf, PathBuf)>,
 }
 
 impl New {
     pub fn create(path: &Path) -> Result<(Self, File), Failed> {
+        // A symbolic link remains one: the file to which it leads is replaced.
+        let path = fs::canonicalize(path).unwrap_or_else(|_| path.into());
+        if fs::metadata(&path).is_ok_and(|there| !there.is_file()) {
+            let file = OpenOptions::new().write(true).open(&path).map_err(|error| named(&path, error))?;
+            return Ok((Self { unfinished: None }, file));
+        }
         let mut scratch = path.as_os_str().to_owned();
         scratch.push(".part");
         let scratch = PathBuf::from(scratch);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&scratch);
         let file = file.map_err(|error| named(&scratch, error))?;
-        Ok((Self { path: path.into(), scratch, done: false }, file))
+        Ok((Self { unfinished: Some((scratch, path)) }, file))
     }
 
     pub fn finish(mut self) -> Result<(), Failed> {
-        fs::rename(&self.scratch, &self.path).map_err(|error| named(&self.path, error))?;
-        self.done = true;
+        let Some((scratch, path)) = &self.unfinished else { return Ok(()) };
+        fs::rename(scratch, path).map_err(|error| named(path, error))?;
+        self.unfinished = None;
         Ok(())
     }
 }
 
 impl Drop for New {
     fn drop(&mut self) {
-        if !self.done {
-            let _ = fs::remove_file(&self.scratch);
+        if let Some((scratch, _)) = &self.unfinished {
+            let _ = fs::remove_file(scratch);
         }
     }
 }

@@ -5,7 +5,7 @@ use super::keys::{Key, Keys};
 use super::select::{Select, Selection};
 use super::source::{Item, Log};
 use crate::bus::interrupt;
-use crate::{Common, Failed, Outcome, complain, print, seconds};
+use crate::{Common, Failed, Outcome, complain, neighbours, print, seconds};
 use base::{Duration, Instant};
 use host::clock;
 use lcm::Url;
@@ -24,7 +24,9 @@ use std::sync::Arc;
 
 /// Help for the keyboard.
 pub const HELP: &str = "On a terminal: space pauses, arrows go 5 s back and on, + and - change the speed, q ends. \
-Channels *_CMD_* are left out unless --commands says so: they would move the robot.";
+Channels *_CMD_* and LL_DATA_ACTIVE_BEACONS, a command, too, are left out unless --commands says so: they would move \
+the robot. Where a robot is on the bus \
+nothing is played; with --force what its own modules publish, and others decide by, is left out.";
 
 #[derive(clap::Args)]
 pub struct Play {
@@ -42,6 +44,9 @@ pub struct Play {
     /// Commands too
     #[arg(long)]
     commands: bool,
+    /// Although a robot is on the bus
+    #[arg(long)]
+    force: bool,
     /// Publish one channel under another name; may be given often
     #[arg(long, value_name = "FROM=TO", value_parser = rename)]
     rename: Vec<(String, String)>,
@@ -123,6 +128,8 @@ struct Player<'a> {
     next: usize,
     pace: Option<Pace>,
     speed: f64,
+    /// A robot is on the bus: its modules must not take the log for its sensors.
+    beside_a_robot: bool,
     /// Log time of a pause.
     paused_at: Option<u64>,
     played: Played,
@@ -145,6 +152,10 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
     }
     let selection = Selection { all_forms: false, ..Selection::of(&command.select, &log)? };
     let name = common.lcm_url();
+    if !command.force {
+        neighbours::refuse(&name, "the log is not played", None)?;
+    }
+    let beside = if command.force { neighbours::find(&name, None)? } else { None };
     let (url, _) = Url::parse(&name).map_err(|error| Failed::from(error.to_string()))?;
     let lcm = Lcm::new(&url).map_err(|error| Failed::from(format!("LCM bus {name}: {error}")))?;
     let interrupt = interrupt()?;
@@ -162,6 +173,7 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
         next: 0,
         pace: None,
         speed: command.speed,
+        beside_a_robot: beside.is_some(),
         paused_at: command.pause.then_some(begin),
         played: Played::default(),
         status: std::io::stderr().is_terminal().then_some(Instant::ZERO),
@@ -232,13 +244,19 @@ impl Player<'_> {
             if late > LATE {
                 self.pace = Some(Pace { log_ns: item.log_time, at: now, speed });
             }
-            if self.command.commands || !item.channel.contains("_CMD_") {
+            let name = self.name_on_the_bus(item.channel);
+            if is_played(item.channel, name, self.command.commands, self.beside_a_robot) {
                 self.played.latest = self.played.latest.max(late);
                 send(&mut self.lcm, &self.command.rename, &item, &mut self.played)?;
             }
             self.next += 1;
         }
         Ok(Turn::On)
+    }
+
+    /// The name under which a channel is published.
+    fn name_on_the_bus<'a>(&'a self, channel: &'a str) -> &'a str {
+        self.command.rename.iter().find(|(from, _)| from == channel).map_or(channel, |(_, to)| to)
     }
 
     fn press(&mut self, key: Key) -> Result<(), Failed> {
@@ -332,6 +350,14 @@ impl Player<'_> {
     }
 }
 
+/// True if what the log has on `channel` may go out under `name`.
+fn is_played(channel: &str, name: &str, commands: bool, beside_a_robot: bool) -> bool {
+    let is_safe = !(beside_a_robot && neighbours::is_safety(name));
+    // A command may be renamed to another channel, and another channel to a command.
+    let is_command = [channel, name].into_iter().any(neighbours::is_command);
+    is_safe && (commands || !is_command)
+}
+
 fn send(lcm: &mut Lcm, names: &[(String, String)], item: &Item<'_>, played: &mut Played) -> Result<(), Failed> {
     let to = names.iter().find(|(from, _)| from == item.channel).map_or(item.channel, |(_, to)| to);
     for _ in 0..TRIES {
@@ -355,4 +381,30 @@ fn send(lcm: &mut Lcm, names: &[(String, String)], item: &Item<'_>, played: &mut
     }
     played.refused += 1;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_are_played_by_option_and_what_modules_decide_by_beside_no_robot() {
+        let played = |channel, name| {
+            let alone = [false, true].map(|commands| is_played(channel, name, commands, false));
+            let beside = [false, true].map(|commands| is_played(channel, name, commands, true));
+            (alone, beside)
+        };
+        let (all, none, with_commands) = ([true; 2], [false; 2], [false, true]);
+        for (channel, name, expected) in [
+            ("FOREIGN", "FOREIGN", (all, all)),
+            ("LL_CMD_MOTION", "LL_CMD_MOTION", (with_commands, with_commands)),
+            ("FOREIGN", "LL_CMD_MOTION", (with_commands, with_commands)),
+            ("LL_DATA_ACTIVE_BEACONS", "LL_DATA_ACTIVE_BEACONS", (with_commands, none)),
+            ("LL_DATA_ACTIVE_BEACONS", "OTHER", (with_commands, with_commands)),
+            ("CM_DATA_STATE", "CM_DATA_STATE", (all, none)),
+            ("LL_DATA_HOLD", "LL_DATA_HOLD", (all, none)),
+        ] {
+            assert_eq!(played(channel, name), expected, "{channel} as {name}");
+        }
+    }
 }

@@ -6,7 +6,7 @@ use base::Duration;
 use host::ports::TerminalConfig;
 use host::ports::Transport;
 use robot::config::Rs485Bus;
-use robot::place::Place;
+use robot::place::RobotLocation;
 use rs485::boards::{BOARDS, Board};
 use rs485::crc::Crc8;
 use std::fs;
@@ -111,7 +111,7 @@ impl Where {
 }
 
 impl Target {
-    fn of(place: &Place, bus: &Rs485Bus) -> Self {
+    fn of(place: &RobotLocation, bus: &Rs485Bus) -> Self {
         let known = bus.driver.nodes.iter().map(|node| Known {
             name: node.name.clone(),
             address: node.address,

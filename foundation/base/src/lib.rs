@@ -31,6 +31,7 @@ pub mod can;
 mod deadlines;
 pub mod gamepad;
 pub mod i2c;
+mod listed;
 mod queue;
 mod report;
 pub mod serial;

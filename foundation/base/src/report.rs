@@ -120,6 +120,10 @@ faults! {
     PortDown = 0x0003, Device;
     /// A port lost data: a queue or a kernel buffer was full.
     PortOverrun = 0x0004, Resource;
+    /// A message came from a sender who may not publish it (`commands` of `[bus]` in robot.toml); it was dropped.
+    SenderRefused = 0x0005, Unknown;
+    /// Another watchdog publishes on this bus: another robot, or a simulated one. The robot stops.
+    SecondRobot = 0x0006, Unknown;
 
     /// A board fails to answer now and then (error counter at 96).
     BoardDegraded = 0x0101, Device;
@@ -133,6 +137,9 @@ faults! {
     BusBabble = 0x0105, Device;
     /// Two boards answer at one address.
     AddressClash = 0x0106, Device;
+
+    /// A ranging board does not measure, which the motion depends on: the robot stops.
+    RangingLost = 0x0107, Timeout;
 
     /// A drive does not answer, or its heartbeat is missing.
     DriveLost = 0x0201, Device;
@@ -156,7 +163,7 @@ faults! {
     WatchdogSilent = 0x020A, Timeout;
     /// A CAN frame that CANopen does not allow came from a node.
     CanMalformed = 0x020B, Device;
-    /// Another CANopen master with our node id is on the bus: the robot stops.
+    /// Another program commands the drives, or has our node id: the robot stops.
     SecondMaster = 0x020C, Device;
     /// The CAN controller is error-passive: much of what it sends or hears is broken.
     CanPassive = 0x020D, Device;
@@ -168,6 +175,14 @@ faults! {
     CanBabble = 0x0210, Device;
     /// Two nodes of a CAN bus have the same id: the robot stops.
     NodeClash = 0x0211, Device;
+    /// The robot is measured to be faster than commanded: it is braked.
+    SpeedExceeded = 0x0212, Device;
+    /// The robot does not brake as commanded: the motors' feed is cut, where there is a way to.
+    StopFailed = 0x0213, Device;
+    /// An object of a drive on which the stop depends does not hold what was written: the robot stops.
+    DriveParameter = 0x0214, Device;
+    /// The node whose output cuts the motors' feed does not answer: the robot stops.
+    SecondWayLost = 0x0215, Device;
 
     /// A module's process ended unasked and is started again.
     ModuleDied = 0x0301, Unknown;
@@ -183,6 +198,8 @@ faults! {
     RestartStorm = 0x0306, Unknown;
     /// A module has no process: which of its faults are active is not known (only on `CM_DATA_FAULTS`).
     ModuleDown = 0x0307, Unknown;
+    /// The watchdog's own checks are late again and again: a hang would be found too late, so the robot stops.
+    WatchdogLate = 0x0308, Timeout;
 
     /// A simulated fault was asked for that the simulator does not know.
     FaultUnknown = 0x0401, Unknown;

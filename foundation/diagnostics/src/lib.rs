@@ -2,9 +2,9 @@
 //!
 //! The terminal and the web page are functions of a [`Model`]; neither derives anything about the robot by itself. Each
 //! value has its age ([`Slot`]) and is stale if it is older than twice its period. Derived values are put into words
-//! here, once: the status of the robot and why it does not move ([`Status`]), how a process ended ([`ModuleRow`]),
-//! active faults, and whether they are known ([`ShownGroup`]), texts of modules ([`ShownText`]), and the traffic of
-//! each channel ([`ChannelRow`]).
+//! here, once: the status of the robot and why it does not move ([`Status`]), the bound of its speed ([`Bound`]), how a
+//! process ended ([`ModuleRow`]), active faults, and whether they are known ([`ShownGroup`]), texts of modules
+//! ([`ShownText`]), and the traffic of each channel ([`ChannelRow`]).
 //!
 //! All tables are bounded: the bus is hostile input. No bus, clock or screen is used here.
 //!
@@ -31,6 +31,7 @@
 #![forbid(unsafe_code)]
 
 mod errors;
+mod guard;
 mod holds;
 mod model;
 mod modules;
@@ -46,6 +47,7 @@ mod traffic;
 mod view;
 
 pub use errors::{ErrorGroup, Errors, Knowledge, LIST_VALID, Reported, ShownGroup};
+pub use guard::Bound;
 pub use holds::HoldRow;
 pub use model::{Config, Model};
 pub use modules::{ModuleRow, Modules, exit_in_words};

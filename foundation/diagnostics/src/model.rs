@@ -1,6 +1,6 @@
 //! Model: the latest value of everything.
 
-use crate::{Errors, ModuleRow, Modules, Slot, Texts, Traffic};
+use crate::{Errors, ModuleRow, Modules, Slot, Texts, Traffic, guard};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel, simulation};
 use std::collections::BTreeMap;
@@ -42,6 +42,8 @@ pub struct Model {
     pub log: Slot<common::DataLog>,
     /// Motion, and the reason for a standstill.
     pub motion: Slot<lowlevel::DataMotion>,
+    /// Greatest speeds that can still be stopped, with the fields: at most 4, of at most 64 corners each.
+    pub guard: Slot<lowlevel::DataGuard>,
     /// PAUSE line.
     pub stop: Slot<lowlevel::EventStop>,
     /// Odometry.
@@ -94,6 +96,8 @@ impl Model {
             processes: Slot::every(ms(100)),
             log: Slot::every(ms(1000)),
             motion: Slot::every(ms(50)),
+            // Sent each 50 ms, good for 150 ms.
+            guard: Slot::every(ms(75)),
             stop: Slot::every(ms(500)),
             odometry: Slot::every(ms(250)),
             sonars: Slot::every(ms(250)),
@@ -139,6 +143,7 @@ impl Model {
                 let source = command.source.clone();
                 put(&mut self.commands, SOURCES_MAX, source, ms(50), at, command);
             }
+            Some(Message::LlDataGuard(guard)) => self.guard.put(at, guard::limited(guard)),
             Some(Message::LlEventStop(stop)) => self.stop.put(at, stop),
             Some(Message::LlDataOdo(odometry)) => self.odometry.put(at, odometry),
             Some(Message::LlDataSrfs(sonars)) => self.sonars.put(at, sonars),

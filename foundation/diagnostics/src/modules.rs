@@ -20,7 +20,8 @@ pub struct ModuleRow {
     pub state: &'static str,
     /// Commanded state; empty if no watchdog guards the module.
     pub wanted: &'static str,
-    /// Phase of its process: `running`, `ending`, `down`; `stranger` if no watchdog guards it.
+    /// Phase of its process: `running`, `ending`, `down`; `not judged` while the watchdog itself is late; `stranger` if
+    /// no watchdog guards it.
     pub phase: &'static str,
     /// Process id; 0 without a process.
     pub pid: i32,
@@ -115,6 +116,7 @@ impl Modules {
         let phase = match process.phase {
             Process::RUNNING => "running",
             Process::TERMINATING => "ending",
+            Process::UNKNOWN => "not judged",
             _ => "down",
         };
         let age = self.slot(&process.module).and_then(|slot| slot.age(now));

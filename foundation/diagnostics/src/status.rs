@@ -2,7 +2,7 @@
 
 use crate::{Model, ModuleRow};
 use base::{Duration, Instant};
-use messages::lowlevel::DataHold;
+use messages::lowlevel::{DataHold, Hold};
 use messages::middlelevel::DataGoal;
 use serde::Serialize;
 
@@ -112,8 +112,18 @@ impl Model {
                 status(RobotStatus::Ready, "the robot is at standstill without a command".into())
             }
             _ if !motion.reason.is_empty() => status(RobotStatus::Waiting, motion.reason.clone()),
-            _ => status(RobotStatus::Ready, with_source("the robot is at standstill")),
+            // A bound of 0 is not a cause against acting.
+            _ => match self.bounding(now) {
+                Some(bound) => status(RobotStatus::Waiting, bound.words()),
+                None => status(RobotStatus::Ready, with_source("the robot is at standstill")),
+            },
         }
+    }
+
+    /// Why the robot is slower than commanded.
+    fn bounding(&self, now: Instant) -> Option<&Hold> {
+        let is_notice = |hold: &&Hold| hold.cause().is_some_and(messages::Hold::is_notice);
+        self.motion_holds(now)?.holds.iter().find(is_notice)
     }
 }
 

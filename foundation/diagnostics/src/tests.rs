@@ -397,3 +397,99 @@ fn readings_show_unknown_and_fall_back_to_the_view_of_2011() {
     say(&mut model, later, srfs);
     assert!(statuses(&model, later).0, "only that of 2011 comes");
 }
+
+fn guard(forward: f64, backward: f64, code: Hold, subject: &str) -> lowlevel::DataGuard {
+    let field = |kind| lowlevel::Field { kind, occupied: false, x: vec![0.0, 1.0, 1.0], y: vec![0.0, 0.0, 1.0] };
+    let fields = vec![field(lowlevel::Field::PROTECTIVE), field(lowlevel::Field::WARNING)];
+    lowlevel::DataGuard { forward, backward, code: code.code(), subject: subject.into(), fields, ..Default::default() }
+}
+
+#[test]
+fn the_bound_is_that_of_the_direction_of_travel_with_its_cause() {
+    let words = |speed: f64, guard: lowlevel::DataGuard| {
+        let mut model = model();
+        say(&mut model, T0, motion(speed, "", "web:Jana"));
+        say(&mut model, T0, guard);
+        model.bound(T0).unwrap().words
+    };
+    let near = guard(0.32, 0.8, Hold::GuardStops, "sonar 3");
+    assert_eq!(words(0.3, near.clone()), "at most 0.32 m/s forward: sonar 3");
+    assert_eq!(words(-0.3, near.clone()), "at most 0.80 m/s backward: sonar 3");
+    assert_eq!(words(0.0, near), "at most 0.32 m/s forward: sonar 3");
+    assert_eq!(words(0.0, guard(0.3, 0.0, Hold::GuardSlows, "sonar 12")), "must not move backward: sonar 12");
+    let unknown = guard(f64::NAN, 0.2, Hold::GuardUnknown, "sonar 2");
+    assert_eq!(words(0.1, unknown), "must not move forward: nothing is known of sonar 2");
+    assert_eq!(words(0.1, guard(0.3, 0.3, Hold::GuardBlind, "")), "at most 0.30 m/s forward: no sensor looks there");
+    assert_eq!(
+        words(0.1, guard(0.0, 0.0, Hold::GuardMotion, "")),
+        "must not move forward: the guard does not know the motion"
+    );
+    let free = lowlevel::DataGuard { code: 0, ..guard(0.66, 0.66, Hold::GuardStops, "") };
+    assert_eq!(words(0.1, free), "at most 0.66 m/s forward");
+    let later = lowlevel::DataGuard { code: 719, ..guard(0.2, 0.66, Hold::GuardStops, "") };
+    assert_eq!(words(0.1, later), "at most 0.20 m/s forward: cause 719");
+}
+
+#[test]
+fn without_a_guard_there_is_no_bound_and_a_silent_one_permits_nothing() {
+    let mut model = model();
+    say(&mut model, T0, motion(0.3, "", "web:Jana"));
+    assert_eq!(model.bound(T0), None);
+    say(&mut model, T0, guard(0.32, 0.8, Hold::GuardStops, "sonar 3"));
+    let bound = model.bound(T0).unwrap();
+    assert!((bound.speed, bound.limits, bound.creeping) == (0.32, true, false));
+    assert_eq!(model.bound(T0 + Duration::from_millis(150)).unwrap().speed, 0.32);
+    let silent = model.bound(T0 + Duration::from_millis(151)).unwrap();
+    assert!((silent.words.as_str(), silent.speed, silent.limits) == ("the guard is not heard", 0.0, true));
+    let free = lowlevel::DataGuard { code: 0, ..guard(0.66, 0.66, Hold::GuardStops, "") };
+    say(&mut model, T0, free);
+    assert!(!model.bound(T0).unwrap().limits, "the reach of the sensors is nobody in the way");
+}
+
+#[test]
+fn a_creeping_robot_says_so_with_the_bound_that_it_passes() {
+    let mut model = model();
+    say(&mut model, T0, guard(0.0, 0.8, Hold::GuardStops, "sonar 3"));
+    say(&mut model, T0, holds("driver_canbus", &[(Hold::GuardCreep, "web:Jana")]));
+    let bound = model.bound(T0).unwrap();
+    assert!(bound.creeping);
+    assert_eq!(bound.words, "creeping; otherwise must not move forward: sonar 3");
+}
+
+#[test]
+fn a_robot_that_its_guard_lets_stand_waits_and_says_for_what() {
+    let mut model = model();
+    let now = T0;
+    say(&mut model, now, process(Process::RUNNING, DataState::RUN, 0));
+    say(&mut model, now, motion(0.0, "", "web:Jana"));
+    say(&mut model, now, holds("driver_canbus", &[]));
+    assert_eq!(model.status(now).word, RobotStatus::Ready);
+    say(&mut model, now, holds("driver_canbus", &[(Hold::GuardStops, "sonar 3")]));
+    let status = model.status(now);
+    assert_eq!((status.word, status.reason.as_str()), (RobotStatus::Waiting, "something is near: sonar 3"));
+    // Slower than commanded it drives.
+    say(&mut model, now, motion(0.1, "", "web:Jana"));
+    assert_eq!(model.status(now).word, RobotStatus::Driving);
+}
+
+#[test]
+fn of_the_fields_that_anybody_can_publish_only_a_few_sound_ones_are_kept() {
+    let field = |x: Vec<f64>, y: Vec<f64>| lowlevel::Field { kind: 0, occupied: true, x, y };
+    let sound = field(vec![0.0, 1.0, 1.0], vec![0.0, 0.0, 1.0]);
+    let fields = vec![
+        field(vec![0.0; 2], vec![0.0; 2]),
+        field(vec![0.0, f64::NAN, 1.0], vec![0.0; 3]),
+        field(vec![0.0, 1.0, 101.0], vec![0.0; 3]),
+        field(vec![0.0; 65], vec![0.0; 65]),
+        field(vec![0.0; 3], vec![0.0; 4]),
+        sound.clone(),
+        field(vec![0.0; 64], vec![0.0; 64]),
+    ];
+    let kept = |fields: Vec<lowlevel::Field>| {
+        let mut model = model();
+        let message = lowlevel::DataGuard { fields, ..Default::default() };
+        model.receive(T0, "LL_DATA_GUARD", 40, Some(message.into()));
+        model.guard.get().unwrap().fields.len()
+    };
+    assert_eq!((kept(fields), kept(vec![sound; 1000])), (2, 4));
+}

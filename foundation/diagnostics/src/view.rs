@@ -1,6 +1,6 @@
 //! Complete view at one instant: the output of `--json` and the data of the web page.
 
-use crate::{ChannelRow, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
+use crate::{Bound, ChannelRow, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
 use base::Instant;
 use messages::{common, lowlevel, middlelevel, simulation};
 use serde::Serialize;
@@ -18,6 +18,10 @@ pub struct View<'a> {
     pub holds: Vec<HoldRow>,
     /// Recent motion commands.
     pub commands: Vec<&'a lowlevel::CmdMotion>,
+    /// Greatest speeds that can still be stopped, and the fields.
+    pub guard: Shown<'a, lowlevel::DataGuard>,
+    /// The bound of these that holds; `null`: the robot has no guard.
+    pub bound: Option<Bound>,
     /// PAUSE line.
     pub stop: Shown<'a, lowlevel::EventStop>,
     /// Estimated pose.
@@ -106,6 +110,8 @@ impl Model {
             motion: self.motion.shown(now),
             holds: self.hold_rows(now),
             commands: self.commands(now).collect(),
+            guard: self.guard.shown(now),
+            bound: self.bound(now),
             stop: self.stop.shown(now),
             estimate: self.estimate.shown(now),
             ellipse: self.estimate.get().and_then(|estimate| Ellipse::of(&estimate.covariance)),

@@ -1,8 +1,13 @@
-//! Socket filter: a classic BPF program over channel names decides which datagrams the kernel passes to a process.
+//! Socket filter: a classic BPF program decides which datagrams the kernel passes to a process: by their origin, and by
+//! channel names.
 //!
-//! Without it each process on the bus is woken for each message, wanted or not. With it what is not wanted costs its
-//! reader nothing. The program sees the datagram from its UDP header on; a load beyond the end drops the datagram, so
-//! the names are compared in order of their length. It passes
+//! A bus with TTL 0 belongs to this computer alone. The TTL limits what leaves; [`local`] limits what enters: it passes
+//! only datagrams that the kernel looped back to this host (`PACKET_LOOPBACK`) or that came over `lo`. It is attached
+//! before the socket is bound and stays, whatever the subscriptions are.
+//!
+//! Without a filter of names each process on the bus is woken for each message, wanted or not. With it, unwanted
+//! messages cost their reader nothing. The program sees the datagram from its UDP header on; a load beyond the end
+//! drops the datagram, so the names are compared in order of their length. It passes
 //! - short messages and first fragments on the wanted channels, and LCM's self test;
 //! - later fragments, which carry no channel name, except our own if this process does not want them;
 //! - datagrams that are not LCM's, to be counted.
@@ -30,6 +35,14 @@ pub struct Instruction {
 
 /// The longest program that the kernel takes (`BPF_MAXINSNS`).
 pub const LENGTH_MAX: usize = 4096;
+
+/// Ancillary data (`SKF_AD_OFF`): kind of packet, and index of the interface.
+const PACKET_TYPE: u32 = 0xffff_f000 + 4;
+const INTERFACE: u32 = 0xffff_f000 + 8;
+/// A multicast of this host, looped back (`linux/if_packet.h`).
+const PACKET_LOOPBACK: u32 = 5;
+/// `lo` has this index in every network name space (Linux `LOOPBACK_IFINDEX`).
+const LO: u32 = 1;
 
 const LD_LEN: u16 = 0x80; // A = length of the datagram
 const LD_W: u16 = 0x20; // A = 32 bits at k
@@ -64,16 +77,30 @@ const fn jump(code: u16, k: u32, jt: u8, jf: u8) -> Instruction {
     Instruction { code, jt, jf, k }
 }
 
-/// The program that passes messages on the channels `names`. `own` is where our own messages come from; their later
-/// fragments pass if `own_fragments`. `None`: it would be too long for the kernel.
+/// The program that passes all datagrams of this host, and none from other hosts.
 #[must_use]
-pub fn program(names: &[&str], own: SocketAddrV4, own_fragments: bool) -> Option<Vec<Instruction>> {
+pub fn local() -> Vec<Instruction> {
+    let mut program = only_local().to_vec();
+    program.push(op(RET, ALL));
+    program
+}
+
+/// Drops datagrams of other hosts; else continues.
+const fn only_local() -> [Instruction; 5] {
+    [op(LD_W, PACKET_TYPE), jump(JEQ, PACKET_LOOPBACK, 3, 0), op(LD_W, INTERFACE), jump(JEQ, LO, 1, 0), op(RET, 0)]
+}
+
+/// The program that passes messages on the channels `names`; of this host only, if `is_local`. `own` is where our own
+/// messages come from; their later fragments pass if `own_fragments`. `None`: it would be too long for the kernel.
+#[must_use]
+pub fn program(names: &[&str], own: SocketAddrV4, own_fragments: bool, is_local: bool) -> Option<Vec<Instruction>> {
     // A longer name is on no datagram, and its jumps would be too far.
     let possible = names.iter().copied().filter(|name| name.len() <= CHANNEL_MAX);
     let mut names: Vec<&str> = possible.chain([SELF_TEST]).collect();
     names.sort_unstable_by_key(|name| (name.len(), *name));
     names.dedup();
-    let mut program = vec![
+    let mut program = if is_local { only_local().to_vec() } else { Vec::new() };
+    program.extend([
         op(LD_LEN, 0),
         jump(JGE, SHORT_MIN, 1, 0),
         op(RET, ALL),
@@ -95,7 +122,7 @@ pub fn program(names: &[&str], own: SocketAddrV4, own_fragments: bool) -> Option
         op(RET, ALL),
         op(RET, if own_fragments { ALL } else { 0 }),
         op(LDX, FRAGMENT_MORE),
-    ];
+    ]);
     for name in names {
         compare(&mut program, name);
     }
@@ -136,14 +163,28 @@ mod tests {
     const OWN: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 40_000);
     const OTHER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 40_001);
 
+    /// Kinds of packet and interfaces: looped back on one, over `lo`, from another host (`PACKET_MULTICAST`).
+    const LOOPED: (u32, u32) = (5, 7);
+    const OVER_LO: (u32, u32) = (2, 1);
+    const FOREIGN: (u32, u32) = (2, 7);
+
     /// Simulates the kernel: true if the program passes this payload of a UDP datagram.
     fn passes(program: &[Instruction], from: SocketAddrV4, payload: &[u8]) -> bool {
+        passes_by(program, FOREIGN, from, payload)
+    }
+
+    fn passes_by(program: &[Instruction], (kind, interface): (u32, u32), from: SocketAddrV4, payload: &[u8]) -> bool {
         let mut udp = Vec::from(from.port().to_be_bytes());
         udp.extend([0; 6]);
         udp.extend(payload);
         let load = |at: usize, size: usize| {
             if at == IP_SOURCE as usize {
                 return Some(u32::from(*from.ip()));
+            }
+            match at as u32 {
+                PACKET_TYPE => return Some(kind),
+                INTERFACE => return Some(interface),
+                _ => {}
             }
             let bytes = udp.get(at..at + size)?;
             Some(bytes.iter().fold(0, |number, &byte| number << 8 | u32::from(byte)))
@@ -190,7 +231,7 @@ mod tests {
     fn wanted_names_pass_and_others_do_not() {
         let longest = "N".repeat(63);
         let names: Vec<&str> = NAMES.into_iter().chain([longest.as_str()]).collect();
-        let program = program(&names, OWN, false).unwrap();
+        let program = program(&names, OWN, false, false).unwrap();
         for len in [0, 1, 3, 70_000] {
             for name in &names {
                 assert!(passes(&program, OTHER, &datagrams(name, len)[0]), "{name} {len}");
@@ -212,7 +253,7 @@ mod tests {
         let later = &datagrams("UNWANTED", 70_000)[1];
         let elsewhere = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, 1), OWN.port());
         for own_fragments in [false, true] {
-            let program = program(&NAMES, OWN, own_fragments).unwrap();
+            let program = program(&NAMES, OWN, own_fragments, false).unwrap();
             assert!(passes(&program, OTHER, later) && passes(&program, elsewhere, later));
             assert_eq!(passes(&program, OWN, later), own_fragments);
         }
@@ -220,7 +261,7 @@ mod tests {
 
     #[test]
     fn what_is_not_lcms_passes_to_be_counted() {
-        let program = program(&[], OWN, false).unwrap();
+        let program = program(&[], OWN, false, false).unwrap();
         for datagram in [&b""[..], b"hello", b"LC02\0\0\0\0", b"hello you there", b"LC03\0\0\0\0\0\0\0\0\0"] {
             assert!(passes(&program, OTHER, datagram), "{datagram:?}");
         }
@@ -230,14 +271,32 @@ mod tests {
     #[test]
     fn a_name_that_no_datagram_can_have_is_no_matter() {
         let long = "N".repeat(5000);
-        assert_eq!(program(&[&long, "A"], OWN, false), program(&["A"], OWN, false));
+        assert_eq!(program(&[&long, "A"], OWN, false, false), program(&["A"], OWN, false, false));
+    }
+
+    #[test]
+    fn a_bus_of_this_computer_passes_nothing_of_another_one() {
+        let names = program(&NAMES, OWN, true, true).unwrap();
+        for by in [LOOPED, OVER_LO, FOREIGN] {
+            for (name, wanted) in [("A", true), ("LL_DATA_ODO", true), ("UNWANTED", false)] {
+                for (number, datagram) in datagrams(name, 70_000).iter().enumerate() {
+                    let ours = by != FOREIGN;
+                    assert_eq!(passes_by(&local(), by, OTHER, datagram), ours);
+                    assert_eq!(passes_by(&names, by, OTHER, datagram), ours && (wanted || number > 0), "{name} {by:?}");
+                }
+            }
+            for noise in [&b""[..], b"hello", b"hello you there and more of it"] {
+                assert_eq!(passes_by(&names, by, OTHER, noise), by != FOREIGN);
+                assert_eq!(passes_by(&local(), by, OTHER, noise), by != FOREIGN);
+            }
+        }
     }
 
     #[test]
     fn a_program_too_long_for_the_kernel_is_none() {
         let names: Vec<String> = (0..200).map(|n| format!("{n:063}")).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        assert!(program(&names[..100], OWN, false).is_some());
-        assert_eq!(program(&names, OWN, false), None);
+        assert!(program(&names[..100], OWN, false, false).is_some());
+        assert_eq!(program(&names, OWN, false, false), None);
     }
 }

@@ -43,6 +43,8 @@ pub mod filter;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "std")]
+pub mod origin;
+#[cfg(feature = "std")]
 pub mod queue;
 #[cfg(feature = "std")]
 pub mod reassembly;

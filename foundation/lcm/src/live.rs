@@ -27,6 +27,8 @@ pub(crate) mod sys;
 mod tcpq;
 mod udpm;
 
+use crate::origin::{Origin, Provenance};
+use crate::queue::Waiting;
 use crate::receiver::{Rejections, Stats};
 use crate::subscription::{PatternError, Queue, SubscriptionId};
 use crate::udpm::EncodeError;
@@ -34,6 +36,7 @@ use crate::url::Url;
 pub use hub::{Event, Hub, What};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+pub use socket::{Fullness, keep_local};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 use std::{fmt, io};
@@ -51,8 +54,24 @@ pub struct Received<'a> {
     pub channel: &'a str,
     /// Payload.
     pub payload: &'a [u8],
-    /// Time when the kernel received it.
+    /// Time when the kernel received it; of one in shared memory, when it was published.
     pub at: RealtimeNanos,
+    /// Time of publication, ns of this machine's monotonic clock, which steps of the wall clock do not touch; of a
+    /// message in shared memory. As stated by the publisher: it may be wrong, even in the future.
+    pub published: Option<i64>,
+    /// Where it came from.
+    pub origin: Origin,
+}
+
+impl<'a> Received<'a> {
+    fn new(channel: &'a str, payload: &'a [u8], from: Provenance) -> Self {
+        let Provenance { at, published, origin } = from;
+        Self { channel, payload, at: RealtimeNanos(at), published, origin }
+    }
+
+    fn waiting(waiting: &'a Waiting) -> Self {
+        Self::new(&waiting.channel, &waiting.payload, waiting.provenance)
+    }
 }
 
 /// Why a message was not published.
@@ -164,6 +183,20 @@ impl Lcm {
     /// As [`Lcm::subscribe`].
     pub fn subscribe_with(&mut self, pattern: &str, queue: Queue) -> Result<SubscriptionId, SubscribeError> {
         provider!(&mut self.0, it => it.subscribe(pattern, queue))
+    }
+
+    /// Limits the payloads of a subscription to `bytes` from now on: larger ones, fragments of them too, are dropped
+    /// and counted in [`Stats::too_large`]. False if it does not exist. Payloads in shared memory files of their own
+    /// count; those in a ring have a limit of their own.
+    pub fn set_size_max(&mut self, id: SubscriptionId, bytes: usize) -> bool {
+        provider!(&mut self.0, it => it.set_size_max(id, bytes))
+    }
+
+    /// Limits the memory of incomplete messages to `bytes` from now on; the oldest are given up, and counted in
+    /// [`Stats::incomplete`]. Larger messages cannot be received, except through shared memory. Unless it is set, the
+    /// limit is a little more than one message of [`crate::udpm::MESSAGE_MAX`].
+    pub fn set_memory_max(&mut self, bytes: usize) {
+        provider!(&mut self.0, it => it.set_memory_max(bytes));
     }
 
     /// Ends a subscription; false if it does not exist.

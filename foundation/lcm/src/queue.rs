@@ -3,6 +3,7 @@
 //! One line for all subscriptions, in order of arrival. A message belongs to every subscription that matched it and
 //! stays as long as one of them holds it; it is taken once. Each subscription counts what its limit cost.
 
+use crate::origin::{Origin, Provenance};
 use crate::subscription::{Queue, SubscriptionId, Subscriptions};
 use std::collections::VecDeque;
 use std::mem;
@@ -15,15 +16,22 @@ const SPARE_SIZE: usize = 4096;
 pub const LAST_MAX: usize = 1024;
 
 /// A message that waits, or has just been taken.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Waiting {
     /// Channel.
     pub channel: String,
     /// Payload.
     pub payload: Vec<u8>,
-    /// Time of reception, ns since 1970.
-    pub at: i64,
+    /// When and from where it came.
+    pub provenance: Provenance,
     holders: Vec<SubscriptionId>,
+}
+
+impl Default for Waiting {
+    fn default() -> Self {
+        let provenance = Provenance { at: 0, published: None, origin: Origin::Host(None) };
+        Self { channel: String::new(), payload: Vec::new(), provenance, holders: Vec::new() }
+    }
 }
 
 impl Waiting {
@@ -75,12 +83,17 @@ impl Line {
 
     /// Appends a message, if a subscription wants it and has room; makes that room by its limit. False if no
     /// subscription wants it.
-    pub fn push(&mut self, subscriptions: &mut Subscriptions, channel: &str, payload: &[u8], at: i64) -> bool {
+    pub fn push(&mut self, subscriptions: &mut Subscriptions, channel: &str, payload: &[u8], from: Provenance) -> bool {
         let mut entry = self.spare.pop().unwrap_or_default();
         entry.holders.clear();
         let mut wanted = false;
         for subscription in subscriptions.matching(channel) {
             wanted = true;
+            if payload.len() > subscription.size_max {
+                subscription.dropped += 1;
+                self.dropped += 1;
+                continue;
+            }
             let id = subscription.id();
             let holds = match subscription.queue {
                 Queue::Transport => self.bytes < self.bytes_max,
@@ -120,7 +133,7 @@ impl Line {
         entry.channel.push_str(channel);
         entry.payload.clear();
         entry.payload.extend_from_slice(payload);
-        entry.at = at;
+        entry.provenance = from;
         self.bytes += entry.cost();
         self.entries.push_back(entry);
         true
@@ -171,6 +184,8 @@ mod tests {
     use super::*;
     use crate::subscription::Pattern;
 
+    const FROM: Provenance = Provenance { at: 0, published: None, origin: Origin::Host(None) };
+
     struct Bench {
         subscriptions: Subscriptions,
         line: Line,
@@ -191,7 +206,7 @@ mod tests {
         fn push(&mut self, messages: &[&str]) {
             for message in messages {
                 let (channel, payload) = message.split_at(1);
-                self.line.push(&mut self.subscriptions, channel, payload.as_bytes(), 0);
+                self.line.push(&mut self.subscriptions, channel, payload.as_bytes(), FROM);
             }
         }
 
@@ -238,7 +253,7 @@ mod tests {
     fn last_follows_so_many_channels_and_no_more() {
         let (mut bench, ids) = Bench::new(&[(".*", Queue::Last)]);
         for n in 0..2 * LAST_MAX {
-            bench.line.push(&mut bench.subscriptions, &n.to_string(), b"", 0);
+            bench.line.push(&mut bench.subscriptions, &n.to_string(), b"", FROM);
         }
         assert_eq!((bench.line.len(), bench.dropped(&ids)), (LAST_MAX, vec![LAST_MAX as u64]));
         assert_eq!(bench.take_all().first(), Some(&LAST_MAX.to_string()));

@@ -1,11 +1,13 @@
-//! Large messages from their fragments, in any order, within limits on memory and time.
-//! Senders may announce anything, so memory is allocated as data arrives, not as announced; a duplicate fragment counts
-//! once; dropped messages are counted. Once fragment 0 has named an unwanted channel, the rest of the message costs
-//! only a look at its header.
+//! Large messages from their fragments, in any order, within limits on memory and time. Senders may announce any size,
+//! so memory is used for bytes that have arrived, never for the announced size: a fragment that continues the payload
+//! is appended, one that came too early is kept apart until the gap before it is closed. A message that cannot be kept
+//! is given up and counted, also if the system refuses an allocation. A duplicate fragment counts once. Once fragment 0
+//! has named an unwanted channel, the rest of the message costs only a look at its header.
 
 use crate::udpm::{self, DATAGRAM_MAX, Datagram, MESSAGE_MAX};
 use core::net::SocketAddrV4;
 use core::ops::Range;
+use std::collections::BTreeMap;
 use std::mem;
 
 /// Limits of incomplete messages.
@@ -13,7 +15,7 @@ use std::mem;
 pub struct Limits {
     /// Maximum number of them.
     pub messages: usize,
-    /// Number of bytes all of them may hold; at least one message of [`MESSAGE_MAX`] and a datagram fit.
+    /// Number of bytes that all of them may hold; a larger message is refused.
     pub bytes: usize,
     /// Time after its last fragment at which a message is dropped, ns.
     pub age_ns: i64,
@@ -44,19 +46,29 @@ impl Buffer {
         &self.0[range]
     }
 
-    /// Makes it at least `end` bytes long, of at most `max`. What was never written costs no memory, however far away
-    /// `end` is.
-    fn grow(&mut self, end: usize, max: usize) {
+    /// True if it can hold a datagram, and is not so large that it is freed.
+    fn is_spare(&self) -> bool {
+        (Self::SIZE..=SPARE_SIZE).contains(&self.0.len())
+    }
+
+    /// A buffer for datagrams, if the system has the memory.
+    fn try_new() -> Option<Self> {
+        let mut buffer = Self(Vec::new());
+        buffer.grow(Self::SIZE, Self::SIZE).then_some(buffer)
+    }
+
+    /// Makes it at least `end` bytes long: twice its length, of at most `max`. False if the system refuses the memory.
+    fn grow(&mut self, end: usize, max: usize) -> bool {
         let len = self.0.len();
         if end <= len {
-        } else if end <= 2 * len {
-            self.0.resize((2 * len).min(max).max(end), 0);
-        } else {
-            // The system gives zeroed memory page by page as it is written; `resize` would write all of it.
-            let mut whole = vec![0; max];
-            whole[..len].copy_from_slice(&self.0);
-            self.0 = whole;
+            return true;
         }
+        let sizes = [(2 * len).min(max).max(end), end];
+        let Some(size) = sizes.into_iter().find(|size| self.0.try_reserve_exact(size - len).is_ok()) else {
+            return false;
+        };
+        self.0.resize(size, 0);
+        true
     }
 }
 
@@ -96,6 +108,18 @@ struct Piece {
     offset: usize,
 }
 
+/// A fragment that came before the one that it follows.
+#[derive(Debug)]
+struct Early {
+    offset: usize,
+    data: Vec<u8>,
+}
+
+/// Approximate cost of an early fragment beside its data, bytes.
+const EARLY_OVERHEAD: usize = 64;
+/// Length from which the datagram of fragment 0 becomes the message's buffer; a shorter one is copied, bytes.
+const TAKEN_OVER_MIN: usize = 16 << 10;
+
 /// A message, of which fragments are missing or none is.
 #[derive(Debug)]
 struct Partial {
@@ -106,12 +130,13 @@ struct Partial {
     buffer: Buffer,
     /// Start of the payload in the buffer.
     start: usize,
-    /// A bit for each fragment: of the first 64, and of the others.
-    seen: (u64, Vec<u64>),
     count: u16,
-    missing: u16,
-    /// Payload bytes that came.
-    held: usize,
+    /// Number of fragments that are in the buffer, without a gap, and of their payload bytes.
+    next: u16,
+    filled: usize,
+    /// Those after the gap, by number.
+    early: BTreeMap<u16, Early>,
+    early_bytes: usize,
     /// Time when its last fragment came.
     touched: i64,
 }
@@ -127,24 +152,74 @@ impl Partial {
         (self.total, self.count) == (piece.total, piece.count)
     }
 
-    /// Puts a piece where it belongs; [`udpm::Fragment`] has made sure that it lies within the message.
-    fn put(&mut self, place: usize, data: &[u8]) {
-        let place = self.start + place;
-        self.buffer.grow(place + data.len(), self.start + self.total);
-        self.buffer.0[place..place + data.len()].copy_from_slice(data);
+    fn has(&self, number: u16) -> bool {
+        number < self.next || self.early.contains_key(&number)
     }
 
-    /// Notes a fragment; false if it was there before.
-    fn note(&mut self, number: u16) -> bool {
-        let word = match usize::from(number / 64).checked_sub(1) {
-            None => &mut self.seen.0,
-            Some(word) => &mut self.seen.1[word],
-        };
-        let bit = 1 << (number % 64);
-        let new = *word & bit == 0;
-        *word |= bit;
-        self.missing -= u16::from(new);
-        new
+    /// True if every announced fragment has arrived, which does not mean that they form a message.
+    fn is_full(&self) -> bool {
+        usize::from(self.next) + self.early.len() == usize::from(self.count)
+    }
+
+    /// Number of bytes that it occupies.
+    fn bytes(&self) -> usize {
+        self.buffer.0.len() + self.early_bytes
+    }
+
+    /// True if the piece is the next one, at the end of those before.
+    fn continues(&self, number: u16, offset: usize) -> bool {
+        (self.next, self.filled) == (number, offset)
+    }
+
+    /// Inserts a fragment that is not there yet; false if the system refuses the memory.
+    fn put(&mut self, number: u16, offset: usize, data: &[u8]) -> bool {
+        if !self.continues(number, offset) {
+            return self.put_early(number, offset, data);
+        }
+        self.append(data) && self.put_waiting()
+    }
+
+    /// Appends the fragments that waited for the one inserted last.
+    fn put_waiting(&mut self) -> bool {
+        while let Some(entry) = self.early.first_entry().filter(|entry| {
+            let Early { offset, .. } = entry.get();
+            (self.next, self.filled) == (*entry.key(), *offset)
+        }) {
+            let early = entry.remove();
+            self.early_bytes -= early.data.len() + EARLY_OVERHEAD;
+            if !self.append(&early.data) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// [`udpm::Fragment`] has made sure that the data lie within the message.
+    fn append(&mut self, data: &[u8]) -> bool {
+        let place = self.start + self.filled;
+        if !self.buffer.grow(place + data.len(), self.start + self.total) {
+            return false;
+        }
+        self.buffer.0[place..place + data.len()].copy_from_slice(data);
+        self.advance(data.len());
+        true
+    }
+
+    /// The next fragment, of `len` bytes, is in the buffer.
+    fn advance(&mut self, len: usize) {
+        self.next += 1;
+        self.filled += len;
+    }
+
+    fn put_early(&mut self, number: u16, offset: usize, data: &[u8]) -> bool {
+        let mut kept = Vec::new();
+        if kept.try_reserve_exact(data.len()).is_err() {
+            return false;
+        }
+        kept.extend_from_slice(data);
+        self.early_bytes += data.len() + EARLY_OVERHEAD;
+        self.early.insert(number, Early { offset, data: kept });
+        true
     }
 }
 
@@ -207,15 +282,22 @@ impl Reassembly {
         Self { limits, ..Self::default() }
     }
 
+    /// Applies these limits from now on.
+    pub fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
+        self.keep_limits();
+    }
+
     /// Takes the fragment in the first `len` bytes of `datagram`, received at `at` (ns, on any scale). The first one of
-    /// a message takes the buffer over and leaves another one.
+    /// a message may take the buffer over and leave another one. `wants` decides by the channel and the size of the
+    /// whole message, bytes.
     pub fn insert(
         &mut self,
         at: i64,
         from: SocketAddrV4,
         datagram: &mut Buffer,
         len: usize,
-        wants: impl FnOnce(&str) -> bool,
+        wants: impl FnOnce(&str, usize) -> bool,
     ) -> Outcome {
         self.expire(at);
         let piece = match self.validate(from, &datagram.0[..len], wants) {
@@ -223,11 +305,11 @@ impl Reassembly {
             Err(outcome) => return outcome,
         };
         let Some(index) = self.place(at, piece, datagram) else { return Outcome::Needless };
-        if self.partials[index].missing > 0 {
-            self.keep_limits();
-            return Outcome::Incomplete;
+        if self.partials[index].is_full() {
+            return self.finish(index);
         }
-        self.finish(index)
+        self.keep_limits();
+        Outcome::Incomplete
     }
 
     /// Checks that a datagram is a fragment of a message that is wanted and not done; else what it is.
@@ -235,7 +317,7 @@ impl Reassembly {
         &mut self,
         from: SocketAddrV4,
         datagram: &[u8],
-        wants: impl FnOnce(&str) -> bool,
+        wants: impl FnOnce(&str, usize) -> bool,
     ) -> Result<Piece, Outcome> {
         let Ok(Datagram::Fragment(fragment)) = udpm::decode(datagram) else { return Err(Outcome::Needless) };
         let key = (from, fragment.sequence);
@@ -243,7 +325,8 @@ impl Reassembly {
         if known.is_none() && self.done.contains(key) {
             return Err(Outcome::Needless);
         }
-        if fragment.channel.is_some_and(|channel| !wants(channel)) {
+        let total = fragment.total as usize;
+        if fragment.channel.is_some_and(|channel| !wants(channel, total)) {
             if let Some(index) = known {
                 let partial = self.partials.swap_remove(index);
                 self.recycle(partial.buffer);
@@ -251,10 +334,18 @@ impl Reassembly {
             self.done.push(key);
             return Err(Outcome::Unwanted);
         }
+        if known.is_none() && total.saturating_add(DATAGRAM_MAX) > self.limits.bytes {
+            // Counted once its fragment 0 says that it is wanted here.
+            if fragment.channel.is_some() {
+                self.given_up += 1;
+                self.done.push(key);
+            }
+            return Err(Outcome::Needless);
+        }
         Ok(Piece {
             key,
             known,
-            total: fragment.total as usize,
+            total,
             count: fragment.count,
             number: fragment.number,
             channel: fragment.channel.map(String::from),
@@ -263,53 +354,66 @@ impl Reassembly {
         })
     }
 
-    /// Puts a piece into its message, which it may begin; the index of the message, or `None` for a duplicate.
+    /// Inserts a fragment into its message, which it may begin; returns the index of the message, or `None` for a
+    /// duplicate or if there is no memory.
     fn place(&mut self, at: i64, piece: Piece, datagram: &mut Buffer) -> Option<usize> {
         let index = match piece.known {
-            Some(index) if self.partials[index].agrees(&piece) => {
-                let partial = &mut self.partials[index];
-                if !partial.note(piece.number) {
-                    return None;
-                }
-                partial.put(piece.offset, &datagram.0[piece.data.clone()]);
-                index
-            }
+            Some(index) if self.partials[index].agrees(&piece) => index,
             // Another message with the same number: its sender has restarted.
             Some(index) => {
                 self.give_up(index);
-                self.begin(&piece, datagram)
+                self.begin(&piece)
             }
-            None => self.begin(&piece, datagram),
+            None => self.begin(&piece),
         };
         let partial = &mut self.partials[index];
+        if partial.has(piece.number) {
+            return None;
+        }
+        let (first, len) = (piece.number == 0 && partial.continues(0, piece.offset), piece.data.len());
+        let taken_over = first && len >= TAKEN_OVER_MIN;
+        let another = if taken_over { self.spare.pop().or_else(Buffer::try_new) } else { None };
+        let put = match another {
+            Some(another) => {
+                partial.start = piece.data.start;
+                partial.buffer = mem::replace(datagram, another);
+                partial.advance(len);
+                partial.put_waiting()
+            }
+            None => {
+                if let Some(spare) = self.spare.pop_if(|_| first && partial.buffer.0.is_empty()) {
+                    partial.buffer = spare;
+                }
+                partial.put(piece.number, piece.offset, &datagram.0[piece.data.clone()])
+            }
+        };
         partial.channel = piece.channel.or_else(|| partial.channel.take());
-        partial.held += piece.data.len();
         partial.touched = at;
+        if !put {
+            self.done.push(piece.key);
+            self.give_up(index);
+            return None;
+        }
         Some(index)
     }
 
-    /// Begins a message with one of its pieces; its index.
-    fn begin(&mut self, piece: &Piece, datagram: &mut Buffer) -> usize {
-        let &Piece { key: (from, sequence), total, count, number, ref data, offset, .. } = piece;
-        let mut partial = Partial {
+    /// Begins a message, which has no fragments yet; returns its index.
+    fn begin(&mut self, piece: &Piece) -> usize {
+        let &Piece { key: (from, sequence), total, count, .. } = piece;
+        self.partials.push(Partial {
             from,
             sequence,
             total,
             channel: None,
-            buffer: self.spare.pop().unwrap_or_default(),
-            start: data.start,
-            seen: (0, vec![0; usize::from(count).saturating_sub(1) / 64]),
+            buffer: Buffer(Vec::new()),
+            start: 0,
             count,
-            missing: count,
-            held: 0,
+            next: 0,
+            filled: 0,
+            early: BTreeMap::new(),
+            early_bytes: 0,
             touched: 0,
-        };
-        partial.note(number);
-        match offset {
-            0 => mem::swap(&mut partial.buffer, datagram),
-            _ => partial.put(offset, &datagram.0[data.clone()]),
-        }
-        self.partials.push(partial);
+        });
         self.partials.len() - 1
     }
 
@@ -317,8 +421,8 @@ impl Reassembly {
     fn finish(&mut self, index: usize) -> Outcome {
         let partial = self.partials.swap_remove(index);
         self.done.push(partial.key());
-        if partial.held != partial.total || partial.buffer.0.len() < partial.start + partial.total {
-            // All fragments that were announced, and yet not all bytes: some came more than once, others never.
+        if partial.filled != partial.total || !partial.early.is_empty() {
+            // All announced fragments have arrived, but not all bytes: some fragments overlap, others are missing.
             self.given_up += 1;
             self.recycle(partial.buffer);
             return Outcome::Needless;
@@ -332,7 +436,7 @@ impl Reassembly {
     /// The message that was completed last is no longer needed: its memory, which is in the cache, becomes `datagram`.
     pub fn reclaim(&mut self, datagram: &mut Buffer) {
         if let Some(mut complete) = self.complete.take() {
-            if complete.buffer.0.len() <= SPARE_SIZE {
+            if complete.buffer.is_spare() {
                 mem::swap(&mut complete.buffer, datagram);
             }
             self.recycle(complete.buffer);
@@ -355,7 +459,7 @@ impl Reassembly {
     /// Bytes that incomplete messages hold.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.partials.iter().map(|partial| partial.buffer.0.len()).sum()
+        self.partials.iter().map(Partial::bytes).sum()
     }
 
     fn expire(&mut self, at: i64) {
@@ -365,12 +469,12 @@ impl Reassembly {
         }
     }
 
+    /// Gives up messages beyond the limits: first those whose channel is not known yet, and of each kind the oldest
+    /// first.
     fn keep_limits(&mut self) {
-        while self.partials.len() > self.limits.messages
-            || (self.bytes() > self.limits.bytes && self.partials.len() > 1)
-        {
-            let stalest = self.partials.iter().enumerate().min_by_key(|(_, partial)| partial.touched);
-            let Some((index, _)) = stalest else { return };
+        while self.partials.len() > self.limits.messages || self.bytes() > self.limits.bytes {
+            let age = |(_, partial): &(usize, &Partial)| (partial.channel.is_some(), partial.touched);
+            let Some((index, _)) = self.partials.iter().enumerate().min_by_key(age) else { return };
             self.give_up(index);
         }
     }
@@ -382,7 +486,7 @@ impl Reassembly {
     }
 
     fn recycle(&mut self, buffer: Buffer) {
-        if self.spare.len() < SPARE_MAX && buffer.0.len() <= SPARE_SIZE {
+        if self.spare.len() < SPARE_MAX && buffer.is_spare() {
             self.spare.push(buffer);
         }
     }

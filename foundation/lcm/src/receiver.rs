@@ -14,8 +14,9 @@
 //! ```
 
 use crate::filter::SELF_TEST;
+use crate::origin::Provenance;
 use crate::queue::Line;
-use crate::reassembly::{Buffer, Complete, Outcome, Reassembly};
+use crate::reassembly::{Buffer, Complete, Limits, Outcome, Reassembly};
 use crate::sources::{Source, Sources};
 use crate::subscription::{Pattern, PatternError, Queue, SubscriptionId, Subscriptions};
 use crate::udpm::{self, Datagram, DecodeError};
@@ -31,8 +32,10 @@ pub struct Stats {
     pub unwanted: u64,
     /// Datagrams that are not LCM's; the newest is in `last_rejected`.
     pub malformed: u64,
-    /// Messages of which some fragments came and others did not.
+    /// Messages of which some fragments arrived and others did not, or for which there was no memory.
     pub incomplete: u64,
+    /// Messages larger than their subscription takes.
+    pub too_large: u64,
     /// Messages missing in the sequence numbers of their publishers, wherever they were lost, including those in
     /// `kernel_dropped`. See [`Receiver::sources`] for when this is known.
     pub lost: u64,
@@ -128,6 +131,16 @@ impl Receiver {
         &mut self.subscriptions
     }
 
+    /// Limits the payloads of a subscription to `size_max` bytes from now on; false if it does not exist.
+    pub fn set_size_max(&mut self, id: SubscriptionId, size_max: usize) -> bool {
+        self.subscriptions.set_size_max(id, size_max)
+    }
+
+    /// Limits the memory of messages of which fragments are missing, bytes; larger messages are refused.
+    pub fn set_memory_max(&mut self, bytes: usize) {
+        self.reassembly.set_limits(Limits { bytes, ..Limits::default() });
+    }
+
     /// From `at` on (ns since 1970) all datagrams of the bus arrive here, so that gaps in sequence numbers are losses.
     pub fn hears_all(&mut self, at: i64) {
         (self.sources, self.whole_since) = (Sources::default(), Some(at));
@@ -159,6 +172,10 @@ impl Receiver {
                 None
             }
             Ok(Datagram::Short(short)) if self.subscriptions.wants(short.channel) => {
+                if !self.subscriptions.takes(short.channel, short.payload.len()) {
+                    self.stats.too_large += 1;
+                    return None;
+                }
                 self.stats.received += 1;
                 Some(Place::Datagram { start: len - short.payload.len(), end: len })
             }
@@ -176,7 +193,12 @@ impl Receiver {
     }
 
     fn on_fragment(&mut self, at: i64, from: SocketAddrV4, buffer: &mut Buffer, len: usize) -> Option<Place> {
-        let wants = |channel: &str| self.subscriptions.wants(channel);
+        let mut too_large = false;
+        let wants = |channel: &str, size: usize| {
+            let takes = self.subscriptions.takes(channel, size);
+            too_large = !takes && self.subscriptions.wants(channel);
+            takes
+        };
         let outcome = self.reassembly.insert(at, from, buffer, len, wants);
         self.stats.incomplete = self.reassembly.given_up();
         match outcome {
@@ -185,7 +207,8 @@ impl Receiver {
                 Some(Place::Assembled)
             }
             Outcome::Unwanted => {
-                self.stats.unwanted += 1;
+                self.stats.too_large += u64::from(too_large);
+                self.stats.unwanted += u64::from(!too_large);
                 None
             }
             Outcome::Incomplete | Outcome::Needless => None,
@@ -204,9 +227,9 @@ impl Receiver {
     }
 
     /// Puts such a message in line, as far as its subscriptions have room.
-    pub fn put_in_line(&mut self, place: Place, buffer: &Buffer, at: i64, line: &mut Line) {
+    pub fn put_in_line(&mut self, place: Place, buffer: &Buffer, from: Provenance, line: &mut Line) {
         let (channel, payload) = message(&self.reassembly, place, buffer);
-        line.push(&mut self.subscriptions, channel, payload, at);
+        line.push(&mut self.subscriptions, channel, payload, from);
         self.stats.queue_dropped = line.dropped();
     }
 

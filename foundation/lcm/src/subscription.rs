@@ -119,6 +119,8 @@ pub struct Subscription {
     pub(crate) waiting: usize,
     /// Number of messages lost to its limit.
     pub(crate) dropped: u64,
+    /// Maximum payload, bytes.
+    pub(crate) size_max: usize,
 }
 
 impl Subscription {
@@ -141,8 +143,14 @@ impl Subscriptions {
     pub fn add(&mut self, pattern: Pattern, queue: Queue) -> SubscriptionId {
         let id = SubscriptionId(self.next);
         self.next += 1;
-        self.entries.push(Subscription { id, pattern, queue, waiting: 0, dropped: 0 });
+        self.entries.push(Subscription { id, pattern, queue, waiting: 0, dropped: 0, size_max: usize::MAX });
         id
+    }
+
+    /// Limits the payloads of a subscription to `size_max` bytes from now on; false if it does not exist.
+    pub fn set_size_max(&mut self, id: SubscriptionId, size_max: usize) -> bool {
+        let entry = self.entries.iter_mut().find(|entry| entry.id == id);
+        entry.map(|entry| entry.size_max = size_max).is_some()
     }
 
     /// Takes one away; false when it is not there.
@@ -162,6 +170,12 @@ impl Subscriptions {
     #[must_use]
     pub fn wants(&self, channel: &str) -> bool {
         self.entries.iter().any(|entry| entry.pattern.matches(channel))
+    }
+
+    /// True if any of them wants `channel` and takes `len` bytes of payload.
+    #[must_use]
+    pub fn takes(&self, channel: &str, len: usize) -> bool {
+        self.entries.iter().any(|entry| len <= entry.size_max && entry.pattern.matches(channel))
     }
 
     /// True if all messages wait in the transport's buffer alone.

@@ -110,6 +110,11 @@ pub enum DecodeError {
         /// Length in bytes.
         len: u32,
     },
+    /// There is no memory for the received part of a message.
+    NoMemory {
+        /// Number of bytes received.
+        len: usize,
+    },
     /// A payload above the limit.
     MessageTooLong {
         /// Length in bytes.
@@ -125,6 +130,7 @@ impl fmt::Display for DecodeError {
             Self::Magic(word) => write!(f, "it begins with {word:#010x}, not as an LCM hub"),
             Self::Type(word) => write!(f, "{word:#010x} where a message must begin"),
             Self::TextTooLong { len } => write!(f, "a channel or pattern of {len} bytes; at most {TEXT_MAX}"),
+            Self::NoMemory { len } => write!(f, "no memory for {len} bytes of a message"),
             Self::MessageTooLong { len, max } => write!(f, "a message of {len} bytes; at most {max}"),
         }
     }
@@ -141,6 +147,8 @@ pub struct Decoder {
     message_max: usize,
     begun: bool,
     buffer: Vec<u8>,
+    /// Number of bytes that the system had no memory for.
+    refused: Option<usize>,
     /// Start of the message returned last, and start of the next one.
     current: usize,
     next: usize,
@@ -150,7 +158,12 @@ impl Decoder {
     /// For the stream that comes from a client, or from a hub, with payloads of at most `message_max` bytes.
     #[must_use]
     pub fn new(from: Peer, message_max: usize) -> Self {
-        Self { from, message_max, begun: false, buffer: Vec::new(), current: 0, next: 0 }
+        Self { from, message_max, begun: false, buffer: Vec::new(), refused: None, current: 0, next: 0 }
+    }
+
+    /// Accepts payloads of at most `bytes` from now on.
+    pub fn set_message_max(&mut self, bytes: usize) {
+        self.message_max = bytes;
     }
 
     /// Takes in what has come. Messages handed out before are gone.
@@ -160,6 +173,10 @@ impl Decoder {
         if self.buffer.is_empty() && self.buffer.capacity() > BUFFER_KEPT {
             self.buffer = Vec::new();
         }
+        if self.buffer.try_reserve(bytes.len()).is_err() {
+            self.refused = Some(self.buffer.len() + bytes.len());
+            return;
+        }
         self.buffer.extend_from_slice(bytes);
     }
 
@@ -168,6 +185,9 @@ impl Decoder {
     /// # Errors
     /// The stream makes no sense; and so again at the next call.
     pub fn next_message(&mut self) -> Result<Option<Message<'_>>, DecodeError> {
+        if let Some(len) = self.refused {
+            return Err(DecodeError::NoMemory { len });
+        }
         match parse(&self.buffer[self.next..], self.from, self.begun, self.message_max) {
             Ok((message, len)) => {
                 self.begun = true;

@@ -13,7 +13,7 @@
 //! | `ttl` | `udpm` | 0 | multicast time to live, 0..=255; 0 stays on this host, 1 on its subnet |
 //! | `recv_buf_size` | `udpm` | 0 | receive buffer in bytes; 0: [`RECV_BUF_SIZE`] |
 //! | `interface` | `udpm` | | name or IPv4 address of the network interface to use instead of what the routing table says |
-//! | `shm` | `udpm` | `off` | `auto`: messages between programs of this host and user go through shared memory where both can |
+//! | `shm` | `udpm` | `off` | `auto`: shared memory of this user; a user id: of that user's group |
 //! | `mode` | `file` | `r` | `r` plays, `w` records anew, `a` records at the end |
 //! | `speed` | `file` | 1 | of playback, against the recorded pace; 0: as fast as possible |
 //! | `start_timestamp` | `file` | | where playback starts, µs since 1970 |
@@ -86,7 +86,7 @@ pub enum Interface {
     Address(Ipv4Addr),
 }
 
-/// True if programs of one host and user exchange messages through shared memory.
+/// Exchange of messages through shared memory between programs of one host.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shm {
     /// Never.
@@ -94,6 +94,8 @@ pub enum Shm {
     Off,
     /// With those that do, too; datagrams go out where others may listen.
     Auto,
+    /// In the folder of this user, which that user shares with its group.
+    Of(u32),
 }
 
 /// An event log.
@@ -242,7 +244,7 @@ impl Udpm {
                 self.shm = match value {
                     "off" => Shm::Off,
                     "auto" => Shm::Auto,
-                    _ => return Err(option.wrong("shm", "off or auto")),
+                    user => Shm::Of(user.parse().map_err(|_| option.wrong("shm", "off, auto or a user id"))?),
                 };
             }
             "transmit_only" => return Ok(Some(Warning::Obsolete(key.into()))),
@@ -345,6 +347,7 @@ impl fmt::Display for Udpm {
         match self.shm {
             Shm::Off => Ok(()),
             Shm::Auto => write!(f, "&shm=auto"),
+            Shm::Of(user) => write!(f, "&shm={user}"),
         }
     }
 }

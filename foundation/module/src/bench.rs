@@ -2,7 +2,7 @@
 
 use crate::{Action, Actions, Event, Input, Output, PortId, Shell};
 use base::serial::Word;
-use base::{Duration, Epoch, Instant, can, i2c, store, w1};
+use base::{Duration, Epoch, Instant, Report, can, i2c, store, w1};
 use messages::Message;
 
 /// A shell, a clock that only the test advances, and the shell's actions.
@@ -47,9 +47,21 @@ impl Bench {
         self.event(Event::Message { at: self.now, message: &message });
     }
 
-    /// Feeds a CAN frame.
+    /// Raises a fault that the host found.
+    pub fn raise(&mut self, report: Report) {
+        self.shell.raise(self.now, report, &mut self.out);
+        self.collect();
+    }
+
+    /// Clears a fault that the host found.
+    pub fn clear(&mut self, report: Report) {
+        self.shell.clear(self.now, report, &mut self.out);
+        self.collect();
+    }
+
+    /// Feeds a CAN frame that arrives now.
     pub fn can(&mut self, port: PortId, frame: can::Frame) {
-        self.event(Event::Port { port, input: Input::Can(frame) });
+        self.event(Event::Port { port, input: Input::Can { frame, at: self.now } });
     }
 
     /// Feeds words.

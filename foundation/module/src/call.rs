@@ -40,7 +40,7 @@ impl fmt::Display for Call<'_> {
             Self::Event(Event::RawMessage { channel, data, .. }) => write!(f, "{} bytes on {channel}", data.len()),
             Self::Event(Event::Port { port: PortId(port), input }) => match input {
                 Input::Words(words) => write!(f, "port {port}: {} words", words.len()),
-                Input::Can(frame) => match frame.id() {
+                Input::Can { frame, .. } => match frame.id() {
                     can::Id::Standard(id) => write!(f, "port {port}: CAN frame {id:03X} {:02X?}", frame.data()),
                     can::Id::Extended(id) => write!(f, "port {port}: CAN frame {id:08X} {:02X?}", frame.data()),
                 },

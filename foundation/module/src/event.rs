@@ -2,7 +2,7 @@
 
 use crate::State;
 use base::serial::Word;
-use base::{Instant, can, gamepad, i2c, store, w1};
+use base::{Duration, Instant, can, gamepad, i2c, store, w1};
 use messages::Message;
 
 /// Event for a module.
@@ -92,7 +92,13 @@ pub enum Input<'a> {
     /// The port could not be opened, or is lost; the host keeps retrying. Reason in one line.
     Down(&'a str),
     /// A received frame. On a bus with echo it may be an own one.
-    Can(can::Frame),
+    Can {
+        /// The frame.
+        frame: can::Frame,
+        /// Kernel's receive time, on the scale of `now`, and not after it: a frame that waited while the process was
+        /// frozen is old. If the kernel gives none, the time of reading.
+        at: Instant,
+    },
     /// News of the CAN controller.
     CanNotice(can::Notice),
     /// Received words, in order.
@@ -172,6 +178,11 @@ pub enum ProcessEvent<'a> {
         pid: u32,
         /// Reason in one line.
         why: &'a str,
+    },
+    /// The host's own check of the heartbeats came late; reported at each such check.
+    CheckLate {
+        /// Delay beyond the period of the checks.
+        by: Duration,
     },
     /// Load of a process; about once a second.
     Usage {

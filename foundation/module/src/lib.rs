@@ -48,6 +48,7 @@
 #![forbid(unsafe_code)]
 
 mod action;
+pub mod admission;
 pub mod bench;
 mod call;
 mod event;
@@ -67,7 +68,7 @@ pub use messages::{Channel, Message};
 pub use shell::{Shell, ShellConfig};
 pub use state::{Cause, State};
 
-use base::Instant;
+use base::{Fault, Instant};
 
 /// A module: drivers of sensors and drives, the watchdog, the simulator.
 ///
@@ -94,6 +95,10 @@ pub trait Module {
 
     /// Deadline of the next `Event::Timer`; a past instant means at once. After a drain nothing is due at `now`.
     fn poll_timeout(&self) -> Option<Instant>;
+
+    /// The host found a fault that may concern the module, [`Fault::SecondRobot`] for instance: it is active from now
+    /// on, or cleared. Called each time the host raises it. The shell reports it.
+    fn handle_host_fault(&mut self, _now: Instant, _fault: Fault, _active: bool, _out: &mut Actions) {}
 
     /// Called after TERMINATE: true once everything is done that must precede the end of the process (the robot stands,
     /// the modules are ended). Until then, at most for [`ShellConfig::end_within`], it continues to receive events.

@@ -247,7 +247,10 @@ impl Shell {
 
     /// Raises a fault found by the host: reported once until [`Shell::clear`].
     pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        self.recorded(now, &Call::Raise(&report), out, |shell, out| shell.fault(now, &report, out));
+        self.recorded(now, &Call::Raise(&report), out, |shell, out| {
+            shell.fault(now, &report, out);
+            shell.call(now, out, |module, out| module.handle_host_fault(now, report.fault, true, out));
+        });
     }
 
     fn fault(&mut self, now: Instant, report: &Report, out: &mut Actions) {
@@ -277,7 +280,10 @@ impl Shell {
 
     /// Clears a fault found by the host; its end is reported if its begin was.
     pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.clear_fault(now, &report, out));
+        self.recorded(now, &Call::Clear(&report), out, |shell, out| {
+            shell.clear_fault(now, &report, out);
+            shell.call(now, out, |module, out| module.handle_host_fault(now, report.fault, false, out));
+        });
     }
 
     fn clear_fault(&mut self, now: Instant, report: &Report, out: &mut Actions) {
@@ -333,8 +339,12 @@ impl Shell {
     }
 
     fn call_module(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        self.call(now, out, |module, out| module.handle(now, event, out));
+    }
+
+    fn call(&mut self, now: Instant, out: &mut Actions, f: impl FnOnce(&mut dyn Module, &mut Actions)) {
         let before = out.as_slice().len();
-        self.module.handle(now, event, out);
+        f(&mut *self.module, out);
         self.deadlines.replace(Timer::Module, self.module.poll_timeout());
         if !out.as_slice()[before..].iter().any(is_for_the_shell) {
             return;

@@ -3,7 +3,7 @@
 use super::wire::{self, Decoder};
 use super::{Malformed, auxiliary, level, report, state, store, take_level, take_message, take_report, take_state};
 use base::serial::Word;
-use base::{Instant, can, gamepad};
+use base::{Duration, Instant, can, gamepad};
 use messages::Message;
 use module::{Call, Event, ExitStatus, Input, PortId, ProcessEvent};
 
@@ -40,6 +40,9 @@ const GAMEPAD: u8 = 29;
 const HEARD: u8 = 30;
 const STORE: u8 = 31;
 const SAY: u8 = 32;
+const CHECK_LATE: u8 = 33;
+/// A frame that arrived before the call; [`CAN`] is one that arrived with it.
+const CAN_EARLIER: u8 = 34;
 
 /// Appends a call. Instants are encoded relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
@@ -61,7 +64,7 @@ pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
             out.push(STATE);
             state(out, *to);
         }
-        Call::Event(Event::Port { port, input }) => put_input(out, *port, input),
+        Call::Event(Event::Port { port, input }) => put_input(out, now, *port, input),
         Call::Event(Event::Process(event)) => put_process(out, now, event),
         Call::Terminate => out.push(TERMINATE),
         Call::Raise(about) => {
@@ -80,15 +83,20 @@ pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
     }
 }
 
-fn put_input(out: &mut Vec<u8>, PortId(port): PortId, input: &Input<'_>) {
+fn put_input(out: &mut Vec<u8>, now: Instant, PortId(port): PortId, input: &Input<'_>) {
     match input {
         Input::Up => out.extend([UP, port]),
         Input::Down(why) => {
             out.extend([DOWN, port]);
             wire::text(out, why);
         }
-        Input::Can(frame) => {
+        Input::Can { frame, at } if *at == now => {
             out.extend([CAN, port]);
+            super::frame(out, frame);
+        }
+        Input::Can { frame, at } => {
+            out.extend([CAN_EARLIER, port]);
+            wire::signed(out, since(now, *at));
             super::frame(out, frame);
         }
         Input::CanNotice(can::Notice::Health(health)) => {
@@ -170,6 +178,10 @@ fn put_process(out: &mut Vec<u8>, now: Instant, event: &ProcessEvent<'_>) {
             begin(BAD_BEATS, pid);
             wire::text(out, why);
         }
+        ProcessEvent::CheckLate { by } => {
+            out.push(CHECK_LATE);
+            wire::signed(out, by.as_nanos() as i64);
+        }
         ProcessEvent::Usage { pid, cpu, rss } => {
             begin(USAGE, pid);
             out.extend(cpu.to_le_bytes());
@@ -220,8 +232,11 @@ pub(super) fn take<T>(take: &mut Decoder<'_>, now: Instant, f: impl FnOnce(Call<
             let at = before(now, take.signed()?);
             Event::RawMessage { at, channel: take.text()?, data: take.bytes()? }
         }
-        UP..=SENT => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take)? },
+        UP..=SENT | CAN_EARLIER => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take, now)? },
         STARTED..=USAGE => Event::Process(take_process(tag, take, now)?),
+        CHECK_LATE => {
+            Event::Process(ProcessEvent::CheckLate { by: Duration::from_nanos(take.signed()?.unsigned_abs()) })
+        }
         TERMINATE => return Ok(f(Call::Terminate)),
         RAISE => return Ok(f(Call::Raise(&take_report(take)?))),
         CLEAR => return Ok(f(Call::Clear(&take_report(take)?))),
@@ -231,11 +246,12 @@ pub(super) fn take<T>(take: &mut Decoder<'_>, now: Instant, f: impl FnOnce(Call<
     Ok(f(Call::Event(event)))
 }
 
-fn take_input<'a>(tag: u8, take: &mut Decoder<'a>) -> Result<Input<'a>, Malformed> {
+fn take_input<'a>(tag: u8, take: &mut Decoder<'a>, now: Instant) -> Result<Input<'a>, Malformed> {
     Ok(match tag {
         UP => Input::Up,
         DOWN => Input::Down(take.text()?),
-        CAN => Input::Can(super::take_frame(take)?),
+        CAN => Input::Can { at: now, frame: super::take_frame(take)? },
+        CAN_EARLIER => Input::Can { at: before(now, take.signed()?), frame: super::take_frame(take)? },
         HEALTH => Input::CanNotice(can::Notice::Health(can::Health {
             state: match take.u8()? {
                 0 => can::BusState::Active,

@@ -16,6 +16,6 @@ mod peers;
 mod random;
 mod skip;
 
-pub use peers::{lcm_1_3_1, multicast_route, python, root, tool};
+pub use peers::{GROUP, USERS, lcm_1_3_1, multicast_route, python, root, tool, users};
 pub use random::Random;
 pub use skip::{Found, machine_or_skip, peer_or_skip};

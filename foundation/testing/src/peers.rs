@@ -2,6 +2,7 @@
 
 use crate::Found;
 use std::net::{Ipv4Addr, UdpSocket};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -10,6 +11,20 @@ use std::process::{Command, Stdio};
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().nth(2).expect("foundation/testing lies two folders below the checkout").into()
+}
+
+/// User ids without an account, for processes of several users, and a group of them.
+pub const USERS: [u32; 3] = [41_001, 41_002, 41_003];
+/// Group of [`USERS`].
+pub const GROUP: u32 = 41_000;
+
+/// Processes of [`USERS`], which only root may start.
+///
+/// # Errors
+/// One line with the reason.
+pub fn users() -> Found<()> {
+    let spawned = Command::new("true").uid(USERS[0]).gid(GROUP).status();
+    spawned.map(|_| ()).map_err(|error| format!("no processes of other users: {error}"))
 }
 
 /// Python with these packages: `.venv`, created by `tools/venv`, or the one named by `ADVEE_PYTHON`.

@@ -195,7 +195,7 @@ impl CanSlcan {
     fn on_line(&mut self, now: Instant, line: AdapterLine) -> Result<Option<Received<'static>>, Lost> {
         match line {
             AdapterLine::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
-                return Ok(Some(Received::input(now, Input::Can(frame))));
+                return Ok(Some(Received::input(now, Input::Can { frame, at: now })));
             }
             AdapterLine::Frame(_) | AdapterLine::Other => {}
             // Some adapters answer frames too; only answers to commands before them are awaited.

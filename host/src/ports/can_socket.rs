@@ -323,7 +323,7 @@ impl Device for CanSocket {
         loop {
             match self.pending.pop_front() {
                 Some(Pending::Frame { frame, at, stamp }) => {
-                    return Ok(Received::Input { input: Input::Can(frame), at, stamp });
+                    return Ok(Received::Input { input: Input::Can { frame, at }, at, stamp });
                 }
                 Some(Pending::Notice(notice)) => return Ok(Received::input(now, Input::CanNotice(notice))),
                 Some(Pending::Note(note)) => return Ok(Received::Note(note)),

@@ -1,5 +1,6 @@
 //! A CAN bus over UDP multicast: every frame is a datagram to all nodes, including the sender. Buses are separated by
-//! port. Without order, arbitration and bit rate it does not model CAN's timing.
+//! port. Frames from other computers are dropped by a socket filter, without which the port is not opened. It does not
+//! model CAN's timing: it has no order, arbitration or bit rate.
 
 pub mod codec;
 
@@ -7,6 +8,7 @@ use super::{Device, Lost, Received};
 use crate::clock;
 use base::can::{Frame, Notice};
 use base::{Fault, Instant};
+use lcm::live::Fullness;
 use module::{Input, Output};
 use nix::cmsg_space;
 use nix::errno::Errno;
@@ -47,6 +49,7 @@ struct Datagram {
 
 struct Sockets {
     receiver: UdpSocket,
+    fullness: Fullness,
     /// Separate from the receiver, whose port all nodes share: own frames are recognized by this socket's address.
     sender: UdpSocket,
     own: SocketAddr,
@@ -68,7 +71,7 @@ impl CanUdp {
 
     /// Reads until a datagram of another node arrives.
     fn read(&mut self, now: Instant) -> Result<Option<Datagram>, Lost> {
-        let Some(sockets) = &self.sockets else {
+        let Some(sockets) = &mut self.sockets else {
             return Ok(None);
         };
         // One byte more than any valid one, to detect truncation.
@@ -78,15 +81,21 @@ impl CanUdp {
             let fd = sockets.receiver.as_raw_fd();
             let message = match recvmsg::<SockaddrIn>(fd, &mut parts, Some(&mut self.control), MsgFlags::empty()) {
                 Ok(message) => message,
-                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EAGAIN) => {
+                    sockets.fullness.empty();
+                    return Ok(None);
+                }
                 Err(Errno::EINTR) => continue,
                 Err(errno) => return Err(errno.desc().into()),
             };
+            // What the filter refuses counts as dropped, too.
+            let was_full = sockets.fullness.was_full(sockets.receiver.as_fd(), message.bytes);
             let mut stamp = None;
             for control in message.cmsgs().map_err(Errno::desc)? {
                 match control {
                     ControlMessageOwned::RxqOvfl(count) => {
-                        let more = count.wrapping_sub(mem::replace(&mut self.dropped, count));
+                        let new = count.wrapping_sub(mem::replace(&mut self.dropped, count));
+                        let more = if was_full { new } else { 0 };
                         self.untold = (self.untold.0.saturating_add(more), self.untold.1.saturating_add(more));
                     }
                     ControlMessageOwned::ScmTimestampns(time) => {
@@ -121,6 +130,8 @@ impl Sockets {
             .or_else(|_| setsockopt(&receiver, sockopt::RcvBuf, &RECEIVE_BUFFER))?;
         setsockopt(&receiver, sockopt::RxqOvfl, &1)?;
         setsockopt(&receiver, sockopt::ReceiveTimestampns, &true)?;
+        // The bus belongs to this computer alone: nothing leaves (TTL 0), and from the first moment nothing enters.
+        lcm::live::keep_local(receiver.as_fd())?;
         bind_to(&receiver, bus)?;
         let receiver = UdpSocket::from(receiver);
         // As LCM does: the interface of the default route, and the loopback.
@@ -128,7 +139,8 @@ impl Sockets {
         let on_lo = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::LOCALHOST);
         // Without a route both are the loopback, and the second join fails.
         by_route.or(on_lo)?;
-        Ok(Self { receiver, sender, own })
+        let fullness = Fullness::of(receiver.as_fd())?;
+        Ok(Self { receiver, fullness, sender, own })
     }
 }
 
@@ -179,7 +191,9 @@ impl Device for CanUdp {
         }
         Ok(match self.next.take() {
             None => Received::Nothing,
-            Some(Datagram { frame: Ok(frame), at, stamp }) => Received::Input { input: Input::Can(frame), at, stamp },
+            Some(Datagram { frame: Ok(frame), at, stamp }) => {
+                Received::Input { input: Input::Can { frame, at }, at, stamp }
+            }
             Some(Datagram { frame: Err(why), .. }) => Received::Fault(Fault::MessageMalformed, why),
         })
     }
@@ -210,7 +224,9 @@ mod tests {
         let [mut left, mut right] = [(); 2].map(|()| CanUdp::new(bus));
         left.open().unwrap();
         right.open().unwrap();
-        setsockopt(&right.sockets.as_ref().unwrap().receiver, sockopt::RcvBuf, &0).unwrap();
+        let sockets = right.sockets.as_mut().unwrap();
+        setsockopt(&sockets.receiver, sockopt::RcvBuf, &8192).unwrap();
+        sockets.fullness = Fullness::of(sockets.receiver.as_fd()).unwrap();
         let send = |left: &mut CanUdp, n: u16| {
             let frame = Output::Can(Frame::standard(n, &[1]));
             assert_eq!(left.send(Instant::ZERO, &frame), Ok(true));
@@ -221,7 +237,7 @@ mod tests {
         let (mut got, mut lost, mut told) = (0, Vec::new(), 0);
         let mut drain = |right: &mut CanUdp| loop {
             match right.receive(clock::now()).unwrap() {
-                Received::Input { input: Input::Can(_), .. } => got += 1,
+                Received::Input { input: Input::Can { .. }, .. } => got += 1,
                 Received::Input { input: Input::CanNotice(Notice::Lost(count)), .. } => told += count,
                 Received::Fault(Fault::PortOverrun, why) => lost.push(why),
                 Received::Nothing => break,

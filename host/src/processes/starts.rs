@@ -3,17 +3,22 @@
 //! wait with it, so each start has its own short-lived thread.
 
 use super::PendingStart;
+use super::kept::{Answer, Kept};
+use crate::keepers::Place;
 use crate::limits::Refused;
 use nix::sys::eventfd::{EfdFlags, EventFd};
+use std::ffi::OsString;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::path::PathBuf;
 use std::process::{Child, Command};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 
-/// Stack of a thread that only starts a process, bytes.
-const STACK: usize = 64 << 10;
+/// Stack of a thread that only starts a process, bytes: twice the longest datagram to a keeper.
+const STACK: usize = 128 << 10;
 
 /// Starts in progress.
 pub struct Starts {
@@ -25,10 +30,34 @@ pub struct Starts {
 
 /// Result of a start.
 pub struct StartResult {
-    /// Process id, and the child if it is ours; or one line with the reason why there is no process.
-    pub process: Result<(u32, Option<Child>), String>,
+    /// The process, or one line with the reason why there is none.
+    pub process: Result<Born, String>,
     /// Warnings about the limits that the machine refused.
     pub refused: Vec<String>,
+}
+
+/// A new process.
+pub struct Born {
+    /// Process id.
+    pub pid: u32,
+    /// Its start time, if its keeper reports it.
+    pub start: Option<u64>,
+    /// The child, if it is ours.
+    pub child: Option<Child>,
+    /// The keeper whose child it is.
+    pub kept: Option<Kept>,
+}
+
+/// Start of a module by its keeper.
+pub struct Order {
+    /// The keeper.
+    pub place: Place,
+    /// Mark of the process.
+    pub mark: String,
+    /// Its heartbeat page.
+    pub page: Option<PathBuf>,
+    /// Arguments of `advee run MODULE`.
+    pub args: Vec<OsString>,
 }
 
 impl Starts {
@@ -47,10 +76,22 @@ impl Starts {
     /// # Errors
     /// No thread can be created.
     pub fn begin(&self, command: Command, refused: Refused, pending: PendingStart) -> io::Result<()> {
+        self.run(pending, move || start(command, refused))
+    }
+
+    /// Has a process started by its keeper.
+    ///
+    /// # Errors
+    /// No thread can be created.
+    pub fn begin_kept(&self, order: Order, pending: PendingStart) -> io::Result<()> {
+        self.run(pending, move || StartResult { process: kept(&order), refused: Vec::new() })
+    }
+
+    fn run(&self, pending: PendingStart, start: impl FnOnce() -> StartResult + Send + 'static) -> io::Result<()> {
         let (done, send) = (Arc::clone(&self.done), self.send.clone());
         let work = move || {
             // The receiver exists as long as this process.
-            let _ = send.send((pending, start(command, refused)));
+            let _ = send.send((pending, start()));
             let _ = done.write(1);
         };
         thread::Builder::new().name("birth".into()).stack_size(STACK).spawn(work)?;
@@ -81,7 +122,7 @@ fn start(mut command: Command, refused: Refused) -> StartResult {
         }
     };
     let (refused, other) = refused.read();
-    let process = match other {
+    let (pid, child) = match other {
         Some(pid) => {
             // The intermediate process, which has ended.
             let _ = child.wait();
@@ -89,5 +130,17 @@ fn start(mut command: Command, refused: Refused) -> StartResult {
         }
         None => (child.id(), Some(child)),
     };
-    StartResult { process: Ok(process), refused }
+    StartResult { process: Ok(Born { pid, start: None, child, kept: None }), refused }
+}
+
+fn kept(Order { place, mark, page, args }: &Order) -> Result<Born, String> {
+    let args: Vec<&[u8]> = args.iter().map(|arg| arg.as_bytes()).collect();
+    let reason = |error: io::Error| format!("its keeper in {}: {error}", place.folder.display());
+    match Kept::start(place, mark, page.as_deref(), &args).map_err(reason)? {
+        (kept, Answer::Running { pid, start, .. }) => {
+            Ok(Born { pid, start: Some(start), child: None, kept: Some(kept) })
+        }
+        (_, Answer::Failed(why)) => Err(reason(io::Error::other(why))),
+        (_, other) => Err(reason(io::Error::other(format!("{other:?}")))),
+    }
 }

@@ -10,7 +10,14 @@ fn launch(program: &'static str, args: Vec<&'static str>, run_dir: Option<&Path>
     let start = move |_: &str, _| {
         let mut command = Command::new(program);
         command.args(&args);
-        Start { command, limits: Limits::default(), foreign: false, lines_from: LinesFrom::default() }
+        Start {
+            command,
+            limits: Limits::default(),
+            capabilities: &[],
+            foreign: false,
+            lines_from: LinesFrom::default(),
+            keeper: None,
+        }
     };
     Launch {
         start: Box::new(start),
@@ -216,6 +223,71 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
 }
 
 #[test]
+fn an_adopted_process_and_all_that_it_started_get_a_signal() {
+    let run = Run::new("group");
+    let file = run.0.join("pid");
+    let script: &'static str = format!("sleep 100 & echo $! > {0}.new; mv {0}.new {0}; wait", file.display()).leak();
+    let (mut first, _) = run.life(script);
+    let pid = Run::spawn(&mut first);
+    let within = loop {
+        match fs::read_to_string(&file) {
+            Ok(text) => break text.trim().parse().unwrap(),
+            Err(_) => sleep(std::time::Duration::from_millis(5)),
+        }
+    };
+    let child = first.running.remove(0).child.unwrap();
+    drop(first);
+    let (mut second, reported) = run.life(script);
+    assert_eq!(reported, [(Some(pid), State::Run)]);
+    second.command(ProcessCommand::Terminate { pid });
+    assert_eq!(end(&mut second), ExitStatus::Signal(15));
+    drop(child);
+    for _ in 0..500 {
+        if gone(within) {
+            return;
+        }
+        sleep(std::time::Duration::from_millis(10));
+    }
+    panic!("{within} is left over");
+}
+
+#[test]
+fn a_page_that_an_adopting_watchdog_cannot_open_is_reported() {
+    let run = Run::new("unread");
+    let (mut first, _) = run.life("exec sleep 100");
+    let pid = Run::spawn(&mut first);
+    let mut child = first.running.remove(0).child.unwrap();
+    drop(first);
+    let folder = run.0.join("beats");
+    fs::create_dir(&folder).unwrap();
+    let launch = shell("exec sleep 100", Some(&run.0));
+    let mut second = Processes::new(clock::now(), launch, Some(folder)).unwrap();
+    let mut told = Vec::new();
+    while second.poll_event(|event| told.push(format!("{event:?}"))) {}
+    assert!(told[0].starts_with("Earlier") && told[0].contains(&pid.to_string()), "{told:?}");
+    assert!(told[1].starts_with("BadHeartbeat") && told[1].contains("cannot be opened"), "{told:?}");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn a_record_that_cannot_be_written_at_adoption_is_reported() {
+    let run = Run::new("unwritable");
+    let (mut first, _) = run.life("exec sleep 100");
+    Run::spawn(&mut first);
+    let mut child = first.running.remove(0).child.unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    drop(first);
+    // A folder in place of the file that would replace the record.
+    fs::create_dir(run.0.join(RECORD).with_extension("new")).unwrap();
+    let (mut second, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(None, State::Run)]);
+    let told = second.poll_note().unwrap();
+    assert!(told.contains("will not adopt these processes"), "{told}");
+}
+
+#[test]
 fn a_process_without_a_recorded_pid_is_found() {
     let run = Run::new("starting");
     let (mut first, _) = run.life("exec sleep 100");
@@ -316,7 +388,14 @@ fn a_foreign_module_s_lines_are_read_until_its_end_and_by_the_next_watchdog() {
         let start = move |_: &str, _| {
             let mut command = Command::new("/bin/sh");
             command.args(["-c", script]);
-            Start { command, limits: Limits::default(), foreign: true, lines_from: from }
+            Start {
+                command,
+                limits: Limits::default(),
+                capabilities: &[],
+                foreign: true,
+                lines_from: from,
+                keeper: None,
+            }
         };
         Launch {
             start: Box::new(start),

@@ -9,23 +9,37 @@
 //!           if the drive sends heartbeats but does not answer
 
 pub mod arbiter;
+pub mod protection;
+pub mod ranging;
 pub mod surroundings;
 
 mod bus;
 mod config;
 mod drive;
+mod feed_output;
 mod ignored;
 mod objection;
+mod pause;
 mod propulsion;
+mod readback;
+mod reference;
+mod release;
 mod requests;
+mod second_way;
+mod speed_monitor;
 mod steering;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Axis, BusConfig, Config, Drive, EposConfig, Node, PropulsionConfig, SteeringConfig};
+pub use config::{
+    Axis, BusConfig, Config, Drive, EposConfig, HomingRelease, Node, PauseStop, PropulsionConfig, SecondWay,
+    SteeringConfig, Stop,
+};
+pub use feed_output::OutputConfig;
+pub use pause::Paused;
 
 use arbiter::{Arbiter, Verdict};
-use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
+use base::{Deadlines, Duration, Fault, Instant, Level, Severity, earliest};
 use bus::Bus;
 use canopen::master::{ConfigError, Ticket};
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
@@ -34,7 +48,12 @@ use messages::{Channel, Hold, Message, common, lowlevel};
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::Objection;
 use propulsion::Propulsion;
+use protection::{Mover, Protection};
+use ranging::Ranging;
+use readback::{Found, Readback};
+use release::Releases;
 use requests::{NodeOwner, Requests};
+use second_way::StopWatch;
 use steering::Steering;
 use surroundings::Surroundings;
 
@@ -69,6 +88,8 @@ base::deadlines! {
         Contested,
         /// The other master on the bus has been silent for long enough. Set while it blocks motion.
         SecondMaster,
+        /// The order to cut the motors' feed is repeated. Set until it is known to be cut.
+        Cut,
     }
 }
 
@@ -81,11 +102,18 @@ pub struct Canbus {
     steering: Steering,
     arbiter: Arbiter,
     around: Surroundings,
+    releases: Releases,
+    stop_watch: StopWatch,
+    readbacks: [Readback; 2],
+    protection: Protection,
     bus: Bus,
     requests: Requests,
     state: State,
     /// Main objection to any motion as of the last decision.
     blocked: Option<Objection>,
+    /// The robot still brakes by the quick stop that an objection began: nobody is served before it stands, also if
+    /// the objection has ended.
+    stopping: bool,
     ignored: Ignored,
     holds: Holds,
     working: Option<bool>,
@@ -108,10 +136,23 @@ impl Canbus {
         let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
         let master = MasterConfig { id, bit_rate, sync, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
+        let readbacks = nodes.each_ref().map(|node| Readback::new(node, id));
+        let (limits, has_power) = (&config.limits, config.has_pause_line);
+        let stop_watch = StopWatch::new(limits.deceleration_mps2, limits.quick_stop_mps2, &config.stop, has_power);
         Ok(Self {
             master,
             arbiter: Arbiter::new(config.limits.command_ttl),
-            around: Surroundings::new(config.critical.clone(), config.planning.clone(), config.has_pause_line),
+            around: Surroundings::new(
+                config.critical.clone(),
+                config.planning.clone(),
+                config.has_pause_line,
+                config.guarded,
+                Ranging::new(&config.ranging, config.ranging_age_max),
+            ),
+            stop_watch,
+            readbacks,
+            releases: Releases::new(config.homing_release == HomingRelease::Start),
+            protection: Protection::new(config.protection),
             ports,
             propulsion,
             steering,
@@ -120,6 +161,7 @@ impl Canbus {
             config,
             state: State::Init,
             blocked: None,
+            stopping: false,
             ignored: Ignored::default(),
             holds: Holds::default(),
             working: None,
@@ -140,16 +182,31 @@ impl Canbus {
         let at = at.min(now);
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
-            Message::LlCmdHoming(homing) => self.on_homing(homing, out),
+            Message::LlCmdHoming(homing) => self.on_homing(now, at, homing, out),
             Message::LlCmdSdo(request) => {
-                let owner_of = self.owner_of(request.node);
-                self.requests.on_command(now, request, owner_of, &mut self.master, out);
+                let owner = self.owner_of(request.node);
+                self.requests.on_command(now, request, &owner, &mut self.master, out);
             }
-            Message::CmDataProcesses(list) => self.around.on_processes(at, list),
+            Message::CmDataProcesses(list) => {
+                self.around.on_processes(at, list);
+                self.protection.on_watchdog(at);
+                // An earlier process may have been commanded by a source that still commands.
+                if self.around.is_restarted() || self.steering.is_inherited() {
+                    self.arbiter.trust_no_new_source();
+                }
+            }
+            Message::LlDataGuard(guard) => {
+                self.protection.on_speed(self.propulsion.speed());
+                self.protection.on_guard(at, guard);
+            }
+            Message::LlCmdCreep(creep) => self.protection.on_creep(at, creep),
             Message::LlEventStop(stop) => self.around.on_stop(at, stop),
+            Message::LlDataRanges(ranges) => self.around.on_ranges(at, ranges),
             Message::MlDataEstimate(estimate) => self.around.on_estimate(at, estimate),
-            Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.release_planner(at),
-            Message::CmCmdState(command) => self.on_state_command(at, command),
+            Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.on_goal(now, at, out),
+            Message::CmCmdState(command) => self.on_state_command(now, at, command, out),
+            Message::LlDataPower(power) => self.on_power(now, power),
+            Message::LlCmdPower(command) => self.on_power_command(now, command, out),
             _ => {}
         }
     }
@@ -165,10 +222,13 @@ impl Canbus {
             self.refuse(now, command, out);
             return;
         }
+        if self.arbiter.is_press(command) {
+            self.on_act(now, at, false, out);
+        }
         let (source, verdict) = self.arbiter.command(at, command, self.blocked.is_some());
         let why = match verdict {
             Verdict::Holds => None,
-            // State after the stop: a source that commands on through it must send zero or nothing first.
+            // State after the stop: a source that kept commanding during it must send zero first.
             Verdict::Blocked if command.priority == arbiter::PLANNER => Some(Hold::PlannerLatched),
             Verdict::Blocked => (command.speed != 0.0).then_some(Hold::NotReleased),
             Verdict::Overruled => Some(Hold::Overruled),
@@ -194,25 +254,25 @@ impl Canbus {
         out.raise(Severity::Error, Fault::MotionRefused, "", message);
     }
 
-    fn on_homing(&mut self, homing: &lowlevel::CmdHoming, out: &mut Actions) {
-        match homing.axis.as_str() {
-            "steering" if self.is_standing() && self.state == State::Run => self.steering.home_again(),
-            "steering" => {
-                let why = "homing of the steering refused: the robot moves, or the module is not in RUN";
-                out.report(Severity::Warning, Fault::CommandForbidden, "steering", why);
-            }
-            axis => {
-                let why = format!("homing of {axis:?} refused: only the steering can be homed");
-                out.report(Severity::Warning, Fault::CommandForbidden, axis, why);
-            }
+    fn on_state_command(&mut self, now: Instant, at: Instant, command: &common::CmdState, out: &mut Actions) {
+        let addressed = ["*", "planner", NAME].contains(&command.module.as_str());
+        if !addressed || !command.manual || command.state != State::Run as i8 {
+            return;
+        }
+        if command.module != "planner" {
+            self.around.pause.overrule(now);
+            self.acknowledge_speed(out);
+        }
+        let planner = command.module != NAME;
+        self.on_act(now, at, planner, out);
+        if planner {
+            self.release_planner(at);
         }
     }
 
-    fn on_state_command(&mut self, at: Instant, command: &common::CmdState) {
-        let planner = command.module == "planner" || command.module == "*";
-        if planner && command.manual && command.state == State::Run as i8 {
-            self.release_planner(at);
-        }
+    fn on_goal(&mut self, now: Instant, at: Instant, out: &mut Actions) {
+        self.on_act(now, at, true, out);
+        self.release_planner(at);
     }
 
     fn release_planner(&mut self, at: Instant) {
@@ -221,11 +281,18 @@ impl Canbus {
         }
     }
 
-    /// A node that is not booted does not move, so it may be written for repair.
+    /// A node that is not booted does not move, so its objects may be written for repair. Those of the node that feeds
+    /// the motors may not.
     fn owner_of(&self, node: i32) -> NodeOwner {
-        let ours = [&self.propulsion.drive, &self.steering.drive];
-        match ours.into_iter().find(|drive| i32::from(drive.node) == node) {
-            Some(drive) => NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing() },
+        let ours = [(&self.propulsion.drive, &self.config.propulsion.writable)];
+        let ours = ours.into_iter().chain([(&self.steering.drive, &self.config.steering.writable)]);
+        match ours.into_iter().find(|(drive, _)| i32::from(drive.node) == node) {
+            Some((drive, writable)) => {
+                NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing(), writable: writable.clone() }
+            }
+            None if self.stop_watch.node().is_some_and(|own| i32::from(own) == node) => {
+                NodeOwner::Ours { standing: self.is_standing(), writable: Vec::new() }
+            }
             None => NodeOwner::Others,
         }
     }
@@ -298,9 +365,9 @@ impl Canbus {
                 let message = format!("{count} invalid CANopen frames of node {node} dropped");
                 out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
             }
-            CanEvent::SecondMaster => {
-                let Config { node_id, bus, .. } = &self.config;
-                let message = format!("another master with node id {node_id} is on {bus}: the robot stops");
+            CanEvent::SecondMaster { by } => {
+                let bus = &self.config.bus;
+                let message = format!("another program commands the drives on {bus} ({by}): the robot stops");
                 out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
                 self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
             }
@@ -324,6 +391,7 @@ impl Canbus {
             CanEvent::Swapped { node, serial } => {
                 out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));
             }
+            CanEvent::Stranger { node } if Some(node) == self.stop_watch.node() => {}
             CanEvent::Stranger { node } => {
                 out.note(format!("node {node} on {} is not in the configuration", self.config.bus));
             }
@@ -342,7 +410,10 @@ impl Canbus {
         out: &mut Actions,
     ) {
         // External requests come first: the object may be one that the driver reads, too.
-        if self.requests.on_end(now, ticket, result, out) {
+        if self.requests.on_end(now, ticket, result, out)
+            || self.stop_watch.on_sdo(now, ticket, result.ok())
+            || self.on_read_back(now, ticket, result.ok(), out)
+        {
             return;
         }
         match *event {
@@ -359,6 +430,28 @@ impl Canbus {
             }
             _ => self.steering.on_sdo(now, event),
         }
+    }
+
+    /// A transfer of the objects that are read back has ended; false if it is another transfer.
+    fn on_read_back(&mut self, now: Instant, ticket: Ticket, data: Option<&[u8]>, out: &mut Actions) -> bool {
+        let names = [self.propulsion.drive.name, self.steering.drive.name];
+        for (readback, name) in self.readbacks.iter_mut().zip(names) {
+            let Some(found) = readback.on_sdo(now, ticket, data, &mut self.master) else { continue };
+            match found {
+                Some(Found::Changed { index, sub }) => {
+                    let what =
+                        format!("0x{index:04X}:{sub} of the {name} drive was changed, and its stop depends on that");
+                    let message = format!("{what}: the robot stops, it is written again");
+                    out.raise(Severity::Error, Fault::DriveParameter, name, message);
+                }
+                Some(Found::Restored) => {
+                    out.clear(Fault::DriveParameter, name, format!("the {name} drive holds its configuration"));
+                }
+                None => {}
+            }
+            return true;
+        }
+        false
     }
 
     /// Reads the state of a drive: event-driven PDOs report changes only, and the first ones may have been sent before
@@ -412,19 +505,26 @@ impl Canbus {
         let bus = self.bus.objection().map(Objection::Bus);
         let second_master = self.deadlines.is_set(Timer::SecondMaster).then_some(Objection::SecondMaster);
         let around = move |paused: bool| {
+            // A line that is open and latched comes last but one, because an operator's act ends it.
             let is_pause =
-                |objection: &surroundings::Objection| matches!(objection, surroundings::Objection::Paused(_));
+                |objection: &_| matches!(objection, surroundings::Objection::Paused(why) if *why != Paused::Latched);
             self.around.objections(now).filter(move |objection| is_pause(objection) == paused).map(Objection::Around)
         };
         let drives = [(Axis::Propulsion, &self.propulsion.drive), (Axis::Steering, &self.steering.drive)];
         let drives = drives.into_iter().filter_map(|(axis, drive)| Some(Objection::Drive(axis, drive.objection()?)));
+        let parameters = [Axis::Propulsion, Axis::Steering].into_iter().zip(&self.readbacks);
+        let parameters = parameters.filter(|(_, readback)| readback.is_changed());
+        let parameters = parameters.map(|(axis, _)| Objection::Parameter(axis));
         let state = self.state.hold().map(Objection::State);
         let refused = self.deadlines.is_set(Timer::Refused).then_some(Objection::Refused);
         let not_homed = self.steering.why_not_homed();
         // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
-        let devices = bus.into_iter().chain(second_master).chain(around(true)).chain(drives);
+        let speed = self.stop_watch.objection();
+        let guard = self.protection.objection(now).map(Objection::Guard);
+        let devices = bus.into_iter().chain(second_master).chain(speed).chain(around(true)).chain(drives);
+        let devices = devices.chain(parameters);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.
-        devices.chain(state).chain(around(false)).chain(refused).chain(not_homed.map(Objection::NotHomed))
+        devices.chain(state).chain(around(false)).chain(guard).chain(refused).chain(not_homed.map(Objection::NotHomed))
     }
 
     /// All causes for which the robot does not follow its command, main one first; empty while it does.
@@ -436,23 +536,32 @@ impl Canbus {
             holder.map_or_else(|| self.ignored.has_planner(&self.arbiter), |priority| priority == arbiter::PLANNER);
         let to_planner = self.around.objections_to_planner(now).filter(move |_| plans && !blocked);
         let ignored = self.ignored.active_holds(&self.arbiter).filter(move |_| waits);
-        let nobody = (!blocked && waits && ignored.clone().next().is_none())
+        let stopping = (self.stopping && !blocked).then_some(ActiveHold::new(Hold::Stopping, ""));
+        let nobody = (!blocked && !self.stopping && waits && ignored.clone().next().is_none())
             .then_some(ActiveHold::new(Hold::NobodyCommands, ""));
         let objections = self.objections(now).map(|objection| self.active_hold(objection));
+        let bounded = self.bounded(now).map(|(hold, subject)| ActiveHold::new(hold, subject));
         let to_planner = to_planner.map(|(hold, subject)| ActiveHold::new(hold, subject));
-        objections.chain(to_planner).chain(ignored).chain(nobody)
+        objections.chain(stopping).chain(to_planner).chain(ignored).chain(nobody).chain(bounded)
     }
 
     /// Derives the goals of the axes from the current state. Called after every event.
     fn decide(&mut self, now: Instant, out: &mut Actions) {
         self.expire(now, out);
+        self.update_releases(now);
         let blocked = self.objections(now).next();
         if blocked != self.blocked {
             self.report_change(blocked, out);
             self.arbiter.disarm_all(now);
             self.blocked = blocked;
+            if blocked.is_none() {
+                self.release_planner_after_homing(now);
+            }
         }
-        if self.is_standing() {
+        let rolls = !self.is_standing();
+        let pause = &self.around.pause;
+        self.propulsion.drive.hold_fault_reset(pause.is_engaged() || pause.is_latched() && rolls);
+        if !rolls {
             self.arbiter.on_standstill(now);
         }
         self.watch_planner(now);
@@ -470,6 +579,13 @@ impl Canbus {
         self.arbiter.expire_holder(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
+        let began = self.stopping || self.blocked.is_some();
+        self.stopping = began && rolls && self.propulsion.is_quick_stopped();
+        self.watch_speed(now, out);
+        self.advance_second_way(now, out);
+        for (readback, drive) in self.readbacks.iter_mut().zip([&self.propulsion.drive, &self.steering.drive]) {
+            readback.advance(now, drive.is_booted(), &mut self.master);
+        }
         for drive in [&mut self.propulsion.drive, &mut self.steering.drive] {
             if drive.must_reboot(now) {
                 self.master.reboot(now, drive.node);
@@ -501,14 +617,26 @@ impl Canbus {
         match &self.blocked {
             None => self.steering.hold(),
             // Last in the list: there is no other objection to motion.
-            Some(Objection::NotHomed(_)) if self.is_standing() => self.steering.home(),
+            Some(_) if self.may_home() => self.steering.home(),
             Some(_) => self.steering.quick_stop(),
         }
     }
 
     /// Speed, m/s, and steering angle, rad, that are permitted now.
     fn permitted(&self, now: Instant) -> Option<(f64, f64)> {
-        if self.blocked.is_some() {
+        let (speed, steering, mover) = self.wanted(now)?;
+        Some((self.protection.clamped(now, speed, mover), steering))
+    }
+
+    /// Why the robot is slower than it is commanded to be; it moves, or would.
+    fn bounded(&self, now: Instant) -> Option<(Hold, &str)> {
+        let (speed, _, mover) = self.wanted(now)?;
+        self.protection.notice(now, speed, mover)
+    }
+
+    /// Speed, m/s, and steering angle, rad, within the robot's limits, and the source that commands them.
+    fn wanted(&self, now: Instant) -> Option<(f64, f64, Mover<'_>)> {
+        if self.blocked.is_some() || self.stopping {
             return None;
         }
         let command = self.arbiter.current(now)?;
@@ -521,8 +649,19 @@ impl Canbus {
         let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
         let by_curve =
             if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
-        let bound = by_source.min(by_curve);
-        Some((command.speed.clamp(-bound, bound), command.steering))
+        let bound = by_source.min(by_curve).min(self.config.stop.speed_max_mps(limits.quick_stop_mps2));
+        let mover = Mover { name: self.arbiter.name(command.source), manual: !planner };
+        Some((command.speed.clamp(-bound, bound), command.steering, mover))
+    }
+
+    /// Reports at the start that the stopping distance after PAUSE caps the speed.
+    fn report_cap(&self, out: &mut Actions) {
+        let (limits, stop) = (&self.config.limits, &self.config.stop);
+        let cap = stop.speed_max_mps(limits.quick_stop_mps2);
+        if cap < limits.speed_manual_mps.max(limits.speed_autonomous_mps) {
+            let distance = stop.distance_m;
+            out.note(format!("the speed is capped at {cap:.2} m/s, so that PAUSE stops the robot within {distance} m"));
+        }
     }
 
     fn expire(&mut self, now: Instant, out: &mut Actions) {
@@ -555,7 +694,8 @@ impl Canbus {
         if let Some(objection) = self.objections(now).next() {
             return self.words(objection);
         }
-        self.causes(now).next().map_or_else(String::new, |cause| cause.hold.words(cause.subject))
+        let stops = self.causes(now).find(|cause| !cause.hold.is_notice());
+        stops.map_or_else(String::new, |cause| cause.hold.words(cause.subject))
     }
 
     fn publish_holds(&mut self, now: Instant, out: &mut Actions) {
@@ -601,10 +741,15 @@ impl Module for Canbus {
             Channel::LlCmdHoming,
             Channel::LlCmdSdo,
             Channel::LlEventStop,
+            Channel::LlDataGuard,
+            Channel::LlCmdCreep,
+            Channel::LlDataRanges,
             Channel::CmDataProcesses,
             Channel::CmCmdState,
             Channel::MlDataEstimate,
             Channel::MlCmdGoal,
+            Channel::LlDataPower,
+            Channel::LlCmdPower,
         ]
     }
 
@@ -620,11 +765,16 @@ impl Module for Canbus {
                 self.deadlines.set(Timer::Axes, now);
                 self.holds.start(now);
                 self.bus.start(now);
+                self.start_second_way(now, out);
+                self.report_cap(out);
+                if let Some(warning) = self.protection.warning() {
+                    out.say(Level::Warning, warning);
+                }
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
-            Event::Port { input: Input::Can(frame), .. } => {
+            Event::Port { input: Input::Can { frame, at }, .. } => {
                 self.bus.count_frame(&frame);
-                self.master.handle_rx(now, &frame);
+                self.master.handle_rx_at(now, at, &frame);
             }
             Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),
             Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
@@ -654,6 +804,13 @@ impl Module for Canbus {
         }
     }
 
+    fn handle_host_fault(&mut self, now: Instant, fault: Fault, active: bool, out: &mut Actions) {
+        if fault == Fault::SecondRobot {
+            self.around.on_second_robot(active);
+            self.handle(now, Event::Timer, out);
+        }
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
         earliest([
             self.deadlines.next(),
@@ -661,10 +818,13 @@ impl Module for Canbus {
             self.ignored.poll_timeout(),
             self.master.poll_timeout().filter(|_| self.bus.is_up()),
             self.bus.poll_timeout(),
+            self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
+            self.stop_watch.poll_timeout(),
             self.propulsion.poll_timeout(),
             self.steering.poll_timeout(),
             self.arbiter.poll_timeout(self.now),
             self.around.poll_timeout(self.now),
+            self.protection.poll_timeout(self.now),
         ])
     }
 

@@ -1,12 +1,14 @@
 //! `driver_joydev`: a gamepad as a manual source of motion, with a dead-man button.
 //!
 //! Device    any with two axes and a button, as in [`base::gamepad`]; docs/gamepad.md
-//! Commands  `LL_CMD_MOTION` of priority 2 at 20 Hz while the dead-man button is held, then one zero, then nothing
+//! Commands  `LL_CMD_MOTION` of priority 2 at 20 Hz while the dead-man button is held, then one zero, then nothing;
+//!           `LL_CMD_CREEP` beside it while the creep button is held, too, and once when it is released
 //! Data      `LL_DATA_JOYDEV` at 5 Hz
 //! Silence   an absent gamepad is not an error; a gamepad that disappears, or appears again, counts as released
 //!
-//! Motion requires that the button was seen released and then pressed, and that both sticks were seen centred since. In
-//! PAUSE the gamepad is reported but commands nothing; in STOP it does neither.
+//! Motion requires that the button was seen released and then pressed, and that both sticks were seen centred since.
+//! The creep button counts from a press while the sticks are followed. In PAUSE the gamepad is reported but commands
+//! nothing; in STOP it does neither.
 
 mod config;
 mod mapping;
@@ -18,7 +20,7 @@ pub use mapping::{Mapping, Refusal, Stick};
 
 use base::gamepad::{Device, Input as News};
 use base::{Deadlines, Duration, Fault, Instant, Severity};
-use messages::lowlevel::{CmdMotion, DataJoydev};
+use messages::lowlevel::{CmdCreep, CmdMotion, DataJoydev};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 
 /// Name of the module.
@@ -66,6 +68,10 @@ pub struct Joydev {
     /// Connected device and its mapping; without a mapping it cannot drive the robot.
     device: Option<(Device, Option<Mapping>)>,
     hold: Hold,
+    /// The creep button is held, since a press while the sticks were followed.
+    creeps: bool,
+    /// Session of its creep commands: its start time.
+    session: i64,
     /// Time of the last event.
     last_event: Instant,
     /// Last commanded steering angle, rad.
@@ -99,6 +105,8 @@ impl Joydev {
             state: State::Init,
             device: None,
             hold: Hold::Free,
+            creeps: false,
+            session: 0,
             last_event: Instant::ZERO,
             steering: 0.0,
             deadlines: Deadlines::new(),
@@ -115,9 +123,13 @@ impl Joydev {
             (News::Axis { code, value }, Some((device, _))) => device.set_axis(code, value),
             (News::Button { code, pressed }, Some((device, mapping))) => {
                 device.set_button(code, pressed);
+                let (dead_man, creep) = mapping.as_ref().map_or((None, None), |own| (Some(own.dead_man), own.creep));
                 // At once: it may be pressed again within the same frame.
-                if !pressed && mapping.as_ref().is_some_and(|mapping| mapping.dead_man == code) {
+                if !pressed && dead_man == Some(code) {
                     self.decide(now, out);
+                }
+                if creep == Some(code) {
+                    self.on_creep(now, pressed, out);
                 }
             }
             // Changes that belong together are evaluated together.
@@ -133,11 +145,12 @@ impl Joydev {
         let mapping = Mapping::of(&self.config, device);
         let (bus, name) = (self.config.bus.as_str(), device.name());
         match &mapping {
-            Ok(Mapping { speed, steering, dead_man }) => {
+            Ok(Mapping { speed, steering, dead_man, creep }) => {
                 if !known {
                     let (speed, steering) = (mapping::axis(speed.code), mapping::axis(steering.code));
                     let dead_man = mapping::button(*dead_man);
-                    out.note(format!("{name}: speed {speed}, steering {steering}, dead man {dead_man}"));
+                    let creep = creep.map_or(String::new(), |creep| format!(", creep {}", mapping::button(creep)));
+                    out.note(format!("{name}: speed {speed}, steering {steering}, dead man {dead_man}{creep}"));
                 }
                 out.clear(Fault::GamepadRefused, bus, format!("{name} can drive the robot"));
             }
@@ -213,6 +226,21 @@ impl Joydev {
         self.deadlines.clear(Timer::Command);
         let steering = self.steering;
         self.send(now, 0.0, steering, out);
+        self.on_creep(now, false, out);
+    }
+
+    /// The creep button was pressed or released. A press counts while the sticks are followed: an earlier one is not a
+    /// deliberate act.
+    fn on_creep(&mut self, now: Instant, pressed: bool, out: &mut Actions) {
+        let creeped = std::mem::replace(&mut self.creeps, pressed && self.hold == Hold::Drives);
+        if creeped && !self.creeps {
+            self.send_creep(now, out);
+        }
+    }
+
+    fn send_creep(&self, now: Instant, out: &mut Actions) {
+        let (timestamp, source) = (out.timestamp(now), SOURCE.into());
+        out.publish(CmdCreep { timestamp, source, session: self.session, held: self.creeps });
     }
 
     fn send(&mut self, now: Instant, speed: f64, steering: f64, out: &mut Actions) {
@@ -265,12 +293,18 @@ impl Joydev {
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.is_due(Timer::Silence, now) {
             self.let_go(now, out);
-            out.note("the gamepad has been silent for too long: it counts as released");
+            out.note(
+                "the gamepad has been silent for too long: it counts as released \
+             (gamepad.quiet_s = 0 for one with a cable)",
+            );
         }
         self.decide(now, out);
         if self.deadlines.tick(Timer::Command, now, COMMAND_PERIOD) {
             let Demand { speed, steering, .. } = self.demand();
             let (speed, steering) = if self.hold == Hold::Drives { (speed, steering) } else { (0.0, 0.0) };
+            if self.creeps {
+                self.send_creep(now, out);
+            }
             self.send(now, speed, steering, out);
         }
         if self.deadlines.tick(Timer::Data, now, DATA_PERIOD) {
@@ -306,6 +340,7 @@ impl Module for Joydev {
         match event {
             Event::Start => {
                 self.deadlines.set(Timer::Data, now);
+                self.session = out.timestamp(now);
                 // With or without a gamepad.
                 out.working();
             }

@@ -148,7 +148,7 @@ impl Line {
                 self.master.handle_tx_done(now);
                 None
             }
-            Input::Can(_)
+            Input::Can { .. }
             | Input::CanNotice(_)
             | Input::I2c(_)
             | Input::I2cRequested(_)
@@ -338,6 +338,15 @@ impl Line {
 
     fn failure(&self, address: u8) -> &'static str {
         self.boards.iter().find(|board| board.address == address).map_or("", |board| board.last_failure)
+    }
+
+    /// Changes the period of a board's first poll.
+    pub fn set_period(&mut self, now: Instant, address: u8, period: Duration) {
+        let board = self.boards.iter_mut().find(|board| board.address == address);
+        if let Some((instruction, current)) = board.and_then(|board| board.polls.first_mut()) {
+            *current = period;
+            self.schedule.set_period(now, Turn { to: address, instruction: instruction.code }, period);
+        }
     }
 
     /// Queues a single request, sent when no poll is due.

@@ -47,6 +47,8 @@ const RESERVE_MARGIN: f64 = 0.02;
 /// Time after which a computer that still runs after the command to halt was not halted.
 const HALT_TIMEOUT: Duration = Duration::from_secs(60);
 const HOST: usize = 0;
+/// The channel that feeds the motors.
+const MOTORS: usize = 3;
 
 base::deadlines! {
     /// Deadlines of the driver itself.
@@ -237,6 +239,8 @@ impl Power {
     fn on_command(&mut self, now: Instant, command: &CmdPower, out: &mut Actions) {
         let channel = usize::try_from(command.device).ok().filter(|channel| *channel < CHANNELS.len());
         let refused = match (channel, command.action) {
+            // The second way to stop; in STOP and TERMINATE the board is not asked.
+            (Some(MOTORS), CmdPower::OFF) if self.shutdown.is_none() => return self.order(MOTORS, false, false),
             _ if self.line.state() != State::Run => format!("{NAME} is in {}", self.line.state()),
             _ if self.shutdown.is_some() => "the robot is being shut down".into(),
             (None, _) => format!("there is no power channel {}", command.device),

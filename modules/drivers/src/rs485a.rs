@@ -2,9 +2,11 @@
 //!
 //! Device    `docs/facts/boards.md` 3, 4
 //! Protocol  the 9-bit EIA-485 of `rs485`; boards answer requests only
-//! Timing    each board at its own period (2011: 4 Hz), firmware versions in between
+//! Timing    each board at its own period (2011: 4 Hz), a distance board faster while the robot drives (`pace`);
+//!           firmware versions in between
 //! Silence   after 16 failed transactions a board is lost: reported, polled once a second, its data invalid
-//! Data      `LL_DATA_RANGES` once a round, when all boards have answered or failed, and at least once a second: each
+//! Data      `LL_DATA_RANGES` once a round, when all boards have answered or failed, while the robot drives with each
+//!           answer or failure of a board that looks in the direction of travel, and at least once a second: each
 //!           reading with the instant at which its transducer fired, and UNKNOWN if its board did not answer properly.
 //!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, as in 2011; `LL_DATA_ODO` with each answer of the SO1;
 //!           `LL_DATA_BUS` once a second. Timestamps of these are those of the answer's reception
@@ -16,6 +18,7 @@
 mod answers;
 mod config;
 mod odometry;
+mod pace;
 mod ranges;
 
 pub use config::{Config, ConfigError, Ranger, Wheels};
@@ -23,9 +26,12 @@ pub use config::{Config, ConfigError, Ranger, Wheels};
 use crate::line::{self, Line, PORT};
 use crate::rs485_bus::{Kind, Node};
 use base::{Duration, Instant};
-use messages::{Channel, Message, common::CmdState};
+use messages::common::CmdState;
+use messages::lowlevel::DataMotion;
+use messages::{Channel, Message};
 use module::{Actions, Event, Module, PortSpec, State};
 use odometry::Follower;
+use pace::Pace;
 use ranges::Ranges;
 use rs485::boards::{Instruction, sd1, so1};
 use rs485::master;
@@ -40,6 +46,7 @@ pub struct Rs485a {
     ports: [PortSpec; 1],
     line: Line,
     ranges: Ranges,
+    pace: Pace,
     /// Time at which `LL_DATA_RANGES` is published even if no board has answered.
     repeat: Instant,
     odometry: Follower,
@@ -61,6 +68,7 @@ impl Rs485a {
             ports: [line.port()],
             line,
             ranges: Ranges::new(&config),
+            pace: Pace::new(&config),
             repeat: Instant::NEVER,
             odometry: Follower::new(&config.wheels),
             jumps: 0,
@@ -76,6 +84,16 @@ impl Rs485a {
         if ours && command.manual && command.state == State::Run as i8 {
             for board in self.nodes.iter().filter(|node| node.kind == Kind::Sd1) {
                 self.line.demand(board.address, &sd1::CLEAR_PAUSE_SRC);
+            }
+        }
+    }
+
+    /// The boards that look in the direction of travel are polled faster.
+    fn on_motion(&mut self, now: Instant, motion: &DataMotion) {
+        if self.pace.on_motion(motion) {
+            self.ranges.begin_round();
+            for (address, period) in self.pace.periods() {
+                self.line.set_period(now, address, period);
             }
         }
     }
@@ -105,7 +123,7 @@ impl Rs485a {
 
 impl Module for Rs485a {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::CmCmdState]
+        &[Channel::CmCmdState, Channel::LlDataMotion]
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -131,6 +149,7 @@ impl Module for Rs485a {
             }
             Event::Timer => self.line.on_timer(now, out),
             Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
+            Event::Message { message: Message::LlDataMotion(motion), .. } => self.on_motion(now, motion),
             Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);

@@ -5,7 +5,7 @@
 //! agree by chance and all rivals together are two hundred times less likely (docs/facts/robot.md 3.3).
 
 use crate::filter::Config;
-use crate::trail::{Place, Trail};
+use crate::trail::{Trail, TrailPose};
 use base::{Duration, Instant};
 use core::f64::consts::{PI, TAU};
 use navitools::{Angle, Point, Pose, resection, wrap};
@@ -200,7 +200,7 @@ fn carry(config: &Config, seen: &Bearing, trail: &Trail, turn: f64, delay: f64) 
         let late = Duration::from_secs_f64(delay.abs());
         trail.at(if delay >= 0.0 { seen.stamp - late } else { (seen.stamp + late).min(now.at) })
     };
-    let from = |then: Place| now.pose.inverse() * then.pose;
+    let from = |then: TrailPose| now.pose.inverse() * then.pose;
     let then = place(delay)?;
     let own = from(then);
     let sensor = own * Point::from(config.mount);

@@ -9,7 +9,7 @@ const TRAIL: Duration = Duration::from_secs(8);
 
 /// A dead-reckoned pose in an arbitrary frame, with accumulated variances.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Place {
+pub struct TrailPose {
     pub at: Instant,
     pub pose: Pose,
     /// Variance along the path, m².
@@ -20,26 +20,26 @@ pub struct Place {
 
 /// Poses in order of time.
 #[derive(Debug, Default)]
-pub struct Trail(VecDeque<Place>);
+pub struct Trail(VecDeque<TrailPose>);
 
 impl Trail {
     /// Appends a motion step up to `at` with its variances.
     pub fn push(&mut self, at: Instant, way: Motion, along: f64, turn: f64) {
         let last = self.last();
         let pose = last.pose.along(way);
-        self.0.push_back(Place { at, pose, along: last.along + along, turn: last.turn + turn });
+        self.0.push_back(TrailPose { at, pose, along: last.along + along, turn: last.turn + turn });
         while self.0.front().is_some_and(|first| at.since(first.at) > TRAIL) {
             self.0.pop_front();
         }
     }
 
     /// Newest pose.
-    pub fn last(&self) -> Place {
+    pub fn last(&self) -> TrailPose {
         self.0.back().copied().unwrap_or_default()
     }
 
     /// Interpolated pose at `at`; `None` outside the trail.
-    pub fn at(&self, at: Instant) -> Option<Place> {
+    pub fn at(&self, at: Instant) -> Option<TrailPose> {
         let after = self.0.partition_point(|place| place.at < at);
         let (end, begin) = (self.0.get(after)?, self.0.get(after.checked_sub(1)?)?);
         let part = at.since(begin.at).as_secs_f64() / end.at.since(begin.at).as_secs_f64();
@@ -48,6 +48,6 @@ impl Trail {
         let turned = (end.pose.theta - begin.pose.theta).radians() * part;
         let (x, y) = (between(begin.pose.x, end.pose.x), between(begin.pose.y, end.pose.y));
         let pose = Pose { x, y, theta: begin.pose.theta + turned };
-        Some(Place { at, pose, along: between(begin.along, end.along), turn: between(begin.turn, end.turn) })
+        Some(TrailPose { at, pose, along: between(begin.along, end.along), turn: between(begin.turn, end.turn) })
     }
 }

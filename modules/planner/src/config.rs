@@ -1,6 +1,8 @@
 //! What the planner must know of the robot, and how it drives.
 
 use crate::map::Map;
+use base::Duration;
+use guard::law::Law;
 use navitools::Point;
 use settings::{Section, robot, settings};
 use std::path::PathBuf;
@@ -13,9 +15,13 @@ pub struct Config {
     /// How it may move.
     pub limits: Limits,
     /// How it behaves.
-    pub manners: Manners,
+    pub behaviour: Behaviour,
+    /// The distance that must be free for a speed: the law of the guard.
+    pub law: Law,
     /// Full opening angle of a sonar's beam where the message does not have it (`LL_DATA_SRFS`), rad.
     pub sonar_beam: f64,
+    /// Greatest age of a sonar's measurement, since it fired, with which the robot drives in its direction.
+    pub age_max: Duration,
     /// Walls and what else is known to stand; none: the floor is taken as free, and the sonars say what is not.
     pub map: Option<Map>,
 }
@@ -89,27 +95,27 @@ settings! {
         /// Map of walls in YAML and PGM, as nav2 has them, from the configuration folder on. Absent: an open floor, in
         /// simulation the world's walls.
         map: Option<PathBuf> = optional;
-        manners: Manners = flat;
+        behaviour: Behaviour = flat;
     }
 }
 
 settings! {
     /// Behaviour among people and things.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct Manners {
+    pub struct Behaviour {
         /// Speed backwards.
         speed_reverse_mps as speed_reverse: f64 = 0.3, 0.01..=2.0;
         /// Speed through space that was not seen within the last second.
         speed_unseen_mps as speed_unseen: f64 = 0.4, 0.01..=2.0;
         /// Distance beside the robot to what is sensed.
-        margin_m as margin: f64 = 0.2, 0.01..=1.0;
+        margin_m as margin: f64 = 0.15, 0.01..=1.0;
         /// Distance to what stands in the way, beyond the margin.
-        stop_distance_m as stop_distance: f64 = 0.25, 0.05..=2.0;
-        /// Time from a thing's appearance to the brakes: sonar slot, poll, bus, loop, drive (docs/facts/robot.md 5).
-        reaction_s as reaction: f64 = 0.37, 0.05..=2.0;
-        /// Deceleration of the robot rolling out when PAUSE opens the motors' feed; it drives no faster than it could
-        /// so stop before what it hears.
-        coasting_mps2 as coasting: f64 = 0.25, 0.05..=20.0;
+        stop_distance_m as stop_distance: f64 = 0.1, 0.05..=2.0;
+        /// Time from a thing's appearance to the brakes. Absent: `reaction_s` and `sensing_s` of the guard.
+        reaction_s as reaction: Option<f64> = optional, 0.05..=2.0;
+        /// Deceleration of the robot when PAUSE opens the motors' feed, if less than `[stop]` says; it drives no faster
+        /// than it could so stop before what it hears.
+        coasting_mps2 as coasting: Option<f64> = optional, 0.05..=20.0;
         /// Time for which it waits for a person in the way before it looks for a way around.
         patience_s as patience: f64 = 1.5, 0.5..=600.0;
         /// Attempts to get free before a goal that is no loop has failed.
@@ -117,7 +123,16 @@ settings! {
     }
 }
 
-impl Default for Manners {
+impl Behaviour {
+    /// The law by which it plans: the guard's, except where it is configured differently.
+    #[must_use]
+    pub fn law(&self, guard: Law) -> Law {
+        let reaction = self.reaction.unwrap_or(guard.reaction);
+        Law { reaction, worst: self.coasting.unwrap_or(guard.worst).min(guard.worst), ..guard }
+    }
+}
+
+impl Default for Behaviour {
     fn default() -> Self {
         Self::usual()
     }

@@ -26,10 +26,10 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod ahead;
 mod config;
 pub mod goal;
 pub mod goal_state;
-pub mod guard;
 pub mod map;
 pub mod mission;
 pub mod obstacles;
@@ -42,5 +42,5 @@ pub mod search;
 pub mod senses;
 pub mod track;
 
-pub use config::{Body, Config, Limits, Manners, Settings};
+pub use config::{Behaviour, Body, Config, Limits, Settings};
 pub use planner::{NAME, Planner};

@@ -5,13 +5,13 @@
 //! is driven once fails after a maximum number of attempts; a loop continues, with its next waypoint where that is
 //! possible.
 
+use crate::ahead::{self, Ahead};
 use crate::config::Config;
 use crate::goal::{Goal, Waypoint};
 use crate::goal_state::{GoalState, Hindrance};
-use crate::guard::{self, Ahead};
 use crate::obstacles::Obstacles;
 use crate::route::{PlanningSpace, Progress, Route};
-use crate::track::{Motion, Track};
+use crate::track::{Motion, SPEED_MIN_MPS, STEERED_RAD, Track};
 use base::{Duration, Instant};
 use messages::Hold;
 use navitools::Pose;
@@ -59,6 +59,8 @@ pub struct StepInput<'a> {
     pub robot: Pose,
     /// Speed and steering angle of the robot.
     pub motion: Motion,
+    /// Greatest speeds that the guard permits with the present steering, m/s: forward, backward.
+    pub permitted: [f64; 2],
     /// Obstacles sensed by the sonars.
     pub obstacles: &'a Obstacles,
     /// Configuration.
@@ -292,8 +294,8 @@ impl Mission {
 
     fn start_driving(&mut self, poses: Vec<(Pose, bool)>, input: &StepInput<'_>) {
         let Some(goal) = &self.goal else { return };
-        let Config { body, limits, manners, .. } = input.config;
-        self.track = Track::new(&poses, Some(goal.next), body, limits, manners);
+        let Config { body, limits, behaviour, .. } = input.config;
+        self.track = Track::new(&poses, Some(goal.next), body, limits, behaviour);
         (self.replanned, self.unchecked, self.stuck) = (true, true, None);
         self.phase = Phase::Driving { next: None };
         self.set_driving();
@@ -333,7 +335,7 @@ impl Mission {
     /// Counts an attempt. Returns true if the goal has failed with it; a loop continues with its next waypoint instead.
     fn count_attempt(&mut self, input: &StepInput<'_>, why: Hindrance) -> bool {
         self.attempts += 1;
-        let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= input.config.manners.attempts) else {
+        let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= input.config.behaviour.attempts) else {
             return false;
         };
         if goal.looped {
@@ -348,7 +350,7 @@ impl Mission {
 
     fn drive(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, next: Option<(Route, usize)>) -> Motion {
         let Config { body, limits, .. } = input.config;
-        let allowed = self.allowed(input);
+        let (planned, allowed) = (self.planned(input), self.allowed(input));
         let command = self.track.follow(input.robot, input.motion, allowed, body, limits);
         while let Some(passed) = self.track.passed() {
             self.pass(passed);
@@ -366,7 +368,9 @@ impl Mission {
             }
             return Motion { speed: 0.0, ..command };
         }
-        if allowed <= 0.0 && stands {
+        // The guard judges the path of the present steering angle: the robot steers first, and waits only then.
+        let steers = planned > 0.0 && is_steering(input, command);
+        if allowed <= 0.0 && stands && !steers {
             self.set_blocked(input);
             self.phase = Phase::Waiting { since: input.now, gone: None };
             return Motion { speed: 0.0, ..command };
@@ -382,25 +386,36 @@ impl Mission {
 
     /// True if the robot, off its path, would reach a mapped obstacle before it can stop.
     fn would_collide(&self, input: &StepInput<'_>, space: &PlanningSpace) -> bool {
-        let Config { body, limits, manners, .. } = input.config;
+        let Config { body, limits, law, .. } = input.config;
         let (aside, _) = self.track.error();
         if aside.abs() < MAP_CHECK_DEVIATION_M || self.track.is_done() {
             return false;
         }
         let speed = input.motion.speed.abs();
-        let distance = speed * manners.reaction + speed * speed / (2.0 * limits.deceleration) + MAP_CHECK_MARGIN_M;
+        let distance = speed * law.reaction + speed * speed / (2.0 * limits.deceleration) + MAP_CHECK_MARGIN_M;
         let distance = if self.track.forward().unwrap_or(true) { distance } else { -distance };
         let rotation = distance * libm::tan(input.motion.steering) / body.wheelbase;
         let there = input.robot.along(navitools::Motion { translation: distance, rotation });
         space.is_free(input.robot) && !space.is_free(there)
     }
 
-    /// Speed that the sonars allow in the direction of travel, m/s.
+    /// Speed that sonars and guard allow in the direction of travel, m/s.
     fn allowed(&self, input: &StepInput<'_>) -> f64 {
+        let [forward, backward] = input.permitted;
+        let permitted = if self.track.forward().unwrap_or(true) { forward } else { backward };
+        // Below this, the drive hardly turns.
+        if permitted < SPEED_MIN_MPS { 0.0 } else { self.planned(input).min(permitted) }
+    }
+
+    /// Speed that the sonars allow on the path, m/s.
+    fn planned(&self, input: &StepInput<'_>) -> f64 {
         let forward = self.track.forward().unwrap_or(true);
-        let echoes = guard::echo_speed_limit(input.now, forward, input.obstacles, input.config);
-        let people = guard::person_speed_limit(input.now, self.track.ahead(), input.obstacles, input.config);
-        self.ahead.speed(self.track.distance(), input.config).min(echoes).min(people)
+        // Space that is not sensed may be occupied.
+        if input.obstacles.is_blind(input.now, forward, &input.config.body, input.config.age_max) {
+            return 0.0;
+        }
+        let people = ahead::person_speed_limit(input.now, self.track.ahead(), input.obstacles, input.config);
+        self.ahead.speed(self.track.distance(), input.config).min(people)
     }
 
     fn is_stuck(&mut self, input: &StepInput<'_>, command: Motion) -> bool {
@@ -418,14 +433,14 @@ impl Mission {
         space: &mut PlanningSpace,
         next: Option<(Route, usize)>,
     ) -> Option<(Route, usize)> {
-        let Config { body, limits, manners, .. } = input.config;
+        let Config { body, limits, behaviour, .. } = input.config;
         let goal = self.goal.as_ref()?;
         let (end, _) = self.track.end()?;
         let Some((mut route, to)) = next else {
             let to = goal.after(self.track.leads_to()?).filter(|_| self.track.remaining() < PLAN_AHEAD_M)?;
             let at = goal.waypoints[to];
             if let Some(poses) = self.stored_path(to, end) {
-                self.track.extend(&poses, Some(to), body, limits, manners);
+                self.track.extend(&poses, Some(to), body, limits, behaviour);
                 (self.unchecked, self.replanned) = (true, true);
                 return None;
             }
@@ -436,7 +451,7 @@ impl Mission {
             Progress::Searching => Some((route, to)),
             Progress::Found(poses) => {
                 self.store_path(to, &poses);
-                self.track.extend(&poses, Some(to), body, limits, manners);
+                self.track.extend(&poses, Some(to), body, limits, behaviour);
                 (self.unchecked, self.replanned) = (true, true);
                 None
             }
@@ -486,7 +501,9 @@ impl Mission {
     fn set_blocked(&mut self, input: &StepInput<'_>) {
         let forward = self.track.forward().unwrap_or(true);
         self.state = match self.ahead.first() {
-            _ if input.obstacles.is_blind(input.now, forward, &input.config.body) => GoalState::Blind { forward },
+            _ if input.obstacles.is_blind(input.now, forward, &input.config.body, input.config.age_max) => {
+                GoalState::Blind { forward }
+            }
             Some((_, at)) => GoalState::InTheWay(at),
             None => GoalState::SomebodyNear,
         };
@@ -501,7 +518,7 @@ impl Mission {
             return self.set_driving();
         }
         let patience =
-            input.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAIT_MAX_PATIENCE_MULTIPLE));
+            input.config.behaviour.patience * f64::from((1 + self.attempts / 2).min(WAIT_MAX_PATIENCE_MULTIPLE));
         if waited >= patience && gone.is_none() {
             if self.count_attempt(input, Hindrance::InTheWay) {
                 return;
@@ -531,10 +548,10 @@ impl Mission {
     }
 
     fn begin_backing_out(&mut self, input: &StepInput<'_>, poses: &[(Pose, bool)]) -> bool {
-        let Config { body, limits, manners, .. } = input.config;
-        self.track = Track::new(poses, None, body, limits, manners);
+        let Config { body, limits, behaviour, .. } = input.config;
+        self.track = Track::new(poses, None, body, limits, behaviour);
         self.check_ahead(input.now, input.obstacles, input.config);
-        if self.track.remaining() < BACK_OUT_MIN_M || self.allowed(input) <= START_SPEED_MIN_MPS {
+        if self.track.remaining() < BACK_OUT_MIN_M || self.planned(input) <= START_SPEED_MIN_MPS {
             self.track = Track::default();
             return false;
         }
@@ -549,7 +566,8 @@ impl Mission {
         let allowed = self.allowed(input);
         let command = self.track.follow(input.robot, input.motion, allowed, body, limits);
         let stands = input.motion.speed.abs() < STANDSTILL_MPS;
-        let blocked = (allowed <= 0.0).then(|| blocked.unwrap_or(input.now));
+        let steers = self.planned(input) > 0.0 && is_steering(input, command);
+        let blocked = (allowed <= 0.0 && !steers).then(|| blocked.unwrap_or(input.now));
         let gives_up = blocked.is_some_and(|since| input.now.since(since) >= BACKING_OUT_BLOCKED_MAX);
         if (self.track.is_done() || gives_up || self.is_stuck(input, command)) && stands {
             self.trace.clear();
@@ -582,4 +600,9 @@ impl Mission {
             (self.attempts, self.nearest) = (0, distance);
         }
     }
+}
+
+/// True while the steering is on its way to the commanded angle.
+fn is_steering(input: &StepInput<'_>, command: Motion) -> bool {
+    (command.steering - input.motion.steering).abs() > STEERED_RAD
 }

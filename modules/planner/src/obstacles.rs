@@ -4,16 +4,22 @@
 //! frees nor marks anything. A sonar measures the nearest echo in its cone, but not its direction. An echo therefore
 //! marks an arc at its distance as suspected, except for cells that other cones have just found free; the space nearer
 //! than the echo is free. Silence frees only the space in which even a leg would return an echo, within the specular
-//! limit (docs/facts/robot.md 2.1, 4.3). A cell counts as an obstacle after two suspicions within about a second: a
-//! single crosstalk echo is not one. Cells without new echoes expire. Clothes absorb sound, so silence beyond a metre
-//! is weak evidence.
+//! limit (docs/facts/robot.md 2.1, 4.3). Space is free only as far as several readings of a sonar in succession were
+//! free: a leg is often missed once, and seldom [`FREE_READINGS`] times. A sonar that is repeatedly silent where the
+//! map has a wall that faces it does not work: what it measures is unknown. A cell counts as an obstacle after two
+//! suspicions within about a second: a single crosstalk echo is not one. Cells without new echoes expire. Clothes
+//! absorb sound, so silence beyond a metre is weak evidence.
 
 use crate::config::Body;
 use crate::people::{People, Person, Reading};
-use crate::ranges::{self, Mount, READING_VALID_FOR, SONARS_MAX, Sounding};
+use crate::ranges::{self, Mount, SONARS_MAX, Sounding};
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
 use std::mem;
+
+mod hearing;
+
+use hearing::Hearing;
 
 /// Side of a cell, m.
 pub const CELL_M: f64 = 0.05;
@@ -42,6 +48,10 @@ const EVIDENCE_MAX: u8 = 12;
 /// Decrease per round in which a cone is free: near, and where the echo may have been missed.
 const FREE_WEIGHT_NEAR: u8 = 3;
 const FREE_WEIGHT_FAR: u8 = 1;
+/// Number of successive readings that free space, and the time within which they must have fired. A leg within a metre
+/// is missed three times in succession with a probability of 1.6 %, beyond with 24 % (`people`).
+pub const FREE_READINGS: usize = 3;
+const FREE_WITHIN: Duration = Duration::from_secs(1);
 /// Limit of the near range, m.
 const NEAR_M: f64 = 1.0;
 /// Time without a suspicion after which a cell is free.
@@ -56,8 +66,6 @@ const PATCHES_PER_SIDE: i32 = 32;
 const HITS_MAX: usize = 2000;
 /// Fastest walking speed, m/s (ISO 13855).
 const WALKING_SPEED_MAX_MPS: f64 = 1.6;
-/// Difference of two echoes of a sonar below which they belong to one obstacle, m.
-const SAME_ECHO_M: f64 = 0.7;
 /// Closing speed below which a change is jitter of the readings' age, m/s.
 const CLOSING_SPEED_MIN_MPS: f64 = 0.3;
 
@@ -87,27 +95,11 @@ struct Echo {
     at: Option<Instant>,
     /// Distance, m; `None` for silence.
     distance: Option<f64>,
-    closing: f64,
     mount: Mount,
-    /// True if the map explains the echo.
-    mapped: bool,
-    /// True if the previous reading was about the same.
-    repeated: bool,
-    /// Distance of a mapped obstacle in the previous reading that this one missed, m.
-    missed_wall: Option<f64>,
-}
-
-/// Echo in a direction of travel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DirectedEcho {
-    /// Distance from the leading end of the body, m.
-    pub distance: f64,
-    /// Closing speed of the obstacle itself, m/s.
-    pub closing: f64,
-    /// True if the map explains the echo.
-    pub mapped: bool,
-    /// True if the previous reading confirms it, so that it is not crosstalk.
-    pub repeated: bool,
+    /// Firing instants of the last readings, the newest one first, and the range up to which each found no echo, m.
+    free: [(Instant, f64); FREE_READINGS],
+    /// Its hearing, as far as the map shows.
+    hearing: Hearing,
 }
 
 /// Reading with the motion of the robot when the sonar fired.
@@ -135,23 +127,35 @@ struct Cone {
     /// Half of the opening angle within which the cone frees space: cos², and the tangent.
     clear: (f64, f64),
     echo: Option<f64>,
-    /// Range up to which the cone is free, m.
+    /// Range up to which the cone is free, m: the last [`FREE_READINGS`] readings found nothing nearer.
     free: f64,
+    /// Range up to which this reading found nothing, m. It frees no space, but refutes suspicions, and shows where
+    /// another sonar's echo cannot have come from.
+    quiet: f64,
     closing: f64,
 }
 
 impl Cone {
-    /// Weight of the evidence that `point` is free; 0 outside the cone.
-    fn frees(&self, point: Point) -> u8 {
+    /// Weight of the evidence that `point` is free, where the cone is free up to `range`; 0 outside of it.
+    fn frees(&self, point: Point, range: f64) -> u8 {
+        match self.squared_distance_within(point, range) {
+            Some(d2) if d2 < NEAR_M * NEAR_M => FREE_WEIGHT_NEAR,
+            Some(_) => FREE_WEIGHT_FAR,
+            None => 0,
+        }
+    }
+
+    /// True if this reading would have heard an echo from `point`: it is near, and the reading heard nothing there.
+    fn carves(&self, point: Point) -> bool {
+        self.squared_distance_within(point, self.quiet).is_some_and(|d2| d2 < NEAR_M * NEAR_M)
+    }
+
+    /// Squared distance of `point`, m², if it is in the middle of the cone and nearer than `range`.
+    fn squared_distance_within(&self, point: Point, range: f64) -> Option<f64> {
         let (dx, dy) = (point.x - self.from.x, point.y - self.from.y);
         let along = dx * self.cos + dy * self.sin;
         let d2 = dx * dx + dy * dy;
-        let frees = along > 0.0 && d2 < self.free * self.free && along * along >= self.clear.0 * d2;
-        match frees {
-            true if d2 < NEAR_M * NEAR_M => FREE_WEIGHT_NEAR,
-            true => FREE_WEIGHT_FAR,
-            false => 0,
-        }
+        (along > 0.0 && d2 < range * range && along * along >= self.clear.0 * d2).then_some(d2)
     }
 }
 
@@ -207,7 +211,7 @@ impl Obstacles {
         footprint: impl Fn(Point) -> bool,
         mapped: impl Fn(Point) -> bool,
     ) {
-        self.process(&round[..round.len().min(SONARS_MAX)]);
+        self.process(&round[..round.len().min(SONARS_MAX)], &mapped);
         let cones = mem::take(&mut self.cones);
         let new = || cones.iter().filter(|cone| cone.is_new);
         let inverse = robot.inverse();
@@ -215,7 +219,10 @@ impl Obstacles {
         self.keep(|cell| {
             let at = middle(cell.place);
             let limit = if cell.evidence < OBSTACLE_EVIDENCE { CONFIRM_WITHIN } else { CELL_LIFETIME };
-            let freed = new().map(|cone| cone.frees(at)).max().unwrap_or(0);
+            // One reading refutes a suspicion; an obstacle stays until several found its place free.
+            let is_obstacle = cell.evidence >= OBSTACLE_EVIDENCE;
+            let freed = new().map(|cone| cone.frees(at, if is_obstacle { cone.free } else { cone.quiet }));
+            let freed = freed.max().unwrap_or(0);
             cell.evidence = cell.evidence.saturating_sub(freed);
             let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
             cell.evidence > 0 && now.since(cell.suspected) < limit && inside && !footprint(inverse * at)
@@ -238,7 +245,7 @@ impl Obstacles {
         self.cones = cones;
     }
 
-    fn process(&mut self, round: &[Fired]) {
+    fn process(&mut self, round: &[Fired], mapped: &impl Fn(Point) -> bool) {
         let is_there = |sonar: i32| round.iter().any(|fired| fired.sounding.id == sonar);
         self.echoes.retain(|echo| is_there(echo.sonar));
         self.cones.retain(|cone| is_there(cone.sonar));
@@ -272,24 +279,28 @@ impl Obstacles {
                 }
                 _ => 0.0,
             };
-            let same = |(before, after): (f64, f64)| (before - after).abs() < SAME_ECHO_M;
-            let repeated = dt < CLOSING_INTERVAL_S.1 && last.distance.zip(distance).is_some_and(same);
-            // Walls do not move: a wall missed by a single reading is still there, and the robot has come closer to it.
-            let nearer = |before: f64| before - speed * libm::cos(mount.theta) * dt;
-            let missed_wall = last.distance.filter(|_| last.mapped && dt < CLOSING_INTERVAL_S.1).map(nearer);
-            *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, repeated, missed_wall };
             let pose = *robot * Pose::new(mount.at.x, mount.at.y, mount.theta);
             let (sin, cos) = pose.theta.sin_cos();
             let half_beam = mount.beam / 2.0;
             let clear = half_beam.min(SPECULAR_LIMIT_RAD);
             let clear = (libm::cos(clear) * libm::cos(clear), libm::tan(clear));
-            let free = match measurement {
+            let clear_now = match measurement {
                 ranges::Measurement::Echo(distance) => (distance - ECHO_ACCURACY_M).min(LEG_RANGE_M),
                 ranges::Measurement::Silent => SILENCE_RANGE_M,
                 ranges::Measurement::NoEcho | ranges::Measurement::Unknown => 0.0,
             };
+            let mut hearing = last.hearing;
+            match measurement {
+                ranges::Measurement::Echo(_) => hearing.on_echo(),
+                ranges::Measurement::Silent => hearing.on_silence(pose, mapped),
+                ranges::Measurement::NoEcho | ranges::Measurement::Unknown => {}
+            }
+            let [first, second, _] = last.free;
+            let readings = [(at, clear_now), first, second];
+            *last = Echo { sonar, at: Some(at), distance, mount, free: readings, hearing };
+            let (free, quiet) = if hearing.is_deaf() { (0.0, 0.0) } else { (last.free_range(at), clear_now) };
             let (from, echo) = (pose.point(), distance);
-            let cone = Cone { sonar, at, is_new: true, from, cos, sin, half_beam, clear, echo, free, closing };
+            let cone = Cone { sonar, at, is_new: true, from, cos, sin, half_beam, clear, echo, free, quiet, closing };
             match self.cones.iter_mut().find(|cone| cone.sonar == sonar) {
                 Some(last) => *last = cone,
                 None => self.cones.push(cone),
@@ -333,9 +344,6 @@ impl Obstacles {
             }
         };
         if (-count..=count).any(|step| mapped(point(step))) {
-            if let Some(echo) = self.echoes.iter_mut().find(|echo| echo.sonar == cone.sonar) {
-                echo.mapped = true;
-            }
             return true;
         }
         let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < CARVE_WITHIN;
@@ -343,7 +351,7 @@ impl Obstacles {
         for step in -count..=count {
             let at = point(step);
             let cell = place(at, CELL_M);
-            let carved = cones.iter().filter(other).any(|cone| cone.frees(at) == FREE_WEIGHT_NEAR);
+            let carved = cones.iter().filter(other).any(|cone| cone.carves(at));
             if last == Some(cell) || carved || footprint(at) {
                 continue;
             }
@@ -405,38 +413,20 @@ impl Obstacles {
         which == patch && now.since(at) <= age
     }
 
-    /// Valid echoes of the sonars that cover the path before the front, or the rear. A single reading is enough here:
-    /// the robot brakes at once for anything that close.
-    pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = DirectedEcho> + '_ {
-        let body = *body;
-        let fresh = move |echo: &&Echo| echo.is_valid(now) && echo.mount.covers(forward, &body);
-        let both = move |echo: &Echo| {
-            let Echo { distance, closing, mapped, repeated, missed_wall, mount, .. } = *echo;
-            let behind = mount.setback(forward, &body);
-            let current =
-                distance.map(|distance| DirectedEcho { distance: distance - behind, closing, mapped, repeated });
-            let missed_wall = missed_wall.map(|wall| DirectedEcho {
-                distance: wall - behind,
-                closing: 0.0,
-                mapped: true,
-                repeated: true,
-            });
-            [current, missed_wall]
-        };
-        self.echoes.iter().filter(fresh).flat_map(both).flatten()
-    }
-
-    /// True if sonars cover the path before the front, or the rear, and the state of all of them is unknown.
+    /// True if the state of any sonar that covers the path before the front, or the rear, is unknown: it has not
+    /// measured within `age_max`, or it does not hear what the map says it must.
     #[must_use]
-    pub fn is_blind(&self, now: Instant, forward: bool, body: &Body) -> bool {
-        let mut looking = self.echoes.iter().filter(|echo| echo.mount.covers(forward, body)).peekable();
-        looking.peek().is_some() && !looking.any(|echo| echo.is_valid(now))
+    pub fn is_blind(&self, now: Instant, forward: bool, body: &Body, age_max: Duration) -> bool {
+        let mut looking = self.echoes.iter().filter(|echo| echo.mount.covers(forward, body));
+        looking.any(|echo| echo.hearing.is_deaf() || echo.at.is_none_or(|at| now.since(at) >= age_max))
     }
 }
 
 impl Echo {
-    fn is_valid(&self, now: Instant) -> bool {
-        self.at.is_some_and(|at| now.since(at) < READING_VALID_FOR)
+    /// Range up to which all of the last readings found no echo, m; 0 if there are too few at `now`.
+    fn free_range(&self, now: Instant) -> f64 {
+        let known = |(at, free): (Instant, f64)| if now.since(at) < FREE_WITHIN { free } else { 0.0 };
+        self.free.into_iter().map(known).fold(f64::INFINITY, f64::min)
     }
 }
 
@@ -469,6 +459,7 @@ mod tests {
         (-0.15..=0.75).contains(&point.x) && point.y.abs() <= 0.30
     }
 
+    const AGE_MAX: Duration = Duration::from_millis(600);
     const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
 
     fn echo(distance: f64) -> ranges::Measurement {
@@ -536,6 +527,11 @@ mod tests {
     fn other_cones_carve_the_arc() {
         let mut alone = bench();
         let mut carved = bench();
+        for _ in 0..2 {
+            // The others have been free for a while.
+            alone.receive([2.5, 2.5, 2.5]);
+            carved.receive([2.5, 2.5, 2.5]);
+        }
         for _ in 0..2 {
             alone.receive([0.85, 0.8, 0.85]);
             carved.receive([2.5, 0.8, 2.5]);
@@ -608,21 +604,19 @@ mod tests {
             assert!(before > 0 && (bench.count() == before) == kept, "{unknown:?}: {} of {before}", bench.count());
             let ahead = Point { x: 2.0, y: 0.1 };
             assert_eq!(bench.0.seen_within(bench.1, ahead, Duration::from_secs(1)), !kept, "{unknown:?}");
-            assert_eq!(bench.0.is_blind(bench.1, true, &BODY), unknown == ranges::Measurement::Unknown);
-            assert!(!bench.0.is_blind(bench.1, false, &BODY), "no sonar looks back");
+            assert_eq!(bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), unknown == ranges::Measurement::Unknown);
+            assert!(!bench.0.is_blind(bench.1, false, &BODY, AGE_MAX), "no sonar looks back");
         }
     }
 
     #[test]
-    fn the_last_echo_limits_the_speed_until_a_newer_reading() {
+    fn a_direction_is_blind_when_its_last_reading_is_too_old() {
         let mut bench = bench();
         bench.receive([f64::NAN, 0.5, f64::NAN]);
         bench.take([ranges::Measurement::Unknown; 3]);
-        assert_eq!(bench.0.echoes(bench.1, true, &BODY).map(|echo| echo.distance).next(), Some(0.5));
-        assert!(!bench.0.is_blind(bench.1, true, &BODY));
+        assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX));
         bench.1 += Duration::from_secs(1);
-        assert_eq!(bench.0.echoes(bench.1, true, &BODY).next(), None);
-        assert!(bench.0.is_blind(bench.1, true, &BODY));
+        assert!(bench.0.is_blind(bench.1, true, &BODY, AGE_MAX));
     }
 
     #[test]
@@ -634,7 +628,6 @@ mod tests {
             bench.again(measured);
         }
         assert_eq!(bench.count(), 0, "one echo is no obstacle");
-        assert!(bench.0.echoes(bench.1, true, &BODY).all(|echo| !echo.repeated));
         bench.take(measured);
         assert!(bench.count() > 0);
     }
@@ -643,7 +636,7 @@ mod tests {
     fn a_narrow_beam_marks_and_frees_only_its_own_width() {
         let width = |beam: f64| {
             let mut bench = bench();
-            for _ in 0..2 {
+            for _ in 0..FREE_READINGS {
                 bench.1 += Duration::from_millis(250);
                 let mount = Mount { at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam };
                 let sounding = Sounding { id: 0, at: bench.1, mount, measurement: ranges::Measurement::Echo(2.0) };
@@ -662,17 +655,85 @@ mod tests {
     #[test]
     fn a_person_walking_towards_the_robot_has_a_closing_speed() {
         let mut bench = bench();
-        bench.receive([f64::NAN, 2.0, f64::NAN]);
-        bench.receive([f64::NAN, 1.75, f64::NAN]);
-        let echo = bench.0.echoes(bench.1, true, &BODY).next().unwrap();
-        assert!((echo.distance - 1.75).abs() < 1e-9 && (echo.closing - 1.0).abs() < 1e-9, "{echo:?}");
-        assert_eq!(bench.0.echoes(bench.1, false, &BODY).next(), None);
+        bench.receive([2.0; 3]);
+        bench.receive([1.75; 3]);
+        let closing = bench.0.hits().map(|hit| hit.closing).fold(0.0, f64::max);
+        assert!((closing - 1.0).abs() < 1e-9, "{closing}");
+    }
+
+    #[test]
+    fn space_is_free_only_after_several_readings_in_succession() {
+        let (second, ahead) = (Duration::from_secs(1), Point { x: 2.0, y: 0.1 });
+        for free in [[f64::NAN; 3], [2.4; 3]] {
+            let mut bench = bench();
+            let seen = |bench: &Bench| bench.0.seen_within(bench.1, ahead, second);
+            for receive in [free, free, [0.9; 3], free, free] {
+                bench.receive(receive);
+                assert!(!seen(&bench), "an echo begins anew");
+            }
+            bench.receive(free);
+            assert!(seen(&bench));
+            // Too old together.
+            bench.1 += 2 * second;
+            bench.receive(free);
+            bench.receive(free);
+            assert!(!seen(&bench));
+        }
+        // Obstacles stay as well.
+        let mut bench = bench();
+        for _ in 0..4 {
+            bench.receive([f64::NAN, 0.8, f64::NAN]);
+        }
+        let before = bench.count();
+        bench.receive([f64::NAN; 3]);
+        bench.receive([f64::NAN; 3]);
+        assert_eq!(bench.count(), before, "a leg is missed twice in succession now and then");
+        (0..4).for_each(|_| bench.receive([f64::NAN; 3]));
+        assert!(bench.count() < before, "{before}");
+    }
+
+    #[test]
+    fn one_unknown_sonar_ahead_is_enough_to_be_blind_in_that_direction() {
+        let silent = ranges::Measurement::Silent;
+        let mut bench = bench();
+        bench.take([silent; 3]);
+        for unknown in 0..3 {
+            let mut measured = [silent; 3];
+            measured[unknown] = ranges::Measurement::Unknown;
+            bench.take([silent; 3]);
+            bench.take(measured);
+            bench.take(measured);
+            assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "0.5 s old");
+            bench.take(measured);
+            assert!(bench.0.is_blind(bench.1, true, &BODY, AGE_MAX));
+        }
+    }
+
+    #[test]
+    fn a_sonar_that_does_not_hear_the_wall_ahead_is_unknown() {
+        let mut bench = bench();
+        let wall = |point: Point| point.x > 1.75;
+        let receive = |bench: &mut Bench, distances: [f64; 3]| {
+            bench.1 += Duration::from_millis(250);
+            let fired = fired(bench.1, distances.map(echo));
+            bench.0.update(bench.1, Pose::default(), &fired, covers, wall);
+        };
+        for _ in 0..7 {
+            receive(&mut bench, [1.0, f64::NAN, 1.0]);
+        }
+        assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX));
+        receive(&mut bench, [1.0, f64::NAN, 1.0]);
+        assert!(bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "the middle one is dead");
+        receive(&mut bench, [1.0, 1.0, 1.0]);
+        assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "it hears again");
     }
 
     #[test]
     fn observed_space_expires() {
         let mut bench = bench();
-        bench.receive([2.0, 2.0, 2.0]);
+        for _ in 0..FREE_READINGS {
+            bench.receive([2.0, 2.0, 2.0]);
+        }
         let (second, now) = (Duration::from_secs(1), bench.1);
         assert!(bench.0.seen_within(now, Point { x: 2.0, y: 0.1 }, second));
         assert!(!bench.0.seen_within(now, Point { x: 3.2, y: 0.0 }, second), "behind the echo");

@@ -88,6 +88,7 @@ impl Planner {
         match message {
             Message::MlDataEstimate(estimate) => self.on_estimate(at, estimate, out),
             Message::LlDataMotion(motion) => self.senses.on_motion(at, motion),
+            Message::LlDataGuard(guard) => self.senses.on_guard(at, guard),
             Message::LlDataHold(holds) => self.senses.on_hold(at, holds),
             Message::LlEventStop(stop) => {
                 self.senses.on_stop(stop);
@@ -172,7 +173,7 @@ impl Planner {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
         // Without readings ahead the robot does not back out either: from there it could not continue.
-        let blind = self.obstacles.is_blind(now, true, &self.config.body);
+        let blind = self.obstacles.is_blind(now, true, &self.config.body, self.config.age_max);
         self.waits = self.senses.waits(now, NAME, blind);
         let drives = wants && self.waits.is_empty();
         if self.was_driving && !drives {
@@ -181,9 +182,9 @@ impl Planner {
         self.was_driving = drives;
         let aim = match located {
             Some(located) if drives => {
-                let motion = self.senses.motion();
+                let (motion, permitted) = (self.senses.motion(), self.senses.permitted(now));
                 let Self { obstacles, config, .. } = self;
-                let input = StepInput { now, robot: located.pose, motion, obstacles, config };
+                let input = StepInput { now, robot: located.pose, motion, permitted, obstacles, config };
                 self.mission.step(&input, &mut self.space)
             }
             _ => Motion { speed: 0.0, steering: self.senses.motion().steering },
@@ -277,6 +278,7 @@ impl Module for Planner {
         &[
             Channel::MlDataEstimate,
             Channel::LlDataMotion,
+            Channel::LlDataGuard,
             Channel::LlDataHold,
             Channel::LlDataRanges,
             Channel::LlDataSrfs,

@@ -44,12 +44,6 @@ impl Mount {
         let (axis, half) = (wrap(self.theta - middle), self.beam / 2.0);
         axis - half <= corners[0].max(corners[1]) && axis + half >= corners[0].min(corners[1])
     }
-
-    /// Distance by which the body extends beyond the sonar towards its front, or its rear, m.
-    #[must_use]
-    pub fn setback(&self, forward: bool, body: &Body) -> f64 {
-        (if forward { body.front - self.at.x } else { body.rear + self.at.x }).max(0.0)
-    }
 }
 
 /// Result of a measurement.
@@ -150,13 +144,6 @@ mod tests {
         // A narrow beam turned outwards misses the path before the robot. And a beam turned inwards from a corner.
         assert_eq!(covers(0.75, 0.15, 40.0, 0.3), [false, false]);
         assert_eq!(covers(0.75, 0.30, -20.0, 0.3), [true, false]);
-    }
-
-    #[test]
-    fn a_distance_counts_from_the_leading_end() {
-        assert_eq!(mount(0.75, 0.0, 0.0, 1.0).setback(true, &BODY), 0.0);
-        assert!((mount(0.30, 0.0, 0.0, 1.0).setback(true, &BODY) - 0.45).abs() < 1e-12);
-        assert!((mount(0.30, 0.0, 180.0, 1.0).setback(false, &BODY) - 0.45).abs() < 1e-12);
     }
 
     #[test]

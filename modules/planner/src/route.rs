@@ -76,11 +76,12 @@ impl PlanningSpace {
         self.still.as_ref().is_none_or(|still| self.search.limits().footprint.is_free(still, pose))
     }
 
-    /// Sets the obstacles for paths around them: all sensed ones except those within the robot's own body.
+    /// Sets the obstacles for paths around them: all sensed ones except those that the robot already stands beside,
+    /// which it may leave behind.
     pub fn set_obstacles(&mut self, obstacles: &Obstacles, robot: Pose, body: &Body) {
         let Some(still) = &self.still else { return };
         let inverse = robot.inverse();
-        let sensed = obstacles.hits().filter(|hit| !body.covers(inverse * hit.at, MARGIN_M));
+        let sensed = obstacles.hits().filter(|hit| !body.covers(inverse * hit.at, MARGIN_M + SENSED_RADIUS_M));
         let sensed: Vec<Obstacle> =
             sensed.map(|hit| Obstacle { x: hit.at.x, y: hit.at.y, radius: SENSED_RADIUS_M }).collect();
         self.live.get_or_insert_with(|| still.clone()).overlay(&sensed);

@@ -3,7 +3,7 @@
 use crate::goal_state::FRONT;
 use crate::ranges::{READING_VALID_FOR, Sounding};
 use base::{Duration, Instant};
-use messages::lowlevel::{DataHold, DataMotion, EventStop};
+use messages::lowlevel::{DataGuard, DataHold, DataMotion, EventStop};
 use messages::middlelevel::DataEstimate;
 use messages::{Hold, MOTION_MODULE, StopSource};
 use module::State;
@@ -14,6 +14,8 @@ use std::collections::VecDeque;
 const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
 const MOTION_AGE_MAX: Duration = Duration::from_millis(500);
+/// Maximum age of `LL_DATA_GUARD` (20 Hz).
+const GUARD_AGE_MAX: Duration = Duration::from_millis(500);
 /// Time for which poses are kept: longer than sonar readings stay valid.
 const POSES_KEPT_FOR: Duration = Duration::from_millis(1200);
 /// Time after the last `LL_DATA_RANGES` (at least 1 Hz) during which `LL_DATA_SRFS` is ignored.
@@ -59,6 +61,8 @@ pub struct Senses {
     /// Timestamp of the last accepted estimate, and the instant of its reception.
     stamp: Option<(i64, Instant)>,
     motion: Option<(Instant, DataMotion)>,
+    /// Greatest speeds that the guard permits, m/s: forward, backward.
+    guard: Option<(Instant, [f64; 2])>,
     /// Causes reported by `driver_canbus` that hold the robot.
     holds: Option<(Instant, DataHold)>,
     /// Source of an engaged PAUSE line, with its name as reported.
@@ -111,6 +115,19 @@ impl Senses {
     pub fn on_motion(&mut self, at: Instant, motion: &DataMotion) {
         let sane = motion.speed.is_finite() && motion.steering.is_finite();
         self.motion = sane.then(|| (at, motion.clone()));
+    }
+
+    /// Processes `LL_DATA_GUARD`.
+    pub fn on_guard(&mut self, at: Instant, guard: &DataGuard) {
+        self.guard = Some((at, [guard.forward, guard.backward]));
+    }
+
+    /// Greatest speeds that the guard permits with the present steering, m/s: forward, backward; infinite without a
+    /// guard. A value that is not a number permits nothing.
+    #[must_use]
+    pub fn permitted(&self, now: Instant) -> [f64; 2] {
+        let guard = self.guard.filter(|(at, _)| now.since(*at) < GUARD_AGE_MAX);
+        guard.map_or([f64::INFINITY; 2], |(_, bounds)| bounds.map(|bound| bound.max(0.0)))
     }
 
     /// Processes `LL_DATA_HOLD`.
@@ -209,7 +226,10 @@ impl Senses {
         for (place, reported) in list.holds.iter().enumerate() {
             // A cause from a later version holds the robot as well.
             let hold = reported.cause().unwrap_or(Hold::ModuleError);
-            if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == reported.subject) {
+            if hold.is_idle()
+                || hold.is_notice()
+                || waits.iter().any(|wait| wait.hold == hold && wait.subject == reported.subject)
+            {
                 continue;
             }
             // The driver's own text contains the figures of its most important cause.

@@ -1,13 +1,14 @@
 //! Planner with a simulated robot among discs, in virtual time.
 
 use super::*;
-use crate::config::{Body, Limits, Manners};
+use crate::config::{Behaviour, Body, Limits};
 use messages::Hold;
 use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, Reading};
 use messages::middlelevel::Waypoint;
 use module::bench::Bench;
 use module::{Shell, ShellConfig};
 use navitools::{Motion as Moved, Point, Pose, wrap};
+use settings::Section;
 use std::ops::Range;
 
 const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
@@ -53,6 +54,8 @@ struct Robot {
     /// Causes for which the planner waits, as it publishes them.
     holds: DataHold,
     discs: Vec<(Point, f64)>,
+    /// Size of the hall whose walls return echoes, m.
+    walls: Option<(f64, f64)>,
     ticks: u64,
     blind: bool,
     /// Closest distance of the moving body from a disc, m.
@@ -67,6 +70,11 @@ struct Robot {
     poll: u64,
     /// Sonars whose state is unknown.
     dead: Range<usize>,
+    /// The robot's guard, and what it last permitted, forward and backward; the driver clamps to it.
+    guard: Bench,
+    bounds: [f64; 2],
+    /// What is permitted by pose and steering, instead of by the guard.
+    permits: Option<fn(Pose, f64) -> [f64; 2]>,
     /// Sends `LL_DATA_SRFS` instead of `LL_DATA_RANGES`.
     old: bool,
     /// Distance that each sonar measures in its slot and measured in its last finished one, and its firing time.
@@ -76,13 +84,50 @@ struct Robot {
     sensed: Vec<Point>,
 }
 
+/// The guard of the reference robot.
+fn guarding() -> Bench {
+    let Body { front, rear, width, .. } = BODY;
+    let corner = |(x, y)| Point { x, y };
+    let sensor = |(id, &(x, y, degrees)): (usize, &(f64, f64, f64))| guard::Sensor {
+        id: id as i32,
+        at: Point { x, y },
+        theta: degrees.to_radians(),
+        beam: 0.96,
+    };
+    let config = guard::Config {
+        settings: guard::Settings { ranging: guard::Ranging::Sonar, ..guard::Settings::usual() },
+        footprint: [(-rear, -width / 2.0), (front, -width / 2.0), (front, width / 2.0), (-rear, width / 2.0)]
+            .map(corner)
+            .into(),
+        sensors: SRFS.iter().enumerate().map(sensor).collect(),
+        base: guard::Ackermann { wheelbase: BODY.wheelbase, steering: LIMITS.steering, steering_rate: 0.698 },
+        braking: LIMITS.deceleration,
+        power_lost: 1.5,
+        speed: 1.2,
+    };
+    let guard = guard::Guard::new(&config).expect("an outline");
+    let mut bench = Bench::new(Shell::new(ShellConfig::new(guard::NAME), Box::new(guard)));
+    bench.start();
+    bench
+}
+
 impl Robot {
     fn new() -> Self {
         Self::on(None)
     }
 
+    /// On the floor of this map: the hall, or one with further walls that no sonar comes near.
     fn on(map: Option<crate::map::Map>) -> Self {
-        let config = Config { body: BODY, limits: LIMITS, manners: Manners::default(), sonar_beam: 0.96, map };
+        let walls = map.as_ref().map(|_| (12.0, 6.0));
+        let config = Config {
+            body: BODY,
+            limits: LIMITS,
+            behaviour: Behaviour::default(),
+            law: guard::law::Law { reaction: 0.37, braking: 0.8, worst: 0.8, approach: 1.6, slow: 0.3 },
+            sonar_beam: 0.96,
+            age_max: Duration::from_millis(600),
+            map,
+        };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
         let mut bench = Bench::new(shell);
         bench.start();
@@ -96,6 +141,7 @@ impl Robot {
             stands: None,
             holds: DataHold::default(),
             discs: Vec::new(),
+            walls,
             ticks: 0,
             blind: false,
             nearest: f64::INFINITY,
@@ -106,6 +152,9 @@ impl Robot {
             pushed: false,
             poll: 25,
             dead: 0..0,
+            guard: guarding(),
+            bounds: [0.0; 2],
+            permits: None,
             old: false,
             firing: [(0, f64::NAN); 16],
             measured_last: [(0, f64::NAN); 16],
@@ -128,7 +177,18 @@ impl Robot {
             (wrap(bearing - mount.theta.radians()).abs() < beam && distance < 2.5)
                 .then_some((distance - radius).max(0.03))
         });
-        let nearest = distances.fold(f64::INFINITY, f64::min);
+        // A wall returns an echo within the specular limit.
+        let facing = |away: f64, normal: f64| {
+            let off = wrap(normal - mount.theta.radians()).abs();
+            (off < 0.43 && away < 6.0).then_some(away.max(0.03))
+        };
+        let walls = self.walls.map(|(length, width)| {
+            use core::f64::consts::{FRAC_PI_2, PI};
+            let walls = [(mount.x, PI), (length - mount.x, 0.0), (mount.y, -FRAC_PI_2), (width - mount.y, FRAC_PI_2)];
+            walls.map(|(away, normal)| facing(away, normal))
+        });
+        let walls = walls.into_iter().flatten().flatten();
+        let nearest = distances.chain(walls).fold(f64::INFINITY, f64::min);
         if nearest.is_finite() && !self.blind { nearest } else { f64::NAN }
     }
 
@@ -169,6 +229,14 @@ impl Robot {
         let dt = STEP.as_secs_f64();
         let obeyed = now.since(self.commanded_at) < Duration::from_millis(250) && self.stands.is_none();
         let aim = if obeyed { self.command } else { Motion { speed: 0.0, steering: self.steering } };
+        match self.permits {
+            Some(permits) => self.bounds = permits(self.pose, self.steering),
+            // A robot of that view has no guard.
+            None if self.old => self.bounds = [f64::INFINITY; 2],
+            None => {}
+        }
+        let [forward, backward] = self.bounds;
+        let aim = Motion { speed: aim.speed.clamp(-backward, forward), ..aim };
         let braking = self.speed.abs() > aim.speed.abs() || self.speed * aim.speed < 0.0;
         let most = dt * if braking { LIMITS.deceleration } else { LIMITS.acceleration };
         self.speed += if self.pushed { 0.0 } else { (aim.speed - self.speed).clamp(-most, most) };
@@ -178,7 +246,7 @@ impl Robot {
         self.pose = self.pose.along(Moved { translation: self.speed * dt, rotation: self.speed * dt * curvature });
         let inverse = self.pose.inverse();
         for (at, radius) in &self.discs {
-            let gap = crate::guard::gap(&BODY, inverse * *at) - radius;
+            let gap = crate::ahead::gap(&BODY, inverse * *at) - radius;
             if self.speed.abs() > 0.01 {
                 self.nearest = self.nearest.min(gap);
             }
@@ -192,6 +260,10 @@ impl Robot {
             let estimate =
                 DataEstimate { timestamp, x, y, theta, speed: self.speed, rotation, quality, ..Default::default() };
             self.bench.message(estimate);
+        }
+        if self.ticks % 5 == 3 {
+            let [forward, backward] = self.bounds;
+            self.bench.message(lowlevel::DataGuard { forward, backward, ..Default::default() });
         }
         if self.ticks % 5 == 1 {
             let source = if obeyed { NAME.into() } else { String::new() };
@@ -207,7 +279,9 @@ impl Robot {
             let (module, holds) = ("driver_canbus".into(), stands.map(row).into_iter().collect());
             self.bench.message(DataHold { timestamp: 1, module, holds });
             let (speed, steering) = (self.speed, self.steering);
-            self.bench.message(DataMotion { speed, steering, source, reason, homed: true, ..Default::default() });
+            let motion = DataMotion { speed, steering, source, reason, homed: true, ..Default::default() };
+            self.guard.message(motion.clone());
+            self.bench.message(motion);
         }
         self.fire();
         if self.ticks % self.poll == 2 && !self.deaf {
@@ -220,10 +294,17 @@ impl Robot {
                 };
                 self.bench.message(DataSrfs { timestamp, srfs: readings.iter().map(range).collect() });
             } else {
+                self.guard.message(DataRanges { timestamp, readings: readings.clone() });
                 self.bench.message(DataRanges { timestamp, readings });
             }
         }
         self.bench.pass(STEP);
+        self.guard.pass(STEP);
+        for message in self.guard.published() {
+            if let Message::LlDataGuard(guard) = message {
+                self.bounds = [guard.forward, guard.backward];
+            }
+        }
         for message in self.bench.published() {
             match message {
                 Message::LlCmdMotion(command) => {
@@ -282,6 +363,45 @@ fn it_drives_to_a_goal_and_stops_there() {
     let commands = robot.commands;
     robot.pass(1.0);
     assert_eq!((robot.commands, robot.speed), (commands, 0.0), "silent again");
+}
+
+#[test]
+fn it_commands_no_more_than_the_guard_permits() {
+    let mut robot = Robot::new();
+    robot.permits = Some(|pose, _| if pose.x < 4.0 { [0.25, 0.3] } else { [0.8, 0.3] });
+    robot.goal(&[(8.0, 2.0)], false);
+    while robot.pose.x < 3.9 {
+        robot.step();
+        assert!(robot.command.speed <= 0.25 && robot.goal.status != DataGoal::BLOCKED, "{:?}", robot.command);
+    }
+    robot.pass(2.0);
+    assert!(robot.speed > 0.5, "{} m/s", robot.speed);
+    robot.until(DataGoal::REACHED, 15.0);
+}
+
+#[test]
+fn where_the_guard_permits_nothing_it_takes_another_way() {
+    let mut robot = Robot::on(Some(hall()));
+    // Something that the planner's own map does not have, at x = 4.5 below y = 3.
+    robot.permits = Some(|pose, _| if pose.x > 3.5 && pose.x < 4.5 && pose.y < 3.0 { [0.0, 0.3] } else { [0.8, 0.3] });
+    robot.goal(&[(9.0, 2.0)], false);
+    robot.until(DataGoal::BLOCKED, 15.0);
+    assert_eq!(robot.speed, 0.0);
+    let (x, mut backed) = (robot.pose.x, f64::INFINITY);
+    for _ in 0..1500 {
+        robot.step();
+        backed = backed.min(robot.pose.x);
+    }
+    assert!(backed < x - 0.3, "it backs out: {backed} from {x}");
+}
+
+#[test]
+fn it_steers_before_it_waits_for_the_guard() {
+    let mut robot = Robot::on(Some(hall()));
+    robot.permits = Some(|pose, steering| if steering > 0.2 || pose.y > 2.3 { [0.5, 0.3] } else { [0.0, 0.0] });
+    robot.goal(&[(2.0, 4.5)], false);
+    robot.pass(10.0);
+    assert!(robot.pose.y > 2.5, "{:?} {:?}", robot.pose, robot.goal);
 }
 
 #[test]
@@ -540,9 +660,25 @@ fn unknown_front_sonars_stop_it_until_they_are_known_again() {
 }
 
 #[test]
+fn one_unknown_sonar_ahead_stops_it_too() {
+    for dead in 1..4 {
+        let mut robot = Robot::new();
+        robot.goal(&[(12.0, 2.0)], false);
+        robot.pass(4.0);
+        assert!(robot.speed > 0.6, "{}", robot.speed);
+        let x = robot.pose.x;
+        robot.dead = dead..dead + 1;
+        robot.pass(3.0);
+        assert_eq!((robot.speed, robot.hold()), (0.0, Some(Hold::SonarsUnknown)), "sonar {dead}");
+        // The measurement counts for 0.6 s since it fired; then the robot brakes.
+        assert!(robot.pose.x - x < 0.8 * 0.6 + 0.5, "sonar {dead}: {} m", robot.pose.x - x);
+    }
+}
+
+#[test]
 fn unknown_rear_sonars_only_prevent_backing_out() {
     let mut robot = Robot::on(Some(hall()));
-    robot.dead = 8..16;
+    robot.dead = 11..14;
     robot.goal(&[(9.0, 2.0)], false);
     robot.pass(2.5);
     assert!(robot.speed > 0.6, "{}", robot.speed);
@@ -587,6 +723,6 @@ fn it_returns_to_its_position_with_another_heading() {
 #[test]
 fn backing_out_leads_to_no_waypoint() {
     let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false));
-    let mut track = crate::track::Track::new(&poses, None, &BODY, &LIMITS, &Manners::default());
+    let mut track = crate::track::Track::new(&poses, None, &BODY, &LIMITS, &Behaviour::default());
     assert_eq!((track.leads_to(), track.passed(), track.remaining()), (None, None, 0.5));
 }

@@ -4,7 +4,7 @@
 //! Forward and reverse legs meet in cusps, where the robot stops and steers first. Consecutive legs in the same
 //! direction are joined.
 
-use crate::config::{Body, Limits, Manners};
+use crate::config::{Behaviour, Body, Limits};
 use navitools::Pose;
 
 /// Distance below which two poses are at the same place, m.
@@ -19,9 +19,9 @@ const STEERING_RATE_SHARE: f64 = 0.9;
 /// Distance from a leg's end that counts as reached, m.
 const LEG_END_M: f64 = 0.03;
 /// Lowest commanded speed before an end, m/s: the drive hardly turns below it.
-const SPEED_MIN_MPS: f64 = 0.06;
+pub const SPEED_MIN_MPS: f64 = 0.06;
 /// Remaining steering angle at which the robot starts to drive, rad.
-const STEERED_RAD: f64 = 0.10;
+pub const STEERED_RAD: f64 = 0.10;
 /// Speed below which the robot is at standstill, m/s.
 const STANDSTILL_MPS: f64 = 0.03;
 /// Preview time along the path, s: the delay of the steering.
@@ -72,10 +72,10 @@ impl Track {
         waypoint: Option<usize>,
         body: &Body,
         limits: &Limits,
-        manners: &Manners,
+        behaviour: &Behaviour,
     ) -> Self {
         let mut track = Self::default();
-        track.extend(poses, waypoint, body, limits, manners);
+        track.extend(poses, waypoint, body, limits, behaviour);
         track
     }
 
@@ -86,7 +86,7 @@ impl Track {
         waypoint: Option<usize>,
         body: &Body,
         limits: &Limits,
-        manners: &Manners,
+        behaviour: &Behaviour,
     ) {
         // Samples already driven are no longer needed.
         let passed = self.at.saturating_sub(1);
@@ -106,11 +106,11 @@ impl Track {
             }
         }
         self.marks.extend(waypoint.map(|waypoint| (self.samples.len().saturating_sub(1), waypoint)));
-        self.shape(body, limits, manners);
+        self.shape(body, limits, behaviour);
     }
 
     /// Computes curvature and speed of each sample.
-    fn shape(&mut self, body: &Body, limits: &Limits, manners: &Manners) {
+    fn shape(&mut self, body: &Body, limits: &Limits, behaviour: &Behaviour) {
         let count = self.samples.len();
         let mut begin = 0;
         while begin < count {
@@ -131,7 +131,7 @@ impl Track {
             begin = end + 1;
         }
         for number in 0..count {
-            self.samples[number].speed = self.speed_at(number, body, limits, manners);
+            self.samples[number].speed = self.speed_at(number, body, limits, behaviour);
         }
         // Highest speed from which the robot can still brake for the next sample; ends and cusps are stops.
         for number in (0..count).rev() {
@@ -148,9 +148,9 @@ impl Track {
     }
 
     /// Highest speed that curvature and steering rate allow.
-    fn speed_at(&self, number: usize, body: &Body, limits: &Limits, manners: &Manners) -> f64 {
+    fn speed_at(&self, number: usize, body: &Body, limits: &Limits, behaviour: &Behaviour) -> f64 {
         let sample = &self.samples[number];
-        let straight = if sample.forward { limits.speed } else { manners.speed_reverse.min(limits.speed) };
+        let straight = if sample.forward { limits.speed } else { behaviour.speed_reverse.min(limits.speed) };
         let curve = libm::sqrt(limits.lateral_acceleration / sample.curvature.abs().max(1e-6));
         let neighbour = |other: Option<&Sample>| other.filter(|other| other.forward == sample.forward).copied();
         let before = number.checked_sub(1).and_then(|other| neighbour(self.samples.get(other))).unwrap_or(*sample);

@@ -9,6 +9,7 @@ pub(crate) mod fan1;
 pub mod icla;
 pub(crate) mod line;
 mod mirror;
+pub mod output;
 pub mod psc1;
 pub mod sbs1;
 pub mod sd1;

@@ -45,6 +45,8 @@ pub struct Parameters {
     pub rolling: f64,
     /// Drag of motor and gear at the wheel, N.
     pub drag: f64,
+    /// Deceleration by a brake that acts while the motors have no feed, m/s²; 0: there is none.
+    pub brake: f64,
     /// The steering's mechanical stop on either side, rad; beyond the switch.
     pub steering_stop: f64,
     /// Switching angle of the homing switch, rad: closed below it.
@@ -100,6 +102,7 @@ impl Default for Parameters {
             speed_max: 2.42,
             rolling: 0.015,
             drag: 2.4,
+            brake: 0.0,
             steering_stop: 37.5f64.to_radians(),
             steering_switch: -36f64.to_radians(),
             steering_rate: 40f64.to_radians(),
@@ -153,6 +156,8 @@ pub struct Demand {
     pub speed: Option<f64>,
     /// Angle of the steering drive's output, rad; none with the power stage off: the gear holds it.
     pub steering: Option<f64>,
+    /// The motors have no feed: the brake acts, if there is one.
+    pub unfed: bool,
 }
 
 /// The body in the world.
@@ -349,7 +354,7 @@ impl Body {
     /// Goes on by [`STEP`].
     pub fn step(&mut self, world: &World, demand: &Demand) {
         self.steer(demand.steering);
-        let way = self.accelerate(demand.speed);
+        let way = self.accelerate(demand.speed, demand.unfed);
         self.blocked = way != 0.0 && !self.advance(world, way);
         if self.blocked {
             self.speed = 0.0;
@@ -377,12 +382,13 @@ impl Body {
     }
 
     /// The new speed; answers the way of the step.
-    fn accelerate(&mut self, demand: Option<f64>) -> f64 {
+    fn accelerate(&mut self, demand: Option<f64>, unfed: bool) -> f64 {
         let p = &self.parameters;
         let losses = p.coasting();
         let old = self.speed;
         let Some(demand) = demand else {
             self.force = 0.0;
+            let losses = losses + if unfed { p.brake } else { 0.0 };
             let slower = losses * DT;
             if libm::fabs(old) <= slower {
                 self.speed = 0.0;
@@ -447,7 +453,7 @@ mod tests {
     }
 
     fn speed(speed: f64) -> Demand {
-        Demand { speed: Some(speed), steering: None }
+        Demand { speed: Some(speed), ..Demand::default() }
     }
 
     #[test]
@@ -486,10 +492,21 @@ mod tests {
     }
 
     #[test]
+    fn a_brake_acts_while_the_motors_have_no_feed() {
+        let world = World::default();
+        let mut body = Body::new(Parameters { brake: 1.5, ..Parameters::default() }, Pose::default());
+        run(&mut body, &world, 2.0, speed(0.8));
+        let start = body.pose().x;
+        run(&mut body, &world, 2.0, Demand { unfed: true, ..Demand::default() });
+        let expected = 0.8 * 0.8 / (2.0 * (1.5 + body.parameters().coasting()));
+        assert!((body.pose().x - start - expected).abs() < 1e-9, "{} {expected}", body.pose().x - start);
+    }
+
+    #[test]
     fn full_lock_drives_a_circle_of_the_table_s_radius_and_the_odometry_agrees() {
         let (mut body, world) = body();
         let lock = 35f64.to_radians();
-        let steer = Demand { speed: Some(0.0), steering: Some(lock + 0.25f64.to_radians()) };
+        let steer = Demand { speed: Some(0.0), steering: Some(lock + 0.25f64.to_radians()), unfed: false };
         run(&mut body, &world, 3.0, steer);
         assert!((body.steering() - lock).abs() < 1e-6, "{}", body.steering().to_degrees());
         run(&mut body, &world, 1.0, Demand { speed: Some(0.5), ..steer });
@@ -509,7 +526,7 @@ mod tests {
     #[test]
     fn steering_is_limited_in_rate_then_lags_and_has_play() {
         let (mut body, world) = body();
-        let demand = Demand { speed: None, steering: Some(30f64.to_radians()) };
+        let demand = Demand { steering: Some(30f64.to_radians()), ..Demand::default() };
         run(&mut body, &world, 0.5, demand);
         assert!((body.steering_output().to_degrees() - 20.0).abs() < 1e-9, "40 deg/s for 0.5 s");
         // The rate limit lasts until the gap is 4 deg (0.65 s); from there it closes with 0.1 s.
@@ -574,7 +591,7 @@ mod tests {
     #[test]
     fn the_switch_closes_before_the_stop() {
         let (mut body, world) = body();
-        let demand = Demand { speed: None, steering: Some(-1.0) };
+        let demand = Demand { steering: Some(-1.0), ..Demand::default() };
         run(&mut body, &world, 0.8, demand);
         assert!(!body.switch_closed());
         run(&mut body, &world, 2.0, demand);

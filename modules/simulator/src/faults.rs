@@ -36,6 +36,8 @@
 //! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |
 //! | a drive | `clash` | a second node has its number, boots up, and answers too |
 //! | a drive | `reboot` | as after a short loss of its supply |
+//! | the propulsion drive | `unbraked` | it does not brake, whatever it is told; without its feed it rolls out |
+//! | the propulsion drive | `runaway` | once it turns it is `value` m/s (0: 0.3) faster than it is told |
 //! | the steering drive | `layout` | it is another version, that has its position in RPDO3; it starts anew |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
@@ -122,6 +124,10 @@ pub enum InjectedFault {
     Fault(u16),
     /// Restarts.
     Reboot,
+    /// Does not brake.
+    Unbraked,
+    /// Faster than told by so much, m/s.
+    Runaway(f64),
     /// Another version, with other PDOs.
     Layout,
     /// Garbles each bit on the bus with this probability.
@@ -173,6 +179,8 @@ pub const NAMES: &[&str] = &[
     "false",
     "fault",
     "reboot",
+    "unbraked",
+    "runaway",
     "layout",
     "noise",
     "corrupt",
@@ -217,6 +225,8 @@ impl InjectedFault {
             // As casts saturate, no value is out of range.
             "fault" => Some(Self::Fault(if value > 0.0 { value as u16 } else { 0x1000 })),
             "reboot" => Some(Self::Reboot),
+            "unbraked" => Some(Self::Unbraked),
+            "runaway" => Some(Self::Runaway(or(value, 0.3).min(2.0))),
             "layout" => Some(Self::Layout),
             "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
             "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),

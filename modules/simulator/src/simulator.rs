@@ -3,9 +3,10 @@
 use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
-use crate::boards::drive::{self, Drive, Layout};
+use crate::boards::drive::{self, Disobedience, Drive, Layout};
 use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine, Wire};
+use crate::boards::output::{Output as FeedOutput, OutputConfig};
 use crate::boards::psc1::{self, Psc1};
 use crate::boards::sbs1::{Sbs1, Sbs1Config};
 use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
@@ -83,6 +84,8 @@ pub struct CanConfig {
     pub steering: u8,
     /// Conversion of the IclA's counts to an angle.
     pub gearing: Gearing,
+    /// Output of another node that feeds the motors, if there is one.
+    pub output: Option<OutputConfig>,
 }
 
 /// Configuration of the simulation.
@@ -104,6 +107,8 @@ pub struct Config {
     pub i2c: Vec<I2cConfig>,
     /// The 1-Wire bus.
     pub w1: Option<W1Config>,
+    /// The PAUSE line makes the propulsion drive brake, and cuts the motors' feed after this time; zero: at once.
+    pub pause_delay: Duration,
     /// Port of a gamepad, as in its driver: `joystick`. It is unplugged until requested.
     pub gamepad: Option<String>,
     /// True if answers are delayed by the time that request and answer take on the wire: true where the port has no
@@ -124,6 +129,7 @@ impl Default for Config {
             serial: Vec::new(),
             i2c: Vec::new(),
             w1: None,
+            pause_delay: Duration::ZERO,
             gamepad: None,
             wire_time: false,
             rate: 1.0,
@@ -140,6 +146,8 @@ base::deadlines! {
         Clock,
         /// The floor rangers measure. Set in a world with drops.
         Rangers,
+        /// The PAUSE line cuts the motors' feed. Set from its engagement on.
+        Cut,
     }
 }
 
@@ -150,6 +158,7 @@ pub struct Simulator {
     ports: Vec<PortSpec>,
     scene: Scene,
     drives: Vec<Drive>,
+    output: Option<FeedOutput>,
     can: CanLine,
     lines: Vec<SerialLine>,
     auxiliary: Auxiliary,
@@ -157,6 +166,8 @@ pub struct Simulator {
     deadlines: Deadlines<Timer>,
     /// True if the motors are fed.
     motors: bool,
+    /// True if the PAUSE line cuts their feed.
+    cut: bool,
     /// Ports whose state is known; modules that depend on the simulator start when all are.
     told: Vec<PortId>,
 }
@@ -178,6 +189,7 @@ impl Simulator {
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
+            output: None,
             can: can_line(&config),
             lines: Vec::new(),
             auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
@@ -186,6 +198,7 @@ impl Simulator {
             ports,
             deadlines: Deadlines::new(),
             motors: true,
+            cut: false,
             told: Vec::new(),
         }
     }
@@ -198,7 +211,7 @@ impl Simulator {
 
     fn start(&mut self, now: Instant, out: &mut Actions) {
         self.scene = scene(&self.config, now);
-        self.motors = true;
+        (self.motors, self.cut) = (true, false);
         self.gamepad = Gamepad::default();
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
@@ -213,6 +226,8 @@ impl Simulator {
         for drive in &mut self.drives {
             drive.power_on(now, body);
         }
+        let output = self.config.can.as_ref().and_then(|can| can.output);
+        self.output = output.map(|output| FeedOutput::new(output, now));
         self.deadlines = Deadlines::new().with(Timer::Truth, now).with(Timer::Clock, now);
         // Without drops the floor rangers find nothing.
         if !self.scene.world().drops.is_empty() {
@@ -317,12 +332,13 @@ impl Simulator {
             Kind::Sd1(sd1) if sd1.pause() != PauseSource::None => Some(sd1.address()),
             _ => None,
         });
-        let (mut motors, mut sensors) = (pulls.is_none(), true);
+        let (mut engaged, mut feeds, mut sensors) = (pulls.is_some(), true, true);
         for board in boards(&mut self.lines) {
             if let Kind::Psc1(psc1) = &mut board.kind {
                 psc1.pull(pulls);
                 psc1.handle_timeout(now, scene);
-                motors = !psc1.is_engaged() && psc1.feeds(psc1::MOTORS);
+                engaged = psc1.is_engaged();
+                feeds = psc1.feeds(psc1::MOTORS);
                 sensors = psc1.feeds(psc1::SENSORS);
             }
         }
@@ -332,12 +348,34 @@ impl Simulator {
         for line in &mut self.lines {
             line.speak(now);
         }
+        let feeds = feeds && self.output.as_ref().is_none_or(FeedOutput::feeds);
+        let motors = feeds && !self.cuts(now, engaged);
+        self.scene.demand.unfed = !motors;
         if self.motors != motors {
             self.motors = motors;
             for drive in &mut self.drives {
                 drive.feed_motor(now, motors, self.scene.body());
             }
         }
+    }
+
+    /// True if the PAUSE line cuts the motors' feed.
+    fn cuts(&mut self, now: Instant, engaged: bool) -> bool {
+        if !engaged {
+            self.deadlines.clear(Timer::Cut);
+            self.cut = false;
+        } else if !self.cut && !self.deadlines.is_set(Timer::Cut) {
+            self.deadlines.set(Timer::Cut, now + self.config.pause_delay);
+            if self.config.pause_delay > Duration::ZERO {
+                for drive in &mut self.drives {
+                    drive.brake(now, self.scene.body());
+                }
+            }
+        }
+        if self.deadlines.take(Timer::Cut, now) {
+            self.cut = true;
+        }
+        self.cut
     }
 
     fn timer(&mut self, now: Instant, out: &mut Actions) {
@@ -356,6 +394,9 @@ impl Simulator {
         }
         for drive in &mut self.drives {
             drive.handle_timeout(now, self.scene.body());
+        }
+        if let Some(output) = &mut self.output {
+            output.handle_timeout(now);
         }
         self.can.handle_timeout(now);
         self.gamepad.handle_timeout(now);
@@ -414,17 +455,29 @@ impl Simulator {
                 InjectedFault::Silent => drive.silent_until = until,
                 InjectedFault::None => {
                     drive.silent_until = now;
+                    drive.disobey(None, now);
                     drive.set_layout(now, Layout::Usual, self.scene.body());
                     self.can.heal_node(drive.id);
                 }
                 InjectedFault::Fault(code) => drive.fault(now, code, self.scene.body()),
                 InjectedFault::Reboot => drive.power_on(now, self.scene.body()),
+                InjectedFault::Unbraked => return drive.disobey(Some(Disobedience::Unbraked), until),
+                InjectedFault::Runaway(by) => return drive.disobey(Some(Disobedience::Runaway(by)), until),
                 InjectedFault::Layout => return drive.set_layout(now, Layout::Profile, self.scene.body()),
                 injected => {
                     let dictionary = || drive::dictionary(&drive.kind, drive.id);
                     return self.can.inject_node(now, drive.id, injected, until, dictionary);
                 }
             }
+            return true;
+        }
+        if let Some(output) = self.output.as_mut().filter(|_| target == FeedOutput::NAME) {
+            let silent = match injected {
+                InjectedFault::Silent => until,
+                InjectedFault::None => now,
+                _ => return false,
+            };
+            output.silent_until = silent;
             return true;
         }
         if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
@@ -446,6 +499,11 @@ impl Simulator {
                 if self.can.passes(now, &frame) {
                     out.send_can(PortId(0), frame);
                 }
+            }
+        }
+        while let Some(frame) = self.output.as_mut().and_then(|output| output.poll_tx(now)) {
+            if self.can.passes(now, &frame) {
+                out.send_can(PortId(0), frame);
             }
         }
         while let Some(frame) = self.can.poll_tx(now) {
@@ -516,8 +574,11 @@ impl Module for Simulator {
             }
             Event::Port { port, input: Input::Up } => self.on_port_state(now, port, true, out),
             Event::Port { port, input: Input::Down(_) } => self.on_port_state(now, port, false, out),
-            Event::Port { input: Input::Can(frame), .. } if self.can.passes(now, &frame) => {
+            Event::Port { input: Input::Can { frame, .. }, .. } if self.can.passes(now, &frame) => {
                 self.can.handle_rx(now, &frame);
+                if let Some(output) = &mut self.output {
+                    output.handle_rx(now, &frame);
+                }
                 for drive in &mut self.drives {
                     drive.handle_rx(now, &frame, self.scene.body());
                 }
@@ -538,6 +599,7 @@ impl Module for Simulator {
         let parts = [self.gamepad.poll_timeout(), self.auxiliary.poll_timeout()].into_iter();
         let parts = parts.chain(self.lines.iter().map(SerialLine::poll_timeout));
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
+        let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
         let own = [self.deadlines.next(), step, self.can.poll_timeout()].into_iter().flatten();
         own.chain(parts).chain(drives).min()
     }

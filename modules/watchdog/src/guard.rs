@@ -61,6 +61,9 @@ pub(crate) struct Guard {
     pub(crate) rss: i64,
     /// Number of starts without the first.
     restarts: i32,
+    /// It was started before, by this watchdog or an earlier one.
+    started: bool,
+    /// It was started since it was last wanted.
     launched: bool,
     /// Since this time it announces another state than the wanted one.
     differs: Option<Instant>,
@@ -99,6 +102,7 @@ impl Guard {
             cpu: 0.0,
             rss: 0,
             restarts: 0,
+            started: false,
             launched: false,
             differs: None,
             settled: false,
@@ -121,7 +125,7 @@ impl Guard {
         self.remembered = (wanted, held);
         self.wanted = if matches!(wanted, State::Pause | State::Stop | State::Terminate) { wanted } else { State::Run };
         self.held = held;
-        self.launched = true;
+        (self.started, self.launched) = (true, true);
         if let Some(pid) = pid {
             self.phase = Phase::Running { pid, since: now };
             (self.since, self.heard, self.adopted) = (now, now, true);
@@ -191,8 +195,8 @@ impl Guard {
 
     pub(crate) fn on_spawn(&mut self, now: Instant) {
         self.phase = Phase::Spawning { until: now + SPAWN_TIMEOUT };
-        self.restarts += i32::from(self.launched);
-        self.launched = true;
+        self.restarts += i32::from(self.started);
+        (self.started, self.launched) = (true, true);
         self.since = now;
         self.state = State::Unknown;
         (self.settled, self.adopted, self.claimed, self.differs) = (false, false, false, None);
@@ -343,9 +347,10 @@ impl Guard {
         out.publish(common::DataFaults { timestamp, module, faults: vec![down] });
     }
 
-    /// Row of the module in `CM_DATA_PROCESSES`.
-    pub(crate) fn process(&self, now: Instant) -> common::Process {
+    /// Row of the module in `CM_DATA_PROCESSES`. `judged`: false if the watchdog cannot tell whether a process works.
+    pub(crate) fn process(&self, now: Instant, judged: bool) -> common::Process {
         let (phase, uptime) = match self.phase {
+            Phase::Running { since, .. } if !judged => (common::Process::UNKNOWN, now.since(since).as_secs_f64()),
             Phase::Running { since, .. } => (common::Process::RUNNING, now.since(since).as_secs_f64()),
             Phase::Terminating { .. } => (common::Process::TERMINATING, 0.0),
             Phase::Down { .. } | Phase::Spawning { .. } => (common::Process::TERMINATED, 0.0),

@@ -65,8 +65,14 @@ const DOWN: [Fault; 3] = [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUns
 /// [`OTHERS_MAX`], their maximum number.
 const OTHER_TIMEOUT: Duration = Duration::from_secs(5);
 const OTHERS_MAX: usize = 64;
-/// Time between two calls after which the watchdog itself was held up and silence of the modules does not count.
+/// Time between two calls beyond which the watchdog itself was held up, so that silence of the modules does not count;
+/// this applies once in [`HELD_UP_PERIOD`], otherwise a watchdog that is always held up would never find a module
+/// silent.
 const HELD_UP_MIN: Duration = Duration::from_millis(500);
+const HELD_UP_PERIOD: Duration = Duration::from_secs(10);
+/// Two late checks of the heartbeats within this time: a hang would be found too late, so the phases of all processes
+/// are unknown, until no check has been late for this time.
+const LATE_WINDOW: Duration = Duration::from_secs(1);
 
 /// What to guard and how.
 #[derive(Clone, Debug)]
@@ -128,6 +134,8 @@ base::deadlines! {
         Lists,
         /// All modules are checked.
         Check,
+        /// No check of the heartbeats has been late for [`LATE_WINDOW`]. Set while the phases are unknown.
+        Late,
     }
 }
 
@@ -143,6 +151,10 @@ pub struct Watchdog {
     started: Instant,
     /// Time of the last call; everything due by then has been served.
     now: Instant,
+    /// Time at which the watchdog's own delay was last not charged to the modules.
+    held_up: Option<Instant>,
+    /// Time of the last late check of the heartbeats.
+    late: Option<Instant>,
     /// Data in `CM_DATA_PROCESSES` has changed.
     changed: bool,
     ending: bool,
@@ -163,6 +175,8 @@ impl Watchdog {
             deadlines: Deadlines::new(),
             started: Instant::ZERO,
             now: Instant::ZERO,
+            held_up: None,
+            late: None,
             changed: true,
             ending: false,
             all_up: false,
@@ -372,6 +386,10 @@ impl Watchdog {
                 }
                 return;
             }
+            ProcessEvent::CheckLate { by } => {
+                self.on_check_late(now, by, out);
+                return;
+            }
             ProcessEvent::Earlier { module, wanted, held, pid } => {
                 self.on_earlier(module, wanted, held, pid, out);
                 return;
@@ -386,6 +404,20 @@ impl Watchdog {
         self.changed = true;
         self.start_ready(now, out);
         self.end_unneeded(now, out);
+    }
+
+    /// Processes a late check of the heartbeats.
+    fn on_check_late(&mut self, now: Instant, by: Duration, out: &mut Actions) {
+        let before = self.late.replace(now);
+        if before.is_some_and(|before| now.since(before) < LATE_WINDOW) {
+            self.deadlines.set(Timer::Late, now + LATE_WINDOW);
+            let message = format!(
+                "the watchdog is late repeatedly, last by {} ms: the robot must not move; the computer is overloaded",
+                by.as_millis()
+            );
+            out.raise(Severity::Error, Fault::WatchdogLate, NAME, message);
+            self.changed = true;
+        }
     }
 
     fn on_exited(&mut self, now: Instant, pid: u32, status: ExitStatus, out: &mut Actions) {
@@ -447,6 +479,10 @@ impl Watchdog {
                 }
             }
         }
+        if self.deadlines.take(Timer::Late, now) {
+            out.clear(Fault::WatchdogLate, NAME, "the watchdog is on time again");
+            self.changed = true;
+        }
         if self.deadlines.tick(Timer::Lists, now, LISTS_PERIOD) {
             self.guards.iter().for_each(|guard| guard.list_faults(now, self.started, out));
         }
@@ -502,11 +538,14 @@ impl Watchdog {
 
     /// Reports the health of the critical modules to the host if it changed.
     fn report_health(&mut self, out: &mut Actions) {
-        let sick = self.guards.iter().find(|guard| guard.config.critical && !guard.is_healthy());
+        let critical = || self.guards.iter().filter(|guard| guard.config.critical);
+        let sick = critical().find(|guard| !guard.is_healthy());
+        let unable = critical().find(|guard| guard.state == State::Error);
         let run = self.guards.iter().filter(|guard| guard.state == State::Run).count();
-        let status = match sick {
-            Some(guard) if !self.ending => format!("{} does not run", guard.config.name),
+        let status = match (sick, unable) {
+            (Some(guard), _) if !self.ending => format!("{} does not run", guard.config.name),
             _ if self.ending => "ending".into(),
+            (_, Some(guard)) => format!("{} is in ERROR", guard.config.name),
             _ => format!("{run} of {} modules RUN", self.guards.len()),
         };
         let health = (sick.is_none() || self.ending, status);
@@ -518,7 +557,8 @@ impl Watchdog {
     }
 
     fn publish_processes(&self, now: Instant, out: &mut Actions) {
-        let processes = self.guards.iter().map(|guard| guard.process(now)).collect();
+        let judged = !self.deadlines.is_set(Timer::Late);
+        let processes = self.guards.iter().map(|guard| guard.process(now, judged)).collect();
         out.publish(common::DataProcesses { timestamp: out.timestamp(now), processes });
     }
 }
@@ -551,14 +591,15 @@ impl Module for Watchdog {
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
-        if now.since(self.now) >= HELD_UP_MIN {
+        if now.since(self.now) >= HELD_UP_MIN && self.held_up.is_none_or(|before| now.since(before) >= HELD_UP_PERIOD) {
+            self.held_up = Some(now);
             for guard in &mut self.guards {
                 guard.heard = now;
             }
         }
         self.now = now;
-        if let Event::Process(event @ ProcessEvent::Earlier { .. }) = event {
-            // Before the start nothing is sent.
+        if let Event::Process(event @ (ProcessEvent::Earlier { .. } | ProcessEvent::BadHeartbeat { .. })) = event {
+            // Before the start no list of processes is sent.
             self.on_process(now, &event, out);
             return;
         }

@@ -74,6 +74,10 @@ fn feed(bench: &mut Bench, words: &[&str]) {
             let last = bench.now() - Duration::from_millis(ms.parse().unwrap());
             bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: pid.parse().unwrap(), thread, last }));
         }
+        ["late", ms] => {
+            let by = Duration::from_millis(ms.parse().unwrap());
+            bench.event(Event::Process(ProcessEvent::CheckLate { by }));
+        }
         ["bad-beats", pid] => {
             bench.event(Event::Process(ProcessEvent::BadHeartbeat { pid: pid.parse().unwrap(), why: "is torn" }));
         }
@@ -269,6 +273,22 @@ fn terminate_keeps_a_module_down_until_run_is_commanded() {
          1002ms > says nerves RUN
          1002ms < spawn eyes RUN",
     );
+}
+
+/// `driver_canbus` takes no restarts for the robot's start, which may release homing.
+#[test]
+fn a_start_by_command_counts_as_a_restart() {
+    let mut bench = bench();
+    for input in ["start", "pid nerves 7", "command nerves TERMINATE", "exit 7 0", "command nerves RUN", "pid nerves 8"]
+    {
+        feed(&mut bench, &input.split(' ').collect::<Vec<_>>());
+    }
+    bench.pass(Duration::from_millis(200));
+    let lists = bench.done().into_iter().filter_map(|(_, action)| match action {
+        Action::Publish(Message::CmDataProcesses(list)) => Some(list.processes[0].restarts),
+        _ => None,
+    });
+    assert_eq!(lists.last(), Some(1));
 }
 
 #[test]
@@ -652,6 +672,10 @@ fn the_host_stores_wanted_states_and_gets_the_health() {
     assert_eq!(told(&mut bench), ["true: 1 of 2 modules RUN"]);
     bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: 7, thread: "main", last: Instant::ZERO }));
     assert_eq!(told(&mut bench), [""; 0], "its heartbeat is recent");
+    bench.message(says(State::Error));
+    assert_eq!(told(&mut bench), ["true: nerves is in ERROR"], "a new start would not bring its device back");
+    bench.message(says(State::Run));
+    assert_eq!(told(&mut bench), ["true: 1 of 2 modules RUN"]);
     bench.message(command(State::Stop));
     bench.message(says(State::Stop));
     assert_eq!(told(&mut bench), ["nerves STOP", "true: 0 of 2 modules RUN"]);
@@ -710,4 +734,73 @@ fn faults_of_modules_without_a_process_are_published_as_unknown() {
     feed(&mut bench, &["says", "nerves", "INIT"]);
     run(&mut bench, 6500);
     assert_eq!(lists(&mut bench, "eyes"), [(6000, notice, 5000)]);
+}
+
+/// Phases in the lists of processes published since the last call.
+fn phases(bench: &mut Bench) -> Vec<i8> {
+    let published = bench.published();
+    let list = published.iter().filter_map(|message| match message {
+        Message::CmDataProcesses(list) => Some(list.processes[0].phase),
+        _ => None,
+    });
+    list.collect()
+}
+
+#[test]
+fn a_watchdog_that_is_late_twice_a_second_judges_nobody_until_it_is_on_time() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
+    bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+    let late = |bench: &mut Bench| {
+        bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+        bench.event(Event::Process(ProcessEvent::CheckLate { by: Duration::from_millis(100) }));
+    };
+    let ms = Duration::from_millis;
+    bench.published();
+    late(&mut bench);
+    bench.pass(ms(1000));
+    late(&mut bench);
+    bench.pass(ms(980));
+    assert!(phases(&mut bench).iter().all(|phase| *phase == common::Process::RUNNING), "not twice in a second");
+    late(&mut bench);
+    assert_eq!(phases(&mut bench), [common::Process::UNKNOWN], "at once");
+    bench.pass(ms(600));
+    late(&mut bench);
+    bench.pass(ms(999));
+    assert!(phases(&mut bench).iter().all(|phase| *phase == common::Process::UNKNOWN));
+    bench.pass(ms(1));
+    assert_eq!(phases(&mut bench), [common::Process::RUNNING]);
+}
+
+#[test]
+fn the_watchdog_s_own_delay_is_a_fault() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         100ms > late 100
+         800ms > late 150
+         800ms < report WatchdogLate watchdog
+         900ms > late 200
+         1000ms > says nerves RUN
+         1900ms < notice watchdog
+         1900ms > end",
+    );
+}
+
+#[test]
+fn a_watchdog_that_is_always_held_up_finds_a_silent_module() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
+    bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+    let mut out = Actions::new(Epoch::default());
+    for ms in (0..=3600).step_by(600) {
+        bench.shell.handle(bench.now() + Duration::from_millis(ms), Event::Timer, &mut out);
+    }
+    let ended = |action: &Action| matches!(action, Action::Process(ProcessCommand::Terminate { .. }));
+    assert_eq!(out.drain().filter(ended).count(), 1);
 }

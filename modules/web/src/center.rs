@@ -21,6 +21,7 @@ pub mod pairing;
 mod parts;
 pub mod scene;
 pub mod session_store;
+mod sha256;
 mod view_publisher;
 pub mod viewer;
 

@@ -10,6 +10,7 @@
 
 use super::center::access::{Role, Who, is_same};
 use super::center::session_store::SessionStore;
+use super::connections::Seat;
 use super::request::{Reached, Unpaired, cookie_name, refused, single, without_port};
 use super::stats::{Refusal, Stats};
 use axum::extract::{Request, State};
@@ -54,6 +55,9 @@ impl Guard {
             None => Origin::None,
             Some(origin) => self.origin(origin, host).ok_or(Refusal::Origin)?,
         };
+        if self.token.is_none() && headers.keys().any(|name| is_of_a_proxy(name.as_str())) {
+            return Err(Refusal::Proxy);
+        }
         Ok((origin, self.role(reached, uri, headers)))
     }
 
@@ -94,6 +98,13 @@ impl Guard {
     }
 }
 
+/// True for a header by which a proxy says on whose behalf it sends the request (RFC 7239, and those used before it).
+/// The client of a proxy on this computer may be anywhere, though the connection comes from a loopback address.
+fn is_of_a_proxy(header: &str) -> bool {
+    ["forwarded", "via", "x-real-ip", "x-client-ip", "cf-connecting-ip"].contains(&header)
+        || header.starts_with("x-forwarded-")
+}
+
 /// Session key of a request.
 fn key<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
@@ -108,6 +119,7 @@ pub async fn guarded(
     next: Next,
 ) -> Response {
     let reached = request.extensions().get::<Reached>().copied();
+    let seat = request.extensions().get::<Seat>().cloned();
     // A connection without this information does not come from the server.
     let checked = reached
         .map_or(Err(Refusal::Host), |Reached(address)| guard.check(address.ip(), request.uri(), request.headers()));
@@ -119,16 +131,31 @@ pub async fn guarded(
             let who = Who { role: paired.role.max(unpaired), ..paired };
             request.extensions_mut().insert(origin);
             request.extensions_mut().insert(Unpaired(unpaired));
+            let has_role = who.role >= Role::Viewer;
             request.extensions_mut().insert(who);
-            next.run(request).await
+            let response = next.run(request).await;
+            // Files of the page, too, keep the place of who has a role.
+            if has_role && !is_refused(response.status()) {
+                seat.iter().for_each(Seat::grant);
+            }
+            response
         }
         Err(refusal) => refuse(&stats, refusal, request.headers(), StatusCode::FORBIDDEN),
     };
+    // Who is refused has no use for the connection, and keeps nobody else out of it.
+    let closes = is_refused(response.status());
     let headers = response.headers_mut();
+    if closes {
+        headers.insert(header::CONNECTION, header::HeaderValue::from_static("close"));
+    }
     for (name, value) in HEADERS {
         headers.entry(name).or_insert(header::HeaderValue::from_static(value));
     }
     response
+}
+
+fn is_refused(status: StatusCode) -> bool {
+    [StatusCode::UNAUTHORIZED, StatusCode::FORBIDDEN].contains(&status)
 }
 
 /// Role required by a route.
@@ -152,7 +179,13 @@ pub async fn needed(State((needed, stats)): State<(Needed, Arc<Stats>)>, request
         _ => None,
     };
     match refusal {
-        None => next.run(request).await,
+        None => {
+            // At once: the answer may take a while, and the place must not be taken meanwhile.
+            if let Some(seat) = request.extensions().get::<Seat>().filter(|_| role >= Role::Viewer) {
+                seat.grant();
+            }
+            next.run(request).await
+        }
         Some(Refusal::Credentials) if role == Role::Nobody => {
             refuse(&stats, Refusal::Credentials, request.headers(), StatusCode::UNAUTHORIZED)
         }
@@ -240,6 +273,18 @@ mod tests {
         }
         let headers = [("host", "localhost"), ("origin", "file://"), ("origin", "https://evil.example")];
         assert_eq!(super::tests::ask(&guard, LOOPBACK, "/", &headers), Some(Refusal::Origin));
+    }
+
+    #[test]
+    fn a_proxy_needs_credentials() {
+        let open = Guard::default();
+        let closed = Guard { token: Some("0123456789abcdef".into()), ..Guard::default() };
+        for name in ["forwarded", "x-forwarded-for", "x-forwarded-proto", "x-forwarded-host", "x-real-ip", "via"] {
+            let headers = [("host", "localhost:8080"), (name, "for=192.0.2.1")];
+            assert_eq!(ask(&open, LOOPBACK, "/api/logs", &headers), Some(Refusal::Proxy), "{name}");
+            assert_eq!(ask(&closed, LOOPBACK, "/api/logs", &headers), None, "{name}");
+            assert_eq!(role(&closed, LOOPBACK, "/", &headers), Role::Nobody, "{name}");
+        }
     }
 
     #[test]

@@ -33,6 +33,7 @@ mod app;
 mod assets;
 mod bus;
 pub mod center;
+mod connections;
 pub mod foxglove;
 mod guard;
 mod logs;

@@ -1,6 +1,6 @@
 //! The web server as a module: started, supervised, reported and ended here.
 
-use super::app::App;
+use super::app::{App, Seats};
 use super::center::command;
 use super::center::command_queue::CommandQueue;
 use super::center::session_store::SessionStore;
@@ -11,10 +11,12 @@ use super::stats::Stats;
 use super::{NAME, bus};
 use base::{Duration, Fault, Instant, Severity};
 use host::clock;
+use host::log::Log;
 use logger::ros::RobotScene;
 use module::{Actions, Event, Module, State, exit};
 use record::Header;
 use std::fs;
+use std::io::IsTerminal;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -91,6 +93,12 @@ impl Web {
                 out.working();
                 out.note(format!("http://{at}/   Foxglove: ws://{at}/foxglove"));
                 broken.into_iter().chain(session_store.news()).for_each(|line| out.note(line));
+                // Only to a person at a terminal: a text would appear in the journal and in the logs.
+                if std::io::stderr().is_terminal()
+                    && let Some(invitation) = session_store.invitation()
+                {
+                    Log::new(NAME).line(invitation);
+                }
                 self.session_store = Some((session_store, keeps));
             }
             Err(why) => {
@@ -178,13 +186,12 @@ fn start(settings: &Settings) -> Result<Started, String> {
         stats: Arc::new(Stats::default()),
         session_store: session_store.clone(),
         command_queue: CommandQueue::open(lcm_url, commands.clone())?,
-        commanders: Arc::new(Semaphore::new(web.viewers.into())),
+        commanders: Seats::new(web.viewers.into()),
         objects: Arc::new(Semaphore::new(OBJECTS_MAX)),
         lcm_url: lcm_url.as_str().into(),
         robot: robot.as_str().into(),
         session: clock::wall().to_string().into(),
-        seats: Arc::new(Semaphore::new(web.viewers.into())),
-        seats_max: web.viewers.into(),
+        seats: Seats::new(web.viewers.into()),
         message_max: limits.message,
         end: watch::channel(false).1,
         started: std::time::Instant::now(),

@@ -4,11 +4,15 @@ use super::center::access::Role;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 
 /// Local address of the connection of a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Reached(pub SocketAddr);
+
+/// Address from which a request came.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub IpAddr);
 
 /// Role of a request without its session.
 #[derive(Clone, Copy, Debug)]

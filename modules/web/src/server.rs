@@ -2,8 +2,9 @@
 
 use super::app::App;
 use super::bus;
+use super::connections::{Connections, Place, Seat};
 use super::guard::Guard;
-use super::request::Reached;
+use super::request::{Peer, Reached};
 use super::router::router;
 use super::stats::{Refusal, Stats};
 use axum::body::Body;
@@ -14,16 +15,15 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use nix::sys::socket::{setsockopt, sockopt};
 use std::io;
-use std::net::{SocketAddr, TcpListener};
+use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::net::TcpStream;
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 
-/// Maximum number of connections other than viewers.
-const CONNECTIONS_MAX: usize = 64;
-/// Timeout of a request's line and headers, and their maximum length and number.
+/// Timeout of a request's line and headers, and their maximum length and number. Browsers open connections before they
+/// need them; where places are scarce, a silent connection gives way at once (`connections`).
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 const HEAD_MAX: usize = 16 << 10;
 const HEADERS_MAX: usize = 64;
@@ -122,43 +122,164 @@ impl Server {
 async fn accept(listener: tokio::net::TcpListener, app: App, guard: Guard) {
     let stats = app.stats.clone();
     let router = TowerToHyperService::new(router(app, guard));
-    let connections = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let connections = Connections::default();
     loop {
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
+        let (stream, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
             // No descriptor left, or the peer has gone: retried a little later.
             Err(_) => {
                 tokio::time::sleep(Duration::from_millis(50)).await;
                 continue;
             }
         };
-        let Ok(permit) = connections.clone().try_acquire_owned() else {
+        let Some(place) = connections.admit(peer.ip()) else {
             stats.refuse(Refusal::Connections, "");
             continue;
         };
         let (router, stats) = (router.clone(), stats.clone());
-        tokio::spawn(async move {
-            serve(stream, router, &stats).await;
-            drop(permit);
-        });
+        tokio::spawn(async move { serve(stream, peer.ip(), router, &Arc::new(place), &stats).await });
     }
 }
 
-async fn serve(stream: TcpStream, router: TowerToHyperService<axum::Router>, stats: &Stats) {
+async fn serve(
+    stream: TcpStream,
+    peer: IpAddr,
+    router: TowerToHyperService<axum::Router>,
+    place: &Arc<Place>,
+    stats: &Stats,
+) {
     let Ok(reached) = stream.local_addr() else { return };
     // Small messages are sent at once.
     let _ = stream.set_nodelay(true);
+    let seat = Seat(Arc::downgrade(place));
     let service = service_fn(move |request: hyper::Request<Incoming>| {
         let mut request = request.map(Body::new);
         request.extensions_mut().insert(Reached(reached));
+        request.extensions_mut().insert(Peer(peer));
+        // Who is refused has said nothing that keeps the place: the guard decides.
+        request.extensions_mut().insert(seat.clone());
         router.call(request)
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT).max_buf_size(HEAD_MAX).max_headers(HEADERS_MAX);
-    let served = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
-    if let Err(error) = served
-        && (error.is_parse() || error.is_timeout())
-    {
-        stats.refuse(Refusal::Http, &error.to_string());
+    tokio::select! {
+        served = http.serve_connection(TokioIo::new(stream), service).with_upgrades() => {
+            if let Err(error) = served
+                && (error.is_parse() || error.is_timeout())
+            {
+                stats.refuse(Refusal::Http, &error.to_string());
+            }
+        }
+        () = place.evicted() => stats.refuse(Refusal::Connections, ""),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::center::access::Role;
+    use super::super::center::session_store::SessionStore;
+    use super::super::guard::{self, Needed};
+    use super::*;
+    use axum::routing::get;
+    use axum::{Router, middleware};
+    use std::future::Future;
+
+    const TOKEN: &str = "Authorization: Bearer 0123456789abcdef\r\n";
+
+    /// A server with one route for viewers, and a file for everybody.
+    struct Bench {
+        connections: Connections,
+        router: TowerToHyperService<Router>,
+        stats: Arc<Stats>,
+    }
+
+    impl Bench {
+        fn new(name: &str) -> Self {
+            let run = std::env::temp_dir().join(format!("advee-server-{name}-{}", std::process::id()));
+            let (store, _) = SessionStore::open(&run, "127.0.0.1:8080".parse().unwrap(), &[]).unwrap();
+            let stats = Arc::new(Stats::default());
+            let guard = Guard { token: Some("0123456789abcdef".into()), ..Guard::default() };
+            let needed = (Needed { role: Role::Viewer, own: false }, stats.clone());
+            let needed = middleware::from_fn_with_state(needed, guard::needed);
+            let all = (Arc::new(guard), stats.clone(), Arc::new(store));
+            let router = Router::new()
+                .route("/view", get(|| async { "seen" }).layer(needed))
+                .fallback(|| async { "page" })
+                .layer(middleware::from_fn_with_state(all, guard::guarded));
+            Self { connections: Connections::default(), router: TowerToHyperService::new(router), stats }
+        }
+
+        /// A connection from `peer`, and what is answered to a request; `None`: there is no place for it.
+        async fn ask(&self, peer: u8, path: &str, headers: &str) -> Option<(TcpStream, String)> {
+            let place = Arc::new(self.connections.admit(IpAddr::from([10, 0, 0, peer]))?);
+            let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let client = TcpStream::connect(listener.local_addr().unwrap()).await.unwrap();
+            let (stream, from) = listener.accept().await.unwrap();
+            let (router, stats) = (self.router.clone(), self.stats.clone());
+            tokio::spawn(async move { serve(stream, from.ip(), router, &place, &stats).await });
+            let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n");
+            client.writable().await.unwrap();
+            assert_eq!(client.try_write(request.as_bytes()).unwrap(), request.len());
+            let answer = read(&client).await;
+            Some((client, answer))
+        }
+    }
+
+    /// What comes next; empty at the end.
+    async fn read(client: &TcpStream) -> String {
+        let mut buffer = vec![0; 4096];
+        loop {
+            client.readable().await.unwrap();
+            match client.try_read(&mut buffer) {
+                Ok(count) => return String::from_utf8_lossy(&buffer[..count]).into(),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(error) => panic!("{error}"),
+            }
+        }
+    }
+
+    fn run(work: impl Future<Output = ()>) {
+        tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().unwrap().block_on(work);
+    }
+
+    #[test]
+    fn a_refused_request_ends_its_connection() {
+        run(async {
+            let bench = Bench::new("refused");
+            for (headers, code) in [("", 401), ("Origin: http://evil.example\r\n", 403)] {
+                let (client, answer) = bench.ask(1, "/view", headers).await.unwrap();
+                assert!(answer.starts_with(&format!("HTTP/1.1 {code} ")), "{answer}");
+                assert!(answer.contains("connection: close\r\n"), "{answer}");
+                assert_eq!(read(&client).await, "", "it is closed");
+            }
+            let (_client, answer) = bench.ask(1, "/view", TOKEN).await.unwrap();
+            assert!(answer.starts_with("HTTP/1.1 200 ") && !answer.contains("connection: close"), "{answer}");
+        });
+    }
+
+    #[test]
+    fn who_is_refused_or_has_no_role_shuts_nobody_out() {
+        run(async {
+            let bench = Bench::new("shut");
+            let mut held = Vec::new();
+            // Eight addresses with all the places that each may have: what is refused, and what anybody may see.
+            for n in 0..64 {
+                let (_client, answer) = bench.ask(1 + n / 8, "/view", "").await.expect("a place");
+                assert!(answer.starts_with("HTTP/1.1 401 "), "{answer}");
+                held.push(bench.ask(1 + n / 8, "/", "").await.expect("a place"));
+            }
+            for _ in 0..super::super::connections::SHARE {
+                let (client, answer) = bench.ask(100, "/view", TOKEN).await.expect("a place for who has a role");
+                assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
+                held.push((client, answer));
+            }
+            assert!(bench.connections.admit(IpAddr::from([10, 0, 0, 100])).is_none(), "these keep their places");
+            held.push(bench.ask(1, "/", "").await.expect("the others do not"));
+            // What the page consists of keeps the place of who has a role.
+            for _ in 0..super::super::connections::SHARE {
+                held.push(bench.ask(101, "/", TOKEN).await.expect("a place"));
+            }
+            assert!(bench.connections.admit(IpAddr::from([10, 0, 0, 101])).is_none());
+        });
     }
 }

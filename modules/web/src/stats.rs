@@ -10,6 +10,8 @@ pub enum Refusal {
     Host,
     /// `Origin` is not listed.
     Origin,
+    /// A proxy is in front, but there are no credentials.
+    Proxy,
     /// Missing or wrong credentials.
     Credentials,
     /// Wrong code, or too many tries.
@@ -36,9 +38,10 @@ pub enum Refusal {
 
 impl Refusal {
     #[cfg(test)]
-    const ALL: [Self; 13] = [
+    const ALL: [Self; 14] = [
         Self::Host,
         Self::Origin,
+        Self::Proxy,
         Self::Credentials,
         Self::Code,
         Self::Connections,
@@ -58,6 +61,7 @@ impl Refusal {
         match self {
             Self::Host => "this Host is none of the robot's names (web.hosts)",
             Self::Origin => "pages of this Origin may not connect (web.origins)",
+            Self::Proxy => "a proxy brought this, whose clients are not on this computer: web.token_file is needed",
             Self::Credentials => "it is not paired for this, and brings no credentials that are",
             Self::Code => "a code that pairs nobody",
             Self::Connections => "there are too many connections",
@@ -82,6 +86,8 @@ pub struct Counts {
     pub host: u64,
     /// [`Refusal::Origin`].
     pub origin: u64,
+    /// [`Refusal::Proxy`].
+    pub proxy: u64,
     /// [`Refusal::Credentials`].
     pub credentials: u64,
     /// [`Refusal::Code`].
@@ -111,6 +117,7 @@ impl Counts {
         match refusal {
             Refusal::Host => &mut self.host,
             Refusal::Origin => &mut self.origin,
+            Refusal::Proxy => &mut self.proxy,
             Refusal::Credentials => &mut self.credentials,
             Refusal::Code => &mut self.code,
             Refusal::Connections => &mut self.connections,

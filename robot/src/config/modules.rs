@@ -1,6 +1,7 @@
 //! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
 
 use base::Level;
+use drivers::canbus;
 use host::limits::Limits;
 use settings::{Blank, Choice, Table, settings};
 use std::path::PathBuf;
@@ -80,5 +81,15 @@ impl Modules {
     pub(super) fn leave_out(&mut self, name: &str) {
         self.modules.retain(|module| module.name() != name);
         self.modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
+    }
+    /// Adds the module `guard` before `driver_canbus`, with the same settings, unless it is listed already.
+    pub(super) fn add_guard(&mut self) {
+        let place = |name: &str| self.modules.iter().position(|entry| entry.name() == name);
+        let (None, Some(n)) = (place(guard::NAME), place(canbus::NAME)) else {
+            return;
+        };
+        let driver = self.modules[n].clone();
+        let guard = ModuleConfig { name: guard::NAME.into(), critical: true, ..driver.guard };
+        self.modules.insert(n, ModuleEntry { guard, command: None, args: Vec::new(), ..driver });
     }
 }

@@ -2,13 +2,17 @@
 //! against each other.
 
 use super::modules::LEVELS;
-use base::{Level, Severity};
+use base::{Duration, Level, Severity};
 use drivers::auxiliary::{Chips, ThermometerKeys};
+use drivers::canbus::PauseStop;
+use drivers::canbus::ranging::RangingBoard;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
 use drivers::{canbus, joydev, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{CanPort, GamepadPort, I2cPort, SerialPort, W1Port};
+use module::admission::Commands;
+use navitools::Point;
 use settings::robot::{Beacon, Geometry, Limits};
 use settings::{Bytes, Choice, Table, settings};
 use std::path::PathBuf;
@@ -21,10 +25,14 @@ settings! {
     pub struct Robot {
         /// The robot as a whole.
         robot as general: General = required;
+        /// The LCM bus.
+        bus: BusSettings = table;
         /// Measures.
         geometry: Geometry = required;
         /// Bounds of motion.
         limits: Limits = required;
+        /// How the robot comes to a stand.
+        stop: canbus::Stop = table;
         /// CAN buses by name.
         can: Vec<CanBus> = named;
         /// EIA-485 buses by name.
@@ -48,6 +56,8 @@ settings! {
         power: Option<power::Config> = optional;
         /// The gamepad (docs/gamepad.md).
         gamepad was joystick: Option<Gamepad> = optional;
+        /// What senses what is in the way, and bounds the speed by it (docs/guard.md).
+        guard: guard::Settings = table;
         /// Behaviour of the robot that drives by itself.
         planner: planner::Settings = table;
         /// Records of a run.
@@ -72,6 +82,20 @@ settings! {
         print_from: Option<Level> = optional, LEVELS;
         /// Lowest level of texts and reports that are published. Absent: `report_from` for reports, `"info"` for texts.
         send_from: Option<Level> = optional, LEVELS;
+    }
+}
+
+settings! {
+    /// `[bus]`: the LCM bus.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct BusSettings {
+        /// Who may command the robot: `"memory"`: programs of the robot's users, through shared memory; `"host"`: any
+        /// program of this computer, as with the official LCM; `"network"`: any program of any computer that the bus
+        /// reaches (`ttl` in the LCM URL). What stops the robot is accepted from any sender; that all is well, only
+        /// from the robot's watchdog, power controller, guard and ranging boards (docs/lcm.md).
+        commands: Commands = Commands::Host, Choice(&[
+            ("memory", Commands::Memory), ("host", Commands::Host), ("network", Commands::Network)
+        ]);
     }
 }
 
@@ -120,6 +144,9 @@ settings! {
     pub struct Sensors {
         /// The sonars of `srfs`.
         srf08: Srf08 = table;
+        /// Greatest age of a range finder's measurement by which the robot drives, since it fired: two polls of 4 Hz
+        /// and a bit. Older is unknown: the robot stops.
+        age_max_s as age_max: Duration = 0.6, 0.3..=2.0;
     }
 }
 
@@ -171,11 +198,59 @@ impl Robot {
         plot::Footprint { length_m, width_m, rear_overhang_m }
     }
 
+    /// Configuration of its guard: the outline, the sonars and the limits.
+    #[must_use]
+    pub fn guard_config(&self) -> guard::Config {
+        let beam = self.sensors.srf08.beam_rad;
+        let sensor = |sonar: &Ranger| {
+            let Ranger { id, x, y, theta, .. } = *sonar;
+            guard::Sensor { id: id.into(), at: Point { x, y }, theta, beam }
+        };
+        let sensors = self.srfs.iter().map(sensor).collect();
+        guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors)
+    }
+
+    /// Deceleration when the motors lose their feed, m/s²: only a brake that needs no power acts then.
+    #[must_use]
+    pub fn power_lost_mps2(&self) -> f64 {
+        match self.stop.pause {
+            PauseStop::Brake => self.stop.brake_mps2,
+            PauseStop::Coast | PauseStop::Delayed => self.stop.coasting_mps2,
+        }
+    }
+
+    /// Highest speed of a robot that senses nothing, m/s; `None`: it senses something.
+    #[must_use]
+    pub fn blind_mps(&self) -> Option<f64> {
+        (self.guard.ranging == guard::Ranging::None).then_some(self.guard.speed_blind)
+    }
+
+    /// Boards of range finders, front and rear, with what they serve.
+    pub fn ranging_boards(&self) -> impl Iterator<Item = (&Rs485Bus, &Node, RangingBoard)> {
+        let of = |rangers: &[Ranger], node: &Node| {
+            let served = rangers.iter().filter(|ranger| ranger.board == node.address);
+            served.map(|ranger| ranger.id.into()).collect()
+        };
+        let nodes = self.rs485.iter().flat_map(|bus| bus.driver.nodes.iter().map(move |node| (bus, node)));
+        nodes.filter(|(_, node)| node.kind == Kind::Sd1).map(move |(bus, node)| {
+            let (sonars, infrareds) = (of(&self.srfs, node), of(&self.irs, node));
+            (bus, node, RangingBoard { name: node.name.clone(), sonars, infrareds })
+        })
+    }
+
     fn check(&self, table: &Table<'_>) {
         self.check_rangers(table, "srfs", &self.srfs, 7);
         self.check_rangers(table, "irs", &self.irs, 1);
         let ids: Vec<u8> = self.beacons.iter().map(|beacon| beacon.id).collect();
         table.unique("beacons", "id", &ids, "one that no other of the beacons has");
+        if let (Some(output), Some(table)) = (self.stop.feed_output(), table.below("stop")) {
+            let taken = |bus: &CanBus| {
+                bus.driver.master == output.node || bus.driver.nodes.iter().any(|node| node.id == output.node)
+            };
+            if let Some(table) = table.below("output").filter(|_| self.can.iter().any(taken)) {
+                table.refuse("node", "a node of its own, which is neither a drive nor the master");
+            }
+        }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";

@@ -1,6 +1,7 @@
 //! What is wrong in a configuration, and the line that says so.
 
 use super::*;
+use drivers::canbus;
 use drivers::joydev::Gear;
 use drivers::rs485_bus::Crc;
 use host::ports::settings::CanInterface;
@@ -73,16 +74,18 @@ fn refused(from: &str, to: &str, lines: &[&str]) {
 
 #[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
-    use base::gamepad::{ABS_RY, BTN_TR, BTN_WEST};
-    let table = "[gamepad]\ndevice = \"/dev/input/event5\"\ndead_man = \"BTN_TR\"\n\
+    use base::gamepad::{ABS_RY, BTN_TL, BTN_TR, BTN_WEST};
+    let table = "[gamepad]\ndevice = \"/dev/input/event5\"\ndead_man = \"BTN_TR\"\ncreep = \"BTN_TL\"\n\
                  speed = { axis = \"ABS_RY\", limit = 0.4 }\n\
-                 steering = { axis = 0x28, inverted = true }\nslow = { button = \"BTN_WEST\", scale = 0.25 }\n[limits]";
+                 steering = { axis = 0x28, inverted = true }\nslow = { button = \"BTN_WEST\", scale = 0.25 }\n\
+         quiet_s = 0\n[limits]";
     let robot = load(&ROBOT.replacen("[limits]", table, 1), "", &[], MODULES).unwrap().robot;
     let (port, driver) = robot.gamepad.map(|gamepad| (gamepad.port, gamepad.driver)).unwrap();
     assert_eq!(port.place, GamepadPlace::Device("/dev/input/event5".into()));
     assert_eq!((driver.speed.axis, driver.speed.limit), (Some(ABS_RY), 0.4));
     assert_eq!((driver.steering.axis, driver.steering.inverted), (Some(0x28), true));
     assert_eq!((driver.steering.dead_zone, driver.steering.limit), (0.1, f64::INFINITY));
+    assert_eq!(driver.creep, Some(BTN_TL));
     assert_eq!((driver.dead_man, driver.slow), (Some(BTN_TR), Some(Gear { button: BTN_WEST, scale: 0.25 })));
     assert_eq!((driver.fast, driver.quiet, driver.scale), (None, None, 1.0));
     let driver = driver.within(&robot.limits);
@@ -115,10 +118,11 @@ fn a_gamepad_that_cannot_be_meant_is_refused() {
         ".slow.button: missing, expected a name as \"BTN_TL\", or a code from 0x100 to 0x2ff",
     );
     refused("scale = 0", ".scale = 0: expected a number from 0.01 to 1");
-    refused("quiet_s = 0", ".quiet_s = 0: expected a number from 0.5 to 3600");
+    refused("quiet_s = 0.2", ".quiet_s = 0.2: expected 0, or a number from 0.5 to 3600");
     refused(
         "deadman = 1",
-        ".deadman: unknown key, expected one of device, grab, speed, steering, dead_man, scale, slow, fast, quiet_s",
+        ".deadman: unknown key, expected one of device, grab, speed, steering, dead_man, creep, scale, slow, fast, \
+         quiet_s",
     );
     let twice =
         "speed = { axis = 1 }\nsteering = { axis = \"ABS_Y\" }\ndead_man = 300\nfast = { button = 300, scale = 1 }";
@@ -129,6 +133,7 @@ fn a_gamepad_that_cannot_be_meant_is_refused() {
             && found[0].ends_with("another axis than that of the speed")
     );
     assert!(found[1].starts_with("robot.toml:15: gamepad.fast = "), "{found:?}");
+    refused("creep = 300\ndead_man = 300", ".creep = 300: expected another button than dead_man, slow and fast");
 }
 
 #[test]
@@ -147,6 +152,7 @@ fn the_shipped_robot_loads_live_and_simulated() {
         "driver_rs485a",
         "driver_rs485b",
         "estimator",
+        "guard",
         "driver_canbus",
         "driver_joydev",
         "driver_aux",
@@ -184,10 +190,8 @@ fn an_unknown_table_is_refused() {
     refused(
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
-        &[
-            "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, i2c, w1, srfs, irs, \
-           sensors, beacons, estimator, power, gamepad, planner, log, web",
-        ],
+        &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, limits, stop, can, rs485, i2c, \
+           w1, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web"],
     );
 }
 
@@ -264,7 +268,8 @@ fn a_drive_s_keys_are_those_of_its_driver() {
         "switch_rad = 0",
         &[
             "robot.toml:24: can.main.nodes[0].gear: missing, expected a number from -1000 to 1000",
-            "robot.toml:24: can.main.nodes[0].switch_rad: unknown key, expected one of id, axis, eds, driver, gear",
+            "robot.toml:24: can.main.nodes[0].switch_rad: unknown key, expected one of id, axis, writable, eds, \
+             driver, gear",
         ],
     );
     refused("gear = 26", "gear = 0", &["robot.toml:24: can.main.nodes[0].gear = 0: expected a number that is not 0"]);
@@ -338,6 +343,34 @@ fn a_power_controller_has_a_link_of_its_own_and_a_battery_that_can_be() {
     let robot = load(&ROBOT.replacen("[limits]", link, 1), "", &[], MODULES).unwrap().robot;
     let power = robot.power.unwrap();
     assert_eq!((power.reserve, power.halt.len(), power.reboot.len()), (0.2, 1, 0));
+}
+
+#[test]
+fn the_output_that_cuts_the_feed_is_a_node_of_its_own() {
+    let stop = "[stop]\nsecond_way = \"canopen\"\n";
+    refused(
+        "[limits]",
+        &format!("{stop}[limits]"),
+        &["robot.toml:11: stop.output: missing, expected the output that cuts the motors' feed"],
+    );
+    let rows = [
+        ("node = 2", "node = 2: expected a node of its own, which is neither a drive nor the master"),
+        ("node = 127", "node = 127: expected a node of its own, which is neither a drive nor the master"),
+        ("node = 5, on = 256", "on = 256: expected a value that fits the object"),
+        ("node = 5, bits = 12", "bits = 12: expected 8, 16 or 32"),
+        ("node = 5, cut = 1", "cut = 1: expected two values that differ"),
+    ];
+    for (keys, why) in rows {
+        let table = format!("{stop}output = {{ index = 0x6200, {keys} }}\n[limits]");
+        refused("[limits]", &table, &[&format!("robot.toml:13: stop.output.{why}")]);
+    }
+    let with = |way: &str| {
+        let table = format!("[stop]\nsecond_way = {way:?}\noutput = {{ node = 5, index = 0x6200 }}\n[limits]");
+        load(&ROBOT.replacen("[limits]", &table, 1), "", &[], MODULES).unwrap().robot.stop.feed_output()
+    };
+    let canbus::OutputConfig { node, subindex, bits, on, cut, .. } = with("canopen").unwrap();
+    assert_eq!((node, subindex, bits, on, cut), (5, 1, 8, 1, 0));
+    assert_eq!(with("power"), None);
 }
 
 #[test]
@@ -554,6 +587,21 @@ fn a_robot_without_a_web_server_has_no_such_module() {
         config.modules.iter().filter(|module| module.name() == web::NAME).count()
     };
     assert_eq!((listed("web.enabled=true"), listed("web.enabled=false")), (1, 0));
+}
+
+#[test]
+fn a_robot_that_senses_has_a_guard_before_its_drives() {
+    let names = |sets: &[String]| {
+        let config = Config::load(&shipped(), true, sets).unwrap();
+        let critical = config.critical().any(|name| name == guard::NAME);
+        (config.modules.iter().map(|module| module.name().to_owned()).collect::<Vec<_>>(), critical)
+    };
+    let (without, critical) = names(&["guard.ranging=\"none\"".into()]);
+    assert!(!critical && !without.contains(&guard::NAME.to_owned()), "{without:?}");
+    let (with, critical) = names(&[]);
+    let place = |name: &str| with.iter().position(|other| other == name).unwrap();
+    assert!(critical && place(guard::NAME) + 1 == place("driver_canbus"), "{with:?}");
+    assert_eq!(with.len(), without.len() + 1);
 }
 
 #[test]

@@ -28,8 +28,9 @@ impl Rule {
         let before = std::mem::replace(&mut self.speed, speed);
         let until = facts.sources.iter().filter_map(super::sources::Source::moves_until).max();
         let until = until.map(|until| (until + facts.driver.late).min(facts.driver.worked(now)));
-        // On a disturbed bus a stop may be late without the master's heartbeat being late enough to be missed.
-        let until = if facts.is_disturbed(now) { Some(now) } else { until };
+        // A drive that does not obey is the rule `feed`'s. On a disturbed bus a stop may be late without the master's
+        // heartbeat being late enough to be missed.
+        let until = if facts.is_disturbed(now) || facts.may_disobey(now) { Some(now) } else { until };
         if let Some(until) = until.map(|until| until.min(now)).filter(|until| *until > self.permitted) {
             (self.permitted, self.speed_max) = (until, 0.0);
         }

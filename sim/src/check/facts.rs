@@ -1,14 +1,17 @@
 //! Facts that several rules use: state of the processes, input served to the drives' driver, traffic on the wire.
 
 use super::Limits;
+use super::believed::Believed;
 use super::life::Life;
 use super::names::Names;
+use super::pause_line::PauseLine;
 use super::sources::{Source, Sources};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use messages::{Message, common, middlelevel};
 use module::State;
+use module::admission::Sender;
 
 /// Delay that the driver's queue, the bus and a frame on it may add to a decision without faults.
 pub(super) const DELAY_MAX: Duration = Duration::from_millis(2);
@@ -16,6 +19,8 @@ pub(super) const DELAY_MAX: Duration = Duration::from_millis(2);
 const QUEUE_AGE: Duration = Duration::from_millis(60);
 /// Time after a fault of a bus in which nodes recover from bus-off, queues drain, and delayed frames arrive.
 const AFTERMATH: Duration = Duration::from_millis(100);
+/// Time after a foreign command to a drive, or a fault of it, in which it is stopped or booted again.
+const AFTERMATH_OF_COMMAND: Duration = Duration::from_secs(3);
 /// Maximum time for which a controller that went bus-off repeatedly stays off.
 const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 /// Time to standstill from top speed without power, at 0.17 m/s².
@@ -50,15 +55,6 @@ impl SetPoint {
     }
 }
 
-/// State of the PAUSE line as known to the driver.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Pause {
-    Unheard,
-    Open,
-    /// Engaged since the driver was served that.
-    Engaged(Instant),
-}
-
 /// All facts.
 #[derive(Debug)]
 pub(super) struct Facts {
@@ -70,9 +66,8 @@ pub(super) struct Facts {
     pub set_point: SetPoint,
     /// State of the driver, and its begin.
     pub state: (State, Instant),
-    pub pause: Pause,
-    /// Reception time of the driver's last report of the PAUSE line.
-    pub pause_at: Instant,
+    pub pause: PauseLine,
+    believed: Believed,
     /// Time of the last list of processes, and since when a critical one has been missing in it.
     pub list: Option<(Instant, Option<Instant>)>,
     /// Time at which the last command out of limits was served.
@@ -97,6 +92,10 @@ pub(super) struct Facts {
     deaf: Instant,
     /// End of the time in which the propulsion may roll without power.
     rolls: Instant,
+    /// End of the time in which the propulsion may disobey its commands.
+    disobeys: Instant,
+    /// End of the effects of a fault of the steering.
+    steering_ill: Instant,
 }
 
 impl Facts {
@@ -108,8 +107,8 @@ impl Facts {
             others: Names::default(),
             set_point: SetPoint::default(),
             state: (State::Unknown, Instant::ZERO),
-            pause: Pause::Unheard,
-            pause_at: Instant::ZERO,
+            pause: PauseLine::default(),
+            believed: Believed::default(),
             list: None,
             refused: None,
             stopped: Instant::ZERO,
@@ -122,6 +121,8 @@ impl Facts {
             lcm: None,
             deaf: Instant::ZERO,
             rolls: Instant::ZERO,
+            disobeys: Instant::ZERO,
+            steering_ill: Instant::ZERO,
         }
     }
 
@@ -161,6 +162,16 @@ impl Facts {
         now < self.rolls
     }
 
+    /// True if the propulsion may disobey its commands: by a fault, or because another master commands it.
+    pub fn may_disobey(&self, now: Instant) -> bool {
+        now < self.disobeys
+    }
+
+    /// True if the steering has a fault, or had one a moment ago.
+    pub fn is_steering_ill(&self, now: Instant) -> bool {
+        now < self.steering_ill
+    }
+
     /// State of a module's process.
     pub fn life(&self, module: &str) -> Option<&Life> {
         if module == self.limits.driver { Some(&self.driver) } else { self.others.get(module) }
@@ -195,8 +206,19 @@ impl Facts {
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match news {
-            News::Can { bus, frame } if *bus == self.limits.bus => self.on_frame(now, frame),
-            News::Heard { pid, at, message } if self.driver.pid == Some(*pid) => self.on_heard(now, *at, message),
+            News::Can { bus, pid, frame } if *bus == self.limits.bus && *pid != 0 => self.on_frame(now, frame),
+            News::Heard { pid, at, sender, message }
+                if self.driver.pid == Some(*pid) && self.believes(*sender, message) =>
+            {
+                self.on_heard(now, *at, message);
+            }
+            News::Can { bus, frame, .. } if *bus == self.limits.bus && self.is_command(frame) => {
+                self.disobeys = self.disobeys.max(now + AFTERMATH_OF_COMMAND);
+                self.steering_ill = self.steering_ill.max(now + AFTERMATH_OF_COMMAND);
+            }
+            News::Message { sender, message: Message::LlCmdPower(_) } if sender.pid() == self.driver.pid => {
+                self.rolls = self.rolls.max(now + COASTING_TIME);
+            }
             News::Started { module, .. }
             | News::Exited { module, .. }
             | News::Hung { module, .. }
@@ -208,7 +230,15 @@ impl Facts {
         }
     }
 
+    /// True if the robot may accept this sender.
+    pub fn believes(&self, sender: Sender, message: &Message) -> bool {
+        self.believed.believes(sender, message, &self.limits)
+    }
+
     fn on_process(&mut self, now: Instant, module: &str, news: &News<'_>) {
+        if let News::Started { pid, .. } = news {
+            self.believed.on_started(module, *pid, &self.limits);
+        }
         if module != self.limits.driver {
             self.others.of(module).observe(now, news);
             return;
@@ -216,7 +246,7 @@ impl Facts {
         self.driver.observe(now, news);
         if matches!(news, News::Started { .. }) {
             // A new process knows nothing.
-            (self.pause, self.pause_at, self.list, self.refused) = (Pause::Unheard, now, None, None);
+            (self.pause, self.list, self.refused) = (PauseLine::default(), None, None);
             (self.state, self.located, self.goal) = ((State::Init, now), None, None);
         }
     }
@@ -241,8 +271,15 @@ impl Facts {
                 "none" => self.deaf = now + AFTERMATH,
                 _ => {}
             }
-            self.rolls = self.rolls.max(now + COASTING_TIME);
-        } else if target != "steering" {
+            let until = if until == Instant::NEVER { now } else { until };
+            self.rolls = self.rolls.max(until + COASTING_TIME);
+            if ["unbraked", "runaway"].contains(&fault) {
+                self.disobeys = self.disobeys.max(until + AFTERMATH_OF_COMMAND);
+            }
+        } else if target == "steering" {
+            let until = if until == Instant::NEVER { now } else { until };
+            self.steering_ill = self.steering_ill.max(until + AFTERMATH_OF_COMMAND);
+        } else {
             // A board: the power controller may switch the motors off for many reasons.
             let until = if until == Instant::NEVER { now } else { until };
             self.rolls = self.rolls.max(until + COASTING_TIME);
@@ -256,17 +293,19 @@ impl Facts {
         let Some(set_point) = SetPoint::read(frame, self.limits.rpm_per_mps) else { return };
         let was = std::mem::replace(&mut self.set_point, set_point);
         if set_point.is_stop() {
-            self.on_stop(now, !was.is_stop());
+            self.on_stop(now, was);
         }
     }
 
-    fn on_stop(&mut self, now: Instant, new: bool) {
+    fn on_stop(&mut self, now: Instant, was: SetPoint) {
         let latches = |source: &Source| {
-            // The planner's own silence does not latch it; the takeover by a manual source did.
+            // The planner's own silence does not latch it; the takeover by a manual source did. One that began under a
+            // stop, and must send zero first, has not taken over: the robot stood.
             if source.is_planner() {
-                new && source.lives(now, Duration::ZERO)
+                !was.is_stop() && source.lives(now, Duration::ZERO)
             } else {
-                source.lives(now, DELAY_MAX) && self.has_begun(now, source)
+                let stood = !was.is_stop() && was.speed().is_none();
+                !stood && source.lives(now, DELAY_MAX) && self.has_begun(now, source)
             }
         };
         if self.sources.iter().any(latches) {
@@ -287,14 +326,7 @@ impl Facts {
                     self.refused = Some(now);
                 }
             }
-            Message::LlEventStop(stop) => {
-                self.pause = match (stop.engaged, self.pause) {
-                    (false, _) => Pause::Open,
-                    (true, Pause::Engaged(since)) => Pause::Engaged(since),
-                    (true, _) => Pause::Engaged(now),
-                };
-                self.pause_at = at;
-            }
+            Message::LlEventStop(stop) => self.pause.on_report(now, at, stop),
             Message::CmDataProcesses(list) => self.on_list(now, at, list),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),
             Message::CmCmdState(command) => self.on_command(now, command),
@@ -308,8 +340,12 @@ impl Facts {
 
     fn on_command(&mut self, now: Instant, command: &common::CmdState) {
         let planner = command.module == "*" || command.module == self.limits.planner;
-        if planner && command.manual && command.state == State::Run as i8 {
+        let runs = command.manual && command.state == State::Run as i8;
+        if planner && runs {
             self.goal = Some(now);
+        }
+        if runs && (command.module == "*" || command.module == self.limits.driver) {
+            self.pause.overrule(now);
         }
     }
 

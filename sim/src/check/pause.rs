@@ -3,26 +3,26 @@
 //! leaves before its first report, nor 1.2 s after its last one.
 
 use super::Verdict;
-use super::facts::{Facts, Pause};
+use super::facts::Facts;
+use super::pause_line::{PAUSE_TIMEOUT, Pause};
 use base::{Duration, Instant};
 
 /// Maximum time from the report to the wire.
 const REACTION_MAX: Duration = Duration::from_millis(20);
-/// Timeout of `LL_EVENT_STOP`, which is sent every 500 ms.
-const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// Speed change within a step of the body plus the rounding of the truth, m/s.
 const SPEED_TOLERANCE_MPS: f64 = 0.005;
 
 /// A set-point has left the wire.
 pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
     let slack = facts.slack(now);
-    match facts.pause {
+    let line = facts.limits.power.is_some();
+    match facts.pause.state() {
         Pause::Engaged(since) if now.since(since) > REACTION_MAX.max(slack) => {
             Err(format!("{speed:.3} m/s, and PAUSE is known since {since:?}"))
         }
-        Pause::Unheard if facts.limits.pause_line => Err(format!("{speed:.3} m/s before the PAUSE line was heard of")),
-        Pause::Open if facts.limits.pause_line && now.since(facts.pause_at) > PAUSE_TIMEOUT + slack => {
-            Err(format!("{speed:.3} m/s, and the PAUSE line was last heard of at {:?}", facts.pause_at))
+        Pause::Unheard if line => Err(format!("{speed:.3} m/s before the PAUSE line was heard of")),
+        Pause::Open if line && now.since(facts.pause.heard()) > PAUSE_TIMEOUT + slack => {
+            Err(format!("{speed:.3} m/s, and the PAUSE line was last heard of at {:?}", facts.pause.heard()))
         }
         _ => Ok(()),
     }
@@ -48,16 +48,17 @@ impl Rule {
     /// An RPDO4 that does not move the robot has left the wire.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
         let moved = std::mem::take(&mut self.moves) && !facts.was_disturbed(now);
-        if let (true, Pause::Engaged(since)) = (moved, facts.pause) {
+        if let (true, Pause::Engaged(since)) = (moved, facts.pause.state()) {
             self.worst = self.worst.max(Some(now.since(since)));
         }
     }
 
     /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
-        let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > REACTION_MAX);
+        let known = matches!(facts.pause.state(), Pause::Engaged(since) if now.since(since) > REACTION_MAX);
         // A drive that receives nothing continues until its timeout of the master's heartbeat.
-        if !known || facts.is_cut_off(now) || facts.is_disturbed(now) || !facts.driver.works() {
+        if !known || facts.may_disobey(now) || facts.is_cut_off(now) || facts.is_disturbed(now) || !facts.driver.works()
+        {
             self.speed = None;
             return Ok(());
         }

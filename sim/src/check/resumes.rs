@@ -1,8 +1,9 @@
 //! Nothing resumes by itself (docs/design.md, section 4): after a stop the propulsion turns only for a source that was
 //! released since.
 //!
-//! A manual source begins by a command that moves after zero, or after silence; the planner by a goal or an operator's
-//! RUN, newer than the last stop that was not its own silence, and by an estimate no older than 200 ms.
+//! A manual source begins by a command that moves after zero, or by its very first one: silence is no release. The
+//! planner begins by a goal or an operator's RUN, newer than the last stop that was not its own silence, and by an
+//! estimate no older than 200 ms.
 
 use super::Verdict;
 use super::facts::Facts;

@@ -31,7 +31,7 @@ pub(super) struct Source {
     ttl: Duration,
     /// Begin of the period without silence beyond its time to live.
     pub unbroken: Instant,
-    /// First moving command after zero or silence.
+    /// First moving command after zero, or of all.
     pub begun: Option<Instant>,
     /// Time since which it commands zero.
     pub ended: Option<Instant>,
@@ -79,7 +79,7 @@ impl Source {
         }
         if speed == 0.0 {
             self.ended = self.ended.or(Some(now));
-        } else if silent || self.ended.is_some() || self.begun.is_none() {
+        } else if self.ended.is_some() || self.begun.is_none() {
             (self.begun, self.ended) = (Some(now), None);
         }
         while self.said.len() >= COMMANDS_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl)

@@ -31,7 +31,11 @@ impl Lost {
         let others = [&facts.limits.driver, &facts.limits.watchdog];
         let others = others.into_iter().filter(|name| ***name != *self.module);
         let ill = others.filter_map(|name| facts.life(name)).map(|life| life.ill(now)).max().unwrap_or_default();
-        let bus = if facts.is_disturbed(now) || facts.is_cut_off(now) { now } else { Instant::ZERO };
+        let bus = if facts.is_disturbed(now) || facts.is_cut_off(now) || facts.may_disobey(now) {
+            now
+        } else {
+            Instant::ZERO
+        };
         self.at.max(ill).max(bus).max(facts.lcm_disturbed(now).unwrap_or_default())
     }
 }

@@ -6,7 +6,11 @@
 use super::*;
 use messages::{lowlevel, middlelevel, simulation};
 use module::ExitStatus;
+use module::admission::{Process, Way};
 use std::collections::BTreeMap;
+
+mod others;
+mod stopping;
 
 const WATCHDOG: u32 = 1;
 const DRIVER: u32 = 3;
@@ -17,6 +21,8 @@ fn limits() -> Limits {
         watchdog: "watchdog".into(),
         planner: "planner".into(),
         critical: vec!["power".into(), "driver".into()],
+        power: Some("power".into()),
+        commands: Commands::Host,
         bus: "can".into(),
         propulsion: 1,
         steering: 2,
@@ -27,7 +33,20 @@ fn limits() -> Limits {
         speed_autonomous: 0.8,
         quick_stop: 1.5,
         ttl: Duration::from_millis(250),
-        pause_line: true,
+        ranging: [("front", 0x10), ("rear", 0x11)]
+            .map(|(name, address)| RangingBoard {
+                name: name.into(),
+                module: "ranges".into(),
+                bus: "rs485".into(),
+                crc: rs485::crc::Crc8::SAE_J1850,
+                address,
+                forward: name == "front",
+                backward: name == "rear",
+                sonars: if name == "front" { vec![(0, navitools::Pose::new(0.75, 0.0, 0.0))] } else { Vec::new() },
+            })
+            .into(),
+        homing_at_start: false,
+        promise: Some(Promise { guard: "guard".into(), reaction_s: 0.37, braking_mps2: 0.8, beam_rad: 0.96 }),
         restart_max: Duration::from_secs(2),
     }
 }
@@ -40,15 +59,24 @@ struct Bench {
     pids: BTreeMap<String, u32>,
     /// Modules and drives that are silent; the others send something every 50 ms.
     quiet: Vec<String>,
+    /// Position and speed of the body.
+    x: f64,
     speed: f64,
+    steering: f64,
+    /// Way of the next message.
+    way: Way,
 }
 
 impl Bench {
     /// All modules have run for a second; no source commands.
     fn new() -> Self {
-        let checkers = Checkers::new(limits());
+        Self::with(limits())
+    }
+
+    fn with(limits: Limits) -> Self {
+        let checkers = Checkers::new(limits);
         let (now, pids, quiet) = (Instant::ZERO, BTreeMap::new(), Vec::new());
-        let mut bench = Self { checkers, now, pids, quiet, speed: 0.0 };
+        let mut bench = Self { checkers, now, pids, quiet, x: 0.0, speed: 0.0, steering: 0.0, way: Way::Memory };
         for module in ["watchdog", "power", "driver"] {
             bench.start(module);
             bench.tell(&News::State { module, state: State::Run });
@@ -79,33 +107,73 @@ impl Bench {
     }
 
     fn usual(&mut self) {
-        for (who, says) in [("steering", "frame 702 05"), ("watchdog", "list power,driver"), ("power", "line free")] {
+        for (who, says) in [
+            ("steering", "frame 702 05"),
+            ("watchdog", "list power,driver"),
+            ("power", "line free"),
+            ("front", "answer 10"),
+            ("rear", "answer 11"),
+        ] {
             if !self.quiet.iter().any(|quiet| quiet == who) {
                 self.act(&says.split(' ').collect::<Vec<_>>());
             }
         }
-        self.sent(0, simulation::DataTruth { speed: self.speed, ..Default::default() });
+        self.truth();
+    }
+
+    fn truth(&mut self) {
+        let (x, speed, steering) = (self.x, self.speed, self.steering);
+        self.sent(0, simulation::DataTruth { x, speed, steering, ..Default::default() });
+    }
+
+    fn sender(&self, pid: u32) -> Sender {
+        Sender { way: self.way, process: (self.way == Way::Memory).then_some(Process { pid, uid: 0 }) }
     }
 
     fn sent(&mut self, pid: u32, message: impl Into<Message>) {
-        self.tell(&News::Message { pid, message: &message.into() });
+        let sender = self.sender(pid);
+        self.tell(&News::Message { sender, message: &message.into() });
     }
 
     /// Sent, and served to the driver at once.
     fn served(&mut self, pid: u32, message: impl Into<Message>) {
-        let message = message.into();
-        self.tell(&News::Message { pid, message: &message });
-        self.tell(&News::Heard { pid: self.pids["driver"], at: self.now, message: &message });
+        let (message, sender) = (message.into(), self.sender(pid));
+        self.tell(&News::Message { sender, message: &message });
+        self.tell(&News::Heard { pid: self.pids["driver"], at: self.now, sender, message: &message });
     }
 
     fn frame(&mut self, id: u16, data: &[u8]) {
-        self.tell(&News::Can { bus: "can", frame: Frame::standard(id, data) });
+        self.frame_of(DRIVER, id, data);
+    }
+
+    fn frame_of(&mut self, pid: u32, id: u16, data: &[u8]) {
+        self.tell(&News::Can { bus: "can", pid, frame: Frame::standard(id, data) });
     }
 
     /// An RPDO4 of the propulsion.
     fn set_point(&mut self, controlword: u8, mps: f64) {
         let rpm = ((mps * 1000.0) as i32).to_le_bytes();
         self.frame(0x501, &[controlword, 0, rpm[0], rpm[1], rpm[2], rpm[3]]);
+    }
+
+    fn words(&mut self, what: &str, address: u8) {
+        self.distances(what, address, 1000);
+    }
+
+    /// The same, with this distance of each sonar, mm.
+    fn distances(&mut self, what: &str, address: u8, distance: u16) {
+        use rs485::boards::sd1;
+        let both = sd1::Both { srfs: [distance; 8].into_iter().collect(), irs: [120; 2].into_iter().collect() }.build();
+        let data = if ["answer", "garbled"].contains(&what) { &both[..] } else { &[] };
+        let flags = u8::from(what == "refusal");
+        let frame = rs485::frame::Frame { address, instruction: sd1::GET_BOTH_DATA.code, flags, data };
+        let mut words = rs485::frame::Words::new();
+        frame.encode(rs485::crc::Crc8::SAE_J1850, &mut words);
+        if what == "garbled" {
+            words[6].byte ^= 1;
+        }
+        self.tell(&News::Words { bus: "rs485", pid: 9, words: &words });
+        self.tell(&News::Words { bus: "elsewhere", pid: 9, words: &words });
     }
 
     fn rows(&mut self, processes: Vec<common::Process>) {
@@ -127,7 +195,8 @@ impl Bench {
             ["say", source, speed, ago] => {
                 let at = Instant::from_nanos(self.now.as_nanos() - ago.parse::<u64>().unwrap() * 1_000_000);
                 let message = &motion_command(source, number(speed)).into();
-                self.tell(&News::Heard { pid: DRIVER, at, message });
+                let sender = self.sender(0);
+                self.tell(&News::Heard { pid: DRIVER, at, sender, message });
             }
             ["goal"] => {
                 let waypoints = vec![middlelevel::Waypoint::default()];
@@ -141,26 +210,50 @@ impl Bench {
             ["drive", speed] => self.set_point(0x0F, number(speed)),
             ["drive", controlword, speed] => self.set_point(byte(controlword), number(speed)),
             ["stop"] => self.set_point(0x0B, 0.0),
-            ["frame", id, ref data @ ..] => {
+            // `other`: of another master.
+            [what @ ("frame" | "other"), id, ref data @ ..] => {
                 let data: Vec<u8> = data.iter().map(|text| byte(text)).collect();
-                self.frame(u16::from_str_radix(id, 16).unwrap(), &data);
+                let pid = if what == "other" { 0 } else { DRIVER };
+                self.frame_of(pid, u16::from_str_radix(id, 16).unwrap(), &data);
             }
             // The body, and the driver's report of it.
             ["speed", speed] => self.speed = number(speed),
             ["truth", speed] => {
                 self.speed = number(speed);
-                self.sent(0, simulation::DataTruth { speed: self.speed, ..Default::default() });
+                self.truth();
             }
             ["motion", homed, source, speed] => {
                 let (timestamp, homed, speed_target) = (micros(self.now), homed == "homed", number(speed));
                 let source = source.trim_matches('-').into();
                 let motion = lowlevel::DataMotion { timestamp, homed, speed_target, source, ..Default::default() };
-                self.sent(DRIVER, motion);
+                self.sent(if self.way == Way::Memory { DRIVER } else { 0 }, motion);
             }
-            ["line", what] => {
-                let engaged = what == "engaged";
-                self.served(0, lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() });
+            // Faster by `step` m/s, or the wheels turned by `step` rad, at each of so many samples, 50 ms apart.
+            [what @ ("faster" | "turn"), step, samples] => {
+                for _ in 0..samples.parse().unwrap() {
+                    *(if what == "turn" { &mut self.steering } else { &mut self.speed }) += number(step);
+                    self.pass(50);
+                }
             }
+            ["line", what] => self.act(&["line", what, "button"]),
+            ["line", what, source] => {
+                let (engaged, source) = (what == "engaged", source.into());
+                self.served(self.pids["power"], lowlevel::EventStop { timestamp: 0, engaged, source });
+            }
+            // A sender of another user, or of another computer.
+            [by @ ("host" | "network"), ref rest @ ..] => {
+                self.way = if by == "host" { Way::Host } else { Way::Network };
+                self.act(rest);
+                self.way = Way::Memory;
+            }
+            ["home"] => self.served(0, lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }),
+            // The motors' feed: the driver switches it off, a person on.
+            ["cut"] => {
+                self.sent(DRIVER, lowlevel::CmdPower { timestamp: 0, device: 3, action: lowlevel::CmdPower::OFF });
+            }
+            ["feed"] => self.sent(0, lowlevel::CmdPower { timestamp: 0, device: 3, action: lowlevel::CmdPower::ON }),
+            // On the wire of the ranging boards: a request, an answer, a refusal, an answer with a wrong CRC.
+            [what @ ("ask" | "answer" | "refusal" | "garbled"), address] => self.words(what, byte(address)),
             // Processes: as listed by the watchdog, and their real state.
             ["list", running] => {
                 let row = |module: &str| row(module, running.split(',').any(|name| name == module), "RUN", "RUN");
@@ -172,6 +265,10 @@ impl Bench {
             ["exit", module] => {
                 let (pid, status) = (self.pids[module], ExitStatus::Signal(9));
                 self.tell(&News::Exited { module, pid, status });
+            }
+            ["crawl", module, ms] => {
+                let late = Duration::from_millis(ms.parse().unwrap());
+                self.tell(&News::Crawls { module, pid: self.pids[module], late });
             }
             ["hang", module] => self.tell(&News::Hung { module, pid: self.pids[module] }),
             ["resume", module] => self.tell(&News::Resumed { module, pid: self.pids[module] }),
@@ -311,8 +408,18 @@ fn a_released_source_moves_the_robot_again() {
         stop
         +50 begin pad 0.4
         stop
-        +300 say pad 0.4   # silence is as good as zero
+        +300 say shell 0.4   # never received before
         drive 0.4",
+    );
+}
+
+#[test]
+fn a_source_that_stalled_does_not_move_the_robot_again() {
+    check(
+        "begin pad 0.4
+        +251 stop
+        +300 say pad 0.4   # silence is no release
+        drive 0.4 ! resumes",
     );
 }
 
@@ -693,4 +800,110 @@ fn a_violation_is_one_line_and_the_first_one_stays() {
     let expected = "at 1.310000 s, rule fresh: 0.400 m/s, which no living command asks for";
     assert_eq!(line.as_deref(), Some(expected));
     assert_eq!(bench.checkers.setpoints(), 2);
+}
+
+#[test]
+fn the_robot_does_not_drive_where_its_ranging_board_does_not_answer() {
+    let script = |board: &str, speed: &str, after: &str| {
+        check(&format!(
+            "begin pad {speed}
+            quiet {board}
+            +200 say pad {speed}
+            +200 say pad {speed}
+            +200 say pad {speed}
+            +200 say pad {speed}
+            +150 say pad {speed}
+            +30 drive {speed}
+            +50 {after}"
+        ));
+    };
+    script("front", "0.4", "drive 0.4 ! blind");
+    script("rear", "-0.4", "drive -0.4 ! blind");
+    // The other board does not matter, and the robot may stop.
+    script("rear", "0.4", "drive 0.4");
+    script("front", "-0.4", "drive -0.4");
+    script("front", "0.4", "stop");
+}
+
+#[test]
+fn requests_refusals_and_damaged_answers_are_no_answers() {
+    for (frame, rule) in
+        [("ask 10", "! blind"), ("refusal 10", "! blind"), ("garbled 10", "! blind"), ("answer 10", "")]
+    {
+        check(&format!(
+            "begin pad 0.4
+            quiet front
+            +240 say pad 0.4
+            +240 say pad 0.4
+            +240 say pad 0.4
+            +200 say pad 0.4
+            {frame}
+            +200 drive 0.4 {rule}"
+        ));
+    }
+}
+
+#[test]
+fn a_board_that_is_served_late_is_not_judged() {
+    check(
+        "begin pad 0.4
+        quiet front
+        fault lcm late 900
+        +240 say pad 0.4
+        +240 say pad 0.4
+        +240 say pad 0.4
+        +200 say pad 0.4
+        +200 drive 0.4
+        +1 say pad 0.4
+        +200 say pad 0.4
+        +200 say pad 0.4
+        +200 say pad 0.4
+        +190 say pad 0.4
+        +20 drive 0.4 ! blind",
+    );
+}
+
+/// A robot that drives at `mps` for 3 s and touches something, whose sonar answers the distance of that, but for the
+/// answers at `missed` s before; the first rule that is broken.
+fn touches(mps: f64, contact: &str, missed: &[f64], until: impl Fn(&mut Bench)) -> Option<&'static str> {
+    let mut bench = Bench::new();
+    for module in ["guard", "ranges"] {
+        bench.start(module);
+    }
+    bench.quiet.push("front".into());
+    bench.act(&["begin", "pad", "0.5"]);
+    for n in 0..60 {
+        let left = f64::from(60 - n) * 0.05;
+        bench.act(&["say", "pad", "0.5"]);
+        // Every 50 ms, as the robot is polled while it drives; touched at x = 10 by the front.
+        (bench.x, bench.speed) = (10.0 - 0.75 - mps * left, mps);
+        bench.pass(50);
+        let missed = missed.iter().any(|at| (at - left).abs() < 0.12);
+        bench.distances("answer", 0x10, if missed { 0 } else { (mps * left * 1000.0) as u16 + 30 });
+    }
+    until(&mut bench);
+    bench.tell(&News::Note { module: "simulator", line: contact });
+    bench.checkers.violation().map(|violation| violation.rule)
+}
+
+#[test]
+fn what_stands_and_was_answered_is_not_hit() {
+    let wall = "contact: by robot, robot 0.500 m/s, wall, at 9.250 0.000";
+    let nothing = |_: &mut Bench| {};
+    assert_eq!(touches(0.5, wall, &[], nothing), Some("promise"));
+    let leg = "contact: by robot, robot 0.500 m/s, person 3 0.050 m/s, at 10.200 0.100";
+    assert_eq!(touches(0.5, leg, &[], nothing), Some("promise"));
+    for other in [
+        "contact: by person, robot 0.500 m/s, person 3 0.050 m/s, at 10.200 0.100",
+        "contact: by robot, robot 0.040 m/s, wall, at 9.250 0.000",
+        "contact: by robot, robot 0.500 m/s, person 3 0.900 m/s, at 10.200 0.100",
+        "contact: by robot, robot 0.500 m/s, person 3 0.050 m/s, at 9.500 1.500",
+    ] {
+        assert_eq!(touches(0.5, other, &[], nothing), None, "{other}");
+    }
+    assert_eq!(touches(0.5, wall, &[0.6], nothing), None, "it was missed within the time to stop");
+    assert_eq!(touches(0.5, wall, &[2.8], nothing), Some("promise"), "and before");
+    assert_eq!(touches(0.5, wall, &[], |bench| bench.act(&["exit", "guard"])), None, "the guard has ended");
+    let creeps = |bench: &mut Bench| bench.sent(9, lowlevel::CmdCreep { held: true, ..Default::default() });
+    assert_eq!(touches(0.5, wall, &[], creeps), None);
 }

@@ -5,13 +5,20 @@ use base::gamepad;
 use base::serial::Word;
 use base::{Instant, i2c, store, w1};
 use messages::Message;
+use module::admission::Sender;
 use module::{ExitStatus, PortId};
 use std::cmp::Ordering;
 use std::rc::Rc;
 
+/// A message on the LCM bus.
+pub(super) struct SentMessage {
+    pub sender: Sender,
+    pub message: Message,
+}
+
 /// An event with its data, as a hung process's buffers hold it.
 pub(super) enum Waiting {
-    Message(Instant, Rc<Message>),
+    Message(Instant, Rc<SentMessage>),
     Heard(Instant, Rc<str>, Rc<[u8]>),
     Can(PortId, Frame),
     Notice(PortId, Notice),
@@ -29,14 +36,18 @@ pub(super) enum Waiting {
     Unstartable(Rc<str>, Rc<str>),
     HeartbeatStarted(u32),
     HeartbeatLate(u32, Instant),
+    /// The watchdog of another robot may have been silent for long enough.
+    SecondRobotEnd,
     Terminate,
     Start,
 }
 
 /// Events apart from timers and wires.
 pub(super) enum Happening {
-    Deliver(Rc<Message>),
-    Inject(Message),
+    Deliver(Rc<SentMessage>),
+    Inject(SentMessage),
+    /// A foreign frame is sent on the CAN wire of this index.
+    Frame(usize, Frame),
     Tell(u32, Waiting),
     /// A delayed event of a slow process is served.
     Serve(u32, Waiting),

@@ -13,6 +13,7 @@ use super::owner::Owner;
 use base::can::{Frame, INTERMISSION, Id, Notice, frame_bits};
 use base::{Duration, Instant};
 use controller::{Controller, Queued};
+use module::PortId;
 use simulator::Random;
 use simulator::faults::InjectedFault;
 use std::collections::VecDeque;
@@ -28,6 +29,8 @@ const AFTER_ACKNOWLEDGE: u32 = 8;
 const SUSPEND_BITS: u32 = 8;
 /// Recessive bits required for recovery from bus-off; here an idle bus is assumed.
 const RECOVERY_BITS: u32 = 128 * 11;
+/// Port of a node that no process represents.
+const FOREIGN: Owner = Owner { pid: 0, port: PortId(0) };
 /// Minimum interval between notices other than changes of state.
 const NOTICE_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -151,6 +154,15 @@ impl CanWire {
     /// True if a port's controller takes part, and receives the frames on the wire.
     pub fn hears(&self, now: Instant, owner: Owner) -> bool {
         self.place(owner).is_some_and(|place| self.takes_part(now, place, 0))
+    }
+
+    /// Sends a frame as a node that no process represents. It is connected from its first frame on.
+    pub fn send_foreign(&mut self, now: Instant, frame: Frame) {
+        if self.place(FOREIGN).is_none() {
+            self.controllers.push(Controller::new(FOREIGN, "".into(), true));
+            self.segments.push(Segment::default());
+        }
+        self.send(now, FOREIGN, frame);
     }
 
     fn place(&self, owner: Owner) -> Option<usize> {

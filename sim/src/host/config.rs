@@ -1,6 +1,7 @@
 //! Configuration of a virtual machine.
 
 use base::{Duration, Epoch};
+use module::admission::Policy;
 
 /// Parameters of the virtual machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +24,8 @@ pub struct Config {
     pub restart_delay_max: Duration,
     /// Serial buses with separate wire pairs for each direction.
     pub full_duplex: Vec<String>,
+    /// Which senders the modules accept.
+    pub policy: Policy,
     /// True if the sender of a CAN frame receives it too (UDP does, `SocketCAN` does not).
     pub can_echo: bool,
     /// Number of a frame, counted from 1 on each CAN bus as in [`Traffic::sent`](super::Traffic::sent), that no node
@@ -43,6 +46,7 @@ impl Default for Config {
             exit_delay: Duration::from_micros(100),
             restart_delay_max: Duration::from_secs(10),
             full_duplex: Vec::new(),
+            policy: Policy::default(),
             can_echo: false,
             can_loss: None,
         }

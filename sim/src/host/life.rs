@@ -1,7 +1,7 @@
 //! Life of processes: service, heartbeats, supervision.
 
 use super::agenda::{Happening, Waiting};
-use super::{News, Virtual};
+use super::{News, Virtual, of_robot};
 use base::{Duration, Epoch, Instant};
 use module::{Event, ExitStatus, ProcessEvent, State};
 use std::collections::VecDeque;
@@ -12,7 +12,7 @@ use std::rc::Rc;
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
 /// Period of the watchdog host's check of heartbeats.
 const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
-/// Delay of a process at which its heartbeat counts as missing.
+/// Delay of a process at which its heartbeat counts as missing, and its own check of heartbeats as late.
 const LATE_AFTER: Duration = Duration::from_millis(100);
 /// A module ends itself after this time without a sign of a watchdog.
 const UNSUPERVISED_MAX: Duration = Duration::from_secs(3);
@@ -32,6 +32,8 @@ pub(super) struct Life {
     pub behind: Instant,
     /// Time of the last cycle of its loop, as far as it was evaluated.
     beat: Instant,
+    /// Time of its last check of heartbeats that was late.
+    checked: Instant,
     pub backlog: VecDeque<Waiting>,
 }
 
@@ -43,6 +45,7 @@ impl Life {
             late: Duration::ZERO,
             behind: Instant::ZERO,
             beat: Instant::ZERO,
+            checked: Instant::ZERO,
             backlog: VecDeque::new(),
         }
     }
@@ -55,6 +58,13 @@ impl Life {
     /// True if it may miss a heartbeat that is checked.
     fn may_be_late(&self) -> bool {
         self.hung.is_some() || !self.late.is_zero()
+    }
+
+    /// Delay of the check of heartbeats that it does at `now`, if it does one; each one is late by the latency.
+    fn late_check(&mut self, now: Instant) -> Option<Duration> {
+        let late = self.late;
+        let due = self.hung.is_none() && late >= LATE_AFTER && now >= self.checked + HEARTBEAT_CHECK_PERIOD + late;
+        due.then(|| self.checked = now).map(|()| late)
     }
 
     /// Time of its last heartbeat. Heartbeats need no events: between two changes of the latency they are as regular as
@@ -122,6 +132,9 @@ impl Virtual {
         let module = self.processes[place].module.clone();
         self.news(&News::Resumed { module: &module, pid });
         let backlog = mem::take(&mut self.processes[place].life.backlog);
+        if held_up >= LATE_AFTER && self.processes.iter().any(|child| child.parent == pid) {
+            self.handle(pid, Event::Process(ProcessEvent::CheckLate { by: held_up }));
+        }
         for waiting in backlog {
             self.serve(pid, waiting);
         }
@@ -171,6 +184,12 @@ impl Virtual {
             if looks && now.since(last) >= LATE_AFTER {
                 self.tell(parent, Waiting::HeartbeatLate(pid, last));
             }
+        }
+        let parents: Vec<u32> = self.processes.iter().map(|process| process.parent).collect();
+        let checks = self.processes.iter_mut().filter(|process| parents.contains(&process.pid));
+        let late: Vec<_> = checks.filter_map(|process| Some((process.pid, process.life.late_check(now)?))).collect();
+        for (pid, by) in late {
+            self.handle(pid, Event::Process(ProcessEvent::CheckLate { by }));
         }
         self.look();
     }
@@ -237,6 +256,7 @@ impl Virtual {
         for process in self.processes.iter_mut().filter(|process| process.parent != 0) {
             if !living.contains(&process.parent) {
                 process.parent = pid;
+                process.admission.set_watchdog(of_robot(pid));
             }
         }
         for (module, (wanted, held)) in self.remembered.clone() {

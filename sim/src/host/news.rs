@@ -3,15 +3,16 @@
 use base::serial::Word;
 use base::{Duration, Instant, Report, i2c, w1};
 use messages::Message;
+use module::admission::Sender;
 use module::{ExitStatus, State};
 
 /// News for an observer.
 #[derive(Debug)]
 pub enum News<'a> {
-    /// A message was sent; process 0 is the test.
+    /// A message was sent.
     Message {
-        /// Sender.
-        pid: u32,
+        /// Sender; process 0 is the test.
+        sender: Sender,
         /// Message.
         message: &'a Message,
     },
@@ -21,6 +22,8 @@ pub enum News<'a> {
         pid: u32,
         /// Reception time; it may have waited since.
         at: Instant,
+        /// Sender, which it accepts.
+        sender: Sender,
         /// Message.
         message: &'a Message,
     },
@@ -28,6 +31,8 @@ pub enum News<'a> {
     Can {
         /// The bus.
         bus: &'a str,
+        /// Process of the sender; 0: a node that is no process's.
+        pid: u32,
         /// The frame.
         frame: base::can::Frame,
     },

@@ -93,7 +93,14 @@ fn config() -> Config {
     world.start = Pose::new(5.0, 6.0, 0.0);
     Config {
         world,
-        can: Some(CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing }),
+        can: Some(CanConfig {
+            bus: "can.main".into(),
+            bitrate: 1_000_000,
+            propulsion: 1,
+            steering: 2,
+            gearing,
+            output: None,
+        }),
         serial: vec![SerialConfig {
             bus: "rs485.a".into(),
             baud: 115_200,

@@ -64,7 +64,7 @@ impl Module for Player {
             Event::Message { message: Message::SimDataTruth(truth), .. } => {
                 self.note(now, &format!("truth {}", truth.x));
             }
-            Event::Port { input: Input::Can(frame), .. } => {
+            Event::Port { input: Input::Can { frame, .. }, .. } => {
                 self.note(now, &format!("frame {:?}", frame.data()));
                 if !self.ping {
                     out.send_can(CAN, Frame::standard(0x101, frame.data()));
@@ -361,8 +361,19 @@ fn a_hang_of_the_parent_is_not_charged_to_its_children() {
         machine.run_until(ms(1250));
         machine.resume(1000);
     });
-    // Its last heartbeat was 10 ms before, and is late by 100 ms at the check after 90 more.
-    assert_eq!(news, ["1340000000 HeartbeatLate { pid: 1001, thread: \"main\", last: Instant(1240000000) }"]);
+    // Its own check was late. The child's last heartbeat was 10 ms before, and is late by 100 ms at the check after 90
+    // more.
+    let late = "1340000000 HeartbeatLate { pid: 1001, thread: \"main\", last: Instant(1240000000) }";
+    assert_eq!(news, ["1250000000 CheckLate { by: 1.05s }", late]);
+}
+
+#[test]
+fn a_parent_that_is_served_late_checks_the_heartbeats_late() {
+    let late = |ms| news_of_pong(1000, move |machine, _| machine.crawl(1000, Duration::from_millis(ms)));
+    assert!(late(99).is_empty());
+    let news = late(100);
+    assert!((5..=7).contains(&news.len()), "one in 120 to 140 ms: {news:?}");
+    assert!(news.iter().all(|line| line.ends_with("CheckLate { by: 100ms }")), "{news:?}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::rivals;
 use super::scenario::{Phase, Scenario};
+use crate::check::Limits;
 use crate::host::Virtual;
 use base::{Duration, Instant};
 use messages::{common, simulation};
@@ -31,8 +32,8 @@ settings! {
         target: String = required;
         /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
         /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others
-        /// who command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by
-        /// the names of `SIM_CMD_FAULT`.
+        /// who command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage`, and those with `foreign_`
+        /// (see `rivals`). The rest by the names of `SIM_CMD_FAULT`.
         fault: String = required;
         /// Value.
         value: f64 = 0.0, -1e9..=1e9;
@@ -131,11 +132,12 @@ pub(super) struct Chaos<'a> {
     faults: std::slice::Iter<'a, Fault>,
     undo: Vec<(Instant, Undo)>,
     disk: Disk,
+    limits: &'a Limits,
 }
 
 impl<'a> Chaos<'a> {
-    pub fn new(faults: &'a [Fault], disk: Disk) -> Self {
-        Self { faults: faults.iter(), undo: Vec::new(), disk }
+    pub fn new(faults: &'a [Fault], disk: Disk, limits: &'a Limits) -> Self {
+        Self { faults: faults.iter(), undo: Vec::new(), disk, limits }
     }
 
     /// Instant of the next event.
@@ -189,7 +191,8 @@ impl<'a> Chaos<'a> {
             ("terminate", _) => order(machine, target, State::Terminate, true),
             ("run", _) => order(machine, target, State::Run, false),
             (name, _) => {
-                if !rivals::speak(machine, fault) && !machine.fault(target, name, fault.value, fault.lasts) {
+                if !rivals::speak(machine, fault, self.limits) && !machine.fault(target, name, fault.value, fault.lasts)
+                {
                     let (target, fault_name) = (fault.target.clone(), fault.fault.clone());
                     let (value, duration) = (fault.value, fault.lasts);
                     let command = simulation::CmdFault { timestamp: 0, target, fault: fault_name, value, duration };

@@ -5,6 +5,7 @@ use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use messages::{Message, lowlevel, simulation};
+use module::admission::Way;
 use module::{ExitStatus, State};
 use std::collections::BTreeMap;
 
@@ -102,8 +103,10 @@ impl Meter {
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match *news {
-            News::Can { bus, frame } if bus == self.limits.bus => self.on_frame(now, &frame),
-            News::Message { message: Message::LlCmdMotion(command), .. } => self.on_command(now, command),
+            News::Can { bus, pid, frame } if bus == self.limits.bus && pid != 0 => self.on_frame(now, &frame),
+            News::Message { sender, message: Message::LlCmdMotion(command) } if sender.way == Way::Memory => {
+                self.on_command(now, command);
+            }
             News::Message { message: Message::SimDataTruth(truth), .. } => self.on_truth(truth),
             News::Fault { until, .. } => {
                 self.ill = self.ill.max(now).max(until);

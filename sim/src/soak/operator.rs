@@ -1,14 +1,17 @@
 //! Simulated operator: sees the robot from outside and commands it like a remote control.
 //!
 //! Sends motion commands at 20 Hz, first zero, drives squares and random walks where there is space, stops at times, by
-//! zero or by silence, and begins again after every stop. Commands RUN to modules in PAUSE or STOP; repeats a failed
-//! homing. With a planner, lets that drive, too.
+//! zero or by silence, and begins again after every stop. Commands RUN to modules in PAUSE or STOP; releases the robot
+//! where a stop waits for a person: homes it, overrules a silent source of PAUSE, switches the motors on. Where there
+//! is a planner, lets that drive, too.
 
 use super::scenario::Behaviour;
 use crate::host::News;
 use base::{Duration, Instant};
 use messages::{Hold, Message, common, lowlevel, middlelevel, simulation};
+use module::admission::Way;
 use navitools::{Ackermann, Point, Pose};
+use rs485::boards::psc1::CHANNELS;
 use simulator::Random;
 use simulator::world::World;
 
@@ -24,6 +27,8 @@ const TEND_PERIOD: Duration = Duration::from_secs(2);
 const LOOK_AHEAD_S: (f64, f64) = (1.0, 0.25);
 /// Number of legs that are compared.
 const PATHS_TRIED: u32 = 12;
+/// Power channel that feeds the motors.
+const MOTORS: &str = "motors";
 /// Source names of the operator and of the planner.
 const SOURCE: &str = "operator";
 const PLANNER: &str = "planner";
@@ -55,8 +60,8 @@ pub(super) struct Operator {
     /// Number of remaining sides of a square.
     square: u32,
     motion: Option<lowlevel::DataMotion>,
-    /// Homing the steering failed, and is not tried again by itself.
-    homing_failed: bool,
+    /// Causes for which the robot does not move.
+    holds: Option<lowlevel::DataHold>,
     truth: simulation::DataTruth,
     processes: common::DataProcesses,
     /// Time since which the robot does not follow.
@@ -75,7 +80,7 @@ impl Operator {
             doing: Doing::Silent(Instant::ZERO),
             square: 0,
             motion: None,
-            homing_failed: false,
+            holds: None,
             truth: simulation::DataTruth::default(),
             processes: common::DataProcesses::default(),
             disobeyed: None,
@@ -91,10 +96,12 @@ impl Operator {
     }
 
     pub fn observe(&mut self, news: &News<'_>) {
-        let News::Message { message, .. } = news else { return };
+        let News::Message { sender, message } = news else { return };
         match message {
+            // From another robot, or from nobody.
+            _ if sender.way != Way::Memory => {}
             Message::LlDataMotion(motion) => self.motion = Some(motion.clone()),
-            Message::LlDataHold(list) if list.is_of_motion() => self.homing_failed = list.has(Hold::HomingFailed),
+            Message::LlDataHold(list) if list.is_of_motion() => self.holds = Some(list.clone()),
             Message::SimDataTruth(truth) => self.truth = truth.clone(),
             Message::CmDataProcesses(list) => self.processes = list.clone(),
             Message::MlDataGoal(goal) if goal.id == self.goal && matches!(self.doing, Doing::Waits(_)) => {
@@ -149,7 +156,26 @@ impl Operator {
             let state = common::DataState::RUN;
             say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
         }
-        if self.homing_failed && self.motion.as_ref().is_some_and(|motion| !motion.homed) {
+        self.release(say);
+    }
+
+    /// Ends, by a deliberate act, the causes that wait for one: homing, a source of PAUSE that fell silent, a drive
+    /// that was too fast, or one that did not brake and has lost its feed.
+    fn release(&self, say: &mut impl FnMut(Message)) {
+        let Some(list) = &self.holds else { return };
+        let has = |holds: &[Hold]| holds.iter().any(|hold| list.has(*hold));
+        if has(&[Hold::PauseOther, Hold::SpeedExceeded]) {
+            let (module, state) = (list.module.clone(), common::DataState::RUN);
+            say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
+        }
+        if has(&[Hold::FeedCut])
+            && let Some(motors) = CHANNELS.iter().position(|name| *name == MOTORS)
+        {
+            let device = motors as i8;
+            say(lowlevel::CmdPower { timestamp: 0, device, action: lowlevel::CmdPower::ON }.into());
+        }
+        let homed = self.motion.as_ref().is_none_or(|motion| motion.homed);
+        if has(&[Hold::ToBeHomed, Hold::HomingFailed]) && !homed {
             say(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }.into());
         }
     }

@@ -5,6 +5,7 @@
 //! | `modules/web/page/src/protocol.ts` | the types that `web` serializes, and the message definitions |
 //! | `modules/web/page/src/numbers.ts` | `base::Fault`, `messages::Hold` |
 //! | `docs/faults.md`, `docs/holds.md`: the tables | the same |
+//! | `docs/safety.md`: the hazards | `docs/safety.toml` |
 //! | `docs/messages.md` | `messages::Channel`, the message definitions, the modules' sources |
 //!
 //! `make generate` writes them; the test `tests/current.rs` compares them with the repository.
@@ -25,6 +26,7 @@
 pub mod channels;
 pub mod numbers;
 pub mod protocol;
+pub mod safety;
 pub mod text;
 pub mod traffic;
 pub mod typescript;
@@ -63,6 +65,7 @@ pub fn outputs(root: &Path) -> Result<Vec<Output>, String> {
         whole("modules/web/page/src/numbers.ts", numbers::page()),
         table("docs/faults.md", "foundation/base/src/report.rs", &numbers::faults())?,
         table("docs/holds.md", "messages/src/hold.rs", &numbers::holds())?,
+        table("docs/safety.md", safety::SOURCE, &safety::case(root)?)?,
         whole("docs/messages.md", channels::page(&schema, &traffic::Traffic::read(root)?)?),
     ])
 }

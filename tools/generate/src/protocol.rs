@@ -53,6 +53,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("foundation/diagnostics/src/status.rs", "Status"),
             renamed("foundation/diagnostics/src/status.rs", "RobotStatus", "StatusWord"),
             same("foundation/diagnostics/src/holds.rs", "HoldRow"),
+            same("foundation/diagnostics/src/guard.rs", "Bound"),
             same("foundation/diagnostics/src/view.rs", "Ellipse"),
             same("modules/web/src/center/authority.rs", "Holder"),
             same("foundation/diagnostics/src/modules.rs", "ModuleRow"),
@@ -65,7 +66,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
         "commands",
         &[
             same("modules/web/src/center/command.rs", "Command"),
-            renamed("modules/web/src/center/command.rs", "Place", "Waypoint"),
+            renamed("modules/web/src/center/command.rs", "WaypointRequest", "Waypoint"),
             same("modules/web/src/center/command.rs", "Answer"),
         ],
     ),

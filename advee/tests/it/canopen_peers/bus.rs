@@ -61,7 +61,7 @@ impl Bus {
         let now = self.now();
         loop {
             match self.device.device.receive(now).expect("the bus works") {
-                Received::Input { input: Input::Can(frame), .. } => return Some(frame),
+                Received::Input { input: Input::Can { frame, .. }, .. } => return Some(frame),
                 Received::Nothing => return None,
                 Received::Fault(_, why) => panic!("{why}"),
                 _ => {}

@@ -23,38 +23,28 @@ pub mod switch;
 mod tests;
 
 use crate::master::Expect;
+use base::listed;
 use core::fmt;
 
-/// Mode requested in 0x6060 and displayed in 0x6061.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(i8)]
-#[allow(missing_docs)] // the names are the standard's
-pub enum Mode {
-    ProfilePosition = 1,
-    Velocity = 2,
-    ProfileVelocity = 3,
-    ProfileTorque = 4,
-    Homing = 6,
-    Interpolated = 7,
-    CyclicPosition = 8,
-    CyclicVelocity = 9,
-    CyclicTorque = 10,
+listed! {
+    /// Mode requested in 0x6060 and displayed in 0x6061.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    #[repr(i8)]
+    #[allow(missing_docs)] // the names are the standard's
+    pub enum Mode {
+        ProfilePosition = 1,
+        Velocity = 2,
+        ProfileVelocity = 3,
+        ProfileTorque = 4,
+        Homing = 6,
+        Interpolated = 7,
+        CyclicPosition = 8,
+        CyclicVelocity = 9,
+        CyclicTorque = 10,
+    }
 }
 
 impl Mode {
-    /// All modes of the standard.
-    pub const ALL: [Self; 9] = [
-        Self::ProfilePosition,
-        Self::Velocity,
-        Self::ProfileVelocity,
-        Self::ProfileTorque,
-        Self::Homing,
-        Self::Interpolated,
-        Self::CyclicPosition,
-        Self::CyclicVelocity,
-        Self::CyclicTorque,
-    ];
-
     /// The mode of a value of 0x6060; `None` for 0, for reserved ones and for the manufacturers' negative ones.
     #[must_use]
     pub fn from_code(code: i8) -> Option<Self> {

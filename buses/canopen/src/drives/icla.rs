@@ -22,6 +22,10 @@ pub const PDOS: Pdos = Pdos { rpdo: 2, target: 0x607A_0020, tpdo: 2, value: 0x60
 /// The mode of operation for [`pp`](crate::axis::modes::pp).
 pub const PROFILE_POSITION: i8 = Mode::ProfilePosition.code();
 
+/// Bit of the statusword: the position counts from home (`ref_ok`). It survives a reset of the communication, and not
+/// a loss of power.
+pub const HOMED: u16 = 1 << 15;
+
 const VENDOR: u32 = 0x0200_005A;
 const PRODUCT: u32 = 0x4E30_3635;
 const REVISION_MIN: u32 = 0x0001_0002;

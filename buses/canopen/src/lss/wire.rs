@@ -4,6 +4,7 @@
 use super::{Mode, Part};
 use crate::wire::Service;
 use base::can::Frame;
+use base::listed;
 
 const SWITCH_GLOBAL: u8 = 0x04;
 const NODE_ID: u8 = 0x11;
@@ -20,28 +21,24 @@ const FAST_SCAN: u8 = 0x51;
 const INQUIRE: u8 = 0x5A; // and the three after it
 const INQUIRE_NODE_ID: u8 = 0x5E;
 
-/// What one frame of "identify remote slave" asks of an address; a slave that meets all six in this order answers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u8)]
-pub enum Bound {
-    /// This vendor.
-    Vendor,
-    /// This product.
-    Product,
-    /// This revision or a higher one.
-    RevisionLow,
-    /// This revision or a lower one.
-    RevisionHigh,
-    /// This serial number or a higher one.
-    SerialLow,
-    /// This serial number or a lower one.
-    SerialHigh,
-}
-
-impl Bound {
-    /// In the order they are sent.
-    pub const ALL: [Self; 6] =
-        [Self::Vendor, Self::Product, Self::RevisionLow, Self::RevisionHigh, Self::SerialLow, Self::SerialHigh];
+listed! {
+    /// What one frame of "identify remote slave" asks of an address; a slave that meets all six in this order answers.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[repr(u8)]
+    pub enum Bound {
+        /// This vendor.
+        Vendor,
+        /// This product.
+        Product,
+        /// This revision or a higher one.
+        RevisionLow,
+        /// This revision or a lower one.
+        RevisionHigh,
+        /// This serial number or a higher one.
+        SerialLow,
+        /// This serial number or a lower one.
+        SerialHigh,
+    }
 }
 
 /// One question of a fastscan.

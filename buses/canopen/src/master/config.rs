@@ -36,8 +36,8 @@ pub struct MasterConfig {
     pub sdo_retries: u8,
     /// Rest between two attempts to boot a node; default 1 s.
     pub retry: Duration,
-    /// True if the bus gives own frames back (UDP multicast does, SocketCAN does not); default false. One heartbeat
-    /// of our own may then come back for each sent, before a second master is reported.
+    /// True if the bus returns own frames (UDP multicast does, SocketCAN does not); default false. Each frame of our
+    /// own may then come back once before a second master is reported.
     pub own_frames_return: bool,
 }
 

@@ -133,6 +133,35 @@ impl fmt::Display for LostReason {
     }
 }
 
+/// Sign of another master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // node: the addressed node
+pub enum Foreign {
+    /// Heartbeat with the master's own id.
+    Heartbeat,
+    /// NMT command; node 0: to all.
+    Nmt { node: u8 },
+    /// SYNC.
+    Sync,
+    /// RPDO: a set-point.
+    Rpdo { node: u8 },
+    /// SDO request.
+    SdoRequest { node: u8 },
+}
+
+impl fmt::Display for Foreign {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Heartbeat => f.write_str("a heartbeat with the master's node id"),
+            Self::Nmt { node: 0 } => f.write_str("an NMT command to all nodes"),
+            Self::Nmt { node } => write!(f, "an NMT command to node {node}"),
+            Self::Sync => f.write_str("a SYNC"),
+            Self::Rpdo { node } => write!(f, "an RPDO to node {node}"),
+            Self::SdoRequest { node } => write!(f, "an SDO request to node {node}"),
+        }
+    }
+}
+
 /// What happened on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[allow(missing_docs)] // node: the node's id
@@ -156,8 +185,9 @@ pub enum Event {
     SdoFailed { node: u8, ticket: Ticket, index: u16, sub: u8, error: sdo::Error },
     /// Number of frames of this node that CANopen does not allow; reported at 1, 2, 4, 8 and so on.
     Malformed { node: u8, count: u32 },
-    /// Heartbeat with the master's own id: two masters are on the bus. Reported at most every 10 s.
-    SecondMaster,
+    /// Another master is on the bus: a heartbeat with the master's own id, or a command that this master did not send.
+    /// Reported at most every 10 s.
+    SecondMaster { by: Foreign },
     /// All mandatory nodes are Operational.
     Ready,
     /// A mandatory node was lost after [`Event::Ready`].

@@ -172,7 +172,7 @@ impl Peer {
         self.config.guarding.map_or(self.config.heartbeat_limit, super::Guarding::limit)
     }
 
-    pub(super) fn heartbeat(&mut self, now: Instant, frame: &Frame, shared: &mut Shared) {
+    pub(super) fn heartbeat(&mut self, now: Instant, arrived: Instant, frame: &Frame, shared: &mut Shared) {
         let Some(state) = wire::decode_heartbeat(frame.data()) else {
             return self.malformed(shared);
         };
@@ -195,9 +195,10 @@ impl Peer {
             (NmtState::Initialising, Phase::Resting { .. }) if self.unsettled < UNSETTLED => self.first(now, shared),
             (NmtState::Initialising, Phase::Resting { .. }) => {}
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
-            (NmtState::Operational, Phase::Running { .. }) => {
-                let two = self.guard.is_none() && self.duplicate.beat(now, self.config.heartbeat);
-                self.phase = Phase::Running { until: now + self.limit() };
+            (NmtState::Operational, Phase::Running { until }) => {
+                let two = self.guard.is_none() && self.duplicate.beat(arrived, self.config.heartbeat);
+                // A step of the clock that stamps the frames does not shorten the node's time limit.
+                self.phase = Phase::Running { until: until.max(arrived + self.limit()) };
                 if two {
                     self.two(now, shared);
                 }
@@ -205,7 +206,7 @@ impl Peer {
             (NmtState::Operational, Phase::Starting { .. }) => self.booted(now, shared),
             (state, Phase::Running { .. }) => self.lose(now, shared, LostReason::State(state)),
             (_, Phase::Listening { .. }) => self.configured(now, shared),
-            (_, Phase::Held { .. }) => self.phase = Phase::Held { until: now + self.limit() },
+            (_, Phase::Held { .. }) => self.phase = Phase::Held { until: arrived + self.limit() },
             (_, Phase::Starting { .. } | Phase::Working { .. } | Phase::Resetting { .. } | Phase::Resting { .. }) => {}
         }
     }

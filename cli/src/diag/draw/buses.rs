@@ -37,7 +37,7 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     let below = detail.as_ref().map_or(answers.len(), Vec::len);
     let [area, lowest] = if below > 0 { split(area, below) } else { [area, Rect::default()] };
     let [upper, lower] = if axes.is_empty() { [area, Rect::default()] } else { split(area, axes.len() + 1) };
-    let head = ["bus, node", "addr", "state", "load", "frames", "again", "silent", "errors", "ms mean/max", "heard"];
+    let head = ["bus, node", "addr", "state", "load", "frames", "retry", "silent", "errors", "ms mean/max", "age"];
     let widths = [12, 4, 8, 6, 8, 5, 6, 6, 11].map(Constraint::Length).into_iter().chain([Constraint::Min(5)]);
     let widths: Vec<_> = widths.collect();
     let title = " buses   enter more  c command ".into();
@@ -141,7 +141,7 @@ fn draw_axes(frame: &mut Frame<'_>, axes: &[Axis], style: Style, age: &str, area
     let widths = if area.width >= 100 { &widths[..] } else { &widths[..6] };
     let table = Table::new(axes.iter().map(row), widths.iter().copied())
         .header(Row::new(head.to_vec()).bold().underlined())
-        .block(Block::bordered().title(format!(" drives  heard {age} ")));
+        .block(Block::bordered().title(format!(" drives  age {age} ")));
     frame.render_widget(table, area);
 }
 

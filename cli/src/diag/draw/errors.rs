@@ -71,8 +71,8 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     }
 }
 
-/// What was reported and cleared before anybody listened here is not known; nor is what stands, of modules that do not list
-/// it.
+/// What was reported and cleared before this program listened is not known; nor are the active faults of modules that
+/// do not list them.
 fn none(app: &App, model: &Model) -> Vec<Line<'static>> {
     if !app.filter.is_empty() {
         return vec![Line::from("none of that")];

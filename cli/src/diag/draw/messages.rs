@@ -37,7 +37,7 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
             ];
             Row::new(cells).style(if silent { Style::new().fg(GREY) } else { Style::new() })
         };
-        let head = ["channel", "Hz", "heard", "a second", "count"];
+        let head = ["channel", "Hz", "age", "a second", "count"];
         let widths = [Constraint::Min(21), Constraint::Length(5), Constraint::Length(5)].into_iter();
         let widths: Vec<_> = widths.chain([8, 7].map(Constraint::Length)).collect();
         let widths = if area.width < 100 { &widths[..4] } else { &widths[..] };

@@ -42,7 +42,7 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
         ];
         Row::new(cells).style(if row.well { Style::new() } else { Style::new().fg(Color::Red).bold() })
     };
-    let head = ["", "module", "state", "process", "heard", "up", "cpu", "memory", "again", "pid", "last end"];
+    let head = ["", "module", "state", "process", "age", "up", "cpu", "memory", "again", "pid", "last end"];
     let widths = [1, 15, if wide { 22 } else { 13 }, 8, 5, 9, 6, 8, 5, 7].map(Constraint::Length);
     let widths: Vec<_> = widths.into_iter().chain([Constraint::Min(10)]).collect();
     // Columns without room on a narrow screen are in the marked row's details.

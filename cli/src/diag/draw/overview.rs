@@ -4,7 +4,8 @@ use super::near::{self, nearest};
 use super::{Body, GREY, age, clip, line, size, time};
 use crate::diag::app::App;
 use base::{Duration, Instant};
-use diagnostics::{Ellipse, Model};
+use diagnostics::{Ellipse, HoldRow, Model};
+use messages::Hold;
 use messages::lowlevel::{DataPower, DataTemperature, Reading};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -58,12 +59,16 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             let deviation = Ellipse::of(&e.covariance).map(|ellipse| format!("  +-{:.2} m", ellipse.long));
             format!("{}{}", word(&QUALITY, e.quality), deviation.unwrap_or_default())
         }),
-        line("speed", &model.motion, at, |m| format!("{:+.2} m/s, told {:+.2}", m.speed, m.speed_target)),
+        line("speed", &model.motion, at, |m| format!("{:+.2} m/s, target {:+.2}", m.speed, m.speed_target)),
+    ]);
+    // Of a robot that has a guard.
+    lines.extend(model.bound(at).map(|bound| line("guard", &model.guard, at, |_| bound.words)));
+    lines.extend([
         line("steering", &model.motion, at, |m| {
             let homed = if m.homed { "" } else { " NOT HOMED" };
-            format!("{:+.1} deg, told {:+.1}{homed}", degrees(m.steering), degrees(m.steering_target))
+            format!("{:+.1} deg, target {:+.1}{homed}", degrees(m.steering), degrees(m.steering_target))
         }),
-        line("obeys", &model.motion, at, |m| if m.source.is_empty() { "nobody".into() } else { m.source.clone() }),
+        line("source", &model.motion, at, |m| if m.source.is_empty() { "none".into() } else { m.source.clone() }),
     ]);
     lines.extend(holds(model, at));
     lines.extend([
@@ -100,13 +105,17 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
 /// All for which it does not act, each with how long it has stood.
 fn holds(model: &Model, at: Instant) -> Vec<Line<'static>> {
     let newest = model.motion.get().map(|motion| motion.timestamp);
-    let rows = model.hold_rows(at).into_iter().take(HOLDS).enumerate();
+    let rows = model.hold_rows(at);
+    let is_notice = |row: &HoldRow| Hold::from_code(row.code).is_some_and(Hold::is_notice);
+    // A bound may leave it some speed.
+    let name = if rows.iter().all(is_notice) { "bounded" } else { "stands" };
+    let rows = rows.into_iter().take(HOLDS).enumerate();
     rows.flat_map(|(n, row)| {
         let stood = newest.zip(row.since).map(|(newest, since)| u64::try_from(newest - since).unwrap_or_default());
-        let name = Span::raw(format!("{:<9}", if n == 0 { "stands" } else { "" })).bold();
+        let name = Span::raw(format!("{:<9}", if n == 0 { name } else { "" })).bold();
         let age = Span::raw(format!("{:>6} ", age(stood.map(Duration::from_micros)).trim())).fg(GREY);
         let cause = Line::from(vec![name, age, Span::raw(clip(&row.words))]);
-        let latched = row.latched.then(|| Line::from(format!("{:16}until somebody acts", "")));
+        let latched = row.latched.then(|| Line::from(format!("{:16}latched until commanded", "")));
         [Some(cause), latched].into_iter().flatten()
     })
     .collect()

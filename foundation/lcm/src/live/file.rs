@@ -10,6 +10,7 @@
 use super::clock::{self, Timer};
 use super::{PublishError, RealtimeNanos, Received, SubscribeError, check};
 use crate::eventlog::{Reader, WriteError, Writer};
+use crate::origin::Origin;
 use crate::receiver::Stats;
 use crate::subscription::{Pattern, Queue, SubscriptionId, Subscriptions};
 use crate::url::{self, Mode};
@@ -83,6 +84,13 @@ impl File {
         self.subscriptions.remove(id)
     }
 
+    pub(super) fn set_size_max(&mut self, id: SubscriptionId, bytes: usize) -> bool {
+        self.subscriptions.set_size_max(id, bytes)
+    }
+
+    /// Nothing arrives in fragments here.
+    pub(super) fn set_memory_max(&mut self, _bytes: usize) {}
+
     pub(super) fn recv(&mut self) -> io::Result<Option<Received<'_>>> {
         let Work::Play { log, speed, pace } = &mut self.work else {
             return Ok(None);
@@ -104,7 +112,7 @@ impl File {
                 self.timer.set_at(due)?;
                 return Ok(None);
             }
-            if self.subscriptions.wants(event.channel) {
+            if self.subscriptions.takes(event.channel, event.payload.len()) {
                 at = Some(RealtimeNanos(pace.realtime.saturating_add(due - pace.monotonic)));
                 break;
             }
@@ -116,7 +124,13 @@ impl File {
         };
         self.stats.received += 1;
         let event = log.next_event()?;
-        Ok(event.map(|event| Received { channel: event.channel, payload: event.payload, at }))
+        Ok(event.map(|event| Received {
+            channel: event.channel,
+            payload: event.payload,
+            at,
+            published: None,
+            origin: Origin::Host(None),
+        }))
     }
 
     pub(super) fn stats(&self) -> &Stats {

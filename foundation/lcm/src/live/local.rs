@@ -1,6 +1,7 @@
 //! The shared-memory bus beside the sockets of UDP multicast: whose turn it is, and what to wait for.
 
-use super::context;
+use super::{clock, context};
+use crate::origin::{Origin, Process, Provenance};
 use crate::shm::Bus;
 use crate::udpm::{self, Datagram};
 use crate::{filter, url};
@@ -28,6 +29,8 @@ pub struct Local {
     both: Epoll,
     in_a_row: u32,
     passes: u32,
+    /// Wall clock minus monotonic clock, as of the last look at the socket, ns.
+    offset: i64,
 }
 
 impl Local {
@@ -42,7 +45,7 @@ impl Local {
         let bus = Bus::join(url, source, inode).ok()?;
         both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, SOCKET)).ok()?;
         both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN, BELL)).ok()?;
-        Some(Self { bus, both, in_a_row: 0, passes: 0 })
+        Some(Self { bus, both, in_a_row: 0, passes: 0, offset: offset() })
     }
 
     /// See [`Bus::publish`].
@@ -61,8 +64,8 @@ impl Local {
     }
 
     /// Takes the next message, for [`Local::message`]; false also when it is the socket's turn.
-    pub fn recv(&mut self, wants: impl FnMut(&str) -> bool) -> bool {
-        if self.in_a_row < IN_A_ROW && self.bus.recv(wants) {
+    pub fn recv(&mut self, wants: impl FnMut(&str) -> bool, takes: impl Fn(&str, usize) -> bool) -> bool {
+        if self.in_a_row < IN_A_ROW && self.bus.recv(wants, takes) {
             self.in_a_row += 1;
             return true;
         }
@@ -75,13 +78,26 @@ impl Local {
             self.passes += 1;
             return true;
         }
-        (self.in_a_row, self.passes) = (0, 0);
+        (self.in_a_row, self.passes, self.offset) = (0, 0, offset());
         false
     }
 
-    /// Channel, payload, and when it was published.
-    pub fn message(&self) -> (&str, &[u8], i64) {
-        self.bus.message()
+    /// Channel and payload.
+    pub fn message(&self) -> (&str, &[u8]) {
+        let (channel, payload, _) = self.bus.message();
+        (channel, payload)
+    }
+
+    /// When that was published, and by whom.
+    pub fn provenance(&self) -> Provenance {
+        let published = self.bus.message().2;
+        let origin = self.bus.from().map_or(Origin::Host(None), Origin::Memory);
+        Provenance { at: published.saturating_add(self.offset), published: Some(published), origin }
+    }
+
+    /// See [`Bus::process_at`].
+    pub fn process_at(&self, source: SocketAddrV4) -> Option<Process> {
+        self.bus.process_at(source)
     }
 
     /// Number of messages that were lost since the last call.
@@ -119,6 +135,10 @@ impl Local {
         }
         Ok(())
     }
+}
+
+fn offset() -> i64 {
+    clock::realtime().0.saturating_sub(clock::monotonic())
 }
 
 impl AsFd for Local {

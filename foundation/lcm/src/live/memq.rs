@@ -1,8 +1,9 @@
 //! The in-memory provider: what is published here is received here, for tests and for programs that talk to
 //! themselves. Nothing leaves the context.
 
-use super::clock::realtime;
-use super::{PublishError, RealtimeNanos, Received, SubscribeError, check, context};
+use super::clock::{monotonic, realtime};
+use super::{PublishError, Received, SubscribeError, check, context};
+use crate::origin::{Origin, Process, Provenance};
 use crate::queue::Line;
 use crate::receiver::Stats;
 use crate::subscription::{Pattern, Queue, SubscriptionId, Subscriptions};
@@ -34,7 +35,8 @@ impl Memq {
 
     pub(super) fn publish(&mut self, channel: &str, payload: &[u8]) -> Result<(), PublishError> {
         check(channel, payload)?;
-        if !self.line.push(&mut self.subscriptions, channel, payload, realtime().0) {
+        let from = self.provenance();
+        if !self.line.push(&mut self.subscriptions, channel, payload, from) {
             self.stats.unwanted += 1;
         }
         self.stats.queue_dropped = self.line.dropped();
@@ -51,6 +53,13 @@ impl Memq {
         self.subscriptions.remove(id)
     }
 
+    pub(super) fn set_size_max(&mut self, id: SubscriptionId, bytes: usize) -> bool {
+        self.subscriptions.set_size_max(id, bytes)
+    }
+
+    /// Nothing arrives in fragments here.
+    pub(super) fn set_memory_max(&mut self, _bytes: usize) {}
+
     pub(super) fn recv(&mut self) -> io::Result<Option<Received<'_>>> {
         // Before the last one goes, so that no error can take it along; none waits when the caller asks again.
         if self.line.is_empty() {
@@ -59,7 +68,7 @@ impl Memq {
         let waiting = self.line.pop(&mut self.subscriptions);
         Ok(waiting.map(|waiting| {
             self.stats.received += 1;
-            Received { channel: &waiting.channel, payload: &waiting.payload, at: RealtimeNanos(waiting.at) }
+            Received::waiting(waiting)
         }))
     }
 
@@ -69,6 +78,12 @@ impl Memq {
 
     pub(super) fn dropped(&self, id: SubscriptionId) -> Option<u64> {
         self.subscriptions.dropped(id)
+    }
+
+    /// It is always this very process that publishes.
+    fn provenance(&self) -> Provenance {
+        let process = Process { pid: std::process::id(), uid: nix::unistd::geteuid().as_raw() };
+        Provenance { at: realtime().0, published: Some(monotonic()), origin: Origin::Memory(process) }
     }
 
     /// Updates the descriptor.

@@ -1,5 +1,6 @@
 //! In place of `local.rs` where the feature `shm` is off: there is no shared-memory bus.
 
+use crate::origin::{Process, Provenance};
 use crate::url;
 use std::io;
 use std::net::SocketAddrV4;
@@ -27,7 +28,7 @@ impl Local {
         match *self {}
     }
 
-    pub fn recv(&mut self, _: impl FnMut(&str) -> bool) -> bool {
+    pub fn recv(&mut self, _: impl FnMut(&str) -> bool, _: impl Fn(&str, usize) -> bool) -> bool {
         match *self {}
     }
 
@@ -35,7 +36,15 @@ impl Local {
         match *self {}
     }
 
-    pub fn message(&self) -> (&str, &[u8], i64) {
+    pub fn message(&self) -> (&str, &[u8]) {
+        match *self {}
+    }
+
+    pub fn provenance(&self) -> Provenance {
+        match *self {}
+    }
+
+    pub fn process_at(&self, _: SocketAddrV4) -> Option<Process> {
         match *self {}
     }
 

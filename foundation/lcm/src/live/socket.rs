@@ -9,14 +9,17 @@
 //! - without a route, at the start or later, the send socket is bound to 127.0.0.1 instead, which pins it to `lo`
 //!   (Linux `ip_route_output_key_hash_rcu`: a multicast goes out where its source address lives).
 //!
-//! With `interface` in the URL both sockets use that interface and no other.
+//! With `interface` in the URL both sockets use that interface and no other. With a TTL of 0 the bus belongs to this
+//! computer alone: the receive socket gets a filter against datagrams from other hosts before it is bound or joins a
+//! group, and keeps it; if the filter cannot be attached, the socket receives nothing.
+//!
 //! A datagram is sent on one interface and received on that one, so joining on two delivers nothing twice. Datagrams of
 //! a third interface that another process on this host has joined are received as well (`IP_MULTICAST_ALL`, the
 //! kernel's default; the receive socket must be bound to the group, which it is): so `liblcm` peers receive what goes
 //! over `lo`.
 
-use super::{RealtimeNanos, context, sys};
-use crate::filter::Instruction;
+use super::{RealtimeNanos, clock, context, sys};
+use crate::filter::{self, Instruction};
 use crate::udpm::DATAGRAM_MAX;
 use crate::url::{Interface, Udpm};
 use nix::cmsg_space;
@@ -58,6 +61,16 @@ pub struct Arrival {
     pub at: RealtimeNanos,
 }
 
+/// Makes the kernel drop what other hosts send to a multicast socket; to be called before the socket is bound, since
+/// datagrams that wait in it are no longer filtered.
+///
+/// # Errors
+/// The kernel has no socket filters, or no memory for one.
+pub fn keep_local(fd: BorrowedFd<'_>) -> io::Result<()> {
+    let refused = context("cannot attach the socket filter that keeps datagrams of other hosts away");
+    sys::attach_filter(fd, &filter::local()).map_err(refused)
+}
+
 #[derive(Debug)]
 pub struct ReceiveSocket {
     fd: OwnedFd,
@@ -65,6 +78,9 @@ pub struct ReceiveSocket {
     /// The address of the one interface to join on, if the URL names one.
     interface: Option<Ipv4Addr>,
     joined: bool,
+    /// Datagrams of other hosts are kept away.
+    local: bool,
+    /// Unwanted channels are kept away.
     filtered: bool,
     /// Time limit of a call, as last passed to the kernel.
     patience: Duration,
@@ -88,15 +104,16 @@ impl ReceiveSocket {
             .or_else(|_| setsockopt(&fd, sockopt::RcvBuf, &url.recv_buf_size))
             .map_err(context("cannot set SO_RCVBUF"))?;
         let control = cmsg_space!(TimeSpec, u32);
-        let size = getsockopt(&fd, sockopt::RcvBuf).map_err(context("cannot read SO_RCVBUF"))?;
+        let fullness = Fullness::of(fd.as_fd())?;
         Ok(Self {
             fd,
             address: url.address(),
             interface: address_of(url.interface.as_ref())?,
             joined: false,
+            local: url.ttl == 0,
             filtered: false,
             patience: Duration::ZERO,
-            fullness: Fullness::new(size),
+            fullness,
             control,
             overflows: 0,
             dropped: 0,
@@ -126,16 +143,26 @@ impl ReceiveSocket {
         Ok(())
     }
 
-    /// Has the kernel pass what `program` passes; all without one, or where the kernel does not take it. Whether it
-    /// filters now.
-    pub fn filter(&mut self, program: Option<&[Instruction]>) -> bool {
+    /// True if datagrams of other hosts are kept away: of a bus with TTL 0.
+    pub fn is_local(&self) -> bool {
+        self.local
+    }
+
+    /// Makes the kernel pass what `program` passes, which excludes other hosts if this bus does; everything on the bus
+    /// without a program, or if the kernel refuses it. True if it filters channels now.
+    ///
+    /// # Errors
+    /// Other hosts cannot be excluded. What was filtered before still is.
+    pub fn filter(&mut self, program: Option<&[Instruction]>) -> io::Result<bool> {
         let attached = program.is_some_and(|program| sys::attach_filter(self.fd.as_fd(), program).is_ok());
-        if self.filtered && !attached {
+        if !attached && self.local {
+            keep_local(self.fd.as_fd())?;
+        } else if !attached && self.filtered {
             // Cannot fail: there is one.
             let _ = sys::detach_filter(self.fd.as_fd());
         }
         self.filtered = attached;
-        attached
+        Ok(attached)
     }
 
     pub fn filtered(&self) -> bool {
@@ -179,8 +206,8 @@ impl ReceiveSocket {
         let at = at.ok_or_else(|| io::Error::other("the kernel gave no receive time"))?;
         let len = received.bytes;
         // The kernel's counter has what the filter dropped in it, too.
-        let was_full = self.fullness.was_full(len, || sys::receive_memory(self.fd.as_fd()));
-        if !self.filtered || was_full {
+        let was_full = self.fullness.was_full(self.fd.as_fd(), len);
+        if !(self.filtered || self.local) || was_full {
             self.dropped += u64::from(overflows.wrapping_sub(self.overflows));
         }
         self.overflows = overflows;
@@ -214,10 +241,11 @@ impl ReceiveSocket {
     }
 }
 
-/// Detects that the receive buffer was full, without a system call per datagram: before it was full it must have been
-/// three quarters full after a quarter of it has been read.
+/// Detects that the receive buffer of a socket with a filter was full: the kernel's count of drops (`SO_RXQ_OVFL`) has
+/// what the filter refused in it, too. Without a system call per datagram: before it was full it must have been three
+/// quarters full after a quarter of it has been read.
 #[derive(Debug)]
-struct Fullness {
+pub struct Fullness {
     /// Bytes to read between two looks.
     quarter: usize,
     read: usize,
@@ -230,20 +258,26 @@ impl Fullness {
     /// Approximate overhead of a datagram in the buffer, bytes, at most.
     const OVERHEAD: usize = 1280;
 
-    fn new(size: usize) -> Self {
-        Self { quarter: size / 4, read: 0, full: false, emptied: false }
+    /// Of a socket whose buffer has its size.
+    ///
+    /// # Errors
+    /// The kernel does not tell the size.
+    pub fn of(fd: BorrowedFd<'_>) -> io::Result<Self> {
+        let size = getsockopt(&fd, sockopt::RcvBuf).map_err(context("cannot read SO_RCVBUF"))?;
+        Ok(Self { quarter: size / 4, read: 0, full: false, emptied: false })
     }
 
-    fn empty(&mut self) {
+    /// No datagram waits.
+    pub fn empty(&mut self) {
         self.emptied = true;
     }
 
-    /// True if it was full before this datagram of `len` bytes arrived; `memory` gives the used and the total bytes.
-    fn was_full(&mut self, len: usize, memory: impl FnOnce() -> nix::Result<(u32, u32)>) -> bool {
+    /// True if it was full before this datagram of `len` bytes arrived; to be called for each one received.
+    pub fn was_full(&mut self, fd: BorrowedFd<'_>, len: usize) -> bool {
         self.read += len + Self::OVERHEAD;
         if self.read > self.quarter {
             self.read = 0;
-            let (taken, size) = memory().unwrap_or_default();
+            let (taken, size) = sys::receive_memory(fd).unwrap_or_default();
             if u64::from(taken) * 3 >= u64::from(size) * 2 {
                 (self.full, self.emptied) = (true, false);
             }
@@ -334,6 +368,31 @@ impl SendSocket {
 
     pub fn on_loopback(&self) -> bool {
         self.source.ip().is_loopback()
+    }
+}
+
+/// Addresses of this host's interfaces. The kernel drops datagrams from outside with one of them as their source (Linux
+/// `fib_validate_source`), so a datagram from one is of this host.
+#[derive(Debug, Default)]
+pub struct Neighbours {
+    addresses: Vec<Ipv4Addr>,
+    /// Time of the last look, ns of the monotonic clock.
+    looked_at: Option<i64>,
+}
+
+impl Neighbours {
+    /// Minimum time between two looks, ns.
+    const LOOK: i64 = 1_000_000_000;
+
+    /// True if `address` is one of this host; looks again, at times, if it is not known.
+    pub fn has(&mut self, address: Ipv4Addr) -> bool {
+        let now = clock::monotonic();
+        if !self.addresses.contains(&address) && self.looked_at.is_none_or(|at| now - at > Self::LOOK) {
+            self.looked_at = Some(now);
+            let found = getifaddrs().into_iter().flatten();
+            self.addresses = found.filter_map(|entry| Some(entry.address?.as_sockaddr_in()?.ip())).collect();
+        }
+        self.addresses.contains(&address)
     }
 }
 

@@ -14,6 +14,7 @@
 
 use super::clock::{self, Timer};
 use super::{PublishError, RealtimeNanos, Received, SubscribeError, check, context};
+use crate::origin::{Origin, Provenance};
 use crate::queue::Line;
 use crate::receiver::Stats;
 use crate::subscription::{Pattern, PatternError, Queue, SubscriptionId, Subscriptions};
@@ -62,6 +63,8 @@ pub struct Tcpq {
     why_down: String,
     outbox: Outbox,
     stream: Decoder,
+    /// Maximum payload, bytes.
+    message_max: usize,
     /// Time when the bytes in `stream` were read.
     read_at: RealtimeNanos,
     chunk: Box<[u8]>,
@@ -70,6 +73,12 @@ pub struct Tcpq {
     patterns: Vec<(SubscriptionId, String)>,
     line: Line,
     stats: Stats,
+}
+
+/// A hub relays what anybody sends to it; a hub on another computer is trusted no more than the network.
+fn provenance(hub: SocketAddrV4, at: RealtimeNanos) -> Provenance {
+    let origin = if hub.ip().is_loopback() { Origin::Host(None) } else { Origin::Network };
+    Provenance { at: at.0, published: None, origin }
 }
 
 #[derive(Debug)]
@@ -99,6 +108,7 @@ impl Tcpq {
             why_down: "not yet tried".into(),
             outbox: Outbox::default(),
             stream: Decoder::new(Peer::Hub, MESSAGE_MAX as usize),
+            message_max: MESSAGE_MAX as usize,
             read_at: RealtimeNanos(0),
             chunk: vec![0; CHUNK].into(),
             subscriptions: Subscriptions::default(),
@@ -179,20 +189,33 @@ impl Tcpq {
         self.subscriptions.remove(id)
     }
 
+    pub(super) fn set_size_max(&mut self, id: SubscriptionId, bytes: usize) -> bool {
+        self.subscriptions.set_size_max(id, bytes)
+    }
+
+    /// A hub that sends a larger message is disconnected, since the stream cannot be read beyond that message.
+    pub(super) fn set_memory_max(&mut self, bytes: usize) {
+        self.message_max = bytes.min(MESSAGE_MAX as usize);
+        self.stream.set_message_max(self.message_max);
+    }
+
     pub(super) fn recv(&mut self) -> io::Result<Option<Received<'_>>> {
         self.drive()?;
         let direct = self.line.is_empty() && self.subscriptions.unlimited();
         let mut reads = 0;
         let found = loop {
             match self.stream.next_message() {
-                Ok(Some(Message::Publish { channel, .. })) if direct => {
-                    if self.subscriptions.wants(channel) {
+                Ok(Some(Message::Publish { channel, payload, .. })) if direct => {
+                    if self.subscriptions.takes(channel, payload.len()) {
                         break true;
                     }
-                    self.stats.unwanted += 1;
+                    let too_large = self.subscriptions.wants(channel);
+                    self.stats.too_large += u64::from(too_large);
+                    self.stats.unwanted += u64::from(!too_large);
                 }
                 Ok(Some(Message::Publish { channel, payload, .. })) => {
-                    if !self.line.push(&mut self.subscriptions, channel, payload, self.read_at.0) {
+                    let from = provenance(self.hub, self.read_at);
+                    if !self.line.push(&mut self.subscriptions, channel, payload, from) {
                         self.stats.unwanted += 1;
                     }
                     self.stats.queue_dropped = self.line.dropped();
@@ -218,12 +241,12 @@ impl Tcpq {
         };
         if let (true, Some((channel, payload))) = (found, self.stream.published()) {
             self.stats.received += 1;
-            return Ok(Some(Received { channel, payload, at: self.read_at }));
+            return Ok(Some(Received::new(channel, payload, provenance(self.hub, self.read_at))));
         }
         let waiting = self.line.pop(&mut self.subscriptions);
         Ok(waiting.map(|waiting| {
             self.stats.received += 1;
-            Received { channel: &waiting.channel, payload: &waiting.payload, at: RealtimeNanos(waiting.at) }
+            Received::waiting(waiting)
         }))
     }
 
@@ -321,7 +344,7 @@ impl Tcpq {
         self.watches_out = false;
         self.stats.send_refused += self.outbox.messages() as u64;
         self.outbox = Outbox::default();
-        self.stream = Decoder::new(Peer::Hub, MESSAGE_MAX as usize);
+        self.stream = Decoder::new(Peer::Hub, self.message_max);
         self.timer.set_after(self.back_off)?;
         self.back_off = (self.back_off * 2).min(BACK_OFF.1);
         Ok(())

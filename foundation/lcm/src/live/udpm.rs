@@ -1,9 +1,10 @@
 //! The UDP multicast provider: the two sockets and the receiver between them.
 
 use super::local::Local;
-use super::socket::{Arrival, ReceiveSocket, SendSocket};
-use super::{PublishError, RealtimeNanos, Received, SubscribeError};
+use super::socket::{Arrival, Neighbours, ReceiveSocket, SendSocket};
+use super::{PublishError, Received, SubscribeError, clock};
 use crate::filter;
+use crate::origin::{Origin, Provenance};
 use crate::queue::Line;
 use crate::reassembly::Buffer;
 use crate::receiver::{Place, Receiver, Rejections, Stats};
@@ -44,7 +45,7 @@ enum Taken {
     Nothing,
     Unwanted,
     /// `None`: in shared memory.
-    Message(Option<Place>, RealtimeNanos),
+    Message(Option<Place>, Provenance),
 }
 
 /// A place on a UDP multicast bus.
@@ -54,6 +55,7 @@ pub struct Udpm {
     line: Line,
     receive: ReceiveSocket,
     send: SendSocket,
+    neighbours: Neighbours,
     sequence: u32,
     buffer: Buffer,
     self_test: SelfTest,
@@ -73,6 +75,7 @@ impl Udpm {
             line: Line::new(receive.granted_size()?),
             receive,
             send,
+            neighbours: Neighbours::default(),
             sequence: 0,
             buffer: Buffer::default(),
             self_test: SelfTest::NotStarted,
@@ -95,7 +98,7 @@ impl Udpm {
         let sequence = self.sequence;
         let message = self.number(channel, payload)?;
         if let Some(local) = &mut self.local
-            && !local.publish(sequence, channel, payload, now())
+            && !local.publish(sequence, channel, payload, clock::monotonic())
         {
             return Ok(());
         }
@@ -112,9 +115,10 @@ impl Udpm {
     fn transmit(&mut self, channel: &str, message: Message<'_>) -> Result<(), PublishError> {
         let source = self.send.source();
         let result = self.transmit_datagrams(channel, message);
-        // The filter knows which datagrams are our own by where they come from.
+        // The filter recognizes our own datagrams by their source. If a new filter is refused the old one stays, which
+        // lets fragments of our own through.
         if self.send.source() != source && self.receive.filtered() {
-            self.set_filter();
+            let _ = self.set_filter();
         }
         result
     }
@@ -124,7 +128,7 @@ impl Udpm {
         // In shared memory they are our own, too.
         if count > 1 && self.local.is_none() && !self.own_fragments && self.receiver.subscriptions().wants(channel) {
             self.own_fragments = true;
-            self.set_filter();
+            let _ = self.set_filter();
         }
         let mut patience = SEND_PATIENCE;
         for number in 0..count {
@@ -152,9 +156,9 @@ impl Udpm {
 
     pub(super) fn subscribe(&mut self, pattern: &str, queue: Queue) -> Result<SubscriptionId, SubscribeError> {
         let id = self.receiver.subscribe(pattern, queue).map_err(SubscribeError::Pattern)?;
-        self.set_filter();
         let first = self.self_test == SelfTest::NotStarted;
-        if let Err(error) = self.receive.join() {
+        // The filter first: from the moment of joining datagrams are kept.
+        if let Err(error) = self.set_filter().and_then(|()| self.receive.join()) {
             self.receiver.unsubscribe(id);
             return Err(SubscribeError::Io(error));
         }
@@ -173,7 +177,8 @@ impl Udpm {
         let was = self.receiver.unsubscribe(id);
         if was {
             self.line.forget(id);
-            self.set_filter();
+            // If it is refused the old one stays, and what that lets through is dropped here.
+            let _ = self.set_filter();
             self.set_interest();
         }
         was
@@ -186,18 +191,26 @@ impl Udpm {
         }
     }
 
-    /// Attaches a socket filter for the subscriptions, as far as they are plain names.
-    fn set_filter(&mut self) {
-        let program = self.receiver.subscriptions().names().and_then(|names| {
-            let own = self.send.source();
-            filter::program(&names, own, self.own_fragments)
-        });
+    /// Attaches a socket filter for the subscriptions, as far as they are plain names, and against other hosts.
+    fn set_filter(&mut self) -> io::Result<()> {
+        let (own, local) = (self.send.source(), self.receive.is_local());
+        let names = self.receiver.subscriptions().names();
+        let program = names.and_then(|names| filter::program(&names, own, self.own_fragments, local));
         let was = self.receive.filtered();
-        match (was, self.receive.filter(program.as_deref())) {
+        match (was, self.receive.filter(program.as_deref())?) {
             (_, true) => self.receiver.hears_some(),
             (false, false) if self.self_test != SelfTest::NotStarted => {}
             (_, false) => self.receiver.hears_all(now()),
         }
+        Ok(())
+    }
+
+    pub(super) fn set_size_max(&mut self, id: SubscriptionId, bytes: usize) -> bool {
+        self.receiver.set_size_max(id, bytes)
+    }
+
+    pub(super) fn set_memory_max(&mut self, bytes: usize) {
+        self.receiver.set_memory_max(bytes);
     }
 
     pub(super) fn recv(&mut self) -> io::Result<Option<Received<'_>>> {
@@ -255,10 +268,11 @@ impl Udpm {
         }
         loop {
             let Some(local) = &mut self.local else { return Ok(Taken::Nothing) };
-            if local.recv(|channel| self.receiver.subscriptions().wants(channel)) {
+            let subscriptions = self.receiver.subscriptions();
+            if local.recv(|channel| subscriptions.wants(channel), |channel, len| subscriptions.takes(channel, len)) {
                 self.receiver.stats.received += 1;
                 self.receiver.stats.lost += local.take_lost();
-                return Ok(Taken::Message(None, RealtimeNanos(local.message().2)));
+                return Ok(Taken::Message(None, local.provenance()));
             }
             if !local.passes_socket() {
                 match self.take_datagram(None)? {
@@ -291,24 +305,29 @@ impl Udpm {
             return Ok(Taken::Unwanted);
         }
         let place = self.receiver.handle_rx(at.0, from, &mut self.buffer, len);
-        Ok(place.map_or(Taken::Unwanted, |place| Taken::Message(Some(place), at)))
+        let Some(place) = place else { return Ok(Taken::Unwanted) };
+        let origin = match self.receive.is_local() || self.neighbours.has(*from.ip()) {
+            true => Origin::Host(self.local.as_ref().and_then(|local| local.process_at(from))),
+            false => Origin::Network,
+        };
+        Ok(Taken::Message(Some(place), Provenance { at: at.0, published: None, origin }))
     }
 
-    fn received(&self, place: Option<Place>, at: RealtimeNanos) -> Received<'_> {
+    fn received(&self, place: Option<Place>, from: Provenance) -> Received<'_> {
         let (channel, payload) = match (place, &self.local) {
             (Some(place), _) => self.receiver.message(place, &self.buffer),
-            (None, Some(local)) => (local.message().0, local.message().1),
+            (None, Some(local)) => local.message(),
             (None, None) => ("", &[][..]),
         };
-        Received { channel, payload, at }
+        Received::new(channel, payload, from)
     }
 
-    fn put_in_line(&mut self, place: Option<Place>, at: RealtimeNanos) {
+    fn put_in_line(&mut self, place: Option<Place>, from: Provenance) {
         match (place, &self.local) {
-            (Some(place), _) => self.receiver.put_in_line(place, &self.buffer, at.0, &mut self.line),
+            (Some(place), _) => self.receiver.put_in_line(place, &self.buffer, from, &mut self.line),
             (None, Some(local)) => {
-                let (channel, payload, at) = local.message();
-                self.line.push(self.receiver.subscriptions_mut(), channel, payload, at);
+                let (channel, payload) = local.message();
+                self.line.push(self.receiver.subscriptions_mut(), channel, payload, from);
                 self.receiver.stats.queue_dropped = self.line.dropped();
             }
             (None, None) => {}
@@ -316,8 +335,7 @@ impl Udpm {
     }
 
     fn pop(&mut self) -> Option<Received<'_>> {
-        let waiting = self.line.pop(self.receiver.subscriptions_mut())?;
-        Some(Received { channel: &waiting.channel, payload: &waiting.payload, at: RealtimeNanos(waiting.at) })
+        self.line.pop(self.receiver.subscriptions_mut()).map(Received::waiting)
     }
 
     /// True if a message waits that the descriptor does not signal.
@@ -357,6 +375,12 @@ impl Udpm {
     #[must_use]
     pub fn self_test(&self) -> SelfTest {
         self.self_test
+    }
+
+    /// True if the kernel keeps datagrams of other hosts away: the bus has a TTL of 0.
+    #[must_use]
+    pub fn is_local(&self) -> bool {
+        self.receive.is_local()
     }
 
     /// True if the kernel keeps unwanted channels away: all subscriptions are plain names.

@@ -31,7 +31,7 @@ impl Bench {
 
     fn insert(&mut self, from: SocketAddrV4, bytes: &[u8]) -> Outcome {
         self.datagram.room()[..bytes.len()].copy_from_slice(bytes);
-        self.reassembly.insert(self.now, from, &mut self.datagram, bytes.len(), |channel| channel != "UNWANTED")
+        self.reassembly.insert(self.now, from, &mut self.datagram, bytes.len(), |channel, _| channel != "UNWANTED")
     }
 
     fn all(&mut self, from: SocketAddrV4, datagrams: &[Vec<u8>]) -> Vec<Outcome> {
@@ -175,4 +175,66 @@ fn fragments_that_lie_upon_each_other_make_no_message() {
     let outcomes = bench.all(A, &datagrams);
     assert_eq!(outcomes, [[Outcome::Incomplete; 3].as_slice(), &[Outcome::Needless]].concat());
     assert_eq!((bench.reassembly.complete(), bench.reassembly.given_up()), (None, 1));
+}
+
+/// A datagram with 8 bytes of data at `offset` of a message of `total` bytes, fragment `number` of two.
+fn far(sequence: u32, total: u32, offset: u32, number: u16) -> Vec<u8> {
+    let numbers = [udpm::FRAGMENT_MAGIC, sequence, total, offset].map(u32::to_be_bytes);
+    let counts = [number, 2].map(u16::to_be_bytes);
+    [numbers.as_flattened(), counts.as_flattened(), if number == 0 { b"BIG\0" } else { b"" }, &[7; 8]].concat()
+}
+
+#[test]
+fn an_announced_size_costs_no_memory() {
+    let mut bench = Bench::new(Limits::default());
+    assert_eq!(bench.insert(A, &far(0, MESSAGE_MAX, MESSAGE_MAX - 10, 1)), Outcome::Incomplete);
+    assert!(bench.reassembly.bytes() < 200, "{} bytes for a datagram of 28", bench.reassembly.bytes());
+    assert_eq!(bench.insert(A, &far(1, MESSAGE_MAX, 0, 0)), Outcome::Incomplete);
+    assert!(bench.reassembly.bytes() < 500, "{} bytes for two datagrams", bench.reassembly.bytes());
+}
+
+#[test]
+fn each_byte_that_is_held_has_arrived() {
+    let (len, mut arrived) = (3_000_000, 0);
+    let datagrams = fragments(7, "BIG", len, 1452);
+    let backwards: Vec<_> = datagrams.iter().rev().cloned().collect();
+    for order in [datagrams, backwards] {
+        let mut bench = Bench::new(Limits::default());
+        for datagram in &order {
+            arrived += datagram.len() + EARLY_OVERHEAD;
+            bench.insert(A, datagram);
+            assert!(bench.reassembly.bytes() <= 2 * arrived);
+        }
+        assert!(bench.complete() == ("BIG", &payload(len)[..]));
+    }
+}
+
+#[test]
+fn a_budget_keeps_what_is_wanted_and_gives_up_the_oldest_of_what_nobody_named() {
+    let limits = Limits { bytes: 300_000, ..Limits::default() };
+    let mut bench = Bench::new(limits);
+    let datagrams = fragments(9, "BIG", 100_000, 1452);
+    let (last, all) = (datagrams.len() - 1, &datagrams);
+    for (number, datagram) in all.iter().enumerate().take(last) {
+        assert_eq!(bench.insert(A, datagram), Outcome::Incomplete);
+        for k in 0..3 {
+            let mut early = fragments(0, "X", 100_000, 30_000).swap_remove(1);
+            early[4..8].copy_from_slice(&(100 + 3 * number as u32 + k).to_be_bytes());
+            bench.insert(B, &early);
+            assert!(bench.reassembly.bytes() <= limits.bytes);
+        }
+    }
+    assert!(bench.reassembly.given_up() > 100);
+    assert_eq!(bench.insert(A, &all[last]), Outcome::Complete);
+    assert!(bench.complete() == ("BIG", &payload(100_000)[..]));
+}
+
+#[test]
+fn a_message_larger_than_the_budget_is_refused_by_its_first_fragment() {
+    let mut bench = Bench::new(Limits { bytes: 1 << 20, ..Limits::default() });
+    let datagrams = fragments(0, "BIG", 1 << 20, DATAGRAM_MAX);
+    assert_eq!(bench.insert(A, &datagrams[1]), Outcome::Needless);
+    assert_eq!((bench.reassembly.bytes(), bench.reassembly.given_up()), (0, 0), "perhaps nobody wants it");
+    assert!(bench.all(A, &datagrams).iter().all(|outcome| *outcome == Outcome::Needless));
+    assert_eq!((bench.reassembly.bytes(), bench.reassembly.given_up()), (0, 1));
 }

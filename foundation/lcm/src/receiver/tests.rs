@@ -83,3 +83,19 @@ fn gaps_are_losses_only_where_all_datagrams_are_heard() {
     receiver.hears_some();
     assert_eq!((hear(&mut receiver, 20), receiver.sources().len()), (2, 0));
 }
+
+#[test]
+fn a_subscription_takes_messages_up_to_its_size_and_counts_the_others() {
+    let mut receiver = Receiver::default();
+    let id = receiver.subscribe("A", Queue::Transport).unwrap();
+    assert!(receiver.set_size_max(id, 100_000));
+    let taken = |receiver: &mut Receiver, sequence, len| {
+        let datagrams = datagrams(sequence, "A", &vec![1; len]);
+        datagrams.iter().filter_map(|bytes| take(receiver, publisher(1), bytes)).count()
+    };
+    assert_eq!([5, 100_000, 100_001].map(|len| taken(&mut receiver, len as u32, len)), [1, 1, 0]);
+    assert!(receiver.set_size_max(id, 10));
+    assert_eq!([10, 11].map(|len| taken(&mut receiver, len as u32, len)), [1, 0]);
+    let Stats { received, unwanted, too_large, incomplete, .. } = receiver.stats;
+    assert_eq!((received, unwanted, too_large, incomplete), (3, 0, 2, 0));
+}

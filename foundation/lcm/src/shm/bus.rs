@@ -7,6 +7,7 @@ use super::ring::{BUCKETS, Copy, Kind, Message, Read, Reader, Writer, bucket};
 use super::station::{Board, Interest, Station};
 use super::sync::{Ordering, Value};
 use crate::live::sys;
+use crate::origin::Process;
 use crate::udpm::MESSAGE_MAX;
 use crate::url::Udpm;
 use nix::errno::Errno;
@@ -26,11 +27,13 @@ use std::time::Duration;
 const ROOT: &str = "/dev/shm";
 /// Validity of a check for other listeners, ms.
 const LOOK_MS: Value = 1000;
-/// Additional validity for a thread with a real-time priority: the check takes 2 ms on a small processor, and other
-/// threads do it.
-const LEFT_TO_OTHERS_MS: Value = LOOK_MS / 2;
+/// Age of the last check from which a thread with a real-time priority sends datagrams, too. It never checks by itself:
+/// that takes 2 ms on a small processor, and other threads do it.
+const OVERDUE_MS: Value = 2 * LOOK_MS;
 /// Maximum number of records that one [`Bus::recv`] passes over before it returns.
 const PASSED_MAX: usize = 4096;
+/// Cost of a payload that could not be fetched from its file, in such records: a system call or three.
+const FETCH_COST: usize = 16;
 /// Maximum number of attempts to join.
 const JOIN_TRIES: u32 = 10;
 /// Messages in a row from one ring.
@@ -60,6 +63,10 @@ pub struct Bus {
     /// The generation of `peers`.
     generation: Value,
     left: Vec<Left>,
+    /// Publishers whose files were truncated: their datagrams are accepted.
+    cut: Vec<Left>,
+    /// Publishers of other users who were found dead, with the generation of that: they cannot be marked.
+    found_dead: Vec<(String, Value)>,
     writer: Writer,
     /// Bytes of the own ring that have memory behind them.
     reserved: usize,
@@ -80,6 +87,8 @@ pub struct Bus {
     turn: usize,
     in_turn: u32,
     copy: Copy,
+    /// Publisher of the message in `copy`.
+    from: Option<Process>,
     lost: u64,
 }
 
@@ -88,18 +97,25 @@ struct Peer {
     name: String,
     station: Station,
     source: SocketAddrV4,
+    process: Option<Process>,
     /// While this context subscribes.
     reader: Option<Reader>,
     bell: Option<OwnedFd>,
+    /// The sleep for which its bell was rung last from here, if it is another user's and cannot be marked as woken.
+    rung: Option<Value>,
+    /// Sequence number of the message that was taken last.
+    taken: Option<u32>,
     /// True if it will publish nothing more.
     ended: bool,
 }
 
-/// A publisher whose ring was read to its end.
+/// A publisher whose ring was read to its end, or can no longer be read.
 #[derive(Debug)]
 struct Left {
     name: String,
     source: SocketAddrV4,
+    process: Option<Process>,
+    taken: Option<u32>,
     at: i64,
 }
 
@@ -137,8 +153,8 @@ impl Bus {
 
     fn try_join(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u32) -> io::Result<Self> {
         let folder = Folder::open(root, url)?;
-        let lock = folder.board()?;
-        let board = Board::open(&lock)?;
+        let (board_file, lock) = folder.board()?;
+        let board = Board::open(&board_file)?;
         folder.clean()?;
         let name = format!("{}-{:x}", std::process::id(), realtime());
         let file = folder.create(&name)?;
@@ -147,7 +163,11 @@ impl Bus {
             folder.show(&name)?;
             Ok((station, bell))
         });
-        let (station, bell) = made.inspect_err(|_| folder.remove(&name))?;
+        let joined =
+            made.and_then(
+                |made| if folder.has_board(&board_file) { Ok(made) } else { Err(io::ErrorKind::NotFound.into()) },
+            );
+        let (station, bell) = joined.inspect_err(|_| folder.remove(&name))?;
         board.changed();
         drop(lock);
         let writer = Writer::new(station.ring());
@@ -162,6 +182,8 @@ impl Bus {
             peers: Vec::new(),
             generation: 0,
             left: Vec::new(),
+            cut: Vec::new(),
+            found_dead: Vec::new(),
             writer,
             reserved: 0,
             asides: VecDeque::new(),
@@ -176,6 +198,7 @@ impl Bus {
             turn: 0,
             in_turn: 0,
             copy: Copy::default(),
+            from: None,
             lost: 0,
         };
         bus.scan();
@@ -194,7 +217,7 @@ impl Bus {
     /// Writes a message to the ring and wakes who wants it. The result: a datagram is needed, too. Never waits.
     pub fn publish(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> bool {
         self.refresh();
-        if !self.retired && self.write(sequence, channel, payload, at).is_err() {
+        if !self.retired && (self.write(sequence, channel, payload, at).is_err() || self.is_cut()) {
             self.retire(sequence);
         }
         bell::written();
@@ -207,6 +230,8 @@ impl Bus {
                 // A datagram wakes it, too.
                 deaf |= !peer.ring(&self.folder, sleep);
             }
+            // It cannot say whether it sleeps.
+            deaf |= peer.station.is_cut();
         }
         self.mirror(sequence) || deaf
     }
@@ -265,6 +290,11 @@ impl Bus {
         self.retired = true;
     }
 
+    /// True if the own part of shared memory is not shared any more.
+    fn is_cut(&self) -> bool {
+        self.station.is_cut() || self.board.is_cut()
+    }
+
     /// True if a process without a station may be listening.
     fn mirror(&mut self, sequence: u32) -> bool {
         // Readers notice a new listener by its self test; without readers there is nothing to save.
@@ -274,10 +304,15 @@ impl Bus {
         let now = now();
         let looked_at = self.board.looked_at().load(Ordering::Relaxed);
         let age = now.wrapping_sub(looked_at);
-        if is_due(age, sys::is_real_time) {
-            self.look(now, looked_at, age, sequence);
-        }
-        self.retired || self.board.listeners().load(Ordering::Acquire) & 3 != Listeners::None as Value
+        let overdue = match due(age, sys::is_real_time) {
+            Due::No => false,
+            Due::Here => {
+                self.look(now, looked_at, age, sequence);
+                false
+            }
+            Due::Elsewhere => age >= OVERDUE_MS,
+        };
+        overdue || self.retired || self.board.listeners().load(Ordering::Acquire) & 3 != Listeners::None as Value
     }
 
     /// Looks who listens, unless another does just now.
@@ -299,8 +334,9 @@ impl Bus {
         while self.asides.front().is_some_and(|aside| now.wrapping_sub(aside.at) > ASIDE_MS) {
             self.drop_aside();
         }
-        // The folder may be removed (by a logout, for example); a ring that cannot be found is useless.
-        if !self.retired && !self.folder.has(&self.name) {
+        // The folder may be removed (by a logout, for example); a ring that cannot be found, or opened, is useless.
+        let whole = self.file.as_deref().is_some_and(Station::is_whole) && self.folder.has(&self.name);
+        if !self.retired && !whole {
             self.retire(sequence.wrapping_add(1));
         }
         self.census();
@@ -344,14 +380,21 @@ impl Bus {
 
     /// Takes the next wanted message, for [`Bus::message`]. False: no more messages now, or so many unwanted ones that
     /// the caller should do its other work; the bell is readable then.
-    pub fn recv(&mut self, mut wants: impl FnMut(&str) -> bool) -> bool {
+    ///
+    /// `takes` decides, by its size in bytes, about a payload that lies in a file of its own.
+    pub fn recv(&mut self, mut wants: impl FnMut(&str) -> bool, takes: impl Fn(&str, usize) -> bool) -> bool {
         self.refresh();
         let (mut passed, mut empty) = (0, 0);
         while empty < self.peers.len() {
             self.turn %= self.peers.len();
             let peer = &mut self.peers[self.turn];
             let Some(reader) = &mut peer.reader else { return false };
-            match reader.read(peer.station.ring(), &mut self.copy, |bucket| self.buckets[bucket], &mut wants) {
+            let read = reader.read(peer.station.ring(), &mut self.copy, |bucket| self.buckets[bucket], &mut wants);
+            if peer.station.is_cut() {
+                self.abandon();
+                continue;
+            }
+            match read {
                 Read::Empty if peer.ended => {
                     self.bury();
                     continue;
@@ -362,14 +405,14 @@ impl Bus {
                     continue;
                 }
                 Read::Message(Kind::Message) => {}
-                Read::Message(_) if fetch(&self.folder, &peer.name, &mut self.copy) => {}
-                Read::Message(_) => {
-                    self.lost += 1;
-                    continue;
-                }
-                Read::Passed => {
-                    (passed, empty) = (passed + 1, 0);
-                    if passed == PASSED_MAX {
+                Read::Message(_)
+                    if takes(self.copy.channel(), self.copy.header.len as usize)
+                        && fetch(&self.folder, (&peer.name, peer.station.uid()), &mut self.copy) => {}
+                read => {
+                    let fetched = read != Read::Passed;
+                    self.lost += u64::from(fetched);
+                    (passed, empty) = (passed + if fetched { FETCH_COST } else { 1 }, 0);
+                    if passed >= PASSED_MAX {
                         self.stay_readable();
                         self.busy = true;
                         return false;
@@ -378,6 +421,7 @@ impl Bus {
                 }
             }
             self.lost += mem::take(&mut reader.lost);
+            (self.from, peer.taken) = (peer.process, Some(self.copy.header.sequence));
             self.in_turn += 1;
             if self.in_turn >= TURN {
                 self.next_turn();
@@ -389,10 +433,23 @@ impl Bus {
         false
     }
 
-    /// The message that [`Bus::recv`] took: channel, payload, and when it was published, ns since 1970.
+    /// The message that [`Bus::recv`] took: channel, payload, and when it was published, ns of the monotonic clock,
+    /// which all processes of this machine share.
     pub fn message(&self) -> (&str, &[u8], i64) {
         let header = self.copy.header;
         (self.copy.channel(), &self.copy.payload[..header.len as usize], header.at)
+    }
+
+    /// Publisher of that message.
+    pub fn from(&self) -> Option<Process> {
+        self.from
+    }
+
+    /// The process whose datagrams come from `source`, if it has, or had, a station.
+    pub fn process_at(&self, source: SocketAddrV4) -> Option<Process> {
+        let peers = self.peers.iter().map(|peer| (peer.source, peer.process));
+        let others = self.cut.iter().chain(&self.left).map(|left| (left.source, left.process));
+        peers.chain(others).find(|(known, _)| *known == source)?.1
     }
 
     /// True if [`Bus::recv`] took anything since the latest sleep.
@@ -408,7 +465,22 @@ impl Bus {
     fn bury(&mut self) {
         let peer = self.peers.swap_remove(self.turn);
         self.buried = true;
-        self.left.push(Left { name: peer.name, source: peer.source, at: realtime() });
+        self.left.push(peer.leave());
+    }
+
+    /// Gives up the ring whose turn it is: its file was truncated. Its content is lost, and what its publisher and all
+    /// others send from now on arrives by datagrams.
+    fn abandon(&mut self) {
+        let peer = self.peers.swap_remove(self.turn);
+        self.lost += 1;
+        self.cut.push(peer.leave());
+        self.be_plain();
+    }
+
+    /// Others send datagrams from now on.
+    fn be_plain(&mut self) {
+        self.station.set_plain();
+        self.tell(Listeners::Some);
     }
 
     /// True if a datagram, received at `at`, is dropped because its publisher's ring has that message.
@@ -416,7 +488,13 @@ impl Bus {
         // A station is shown before its first datagram is sent, so it is known now.
         self.refresh();
         if let Some(peer) = self.peers.iter().find(|peer| peer.source == source) {
-            return peer.reader.is_some() && !peer.station.retired(sequence);
+            let cut = peer.station.is_cut();
+            return peer.reader.is_some()
+                && if cut { is_taken(peer.taken, sequence) } else { !peer.station.retired(sequence) };
+        }
+        // Its waiting datagrams carry messages that were read before its file was truncated.
+        if let Some(cut) = self.cut.iter().find(|cut| cut.source == source) {
+            return is_taken(cut.taken, sequence);
         }
         self.left.iter().any(|left| left.source == source && at < left.at.saturating_add(LATE_NS))
     }
@@ -454,7 +532,7 @@ impl Bus {
         self.received = false;
         if self.station.drained() != self.generation {
             self.station.set_drained(self.generation);
-            if mem::take(&mut self.buried) {
+            if mourns(&mut self.buried, sys::is_real_time) {
                 self.census();
             }
         }
@@ -478,6 +556,9 @@ impl Bus {
         if self.board.generation() != self.generation {
             self.scan();
         }
+        if self.board.is_cut() && !self.station.is_plain() {
+            self.be_plain();
+        }
     }
 
     /// Finds who has come and who has left.
@@ -489,7 +570,10 @@ impl Bus {
         });
         for peer in &mut self.peers {
             peer.ended |= peer.station.ended() != 0 || !names.contains(&peer.name);
-            peer.source = peer.station.source();
+            let source = peer.station.source();
+            if !peer.station.is_cut() {
+                peer.source = source;
+            }
         }
         let reads = self.station.reads();
         if !reads {
@@ -498,8 +582,10 @@ impl Bus {
         // As long as its station is there it must not be taken for a new one, and read again.
         let now = realtime();
         self.left.retain(|left| now < left.at.saturating_add(LATE_NS) || names.contains(&left.name));
+        self.cut.retain(|cut| names.contains(&cut.name));
         for name in names {
-            if self.peers.iter().any(|peer| peer.name == name) || self.left.iter().any(|left| left.name == name) {
+            let known = self.left.iter().chain(&self.cut).any(|left| left.name == name);
+            if known || self.peers.iter().any(|peer| peer.name == name) {
                 continue;
             }
             let opened = match self.peers.len() {
@@ -509,8 +595,10 @@ impl Bus {
             match opened {
                 Ok(station) => {
                     let (source, ended) = (station.source(), station.ended() != 0);
+                    let process = process(&name, station.uid());
                     let reader = reads.then(Reader::from_start);
-                    self.peers.push(Peer { name, station, source, reader, bell: None, ended });
+                    let (bell, rung, taken) = (None, None, None);
+                    self.peers.push(Peer { name, station, source, process, reader, bell, rung, taken, ended });
                 }
                 // It has left meanwhile.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
@@ -529,24 +617,33 @@ impl Bus {
         let Ok(names) = self.folder.stations() else { return };
         let mut dead = Vec::new();
         for name in names.into_iter().filter(|name| *name != self.name) {
-            if let Some(lock) = self.folder.dead(&name) {
-                dead.push((name, lock));
+            if let Some((lock, ours)) = self.folder.dead(&name) {
+                dead.push((name, lock, ours));
             }
         }
+        self.found_dead.retain(|(name, _)| dead.iter().any(|(dead, ..)| dead == name));
         let mut changed = false;
-        for (name, lock) in &dead {
-            let Ok(station) = Station::open(lock) else {
+        for (name, _lock, ours) in &dead {
+            // What another user left is removed by that user, or by the folder's owner.
+            if !ours && !self.folder.is_ours() {
+                continue;
+            }
+            let Ok(station) = self.folder.station(name).and_then(|file| Station::open(&file)) else {
                 self.folder.remove(name);
                 continue;
             };
-            let mut ended = station.ended();
+            let known = self.found_dead.iter().find(|(dead, _)| dead == name).map_or(0, |(_, ended)| *ended);
+            let mut ended = if *ours { station.ended() } else { known };
             if ended == 0 {
                 ended = self.board.changed();
-                station.set_ended(ended);
                 changed = true;
+                match ours {
+                    true => station.set_ended(ended),
+                    false => self.found_dead.push((name.clone(), ended)),
+                }
             }
             let live =
-                |peer: &&Peer| peer.station.reads() && !peer.ended && !dead.iter().any(|(dead, _)| *dead == peer.name);
+                |peer: &&Peer| peer.station.reads() && !peer.ended && !dead.iter().any(|(dead, ..)| *dead == peer.name);
             if self.peers.iter().filter(live).all(|peer| reached(peer.station.drained(), ended)) {
                 self.folder.remove(name);
                 self.board.changed();
@@ -571,15 +668,25 @@ impl Bus {
 }
 
 impl Peer {
+    fn leave(self) -> Left {
+        Left { name: self.name, source: self.source, process: self.process, taken: self.taken, at: realtime() }
+    }
+
     /// Wakes it; false if that is not possible.
     fn ring(&mut self, folder: &Folder, sleep: Value) -> bool {
+        if self.rung == Some(sleep) {
+            return true;
+        }
+        let ours = self.station.is_ours();
         if self.bell.is_none() {
-            self.bell = folder.bell(&self.name).ok();
+            self.bell = folder.bell(&self.name, ours).ok();
         }
         // EAGAIN: it is full of rings already.
         let rang = self.bell.as_ref().is_some_and(|bell| matches!(write(bell, &[0]), Ok(_) | Err(Errno::EAGAIN)));
-        if rang {
-            bell::rang(self.station.sleep(), sleep);
+        match (rang, ours) {
+            (true, true) => bell::rang(self.station.sleep(), sleep),
+            (true, false) => self.rung = Some(sleep),
+            (false, _) => {}
         }
         rang
     }
@@ -615,23 +722,52 @@ fn drained(peers: &[Peer], own: &str) -> bool {
     })
 }
 
-fn fetch(folder: &Folder, name: &str, copy: &mut Copy) -> bool {
+/// The process that has a station.
+fn process(name: &str, uid: u32) -> Option<Process> {
+    let pid = name.split_once('-')?.0.parse().ok()?;
+    Some(Process { pid, uid })
+}
+
+fn fetch(folder: &Folder, (name, uid): (&str, u32), copy: &mut Copy) -> bool {
     let (sequence, len) = (copy.header.sequence, copy.header.len);
-    len <= MESSAGE_MAX && folder.fetch_aside(name, sequence, &mut copy.payload, len as usize).is_ok()
+    len <= MESSAGE_MAX && folder.fetch_aside(name, uid, sequence, &mut copy.payload, len as usize).is_ok()
+}
+
+/// True if a message was taken, the latest of which is `taken`.
+fn is_taken(taken: Option<u32>, sequence: u32) -> bool {
+    taken.is_some_and(|taken| taken.wrapping_sub(sequence) < 1 << 31)
 }
 
 fn reached(generation: Value, wanted: Value) -> bool {
     generation.wrapping_sub(wanted) < Value::MAX / 2
 }
 
-/// True if it is this thread's turn to look, `age` ms after the last look; ages come around.
-fn is_due(age: Value, is_real_time: impl FnOnce() -> bool) -> bool {
-    (LOOK_MS..Value::MAX / 2).contains(&age) && (age >= LOOK_MS + LEFT_TO_OTHERS_MS || !is_real_time())
+/// Whose turn it is to look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Due {
+    No,
+    Here,
+    Elsewhere,
+}
+
+/// Whose turn it is, `age` ms after the last look; ages come around.
+fn due(age: Value, is_real_time: impl FnOnce() -> bool) -> Due {
+    match (LOOK_MS..Value::MAX / 2).contains(&age) {
+        false => Due::No,
+        true if is_real_time() => Due::Elsewhere,
+        true => Due::Here,
+    }
 }
 
 fn nanos(clock: ClockId) -> io::Result<i64> {
     let time = Duration::from(clock_gettime(clock)?);
     Ok(time.as_nanos() as i64)
+}
+
+/// Whether a census is due: a departed peer was read to its end. It walks the folder and opens what is there; threads
+/// with a real-time priority leave that to the looks of others.
+fn mourns(buried: &mut bool, is_real_time: impl FnOnce() -> bool) -> bool {
+    *buried && !is_real_time() && mem::take(buried)
 }
 
 /// ns since 1970.
@@ -649,11 +785,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_look_is_left_to_those_without_a_real_time_priority_as_long_as_one_looks() {
-        let due = |age| [false, true].map(|real_time| is_due(age, || real_time));
-        assert_eq!(due(LOOK_MS - 1), [false, false]);
-        assert_eq!(due(LOOK_MS), [true, false]);
-        assert_eq!(due(LOOK_MS + LEFT_TO_OTHERS_MS), [true, true]);
-        assert_eq!(due(Value::MAX), [false, false], "another looked after we took the time");
+    fn a_look_is_left_to_those_without_a_real_time_priority() {
+        let turn = |age| [false, true].map(|real_time| due(age, || real_time));
+        assert_eq!(turn(LOOK_MS - 1), [Due::No; 2]);
+        for age in [LOOK_MS, OVERDUE_MS, 100 * LOOK_MS] {
+            assert_eq!(turn(age), [Due::Here, Due::Elsewhere]);
+        }
+        assert_eq!(turn(Value::MAX), [Due::No; 2], "another looked after we took the time");
+    }
+
+    #[test]
+    fn a_census_is_left_to_those_without_a_real_time_priority() {
+        let mut buried = true;
+        assert!(!mourns(&mut buried, || true) && buried);
+        assert!(mourns(&mut buried, || false) && !buried);
+        assert!(!mourns(&mut buried, || false));
     }
 }

@@ -116,7 +116,7 @@ pub struct Header {
     pub sequence: u32,
     /// Payload bytes.
     pub len: u32,
-    /// Time of publication, ns since 1970.
+    /// Time of publication, ns of the monotonic clock.
     pub at: i64,
     /// Number of messages of its bucket published before it.
     count: u32,
@@ -288,7 +288,7 @@ impl Writer {
 pub struct Message<'a> {
     /// The publisher's number of the message.
     pub sequence: u32,
-    /// Time of publication, ns since 1970.
+    /// Time of publication, ns of the monotonic clock.
     pub at: i64,
     /// 1 to 63 bytes.
     pub channel: &'a str,

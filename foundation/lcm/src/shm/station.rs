@@ -1,16 +1,18 @@
 //! What one context shares with the others: who it is, what it wants, whether it sleeps, and the ring of what it has
 //! published. Words of a mapped file; the first page holds all but the ring's data.
 
-use super::memory::{Memory, reserve};
+use super::folder::StationFile;
+use super::memory::{Access, Memory, reserve};
 use super::ring::{self, Ring};
 use super::sync::{Ordering, Value, Word, fence};
 use std::fs::File;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4};
+use std::os::unix::fs::MetadataExt;
 
 /// Changes with every change of anything in shared memory. It is part of the folder's name, so that programs with
 /// different layouts never meet there: they are plain listeners to each other.
-pub const LAYOUT: usize = 10 + size_of::<Value>();
+pub const LAYOUT: usize = 30 + size_of::<Value>();
 /// Bytes of the ring: some 20 ms of the heaviest traffic that one robot's publisher makes. Memory is behind it only as
 /// far as it was used.
 pub const RING: usize = 4 << 20;
@@ -48,16 +50,21 @@ impl Interest {
     }
 }
 
-/// A context's shared memory.
+/// A context's shared memory. That of another user is read-only.
 #[derive(Debug)]
-pub struct Station(Memory);
+pub struct Station {
+    memory: Memory,
+    uid: u32,
+    ours: bool,
+}
 
 impl Station {
     /// Makes one of an empty file.
     pub fn create(file: &File, source: SocketAddrV4, inode: u32) -> io::Result<Self> {
         file.set_len((HEAD + RING) as u64)?;
         reserve(file, 0, HEAD)?;
-        let station = Self(Memory::map(file, HEAD + RING)?);
+        let (memory, uid) = (Memory::map(file, HEAD + RING, Access::Write)?, file.metadata()?.uid());
+        let station = Self { memory, uid, ours: true };
         station.set(INODE, Value::from(inode));
         station.set(LAYOUT_AT, LAYOUT as Value);
         station.set_source(source);
@@ -65,19 +72,40 @@ impl Station {
     }
 
     /// Opens a station that another process made.
-    pub fn open(file: &File) -> io::Result<Self> {
-        if file.metadata()?.len() < (HEAD + RING) as u64 {
+    pub fn open(StationFile { file, uid, ours }: &StationFile) -> io::Result<Self> {
+        if !Self::is_whole(file) {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "too short"));
         }
-        let station = Self(Memory::map(file, HEAD + RING)?);
+        let access = if *ours { Access::Write } else { Access::Read };
+        let station = Self { memory: Memory::map(file, HEAD + RING, access)?, uid: *uid, ours: *ours };
         match station.get(LAYOUT_AT) == LAYOUT as Value {
             true => Ok(station),
             false => Err(io::Error::new(io::ErrorKind::InvalidData, "another layout")),
         }
     }
 
+    /// Owner of the file, the only user who writes there.
+    pub fn uid(&self) -> u32 {
+        self.uid
+    }
+
+    /// True if this process may write there: it is of the same user.
+    pub fn is_ours(&self) -> bool {
+        self.ours
+    }
+
+    /// True if its file was found cut short, or is empty since: then nothing that is read here counts.
+    pub fn is_cut(&self) -> bool {
+        self.get(LAYOUT_AT) != LAYOUT as Value || self.memory.is_cut()
+    }
+
+    /// True if the file of a station is as long as it was made.
+    pub fn is_whole(file: &File) -> bool {
+        file.metadata().is_ok_and(|found| found.len() >= (HEAD + RING) as u64)
+    }
+
     fn word(&self, at: usize) -> &Word {
-        &self.0.words()[at]
+        &self.memory.words()[at]
     }
 
     fn get(&self, at: usize) -> Value {
@@ -90,7 +118,7 @@ impl Station {
 
     /// The ring of what it publishes.
     pub fn ring(&self) -> Ring<'_> {
-        let words = self.0.words();
+        let words = self.memory.words();
         let (head, data) = words.split_at(HEAD / size_of::<Value>());
         Ring { control: &head[CONTROL..CONTROL + ring::CONTROL], data }
     }
@@ -194,7 +222,7 @@ impl Station {
             }
         }
         // Bits that stay are set in both: nothing that is wanted all along is missed in between.
-        for (word, bits) in self.0.words()[INTEREST..INTEREST_END].iter().zip(bits) {
+        for (word, bits) in self.memory.words()[INTEREST..INTEREST_END].iter().zip(bits) {
             word.store(bits, Ordering::Relaxed);
         }
         fence(Ordering::SeqCst);
@@ -216,7 +244,12 @@ impl Board {
             file.set_len(HEAD as u64)?;
         }
         reserve(file, 0, HEAD)?;
-        Memory::map(file, HEAD).map(Self)
+        Memory::map(file, HEAD, Access::Write).map(Self)
+    }
+
+    /// True if its file was found cut short: then this context knows nothing of the others any more.
+    pub fn is_cut(&self) -> bool {
+        self.0.is_cut()
     }
 
     /// Goes up with every change in the folder.

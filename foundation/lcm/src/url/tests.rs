@@ -82,7 +82,7 @@ fn a_wrong_url_is_one_clear_line() {
         ("udpm://?ttl=+1", "LCM URL: ttl=`+1`; allowed is 0 to 255"),
         ("udpm://?ttl=010", "LCM URL: ttl=`010`; allowed is 0 to 255"),
         ("udpm://?recv_buf_size=-1", "LCM URL: recv_buf_size=`-1`; allowed is 0 to 1073741823"),
-        ("udpm://?shm=on", "LCM URL: shm=`on`; allowed is off or auto"),
+        ("udpm://?shm=on", "LCM URL: shm=`on`; allowed is off, auto or a user id"),
         ("udpm://?interface=", "LCM URL: interface=``; allowed is the name of a network interface or its IPv4 address"),
         ("tcpq://robot", "LCM URL: `robot` is not an IPv4 address; names are not resolved"),
         ("memq://x", "LCM URL: `x` where nothing must stand"),

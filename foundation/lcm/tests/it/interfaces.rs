@@ -6,6 +6,7 @@
 use crate::common;
 use crate::hosts::{Host, on_a_host};
 use lcm::live::Lcm;
+use lcm::origin::Origin;
 use lcm::url::{Interface, Udpm};
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::os::fd::AsFd;
@@ -107,6 +108,89 @@ fn with_ttl_0_nothing_leaves_whatever_becomes_of_the_interfaces() {
             say(&mut old, &mut listener, &what);
             expect(&mut new, what.as_bytes());
             assert_eq!(on_the_wire(up), [], "seen at the far end {what}");
+        }
+    });
+}
+
+/// A datagram of another host, by each of its cables, with a TTL that would carry it far.
+fn shout(there: &Host, url: &Udpm, channel: &str, payload: &[u8]) {
+    there.run(|| {
+        for (_, address) in FAR_ENDS {
+            let socket = UdpSocket::bind(SocketAddrV4::new(address.parse().unwrap(), 0)).unwrap();
+            socket.set_multicast_ttl_v4(32).unwrap();
+            for datagram in datagrams(channel, payload) {
+                socket.send_to(&datagram, url.address()).unwrap();
+            }
+        }
+    });
+}
+
+/// A message as one datagram, and as fragments.
+fn datagrams(channel: &str, payload: &[u8]) -> Vec<Vec<u8>> {
+    let small = [b"LC02\0\0\0\0", channel.as_bytes(), b"\0", payload].concat();
+    let large = [payload, &vec![0; 70_000]].concat();
+    let message = lcm::udpm::Message::new(1, channel, &large, 9000).unwrap();
+    let fragment = |number| {
+        let (header, rest) = message.datagram(number);
+        [&header[..], rest].concat()
+    };
+    [vec![small], (0..message.count()).map(fragment).collect()].concat()
+}
+
+#[test]
+fn with_ttl_0_nothing_enters_by_patterns_or_by_names() {
+    on_a_host("with_ttl_0_nothing_enters_by_patterns_or_by_names", |here| {
+        let there = two_cables(&here);
+        let url = common::url();
+        let by_names = |url: &Udpm| {
+            let mut lcm = Lcm::new(&url.clone().into()).unwrap();
+            lcm.subscribe("A").unwrap();
+            assert!(lcm.udpm().unwrap().filtered());
+            lcm
+        };
+        let changed = |url: &Udpm| {
+            let mut lcm = by_names(url);
+            let all = lcm.subscribe(".*").unwrap();
+            assert!(!lcm.udpm().unwrap().filtered());
+            assert!(lcm.unsubscribe(all) && lcm.udpm().unwrap().filtered());
+            let id = lcm.subscribe("B.*").unwrap();
+            assert!(lcm.dropped(id).is_some() && !lcm.udpm().unwrap().filtered());
+            lcm
+        };
+        let mut ours = [subscribed(&url), by_names(&url), changed(&url)];
+        // That what is sent from there arrives where it may.
+        let open = Udpm { ttl: 1, ..url.clone() };
+        let mut controls = [subscribed(&open), by_names(&open)];
+        shout(&there, &url, "A", b"from there");
+        for lcm in &mut controls {
+            assert!(!lcm.udpm().unwrap().is_local());
+            let received = loop {
+                if let Some(received) = lcm.recv().unwrap() {
+                    break (received.payload.to_vec(), received.origin);
+                }
+                assert!(lcm.wait(PATIENCE).unwrap(), "the cables are plugged in");
+            };
+            assert_eq!(received, (b"from there".to_vec(), Origin::Network));
+        }
+        // Datagrams of this host by the routed interface, by the other one and by `lo`, after those from there.
+        for (name, address) in ENDS.into_iter().chain([("lo", "127.0.0.1")]) {
+            let interface = Interface::Address(address.parse().unwrap());
+            let mut speaker = Lcm::new(&Udpm { interface: Some(interface), ..url.clone() }.into()).unwrap();
+            speaker.publish("A", name.as_bytes()).unwrap();
+            for lcm in &mut ours {
+                assert!(lcm.udpm().unwrap().is_local());
+                let received = loop {
+                    if let Some(received) = lcm.recv().unwrap() {
+                        break (String::from_utf8_lossy(received.payload).into_owned(), received.origin);
+                    }
+                    assert!(lcm.wait(PATIENCE).unwrap(), "{name}");
+                };
+                assert_eq!(received, (name.to_string(), Origin::Host(None)));
+            }
+        }
+        for lcm in &mut ours {
+            assert!(lcm.recv().unwrap().is_none());
+            assert_eq!((lcm.stats().received, lcm.stats().incomplete, lcm.stats().kernel_dropped), (3, 0, 0));
         }
     });
 }

@@ -5,15 +5,18 @@
 
 use crate::common;
 use lcm::live::Lcm;
+use lcm::origin::Origin;
 use lcm::url::{Shm, Udpm};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read};
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
-use testing::{Random, peer_or_skip, python};
+use testing::{Random, machine_or_skip, peer_or_skip, python};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -80,10 +83,28 @@ struct Actor(Child);
 
 impl Actor {
     fn start(role: &str, url: &Udpm) -> Self {
+        Self::start_as(role, url, None)
+    }
+
+    /// As another user of a group.
+    fn start_as(role: &str, url: &Udpm, user: Option<(u32, u32)>) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["shm::an_actor_of_another_test", "--exact", "--nocapture"]);
         command.env("LCM_SHM_ROLE", role).env("LCM_SHM_URL", url.to_string());
+        if let Some((user, group)) = user {
+            command.uid(user).gid(group);
+        }
         Self(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
+    }
+
+    /// Waits until it prints a line of a role.
+    fn says(&mut self, what: &str) {
+        let mut line = String::new();
+        let mut output = BufReader::new(self.0.stdout.as_mut().unwrap());
+        while line.trim_end() != what {
+            line.clear();
+            assert!(output.read_line(&mut line).unwrap() > 0, "it ended before {what:?}");
+        }
     }
 
     /// Kills it; panics if it had ended by itself.
@@ -109,7 +130,14 @@ impl Drop for Actor {
 fn an_actor_of_another_test() {
     let Ok(role) = std::env::var("LCM_SHM_ROLE") else { return };
     let (lcm::Url::Udpm(url), _) = lcm::Url::parse(&std::env::var("LCM_SHM_URL").unwrap()).unwrap() else { return };
+    if role == "alone" {
+        assert!(!Lcm::new(&url.into()).unwrap().udpm().unwrap().shares_memory());
+        return println!("alone");
+    }
     let mut lcm = open(&url);
+    if let Some(user) = role.strip_prefix("meets ") {
+        return meet(&mut lcm, user.parse().unwrap());
+    }
     let mut seen = Seen::default();
     let mut random = Random::new(u64::from(std::process::id()) << 20 | 1);
     let mut message = Vec::new();
@@ -136,6 +164,84 @@ fn an_actor_of_another_test() {
             thread::sleep(Duration::from_micros(random.below(300)));
         }
     }
+}
+
+/// Publishes, and says so each time when it has received a thousand messages of another user through shared memory, or
+/// one as a datagram.
+fn meet(lcm: &mut Lcm, user: u32) {
+    lcm.subscribe("MEET").unwrap();
+    let mut count = 0;
+    for number in 0_u64.. {
+        let _ = lcm.publish("MEET", &number.to_le_bytes());
+        while let Some(received) = lcm.recv_timeout(Duration::from_micros(200)).unwrap() {
+            match received.origin {
+                Origin::Memory(process) if process.uid == user => count += 1,
+                Origin::Host(Some(process)) if process.uid == user => println!("datagram"),
+                _ => {}
+            }
+            if count == 1000 {
+                count = 0;
+                println!("met");
+            }
+        }
+    }
+}
+
+#[test]
+fn users_of_a_group_share_memory_and_none_changes_what_another_made() {
+    if machine_or_skip(testing::users()).is_none() {
+        return;
+    }
+    let ([owner, member, stranger], group) = (testing::USERS, testing::GROUP);
+    let url = Udpm { shm: Shm::Of(owner), ..common::url() };
+    let mut ours = Actor::start_as(&format!("meets {member}"), &url, Some((owner, group)));
+    let begin = Instant::now();
+    while !stations().any(|(_, uid)| uid == owner) {
+        assert!(begin.elapsed() < PATIENCE, "the owner does not come");
+        thread::sleep(Duration::from_millis(5));
+    }
+    let folder = Folder::of(&url);
+    let mut theirs = Actor::start_as(&format!("meets {owner}"), &url, Some((member, group)));
+    ours.says("met");
+    theirs.says("met");
+    // Of another group, and of the owner's user without it.
+    Actor::start_as("alone", &url, Some((stranger, stranger))).says("alone");
+    let found = fs::metadata(&folder.0).unwrap();
+    assert_eq!((found.mode() & 0o7777, found.uid(), found.gid()), (0o1770, owner, group));
+    for (path, uid) in stations().filter(|(path, _)| path.starts_with(&folder.0)) {
+        assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o640);
+        if uid == owner {
+            let text = path.display();
+            for harm in [format!("truncate -s 0 {text}"), format!("rm -f {text}"), format!("echo x >>{text}")] {
+                let done = Command::new("sh").args(["-c", &harm]).uid(member).gid(group).output().unwrap();
+                assert!(!done.status.success(), "{harm}");
+            }
+        }
+    }
+    // A station that is cut harms its owner alone: it is heard by datagrams now.
+    for (path, _) in stations().filter(|(path, uid)| path.starts_with(&folder.0) && *uid == member) {
+        cut(&path, 0);
+    }
+    ours.says("datagram");
+    let mut late = Actor::start_as(&format!("meets {owner}"), &url, Some((member, group)));
+    late.says("met");
+    // Of the dead nothing is left, though they are another user's.
+    theirs.kill();
+    late.kill();
+    let begin = Instant::now();
+    while stations().any(|(path, uid)| path.starts_with(&folder.0) && uid == member) {
+        assert!(begin.elapsed() < PATIENCE, "what the dead left stays");
+        thread::sleep(Duration::from_millis(20));
+    }
+    ours.kill();
+}
+
+/// Stations of all buses, with their owners.
+fn stations() -> impl Iterator<Item = (PathBuf, u32)> {
+    let folders = fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.path());
+    let files = folders.filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten().map(|entry| entry.path());
+    let stations = files.filter(|path| path.extension().is_some_and(|kind| kind == "station"));
+    stations.filter_map(|path| Some((path.clone(), fs::metadata(path).ok()?.uid())))
 }
 
 #[test]
@@ -277,4 +383,82 @@ fn an_event_loop_that_polls_the_descriptor_hears_both_paths() {
         while reader.recv().unwrap().is_some() {}
     }
     assert_eq!(reader.stats().received, 200);
+}
+
+/// Files of a bus: its stations and its board.
+fn shared(folder: &Folder) -> Vec<PathBuf> {
+    let entries = fs::read_dir(&folder.0).into_iter().flatten().map(|entry| entry.unwrap().path());
+    let is_shared = |path: &PathBuf| path.ends_with("board") || path.extension().is_some_and(|end| end == "station");
+    entries.filter(is_shared).collect()
+}
+
+fn cut(path: &Path, len: u64) {
+    // It may have left meanwhile.
+    if let Ok(file) = fs::OpenOptions::new().write(true).open(path) {
+        file.set_len(len).unwrap();
+    }
+}
+
+#[test]
+fn files_that_are_cut_short_end_no_process() {
+    let url = url();
+    let mut random = Random::new(u64::from(std::process::id()) << 20 | 5);
+    let mut survivor = open(&url);
+    survivor.subscribe("STORM_.*").unwrap();
+    let folder = Folder::of(&url);
+    let roles = ["writer", "both", "reader"];
+    let mut actors: Vec<Actor> = roles.iter().map(|role| Actor::start(role, &url)).collect();
+    let next = |survivor: &mut Lcm, what: &str| {
+        let before = survivor.stats().received;
+        let begin = Instant::now();
+        while survivor.stats().received < before + 100 {
+            assert!(begin.elapsed() < PATIENCE, "nothing is received after {what}");
+            survivor.recv_timeout(Duration::from_millis(10)).unwrap();
+        }
+    };
+    for round in 0..12 {
+        next(&mut survivor, "a start");
+        let files = shared(&folder);
+        let path = &files[random.below(files.len() as u64) as usize];
+        let len = [0, 4096, random.below(5 << 20)][round % 3];
+        cut(path, len.min(fs::metadata(path).map_or(0, |found| found.len())));
+        next(&mut survivor, &format!("{} was cut to {len} bytes", path.display()));
+        let which = random.below(roles.len() as u64) as usize;
+        // Panics if it had ended by itself.
+        actors[which].kill();
+        actors[which] = Actor::start(roles[which], &url);
+    }
+    shared(&folder).iter().for_each(|path| cut(path, 0));
+    next(&mut survivor, "all were cut");
+    actors.iter_mut().for_each(Actor::kill);
+}
+
+#[test]
+fn a_publisher_whose_station_is_cut_is_heard_by_datagrams_and_the_others_as_before() {
+    let url = url();
+    let mut reader = open(&url);
+    reader.subscribe("A").unwrap();
+    let folder = Folder::of(&url);
+    let before = shared(&folder);
+    let mut owner = open(&url);
+    let theirs: Vec<PathBuf> = shared(&folder).into_iter().filter(|path| !before.contains(path)).collect();
+    let mut other = open(&url);
+    let process = lcm::origin::Process { pid: std::process::id(), uid: fs::metadata(&folder.0).unwrap().uid() };
+    let mut say = |lcm: &mut Lcm, what: &[u8]| {
+        lcm.publish("A", what).unwrap();
+        let begin = Instant::now();
+        loop {
+            if let Some(received) = reader.recv_timeout(Duration::from_millis(100)).unwrap() {
+                assert_eq!(received.payload, what);
+                return received.origin;
+            }
+            assert!(begin.elapsed() < PATIENCE, "not received");
+        }
+    };
+    assert_eq!(say(&mut owner, b"whole"), Origin::Memory(process));
+    theirs.iter().for_each(|path| cut(path, 0));
+    for round in 0..20_u8 {
+        assert_eq!(say(&mut owner, &[round]), Origin::Host(Some(process)), "its datagrams are known to be its own");
+        assert_eq!(say(&mut other, &[round, round]), Origin::Memory(process));
+    }
 }

@@ -78,7 +78,9 @@ fn drain(port: &mut Port, now: Instant) -> Vec<String> {
                 std::thread::sleep(Duration::from_millis(1));
                 continue;
             }
-            Ok(Received::Input { input: Input::Can(frame), .. }) => format!("{:?} {:?}", frame.id(), frame.data()),
+            Ok(Received::Input { input: Input::Can { frame, .. }, .. }) => {
+                format!("{:?} {:?}", frame.id(), frame.data())
+            }
             Ok(Received::Input { input: Input::CanNotice(notice), .. }) => format!("{notice:?}"),
             Ok(Received::Fault(fault, _)) => format!("{fault:?}"),
             Ok(Received::Note(note)) => note,

@@ -28,7 +28,7 @@ fn frames_that_found_the_buffer_full_are_counted_and_the_others_come_in_order() 
     let mut drain = |port: &mut CanSocket| loop {
         match port.receive(Instant::ZERO).unwrap() {
             Received::Nothing => break,
-            Received::Input { input: Input::Can(frame), .. } => got.push(frame.id()),
+            Received::Input { input: Input::Can { frame, .. }, .. } => got.push(frame.id()),
             Received::Fault(Fault::PortOverrun, why) => lost.push(why),
             Received::Input { input: Input::CanNotice(Notice::Lost(count)), .. } => told += count,
             _ => panic!(),
@@ -63,7 +63,7 @@ fn drain(port: &mut CanSocket, now: Instant) -> Vec<String> {
                 format!("{:?} {} {}", health.state, health.transmit_errors, health.receive_errors)
             }
             Ok(Received::Input { input: Input::CanNotice(notice), .. }) => format!("{notice:?}"),
-            Ok(Received::Input { input: Input::Can(frame), .. }) => format!("{:?}", frame.data()),
+            Ok(Received::Input { input: Input::Can { frame, .. }, .. }) => format!("{:?}", frame.data()),
             Ok(Received::Note(note)) => note,
             Ok(Received::Fault(_, why)) => why,
             Ok(Received::Input { .. }) => panic!(),
@@ -110,7 +110,8 @@ fn a_frame_has_the_receive_time_of_the_kernel() {
     peer.send(&encode(&Frame::standard(0x181, &[]))).unwrap();
     let after = clock::now();
     std::thread::sleep(Duration::from_millis(30));
-    let Ok(Received::Input { input: Input::Can(_), at: arrived, stamp: Some(_) }) = port.receive(clock::now()) else {
+    let Ok(Received::Input { input: Input::Can { at: arrived, .. }, stamp: Some(_), .. }) = port.receive(clock::now())
+    else {
         panic!("a frame with the kernel's time")
     };
     let slack = Duration::from_millis(10);

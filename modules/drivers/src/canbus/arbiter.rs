@@ -1,14 +1,21 @@
 //! Arbitration of motion commands (docs/design.md, section 4): priorities, time to live, and no resumption without a
 //! release.
 //!
+//! Silence is no release: a manual source whose last command was motion, and that fell silent, was overruled or met a
+//! stop, must send zero, however long it was silent. A source that was never received before moves the robot at once.
+//!
 //! Pure policy over the sources' commands; independent of drives and bus.
 
 use base::{Duration, Instant, Key};
 use messages::lowlevel::CmdMotion;
 use std::ops::RangeInclusive;
 
-/// Maximum number of sources that are remembered; a further one takes the row of the one that has been silent longest.
+/// Maximum number of sources with a row; a further one takes the row of the one that has been silent longest, of those
+/// whose last command was zero if there is one.
 pub const SOURCES_MAX: usize = 8;
+/// Maximum number of sources without a row that are remembered because their last command was motion. Beyond it every
+/// source without a row must send zero first.
+const DISPLACED_MAX: usize = 64;
 
 /// Source of commands, identified by its row in the arbiter's table: one name at one priority until another source
 /// takes the row.
@@ -63,7 +70,7 @@ pub enum Verdict {
     Overruled,
     /// Another source of the same priority holds the motion, which is reported to people.
     Contested,
-    /// The source must send zero or nothing first: motion was released since it began.
+    /// The source must send zero first: the robot was stopped since it began, or it was silent.
     NotReleased,
     /// An operator must release the planner first.
     Latched,
@@ -76,7 +83,8 @@ struct Source {
     name: String,
     command: Command,
     at: Instant,
-    /// True if it may move the robot: it has sent zero or nothing since the last release.
+    /// True if it may move the robot: its last command was zero, or it is new, or it has moved the robot without a
+    /// break since.
     armed: bool,
 }
 
@@ -86,6 +94,7 @@ pub struct Arbiter {
     ttl: Duration,
     /// At most [`SOURCES_MAX`] rows.
     sources: Vec<Source>,
+    displaced: Displaced,
     /// Source that moves the robot; kept after its last command until the robot stands.
     holder: Option<SourceId>,
     latched: bool,
@@ -100,6 +109,7 @@ impl Arbiter {
         Self {
             ttl,
             sources: Vec::with_capacity(SOURCES_MAX),
+            displaced: Displaced::default(),
             holder: None,
             latched: true,
             release_after: Instant::ZERO,
@@ -109,24 +119,24 @@ impl Arbiter {
     /// Processes a command received at `at`; `blocked` if a stop for a fault is in force. Returns the source, so that
     /// its name need not be looked up again, and the verdict.
     pub fn command(&mut self, at: Instant, command: &CmdMotion, blocked: bool) -> (SourceId, Verdict) {
-        let id = self.place(at, command);
-        (id, self.judge(at, id, command, blocked))
+        let (id, new) = self.place(at, command);
+        (id, self.judge(at, id, new, command, blocked))
     }
 
-    fn judge(&mut self, at: Instant, id: SourceId, command: &CmdMotion, blocked: bool) -> Verdict {
+    fn judge(&mut self, at: Instant, id: SourceId, new: bool, command: &CmdMotion, blocked: bool) -> Verdict {
         let &CmdMotion { speed, steering, priority, .. } = command;
         let zero = speed == 0.0;
         let manual = priority > PLANNER;
         let rival = self.rival(at, id, priority);
         let source = &mut self.sources[id.index()];
-        let fresh = at.since(source.at) >= self.ttl;
+        let silent = at.since(source.at) >= self.ttl && source.command.speed != 0.0;
         let verdict = match rival {
             Some(other) if other == priority => Verdict::Contested,
             Some(_) => Verdict::Overruled,
             None => Verdict::Holds,
         };
         let held = verdict == Verdict::Holds && !blocked;
-        source.armed = zero || (held && (source.armed || fresh));
+        source.armed = zero || (held && (new || source.armed && !silent));
         source.at = at;
         source.command = Command { speed, steering, priority, source: id };
         if !held {
@@ -144,6 +154,27 @@ impl Arbiter {
         }
         self.holder = Some(id);
         Verdict::Holds
+    }
+
+    /// The process was restarted and does not know which sources commanded before: every source must send zero first.
+    pub fn trust_no_new_source(&mut self) {
+        self.displaced.full = true;
+    }
+
+    /// True for a deliberate press: a command that moves, of a manual source whose last command was zero.
+    #[must_use]
+    pub fn is_press(&self, command: &CmdMotion) -> bool {
+        let &CmdMotion { speed, priority, source: ref name, .. } = command;
+        let zero = |source: &Source| {
+            source.command.priority == priority && source.name == *name && source.command.speed == 0.0
+        };
+        priority > PLANNER && speed != 0.0 && self.sources.iter().any(zero)
+    }
+
+    /// True while a manual source holds the motion.
+    #[must_use]
+    pub fn is_held_by_hand(&self, now: Instant) -> bool {
+        self.current(now).is_some_and(|command| command.priority > PLANNER)
     }
 
     /// Command that moves the robot at `now`, if any.
@@ -222,32 +253,73 @@ impl Arbiter {
         (stronger || held == priority).then_some(held)
     }
 
-    /// Row of a command's source; a new source takes that of the source that has been silent longest. The holder keeps
-    /// its own.
-    fn place(&mut self, at: Instant, command: &CmdMotion) -> SourceId {
+    /// Row of a command's source, and true if the source was never received before. A source without a row takes that
+    /// of the source that has been silent longest. The holder keeps its own.
+    fn place(&mut self, at: Instant, command: &CmdMotion) -> (SourceId, bool) {
         let &CmdMotion { speed, steering, priority, source: ref name, .. } = command;
         let same = |source: &Source| source.command.priority == priority && source.name == *name;
         if let Some(row) = self.sources.iter().position(same) {
-            return IDS[row];
+            return (IDS[row], false);
         }
-        // A new source has sent nothing since any release.
-        let silent = at - self.ttl;
+        let new = !self.displaced.take(name, priority);
         if self.sources.len() < SOURCES_MAX {
             let source = IDS[self.sources.len()];
             let command = Command { speed, steering, priority, source };
-            self.sources.push(Source { name: name.clone(), command, at: silent, armed: false });
-            return source;
+            self.sources.push(Source { name: name.clone(), command, at, armed: false });
+            return (source, new);
         }
         let others = IDS.into_iter().filter(|id| Some(*id) != self.holder);
-        let source = others.min_by_key(|id| self.sources[id.index()].at).unwrap_or(IDS[0]);
+        let age = |id: &SourceId| {
+            let row = &self.sources[id.index()];
+            (row.command.speed != 0.0, row.at)
+        };
+        let source = others.min_by_key(age).unwrap_or(IDS[0]);
         let row = &mut self.sources[source.index()];
-        // If even the oldest is active, this source may be one that was just displaced: it must send zero.
-        row.at = if at.since(row.at) < self.ttl { at } else { silent };
+        if row.command.speed != 0.0 {
+            self.displaced.put(&row.name, row.command.priority);
+        }
+        row.at = at;
         row.name.clone_from(name);
         row.command = Command { speed, steering, priority, source };
         row.armed = false;
-        source
+        (source, new)
     }
+}
+
+/// Sources that lost their row and whose last command was motion: they do not count as new.
+#[derive(Debug, Default)]
+struct Displaced {
+    /// Hashes of name and priority, at most [`DISPLACED_MAX`].
+    sources: Vec<u64>,
+    /// More were displaced than can be remembered.
+    full: bool,
+}
+
+impl Displaced {
+    fn put(&mut self, name: &str, priority: i8) {
+        let hash = hash(name, priority);
+        if self.sources.contains(&hash) {
+            return;
+        }
+        if self.sources.len() < DISPLACED_MAX {
+            self.sources.push(hash);
+        } else {
+            self.full = true;
+        }
+    }
+
+    /// Removes a source that gets a row; true if it was displaced, as far as can be known.
+    fn take(&mut self, name: &str, priority: i8) -> bool {
+        let hash = hash(name, priority);
+        let known = self.sources.iter().position(|known| *known == hash);
+        known.map(|place| self.sources.swap_remove(place)).is_some() || self.full
+    }
+}
+
+/// FNV-1a of name and priority. Two sources with the same hash count as one, which must send zero.
+fn hash(name: &str, priority: i8) -> u64 {
+    let bytes = name.bytes().chain([priority as u8]);
+    bytes.fold(0xCBF2_9CE4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3))
 }
 
 /// True if a command may carry this priority.
@@ -329,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_stop_a_source_must_send_zero_or_nothing_first() {
+    fn after_a_stop_a_source_must_send_zero_first_however_long_it_was_silent() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         bench.0.disarm_all(Instant::from_millis(1001));
@@ -337,14 +409,58 @@ mod tests {
         assert_eq!(bench.say_blocked(50, "op", 1, 0.4), Blocked);
         // The fault is cleared, the source was not released.
         assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
-        assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");
-        bench.0.disarm_all(Instant::from_millis(1360));
-        assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
-        assert_eq!(bench.say(450, "op", 1, 0.4), Holds);
+        assert_eq!(bench.say(350, "op", 1, 0.4), NotReleased, "silent for its time to live");
+        assert_eq!(bench.say(3_600_000, "op", 1, 0.4), NotReleased, "silent for an hour");
+        assert_eq!(bench.say(3_600_050, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(3_600_100, "op", 1, 0.4), Holds);
     }
 
     #[test]
-    fn a_source_received_late_and_stopped_must_send_zero_or_nothing_too() {
+    fn a_source_that_stalls_does_not_continue() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(50, "op", 1, 0.3), Holds);
+        // Nothing for 300 ms: a stalled radio, a process held up. The stick is still held.
+        assert_eq!(bench.moves(300), None);
+        assert_eq!(bench.say(350, "op", 1, 0.3), NotReleased);
+        assert_eq!(bench.say(400, "op", 1, 0.3), NotReleased);
+        bench.0.on_standstill(Instant::from_millis(1450));
+        assert_eq!(bench.say(900, "op", 1, 0.3), NotReleased);
+        assert_eq!(bench.moves(901), None);
+        assert_eq!(bench.say(950, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(1000, "op", 1, 0.3), Holds);
+    }
+
+    #[test]
+    fn a_new_source_moves_the_robot_at_once_and_one_that_ended_with_zero_at_any_time() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "program", 1, 0.3), Holds);
+        assert_eq!(bench.say(50, "program", 1, 0.0), Holds);
+        bench.0.on_standstill(Instant::from_millis(1500));
+        bench.0.disarm_all(Instant::from_millis(1600));
+        assert_eq!(bench.say(60_000, "program", 1, 0.3), Holds, "its last command was zero");
+        bench.0.disarm_all(Instant::from_millis(61_010));
+        assert_eq!(bench.say(60_100, "another", 1, 0.3), Holds, "never received before");
+    }
+
+    #[test]
+    fn after_a_restart_every_source_must_send_zero() {
+        let mut bench = Bench::new();
+        bench.0.trust_no_new_source();
+        assert_eq!(bench.say(0, "op", 1, 0.3), NotReleased);
+        assert_eq!(bench.say(50, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(100, "op", 1, 0.3), Holds);
+    }
+
+    #[test]
+    fn a_new_source_that_begins_during_a_stop_must_send_zero() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say_blocked(0, "program", 1, 0.3), Blocked);
+        assert_eq!(bench.say(5_000, "program", 1, 0.3), NotReleased);
+    }
+
+    #[test]
+    fn a_source_received_late_and_stopped_must_send_zero_too() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         bench.0.expire_holder(Instant::from_millis(1249));
@@ -354,7 +470,9 @@ mod tests {
         assert_eq!(bench.say(240, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(440, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.moves(460), None);
-        assert_eq!(bench.say(690, "op", 1, 0.4), Holds, "it was silent for its time to live");
+        assert_eq!(bench.say(690, "op", 1, 0.4), NotReleased, "silence is no release");
+        assert_eq!(bench.say(700, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(750, "op", 1, 0.4), Holds);
     }
 
     #[test]
@@ -387,11 +505,46 @@ mod tests {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         bench.0.disarm_all(Instant::from_millis(1001));
-        for n in 0..8 {
-            bench.say(10 + n, &format!("s{n}"), 3, 0.0);
+        for n in 0..9 {
+            bench.say_blocked(10 + n, &format!("s{n}"), 3, 0.1);
         }
         bench.0.disarm_all(Instant::from_millis(1020));
         assert_eq!(bench.say(50, "op", 1, 0.4), NotReleased);
+        // Its time to live has passed, and its row was taken twice.
+        for n in 0..18 {
+            bench.say_blocked(400 + n, &format!("t{n}"), 3, 0.1);
+        }
+        assert_eq!(bench.say(10_000, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.say(10_050, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(10_100, "op", 1, 0.4), Holds);
+    }
+
+    #[test]
+    fn a_source_whose_last_command_was_zero_loses_its_row_first() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say_blocked(0, "stalled", 1, 0.4), Blocked);
+        assert_eq!(bench.say(1, "ended", 1, 0.0), Holds);
+        bench.0.on_standstill(Instant::from_millis(2000));
+        for n in 0..7 {
+            bench.say_blocked(2000 + n, &format!("s{n}"), 3, 0.1);
+        }
+        assert!(bench.0.sources.iter().any(|source| source.name == "stalled"));
+        assert_eq!(bench.say(3000, "ended", 1, 0.4), Holds, "as a new one would");
+    }
+
+    #[test]
+    fn more_displaced_sources_than_can_be_remembered_make_every_new_one_send_zero() {
+        let mut bench = Bench::new();
+        for n in 0..200 {
+            bench.say_blocked(n, &format!("s{n}"), 1, 0.1);
+        }
+        for n in 0..200 {
+            assert_eq!(bench.say(1000, &format!("s{n}"), 1, 0.1), NotReleased, "{n}");
+        }
+        assert_eq!(bench.say(1010, "new", 1, 0.1), NotReleased);
+        assert_eq!(bench.say(1020, "new", 1, 0.0), Holds);
+        assert_eq!(bench.say(1030, "new", 1, 0.1), Holds);
+        assert!(bench.0.displaced.sources.len() <= DISPLACED_MAX);
     }
 
     #[test]
@@ -407,7 +560,8 @@ mod tests {
         assert_eq!(current.map(|source| (bench.0.name(source), bench.0.priority(source))), Some(("op", 3)));
         // Silent, but the robot is not known to stand.
         assert_eq!(bench.say(600, "other", 3, 0.1), Contested);
-        assert_eq!(bench.say(610, "op", 3, 0.4), Holds);
+        assert_eq!(bench.say(610, "op", 3, 0.4), NotReleased, "it was silent");
+        assert_eq!(bench.say(620, "op", 3, 0.0), Holds);
     }
 
     #[test]

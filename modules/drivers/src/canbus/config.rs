@@ -1,8 +1,12 @@
 //! Settings of the CAN bus and its drives; SI units.
 
+use super::feed_output::OutputConfig;
+use super::protection;
+use super::ranging::RangingBoard;
+use super::requests::may_be_listed;
 use base::Duration;
 use settings::robot::{Geometry, Limits};
-use settings::{Blank, Off, Table, ZeroOr, settings};
+use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
 use std::path::PathBuf;
 
 settings! {
@@ -15,6 +19,9 @@ settings! {
         master: u8 = 127, 1..=127;
         /// Period of SYNC; 0: no SYNC.
         sync_s as sync: Option<Duration> = None, Off(ZeroOr(0.001..=10.0));
+        /// Who releases the first homing of the axes after the start of the robot: it moves the wheels. Every later one
+        /// needs an operator.
+        homing_release: HomingRelease = HomingRelease::Operator;
         /// Drives.
         nodes: Vec<Node> = [];
     }
@@ -29,6 +36,9 @@ settings! {
         id: u8 = required, 1..=127;
         /// Axis that it moves.
         axis: Axis = required;
+        /// Indices of objects that `LL_CMD_SDO` may write while the robot stands, beside the error history: none that
+        /// moves or supervises the drive or on which its stop depends, and none of the maker's.
+        writable: Vec<u16> = Vec::new(), 0x6000..=0x9FFF;
         /// Electronic data sheet, beside `robot.toml`: it must agree with the driver, and names objects in `advee can`.
         /// Absent: the sheet that is built in.
         eds: Option<PathBuf> = None, Blank;
@@ -45,6 +55,94 @@ settings! {
         Propulsion = "propulsion",
         /// The front wheels' angle.
         Steering = "steering",
+    }
+}
+
+settings! {
+    /// `[stop]`: how the robot comes to a stand. Where the drive cannot be relied on, the speed is capped so that it
+    /// stands within `distance_m`.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Stop {
+        /// What cuts the motors' feed if the robot does not brake as commanded.
+        second_way: SecondWay = SecondWay::Power;
+        /// The output that `second_way = "canopen"` switches.
+        output: Option<OutputConfig> = optional;
+        /// What the PAUSE line does to the motors.
+        pause: PauseStop = PauseStop::Coast;
+        /// Deceleration without power, least that is to be expected.
+        coasting_mps2: f64 = 0.15, 0.01..=20.0;
+        /// Deceleration by a brake that acts without power.
+        brake_mps2: f64 = 1.5, 0.01..=20.0;
+        /// Delay after which the line cuts the feed, while the drive brakes: only with `pause = "delayed"`.
+        delay_s as delay: Duration = 0.6, 0.05..=5.0;
+        /// Greatest distance in which the robot must stand after the PAUSE line was engaged; caps the speed.
+        distance_m: f64 = 0.6, 0.05..=100.0;
+    }
+    check Stop::check;
+}
+
+settings! {
+    /// Second way to stop.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum SecondWay {
+        /// The power controller switches its channel `motors` off; as `"none"` without a power controller.
+        Power = "power",
+        /// A digital output of a CANopen node, the table `output`.
+        Canopen = "canopen",
+        /// None; reported at each start and by `advee doctor`.
+        None = "none",
+    }
+}
+
+settings! {
+    /// Effect of the PAUSE line on the motors.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum PauseStop {
+        /// Their feed is cut at once, and the robot rolls (IEC 60204-1, stop category 0).
+        Coast = "coast",
+        /// Their feed is cut at once, and a brake acts that needs no power: a spring-applied one, or the motor shorted
+        /// over a resistor.
+        Brake = "brake",
+        /// The drive brakes by its quick stop, and the feed is cut after the delay (stop category 1).
+        Delayed = "delayed",
+    }
+}
+
+impl Stop {
+    fn check(&self, table: &Table<'_>) {
+        if self.second_way == SecondWay::Canopen && self.output.is_none() && !table.has("output") {
+            table.refuse_missing("output", "the output that cuts the motors' feed");
+        }
+    }
+
+    /// The output that cuts the motors' feed, if it is the second way.
+    #[must_use]
+    pub fn feed_output(&self) -> Option<OutputConfig> {
+        self.output.filter(|_| self.second_way == SecondWay::Canopen)
+    }
+
+    /// Greatest speed, m/s, from which the robot stands within `distance_m` after the PAUSE line was engaged;
+    /// `quick_stop_mps2`: deceleration of the drive's quick stop.
+    #[must_use]
+    pub fn speed_max_mps(&self, quick_stop_mps2: f64) -> f64 {
+        let within = |deceleration: f64| libm::sqrt(2.0 * deceleration * self.distance_m);
+        match self.pause {
+            PauseStop::Coast => within(self.coasting_mps2),
+            PauseStop::Brake => within(self.brake_mps2),
+            // Later it would coast.
+            PauseStop::Delayed => within(quick_stop_mps2).min(quick_stop_mps2 * self.delay.as_secs_f64()),
+        }
+    }
+}
+
+settings! {
+    /// Release of the first homing.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum HomingRelease {
+        /// An operator's act: motion by hand after zero, a goal, RUN by hand, `advee home`.
+        Operator = "operator",
+        /// The operator's start of the robot.
+        Start = "start",
     }
 }
 
@@ -92,6 +190,8 @@ settings! {
         speed: f64 = unset 0.0;
         /// Maps the PDOs of a drive that has others; else such a drive is refused.
         remap: bool = false;
+        /// Objects that engineers may write.
+        writable: Vec<u16> = unset Vec::new();
     }
     check SteeringConfig::check;
 }
@@ -117,6 +217,18 @@ pub struct Config {
     pub planning: Vec<String>,
     /// The robot has a power controller that reports the PAUSE line.
     pub has_pause_line: bool,
+    /// A watchdog started this process: without its list of processes the robot does not move.
+    pub guarded: bool,
+    /// Release of the first homing.
+    pub homing_release: HomingRelease,
+    /// How the robot comes to a stand.
+    pub stop: Stop,
+    /// What senses what is in the way, and the speed where nothing does.
+    pub protection: protection::Config,
+    /// Boards of range finders that must measure while the robot moves; empty: there are none.
+    pub ranging: Vec<RangingBoard>,
+    /// Greatest age of a measurement of theirs.
+    pub ranging_age_max: Duration,
     /// The drive of the rear axle.
     pub propulsion: PropulsionConfig,
     /// The drive of the front wheels' steering.
@@ -130,6 +242,8 @@ pub struct PropulsionConfig {
     pub node: u8,
     /// Motor speed at 1 m/s, rpm; negative when the motor is mounted the other way round.
     pub rpm_per_mps: f64,
+    /// Objects that engineers may write.
+    pub writable: Vec<u16>,
 }
 
 impl BusConfig {
@@ -141,6 +255,10 @@ impl BusConfig {
         }
         let axes: Vec<Axis> = self.nodes.iter().map(|node| node.axis).collect();
         table.unique("nodes", "axis", &axes, "one that no other node has");
+    }
+
+    fn writable(&self, axis: Axis) -> Vec<u16> {
+        self.nodes.iter().find(|node| node.axis == axis).map_or_else(Vec::new, |node| node.writable.clone())
     }
 
     /// The drive of the propulsion: node id and gear.
@@ -156,7 +274,9 @@ impl BusConfig {
     #[must_use]
     pub fn steering(&self) -> Option<SteeringConfig> {
         self.nodes.iter().find_map(|node| match &node.drive {
-            Drive::Icla(icla) => Some(SteeringConfig { node: node.id, ..icla.clone() }),
+            Drive::Icla(icla) => {
+                Some(SteeringConfig { node: node.id, writable: node.writable.clone(), ..icla.clone() })
+            }
             Drive::Epos(_) => None,
         })
     }
@@ -177,7 +297,17 @@ impl BusConfig {
             critical: Vec::new(),
             planning: Vec::new(),
             has_pause_line: false,
-            propulsion: PropulsionConfig { node, rpm_per_mps: 60.0 * gear / geometry.wheel_circumference_m() },
+            ranging: Vec::new(),
+            ranging_age_max: Duration::ZERO,
+            guarded: false,
+            homing_release: self.homing_release,
+            stop: Stop::usual(),
+            propulsion: PropulsionConfig {
+                node,
+                rpm_per_mps: 60.0 * gear / geometry.wheel_circumference_m(),
+                writable: self.writable(Axis::Propulsion),
+            },
+            protection: protection::Config::default(),
             steering,
         })
     }
@@ -191,6 +321,9 @@ impl Node {
         };
         if self.axis != moves {
             table.refuse("axis", expected);
+        }
+        if !self.writable.iter().all(|index| may_be_listed(*index)) {
+            table.refuse("writable", "indices of the device profile on which no motion, supervision or stop depends");
         }
     }
 }

@@ -18,6 +18,8 @@ const FAULT_RESET_PERIOD: Duration = Duration::from_secs(1);
 const TROUBLE_MIN: Duration = Duration::from_millis(500);
 /// Time without a PDO after which the drive's measured values are read, because event-driven PDOs report changes only.
 const READ_AFTER: Duration = Duration::from_millis(400);
+/// The same while it should be changing its speed: a drive that keeps its speed sends no PDO.
+const READ_AFTER_ORDER: Duration = Duration::from_millis(50);
 /// Age beyond which measured values count as unknown.
 const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
 
@@ -165,6 +167,10 @@ pub(super) struct Drive {
     changed: bool,
     /// The last known state may be outdated: the drive is to be read.
     outdated: bool,
+    /// Its speed should be changing.
+    changing: bool,
+    /// Faults are not reset: the robot may still roll.
+    holds_fault: bool,
     /// Time of its last measured value.
     measured: Instant,
     /// Number of pending requests.
@@ -187,6 +193,8 @@ impl Drive {
             sent: None,
             changed: true,
             outdated: false,
+            changing: false,
+            holds_fault: false,
             measured: Instant::ZERO,
             pending: 0,
             unanswered: 0,
@@ -266,9 +274,20 @@ impl Drive {
     pub(super) fn on_measured(&mut self, now: Instant) {
         self.measured = now;
         if self.booted {
-            self.deadlines.set(Timer::Ask, now + READ_AFTER);
+            self.deadlines.set(Timer::Ask, now + self.read_after());
         }
         self.deadlines.clear(Timer::NotAnswering);
+    }
+
+    /// Reads the measured values soon while the speed should be changing: a drive that keeps it reports no change.
+    pub(super) fn set_changing(&mut self, now: Instant, changing: bool) {
+        if std::mem::replace(&mut self.changing, changing) != changing && changing && self.booted {
+            self.deadlines.set(Timer::Ask, now + READ_AFTER_ORDER);
+        }
+    }
+
+    fn read_after(&self) -> Duration {
+        if self.changing { READ_AFTER_ORDER } else { READ_AFTER }
     }
 
     /// A request was sent.
@@ -309,6 +328,11 @@ impl Drive {
     /// True while requests are not answered although the drive sends heartbeats.
     fn is_not_answering(&self) -> bool {
         self.deadlines.is_set(Timer::NotAnswering)
+    }
+
+    /// Keeps a fault of the drive while `hold` is true: a reset would let it move again.
+    pub(super) fn hold_fault_reset(&mut self, hold: bool) {
+        self.holds_fault = hold;
     }
 
     /// True if its measured values are recent, as far as can be known.
@@ -365,12 +389,14 @@ impl Drive {
             self.block_until_stopped(now, why);
         }
         if self.deadlines.is_due(Timer::Ask, now) {
-            self.deadlines.set(Timer::Ask, now + READ_AFTER);
+            self.deadlines.set(Timer::Ask, now + self.read_after());
             self.outdated = true;
         }
         if self.deadlines.is_due(Timer::Reset, now) {
             self.deadlines.set(Timer::Reset, now + FAULT_RESET_PERIOD);
-            self.axis.reset_fault(now);
+            if !self.holds_fault {
+                self.axis.reset_fault(now);
+            }
             self.outdated = true;
         }
         self.axis.handle_timeout(now);

@@ -12,10 +12,16 @@ pub(super) enum Objection {
     /// [`Hold::BusDown`] or [`Hold::BusUnacknowledged`].
     Bus(Hold),
     SecondMaster,
+    /// [`Hold::SpeedExceeded`], [`Hold::FeedCut`], or one of the output that cuts the feed.
+    Speed(Hold),
+    /// An object of the drive on which the stop depends was changed.
+    Parameter(Axis),
     Drive(Axis, drive::Objection),
     /// The module is not in RUN: the cause of its state.
     State(Hold),
     Around(surroundings::Objection),
+    /// The guard is silent.
+    Guard(Hold),
     /// A command was out of limits recently.
     Refused,
     NotHomed(steering::NotHomed),
@@ -38,9 +44,12 @@ impl Canbus {
         let (hold, subject) = match objection {
             Objection::Bus(hold) => (hold, bus),
             Objection::SecondMaster => (Hold::SecondMaster, bus),
+            Objection::Speed(hold) => (hold, ""),
+            Objection::Parameter(axis) => (Hold::DriveParameter, self.drive(axis).name),
             Objection::Drive(axis, objection) => (objection.hold(), self.drive(axis).name),
             Objection::State(hold) => (hold, NAME),
             Objection::Around(objection) => self.around.hold(objection),
+            Objection::Guard(hold) => (hold, ""),
             Objection::Refused => (Hold::CommandRefused, ""),
             Objection::NotHomed(why) => (why.hold(), self.steering.drive.name),
         };

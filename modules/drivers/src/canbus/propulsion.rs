@@ -23,6 +23,8 @@ pub(super) struct Propulsion {
     goal: Goal,
     /// Measured speed, m/s; NaN if unknown.
     speed: f64,
+    /// Measured since the last call of [`Self::take_measured`].
+    measured: bool,
     /// Next stop command to a drive that is not booted.
     blind: Option<Instant>,
 }
@@ -47,6 +49,7 @@ impl Propulsion {
             target_rpm: 0,
             goal: Goal::QuickStop,
             speed: f64::NAN,
+            measured: false,
             blind: None,
         }
     }
@@ -67,12 +70,23 @@ impl Propulsion {
 
     pub(super) fn on_velocity(&mut self, now: Instant, rpm: i32) {
         self.speed = self.units.velocity_si(rpm);
+        self.measured = true;
         self.drive.on_measured(now);
     }
 
     /// The speed is unknown until the next measured value.
     pub(super) fn on_lost(&mut self) {
         self.speed = f64::NAN;
+    }
+
+    /// Speed, m/s, if it was measured since the last call.
+    pub(super) fn take_measured(&mut self) -> Option<f64> {
+        std::mem::take(&mut self.measured).then_some(self.speed)
+    }
+
+    /// Commanded speed, m/s.
+    pub(super) fn target(&self) -> f64 {
+        self.units.velocity_si(self.target_rpm)
     }
 
     /// True if its speed is known to be below `limit`, m/s.

@@ -1,7 +1,8 @@
 //! `LL_CMD_SDO`: engineers' access to the objects of any node while the robot is up.
 //!
-//! Objects that move or supervise a drive belong to this driver and cannot be written; the other objects of our drives
-//! can be written only while the robot stands.
+//! Of our drives only objects on a list can be written, and only while the robot stands: the error history, which is
+//! harmless, and those that the configuration names. No configuration names an object that moves or supervises a drive,
+//! or on which its stop depends ([`may_be_listed`]).
 
 use base::Instant;
 use canopen::master::{RequestError, Ticket};
@@ -11,6 +12,8 @@ use module::Actions;
 
 /// Maximum number of pending requests; further ones are rejected.
 const PENDING_MAX: usize = 32;
+/// The same for a node that the stop depends on: its speed is read, and its output written, after them.
+const PENDING_OF_OURS_MAX: usize = 4;
 
 /// Length above which data is written by block transfer, if the node supports that, bytes.
 const BLOCK_MIN: usize = 128;
@@ -26,10 +29,10 @@ struct Pending {
 pub(super) struct Requests(Vec<Pending>);
 
 /// Relation of the requested node to this driver.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub(super) enum NodeOwner {
-    /// One of our drives; `standing` if the robot is known to stand.
-    Ours { standing: bool },
+    /// One of our drives; `standing` if the robot is known to stand; `writable` as in the configuration.
+    Ours { standing: bool, writable: Vec<u16> },
     /// Any other node.
     Others,
 }
@@ -40,25 +43,27 @@ impl Requests {
         &mut self,
         now: Instant,
         request: &CmdSdo,
-        owner_of: NodeOwner,
+        owner: &NodeOwner,
         master: &mut Master,
         out: &mut Actions,
     ) {
-        if let Err(abort) = self.begin(now, request, owner_of, master) {
+        if let Err(abort) = self.begin(now, request, owner, master) {
             answer(now, request, Err(abort), out);
         }
     }
 
-    fn begin(&mut self, now: Instant, request: &CmdSdo, owner_of: NodeOwner, master: &mut Master) -> Result<(), Abort> {
+    fn begin(&mut self, now: Instant, request: &CmdSdo, owner: &NodeOwner, master: &mut Master) -> Result<(), Abort> {
         let node = u8::try_from(request.node).ok().filter(|node| (1..=127).contains(node)).ok_or(Abort::NO_RESOURCE)?;
         let index = u16::try_from(request.index).map_err(|_| Abort::NO_OBJECT)?;
         let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
-        if self.0.len() >= PENDING_MAX {
+        let same = self.0.iter().filter(|pending| pending.request.node == request.node).count();
+        let crowded = matches!(owner, NodeOwner::Ours { .. }) && same >= PENDING_OF_OURS_MAX;
+        if crowded || self.0.len() >= PENDING_MAX {
             return Err(Abort::OUT_OF_MEMORY);
         }
         let data = request.data.as_slice();
         let ticket = if request.write {
-            may_write(index, owner_of)?;
+            may_write(index, sub, data, owner)?;
             let write = if data.len() > BLOCK_MIN { Master::sdo_write_block } else { Master::sdo_write };
             write(master, now, node, index, sub, data)
         } else {
@@ -91,18 +96,40 @@ impl Requests {
     }
 }
 
+/// 0x1003:0, the error history: zero clears it.
+const ERROR_HISTORY: u16 = 0x1003;
+
 /// Checks that an object may be written by an engineer.
-fn may_write(index: u16, owner_of: NodeOwner) -> Result<(), Abort> {
-    match (owner_of, index) {
-        (NodeOwner::Others, _) => Ok(()),
-        // Identifiers, error control, PDOs; controlword, mode, halt and quick stop reactions, set-points, homing.
-        (NodeOwner::Ours { .. }, 0x1005..=0x1007 | 0x100C | 0x100D | 0x1010..=0x1019 | 0x1029 | 0x1400..=0x1BFF)
-        | (NodeOwner::Ours { .. }, 0x6007 | 0x6040 | 0x605A..=0x6060 | 0x6071 | 0x607A | 0x607C | 0x6098 | 0x60FF) => {
-            Err(Abort::LOCAL_CONTROL)
-        }
-        (NodeOwner::Ours { standing: false }, _) => Err(Abort::DEVICE_STATE),
-        (NodeOwner::Ours { standing: true }, _) => Ok(()),
+fn may_write(index: u16, sub: u8, data: &[u8], owner: &NodeOwner) -> Result<(), Abort> {
+    let NodeOwner::Ours { standing, writable } = owner else { return Ok(()) };
+    let clears = index == ERROR_HISTORY && sub == 0 && data == [0];
+    match (clears || writable.contains(&index) && may_be_listed(index), standing) {
+        (false, _) => Err(Abort::LOCAL_CONTROL),
+        (true, false) => Err(Abort::DEVICE_STATE),
+        (true, true) => Ok(()),
     }
+}
+
+/// True for an object that a configuration may add to the list: one of the device profile (0x6000 to 0x9FFF) that
+/// neither moves nor supervises a drive, and on which no stop depends (CiA 402-2). Communication objects and the
+/// manufacturer's objects do not qualify.
+pub(super) fn may_be_listed(index: u16) -> bool {
+    let own = matches!(
+        index,
+        // Reaction to a lost connection; controlword; stop reactions and modes.
+        0x6007 | 0x6040 | 0x605A..=0x6061
+        // Targets, torque and current limits, position range, polarity, speed and ramp limits, quick stop, profiles.
+        | 0x6071..=0x6088
+        // Gear and unit factors.
+        | 0x6089..=0x6097
+        // Homing.
+        | 0x6098..=0x609A
+        // Touch probe and interpolation, offsets of the cyclic modes, acceleration limits.
+        | 0x60B0..=0x60C6
+        // Digital outputs: a brake may be one. Targets of velocity, motor type.
+        | 0x60FE | 0x60FF | 0x6402..=0x6410
+    );
+    (0x6000..=0x9FFF).contains(&index) && !own && !(0x6800..=0x9FFF).contains(&index)
 }
 
 fn answer(now: Instant, request: &CmdSdo, result: Result<&[u8], Abort>, out: &mut Actions) {

@@ -1,6 +1,7 @@
 //! Drive of the front wheels' steering: converts rad to counts; homed to its switch before any motion.
 
 use super::drive::{Drive, Trouble};
+use super::reference::ReferenceCheck;
 use super::{Config, SteeringConfig};
 use base::{Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
@@ -39,6 +40,8 @@ enum SteeringGoal {
 /// Relation of position to angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reference {
+    /// Being read back from a drive that was booted.
+    Unchecked,
     None,
     /// Homed; moving to straight ahead.
     Centering,
@@ -50,7 +53,12 @@ enum Reference {
 /// Reason why the steering has no reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum NotHomed {
+    /// The drive is being asked whether it has a reference.
+    Unchecked,
+    /// Homing was released, and begins.
     NotYet,
+    /// Homing, or its way to straight ahead, waits for a release.
+    Unreleased,
     Running,
     /// Homed; moving to straight ahead.
     Centering,
@@ -61,7 +69,8 @@ impl NotHomed {
     /// Cause in `LL_DATA_HOLD`.
     pub(super) fn hold(self) -> Hold {
         match self {
-            Self::NotYet => Hold::NotHomed,
+            Self::Unchecked | Self::NotYet => Hold::NotHomed,
+            Self::Unreleased => Hold::ToBeHomed,
             Self::Running => Hold::Homing,
             Self::Centering => Hold::Centering,
             Self::Failed(_) => Hold::HomingFailed,
@@ -75,6 +84,13 @@ pub(super) struct Steering {
     units: Units,
     goal: SteeringGoal,
     reference: Reference,
+    check: ReferenceCheck,
+    /// Homing may move the wheels, up to straight ahead.
+    released: bool,
+    /// The drive was homed before this process was.
+    inherited: bool,
+    /// The reference was checked or made once.
+    checked: bool,
     homing: Homing,
     /// Current transfer of homing, and its number of unanswered attempts.
     access: Option<(Ticket, Access)>,
@@ -99,12 +115,17 @@ impl Steering {
             mode_after: icla::PROFILE_POSITION,
             timeout: config.homing_timeout,
         };
+        let check = ReferenceCheck::new(homing.method, units.position(config.switch));
         Self {
             drive: Drive::new("steering", config.node, icla::axis_config()),
             config,
             units,
             goal: SteeringGoal::Stop,
             reference: Reference::None,
+            check,
+            released: false,
+            inherited: false,
+            checked: false,
             homing: Homing::new(homing),
             access: None,
             again: None,
@@ -128,7 +149,8 @@ impl Steering {
     }
 
     pub(super) fn on_booted(&mut self) {
-        self.reference = Reference::None;
+        self.reference = Reference::Unchecked;
+        self.check.start();
     }
 
     pub(super) fn on_lost(&mut self) {
@@ -165,6 +187,9 @@ impl Steering {
             CanEvent::SdoFailed { ticket, error, .. } => (ticket, Err(*error)),
             _ => return,
         };
+        if self.check.on_sdo(*ticket, result.as_ref().map(Payload::as_slice).ok()) {
+            return;
+        }
         let Some((_, access)) = self.access.take_if(|(own, _)| own == ticket) else {
             return;
         };
@@ -192,9 +217,30 @@ impl Steering {
         self.goal = SteeringGoal::Home;
     }
 
-    /// Discards the reference; homing starts as soon as there is no other objection to motion.
+    /// Discards the reference, as an operator commands; homing starts at once.
     pub(super) fn home_again(&mut self) {
         self.reference = Reference::None;
+        self.released = true;
+    }
+
+    /// An operator releases homing, if the steering waits for that.
+    pub(super) fn release_homing(&mut self) {
+        self.released = matches!(self.reference, Reference::None | Reference::Centering);
+    }
+
+    /// A stop: homing needs a new release.
+    pub(super) fn revoke_homing(&mut self) {
+        self.released = false;
+    }
+
+    /// True if the drive had its reference from an earlier process.
+    pub(super) fn is_inherited(&self) -> bool {
+        self.inherited
+    }
+
+    /// True while homing moves the wheels, or is about to.
+    pub(super) fn is_homing(&self) -> bool {
+        self.homing.is_running() || self.reference == Reference::Centering
     }
 
     /// Stops at the current angle by the quick stop ramp.
@@ -206,10 +252,29 @@ impl Steering {
         let goal = if self.goal == SteeringGoal::Stop { Goal::QuickStop } else { Goal::Enabled };
         self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
+        self.check_reference(now, master, out);
         self.advance_homing(now, master, out);
         self.advance_setpoint(now, out);
         let data = self.command();
         self.drive.send(now, master, icla::PDOS.rpdo, data);
+    }
+
+    /// Accepts the reference of a drive that kept it: only this process, or the bus, was gone.
+    fn check_reference(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
+        if self.reference != Reference::Unchecked || !self.drive.is_booted() {
+            return;
+        }
+        let read = |index| master.sdo_read(now, self.config.node, index, 0).ok();
+        let known = self.position.is_some() && self.drive.axis.state().is_some();
+        let Some(same) = self.check.poll(read).filter(|_| known) else { return };
+        let homed = self.drive.axis.statusword() & icla::HOMED != 0;
+        self.reference = if same && homed { Reference::Known } else { Reference::None };
+        self.inherited |= homed && !std::mem::replace(&mut self.checked, true);
+        if self.reference == Reference::Known {
+            self.setpoint.reset(self.position.unwrap_or(0));
+            out.clear(Fault::HomingFailed, "steering", "the steering is homed");
+            out.note("the steering has kept its reference: the robot may be driven");
+        }
     }
 
     fn advance_homing(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
@@ -217,7 +282,9 @@ impl Steering {
             self.on_homing_finished(result, out);
         }
         match self.goal {
-            SteeringGoal::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => {
+            SteeringGoal::Home
+                if self.reference == Reference::None && self.released && self.drive.axis.is_enabled() =>
+            {
                 self.homing.start();
             }
             SteeringGoal::Home => {}
@@ -239,12 +306,13 @@ impl Steering {
 
     fn on_homing_finished(&mut self, result: Result<(), HomingError>, out: &mut Actions) {
         self.setpoint.reset(self.position.unwrap_or(0));
+        self.released &= result.is_ok();
         self.reference = match result {
             Ok(()) => {
                 out.clear(Fault::HomingFailed, "steering", "the steering is homed");
                 Reference::Centering
             }
-            // Cancelled for another cause; restarts at its end.
+            // Cancelled for another cause; starts again with a release after the end of that cause.
             Err(HomingError::Cancelled) => Reference::None,
             Err(error) => {
                 let message = format!("homing the steering failed: {error}; `advee home steering` tries again");
@@ -263,7 +331,7 @@ impl Steering {
         }
         let target = match (self.goal, &self.reference) {
             (SteeringGoal::Go(angle), Reference::Known) => Some(self.units.position(angle)),
-            (SteeringGoal::Home, Reference::Centering) => Some(0),
+            (SteeringGoal::Home, Reference::Centering) if self.released => Some(0),
             _ => None,
         };
         if let Some(target) = target {
@@ -279,7 +347,7 @@ impl Steering {
             }
         }
         if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT_MAX_RAD {
-            self.reference = Reference::Known;
+            (self.reference, self.released) = (Reference::Known, false);
             out.note("the steering is homed: the robot may be driven");
         }
     }
@@ -314,8 +382,10 @@ impl Steering {
         match self.reference {
             Reference::Known => None,
             Reference::None if self.homing.is_running() => Some(NotHomed::Running),
-            Reference::None => Some(NotHomed::NotYet),
-            Reference::Centering => Some(NotHomed::Centering),
+            Reference::Unchecked => Some(NotHomed::Unchecked),
+            Reference::None if self.released => Some(NotHomed::NotYet),
+            Reference::Centering if self.released => Some(NotHomed::Centering),
+            Reference::None | Reference::Centering => Some(NotHomed::Unreleased),
             Reference::Failed(error) => Some(NotHomed::Failed(error)),
         }
     }

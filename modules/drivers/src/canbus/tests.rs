@@ -2,18 +2,27 @@
 
 mod bus;
 mod fake;
+mod guard;
 mod holds;
+mod homing;
 mod hostile;
 mod layout;
+mod pause;
+mod ranging;
+mod stopping;
 
-use super::{Canbus, Config, NAME, PropulsionConfig, SteeringConfig};
-use base::{Duration, Fault, Instant, Severity, can};
+use super::{
+    Canbus, Config, HomingRelease, NAME, OutputConfig, PauseStop, PropulsionConfig, SecondWay, SteeringConfig, Stop,
+};
+use base::{Duration, Fault, Instant, Report, Severity, can};
 use canopen::axis::PowerState;
 use canopen::drives::{epos, icla};
+use canopen::{Node, NodeEvent};
 use fake::Fake;
 use messages::{Hold, Message, common, lowlevel};
 use module::bench::Bench;
 use module::{Action, Event, Input, Output, PortId, Shell, ShellConfig, State};
+use settings::Section as _;
 use settings::robot::Limits;
 
 const MS: Duration = Duration::from_millis(1);
@@ -40,7 +49,14 @@ fn config() -> Config {
         critical: vec!["driver_rs485a".into()],
         planning: vec!["planner".into()],
         has_pause_line: false,
-        propulsion: PropulsionConfig { node: 1, rpm_per_mps: 2483.0 },
+        ranging: Vec::new(),
+        ranging_age_max: Duration::ZERO,
+        guarded: false,
+        homing_release: HomingRelease::Start,
+        stop: Stop { pause: PauseStop::Brake, ..Stop::usual() },
+        // As fast as its limits, whatever is sensed.
+        protection: super::protection::Config { speed_blind: f64::INFINITY, ..Default::default() },
+        propulsion: PropulsionConfig { node: 1, rpm_per_mps: 2483.0, writable: vec![0x6065] },
         steering: SteeringConfig {
             node: 2,
             counts_per_turn: 4096.0,
@@ -51,6 +67,7 @@ fn config() -> Config {
             homing_timeout: Duration::from_secs(15),
             speed: 0.7,
             remap: false,
+            writable: Vec::new(),
         },
     }
 }
@@ -60,14 +77,22 @@ struct Robot {
     bench: Bench,
     epos: Fake,
     icla: Fake,
+    /// Node whose output feeds the motors, and the values written to it.
+    output: Option<Node>,
+    written: Vec<(Instant, i64)>,
     watchdog: bool,
     missing: &'static str,
+    /// Number of times for which the watchdog has restarted the module.
+    restarts: i32,
     frames: Vec<(Instant, can::Frame)>,
     motion: Option<lowlevel::DataMotion>,
     holds: lowlevel::DataHold,
     bus: Option<lowlevel::DataBus>,
     answers: Vec<lowlevel::DataSdo>,
+    /// Orders to the power controller.
+    power: Vec<(Instant, lowlevel::CmdPower)>,
     errors: Vec<(Fault, Severity)>,
+    notes: Vec<String>,
 }
 
 impl Robot {
@@ -81,17 +106,34 @@ impl Robot {
             bench: Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(canbus))),
             epos: Fake::new(epos, 6),
             icla: Fake::new(icla::dictionary(2), 6),
+            output: None,
+            written: Vec::new(),
             watchdog: true,
             missing: "",
+            restarts: 0,
             frames: Vec::new(),
             motion: None,
             holds: lowlevel::DataHold::default(),
             bus: None,
             answers: Vec::new(),
+            power: Vec::new(),
             errors: Vec::new(),
+            notes: Vec::new(),
         };
         robot.bench.start();
         robot
+    }
+
+    /// An operator homes the steering.
+    fn home(&mut self) {
+        self.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
+        self.exchange();
+    }
+
+    /// A manual source is pressed after it was released.
+    fn press(&mut self, speed: f64) {
+        self.command(0.0, 0.0);
+        self.command(speed, 0.0);
     }
 
     /// Booted and homed, without a command.
@@ -112,6 +154,8 @@ impl Robot {
                 let process = |module: &str| common::Process {
                     module: module.into(),
                     phase: common::Process::RUNNING,
+                    state: common::DataState::RUN,
+                    restarts: self.restarts,
                     ..common::Process::default()
                 };
                 let modules = [NAME, "driver_rs485a", "planner"].into_iter().filter(|module| *module != self.missing);
@@ -119,6 +163,9 @@ impl Robot {
             }
             self.epos.handle_timeout(now);
             self.icla.handle_timeout(now);
+            if let Some(output) = &mut self.output {
+                output.handle_timeout(now);
+            }
             self.exchange();
         }
     }
@@ -134,20 +181,37 @@ impl Robot {
                         self.frames.push((now, frame));
                         self.epos.handle_rx(now, &frame);
                         self.icla.handle_rx(now, &frame);
+                        if let Some(output) = &mut self.output {
+                            output.handle_rx(now, &frame);
+                        }
                     }
                     Action::Publish(Message::LlDataHold(holds)) => self.holds = holds,
                     Action::Publish(Message::LlDataMotion(motion)) => {
-                        assert_eq!(motion.reason.is_empty(), self.holds.holds.is_empty(), "{:?}", self.holds);
+                        let stops = |hold: &lowlevel::Hold| hold.cause().is_none_or(|cause| !cause.is_notice());
+                        assert_eq!(motion.reason.is_empty(), !self.holds.holds.iter().any(stops), "{:?}", self.holds);
                         self.motion = Some(motion);
                     }
                     Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
+                    Action::Publish(Message::LlCmdPower(order)) => self.power.push((now, order)),
+                    Action::Note(_, text) => self.notes.push(text),
                     Action::Report(report) => self.errors.push((report.fault, report.severity)),
                     _ => {}
                 }
             }
             for drive in [&mut self.epos, &mut self.icla] {
                 while let Some(frame) = drive.poll_tx() {
+                    quiet = false;
+                    self.bench.can(PortId(0), frame);
+                }
+            }
+            if let Some(output) = &mut self.output {
+                while let Some(event) = output.poll_event() {
+                    if let NodeEvent::ObjectWritten { index: 0x6200, sub: 1 } = event {
+                        self.written.push((now, output.get(0x6200, 1).unwrap_or(-1)));
+                    }
+                }
+                while let Some(frame) = output.poll_tx() {
                     quiet = false;
                     self.bench.can(PortId(0), frame);
                 }
@@ -255,6 +319,26 @@ fn silence_is_a_quick_stop_after_the_time_to_live() {
 }
 
 #[test]
+fn a_source_that_stalled_does_not_resume() {
+    let mut robot = Robot::ready();
+    robot.drive(0.3, 500);
+    assert!(robot.moves());
+    // Nothing for 300 ms, then the stick is still held.
+    robot.pass(300);
+    assert!(!robot.moves());
+    robot.frames.clear();
+    robot.drive(0.3, 2000);
+    assert!(!robot.moves(), "it resumed by itself");
+    assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
+    robot.pass(10_000);
+    robot.drive(0.3, 1000);
+    assert!(!robot.moves(), "silence is no release");
+    robot.drive(0.0, 50);
+    robot.drive(0.3, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
 fn a_command_out_of_limits_or_not_a_number_stops_any_source() {
     for (speed, steering) in [(f64::NAN, 0.0), (0.0, f64::INFINITY), (1.3, 0.0), (0.4, -0.7)] {
         let mut robot = Robot::ready();
@@ -263,7 +347,7 @@ fn a_command_out_of_limits_or_not_a_number_stops_any_source() {
         robot.command(speed, steering);
         assert!(!robot.moves(), "{speed} {steering}");
         assert!(robot.errors.contains(&(Fault::MotionRefused, Severity::Error)));
-        // The correct source keeps commanding and must send zero or nothing first.
+        // The correct source keeps commanding and must send zero first.
         robot.drive(0.4, 600);
         assert!(!robot.moves());
         robot.drive(0.0, 100);
@@ -304,7 +388,27 @@ fn a_critical_module_that_dies_stops_the_robot_and_nothing_resumes_by_itself() {
     assert_eq!(critical, [&(Fault::CriticalModule, Severity::Error), &(Fault::CriticalModule, Severity::Notice)]);
     robot.pass(300);
     robot.drive(0.4, 200);
+    assert!(!robot.moves(), "silence is no release");
+    robot.drive(0.0, 50);
+    robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn another_robot_on_the_message_bus_stops_this_one_and_nothing_resumes_by_itself() {
+    let mut robot = Robot::ready();
+    robot.drive(0.5, 1000);
+    assert!(robot.moves());
+    robot.bench.raise(Report::new(Severity::Error, Fault::SecondRobot, "", "the list of a foreign watchdog"));
+    robot.drive(0.5, 200);
+    assert!(!robot.moves());
+    assert_eq!(robot.hold(), Some(Hold::SecondRobot));
+    robot.bench.clear(Report::new(Severity::Notice, Fault::SecondRobot, "", "one robot is on this bus"));
+    robot.drive(0.5, 500);
+    assert!(!robot.moves(), "not released");
+    robot.drive(0.0, 100);
+    robot.drive(0.5, 500);
+    assert!(robot.moves());
 }
 
 #[test]
@@ -330,7 +434,7 @@ fn a_lost_drive_stops_the_other_one_and_is_booted_again() {
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Run);
     assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Notice)));
-    assert!(robot.motion().homed && !robot.moves(), "homed again, waiting for a new command");
+    assert!(robot.motion().homed && !robot.moves(), "it kept its reference, and waits for a new command");
     robot.drive(0.0, 100);
     robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
@@ -381,10 +485,13 @@ fn another_master_on_the_bus_stops_the_robot() {
     assert_eq!(robot.holds()[0], (Hold::SecondMaster, "can.main"));
     // The steering does not move either: its goal waits.
     robot.pass(1000);
-    robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
+    let before = robot.icla.homings;
+    robot.home();
     robot.pass(1000);
-    assert!(!robot.motion().homed, "it was homed");
+    assert!(robot.errors.contains(&(Fault::CommandForbidden, Severity::Warning)), "homing is refused meanwhile");
     robot.pass(12_000);
+    assert_eq!(robot.icla.homings, before, "it was homed");
+    robot.drive(0.0, 50);
     robot.drive(0.4, 300);
     assert!(robot.moves(), "{}", robot.reason());
 }
@@ -407,6 +514,7 @@ fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
         robot.drive(0.4, 300);
         assert!(!robot.moves(), "it resumed by itself");
         robot.pass(300);
+        robot.drive(0.0, 50);
         robot.drive(0.4, 300);
         assert!(robot.moves(), "{}", robot.reason());
     }
@@ -475,8 +583,9 @@ fn any_frames_on_the_bus_are_survived() {
         robot.bench.can(PortId(0), frame);
         robot.pass(random() % 2);
     }
-    robot.pass(10_000);
-    // Homing may have seen a wrong statusword; then it waits for an operator's command.
+    // Some of them were another master's.
+    robot.pass(12_000);
+    // Homing waits for an operator's command.
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     robot.pass(10_000);
     assert!(robot.motion().homed, "{}", robot.reason());

@@ -2,7 +2,7 @@
 
 use base::{Duration, gamepad};
 use settings::robot::Limits;
-use settings::{Rule, Table, Value, settings};
+use settings::{Off, Rule, Table, Value, ZeroOr, settings};
 use std::fmt;
 use std::ops::RangeInclusive;
 
@@ -18,14 +18,18 @@ settings! {
         steering: StickConfig = table;
         /// Dead-man button, by name or code. Absent: `BTN_TL`, else `BTN_TRIGGER`, else the first.
         dead_man: Option<u16> = optional, BUTTON;
+        /// Button that lets the robot creep past the guard while it is held beside the dead-man button (docs/guard.md).
+        /// Absent: `BTN_TR`, unless that is another of these buttons.
+        creep: Option<u16> = optional, BUTTON;
         /// Share of the speed's limit that the stick reaches with no button held.
         scale: f64 = 1.0, 0.01..=1.0;
         /// Button that makes it another share while it is held; takes precedence over `fast`.
         slow: Option<Gear> = optional;
         /// Another such button.
         fast: Option<Gear> = optional;
-        /// A gamepad that drives and sends nothing for this long counts as released. Absent: never.
-        quiet_s as quiet: Option<Duration> = optional, 0.5..=3600.0;
+        /// A gamepad that drives and sends nothing for this long counts as released: it may be out of range. 0: never,
+        /// for a gamepad with a cable.
+        quiet_s as quiet: Option<Duration> = Some(Duration::from_millis(500)), Off(ZeroOr(0.5..=3600.0));
     }
     check Config::refuse_double;
 }
@@ -106,7 +110,7 @@ impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::OneAxis => "speed and steering need an axis each",
-            Self::OneButton => "dead_man, slow and fast need a button each",
+            Self::OneButton => "dead_man, creep, slow and fast need a button each",
             Self::Number => "a dead zone, expo, scale or limit is out of range",
         })
     }
@@ -120,6 +124,9 @@ impl Config {
             table.refuse("steering", "another axis than that of the speed");
         }
         let [slow, fast] = [self.slow, self.fast].map(|gear| gear.map(|gear| gear.button));
+        if self.creep.is_some() && [self.dead_man, slow, fast].contains(&self.creep) {
+            table.refuse("creep", "another button than dead_man, slow and fast");
+        }
         if slow.is_some() && slow == self.dead_man {
             table.refuse("slow", "another button than dead_man");
         }
@@ -141,7 +148,8 @@ impl Config {
             return Err(ConfigError::OneAxis);
         }
         let gears = [self.slow, self.fast];
-        let buttons: Vec<u16> = gears.iter().flatten().map(|gear| gear.button).chain(self.dead_man).collect();
+        let buttons: Vec<u16> =
+            gears.iter().flatten().map(|gear| gear.button).chain(self.dead_man).chain(self.creep).collect();
         if buttons.iter().enumerate().any(|(place, button)| buttons[..place].contains(button)) {
             return Err(ConfigError::OneButton);
         }

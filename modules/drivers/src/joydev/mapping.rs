@@ -6,8 +6,8 @@
 
 use super::config::{Config, StickConfig};
 use base::gamepad::{
-    ABS_HAT0X, ABS_HAT0Y, ABS_RX, ABS_RY, ABS_WHEEL, ABS_X, ABS_Y, Axis, BTN_SOUTH, BTN_TL, BTN_TRIGGER, Device,
-    axis_name, button_name, is_button,
+    ABS_HAT0X, ABS_HAT0Y, ABS_RX, ABS_RY, ABS_WHEEL, ABS_X, ABS_Y, Axis, BTN_SOUTH, BTN_TL, BTN_TR, BTN_TRIGGER,
+    Device, axis_name, button_name, is_button,
 };
 use std::borrow::Cow;
 use std::fmt;
@@ -19,6 +19,8 @@ const STEERING_OF_PAD: &[u16] = &[ABS_RX, ABS_X, ABS_HAT0X];
 const STEERING: &[u16] = &[ABS_X, ABS_RX, ABS_WHEEL, ABS_HAT0X];
 /// Dead-man buttons, in order of preference.
 const DEAD_MAN: &[u16] = &[BTN_TL, BTN_TRIGGER];
+/// Creep button.
+const CREEP: u16 = BTN_TR;
 
 /// Assignment of a device's axes and buttons.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +31,8 @@ pub struct Mapping {
     pub steering: Stick,
     /// Button that must be held for the sticks to move the robot.
     pub dead_man: u16,
+    /// Button by which the robot creeps past the guard; `None`: the gamepad has none.
+    pub creep: Option<u16>,
 }
 
 /// Reason why a device cannot drive the robot.
@@ -92,8 +96,15 @@ impl Mapping {
             speed: Stick::new(&config.speed, speed)?,
             steering: Stick::new(&config.steering, steering)?,
             dead_man,
+            creep: creep(config, dead_man).filter(has),
         })
     }
+}
+
+/// Creep button: the configured one, else the usual one unless it has another function.
+fn creep(config: &Config, dead_man: u16) -> Option<u16> {
+    let gears = [config.slow, config.fast].into_iter().flatten().map(|gear| gear.button);
+    config.creep.or_else(|| gears.chain([dead_man]).all(|taken| taken != CREEP).then_some(CREEP))
 }
 
 /// Selects the axis for a purpose: the configured one, else the first of the usual ones, else any.
@@ -294,6 +305,13 @@ mod tests {
             refused(|c| c.dead_man = Some(0x2FF)),
             "it has no button 0x2ff, which is configured for the dead man"
         );
+        let creep = |config: &Config| Mapping::of(config, &pad()).unwrap().creep;
+        assert_eq!(creep(&config()), Some(BTN_TR));
+        assert_eq!(creep(&Config { creep: Some(BTN_SOUTH), ..config() }), Some(BTN_SOUTH));
+        assert_eq!(creep(&Config { creep: Some(BTN_THUMB), ..config() }), None, "it drives without");
+        assert_eq!(creep(&Config { dead_man: Some(BTN_TR), ..config() }), None);
+        let slow = Some(super::super::Gear { button: BTN_TR, scale: 0.5 });
+        assert_eq!(creep(&Config { slow, ..config() }), None, "as it was configured before there was a guard");
         let swapped = Config { steering: StickConfig { axis: Some(ABS_Y), ..STICK }, ..config() };
         let mapping = Mapping::of(&swapped, &pad()).unwrap();
         assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes the remaining axis");

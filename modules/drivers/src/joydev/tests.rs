@@ -13,6 +13,7 @@ pub(super) fn config() -> Config {
         speed: stick,
         steering: stick,
         dead_man: None,
+        creep: None,
         scale: 1.0,
         slow: None,
         fast: None,
@@ -40,13 +41,15 @@ struct Rig {
     bench: Bench,
     commands: Vec<(Instant, f64)>,
     lines: Vec<String>,
+    /// Its creep command says that the button is held.
+    creeps: bool,
 }
 
 impl Rig {
     /// The module runs, its port is open.
     fn new(config: Config) -> Self {
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Joydev::new(config).unwrap()));
-        let mut rig = Self { bench: Bench::new(shell), commands: Vec::new(), lines: Vec::new() };
+        let mut rig = Self { bench: Bench::new(shell), commands: Vec::new(), lines: Vec::new(), creeps: false };
         rig.bench.start();
         rig
     }
@@ -98,6 +101,12 @@ impl Rig {
                     assert_eq!((command.priority, command.source.as_str()), (2, "gamepad"));
                     self.commands.push((at, command.speed));
                     format!("{ms} {:.3} {:.3}", command.speed, command.steering)
+                }
+                Action::Publish(Message::LlCmdCreep(CmdCreep { source, session, held, .. })) => {
+                    // Started at the epoch.
+                    assert_eq!((source.as_str(), session), ("gamepad", 0));
+                    self.creeps = held;
+                    format!("{ms} creep {held}")
                 }
                 Action::Report(report) => {
                     format!("{ms} {:?} {}: {}", report.severity, report.fault.name(), report.message)
@@ -157,7 +166,7 @@ fn an_absent_gamepad_is_not_an_error() {
     rig.collect();
     assert_eq!(rig.take(), "0 INIT\n0 RUN\n0 not connected: /dev/input: no such folder");
     rig.found(&pad());
-    assert_eq!(rig.take(), "0 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL");
+    assert_eq!(rig.take(), "0 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL, creep BTN_TR");
 }
 
 #[test]
@@ -186,7 +195,7 @@ fn unplugging_is_one_zero_at_once_and_then_nothing() {
     held.set_button(BTN_TL, true);
     rig.found(&held);
     rig.pass(ms(130));
-    let told = "1070 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL\n\
+    let told = "1070 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL, creep BTN_TR\n\
                 1070 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told);
     rig.press(BTN_TL, false);
@@ -299,6 +308,44 @@ fn in_pause_it_publishes_without_commands_and_in_stop_neither() {
 }
 
 #[test]
+fn the_creep_button_counts_from_a_press_while_the_robot_is_driven_until_its_release() {
+    let mut rig = Rig::with_pad();
+    rig.press(BTN_TL, true);
+    rig.pass(ms(20));
+    rig.press(BTN_TR, true);
+    rig.pass(ms(100));
+    rig.press(BTN_TR, false);
+    rig.pass(ms(30));
+    let told = "0 0.000 0.000\n50 creep true\n50 0.000 0.000\n100 creep true\n100 0.000 0.000\n120 creep false\n\
+                150 0.000 0.000";
+    assert_eq!(rig.take(), told);
+    // It ends with the dead-man button.
+    rig.press(BTN_TR, true);
+    rig.pass(ms(60));
+    rig.take();
+    rig.press(BTN_TL, false);
+    assert_eq!(rig.take(), "210 0.000 0.000\n210 creep false");
+    // A button held since before, alone or within one frame, is not a deliberate act.
+    rig.press(BTN_TL, true);
+    rig.pass(ms(90));
+    assert!(!rig.take().contains("creep"));
+    rig.press(BTN_TR, false);
+    rig.press(BTN_TR, true);
+    rig.pass(ms(50));
+    assert!(rig.take().contains("creep true"), "pressed anew");
+    for button in [BTN_TL, BTN_TR] {
+        rig.press(button, false);
+    }
+    rig.take();
+    for button in [BTN_TL, BTN_TR] {
+        rig.news(News::Button { code: button, pressed: true });
+    }
+    rig.news(News::Frame);
+    rig.pass(ms(100));
+    assert!(!rig.take().contains("creep"));
+}
+
+#[test]
 fn slow_and_fast_scale_the_limit() {
     let gear = |button, scale| Some(Gear { button, scale });
     let config = Config { scale: 0.5, slow: gear(BTN_WEST, 0.25), fast: gear(BTN_NORTH, 1.0), ..config() };
@@ -316,8 +363,12 @@ fn slow_and_fast_scale_the_limit() {
 }
 
 #[test]
-fn a_silent_gamepad_counts_as_released_if_configured() {
-    let mut rig = Rig::new(Config { quiet: Some(ms(500)), ..config() });
+fn a_gamepad_that_may_be_out_of_range_counts_as_released() {
+    // A receiver is a USB device just as a cable is, so all gamepads are judged unless the configuration says
+    // otherwise.
+    let quiet = <Config as settings::Section>::usual().quiet;
+    assert_eq!(quiet, Some(ms(500)));
+    let mut rig = Rig::new(Config { quiet, ..config() });
     rig.found(&pad());
     rig.press(BTN_TL, true);
     rig.pass(ms(490));
@@ -326,7 +377,8 @@ fn a_silent_gamepad_counts_as_released_if_configured() {
     rig.pass(ms(480));
     assert!(rig.take().ends_with("950 0.600 0.000"));
     rig.pass(ms(500));
-    let told = "990 0.000 0.000\n990 the gamepad has been silent for too long: it counts as released\n\
+    let told = "990 0.000 0.000\n990 the gamepad has been silent for too long: it counts as released \
+     (gamepad.quiet_s = 0 for one with a cable)\n\
                 990 Warning GamepadNotReleased: BTN_TL was held before: release it first";
     assert_eq!(rig.take(), told);
 }
@@ -360,6 +412,7 @@ fn a_contradictory_configuration_is_rejected() {
         refused(|c| (c.dead_man, c.slow) = (Some(7), Some(Gear { button: 7, scale: 0.5 }))),
         ConfigError::OneButton
     );
+    assert_eq!(refused(|c| (c.dead_man, c.creep) = (Some(7), Some(7))), ConfigError::OneButton);
     assert_eq!(refused(|c| c.speed.dead_zone = 0.95), ConfigError::Number);
     assert_eq!(refused(|c| c.steering.expo = f64::NAN), ConfigError::Number);
     assert_eq!(refused(|c| c.speed.limit = f64::INFINITY), ConfigError::Number);
@@ -367,7 +420,7 @@ fn a_contradictory_configuration_is_rejected() {
 }
 
 /// For any sequence of inputs: commands are within the limits, only in RUN and while the button is held; the last one
-/// before a silence is zero.
+/// before a silence is zero. It creeps only while both buttons are held.
 #[test]
 fn nothing_moves_the_robot_but_a_button_that_is_held() {
     let mut chance = 0x2545_F491_4F6C_DD1D_u64;
@@ -378,7 +431,7 @@ fn nothing_moves_the_robot_but_a_button_that_is_held() {
         chance % count
     };
     let mut rig = Rig::with_pad();
-    let (mut held, mut there, mut moved) = (false, true, 0);
+    let (mut held, mut second, mut there, mut moved, mut crept) = (false, false, true, 0, 0);
     let mut last = (Instant::ZERO, 0.0);
     for _ in 0..20_000 {
         match next(40) {
@@ -390,6 +443,8 @@ fn nothing_moves_the_robot_but_a_button_that_is_held() {
                 (there, held) = (true, next(2) == 0);
                 let mut device = pad();
                 device.set_button(BTN_TL, held);
+                second = next(2) == 0;
+                device.set_button(BTN_TR, second);
                 rig.found(&device);
             }
             2..7 => rig.news(News::Axis { code: ABS_Y, value: next(1 << 32) as u32 as i32 }),
@@ -400,13 +455,19 @@ fn nothing_moves_the_robot_but_a_button_that_is_held() {
                 held = next(4) != 0;
                 rig.news(News::Button { code: BTN_TL, pressed: held });
             }
-            20..30 => rig.news(News::Frame),
+            20..24 => {
+                second = next(4) != 0;
+                rig.news(News::Button { code: BTN_TR, pressed: second });
+            }
+            24..30 => rig.news(News::Frame),
             30 if next(4) == 0 => rig.command(State::Stop),
             30 => rig.command(State::Pause),
             31..34 => rig.command(State::Run),
             _ => rig.pass(ms(next(120))),
         }
         let may = held && there && rig.bench.shell.state() == State::Run;
+        assert!(!rig.creeps || (may && second), "it creeps without both buttons");
+        crept += u32::from(rig.creeps);
         for (at, speed) in std::mem::take(&mut rig.commands) {
             assert!(speed == 0.0 || (may && speed.abs() <= 0.6), "{speed} m/s at {at:?}");
             moved += u32::from(speed != 0.0);
@@ -414,5 +475,5 @@ fn nothing_moves_the_robot_but_a_button_that_is_held() {
         }
         assert!(last.1 == 0.0 || (may && rig.bench.now().since(last.0) <= ms(50)), "silent after {last:?}");
     }
-    assert!(moved > 100, "{moved}");
+    assert!(moved > 100 && crept > 100, "{moved} {crept}");
 }

@@ -245,6 +245,19 @@ fn commands_that_cannot_be_obeyed_are_refused() {
 }
 
 #[test]
+fn in_pause_the_motors_can_be_switched_off_and_not_on() {
+    let mut rig = rig();
+    rig.command(State::Pause);
+    rig.news();
+    order(&mut rig, 3, CmdPower::OFF);
+    pass(&mut rig, 2000);
+    assert_eq!((rig.news().as_str(), rig.board.on & 0x08), ("power channel motors is off", 0));
+    order(&mut rig, 3, CmdPower::ON);
+    pass(&mut rig, 2000);
+    assert_eq!((rig.news().as_str(), rig.board.on & 0x08), ("Warning CommandForbidden power", 0));
+}
+
+#[test]
 fn before_the_supply_is_cut_the_modules_are_ended_last_first_and_the_computer_is_halted() {
     let mut rig = rig();
     processes(&mut rig, &["eyes", "legs"]);

@@ -12,6 +12,8 @@ use std::mem;
 
 /// Maximum interval of `LL_DATA_RANGES`, even if no board answers.
 const RANGES_PERIOD_MAX: Duration = Duration::from_secs(1);
+/// Maximum time from the first answer of a round to its `LL_DATA_RANGES`.
+const ROUND_MAX: Duration = Duration::from_millis(30);
 /// Minimum interval between reports of counter jumps.
 const JUMP_REPORT_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -51,17 +53,29 @@ impl Rs485a {
     }
 
     fn on_ranges(&mut self, now: Instant, board: u8, both: Option<sd1::Both>, out: &mut Actions) {
-        if self.ranges.is_done(board) {
-            self.publish_ranges(now, out);
+        // While the robot drives, the message does not wait for a board that looks elsewhere.
+        let leading = |address| self.pace.is_leading(address) && !self.line.is_lost(address);
+        let leads = leading(board);
+        let waits = self.ranges.boards().any(leading);
+        if self.ranges.is_done(board) && !waits {
+            self.publish_readings(now, out);
+            self.publish_views(out);
         }
         self.ranges.put(now, board, both);
-        if self.ranges.complete(|address| !self.line.is_lost(address)) {
-            self.publish_ranges(now, out);
+        let complete = self.ranges.complete(|address| !self.line.is_lost(address));
+        if leads || complete && !waits {
+            self.publish_readings(now, out);
+        } else if !waits {
+            // Boards that are polled in another phase must not make this one's readings old.
+            self.repeat = self.repeat.min(now + ROUND_MAX);
+        }
+        if complete {
+            self.publish_views(out);
         }
     }
 
-    fn publish_ranges(&mut self, now: Instant, out: &mut Actions) {
-        self.publish_readings(now, out);
+    /// Publishes the views of 2011 and starts the next round.
+    fn publish_views(&mut self, out: &mut Actions) {
         let (at, srfs, irs) = self.ranges.publish();
         let timestamp = out.timestamp(at);
         out.publish(DataSrfs { timestamp, srfs });

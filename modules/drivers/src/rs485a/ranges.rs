@@ -147,6 +147,11 @@ impl Ranges {
         self.srfs.is_empty() && self.irs.is_empty()
     }
 
+    /// Addresses of the boards.
+    pub fn boards(&self) -> impl Iterator<Item = u8> + '_ {
+        self.boards.iter().map(|board| board.address)
+    }
+
     /// A board is being asked for its ranges.
     pub fn asked(&mut self, now: Instant, address: u8) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
@@ -179,7 +184,7 @@ impl Ranges {
 
     /// All sonars and infrared rangers in the form of 2011, and the time of the last answer; starts the next round.
     pub fn publish(&mut self) -> (Instant, Vec<Range>, Vec<Range>) {
-        self.boards.iter_mut().for_each(|board| board.done = false);
+        self.begin_round();
         let at = self.latest.unwrap_or_default();
         (at, self.list(&self.srfs, sonar), self.list(&self.irs, infrared))
     }
@@ -189,6 +194,11 @@ impl Ranges {
         let sonars = self.srfs.iter().map(|ranger| self.reading(ranger, Reading::SONAR, sonar, &timestamp));
         let infrareds = self.irs.iter().map(|ranger| self.reading(ranger, Reading::INFRARED, infrared, &timestamp));
         sonars.chain(infrareds).collect()
+    }
+
+    /// Starts a round, in which all boards answer again.
+    pub fn begin_round(&mut self) {
+        self.boards.iter_mut().for_each(|board| board.done = false);
     }
 
     /// Discards all measurements.

@@ -847,3 +847,140 @@ fn a_measurement_that_is_read_again_keeps_its_instant() {
     let measured = read.windows(2).filter(|pair| pair[0].0 != pair[1].0).count();
     assert!((17..=21).contains(&measured), "once in 210 ms of 4 s: {measured}");
 }
+
+/// Numbers of polls of the front and of the rear board since the last call.
+fn polls(wire: &mut Wire) -> [usize; 2] {
+    let count = |board: &mut FakeBoard| {
+        let asked = std::mem::take(&mut board.asked);
+        asked.iter().filter(|code| **code == sd1::GET_BOTH_DATA.code).count()
+    };
+    [count(&mut wire.boards[0]), count(&mut wire.boards[1])]
+}
+
+/// The front board's sonars look ahead, those of the rear board back.
+fn directed() -> Config {
+    let mut config = config();
+    for ranger in &mut config.srfs {
+        ranger.theta = if ranger.board == FRONT { 0.4 } else { 2.7 };
+    }
+    config
+}
+
+fn motion(wire: &mut Wire, speed: f64, speed_target: f64) {
+    wire.bench.message(DataMotion { speed, speed_target, ..DataMotion::default() });
+    wire.collect();
+}
+
+#[test]
+fn boards_that_look_in_the_direction_of_travel_are_polled_faster_and_published_at_once() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.run(ms(2000));
+    polls(&mut wire);
+    for (speed, target, expected) in [
+        (0.0, 0.0, [8, 8]),
+        (0.0, 0.3, [40, 20]),
+        (0.3, 0.0, [40, 20]),
+        (0.1, -0.3, [20, 40]),
+        (-0.3, -0.3, [20, 40]),
+        (0.01, 0.0, [8, 8]),
+    ] {
+        motion(&mut wire, speed, target);
+        wire.run(ms(500));
+        polls(&mut wire);
+        wire.ranges();
+        wire.srfs();
+        wire.run(ms(2000));
+        let [front, rear] = polls(&mut wire);
+        let near = |count: usize, expected: usize| count.abs_diff(expected) <= 1;
+        assert!(near(front, expected[0]) && near(rear, expected[1]), "{speed} {target}: {front} {rear}");
+        let (ranges, srfs) = (wire.ranges().len(), wire.srfs().len());
+        assert!(near(ranges, expected[0].max(expected[1])), "{speed} {target}: {ranges} messages");
+        assert!(near(srfs, expected[0].min(expected[1])), "{speed} {target}: {srfs} of the view of 2011");
+    }
+}
+
+#[test]
+fn a_reading_arrives_sooner_while_the_robot_drives() {
+    // Age of the newest reading of each front sonar when it arrives, ms: the greatest, and the mean.
+    let ages = |drives: bool| {
+        let (mut worst, mut sum, mut count) = (0.0f64, 0.0, 0.0);
+        for phase in 0..21 {
+            let mut wire = Wire::with(directed());
+            let approach = Approach { phase: ms(10 * phase), speed: 0.8, from: 8.0 };
+            wire.front().approach = Some(approach);
+            wire.port(Input::Up);
+            motion(&mut wire, 0.0, if drives { 0.8 } else { 0.0 });
+            wire.run(ms(1500));
+            wire.ranges();
+            wire.run(ms(4000));
+            let mut last: Option<[f64; 8]> = None;
+            for (at, ranges) in wire.ranges() {
+                let read: [f64; 8] = std::array::from_fn(|id| ranges.readings[id].distance);
+                for (id, before) in last.replace(read).into_iter().flatten().enumerate() {
+                    if read[id] != before {
+                        let age = 1e3 * (at.as_nanos() as f64 / 1e9 - approach.fired(read[id]));
+                        (worst, sum, count) = (worst.max(age), sum + age, count + 1.0);
+                    }
+                }
+            }
+        }
+        (worst, sum / count)
+    };
+    let (standing, driving) = (ages(false), ages(true));
+    assert!(driving.0 < 145.0 && driving.1 < 105.0, "{driving:?}");
+    assert!(standing.0 > 270.0 && standing.1 > 160.0, "{standing:?}");
+}
+
+#[test]
+fn with_the_leading_board_lost_the_other_one_is_published_on_its_own() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.run(ms(1000));
+    motion(&mut wire, 0.5, 0.5);
+    wire.front().dead = true;
+    wire.run(ms(150));
+    let last = wire.ranges().pop().unwrap().1;
+    assert_eq!(statuses(&last), "uuuuuuuummmmmmmmuumm", "at once, after one poll and its retries");
+    wire.run(ms(4000));
+    let lost = "sd1_front (0x10 on rs485.a) does not answer: its data is invalid, polled once a second";
+    assert!(wire.texts().iter().any(|text| text == lost), "{:?}", wire.texts());
+    wire.ranges();
+    wire.run(ms(2000));
+    let ranges = wire.ranges();
+    assert!(ranges.len() >= 19, "{} messages", ranges.len());
+    assert!(ranges.iter().all(|(_, ranges)| statuses(ranges) == "uuuuuuuummmmmmmmuumm"));
+    wire.front().dead = false;
+    wire.run(ms(2000));
+    assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "m".repeat(20));
+    polls(&mut wire);
+    wire.run(ms(1000));
+    assert_eq!(polls(&mut wire), [20, 10]);
+}
+
+#[test]
+fn boards_in_different_phases_do_not_wait_for_each_other() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.run(ms(1000));
+    // Different periods for a while, and a board that was away, leave the phases apart.
+    for round in 0..20 {
+        motion(&mut wire, 0.3, 0.3);
+        wire.run(ms(310 + 37 * round));
+        wire.rear().dead = round % 3 == 0;
+        motion(&mut wire, 0.0, 0.0);
+        wire.run(ms(130));
+        wire.rear().dead = false;
+        wire.run(ms(600));
+        wire.ranges();
+        wire.run(ms(1000));
+        let ranges = wire.ranges();
+        let mut last = ranges[0].1.clone();
+        for (at, message) in &ranges[1..] {
+            let now = (at.as_nanos() / 1000) as i64;
+            let oldest = last.readings.iter().map(|reading| now - reading.timestamp).max().unwrap_or_default();
+            assert!(oldest < 570_000, "{round}: {oldest} us just before the next message");
+            last = message.clone();
+        }
+    }
+}

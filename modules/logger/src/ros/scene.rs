@@ -1,5 +1,6 @@
 //! `/scene`: markers other than sensors and paths.
 
+use messages::lowlevel::{DataGuard, Field};
 use messages::middlelevel::{DataEstimate, DataObstacles};
 
 use super::robot::{Beacon, RobotScene};
@@ -8,11 +9,16 @@ use super::write::{Color, Fields, Pose, To};
 
 /// Period at which static markers are repeated, for viewers that join later: µs.
 const REPEAT_PERIOD_US: u64 = 1_000_000;
+/// Least interval of the guard's fields, which are published at 20 Hz: µs.
+const FIELDS_PERIOD_US: u64 = 200_000;
+/// Maximum number of corners of a field; one with more is left out.
+const CORNERS_MAX: usize = 64;
 
 const CUBE_LIST: i32 = 6;
 const CYLINDER: i32 = 3;
 const LINE_STRIP: i32 = 4;
 const TEXT: i32 = 9;
+const TRIANGLES: i32 = 11;
 
 const ADD: i32 = 0;
 const DELETE: i32 = 2;
@@ -21,12 +27,18 @@ const OUTLINE: Color = [0.2, 0.6, 1.0, 1.0];
 const BEACON: Color = [1.0, 0.7, 0.0, 1.0];
 const ELLIPSE: Color = [0.9, 0.1, 0.9, 0.3];
 const OBSTACLE: Color = [0.8, 0.1, 0.1, 0.6];
+const PROTECTIVE: Color = [0.84, 0.37, 0.0, 1.0];
+const WARNING: Color = [0.94, 0.89, 0.26, 1.0];
+/// Opacity of an occupied field.
+const OCCUPIED: f32 = 0.35;
 
 /// Robot as shown, and the time at which it was last sent.
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub robot: RobotScene,
     shown: Option<i64>,
+    /// Time at which the guard's fields were sent last.
+    fields: Option<i64>,
 }
 
 /// Marker; fields that its kind does not use stay empty.
@@ -46,7 +58,7 @@ struct Marker<'a> {
 
 impl Scene {
     pub fn new(robot: RobotScene) -> Self {
-        Self { robot, shown: None }
+        Self { robot, shown: None, fields: None }
     }
 
     /// Ellipse of two standard deviations around the robot; periodically its outline and the beacons too.
@@ -77,6 +89,46 @@ impl Scene {
             }
         });
     }
+}
+
+impl Scene {
+    /// Fields of the guard in the robot's frame, each as its outline, and filled while something is in it.
+    pub fn guard(&mut self, message: &DataGuard, to: &mut To<'_, '_>) {
+        if self.fields.is_some_and(|last| last.abs_diff(message.timestamp) < FIELDS_PERIOD_US) {
+            return;
+        }
+        self.fields = Some(message.timestamp);
+        let names = [
+            (Field::PROTECTIVE, "protective_field", PROTECTIVE, 0.03),
+            (Field::WARNING, "warning_field", WARNING, 0.015),
+        ];
+        to.send("/scene", Standard::Markers, |fields| {
+            fields.to.count(2 * names.len());
+            for (kind, ns, color, width) in names {
+                let field = message.fields.iter().find(|field| field.kind == kind);
+                let (outline, filling) = field.map_or_else(Default::default, shape);
+                let line = Marker { frame: "base_link", ns, ty: LINE_STRIP, ..Marker::new(color) };
+                let action = |points: &[[f64; 2]]| if points.is_empty() { DELETE } else { ADD };
+                let line = Marker { action: action(&outline), scale: [width, 0.0, 0.0], points: &outline, ..line };
+                line.write(message.timestamp, fields);
+                let [r, g, b, _] = color;
+                let (scale, color) = ([1.0; 3], [r, g, b, OCCUPIED]);
+                let area = Marker { id: 1, ty: TRIANGLES, action: action(&filling), scale, color, ..line };
+                Marker { points: &filling, ..area }.write(message.timestamp, fields);
+            }
+        });
+    }
+}
+
+/// Closed outline of a convex field, and its triangles if it is occupied; empty if its corners are invalid.
+fn shape(field: &Field) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
+    let corners: Vec<[f64; 2]> = field.x.iter().zip(&field.y).map(|(&x, &y)| [x, y]).collect();
+    let [first, rest @ ..] = &corners[..] else { return Default::default() };
+    if !(2..CORNERS_MAX).contains(&rest.len()) || corners.iter().flatten().any(|place| !place.is_finite()) {
+        return Default::default();
+    }
+    let triangles = rest.windows(2).filter(|_| field.occupied).flat_map(|pair| [*first, pair[0], pair[1]]);
+    (corners.iter().chain([first]).copied().collect(), triangles.collect())
 }
 
 /// Cells that the planner avoids.

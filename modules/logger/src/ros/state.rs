@@ -89,6 +89,7 @@ pub fn has_standard(channel: Channel) -> bool {
             | Channel::CmDataProcesses
             | Channel::CmCmdLog
             | Channel::LlDataHold
+            | Channel::LlDataGuard
             | Channel::LlDataOdo
             | Channel::LlDataSrfs
             | Channel::LlDataIrs
@@ -121,6 +122,7 @@ impl State {
                 mark(&robot.name, command.timestamp, &command.text, to);
             }
             Message::LlDataHold(list) => module_holds(robot, list, to),
+            Message::LlDataGuard(guard) => scene.guard(guard, to),
             Message::LlDataOdo(odo) => self.odometry.translate(odo, to),
             Message::LlDataSrfs(sonars) if self.lacks_ranges(sonars.timestamp) => {
                 self.sonars.translate_old(SONAR, robot.sonar, sonars.timestamp, &sonars.srfs, to);

@@ -8,7 +8,7 @@ use lcm_gen::dynamic::{DecodeError, Types};
 use logger::ros::{RobotScene, STANDARD_MAX, TOPICS_MAX, Translator, Untranslated};
 use messages::common::{CmdLog, DataFaults, DataProcesses, DataState, Error, EventText, Fault, Process};
 use messages::lowlevel::{
-    self, DataIrs, DataOdo, DataPower, DataRanges, DataSrfs, DataTemperature, Reading, Temperature,
+    self, DataGuard, DataIrs, DataOdo, DataPower, DataRanges, DataSrfs, DataTemperature, Reading, Temperature,
 };
 use messages::middlelevel::{DataEstimate, DataObstacles, DataPlan};
 use messages::{Channel, Message};
@@ -365,6 +365,40 @@ fn readings_have_their_own_stamps_and_unknown_is_nan() {
     let old = |timestamp| DataSrfs { timestamp, srfs: vec![range.clone()] };
     assert!(!told(&mut translator, old(NOW + 200_000)).contains_key("/range/2"));
     assert_eq!(told(&mut translator, old(NOW + 2_000_000))["/range/2"]["range"], 1.0);
+}
+
+#[test]
+fn the_guard_s_fields_are_outlines_in_the_robot_s_frame_and_filled_while_something_is_in_them() {
+    let mut translator = translator();
+    let (x, y) = (vec![0.75, 1.5, 1.5, 0.75], vec![-0.3, -0.3, 0.3, 0.3]);
+    let field = |kind, occupied| lowlevel::Field { kind, occupied, x: x.clone(), y: y.clone() };
+    let fields = vec![field(lowlevel::Field::PROTECTIVE, false), field(lowlevel::Field::WARNING, true)];
+    let mut guard = DataGuard { timestamp: NOW, fields, ..DataGuard::default() };
+    let mut markers =
+        |guard: &DataGuard| told(&mut translator, guard.clone()).get("/scene").map(|all| all["markers"].clone());
+    let all = markers(&guard).unwrap();
+    let row = |n: usize| (all[n]["ns"].as_str().unwrap(), all[n]["type"].clone(), all[n]["action"].clone());
+    assert_eq!(row(0), ("protective_field", json!(4), json!(0)));
+    assert_eq!(row(1), ("protective_field", json!(11), json!(2)), "nothing is in it");
+    assert_eq!(row(2), ("warning_field", json!(4), json!(0)));
+    assert_eq!(row(3), ("warning_field", json!(11), json!(0)), "something is in it");
+    for n in 0..4 {
+        assert_eq!((&all[n]["header"], &all[n]["id"]), (&header("base_link"), &json!(n % 2)));
+    }
+    let point = |x: f64, y: f64| json!({ "x": x, "y": y, "z": 0.0 });
+    let corners = [point(0.75, -0.3), point(1.5, -0.3), point(1.5, 0.3), point(0.75, 0.3)];
+    let [a, b, c, d] = corners;
+    assert_eq!(all[0]["points"], json!([a, b, c, d, a]), "closed");
+    assert_eq!(all[3]["points"], json!([a, b, c, a, c, d]), "two triangles");
+    // Five times a second, although it is published at 20 Hz.
+    guard.timestamp += 150_000;
+    assert!(markers(&guard).is_none());
+    guard.timestamp += 50_000;
+    // What is no polygon is deleted.
+    guard.fields[0].x[1] = f64::NAN;
+    (guard.fields[1].x, guard.fields[1].y) = (vec![0.0; 65], vec![0.0; 65]);
+    let all = markers(&guard).unwrap();
+    assert!((0..4).all(|n| all[n]["action"] == 2 && all[n]["points"] == json!([])), "{all}");
 }
 
 #[test]

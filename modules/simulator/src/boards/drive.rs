@@ -35,6 +35,15 @@ pub(crate) enum Layout {
     Profile,
 }
 
+/// How a propulsion drive disobeys while its power stage is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Disobedience {
+    /// It does not brake.
+    Unbraked,
+    /// It is faster than commanded by this, m/s.
+    Runaway(f64),
+}
+
 /// A drive and its injected faults.
 pub(crate) struct Drive {
     /// Axis: `propulsion`, `steering`.
@@ -45,6 +54,8 @@ pub(crate) struct Drive {
     node: Node,
     /// Neither receives nor sends until this instant.
     pub silent_until: Instant,
+    /// Disobeys until this instant.
+    disobeys: Option<(Disobedience, Instant)>,
     now: Instant,
     turned: f64,
 }
@@ -69,6 +80,7 @@ impl Drive {
             layout: Layout::Usual,
             node,
             silent_until: Instant::ZERO,
+            disobeys: None,
             now: Instant::ZERO,
             turned: 0.0,
         }
@@ -95,6 +107,23 @@ impl Drive {
             self.power_on(now, body);
         }
         true
+    }
+
+    /// From now until then it disobeys, or obeys; false for another kind of drive.
+    pub fn disobey(&mut self, how: Option<Disobedience>, until: Instant) -> bool {
+        self.disobeys = how.map(|how| (how, until));
+        matches!(self.kind, Kind::Epos(_))
+    }
+
+    /// Speed of a propulsion drive that is commanded to drive at `demand`, m/s.
+    fn disobeyed(&self, now: Instant, demand: f64, body: &Body) -> f64 {
+        let speed = body.speed();
+        match self.disobeys.filter(|(_, until)| now < *until) {
+            Some((Disobedience::Unbraked, _)) if demand.abs() < speed.abs() || demand * speed < 0.0 => speed,
+            Some((Disobedience::Runaway(by), _)) if demand != 0.0 => demand + by.copysign(demand),
+            Some((Disobedience::Runaway(by), _)) if speed != 0.0 => by.copysign(speed),
+            _ => demand,
+        }
     }
 
     fn renew(&mut self, body: &Body) {
@@ -136,6 +165,14 @@ impl Drive {
         if let Kind::Epos(epos) = &mut self.kind {
             let emergency = epos.feed(fed);
             self.report(emergency);
+            self.stepped(now, body, self.turned);
+        }
+    }
+
+    /// The PAUSE line is wired to the propulsion's input for a stop by its quick stop ramp.
+    pub fn brake(&mut self, now: Instant, body: &Body) {
+        if let Kind::Epos(epos) = &mut self.kind {
+            epos.brake();
             self.stepped(now, body, self.turned);
         }
     }
@@ -233,7 +270,8 @@ impl Drive {
         match &mut self.kind {
             Kind::Epos(epos) => {
                 let rpm = epos.step(now, dt)?;
-                Some(rpm / 60.0 / body.parameters().motor_turns_per_metre())
+                let demand = rpm / 60.0 / body.parameters().motor_turns_per_metre();
+                Some(self.disobeyed(now, demand, body))
             }
             Kind::Icla(icla) => icla.step(now, body, dt),
         }

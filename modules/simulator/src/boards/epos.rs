@@ -145,6 +145,11 @@ impl Epos {
         new.then(|| Self::emergency(code))
     }
 
+    /// Its stop input: brakes on the quick stop ramp, then switches off.
+    pub fn brake(&mut self) {
+        self.servo.fault_by(Stop::QuickStop);
+    }
+
     fn emergency(code: u16) -> Emergency {
         let register = match code {
             0x2000..=0x2FFF => 0x02,

@@ -17,9 +17,9 @@ use canopen::axis::modes::Mode;
 use canopen::axis::options::Options;
 use canopen::axis::servo::{Config, Sensed, Servo};
 use canopen::axis::status;
+use canopen::drives::icla::HOMED;
 use canopen::{Dictionary, Node};
 
-const HOMED: u16 = 1 << 15;
 /// Deceleration at the current limit, rpm/s.
 const HARDEST: f64 = 60_000.0;
 

@@ -31,7 +31,8 @@ impl Bus {
 
     fn with(wire_time: bool) -> Self {
         let gearing = Gearing::default();
-        let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing };
+        let can =
+            CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing, output: None };
         let mut world = World::hall(200.0, 200.0);
         world.start = navitools::Pose::new(100.0, 100.0, 0.0);
         let config = Config { can: Some(can), world, wire_time, ..Config::default() };

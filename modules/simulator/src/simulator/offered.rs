@@ -1,6 +1,6 @@
 //! What can be broken: found by trying everything on everything, so that no list can differ from what is done.
 
-use super::{Config, ROBOT, Simulator, boards};
+use super::{Config, FeedOutput, ROBOT, Simulator, boards};
 use crate::faults::{InjectedFault, NAMES};
 use crate::gamepad::{self, Gamepad};
 use crate::world::World;
@@ -34,10 +34,11 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, boards, chips, thermometers, then buses.
+    /// All names: drives, output, boards, chips, thermometers, then buses.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.name.into()).collect();
+        targets.extend(self.output.iter().map(|_| FeedOutput::NAME.into()));
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
         targets.extend(config.i2c.iter().flat_map(|i2c| &i2c.fans).map(|(name, _)| name.clone()));
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
@@ -52,6 +53,7 @@ mod tests {
     use super::*;
     use crate::auxiliary::{I2cConfig, W1Config};
     use crate::boards::icla::Gearing;
+    use crate::boards::output::OutputConfig;
     use crate::simulator::{BoardConfig, BoardKind, CanConfig, SerialConfig};
     use messages::simulation;
     use module::bench::Bench;
@@ -60,7 +62,8 @@ mod tests {
 
     fn config() -> Config {
         let gearing = Gearing { counts_per_turn: 4096.0, gear: 180.0 };
-        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, propulsion: 1, steering: 2, gearing };
+        let output = Some(OutputConfig { node: 5, index: 0x6200, sub: 1, bits: 8, on: 1 });
+        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, propulsion: 1, steering: 2, gearing, output };
         let board = |name: &str, address, kind| BoardConfig { name: name.into(), address, kind };
         let boards = vec![
             board("so1", 0x20, BoardKind::So1),
@@ -107,6 +110,7 @@ mod tests {
             "gamepad",
             "propulsion",
             "steering",
+            "output",
             "so1",
             "sbs1",
             "psc1",

@@ -155,7 +155,7 @@ scene("with the keyboard alone: past the navigation, control taken, driven, stop
   await robot.bus.stops();
   await keyboard.press("Escape");
   await v.shows("Stopped");
-  await tabTo(/^Let it go on/);
+  await tabTo(/^Resume/);
   for (let n = 0; n < 4; n += 1) await keyboard.press("ArrowRight");
   await v.stop.waitFor();
   await until("it may go on", 10, () => !robot.bus.stands(HOLD.ModulePaused));

@@ -5,9 +5,9 @@ import { scene } from "./support/scene";
 import { until } from "./support/until";
 
 for (const profile of PROFILES) {
-  scene(`the link of the console pairs, and the code stays in no address (${profile})`, async ({ robot, visit }) => {
+  scene(`the link of \`advee web code\` pairs, and the code stays in no address (${profile})`, async ({ robot, visit }) => {
     const codes = await robot.codes();
-    const v = await visit({ profile, path: `/#${codes?.engineer}` });
+    const v = await visit({ profile, path: `/#${codes.engineer}` });
     equal(new URL(v.page.url()).hash, "#/access", "the code is gone from the address");
     await v.page.getByLabel("Name of this device").fill(`Ada's ${profile}`);
     await v.press(v.button("Pair"));
@@ -29,7 +29,7 @@ scene("the operator's code pairs when it is typed; a wrong one is refused in wor
   await code.fill("1234");
   await v.button("Pair").click();
   await v.page.getByRole("alert").filter({ hasText: "eight digits" }).waitFor();
-  const { operator, engineer } = (await robot.codes()) ?? { operator: "", engineer: "" };
+  const { operator, engineer } = await robot.codes();
   const wrong = ["00000000", "00000001", "00000002"].find((each) => each !== operator && each !== engineer) ?? "";
   await code.fill(wrong);
   await v.button("Pair").click();

@@ -15,6 +15,7 @@ for (const profile of PROFILES) {
     await v.press(v.button("Break it"));
     await v.shows("Paused");
     await v.press(v.button("End bumper of psc1"));
+    await robot.release();
     await v.shows("Ready");
     ok(robot.bus.said("SIM_CMD_FAULT").length >= 2);
   });
@@ -26,6 +27,7 @@ scene("all faults are ended at once", async ({ robot, visit }) => {
   await v.go("Simulator");
   await v.shows("Paused");
   await v.button("End all faults").click();
+  await robot.release();
   await v.shows("Ready");
 });
 

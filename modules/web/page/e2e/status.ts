@@ -17,6 +17,7 @@ for (const profile of PROFILES) {
     match((await v.reason.textContent()) ?? "", /bumper ?2/);
     await v.card(/^PAUSE: bumper 2/).getByText("Clear what touches bumper 2.").waitFor();
     await robot.advee("fault", "psc1", "none");
+    await robot.release();
     await v.shows("Ready");
     await robot.fault("propulsion", "silent");
     await until("the status tells of the drive", 20, async () => /propulsion/.test((await v.reason.textContent()) ?? ""));

@@ -45,15 +45,15 @@ for (const profile of PROFILES) {
     }
     await v.shows("Stopped");
     match((await v.reason.textContent()) ?? "", /operator stopped it/);
-    match((await v.pad.textContent()) ?? "", /stopped. Let it go on first/);
+    match((await v.pad.textContent()) ?? "", /stopped. Resume first/);
     robot.bus.forget();
     const vain = await v.hold();
     await robot.bus.silent();
     equal(robot.bus.driven().length, 0, "a stopped robot is not driven");
     await vain.up();
-    const on = v.page.locator(".stop").getByRole("slider", { name: /^Let it go on/ });
+    const on = v.page.locator(".stop").getByRole("slider", { name: /^Resume/ });
     await v.press(on);
-    await v.slide(/^Let it go on/, 0.5);
+    await v.slide(/^Resume/, 0.5);
     equal(v.said.filter(({ type }) => type === "resume").length, 0, "half a slide is none");
     const box = await on.boundingBox();
     const track = await on.locator("..").boundingBox();
@@ -98,5 +98,5 @@ scene("another operator's Stop is told to all; one without control does not let 
   await first.shows("Stopped");
   await second.shows("Stopped");
   await second.page.locator(".stop").getByText("First has control and lets it go on.").waitFor();
-  await first.page.locator(".stop").getByRole("slider", { name: /^Let it go on/ }).waitFor();
+  await first.page.locator(".stop").getByRole("slider", { name: /^Resume/ }).waitFor();
 });

@@ -11,3 +11,4 @@ import "./simulation";
 import "./logs";
 import "./everywhere";
 import "./newcomer";
+import "./guard";

@@ -3,7 +3,7 @@
 import * as command from "./connection/command";
 import * as view from "./connection/view";
 import { HOLD } from "./numbers";
-import type { Answer, Command, DrivePart, Holder, HoldRow, Part, Range, Reading, Role, Shown } from "./protocol";
+import type { Answer, Bound, Command, DataGuard, DrivePart, Field, Holder, HoldRow, Part, Range, Reading, Role, Shown } from "./protocol";
 import { authority, commandLink, me, receive, viewLink } from "./state";
 
 const mode = new URLSearchParams(location.search).get("fixture") ?? "";
@@ -17,7 +17,7 @@ const BEACONS = [[0.1, 0.1], [10, 0.1], [19.9, 0.1], [19.9, 11.9], [8, 11.9], [0
 
 const robot = {
   x: 4.2, y: 6.05, theta: 0.02, speed: 0, steering: 0, want: { speed: 0, steering: 0 }, path: 0, collisions: 0,
-  held: mode === "stopped", paused: mode === "paused", goal: 3, recording: true, bytes: 4.2e6, patrol: mode === "" || mode === "viewer",
+  held: mode === "stopped", paused: mode === "paused", goal: 3, recording: true, creep: false, bytes: 4.2e6, patrol: mode === "" || mode === "viewer",
 };
 let holder: Holder | null = mode === "other" ? { id: 7, name: "Jana’s phone", role: "operator", driving: true, since: 42 } : null;
 let hold = { number: 0, at: -1 };
@@ -64,6 +64,24 @@ function move(dt: number): void {
   robot.path += Math.abs(robot.speed) * dt;
 }
 
+/** A guard that senses somebody 0.6 m ahead with ?fixture=near. */
+function guard(): DataGuard {
+  const near = mode === "near";
+  const field = (kind: number, length: number): Field => {
+    const [front, half] = [0.9 + length, 0.45];
+    return { kind, occupied: near, x: [-0.3, front, front, -0.3], y: [-half, -half, half, half] };
+  };
+  const speed = Math.max(Math.abs(robot.speed), 0.1);
+  const fields = [field(0, 0.05 + 0.37 * speed + 2 * speed * speed), field(1, 0.64 + 2.4 * speed)];
+  return { timestamp: micros(), forward: near ? 0.1 : 0.66, backward: 0.66, left: 0, right: 0, turn_left: 0, turn_right: 0, code: near ? HOLD.GuardStops : 0, subject: near ? "sonar 3" : "", fields };
+}
+
+function bound(): Bound {
+  const near = mode === "near";
+  const words = near ? "at most 0.10 m/s forward: sonar 3" : "at most 0.66 m/s forward";
+  return { words: robot.creep ? `creeping; otherwise ${words}` : words, speed: near ? 0.1 : 0.66, limits: near, creeping: robot.creep };
+}
+
 function drivePart(): DrivePart {
   const why = reason();
   const patrols = robot.patrol && !holder;
@@ -84,6 +102,8 @@ function drivePart(): DrivePart {
     }, 0.05),
     holds: holds(),
     commands: patrols ? [{ timestamp: micros(), speed: robot.speed, steering: robot.steering, priority: 0, source: "planner" }] : [],
+    guard: shown(guard(), 0.075),
+    bound: bound(),
     stop: shown({ timestamp: micros(), engaged: robot.paused, source: robot.paused ? "bumper1" : "" }, 0.5),
     odometry: shown({ timestamp: micros(), translation: robot.speed, rotation: (robot.speed * Math.tan(robot.steering)) / 0.6, path: robot.path, heading: robot.theta, ticks_left: Math.round(robot.path * 6500), ticks_right: Math.round(robot.path * 6510) }, 0.05),
     estimate: shown({ timestamp: micros(), x: robot.x + wave(7, 0.04), y: robot.y + wave(5, 0.03), theta: robot.theta, speed: robot.speed, rotation: 0, covariance: [[0.0016, 0, 0], [0, 0.0009, 0], [0, 0, 0.0004]], quality }, 0.05),
@@ -144,7 +164,7 @@ function system(): Part {
     log: shown({ timestamp: at, recording: robot.recording, run: "2026_11_22_09_12_40", bytes: (robot.bytes += 12_000), dropped: 0, free: 21.4e9 }, 1),
     clock: shown({ timestamp: at, rate: 1 }, 1),
     errors: [
-      { module: "driver_aux", number: 0x0703, subject: "fan2", count: 14, first: at - 900e6, last: at - 2e6, severity: 2, standing: true, known: true, message: "fan2 does not turn though it is told to" },
+      { module: "driver_aux", number: 0x0703, subject: "fan2", count: 14, first: at - 900e6, last: at - 2e6, severity: 2, standing: true, known: true, message: "fan2 does not turn though it is commanded to" },
       { module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", count: 12, first: at - 3400e6, last: at - 64e6, severity: 1, standing: false, known: true, message: "sd1_rear does not answer" },
       { module: "estimator", number: 0x0804, subject: "", count: 1, first: at - 10_000e6, last: at - 10_000e6, severity: 0, standing: false, known: true, message: "found itself by 4 beacons" },
       { module: "driver_joydev", number: 0x0711, subject: "", count: 1, first: at - 40e6, last: at - 40e6, severity: 1, standing: true, known: false, message: "the gamepad has no dead-man button" },
@@ -173,7 +193,7 @@ function mapPart(): Part {
 
 const SCENE: Part = {
   part: "scene", robot: "advee", version: "0.1.0", simulated: true, demo: mode === "demo" ? { run: "2026_11_21_17_03_11", seconds: 1840 } : null,
-  outline: [[0.75, 0.3], [0.75, -0.3], [-0.15, -0.3], [-0.15, 0.3]], wheelbase: 0.6, limits: { speed: 0.6, steering: 0.6109 },
+  outline: [[0.75, 0.3], [0.75, -0.3], [-0.15, -0.3], [-0.15, 0.3]], wheelbase: 0.6, limits: { speed: 0.6, steering: 0.6109 }, blind: mode === "blind" ? 0.3 : null,
   sonar: { field_of_view: 0.96, min: 0.05, max: 4 }, infrared: { field_of_view: 0.1, min: 0.1, max: 0.8 },
   beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y })),
   walls: [[0, 0, 20, 0], [20, 0, 20, 12], [20, 12, 0, 12], [0, 12, 0, 0], [4, 0, 4, 2.5], [8, 0, 8, 2.5], [11, 12, 11, 9.5], [11, 9.5, 14, 9.5], [14, 9.5, 14, 12], [15, 4.5, 17, 4.5], [17, 4.5, 17, 6.5], [17, 6.5, 15, 6.5], [15, 6.5, 15, 4.5]],
@@ -204,9 +224,12 @@ function said(each: Command): boolean {
       if (holder?.id !== 1) return true;
       hold = { number: each.hold, at: performance.now() };
       robot.want = { speed: each.speed, steering: each.steering };
+      robot.creep = mode === "near" && each.creep === true;
+      if (mode === "near") robot.want.speed = Math.min(robot.want.speed, robot.creep ? 0.15 : 0.1);
       holder = { ...holder, driving: true };
       return true;
     case "zero":
+      robot.creep = false;
       robot.want = { speed: 0, steering: 0 };
       if (holder) holder = { ...holder, driving: false };
       return true;

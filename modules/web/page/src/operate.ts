@@ -1,8 +1,9 @@
 // What an operator does from anywhere in the page, each with its outcome said: stop, let go on, take and give back control.
 import { computed, signal } from "@preact/signals";
 import { listen, say, type Sayable } from "./connection/command";
+import { post } from "./access/pairing";
 import { isHeld } from "./holds";
-import { drive, fresh, holder, may, role, system } from "./state";
+import { commandLink, drive, fresh, holder, may, role, system } from "./state";
 import { toast } from "./ui/news";
 
 /** Says a command; a refusal is shown in its own words. Whether it was done. */
@@ -46,6 +47,16 @@ export function onStop(letGo: () => void): () => void {
   return () => hands.delete(letGo);
 }
 
+/** Through the command socket; if there is none, or it does not accept the command, by a request of its own. Returns what
+ *  failed, or null. */
+async function sayStop(): Promise<string | null> {
+  if (commandLink.value.open) {
+    const reply = await say({ type: "stop" });
+    if (reply.type !== "refused") return null;
+  }
+  return post<unknown>("/api/stop", {}).then((answer) => (typeof answer === "string" ? answer : null));
+}
+
 let stops = 0;
 /** Needs no authority. For a viewer it explains how to pair instead. */
 export async function stop(): Promise<void> {
@@ -57,11 +68,11 @@ export async function stop(): Promise<void> {
   const mine = ++stops;
   stopping.value = true;
   stopFailed.value = null;
-  const reply = await say({ type: "stop" });
+  const why = await sayStop();
   if (mine !== stops) return;
-  if (reply.type === "refused") {
+  if (why !== null) {
     stopping.value = false;
-    if (!stopped.value) stopFailed.value = reply.why;
+    if (!stopped.value) stopFailed.value = why;
   } else {
     // The view shows it within two of its parts; should it not, the button is itself again.
     setTimeout(() => mine === stops && (stopping.value = false), 1000);

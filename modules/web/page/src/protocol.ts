@@ -32,8 +32,9 @@ export interface Me {
 }
 
 /**
- * `POST /api/pair`, with a code from the robot's console. Answers `Me` and sets the session's cookie (HttpOnly,
- * SameSite=Strict); 403 for a wrong code, 429 after too many. `POST /api/unpair` ends the session.
+ * `POST /api/pair`, with a code that `advee web code` shows on the robot's computer. Answers `Me` and sets the
+ * session's cookie (HttpOnly, SameSite=Strict); 403 for a wrong code, 429 after too many. `POST /api/unpair` ends the
+ * session.
  */
 export interface Pair {
   /** Eight digits; blanks are ignored. */
@@ -106,6 +107,8 @@ export interface ScenePart {
   wheelbase: number;
   /** Limits of manual commands. */
   limits: Limits;
+  /** Highest speed of a robot that senses nothing of what is in its way, m/s; `null`: it senses something. */
+  blind: number | null;
   /** The beam of a sonar. */
   sonar: Beam;
   /** The beam of an infrared sensor. */
@@ -195,6 +198,10 @@ export interface DrivePart {
   holds: HoldRow[];
   /** The motion commands of all sources. */
   commands: CmdMotion[];
+  /** Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 4, of 64 corners. */
+  guard: Shown<DataGuard>;
+  /** The bound of these that holds; `null`: the robot has no guard. */
+  bound: Bound | null;
   stop: Shown<EventStop>;
   odometry: Shown<DataOdo>;
   estimate: Shown<DataEstimate>;
@@ -326,6 +333,21 @@ export interface HoldRow {
   since: number | null;
 }
 
+/** Bound in the direction of travel; at standstill that of the direction along x that is bounded most. */
+export interface Bound {
+  /** For people: `at most 0.32 m/s forward: sonar 3`. */
+  words: string;
+  /** Greatest speed, m/s; 0: the robot must not move so. */
+  speed: number;
+  /**
+   * True if the guard has a cause for it: something sensed or unknown, no sensor, or silence. False: the reach of the
+   * sensors, or the limits of the robot.
+   */
+  limits: boolean;
+  /** True while a person creeps past the guard by a second input. */
+  creeping: boolean;
+}
+
 /** Ellipse of two standard deviations. */
 export interface Ellipse {
   /** Semi-major axis, m. */
@@ -360,7 +382,10 @@ export interface ModuleRow {
   state: string;
   /** Commanded state; empty if no watchdog guards the module. */
   wanted: string;
-  /** Phase of its process: `running`, `ending`, `down`; `stranger` if no watchdog guards it. */
+  /**
+   * Phase of its process: `running`, `ending`, `down`; `not judged` while the watchdog itself is late; `stranger` if no
+   * watchdog guards it.
+   */
   phase: string;
   /** Process id; 0 without a process. */
   pid: number;
@@ -456,9 +481,10 @@ export type Command =
   /**
    * Sent at 20 Hz while the drive pad is pressed. `hold`: one more than at the last press; `seq`: one more than in the
    * last command of any hold; `t`: the page's clock when it was sent. Late, repeated and reordered commands are
-   * dropped. A hold that has ended is never resumed: the robot moves again only after a new press.
+   * dropped. A hold that has ended is never resumed: the robot moves again only after a new press. `creep`: true while
+   * a second input is held, by which the robot creeps past the guard; its release is sent at once.
    */
-  | { type: "drive"; hold: number; seq: number; t: number; speed: number; steering: number }
+  | { type: "drive"; hold: number; seq: number; t: number; speed: number; steering: number; creep?: boolean }
   /** The drive pad is released: one zero command, then silence. */
   | { type: "zero"; hold: number; seq: number }
   /** Any operator: zero, and PAUSE of `driver_canbus`; the quick stop is active until `resume`. */
@@ -648,6 +674,48 @@ export interface Node {
   round_trip_max: number | null;
 }
 
+/**
+ * Greatest speeds that can still be stopped before what is sensed or unknown: `LL_DATA_GUARD`, 20 Hz; good for 150 ms.
+ * They hold for every path that the base can take within its reaction time. 0: the robot must not move so, or cannot.
+ */
+export interface DataGuard {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Along x of the robot frame, m/s. */
+  forward: number | null;
+  /** Against x, m/s. */
+  backward: number | null;
+  /** Along y, m/s. */
+  left: number | null;
+  /** Against y, m/s. */
+  right: number | null;
+  /** On the spot, counter-clockwise, rad/s. */
+  turn_left: number | null;
+  /** On the spot, clockwise, rad/s. */
+  turn_right: number | null;
+  /** Number of the cause that bounds the speed in the direction of travel: `docs/holds.md`, 701 to 799; 0: none. */
+  code: number;
+  /** Sensor that it concerns: `sonar 2`; empty if the code needs none. */
+  subject: string;
+  /** Fields in the direction of travel at the measured speed; empty if nothing is sensed. */
+  fields: Field[];
+}
+
+/**
+ * Field before the robot.
+ * - PROTECTIVE 0, WARNING 1: Kinds. PROTECTIVE: what is in it stops the robot. WARNING: what is in it slows the robot.
+ */
+export interface Field {
+  /** See above. */
+  kind: number;
+  /** True if something sensed or unknown is in it. */
+  occupied: boolean;
+  /** Corners, counter-clockwise, robot frame, forward, m. */
+  x: (number | null)[];
+  /** Corners, robot frame, left, m. */
+  y: (number | null)[];
+}
+
 /** Infrared range finders: `LL_DATA_IRS`. Always contains all of them. */
 export interface DataIrs {
   /** Microseconds since the UNIX epoch. */
@@ -740,7 +808,8 @@ export interface Channel {
 
 /**
  * Measurements of all range finders, each at its own instant: `LL_DATA_RANGES`. Always contains every range finder of
- * the configuration, sonars first, in order of their numbers; once per round of the boards, and at least once a second.
+ * the configuration, sonars first, in order of their numbers; once per round of the boards, while the robot drives with
+ * each answer of a board that looks in the direction of travel, and at least once a second.
  */
 export interface DataRanges {
   /** Microseconds since the UNIX epoch. */

@@ -6,6 +6,10 @@
 //! One client holds the authority; it ends with its socket. It drives by holds, one for each press of the pad: commands
 //! at 20 Hz that carry the page's clock. Their age follows from the minimum difference of both clocks observed so far:
 //! commands that the network delayed beyond that count as late. A hold that has ended is not resumed.
+//!
+//! A command also says whether the second input is held, by which its user creeps past the guard (docs/guard.md).
+//! Creeping is not independent of driving: it is forwarded with commands that move the robot, and ends with the first
+//! command that does not say so, or with the hold.
 
 use super::access::{Role, text};
 use base::{Duration, Instant};
@@ -69,6 +73,8 @@ pub struct Drive {
     pub speed: f64,
     /// Steering angle, rad.
     pub steering: f64,
+    /// True while the second input is held.
+    pub creep: bool,
 }
 
 /// Output; `source` is the user's name on the bus.
@@ -82,6 +88,16 @@ pub enum Output {
         speed: f64,
         /// Steering angle, rad.
         steering: f64,
+        /// True for the first one of a hold, which is sent after a zero.
+        begins: bool,
+    },
+    /// The second input, by which the user creeps past the guard: before each motion command of a hold while it is
+    /// held, and once when it is not any more.
+    Creep {
+        /// User.
+        source: Arc<str>,
+        /// True while it is held.
+        held: bool,
     },
     /// Zero command.
     Zero {
@@ -189,6 +205,8 @@ struct Hold {
     /// Deadline unless a command comes; true if for silence, false if for the age of its last command.
     until: Instant,
     silent: bool,
+    /// The second input was held at its last command.
+    creeps: bool,
 }
 
 /// Zero commands still to be sent.
@@ -390,7 +408,8 @@ impl Authority {
             }
             return;
         }
-        if active.is_none_or(|active| active.number != drive.hold) {
+        let begins = active.is_none_or(|active| active.number != drive.hold);
+        if begins {
             if drive.hold <= client.hold {
                 self.counts.over += 1;
                 return self.tell(id, drive.hold, "this hold is over: press anew");
@@ -402,9 +421,13 @@ impl Authority {
         self.endings.retain(|ending| ending.source != source || ending.pause);
         self.resume = None;
         let (silence, valid) = (now + SILENCE_MAX, now + (COMMAND_TTL - age));
-        self.hold = Some(Hold { number: drive.hold, until: silence.min(valid), silent: silence <= valid });
+        let creeps = drive.creep;
+        self.hold = Some(Hold { number: drive.hold, until: silence.min(valid), silent: silence <= valid, creeps });
         self.counts.passed += 1;
-        self.out.push_back(Output::Motion { source, speed: drive.speed, steering: drive.steering });
+        if creeps || active.is_some_and(|active| active.creeps) {
+            self.out.push_back(Output::Creep { source: source.clone(), held: creeps });
+        }
+        self.out.push_back(Output::Motion { source, speed: drive.speed, steering: drive.steering, begins });
     }
 
     /// The user released the pad.
@@ -492,7 +515,10 @@ impl Authority {
     fn end_hold(&mut self, now: Instant, why: Option<String>) {
         let (Some(hold), Some((id, _))) = (self.hold.take(), self.holder) else { return };
         let Some(source) = self.client(id).map(|client| client.source.clone()) else { return };
-        self.begin_zeros(now, source);
+        self.begin_zeros(now, source.clone());
+        if hold.creeps {
+            self.out.push_back(Output::Creep { source, held: false });
+        }
         if let Some(why) = why {
             self.counts.ended += 1;
             self.out.push_back(Output::Ended { to: id, hold: hold.number, why });

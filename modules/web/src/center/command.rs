@@ -37,8 +37,17 @@ pub enum Command {
     Release { id: i64 },
     /// Sent at 20 Hz while the drive pad is pressed. `hold`: one more than at the last press; `seq`: one more than in
     /// the last command of any hold; `t`: the page's clock when it was sent. Late, repeated and reordered commands are
-    /// dropped. A hold that has ended is never resumed: the robot moves again only after a new press.
-    Drive { hold: u64, seq: u64, t: f64, speed: f64, steering: f64 },
+    /// dropped. A hold that has ended is never resumed: the robot moves again only after a new press. `creep`: true
+    /// while a second input is held, by which the robot creeps past the guard; its release is sent at once.
+    Drive {
+        hold: u64,
+        seq: u64,
+        t: f64,
+        speed: f64,
+        steering: f64,
+        #[serde(default)]
+        creep: bool,
+    },
     /// The drive pad is released: one zero command, then silence.
     Zero { hold: u64, seq: u64 },
     /// Any operator: zero, and PAUSE of `driver_canbus`; the quick stop is active until `resume`.
@@ -46,7 +55,7 @@ pub enum Command {
     /// Ends PAUSE of `driver_canbus` and releases the planner. Needs the motion authority.
     Resume { id: i64 },
     /// Waypoints to drive to. Needs the motion authority.
-    Goal { id: i64, waypoints: Vec<Place>, r#loop: bool },
+    Goal { id: i64, waypoints: Vec<WaypointRequest>, r#loop: bool },
     /// A named route of the world. Needs the motion authority.
     Route { id: i64, name: String },
     /// Position for the estimator, m and rad, map frame. Needs the motion authority.
@@ -83,7 +92,7 @@ pub enum Command {
 /// A waypoint; without an angle any heading is accepted.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Place {
+pub struct WaypointRequest {
     /// x, m.
     pub x: f64,
     /// y, m.
@@ -218,7 +227,7 @@ impl Command {
                 if !(1..=WAYPOINTS_MAX).contains(&waypoints.len()) {
                     return Err(format!("a goal has 1 to {WAYPOINTS_MAX} waypoints"));
                 }
-                let good = |place: &Place| {
+                let good = |place: &WaypointRequest| {
                     let [theta, tolerance] = [place.theta, place.tolerance].map(Option::unwrap_or_default);
                     [place.x, place.y, theta].into_iter().all(in_range) && (0.0..=NUMBER_MAX).contains(&tolerance)
                 };
@@ -244,7 +253,9 @@ impl Command {
     #[must_use]
     pub fn drive(&self) -> Option<Drive> {
         match *self {
-            Self::Drive { hold, seq, t, speed, steering } => Some(Drive { hold, seq, t, speed, steering }),
+            Self::Drive { hold, seq, t, speed, steering, creep } => {
+                Some(Drive { hold, seq, t, speed, steering, creep })
+            }
             _ => None,
         }
     }
@@ -281,7 +292,7 @@ pub struct Robot {
 /// # Errors
 /// Reason of the refusal, for the user.
 pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -> Result<Option<Message>, String> {
-    let waypoint = |place: &Place| Waypoint {
+    let waypoint = |place: &WaypointRequest| Waypoint {
         x: place.x,
         y: place.y,
         theta: place.theta.unwrap_or_default(),
@@ -295,7 +306,7 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
         Command::Route { name, .. } => {
             let route = robot.routes.iter().find(|route| route.name == *name);
             let route = route.ok_or_else(|| format!("there is no route {name:?}"))?;
-            let point = |[x, y]: &[f64; 2]| waypoint(&Place { x: *x, y: *y, theta: None, tolerance: None });
+            let point = |[x, y]: &[f64; 2]| waypoint(&WaypointRequest { x: *x, y: *y, theta: None, tolerance: None });
             orders::goal(timestamp, route.points.iter().map(point).collect(), route.looped).into()
         }
         Command::Cancel { .. } => orders::goal(timestamp, Vec::new(), false).into(),
@@ -350,11 +361,12 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 17] = [
+    const ALL: [&str; 18] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
         r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0.1,"steering":-0.1}"#,
+        r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0.1,"steering":-0.1,"creep":true}"#,
         r#"{"type":"zero","hold":1,"seq":2}"#,
         r#"{"type":"stop","id":1}"#,
         r#"{"type":"resume","id":1}"#,
@@ -405,6 +417,7 @@ mod tests {
             (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":NaN,"steering":0}"#, None),
             (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":1e999,"steering":0}"#, None),
             (r#"{"type":"drive","hold":-1,"seq":1,"t":1,"speed":0,"steering":0}"#, None),
+            (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0,"steering":0,"creep":1}"#, None),
             (r#"{"type":"drive","hold":1,"seq":9007199254740992,"t":1,"speed":0,"steering":0}"#, None),
             (r#"{"type":"goal","id":3,"waypoints":[],"loop":false}"#, Some(3)),
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1e9}],"loop":false}"#, Some(3)),

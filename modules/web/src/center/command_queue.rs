@@ -10,7 +10,7 @@ use drivers::canbus;
 use host::bus::Bus;
 use host::clock;
 use messages::Message;
-use messages::lowlevel::CmdMotion;
+use messages::lowlevel::{CmdCreep, CmdMotion};
 use module::State;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -31,6 +31,8 @@ struct Inner {
     authority: Authority,
     bus: Bus,
     epoch: Epoch,
+    /// Session of the creep commands: the start time of the server.
+    session: i64,
     pages: Vec<(ClientId, mpsc::Sender<String>)>,
     /// Wake-up time of the thread; `None`: until notified.
     sleeps_until: Option<Instant>,
@@ -43,10 +45,12 @@ impl CommandQueue {
     /// # Errors
     /// One line: the bus cannot be joined, or no thread can be created.
     pub fn open(url: &str, robot: Robot) -> Result<Arc<Self>, String> {
+        let epoch = clock::epoch();
         let inner = Inner {
             authority: Authority::new(robot.limits),
             bus: Bus::open(url, &[])?,
-            epoch: clock::epoch(),
+            epoch,
+            session: epoch.timestamp(clock::now()),
             pages: Vec::new(),
             sleeps_until: None,
             closed: false,
@@ -77,6 +81,22 @@ impl CommandQueue {
         inner.authority.leave(now, id);
         let _ = inner.drain(now);
         self.wake.notify_one();
+    }
+
+    /// Stops the robot for a user without a socket.
+    ///
+    /// # Errors
+    /// One line: it cannot be published.
+    pub fn stop(&self, name: Arc<str>, role: Role, source: Arc<str>) -> Result<(), String> {
+        let mut inner = self.lock();
+        let now = clock::now();
+        let id = inner.authority.join(name, role, source);
+        inner.authority.stop(now, id);
+        // The repetitions go on when the user has gone.
+        inner.authority.leave(now, id);
+        let said = inner.drain(now);
+        self.wake.notify_one();
+        said
     }
 
     /// Runs a function on the authority, and sends its output.
@@ -181,7 +201,17 @@ impl Inner {
         };
         let state = |module, state, source: Arc<str>| orders::manual(timestamp, module, state, &source).into();
         let message: Message = match say {
-            Output::Motion { source, speed, steering } => motion(source, speed, steering),
+            Output::Motion { source, speed, steering, begins } => {
+                // A press is a release: the driver obeys no source whose last command was motion.
+                if begins {
+                    self.bus.publish(&motion(source.clone(), 0.0, steering))?;
+                }
+                motion(source, speed, steering)
+            }
+            Output::Creep { source, held } => {
+                let (source, session) = (source.to_string(), self.session);
+                CmdCreep { timestamp, source, session, held }.into()
+            }
             Output::Zero { source } => motion(source, 0.0, 0.0),
             Output::Pause { source } => state(canbus::NAME, State::Pause, source),
             Output::Run { source } => state(canbus::NAME, State::Run, source),

@@ -1,5 +1,5 @@
 //! `/ws/command`: the command socket of a page. Its messages are bounded, checked against its role and the authority,
-//! and executed at once; answers come from the command queue.
+//! and executed at once; answers come from the command queue. `POST /api/stop` needs no socket.
 
 use super::access::{Role, Who};
 use super::command::{self, Answer, Command, FRAME_MAX, Needs};
@@ -14,7 +14,7 @@ use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
 use axum::extract::{RawQuery, State};
 use axum::http::StatusCode;
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 use host::clock;
 use std::sync::Arc;
 use std::time::Duration;
@@ -45,7 +45,7 @@ pub async fn upgrade(
         app.stats.refuse(Refusal::Protocol, "");
         return refused(StatusCode::BAD_REQUEST, "a WebSocket is expected here");
     };
-    let Ok(seat) = app.commanders.clone().try_acquire_owned() else {
+    let Some(seat) = app.commanders.take(who.role) else {
         app.stats.refuse(Refusal::Viewers, "");
         return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Viewers.why());
     };
@@ -54,6 +54,23 @@ pub async fn upgrade(
         page.serve(socket, command_queue).await;
         drop(seat);
     })
+}
+
+/// `POST /api/stop`: as the command of the same name, for a device that has no command socket.
+pub async fn stop(State(app): State<App>, Extension(who): Extension<Who>) -> Response {
+    let (name, source) = names(&who);
+    match app.command_queue.stop(name, who.role, source) {
+        Ok(()) => StatusCode::NO_CONTENT.into_response(),
+        Err(why) => refused(StatusCode::SERVICE_UNAVAILABLE, &why),
+    }
+}
+
+/// Name of a user, and its source on the bus.
+fn names(who: &Who) -> (Arc<str>, Arc<str>) {
+    // A client without a name used the credentials of a program.
+    let name: Arc<str> = if who.name.is_empty() { "a program".into() } else { who.name.clone() };
+    let source = format!("web:{name}").into();
+    (name, source)
 }
 
 /// Reason for the end of a page's connection.
@@ -88,9 +105,7 @@ impl Drop for Page {
 
 impl Page {
     fn new(app: App, who: Who) -> (Self, tokio::sync::mpsc::Receiver<String>) {
-        // A client without a name used the credentials of a program.
-        let name: Arc<str> = if who.name.is_empty() { "a program".into() } else { who.name.clone() };
-        let source: Arc<str> = format!("web:{name}").into();
+        let (name, source) = names(&who);
         let QueueHandle { id, tell, told } = app.command_queue.join(name, who.role, source.clone());
         if let Some(device) = who.device {
             app.session_store.access().connect(device);

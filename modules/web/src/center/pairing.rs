@@ -2,7 +2,8 @@
 
 use super::access::{Refused, Role, Who};
 use crate::app::App;
-use crate::request::{Reached, Unpaired, cookie_name, refused};
+use crate::connections::network;
+use crate::request::{Peer, Reached, Unpaired, cookie_name, refused};
 use crate::stats::Refusal;
 use axum::Extension;
 use axum::body::{Body, to_bytes};
@@ -33,8 +34,9 @@ struct Me<'a> {
     name: &'a str,
 }
 
-/// `POST /api/pair`, with a code from the robot's console. Answers [`Me`] and sets the session's cookie (HttpOnly,
-/// SameSite=Strict); 403 for a wrong code, 429 after too many. `POST /api/unpair` ends the session.
+/// `POST /api/pair`, with a code that `advee web code` shows on the robot's computer. Answers [`Me`] and sets the
+/// session's cookie (HttpOnly, SameSite=Strict); 403 for a wrong code, 429 after too many. `POST /api/unpair` ends the
+/// session.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Pair {
@@ -60,6 +62,7 @@ pub async fn me(State(app): State<App>, Extension(who): Extension<Who>) -> Respo
 pub async fn pair(
     State(app): State<App>,
     Extension(Reached(reached)): Extension<Reached>,
+    Extension(Peer(peer)): Extension<Peer>,
     Extension(before): Extension<Who>,
     request: Request,
 ) -> Response {
@@ -71,7 +74,7 @@ pub async fn pair(
     let Ok(chance) = app.session_store.chance() else {
         return refused(StatusCode::SERVICE_UNAVAILABLE, "the robot's kernel gives no chance to make a key of");
     };
-    let paired = app.session_store.access().pair(clock::now(), &code, &name, &chance);
+    let paired = app.session_store.access().pair(clock::now(), network(peer), &code, &name, &chance);
     let (key, who) = match paired {
         Ok(paired) => paired,
         Err(why) => {

@@ -2,7 +2,7 @@
 
 use super::authority::Holder;
 use base::Instant;
-use diagnostics::{ChannelRow, Ellipse, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
+use diagnostics::{Bound, ChannelRow, Ellipse, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
 use messages::{common, lowlevel, middlelevel, simulation};
 use serde::Serialize;
 
@@ -28,6 +28,10 @@ pub struct DrivePart<'a> {
     holds: Vec<HoldRow>,
     /// The motion commands of all sources.
     commands: Vec<&'a lowlevel::CmdMotion>,
+    /// Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 4, of 64 corners.
+    guard: Shown<'a, lowlevel::DataGuard>,
+    /// The bound of these that holds; `null`: the robot has no guard.
+    bound: Option<Bound>,
     stop: Shown<'a, lowlevel::EventStop>,
     odometry: Shown<'a, lowlevel::DataOdo>,
     estimate: Shown<'a, middlelevel::DataEstimate>,
@@ -47,6 +51,8 @@ impl<'a> DrivePart<'a> {
             motion: model.motion.shown(now),
             holds: model.hold_rows(now),
             commands: model.commands(now).collect(),
+            guard: model.guard.shown(now),
+            bound: model.bound(now),
             stop: model.stop.shown(now),
             odometry: model.odometry.shown(now),
             estimate: model.estimate.shown(now),

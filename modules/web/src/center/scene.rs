@@ -27,6 +27,8 @@ pub struct Scene {
     pub wheelbase: f64,
     /// Limits of manual commands.
     pub limits: Limits,
+    /// Highest speed of a robot that senses nothing of what is in its way, m/s; `null`: it senses something.
+    pub blind: Option<f64>,
     /// The beam of a sonar.
     pub sonar: Beam,
     /// The beam of an infrared sensor.
@@ -115,6 +117,7 @@ impl Default for Scene {
             outline: Vec::new(),
             wheelbase: 0.0,
             limits: Limits { speed: 0.0, steering: 0.0 },
+            blind: None,
             sonar: Sensor::default().into(),
             infrared: Sensor::GP2Y0A41.into(),
             beacons: Vec::new(),

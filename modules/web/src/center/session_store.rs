@@ -1,8 +1,9 @@
-//! Storage of codes and sessions, and source of randomness: [`super::access`] with a clock and files.
+//! Storage of sessions, codes on demand, and source of randomness: [`super::access`] with a clock and files.
 //!
-//! `RUN_FOLDER/web/codes-PORT` is for users on the robot's own machine (`advee web code`), `sessions-PORT.json` for the
-//! next start of the server; only their owner may read them. A separate thread writes the files, so that neither the
-//! server nor the module waits for a disk.
+//! All in `RUN_FOLDER/web`, readable by its owner only. `server-PORT` is there while a server runs. A user of the
+//! robot's own computer asks for codes by a file `ask-PORT-NUMBER`; the server answers by `codes-PORT-NUMBER`, which is
+//! deleted once it has been read (`advee web code`). `sessions-PORT.json` has digests of the keys of paired devices,
+//! for the next start. A separate thread serves the files, so that neither the server nor the module waits for a disk.
 
 use super::access::{Access, Chance, Codes, IDLE_MAX, Role, Session};
 use base::Duration;
@@ -20,8 +21,13 @@ use tokio::sync::watch;
 const FILE_MAX: u64 = 64 << 10;
 /// Minimum interval of storing the last use of a device, s.
 const LAST_USE_PERIOD: u64 = 60;
-/// Period of checks for something to write.
+/// Period of checks for something to write, and for a user who asks for codes.
 const WRITE_PERIOD: Duration = Duration::from_millis(500);
+/// Time within which a server answers a request for codes, and interval of checks for the answer.
+const ANSWER_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(3);
+const ANSWER_PERIOD: std::time::Duration = std::time::Duration::from_millis(50);
+/// Maximum number of requests for codes answered at a time.
+const ASKED_MAX: usize = 16;
 /// Maximum number of write failures that wait to be reported.
 const FAILED_MAX: usize = 4;
 
@@ -30,14 +36,14 @@ const FAILED_MAX: usize = 4;
 #[serde(deny_unknown_fields)]
 struct StoredSession {
     id: u32,
-    key: String,
+    digest: String,
     name: String,
     role: Role,
     /// Last use, s since the UNIX epoch.
     seen: u64,
 }
 
-/// File that `advee web code` reads.
+/// Answer to `advee web code`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShownCodes {
@@ -47,6 +53,8 @@ pub struct ShownCodes {
     pub operator: String,
     /// Code of an engineer, eight digits.
     pub engineer: String,
+    /// Time for which both pair, s.
+    pub valid_s: u64,
 }
 
 impl ShownCodes {
@@ -62,7 +70,8 @@ pub struct SessionStore {
     access: Mutex<Access>,
     chance: File,
     address: String,
-    codes: PathBuf,
+    folder: PathBuf,
+    port: u16,
     sessions: PathBuf,
     inner: Mutex<Inner>,
     wake: Condvar,
@@ -70,7 +79,7 @@ pub struct SessionStore {
 }
 
 impl SessionStore {
-    /// Creates codes and restores paired devices. If the stored ones are invalid, no device is paired, and a line
+    /// Restores paired devices. If the stored ones are invalid, no device is paired, and a line
     /// reports that.
     ///
     /// # Errors
@@ -80,7 +89,7 @@ impl SessionStore {
         let named = |error: io::Error| format!("{}: {error}", folder.display());
         DirBuilder::new().recursive(true).mode(0o700).create(&folder).map_err(named)?;
         let chance = File::open("/dev/urandom").map_err(|error| format!("/dev/urandom: {error}"))?;
-        let codes = Codes::new(&draw(&chance).map_err(|error| format!("/dev/urandom: {error}"))?);
+        draw(&chance).map_err(|error| format!("/dev/urandom: {error}"))?;
         let sessions = folder.join(format!("sessions-{}.json", at.port()));
         let (kept, broken) = match read(&sessions) {
             Ok(kept) => (kept, None),
@@ -89,9 +98,9 @@ impl SessionStore {
         let (now, wall) = (clock::now(), seconds());
         let session = |kept: &StoredSession| {
             let idle = Duration::from_secs(wall.saturating_sub(kept.seen)).min(IDLE_MAX);
-            Session::kept(kept.id, kept.key.clone(), &kept.name, kept.role, now - idle)
+            Session::kept(kept.id, kept.digest.clone(), &kept.name, kept.role, now - idle)
         };
-        let access = Access::new(now, codes, kept.iter().map(session).collect());
+        let access = Access::new(now, kept.iter().map(session).collect());
         let address = match hosts.first() {
             Some(host) if !at.ip().is_loopback() => format!("{host}:{}", at.port()),
             _ => at.to_string(),
@@ -100,13 +109,21 @@ impl SessionStore {
             access: Mutex::new(access),
             chance,
             address,
-            codes: folder.join(format!("codes-{}", at.port())),
+            folder,
+            port: at.port(),
             sessions,
-            inner: Mutex::new(Inner { kept, told: None, failed: Vec::new(), closed: false }),
+            inner: Mutex::new(Inner { kept, failed: Vec::new(), closed: false }),
             wake: Condvar::new(),
             ended: watch::channel(()).0,
         };
+        let server = session_store.file("server");
+        write(&server, &session_store.address).map_err(|error| format!("{}: {error}", server.display()))?;
         Ok((session_store, broken))
+    }
+
+    /// Path of a file of this server.
+    fn file(&self, kind: &str) -> PathBuf {
+        self.folder.join(format!("{kind}-{}", self.port))
     }
 
     /// Paired devices, locked.
@@ -138,30 +155,52 @@ impl SessionStore {
         forgotten
     }
 
-    /// Reports, one line each: new codes, and write failures.
+    /// Reports of write failures, one line each.
     pub fn news(&self) -> Vec<String> {
-        let codes = self.access().codes().clone();
-        let mut inner = self.inner();
-        let mut news = std::mem::take(&mut inner.failed);
-        if inner.told.as_ref() != Some(&codes) {
-            let shown = self.shown(&codes);
-            news.push(format!(
-                "to pair a device: code {} for an operator, {} for an engineer, who opens {}",
-                spaced(&shown.operator),
-                spaced(&shown.engineer),
-                shown.link(&shown.engineer)
-            ));
-            inner.told = Some(codes);
+        std::mem::take(&mut self.inner().failed)
+    }
+
+    /// Codes that pair now, in a line for a person at the robot's own terminal; nothing else may show it.
+    pub fn invitation(&self) -> Option<String> {
+        let shown = self.codes()?;
+        let [operator, engineer] = [&shown.operator, &shown.engineer].map(|code| spaced(code));
+        Some(format!(
+            "to pair a device within 10 minutes: code {operator} for an operator, {engineer} for an engineer, who \
+             opens {}; later: advee web code",
+            shown.link(&shown.engineer)
+        ))
+    }
+
+    /// Codes that pair now; `None` without randomness.
+    fn codes(&self) -> Option<ShownCodes> {
+        let chance = self.chance().ok()?;
+        let Codes { operator, engineer, valid } = self.access().codes(clock::now(), &chance);
+        Some(ShownCodes { address: self.address.clone(), operator, engineer, valid_s: valid.as_secs() })
+    }
+
+    /// Answers requests for codes.
+    fn answer(&self) -> Vec<String> {
+        let prefix = format!("ask-{}-", self.port);
+        let mut failed = Vec::new();
+        for name in names(&self.folder, &prefix).into_iter().take(ASKED_MAX) {
+            let number = name.strip_prefix(&prefix).unwrap_or_default();
+            let answer = self.folder.join(format!("codes-{}-{number}", self.port));
+            let result = fs::remove_file(self.folder.join(&name)).and_then(|()| match self.codes() {
+                Some(codes) => write(&answer, &serde_json::to_string(&codes)?),
+                None => Err(io::ErrorKind::NotFound.into()),
+            });
+            failed.extend(result.err().map(|error| format!("{}: {error}", answer.display())));
         }
-        news
+        failed
     }
 
     /// Writes changes until [`Self::close`]; runs on a separate thread, because disks are slow.
     pub fn keep(&self) {
-        let mut written = Written { codes: None, sessions: self.inner().kept.clone() };
+        let mut written = self.inner().kept.clone();
         let mut closed = false;
         while !closed {
-            let failed = self.write(&mut written);
+            let mut failed = self.write(&mut written);
+            failed.extend(self.answer());
             let mut inner = self.inner();
             inner.failed.extend(failed);
             inner.failed.truncate(FAILED_MAX);
@@ -180,50 +219,39 @@ impl SessionStore {
         self.wake.notify_all();
     }
 
-    fn write(&self, written: &mut Written) -> Vec<String> {
-        let (codes, sessions) = {
+    fn write(&self, written: &mut Vec<StoredSession>) -> Vec<String> {
+        let sessions = {
             let access = self.access();
             let (now, wall) = (clock::now(), seconds());
             let kept = |session: &Session| StoredSession {
                 id: session.id,
-                key: session.key.clone(),
+                digest: session.digest.clone(),
                 name: session.name.to_string(),
                 role: session.role,
                 seen: wall.saturating_sub(now.since(session.used).as_secs()),
             };
-            (access.codes().clone(), access.sessions().iter().map(kept).collect::<Vec<_>>())
+            access.sessions().iter().map(kept).collect::<Vec<_>>()
         };
-        let mut failed = Vec::new();
-        let mut put = |path: &Path, text: serde_json::Result<String>| {
-            let result = text.map_err(io::Error::from).and_then(|text| write(path, &text));
-            failed.extend(result.err().map(|error| format!("{}: {error}", path.display())));
-        };
-        if written.codes.as_ref() != Some(&codes) {
-            put(&self.codes, serde_json::to_string(&self.shown(&codes)));
-            written.codes = Some(codes);
+        if !differ(&sessions, written) {
+            return Vec::new();
         }
-        if differ(&sessions, &written.sessions) {
-            put(&self.sessions, serde_json::to_string(&sessions));
-            written.sessions = sessions;
-        }
-        failed
+        let text = serde_json::to_string(&sessions);
+        let result = text.map_err(io::Error::from).and_then(|text| self::write(&self.sessions, &text));
+        *written = sessions;
+        result.err().map(|error| format!("{}: {error}", self.sessions.display())).into_iter().collect()
     }
 
-    /// Deletes the codes, and all files if no device is paired.
+    /// Deletes the files of this server, those of sessions only if no device is paired.
     fn clear(&self) {
-        let _ = fs::remove_file(&self.codes);
+        let port = self.port;
+        let asked = [format!("ask-{port}-"), format!("codes-{port}-")];
+        let asked = asked.iter().flat_map(|prefix| names(&self.folder, prefix));
+        asked.chain([format!("server-{port}")]).for_each(|name| drop(fs::remove_file(self.folder.join(name))));
         if self.access().sessions().is_empty() {
             let _ = fs::remove_file(&self.sessions);
         }
-        if let Some(folder) = self.codes.parent() {
-            // Another server may have its files there.
-            let _ = fs::remove_dir(folder);
-        }
-    }
-
-    fn shown(&self, codes: &Codes) -> ShownCodes {
-        let Codes { operator, engineer } = codes.clone();
-        ShownCodes { address: self.address.clone(), operator, engineer }
+        // Another server may have its files there.
+        let _ = fs::remove_dir(&self.folder);
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
@@ -235,25 +263,51 @@ impl SessionStore {
 struct Inner {
     /// Devices stored at the start.
     kept: Vec<StoredSession>,
-    told: Option<Codes>,
     failed: Vec<String>,
     closed: bool,
 }
 
-/// Content of the files.
-struct Written {
-    codes: Option<Codes>,
-    sessions: Vec<StoredSession>,
+/// Asks the servers of a run folder for the codes that pair a device.
+///
+/// # Errors
+/// One line: a running server cannot be asked.
+pub fn ask(run: &Path) -> Result<Vec<ShownCodes>, String> {
+    let folder = run.join("web");
+    let number = format!("{:x}-{:x}", std::process::id(), clock::wall());
+    let mut answers = Vec::new();
+    for server in names(&folder, "server-") {
+        let port = server.strip_prefix("server-").unwrap_or_default();
+        let [asked, answer] = ["ask", "codes"].map(|kind| folder.join(format!("{kind}-{port}-{number}")));
+        write(&asked, "").map_err(|error| format!("{}: {error}", asked.display()))?;
+        answers.push((asked, answer));
+    }
+    let begun = std::time::Instant::now();
+    let mut shown = Vec::new();
+    for (asked, answer) in answers {
+        loop {
+            if let Ok(text) = bounded(&answer) {
+                let _ = fs::remove_file(&answer);
+                shown.extend(serde_json::from_str(&text).ok());
+                break;
+            }
+            if begun.elapsed() > ANSWER_TIMEOUT {
+                // The server was killed.
+                let _ = fs::remove_file(&asked);
+                break;
+            }
+            std::thread::sleep(ANSWER_PERIOD);
+        }
+    }
+    Ok(shown)
 }
 
-/// Codes that the servers of a run folder show.
-#[must_use]
-pub fn shown(run: &Path) -> Vec<ShownCodes> {
-    let entries = fs::read_dir(run.join("web")).into_iter().flatten().flatten();
-    let named = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("codes-"));
-    let mut paths: Vec<PathBuf> = named.map(|entry| entry.path()).collect();
-    paths.sort();
-    paths.iter().filter_map(|path| serde_json::from_str(&bounded(path).ok()?).ok()).collect()
+/// Names of the files in a folder that begin with a prefix and are not being written, in order.
+fn names(folder: &Path, prefix: &str) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut names: Vec<String> = names.filter(|name| name.starts_with(prefix) && !name.ends_with(".new")).collect();
+    names.sort();
+    names
 }
 
 /// A code, grouped for reading.
@@ -267,7 +321,7 @@ pub fn spaced(code: &str) -> String {
 
 fn differ(now: &[StoredSession], before: &[StoredSession]) -> bool {
     let same = |(a, b): (&StoredSession, &StoredSession)| {
-        a.id == b.id && a.key == b.key && a.seen.abs_diff(b.seen) < LAST_USE_PERIOD
+        a.id == b.id && a.digest == b.digest && a.seen.abs_diff(b.seen) < LAST_USE_PERIOD
     };
     now.len() != before.len() || !now.iter().zip(before).all(same)
 }
@@ -322,7 +376,7 @@ mod tests {
     const AT: &str = "127.0.0.1:8080";
 
     #[test]
-    fn a_restarted_server_keeps_its_sessions_and_renews_its_codes() {
+    fn a_restarted_server_keeps_its_sessions_and_no_codes() {
         let run = folder("restart");
         let open = || SessionStore::open(&run, AT.parse().unwrap(), &[]).unwrap();
         let closed = |session_store: &SessionStore| {
@@ -330,32 +384,49 @@ mod tests {
             session_store.keep();
         };
         let (session_store, broken) = open();
-        assert_eq!(broken, None);
-        let codes = session_store.access().codes().clone();
-        let news = session_store.news();
-        assert!(news.len() == 1 && news[0].contains(&format!("http://{AT}/#{}", codes.engineer)), "{news:?}");
-        assert!(session_store.news().is_empty(), "reported once");
-        let mut written = Written { codes: None, sessions: Vec::new() };
-        assert!(session_store.write(&mut written).is_empty());
-        assert_eq!(shown(&run)[0].operator, codes.operator);
+        assert_eq!((broken, session_store.news()), (None, Vec::new()), "codes are in no report");
+        let codes = session_store.codes().unwrap();
+        let invitation = session_store.invitation().unwrap();
+        assert!(invitation.contains(&format!("http://{AT}/#{}", codes.engineer)), "{invitation}");
+        let mut written = Vec::new();
         let chance = session_store.chance().unwrap();
-        let (key, who) = session_store.access().pair(clock::now(), &codes.operator, "phone", &chance).unwrap();
-        assert_eq!(session_store.news().len(), 1, "the new code");
+        let from = "10.0.0.1".parse().unwrap();
+        let paired = session_store.access().pair(clock::now(), from, &codes.operator, "phone", &chance);
+        let (key, who) = paired.unwrap();
         assert!(session_store.write(&mut written).is_empty());
-        for file in ["codes-8080", "sessions-8080.json"] {
-            let mode = fs::metadata(run.join("web").join(file)).unwrap().permissions().mode();
-            assert_eq!(mode & 0o777, 0o600, "{file}");
-        }
+        let file = run.join("web/sessions-8080.json");
+        assert_eq!(fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
+        assert!(!fs::read_to_string(&file).unwrap().contains(&key), "only its digest is stored");
         drop(session_store);
         let (session_store, _) = open();
         assert_eq!(session_store.access().who(clock::now(), &key), Some(who));
-        assert_ne!(session_store.access().codes(), &codes);
+        assert_ne!(session_store.codes().unwrap().engineer, codes.engineer);
         closed(&session_store);
-        assert!(shown(&run).is_empty() && run.join("web/sessions-8080.json").exists());
+        assert!(ask(&run).unwrap().is_empty() && run.join("web/sessions-8080.json").exists());
         let (session_store, _) = open();
         assert!(session_store.forget(1) && !session_store.forget(1));
         closed(&session_store);
         assert!(!run.join("web").exists(), "nothing is left");
+        fs::remove_dir_all(run).unwrap();
+    }
+
+    #[test]
+    fn codes_are_made_for_who_asks_on_the_robot_s_computer() {
+        let run = folder("ask");
+        let session_store = SessionStore::open(&run, AT.parse().unwrap(), &[]).unwrap().0;
+        std::thread::scope(|scope| {
+            let keeps = scope.spawn(|| session_store.keep());
+            let (shown, again) = (ask(&run).unwrap(), ask(&run).unwrap());
+            let left = names(&run.join("web"), "");
+            // Before what may panic: the scope waits for the thread.
+            session_store.close();
+            keeps.join().unwrap();
+            assert_eq!((shown.len(), shown[0].address.as_str(), shown[0].valid_s), (1, AT, 600));
+            let codes = |shown: &[ShownCodes]| (shown[0].operator.clone(), shown[0].engineer.clone());
+            assert_eq!(codes(&shown), codes(&again), "the same while they are fresh");
+            assert_eq!(left, ["server-8080"], "no code is on the disk");
+        });
+        assert!(!run.join("web").exists());
         fs::remove_dir_all(run).unwrap();
     }
 

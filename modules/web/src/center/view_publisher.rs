@@ -62,7 +62,7 @@ struct Part {
 }
 
 /// Progress of one viewer.
-pub struct Place {
+pub struct ViewerProgress {
     turn: u64,
     watched: Vec<(String, u64)>,
 }
@@ -136,21 +136,21 @@ impl ViewPublisher {
 
     /// Adds a viewer; returns its notification of [updates](Self::news) and its progress. It counts until the former is
     /// dropped, and must [leave](Self::leave) before.
-    pub fn join(&self) -> (watch::Receiver<u64>, Place) {
+    pub fn join(&self) -> (watch::Receiver<u64>, ViewerProgress) {
         let turns = self.turns.subscribe();
         let mut inner = self.lock();
         inner.parts.iter_mut().for_each(|part| part.wanted = true);
         self.woken.notify_one();
-        (turns, Place { turn: inner.turn, watched: Vec::new() })
+        (turns, ViewerProgress { turn: inner.turn, watched: Vec::new() })
     }
 
     /// Newest updates that a viewer has not seen.
-    pub fn news(&self, place: &mut Place) -> Vec<Utf8Bytes> {
+    pub fn news(&self, progress: &mut ViewerProgress) -> Vec<Utf8Bytes> {
         let inner = self.lock();
-        let seen = std::mem::replace(&mut place.turn, inner.turn);
+        let seen = std::mem::replace(&mut progress.turn, inner.turn);
         let parts = inner.parts.iter().map(|part| &part.said).filter(|(turn, _)| *turn > seen);
         let mut news: Vec<Utf8Bytes> = parts.map(|(_, text)| text.clone()).collect();
-        for (channel, seen) in &mut place.watched {
+        for (channel, seen) in &mut progress.watched {
             let told = inner.inspector.told(channel, *seen);
             *seen = inner.turn;
             news.extend(told);
@@ -159,20 +159,20 @@ impl ViewPublisher {
     }
 
     /// Replaces the list of channels that a viewer watches.
-    pub fn watch(&self, place: &mut Place, channels: Vec<String>) {
+    pub fn watch(&self, progress: &mut ViewerProgress, channels: Vec<String>) {
         let mut inner = self.lock();
         let turn = inner.turn;
         channels.iter().for_each(|channel| inner.inspector.watch(channel));
         let watched = channels.into_iter().map(|channel| (channel, turn)).collect();
-        for (channel, _) in std::mem::replace(&mut place.watched, watched) {
+        for (channel, _) in std::mem::replace(&mut progress.watched, watched) {
             inner.inspector.leave(&channel);
         }
         self.woken.notify_one();
     }
 
     /// Removes a viewer.
-    pub fn leave(&self, mut place: Place) {
-        self.watch(&mut place, Vec::new());
+    pub fn leave(&self, mut progress: ViewerProgress) {
+        self.watch(&mut progress, Vec::new());
     }
 
     /// Discards the model but not the viewers.
@@ -239,26 +239,26 @@ mod tests {
         show.hear(now, &message.channel_name(), &bytes);
     }
 
-    fn parts(show: &ViewPublisher, place: &mut Place) -> Vec<String> {
+    fn parts(show: &ViewPublisher, progress: &mut ViewerProgress) -> Vec<String> {
         let part = |text: Utf8Bytes| serde_json::from_str::<Value>(&text).unwrap()["part"].as_str().unwrap().to_owned();
-        show.news(place).into_iter().map(part).collect()
+        show.news(progress).into_iter().map(part).collect()
     }
 
     #[test]
     fn a_new_viewer_gets_all_parts_and_then_each_when_due() {
         let show = ViewPublisher::new(Config::default());
         assert_eq!(show.turn(T0, ExtraState::default()), Instant::NEVER, "no viewer");
-        let (turns, mut place) = show.join();
+        let (turns, mut progress) = show.join();
         assert_eq!(show.turn(T0, ExtraState::default()), at(100));
         assert!(turns.has_changed().unwrap());
-        assert_eq!(parts(&show, &mut place), ["drive", "sensors", "map", "system"]);
-        assert!(parts(&show, &mut place).is_empty(), "each once");
+        assert_eq!(parts(&show, &mut progress), ["drive", "sensors", "map", "system"]);
+        assert!(parts(&show, &mut progress).is_empty(), "each once");
         show.turn(at(50), ExtraState::default());
-        assert!(parts(&show, &mut place).is_empty(), "nothing is due");
+        assert!(parts(&show, &mut progress).is_empty(), "nothing is due");
         let mut heard = Vec::new();
         for turn in 1..=10 {
             show.turn(at(100 * turn), ExtraState::default());
-            heard.extend(parts(&show, &mut place));
+            heard.extend(parts(&show, &mut progress));
         }
         let count = |name: &str| heard.iter().filter(|part| *part == name).count();
         assert_eq!(["drive", "sensors", "map", "system"].map(count), [10, 5, 0, 1]);
@@ -274,13 +274,13 @@ mod tests {
     #[test]
     fn a_slow_viewer_gets_the_newest_parts_and_a_changed_map() {
         let show = ViewPublisher::new(Config::default());
-        let (_turns, mut place) = show.join();
+        let (_turns, mut progress) = show.join();
         for turn in 0..100 {
             let plan = DataPlan { timestamp: (turn / 50) as i64, x: vec![f64::NAN], y: vec![1.0] };
             say(&show, at(100 * turn), plan);
             show.turn(at(100 * turn), ExtraState::default());
         }
-        let news = show.news(&mut place);
+        let news = show.news(&mut progress);
         assert_eq!(news.len(), 4, "the newest of each");
         let map: Value = serde_json::from_str(&news[2]).unwrap();
         assert_eq!((&map["plan"]["value"]["timestamp"], &map["plan"]["value"]["x"][0]), (&1.into(), &Value::Null));
@@ -288,7 +288,7 @@ mod tests {
         for turn in 100..220 {
             say(&show, at(100 * turn), DataObstacles { timestamp: (turn / 60) as i64, ..DataObstacles::default() });
             show.turn(at(100 * turn), ExtraState::default());
-            maps += parts(&show, &mut place).iter().filter(|part| *part == "map").count();
+            maps += parts(&show, &mut progress).iter().filter(|part| *part == "map").count();
         }
         // Obstacles of turns 100, 120 and 180, and the repetition after 5 s.
         assert!((4..=5).contains(&maps), "{maps}");
@@ -297,17 +297,17 @@ mod tests {
     #[test]
     fn watches_end_with_their_viewer() {
         let show = ViewPublisher::new(Config::default());
-        let (_turns, mut place) = show.join();
-        show.watch(&mut place, vec!["STRANGE".into()]);
+        let (_turns, mut progress) = show.join();
+        show.watch(&mut progress, vec!["STRANGE".into()]);
         show.turn(T0, ExtraState::default());
-        show.news(&mut place);
+        show.news(&mut progress);
         show.hear(at(10), "STRANGE", b"x");
         assert_eq!(show.turn(at(50), ExtraState::default()), at(100));
-        assert_eq!(parts(&show, &mut place), ["message"]);
-        show.leave(place);
+        assert_eq!(parts(&show, &mut progress), ["message"]);
+        show.leave(progress);
         show.hear(at(110), "STRANGE", b"x");
-        let (_other, mut place) = show.join();
+        let (_other, mut progress) = show.join();
         show.turn(at(150), ExtraState::default());
-        assert_eq!(parts(&show, &mut place).len(), 4);
+        assert_eq!(parts(&show, &mut progress).len(), 4);
     }
 }

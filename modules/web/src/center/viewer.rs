@@ -44,7 +44,7 @@ pub async fn upgrade(
     let Ok(upgrade) = upgrade else {
         return refuse(&app, Refusal::Protocol, StatusCode::BAD_REQUEST);
     };
-    let Ok(seat) = app.seats.clone().try_acquire_owned() else {
+    let Some(seat) = app.seats.take(who.role) else {
         return refuse(&app, Refusal::Viewers, StatusCode::SERVICE_UNAVAILABLE);
     };
     let demo = demo_of(&uri);

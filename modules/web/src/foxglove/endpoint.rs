@@ -3,6 +3,7 @@
 use super::hub::{Outgoing, ViewerId};
 use super::protocol::{self, Refused, Request};
 use crate::app::App;
+use crate::center::access::Role;
 use crate::socket::{BATCH, EndReason, Line};
 use crate::stats::Refusal;
 use axum::extract::State;
@@ -23,7 +24,7 @@ pub async fn upgrade(State(app): State<App>, upgrade: Result<WebSocketUpgrade, W
     let Some(upgrade) = upgrade.ok().filter(|upgrade| upgrade.selected_protocol().is_some()) else {
         return refuse(&app, Refusal::Protocol, StatusCode::BAD_REQUEST);
     };
-    let Ok(seat) = app.seats.clone().try_acquire_owned() else {
+    let Some(seat) = app.seats.take(Role::Viewer) else {
         return refuse(&app, Refusal::Viewers, StatusCode::SERVICE_UNAVAILABLE);
     };
     upgrade

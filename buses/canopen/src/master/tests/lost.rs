@@ -116,13 +116,46 @@ fn own_frames_come_back_without_harm_and_a_second_master_is_told() {
         bus.put(usize::MAX, wire::heartbeat(127, NmtState::Operational));
         bus.run(50);
     }
-    let told = bus.events.iter().filter(|(_, event)| *event == Event::SecondMaster).count();
+    let told = bus.events.iter().filter(|(_, event)| matches!(event, Event::SecondMaster { .. })).count();
     assert_eq!(told, 1);
 
     let mut bus = robot(MasterConfig::default());
     bus.run(100);
     bus.put(usize::MAX, wire::heartbeat(127, NmtState::Operational));
-    bus.run_to(10, |event| *event == Event::SecondMaster);
+    bus.run_to(10, |event| matches!(event, Event::SecondMaster { .. }));
+}
+
+#[test]
+fn commands_of_another_master_are_told_at_once() {
+    let commands = [
+        (Frame::standard(0x501, &[0x0F, 0, 0xE9, 2, 0, 0]), Foreign::Rpdo { node: 1 }),
+        (wire::nmt(NmtCommand::Stop, 0), Foreign::Nmt { node: 0 }),
+        (wire::nmt(NmtCommand::ResetNode, 2), Foreign::Nmt { node: 2 }),
+        (wire::sync(), Foreign::Sync),
+        (Frame::standard(0x602, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), Foreign::SdoRequest { node: 2 }),
+    ];
+    for own_frames_return in [false, true] {
+        for (frame, by) in &commands {
+            let mut bus = robot(MasterConfig { own_frames_return, ..MasterConfig::default() });
+            bus.echo = own_frames_return;
+            bus.run(500);
+            let seen = |bus: &Bus| {
+                let by = |event: &Event| if let Event::SecondMaster { by } = event { Some(*by) } else { None };
+                bus.events.iter().filter_map(|(_, event)| by(event)).collect::<Vec<_>>()
+            };
+            assert_eq!(seen(&bus), []);
+            bus.put(usize::MAX, *frame);
+            bus.run(2);
+            assert_eq!(seen(&bus), [*by], "own frames return: {own_frames_return}");
+        }
+    }
+    // Nodes that are not ours are none of our business.
+    let mut bus = booted();
+    for frame in [wire::nmt(NmtCommand::Stop, 9), Frame::standard(0x509, &[0; 6]), Frame::standard(0x609, &[0x40; 8])] {
+        bus.put(usize::MAX, frame);
+        bus.run(2);
+    }
+    assert!(!bus.events.iter().any(|(_, event)| matches!(event, Event::SecondMaster { .. })), "{:?}", bus.events);
 }
 
 #[test]
@@ -160,4 +193,25 @@ fn a_drive_that_is_not_heard_is_told_to_stop_and_given_time_before_it_is_reset()
     bus.run(1990);
     assert_eq!(bus.nodes[0].nmt_state(), Some(NmtState::Operational));
     bus.run_to(500, is_booted(1));
+}
+
+#[test]
+fn a_heartbeat_that_waited_to_be_read_extends_no_life() {
+    let mut bus = booted();
+    let lost = |bus: &mut Bus| {
+        let events = std::iter::from_fn(|| bus.master.poll_event());
+        events.filter(|event| matches!(event, Event::Lost { node: 1, reason: LostReason::Heartbeat })).count()
+    };
+    let (beat, last) = (wire::heartbeat(1, NmtState::Operational), bus.now + Duration::from_millis(10));
+    bus.master.handle_rx(last, &beat);
+    let limit = Duration::from_millis(200);
+    let read = last + limit - Duration::from_millis(10);
+    // The second one has a receive time before a step of the clock.
+    for arrived in [last + Duration::from_millis(1), Instant::ZERO] {
+        bus.master.handle_rx_at(read, arrived, &beat);
+    }
+    bus.master.handle_timeout(last + limit);
+    assert_eq!(lost(&mut bus), 0);
+    bus.master.handle_timeout(last + limit + Duration::from_millis(1));
+    assert_eq!(lost(&mut bus), 1, "it lived 200 ms ago");
 }

@@ -93,7 +93,7 @@ fn a_missing_acknowledgement_stops_the_robot_and_nothing_resumes_by_itself() {
     robot.drive(0.4, 600);
     assert!(!robot.moves());
     assert_eq!(robot.told(Fault::CanUnacknowledged), [Severity::Error, Severity::Notice]);
-    robot.pass(300);
+    robot.drive(0.0, 50);
     robot.drive(0.4, 300);
     assert!(robot.moves(), "{}", robot.reason());
 }
@@ -135,10 +135,14 @@ fn an_engineer_reads_objects_of_the_drives_or_gets_the_abort_code() {
 }
 
 #[test]
-fn an_engineer_writes_only_safe_objects_and_only_at_standstill() {
+fn an_engineer_writes_only_listed_objects_and_only_at_standstill() {
     let mut robot = Robot::ready();
-    assert_eq!(robot.sdo(1, 0x6084, 0, Some(&[0x10, 0x27, 0, 0])).abort_code, 0);
-    assert_eq!(robot.epos.node.get(0x6084, 0), Some(10_000));
+    assert_eq!(robot.sdo(1, 0x6065, 0, Some(&[0x10, 0x27, 0, 0])).abort_code, 0);
+    assert_eq!(robot.epos.node.get(0x6065, 0), Some(10_000));
+    assert_eq!(robot.sdo(1, 0x1003, 0, Some(&[0])).abort_code, 0, "the error history");
+    let ramp = robot.epos.node.get(0x6085, 0);
+    // The same object of the other drive is not on its list.
+    assert_eq!(robot.sdo(2, 0x6065, 0, Some(&[0, 1, 0, 0])).abort_code, 0x0800_0021);
     for (node, index, data) in [
         (1, 0x6040, &[0x0F, 0][..]),
         (1, 0x60FF, &[0, 1, 0, 0]),
@@ -147,12 +151,22 @@ fn an_engineer_writes_only_safe_objects_and_only_at_standstill() {
         (1, 0x1017, &[0, 0]),
         (1, 0x1016, &[0, 0, 0, 0]),
         (2, 0x1401, &[0, 0, 0, 0x80]),
+        (1, 0x6085, &[60, 0, 0, 0]),
+        (1, 0x6084, &[60, 0, 0, 0]),
+        (1, 0x6083, &[60, 0, 0, 0]),
+        (1, 0x607F, &[0, 1, 0, 0]),
+        (2, 0x605A, &[0, 0]),
+        (1, 0x2008, &[0, 0]),
+        (1, 0x2210, &[0, 0]),
+        (1, 0x1003, &[1]),
+        (1, 0x1F50, &[0, 0, 0, 0]),
     ] {
         assert_eq!(robot.sdo(node, index, 0, Some(data)).abort_code, 0x0800_0021, "0x{index:04X}");
     }
+    assert_eq!(robot.epos.node.get(0x6085, 0), ramp);
     robot.drive(0.4, 500);
-    assert_eq!(robot.sdo(1, 0x6084, 0, Some(&[1, 0, 0, 0])).abort_code, 0x0800_0022);
-    assert_eq!(robot.epos.node.get(0x6084, 0), Some(10_000));
+    assert_eq!(robot.sdo(1, 0x6065, 0, Some(&[1, 0, 0, 0])).abort_code, 0x0800_0022);
+    assert_eq!(robot.epos.node.get(0x6065, 0), Some(10_000));
     assert!(robot.moves(), "asking does not stop the robot: {}", robot.reason());
 }
 

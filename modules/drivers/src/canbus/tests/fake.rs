@@ -4,6 +4,7 @@ use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use canopen::axis::drive::Drive;
 use canopen::axis::{PowerState, status};
+use canopen::drives::icla;
 use canopen::{Dictionary, Node, NodeEvent};
 
 pub struct Fake {
@@ -15,6 +16,8 @@ pub struct Fake {
     pub mute: bool,
     /// Ignores its controlword.
     pub stubborn: bool,
+    /// Number of homings begun.
+    pub homings: u32,
     homing: Option<Instant>,
     bits: u16,
 }
@@ -24,7 +27,7 @@ impl Fake {
         let mut node = Node::new(dictionary, Duration::from_millis(5));
         node.power_on(Instant::ZERO);
         let power = Drive::new(quick_stop_option, true);
-        Self { node, power, alive: true, mute: false, stubborn: false, homing: None, bits: status::REMOTE }
+        Self { node, power, alive: true, mute: false, stubborn: false, homings: 0, homing: None, bits: status::REMOTE }
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
@@ -40,7 +43,7 @@ impl Fake {
         }
         if self.homing.is_some_and(|at| at <= now) {
             self.homing = None;
-            self.bits |= status::MODE_12 | status::TARGET_REACHED;
+            self.bits |= status::MODE_12 | status::TARGET_REACHED | icla::HOMED;
             let home = self.node.get(0x607C, 0).unwrap_or(0);
             self.node.set(0x6064, 0, home);
         }
@@ -56,6 +59,13 @@ impl Fake {
             }
         }
         None
+    }
+
+    /// Switches it off and on: it loses its reference.
+    pub fn power_on(&mut self, now: Instant) {
+        self.bits = status::REMOTE;
+        self.homing = None;
+        self.node.power_on(now);
     }
 
     /// Simulates an internal failure: the drive sends an emergency and stops.
@@ -103,6 +113,7 @@ impl Fake {
             }
             1 => self.bits &= !status::MODE_12,
             6 if enabled && word & 0x10 != 0 && self.homing.is_none() && self.bits & status::MODE_12 == 0 => {
+                self.homings += 1;
                 self.homing = Some(now + Duration::from_millis(100));
             }
             _ => {}

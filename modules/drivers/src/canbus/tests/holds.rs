@@ -39,7 +39,8 @@ fn all_holds_are_listed_main_one_first() {
     let before = (since(&robot, Hold::DriveFault), since(&robot, Hold::CriticalModule));
     robot.bench.message(pause(false, ""));
     robot.exchange();
-    assert_eq!(robot.holds(), stands[1..], "at once, not with the next period");
+    let latched = [stands[1], stands[2], (Hold::PauseLatched, ""), stands[3]];
+    assert_eq!(robot.holds(), latched, "at once, not with the next period");
     assert_eq!((since(&robot, Hold::DriveFault), since(&robot, Hold::CriticalModule)), before);
 }
 
@@ -77,6 +78,7 @@ fn the_source_of_pause_is_a_number() {
         robot.bench.message(pause(true, source));
         robot.exchange();
         assert_eq!(robot.holds(), [(hold, source)]);
+        robot.bench.message(pause(false, source));
     }
     // The power controller's names are those of the contract.
     for byte in 0..=u8::MAX {
@@ -131,6 +133,9 @@ fn ignored_sources_are_named_and_the_planner_with_its_missing_needs() {
     robot.pass(300);
     robot.bench.message(pause(false, ""));
     robot.exchange();
+    assert_eq!(robot.holds(), [(Hold::PauseLatched, "")]);
+    robot.press(0.0001);
+    robot.pass(300);
     assert_eq!(robot.holds(), [(Hold::NobodyCommands, "")]);
 }
 
@@ -166,6 +171,7 @@ fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
         (steering(drive::Objection::Fault(0)), "the steering drive is in fault since before it was booted"),
         (steering(drive::Objection::NotAnswering), "the steering drive does not answer"),
         (steering(drive::Objection::StateUnknown), "the steering drive has not told its state"),
+        (Objection::NotHomed(steering::NotHomed::Unreleased), "the steering is to be homed: let it"),
         (Objection::NotHomed(steering::NotHomed::Failed(homing)), "homing the steering failed: takes too long"),
     ] {
         is_plain(objection);

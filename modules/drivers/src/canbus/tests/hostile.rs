@@ -105,6 +105,7 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
     robot.bench.message(lowlevel::EventStop { timestamp: 0, engaged: false, source: "sd1_front".into() });
     robot.drive(0.4, 200);
     assert!(!robot.moves(), "it resumed by itself");
+    assert_eq!(robot.holds(), [(Hold::PauseLatched, ""), (Hold::NotReleased, "test")]);
 }
 
 #[test]
@@ -153,6 +154,7 @@ fn the_robot_does_not_drive_before_it_steers() {
     robot.icla.stubborn = true;
     robot.bench.message(pause(false));
     robot.frames.clear();
+    robot.press(0.4);
     robot.drive(0.4, 3000);
     assert!(!robot.frames.iter().any(|(_, frame)| rpdo4_moves(frame)), "driven without steering");
 }
@@ -168,7 +170,7 @@ fn an_unconfirmed_stop_is_repeated_and_blocks_motion() {
     let stops = |(at, frame): &&(Instant, can::Frame)| *at > before && frame.data().starts_with(&[0x0B, 0x00]);
     let stops = robot.frames.iter().filter(stops).count();
     assert!(stops >= 19, "{stops} quick stops in a second");
-    assert_eq!(robot.holds()[0], (Hold::DriveStuck, "propulsion"));
+    assert_eq!(robot.holds()[..2], [(Hold::SpeedExceeded, ""), (Hold::DriveStuck, "propulsion")]);
     robot.drive(0.0, 200);
     robot.frames.clear();
     robot.drive(0.4, 1000);
@@ -176,6 +178,9 @@ fn an_unconfirmed_stop_is_repeated_and_blocks_motion() {
     robot.epos.stubborn = false;
     robot.pass(2000);
     assert!(!robot.moves());
+    let (module, source) = (NAME.into(), "test".into());
+    robot.bench.message(common::CmdState { timestamp: 0, module, state: State::Run as i8, manual: true, source });
+    robot.drive(0.0, 50);
     robot.drive(0.4, 500);
     assert!(robot.moves(), "{}", robot.reason());
 }
@@ -196,7 +201,7 @@ fn a_drive_that_sends_only_heartbeats_stops_the_robot() {
         robot.icla.mute = false;
         robot.drive(0.4, 2000);
         assert!(!robot.moves(), "it resumed by itself");
-        robot.pass(500);
+        robot.drive(0.0, 50);
         robot.drive(0.4, 500);
         assert!(robot.moves(), "{propulsion}: {}", robot.reason());
     }
@@ -219,6 +224,7 @@ fn a_drive_that_does_not_answer_is_booted_again() {
         drive.mute = false;
         robot.pass(8000);
         assert!(!robot.moves(), "it resumed by itself");
+        robot.drive(0.0, 50);
         robot.drive(0.4, 500);
         assert!(robot.moves(), "{propulsion}: {}", robot.reason());
     }
@@ -237,12 +243,16 @@ fn the_steering_is_homed_only_at_known_standstill() {
     robot.pass(100);
     assert!(robot.errors.contains(&(Fault::CommandForbidden, Severity::Warning)));
     assert!(robot.motion().homed);
-    // The steering reboots: it is homed once the robot stands, not before.
-    let now = robot.bench.now();
-    robot.icla.node.power_on(now);
+    // The steering reboots: an operator homes it once the robot stands, not before.
+    robot.icla.power_on(robot.bench.now());
+    robot.pass(3000);
+    robot.home();
     robot.pass(3000);
     assert!(!robot.motion().homed, "homed while it rolls");
     robot.epos.node.set(0x606C, 0, 0);
+    robot.pass(3000);
+    assert!(!robot.motion().homed, "homed by itself");
+    robot.home();
     robot.pass(3000);
     assert!(robot.motion().homed, "{}", robot.reason());
 }
@@ -287,5 +297,8 @@ fn a_stop_shorter_than_the_pause_between_two_commands_is_a_stop() {
     robot.pass(5);
     robot.drive(0.4, 500);
     assert!(!robot.moves(), "it resumed by itself");
-    assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
+    assert_eq!(robot.holds(), [(Hold::PauseLatched, ""), (Hold::NotReleased, "test")]);
+    robot.press(0.4);
+    robot.drive(0.4, 200);
+    assert!(robot.moves(), "{}", robot.reason());
 }

@@ -2,7 +2,7 @@
 // ended by its process.
 import { type ChildProcess, execFile, spawn } from "node:child_process";
 import { existsSync } from "node:fs";
-import { mkdtemp, readdir, readFile, rm } from "node:fs/promises";
+import { mkdtemp, rm } from "node:fs/promises";
 import { request } from "node:http";
 import { createServer, type Server } from "node:net";
 import { tmpdir } from "node:os";
@@ -18,6 +18,10 @@ const run = promisify(execFile);
 
 /** driver_canbus does not act before it is commanded to. */
 const HELD = [HOLD.ModulePaused, HOLD.ModuleStopped];
+/** Stops that last until an operator releases them, once their cause is over. */
+const LATCHED = [HOLD.PauseLatched, HOLD.RangingLost, HOLD.SpeedExceeded];
+/** The steering has no reference, as after a restart of driver_canbus, which a busy machine may cause. */
+const UNREFERENCED = [HOLD.ToBeHomed, HOLD.HomingFailed];
 
 export type Paired = "operator" | "engineer";
 
@@ -51,6 +55,8 @@ export class Robot {
   /** What its console says. */
   console = "";
   private readonly keys = new Map<string, string>();
+  /** When an operator last released it, ms since the epoch. */
+  private released = 0;
   /** Targets with faults. */
   private readonly broken = new Set<string>();
 
@@ -80,7 +86,8 @@ export class Robot {
     try {
       await until("the robot may be driven and its web server answers", 60, async () => {
         if (robot.up.exitCode !== null) throw new Error(`advee up ended:\n${robot.console}`);
-        return robot.bus.motion()?.homed && (await robot.codes()) && (await robot.ask("GET", "/api/me")).status === 200;
+        await robot.letGo();
+        return robot.bus.motion()?.homed && (await robot.ask("GET", "/api/me")).status === 200;
       });
     } catch (error) {
       await robot.end();
@@ -94,24 +101,20 @@ export class Robot {
     return (await run(ADVEE, [...this.base, ...args], { cwd: ROOT })).stdout;
   }
 
-  /** What pairs somebody now, as the robot's own line has it. */
-  async codes(): Promise<Record<Paired, string> | null> {
-    const web = join(this.folder, "run/web");
-    const name = (await readdir(web).catch(() => [])).find((each) => /^codes(-[0-9]+)?$/.test(each));
-    return name === undefined ? null : JSON.parse(await readFile(join(web, name), "utf8"));
+  /** The codes and links that are valid now, as the command on the robot's computer shows them. */
+  async codes(): Promise<Record<Paired, string>> {
+    return JSON.parse(await this.advee("web", "code", "--json"));
   }
 
   /** The key of a paired device of that name: paired once, known from then on. */
   async key(role: Paired, name: string): Promise<string> {
     const known = this.keys.get(`${role} ${name}`);
     if (known !== undefined) return known;
-    const code = (await this.codes())?.[role];
+    const code = (await this.codes())[role];
     const answer = await this.ask("POST", "/api/pair", { code, name });
     const key = /^advee-[0-9]+=([0-9a-f]+);/.exec(answer.cookie)?.[1];
     if (answer.status !== 200 || key === undefined) throw new Error(`pairing: ${answer.status} ${answer.body}`);
     this.keys.set(`${role} ${name}`, key);
-    // The next code is written by and by.
-    await until("a used code is replaced", 10, async () => (await this.codes())?.[role] !== code);
     return key;
   }
 
@@ -139,6 +142,20 @@ export class Robot {
     });
   }
 
+  /** The source that engaged PAUSE has opened it: it is latched, until an operator releases the robot. */
+  async release(): Promise<void> {
+    await until("PAUSE is latched", 20, () => this.bus.stands(HOLD.PauseLatched));
+    await this.advee("state", "driver_canbus", "RUN");
+  }
+
+  /** Does what an operator does after a stop that waits for one, at most every two seconds. */
+  private async letGo(): Promise<void> {
+    if (Date.now() - this.released < 2000 || !this.bus.stands(...LATCHED, ...UNREFERENCED)) return;
+    this.released = Date.now();
+    if (this.bus.stands(...LATCHED)) await this.advee("state", "driver_canbus", "RUN");
+    if (this.bus.stands(...UNREFERENCED)) await this.advee("home").catch(() => {});
+  }
+
   /** As it was at the start: nothing broken, nothing held, nobody's goal, standing. */
   async calm(): Promise<void> {
     const { bus } = this;
@@ -150,9 +167,10 @@ export class Robot {
     // After a stop it waits for an operator.
     await this.advee("goal", "cancel");
     await this.advee("state", "planner", "RUN");
-    await until(`the robot stands, and may be driven (${bus.motion()?.reason})`, 30, () => {
+    await until(() => `the robot stands, and may be driven (${bus.motion()?.reason})`, 30, async () => {
       const motion = bus.motion();
-      return motion?.homed && Math.abs(motion.speed ?? 1) < 0.02 && !bus.stands(...HELD, HOLD.PauseUnknown) && bus.last["LL_EVENT_STOP"]?.["engaged"] === false;
+      await this.letGo();
+      return motion?.homed && Math.abs(motion.speed ?? 1) < 0.02 && !bus.stands(...HELD, ...LATCHED, HOLD.PauseUnknown) && bus.last["LL_EVENT_STOP"]?.["engaged"] === false;
     });
     bus.forget();
   }

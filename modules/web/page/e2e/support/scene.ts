@@ -1,16 +1,16 @@
-// One robot and one browser for all scenes; each scene begins with a robot that stands and is well.
+// One robot and one browser for all scenes, but for scenes that need a robot of their own; each scene begins with a robot
+// that stands and is well.
 import { after, test } from "node:test";
 import { appendFileSync } from "node:fs";
 import type { Browser } from "playwright-core";
 import { hasChromium, launch, Visit, type Wish } from "./browser";
 import { Robot } from "./robot";
 
-let shared: Promise<[Robot, Browser]> | null = null;
-const begin = (): Promise<[Robot, Browser]> => (shared ??= Promise.all([Robot.start(), launch()]));
+let sharedRobot: Promise<Robot> | null = null;
+let sharedBrowser: Promise<Browser> | null = null;
 after(async () => {
-  const both = await shared;
-  await both?.[1].close();
-  await both?.[0].end();
+  await (await sharedBrowser)?.close();
+  await (await sharedRobot)?.end();
 });
 
 // Ended by a signal it ends what it has started, too.
@@ -28,21 +28,24 @@ process.once("exit", () => {
   if (list) appendFileSync(list, `peer\tpage: ${skipped} tests in a browser\t${why}\n`);
 });
 
+/** Characters of the robot's console that are shown with a failure. */
+const CONSOLE_SHOWN = 2000;
+
 export interface Stage {
   robot: Robot;
   visit(wish?: Wish): Promise<Visit>;
 }
 
-/** A test with any number of visits, which are watched and closed. */
-export function scene(name: string, body: (stage: Stage) => Promise<void>): void {
+/** A test with any number of visits, which are watched and closed. `sets`: settings of a robot of its own, as `--set` has them. */
+export function scene(name: string, body: (stage: Stage) => Promise<void>, sets?: string[]): void {
   if (!hasChromium && process.env["ADVEE_PEERS"] !== "required") {
     skipped += 1;
     test(name, { skip: "no chromium" }, () => {});
     return;
   }
   test(name, { timeout: 1000 * PATIENCE }, async () => {
-    const [robot, browser] = await begin();
-    await robot.calm();
+    const own = sets && Robot.start(sets.flatMap((set) => ["--set", set]));
+    const [robot, browser] = await Promise.all([own ?? (sharedRobot ??= Robot.start()), (sharedBrowser ??= launch())]);
     const visits: Visit[] = [];
     const visit = async (wish?: Wish) => {
       const opened = await Visit.open(browser, robot, wish);
@@ -51,6 +54,7 @@ export function scene(name: string, body: (stage: Stage) => Promise<void>): void
     };
     let failed: unknown = null;
     try {
+      await robot.calm();
       await body({ robot, visit });
     } catch (error) {
       failed = error;
@@ -59,6 +63,10 @@ export function scene(name: string, body: (stage: Stage) => Promise<void>): void
       }
     }
     for (const each of visits) await each.close().catch((error) => (failed ??= error));
-    if (failed) throw failed;
+    if (own) await robot.end();
+    if (failed) {
+      console.error(`${name}: the robot's console:\n${robot.console.slice(-CONSOLE_SHOWN)}`);
+      throw failed;
+    }
   });
 }

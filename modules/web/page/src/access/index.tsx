@@ -87,8 +87,8 @@ function Pairing() {
         </Button>
       </form>
       <p class="why-not">
-        The console shows one code for operators and one for engineers: where the robot was started, or over SSH with{" "}
-        <code>advee web code</code>.
+        <code>advee web code</code> on the robot's computer, over SSH too, shows one code for operators and one for engineers. Each
+        pairs one device within ten minutes. Where the robot was started in a terminal, its first lines show them as well.
       </p>
     </Card>
   );

@@ -61,7 +61,7 @@ export async function forget(id: number): Promise<string | null> {
 }
 
 const get = <T>(path: string): Promise<T | string> => request<T>(path, {});
-const post = <T>(path: string, body: object): Promise<T | string> =>
+export const post = <T>(path: string, body: object): Promise<T | string> =>
   request<T>(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
 /** The answer, or in words why there is none. */

@@ -25,9 +25,9 @@ export function advice(part: DrivePart, held: boolean): Advice | null {
       offer: null,
     };
   }
-  if (held) return { title: "Stopped by an operator", steps: ["Take control, if nobody has it.", "Slide “Let it go on”, where Stop was."], offer: null };
+  if (held) return { title: "Stopped by an operator", steps: ["Take control, if nobody has it.", "Slide “Resume”, where Stop was."], offer: null };
   if (leads(part.holds, HOLD.PlannerLatched)) {
-    return { title: "It waits to be let go on", steps: ["After a stop, or after a hand drove it, it goes on only when an operator says so."], offer: "resume" };
+    return { title: "It waits for an operator to resume", steps: ["After a stop, or after a hand drove it, it goes on only when an operator says so."], offer: "resume" };
   }
   if (leads(part.holds, HOLD.NotReleased)) return { title: "The hand was never off", steps: ["Let go of the pad, then press anew."], offer: null };
   if (part.status.word === "fault" || part.status.word === "silent") {

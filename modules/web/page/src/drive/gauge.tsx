@@ -7,6 +7,8 @@ export function Gauge(props: {
   is: number | null;
   wanted: number | null;
   stale: boolean;
+  /** What the guard permits either way, as shares of the greatest; null: not known, or no guard. */
+  bounds?: [number | null, number | null];
   /** Greater values are to the left. */
   mirrored?: boolean;
 }) {
@@ -23,6 +25,9 @@ export function Gauge(props: {
       <div class="gauge-bar" aria-hidden>
         <i class="gauge-middle" />
         {props.is === null ? null : <i class="gauge-is" style={{ left: `${from}%`, width: `${to - from}%` }} />}
+        {(props.bounds ?? []).map((share, n) =>
+          share === null || Math.abs(share) >= 1 ? null : <i key={n} class="gauge-bound" style={{ left: `${place(share)}%` }} />,
+        )}
         {props.wanted === null ? null : <i class="gauge-wanted" style={{ left: `${place(props.wanted)}%` }} />}
       </div>
     </div>

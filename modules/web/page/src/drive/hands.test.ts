@@ -28,14 +28,15 @@ test("after a lost key-up the key's repeats move nothing until it is pressed ane
   deepEqual(keys.down("KeyW", false), { act: "press", wish: { speed: 1, steering: 0 } });
 });
 
-const MIDDLE = { speed: 0, steering: 0 };
+const MIDDLE = { second: false, speed: 0, steering: 0 };
+const STILL = { speed: 0, steering: 0 };
 
 test("a gamepad drives while its button is held, from the middle on", () => {
   const pads = new Gamepads();
   equal(pads.read({ deadMan: false, ...MIDDLE }), null);
-  deepEqual(pads.read({ deadMan: true, ...MIDDLE }), { act: "press", wish: MIDDLE });
-  deepEqual(pads.read({ deadMan: true, speed: 1, steering: 0.05 }), { act: "move", wish: { speed: 1, steering: 0 } });
-  deepEqual(pads.read({ deadMan: false, speed: 1, steering: 0 }), { act: "release" });
+  deepEqual(pads.read({ deadMan: true, ...MIDDLE }), { act: "press", wish: STILL });
+  deepEqual(pads.read({ ...MIDDLE, deadMan: true, speed: 1, steering: 0.05 }), { act: "move", wish: { speed: 1, steering: 0 } });
+  deepEqual(pads.read({ ...MIDDLE, deadMan: false, speed: 1 }), { act: "release" });
 });
 
 test("a button that was held when it appeared, or came back, must be let go first", () => {
@@ -50,10 +51,33 @@ test("a button that was held when it appeared, or came back, must be let go firs
 test("a press with a stick pushed, and a hold that ended, need the button let go", () => {
   const pads = new Gamepads();
   pads.read({ deadMan: false, ...MIDDLE });
-  equal(pads.read({ deadMan: true, speed: 0.5, steering: 0 }), null);
+  equal(pads.read({ ...MIDDLE, deadMan: true, speed: 0.5 }), null);
   equal(pads.read({ deadMan: true, ...MIDDLE }), null);
   pads.read({ deadMan: false, ...MIDDLE });
   equal(pads.read({ deadMan: true, ...MIDDLE })?.act, "press");
   pads.over();
-  equal(pads.read({ deadMan: true, speed: 1, steering: 0 }), null);
+  equal(pads.read({ ...MIDDLE, deadMan: true, speed: 1 }), null);
+});
+
+test("both shoulders are the second input, from a press on while one of them drives", () => {
+  const pads = new Gamepads();
+  const see = (deadMan: boolean, second: boolean) => {
+    const stick = { ...STILL, deadMan, second };
+    const act = pads.read(stick)?.act ?? null;
+    return [act, pads.second(stick)];
+  };
+  deepEqual(see(false, false), [null, null]);
+  deepEqual(see(true, false), ["press", null]);
+  deepEqual(see(true, true), ["move", true]);
+  deepEqual(see(true, true), ["move", null]);
+  deepEqual(see(true, false), ["move", false]);
+  deepEqual(see(false, false), ["release", null]);
+  // Pressed together, or before, it is no deliberate act.
+  deepEqual(see(true, true), ["press", null]);
+  deepEqual(see(true, true), ["move", null]);
+  deepEqual(see(true, false), ["move", false]);
+  deepEqual(see(true, true), ["move", true]);
+  // A hold that ended takes it along.
+  pads.over();
+  deepEqual(see(true, true), [null, null]);
 });

@@ -3,6 +3,9 @@ import type { Wish } from "./hold";
 
 export type Act = { act: "press" | "move"; wish: Wish } | { act: "release" } | null;
 
+/** Held beside the keys that drive, it creeps. */
+export const CREEP_KEY = "KeyC";
+
 /** By the place of the key, so that WASD is where it should be on every layout. */
 const KEYS: Record<string, Wish> = {
   ArrowUp: { speed: 1, steering: 0 },
@@ -48,6 +51,8 @@ export class Keys {
 /** A gamepad as the browser shows it now; null: there is none, or it may not be used. */
 export interface Stick {
   deadMan: boolean;
+  /** The second input is held: both shoulders. */
+  second: boolean;
   /** -1 to 1: forward, and to the left. */
   speed: number;
   steering: number;
@@ -60,6 +65,8 @@ const DEAD_ZONE = 0.12;
 export class Gamepads {
   private seenReleased = false;
   private driving = false;
+  /** The second input, as it was seen last; null: nobody drives. */
+  private was: boolean | null = null;
 
   read(stick: Stick | null): Act {
     if (!stick || !stick.deadMan) {
@@ -75,6 +82,14 @@ export class Gamepads {
     if (wish.speed !== 0 || wish.steering !== 0) return null;
     this.driving = true;
     return { act: "press", wish };
+  }
+
+  /** The second input, if it changed while the gamepad drives: one that was already held at the press does not count
+   *  until it is released. */
+  second(stick: Stick | null): boolean | null {
+    const [before, now] = [this.was, this.driving && stick ? stick.second : null];
+    this.was = now;
+    return before === null || now === null || before === now ? null : now;
   }
 
   /** Its hold has ended: the button must be let go first. */

@@ -152,3 +152,44 @@ test("whatever happens in whatever order: only holds that were pressed move, non
     }
   }
 });
+
+/** Of each command whether it creeps. */
+const creeps = (said: DriveCommand[]): boolean[] => said.flatMap((each) => (each.type === "drive" ? [each.creep ?? false] : []));
+
+test("the second input is said with each command while it is held, and its end at once", () => {
+  const { hold, said } = ready();
+  hold.press("pad", AHEAD, 0);
+  hold.second(true, 20);
+  run(hold, 20, 160);
+  deepEqual(creeps(said), [false, true, true, true]);
+  ok(hold.creeping);
+  hold.second(false, 165);
+  deepEqual(said.at(-1), { type: "drive", hold: 1, seq: 5, t: 165, speed: 0.6, steering: 0 });
+  ok(!hold.creeping);
+  run(hold, 170, 300);
+  deepEqual(creeps(said).slice(4), [false, false, false]);
+});
+
+test("the second input counts from a press while a hand drives, and ends with the hand", () => {
+  const { hold, said } = ready();
+  hold.second(true, 0);
+  hold.press("pad", AHEAD, 10);
+  run(hold, 10, 100);
+  deepEqual(creeps(said), [false, false], "held before, it is no deliberate act");
+  hold.second(true, 105);
+  run(hold, 105, 160);
+  hold.release("pad");
+  equal(said.at(-1)?.type, "zero");
+  hold.press("pad", AHEAD, 200);
+  run(hold, 200, 300);
+  deepEqual(creeps(said), [false, false, true, false, false], "it is not resumed");
+  equal(said.length, 6);
+});
+
+test("a page that did not run for a moment ends the hold by the second input, too", () => {
+  const { hold, said } = ready();
+  hold.press("pad", AHEAD, 0);
+  hold.second(true, STALL + 1);
+  equal(kinds(said), "dz");
+  equal(hold.creeping, false);
+});

@@ -1,5 +1,6 @@
 // Hold to run. The robot is driven only while a hand is on the pad, the keys or a gamepad's dead-man button; a press that
-// ended, for whatever reason, is over for good. Pure: events and the page's clock in, commands out.
+// ended, for whatever reason, is over for good. A second input, held beside it, lets the robot creep past its guard. Pure:
+// events and the page's clock in, commands out.
 import type { Command } from "../protocol";
 
 export type Source = "pad" | "keys" | "gamepad";
@@ -25,6 +26,8 @@ interface Current {
   spoke: number;
   /** When it shall speak next. */
   next: number;
+  /** The second input is held. */
+  creep: boolean;
 }
 
 export class Hold {
@@ -48,6 +51,11 @@ export class Hold {
     return this.current && this.scaled(this.current.wish);
   }
 
+  /** The second input is held, and counts. */
+  get creeping(): boolean {
+    return this.current?.creep ?? false;
+  }
+
   /** m/s and rad at the ends of the pad. */
   limit(speed: number, steering: number): void {
     this.max = { speed, steering };
@@ -68,7 +76,7 @@ export class Hold {
     if (this.whyNot !== null || !finite(wish)) return false;
     this.hold += 1;
     this.ended = "";
-    this.current = { source, hold: this.hold, wish, spoke: at, next: at };
+    this.current = { source, hold: this.hold, wish, spoke: at, next: at, creep: false };
     this.tick(at);
     return true;
   }
@@ -80,12 +88,21 @@ export class Hold {
     else this.end("The hand's place was not a number.");
   }
 
+  /** The second input was pressed, or let go. It counts from a press while a hand drives, and its end is reported at once. */
+  second(held: boolean, at: number): void {
+    const current = this.current;
+    if (!current || current.creep === held) return;
+    current.creep = held;
+    if (!held) current.next = at;
+    this.tick(at);
+  }
+
   /** The hand is off, or may be: zero at once. */
   release(source: Source, why = ""): void {
     if (this.current?.source === source) this.end(why);
   }
 
-  /** Whoever it is: the page is hidden, left, or Stop was pressed. */
+  /** For any input: the page is hidden, left, or Stop was pressed. */
   letGo(why: string): void {
     this.end(why);
   }
@@ -109,7 +126,8 @@ export class Hold {
     // From the last due time, so that the rate holds; what was missed is dropped.
     current.next = Math.max(current.next + PERIOD, at + PERIOD / 2);
     this.seq += 1;
-    this.say({ type: "drive", hold: current.hold, seq: this.seq, t: at, ...this.scaled(current.wish) });
+    const creep = current.creep ? { creep: true } : {};
+    this.say({ type: "drive", hold: current.hold, seq: this.seq, t: at, ...this.scaled(current.wish), ...creep });
   }
 
   private end(why: string): void {

@@ -1,5 +1,5 @@
 // Driving by hand: who has control, the pad, what the robot does, and why it does not.
-import { Gamepad2, Hand, House, Keyboard, ListChecks, Move } from "lucide-preact";
+import { Gamepad2, Hand, House, Keyboard, ListChecks, Move, ShieldAlert } from "lucide-preact";
 import { useEffect, useRef } from "preact/hooks";
 import { deg, num, span } from "../format";
 import { standing } from "../holds";
@@ -10,6 +10,7 @@ import type { DrivePart } from "../protocol";
 import { Age, Badge, Button, Card, Slide } from "../ui";
 import { type Advice, advice } from "./advice";
 import { Gauge } from "./gauge";
+import { Creep } from "./creep";
 import { Pad } from "./pad";
 import { begin, commanded, endedWhy, gamepadName, PACES, pace } from "./session";
 import "./drive.css";
@@ -94,7 +95,7 @@ function Why() {
       </ol>
       <Standing part={last.current.part} />
       {said.offer === "resume" && may("operator") ? (
-        <Slide label="Let it go on" tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />
+        <Slide label="Resume" tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />
       ) : null}
       {said.offer === "modules" ? (
         <div class="row">
@@ -121,7 +122,7 @@ function Standing({ part }: { part: DrivePart | null }) {
         <li key={`${row.code} ${row.subject}`}>
           {sentence(row.words)}
           {now !== null && row.since !== null ? <span class="age"> {span(Math.max(0, (now - row.since) / 1e6))}</span> : null}
-          {row.latched ? <Badge tone="warn">until somebody acts</Badge> : null}
+          {row.latched ? <Badge tone="warn">latched until commanded</Badge> : null}
         </li>
       ))}
     </ul>
@@ -135,6 +136,8 @@ function Motion() {
   const grey = stale(shown);
   const { speed, steering } = scene.value?.limits ?? { speed: 1, steering: 1 };
   const of = (value: number | null | undefined, most: number): number | null => (typeof value === "number" ? value / most : null);
+  const guard = fresh(drive.value?.guard);
+  const bounds: [number | null, number | null] = [of(guard === null ? null : -(guard.backward ?? 0), speed), of(guard?.forward, speed)];
   return (
     <Card title="Motion" icon={Move} aside={<Age shown={shown} />}>
       <Gauge
@@ -144,7 +147,9 @@ function Motion() {
         is={of(motion?.speed, speed)}
         wanted={of(motion?.speed_target, speed)}
         stale={grey}
+        bounds={bounds}
       />
+      <Bounded />
       <Gauge
         name="Steering"
         actual={side(motion?.steering)}
@@ -156,6 +161,18 @@ function Motion() {
       />
       <p class="why-not">{motion?.source ? `${motion.source} commands.` : "Nobody commands the motion."}</p>
     </Card>
+  );
+}
+
+/** The bound that holds, and by what. */
+function Bounded() {
+  const part = drive.value;
+  const bound = part?.bound;
+  if (!part || !bound) return null;
+  return (
+    <p class={stale(part.guard) ? "bound is-stale" : "bound"}>
+      <ShieldAlert size={16} aria-hidden /> <span>{sentence(bound.words)}</span>
+    </p>
   );
 }
 
@@ -178,12 +195,13 @@ function Hands() {
         ))}
       </div>
       <Pad />
+      <Creep />
       <p class="hands-said figure" role="status">
         {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : "Let go, and it stops."}
       </p>
       <p class="why-not hands-keys">
-        <Keyboard size={16} aria-hidden /> arrow keys or WASD
-        <Gamepad2 size={16} aria-hidden /> {gamepadName.value ? `${gamepadName.value}: hold a shoulder button` : "gamepad: press one of its buttons"}
+        <Keyboard size={16} aria-hidden /> arrow keys or WASD{drive.value?.bound ? ", with C to creep" : ""}
+        <Gamepad2 size={16} aria-hidden /> {gamepadName.value ? `${gamepadName.value}: hold a shoulder button${drive.value?.bound ? ", both to creep" : ""}` : "gamepad: press one of its buttons"}
       </p>
     </Card>
   );

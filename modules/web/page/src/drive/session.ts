@@ -4,9 +4,9 @@ import { computed, effect, signal } from "@preact/signals";
 import { listen, send } from "../connection/command";
 import { onStop, stopped } from "../operate";
 import { pausedByWords } from "../holds";
-import { clock, connection, drive, fresh, roundTrip, scene, TOO_SLOW, whyNot } from "../state";
+import { clock, connection, drive, fresh, roundTrip, scene, stale, TOO_SLOW, whyNot } from "../state";
 import { types } from "../shell/keys";
-import { type Act, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
+import { type Act, CREEP_KEY, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
 import { Hold, type Source } from "./hold";
 
 /** How often it is looked whether something is due, ms; and every how many turns while nobody drives. */
@@ -24,11 +24,20 @@ export const whyNoDrive = computed<string | null>(() => {
   if (link.state === "live" && link.quality === "bad") {
     return `The connection is too slow to drive: ${Math.round(roundTrip.value ?? 0)} ms there and back, more than ${TOO_SLOW} ms.`;
   }
-  if (stopped.value) return "The robot is stopped. Let it go on first.";
+  if (stopped.value) return "The robot is stopped. Resume first.";
   const line = fresh(drive.value?.stop);
   if (line?.engaged) return `PAUSE: ${pausedByWords(drive.value)} stops the robot.`;
   return null;
 });
+
+/** Why the second input has no effect now; null: it has. */
+export const whyNoCreep = computed<string | null>(() => {
+  if (whyNoDrive.value !== null) return whyNoDrive.value;
+  if (stale(drive.value?.guard)) return "The guard is not heard.";
+  return drive.value?.bound?.limits ? null : "Nothing is in the way.";
+});
+/** The second input is held, and reported. */
+export const creeping = signal(false);
 
 /** What the hand wants now, m/s and rad; null: no hand. */
 export const commanded = signal<{ source: Source; speed: number; steering: number } | null>(null);
@@ -47,8 +56,16 @@ export function shown(): void {
   const next = now && hold.holding ? { source: hold.holding, ...now } : null;
   const old = commanded.peek();
   if (next?.source !== old?.source || next?.speed !== old?.speed || next?.steering !== old?.steering) commanded.value = next;
+  creeping.value = hold.creeping;
   if (hold.holding !== "gamepad") gamepads.over();
   endedWhy.value = hold.ended;
+}
+
+/** The second input was pressed or released. A press that has no effect is ignored. */
+export function second(held: boolean): void {
+  if (held && whyNoCreep.value !== null) return;
+  hold.second(held, clock());
+  shown();
 }
 
 function act(source: Source, what: Act): void {
@@ -72,12 +89,13 @@ export function begin(): () => void {
   const down = (event: KeyboardEvent) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return letGo("Another key was held.");
     const at = event.target instanceof HTMLElement ? event.target : null;
+    if (event.code === CREEP_KEY && !event.repeat && !types(at)) return second(true);
     if (!isDriveKey(event.code) || event.defaultPrevented || types(at)) return;
     event.preventDefault();
     act("keys", keys.down(event.code, event.repeat));
   };
   addEventListener("keydown", down, on);
-  addEventListener("keyup", (event) => act("keys", keys.up(event.code)), on);
+  addEventListener("keyup", (event) => (event.code === CREEP_KEY ? second(false) : act("keys", keys.up(event.code))), on);
   addEventListener("blur", () => letGo("The page lost the focus."), on);
   addEventListener("pagehide", () => letGo("The page was left."), on);
   document.addEventListener("visibilitychange", () => document.hidden && letGo("The page was hidden."), on);
@@ -102,7 +120,10 @@ export function begin(): () => void {
   const turn = setInterval(() => {
     turns += 1;
     if (hold.holding === null && turns % IDLE_TURNS !== 0) return;
-    act("gamepad", gamepads.read(readGamepad()));
+    const stick = readGamepad();
+    act("gamepad", gamepads.read(stick));
+    const change = gamepads.second(stick);
+    if (change !== null) second(change);
     if (hold.holding === null) return;
     hold.tick(clock());
     shown();
@@ -114,12 +135,12 @@ export function begin(): () => void {
   };
 }
 
-/** The first gamepad of the usual layout: left stick forward and back, right stick's sides steer, a shoulder is the dead man. */
+/** The first gamepad of the usual layout: left stick forward and back, right stick's sides steer, a shoulder is the dead man, both creep. */
 function readGamepad(): Stick | null {
   const pad = navigator.getGamepads?.().find((each) => each?.connected && each.mapping === "standard") ?? null;
   const name = pad?.id.replace(/\s*\(.*$/, "") ?? null;
   if (name !== gamepadName.peek()) gamepadName.value = name;
   if (!pad || document.hidden || !document.hasFocus()) return null;
   const pressed = (button: number): boolean => pad.buttons[button]?.pressed ?? false;
-  return { deadMan: pressed(4) || pressed(5), speed: -(pad.axes[1] ?? 0), steering: -(pad.axes[2] ?? pad.axes[0] ?? 0) };
+  return { deadMan: pressed(4) || pressed(5), second: pressed(4) && pressed(5), speed: -(pad.axes[1] ?? 0), steering: -(pad.axes[2] ?? pad.axes[0] ?? 0) };
 }

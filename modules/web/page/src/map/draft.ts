@@ -53,8 +53,8 @@ export async function confirm(): Promise<void> {
   if (!last) return;
   const posing = mode.value === "pose";
   const well = posing
-    ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, "The robot was told where it is.")
-    : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, "The robot was told where to go.");
+    ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, "The pose is sent to the robot.")
+    : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, "The goal is sent to the robot.");
   if (!well) return;
   if (!posing) sent.value = all;
   begin("look");

@@ -6,7 +6,7 @@ import { drive, fresh, may, scene, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
 import { type Looker, MapCanvas } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, sent, undo } from "./draft";
-import { goalWords, positionWords, QUALITIES } from "./words";
+import { goalWords, guardWords, positionWords, QUALITIES } from "./words";
 import "./map.css";
 
 export function MapView() {
@@ -22,7 +22,7 @@ export function MapPanel() {
   return (
     <section class="map" aria-label="Map">
       <div class="map-picture">
-        <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`Map. ${positionWords(part)} ${goalWords(goal)}`} />
+        <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`Map. ${positionWords(part)} ${goalWords(goal)} ${guardWords(part)}`} />
         <div class="map-zoom">
           <Button icon={Plus} label="Nearer" onClick={() => looker.current?.zoom(1.4)} />
           <Button icon={Minus} label="Farther" onClick={() => looker.current?.zoom(1 / 1.4)} />
@@ -37,6 +37,7 @@ export function MapPanel() {
           <Quality />
           <p class={stale(part?.estimate) ? "is-stale" : ""}>{positionWords(part)}</p>
           <p>{goalWords(goal)}</p>
+          <p class={stale(part?.guard) ? "is-stale" : ""}>{guardWords(part)}</p>
         </div>
       </div>
     </section>
@@ -67,7 +68,7 @@ function Tools() {
         Set position
       </Button>
       {(scene.value?.routes ?? []).map(({ name }) => (
-        <Button key={name} icon={Repeat} whyNot={whyNot.value} onClick={() => void order({ type: "route", name }, `It was told to drive the route ${name}.`)}>
+        <Button key={name} icon={Repeat} whyNot={whyNot.value} onClick={() => void order({ type: "route", name }, `The robot is commanded to drive the route ${name}.`)}>
           {name}
         </Button>
       ))}
@@ -138,6 +139,13 @@ function Legend() {
     ["plan", "plan"],
     ["obstacle", "obstacles it senses"],
     ["sonar", "sonar; dotted: nothing within range"],
+    ...(drive.value?.bound
+      ? ([
+          ["protective", "protective field: what is in it stops the robot"],
+          ["warning", "warning field: what is in it slows it"],
+          ["occupied", "hatched: something is in the field"],
+        ] as [string, string][])
+      : []),
     ["ir", "▽ no floor seen by infrared; dashed: not known"],
     ["beacon", "beacon: filled when seen"],
     ["trail", "trail"],

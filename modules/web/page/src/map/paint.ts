@@ -5,9 +5,10 @@ import type { DrivePart, MapPart, ScenePart, SensorsPart } from "../protocol";
 import { drive, fresh, map, scene, sensors, stale } from "../state";
 import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
 import { mode, type Place, places, sent } from "./draft";
+import { fieldsOn, from, hatch, type Pose } from "./fields";
 import { trail } from "./trail";
 
-const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "sonar", "ir", "robot", "truth", "beacon", "goal"] as const;
+const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
 export type Inks = Record<(typeof INKS)[number] | "ink" | "surface" | "muted", string>;
 
 /** The colours of the theme that is shown. */
@@ -39,6 +40,7 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
   if (map.value) plan(brush, map.value);
   if (scene.value) beacons(brush, scene.value, drive.value, sensors.value);
   if (scene.value && drive.value) {
+    fields(brush, drive.value);
     if (sensors.value) cones(brush, scene.value, drive.value, sensors.value);
     truth(brush, scene.value, drive.value);
     robot(brush, scene.value, drive.value);
@@ -138,22 +140,10 @@ function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DriveP
   }
 }
 
-interface Pose {
-  x: number;
-  y: number;
-  theta: number;
-}
-
 /** Where it believes itself to be. */
 export function pose(drive: DrivePart | null): Pose | null {
   const { x, y, theta } = drive?.estimate.value ?? {};
   return typeof x === "number" && typeof y === "number" && typeof theta === "number" ? { x, y, theta } : null;
-}
-
-/** A point of the robot's frame on the map. */
-function from({ x, y, theta }: Pose, dx: number, dy: number): Point {
-  const [c, s] = [Math.cos(theta), Math.sin(theta)];
-  return [x + c * dx - s * dy, y + s * dx + c * dy];
 }
 
 /** Beams without an echo are drawn to here, m. */
@@ -188,6 +178,37 @@ function cones(brush: Brush, scene: ScenePart, drive: DrivePart, sensors: Sensor
   }
   on.setLineDash([]);
   on.globalAlpha = 1;
+}
+
+/** px between the lines over an occupied field. */
+const HATCH = 9;
+
+/** The guard's fields: the protective one with a solid outline, the warning one with a dashed one; hatched while something is in it. */
+function fields({ on, ink, at }: Brush, drive: DrivePart): void {
+  const robot = pose(drive);
+  const guard = fresh(drive.guard);
+  if (!robot || !guard) return;
+  for (const { kind, occupied, corners } of fieldsOn(robot, guard)) {
+    const points = corners.map((corner) => at(...corner));
+    on.beginPath();
+    for (const point of points) on.lineTo(...point);
+    on.closePath();
+    on.fillStyle = on.strokeStyle = ink[kind];
+    on.globalAlpha = 0.1;
+    on.fill();
+    on.globalAlpha = 1;
+    on.lineWidth = 2;
+    on.setLineDash(kind === "warning" ? [7, 5] : []);
+    on.stroke();
+    on.setLineDash([]);
+    if (!occupied) continue;
+    on.save();
+    on.clip();
+    on.lineWidth = 1.5;
+    on.globalAlpha = 0.75;
+    for (const ends of hatch(points, HATCH)) stroke(on, ends);
+    on.restore();
+  }
 }
 
 /** The infrared rangers look at the floor: where it is missing there is a mark, a little outside; an open one where it is not known. */

@@ -1,7 +1,7 @@
 import { equal } from "node:assert/strict";
 import { test } from "node:test";
 import type { DataGoal, DrivePart } from "../protocol";
-import { goalWords, positionWords } from "./words";
+import { goalWords, guardWords, positionWords } from "./words";
 
 const GOAL: DataGoal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
 
@@ -20,4 +20,17 @@ test("a position is told with how sure it is, and not at all when the robot is l
   equal(positionWords(part(3)), "At 1.23, −2.00 m, heading 90°; fine, sure to 0.10 m and 1.1°.");
   equal(positionWords(part(0)), "The robot does not know where it is.");
   equal(positionWords(null), "Where the robot is has not been said yet.");
+});
+
+test("what the guard permits is told with what is in its fields", () => {
+  const part = (words: string | null, ...occupied: boolean[]) =>
+    ({
+      bound: words === null ? null : { words, speed: 0.32, limits: true, creeping: false },
+      guard: { value: { fields: occupied.map((each, kind) => ({ kind, occupied: each })) } },
+    }) as unknown as DrivePart;
+  equal(guardWords(part("at most 0.32 m/s forward: sonar 3", false, true)), "At most 0.32 m/s forward: sonar 3. Something is in the warning field.");
+  equal(guardWords(part("must not move forward: sonar 3", true, true)), "Must not move forward: sonar 3. Something is in the protective and the warning field.");
+  equal(guardWords(part("at most 0.66 m/s forward", false, false)), "At most 0.66 m/s forward.");
+  equal(guardWords(part(null)), "", "a robot without a guard");
+  equal(guardWords(null), "");
 });

@@ -13,6 +13,15 @@ export function positionWords(part: DrivePart | null): string {
   return `At ${num(estimate.x, 2)}, ${num(estimate.y, 2, "m")}, heading ${deg(estimate.theta)}; ${quality}${sure}.`;
 }
 
+/** What the guard permits, and what is in its fields; empty for a robot without a guard. */
+export function guardWords(part: DrivePart | null): string {
+  const bound = part?.bound;
+  if (!part || !bound) return "";
+  const occupied = (part.guard.value?.fields ?? []).filter((field) => field.occupied).map(({ kind }) => (kind === 0 ? "protective" : "warning"));
+  const fields = occupied.length === 0 ? "" : ` Something is in the ${occupied.join(" and the ")} field.`;
+  return `${bound.words[0]?.toUpperCase()}${bound.words.slice(1)}.${fields}`;
+}
+
 /** The planner's own words where it has some. */
 export function goalWords(goal: DataGoal | null | undefined): string {
   if (!goal) return "Nothing is known of a goal.";

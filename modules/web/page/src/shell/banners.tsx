@@ -1,9 +1,10 @@
-// What must not be overlooked: a lost connection, control that went to somebody else, a recorded run, a new version.
-import { CircleAlert, Film, RefreshCw, WifiOff } from "lucide-preact";
+// What must not be overlooked: a lost connection, control that went to somebody else, a robot that senses nothing, a
+// recorded run, a new version.
+import { CircleAlert, EyeOff, Film, RefreshCw, WifiOff } from "lucide-preact";
 import type { ComponentChildren } from "preact";
-import { span } from "../format";
+import { num, span } from "../format";
 import { lostControl } from "../operate";
-import { connection, demo } from "../state";
+import { connection, demo, scene } from "../state";
 import { Button } from "../ui";
 import { applyUpdate, updateReady } from "./update";
 
@@ -25,6 +26,11 @@ export function Banners() {
           action={<Button onClick={() => (lostControl.value = null)}>Understood</Button>}
         >
           <strong>You have no control any more.</strong> {lostControl.value}
+        </Banner>
+      ) : null}
+      {typeof scene.value?.blind === "number" ? (
+        <Banner tone="warn" icon={<EyeOff size={20} aria-hidden />}>
+          <strong>NOTHING SENSES WHAT IS IN THE WAY: AT MOST {num(scene.value.blind, 2, "m/s")}.</strong> Driven by hand it does not stop before anybody.
         </Banner>
       ) : null}
       {demo.value ? (

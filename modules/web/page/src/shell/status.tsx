@@ -31,9 +31,9 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
   const said = drive.value?.status ?? { word: "silent" as const, reason: "" };
   const { word, icon, tone } = WORDS[said.word] ?? WORDS.silent;
   if (now.state === "lost") {
-    return { word: "Not known", icon: WifiOff, tone: "bad", reason: `no connection; ${word.toLowerCase()} when last heard` };
+    return { word: "Not known", icon: WifiOff, tone: "bad", reason: `no connection; ${word.toLowerCase()} at the last message` };
   }
-  if (stopped.value) return { word: WORDS.stopped.word, icon: OctagonPause, tone: "warn", reason: "an operator stopped it; it stays until it is let go on" };
+  if (stopped.value) return { word: WORDS.stopped.word, icon: OctagonPause, tone: "warn", reason: "an operator stopped it; it stays until an operator resumes" };
   return { word, icon, tone, reason: said.reason };
 }
 

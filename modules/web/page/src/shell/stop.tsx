@@ -44,7 +44,7 @@ function Stopped() {
         <OctagonX size={22} aria-hidden /> <strong>Stopped</strong>
       </p>
       {authority.value.yours || whyNot ? (
-        <Slide label="Let it go on" tone="good" whyNot={whyNot} onConfirm={() => void resume()} />
+        <Slide label="Resume" tone="good" whyNot={whyNot} onConfirm={() => void resume()} />
       ) : holder.value ? (
         <p class="stop-note">{holder.value.name} has control and lets it go on.</p>
       ) : (
@@ -62,7 +62,7 @@ export function StopExplained() {
     <Dialog title="You are watching" open={stopExplained.value} onClose={close}>
       <p>Only a paired device may stop the robot from here.</p>
       <p>In danger use the red button on the robot, or its bumper: it stops at once.</p>
-      <p>To pair, enter the eight digits that the robot's console shows.</p>
+      <p>To pair, enter the eight digits that <code>advee web code</code> shows on the robot's computer.</p>
       <div class="row">
         <a class="button primary" href="#/access" onClick={close}>
           Pair this device

@@ -13,7 +13,7 @@ export function Age({ shown }: { shown: Shown<unknown> | null | undefined }) {
     <span class={grey ? "age is-stale" : "age"} title={grey ? "older than it should be" : "age of the value"}>
       <Clock size={12} aria-hidden />
       <span class="visually-hidden">{grey ? "stale, age " : "age "}</span>
-      {old === null ? "never heard" : old < 1 && !grey ? "< 1 s" : span(old)}
+      {old === null ? "never received" : old < 1 && !grey ? "< 1 s" : span(old)}
     </span>
   );
 }
@@ -26,7 +26,7 @@ export function Aged<T>(props: {
   /** Without the age beside it: where a card shows it once for all its values. */
   bare?: boolean;
 }) {
-  const { shown, children, none = "not heard yet", bare } = props;
+  const { shown, children, none = "no data yet", bare } = props;
   if (!shown || shown.value === null) return <div class="aged is-stale none">{none}</div>;
   return (
     <div class={stale(shown) ? "aged is-stale" : "aged"}>

@@ -31,6 +31,7 @@ impl Bench {
         while let Some(say) = self.authority.poll() {
             said.push(match say {
                 Output::Motion { source, speed, .. } => format!("{source} {speed}"),
+                Output::Creep { source, held } => format!("{source} creep {held}"),
                 Output::Zero { source } => format!("{source} 0"),
                 Output::Pause { source } => format!("{source} pause"),
                 Output::Run { source } => format!("{source} run"),
@@ -45,8 +46,16 @@ impl Bench {
     /// Created at `t`, received at `ms`.
     fn drive(&mut self, ms: u64, client: ClientId, hold: u64, t: u64, speed: f64) -> Vec<String> {
         self.seq += 1;
-        let drive = Drive { hold, seq: self.seq, t: t as f64, speed, steering: 0.1 };
+        let drive = Drive { hold, seq: self.seq, t: t as f64, speed, steering: 0.1, creep: false };
         self.authority.drive(at(ms), client, drive);
+        self.said()
+    }
+
+    /// Client 1 at once, with the second input held.
+    fn creep(&mut self, ms: u64, hold: u64) -> Vec<String> {
+        self.seq += 1;
+        let drive = Drive { hold, seq: self.seq, t: ms as f64, speed: 0.2, steering: 0.1, creep: true };
+        self.authority.drive(at(ms), 1, drive);
         self.said()
     }
 
@@ -149,7 +158,7 @@ fn repeated_late_foreign_and_invalid_commands_move_nothing() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
-    let replayed = Drive { hold: 1, seq: 1, t: 100.0, speed: 0.3, steering: 0.1 };
+    let replayed = Drive { hold: 1, seq: 1, t: 100.0, speed: 0.3, steering: 0.1, creep: true };
     bench.authority.drive(at(110), 1, replayed);
     assert!(bench.said().is_empty());
     assert_eq!(bench.drive(120, 2, 1, 120, 0.3), ["2: hold 1: the robot is not yours: take it first"]);
@@ -162,7 +171,8 @@ fn repeated_late_foreign_and_invalid_commands_move_nothing() {
         assert!(bench.drive(132, 1, hold, 132, 0.3).is_empty(), "over");
     }
     bench.drive(140, 1, 9, 140, 0.3);
-    bench.authority.drive(at(141), 1, Drive { hold: 9, seq: 999, t: f64::NAN, speed: 0.1, steering: 0.0 });
+    let timeless = Drive { hold: 9, seq: 999, t: f64::NAN, speed: 0.1, steering: 0.0, creep: false };
+    bench.authority.drive(at(141), 1, timeless);
     assert_eq!(bench.said()[0], "a 0", "an invalid time");
     let counts = bench.authority.counts();
     assert_eq!((counts.repeated, counts.not_holder, counts.refused, counts.over), (1, 2, 5, 4));
@@ -204,6 +214,44 @@ fn every_client_may_stop_and_the_planner_resumes_with_the_drives() {
 }
 
 #[test]
+fn a_stop_is_repeated_though_its_client_has_gone() {
+    let mut bench = Bench::new(2);
+    bench.authority.stop(at(120), 2);
+    bench.authority.leave(at(120), 2);
+    assert_eq!(bench.said(), ["b pause", "b 0"]);
+    let rest = timed(&[(170, "b 0"), (170, "b pause"), (220, "b 0"), (220, "b pause")]);
+    assert_eq!(bench.wait(5000), rest);
+}
+
+#[test]
+fn the_second_input_is_forwarded_while_it_is_held_and_ends_with_its_release_or_the_hold() {
+    let mut bench = Bench::new(2);
+    bench.take(0, 1, None).unwrap();
+    assert_eq!(bench.drive(100, 1, 1, 100, 0.2), ["a 0.2"]);
+    assert_eq!(bench.creep(150, 1), ["a creep true", "a 0.2"]);
+    assert_eq!(bench.creep(200, 1), ["a creep true", "a 0.2"]);
+    assert_eq!(bench.drive(210, 1, 1, 210, 0.2), ["a creep false", "a 0.2"], "the release is sent at once");
+    assert_eq!(bench.drive(260, 1, 1, 260, 0.2), ["a 0.2"], "once");
+    // Whatever ends the hold ends the creep: the pad, silence, somebody else, a Stop.
+    bench.creep(300, 1);
+    bench.authority.zero(at(310), 1, 1, 99);
+    assert_eq!(bench.said(), ["a 0", "a creep false"]);
+    bench.seq = 99;
+    bench.creep(400, 2);
+    let ended = [(600, "a 0"), (600, "a creep false"), (600, "1: hold 2: nothing was heard for 0.2 s")];
+    assert_eq!(bench.wait(600), timed(&ended));
+    bench.creep(700, 3);
+    bench.authority.stop(at(710), 2);
+    let said = ["b pause", "a 0", "a creep false", "1: hold 3: b has stopped the robot", "b 0"];
+    assert_eq!(bench.said(), said);
+    bench.wait(900);
+    bench.creep(900, 4);
+    assert_eq!(bench.take(910, 2, Some(1)).unwrap()[..2], ["a 0", "a creep false"]);
+    bench.wait(1900);
+    assert!(!bench.creep(2000, 5).contains(&"a creep true".into()), "another one holds the robot");
+}
+
+#[test]
 fn clock_drift_is_tracked() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
@@ -211,7 +259,7 @@ fn clock_drift_is_tracked() {
     for number in 0..72_000_u64 {
         let ms = number * 50;
         let t = ms as f64 * (1.0 - 1e-4);
-        let drive = Drive { hold: 1, seq: number, t, speed: 0.1, steering: 0.0 };
+        let drive = Drive { hold: 1, seq: number, t, speed: 0.1, steering: 0.0, creep: false };
         bench.authority.drive(at(ms), 1, drive);
         assert_eq!(bench.said(), ["a 0.1"], "{ms}");
     }
@@ -243,18 +291,19 @@ enum Way {
     Leave,
 }
 
-/// Two operators with their own clocks press, release, take over and stop; the network delays, repeats and reorders.
-/// The rules hold in every case.
+/// Two operators with their own clocks press, release, creep, take over and stop; the network delays, repeats and
+/// reorders. The rules hold in every case.
 #[test]
 fn no_network_moves_the_robot_against_the_rules() {
-    let mut moved = 0;
+    let (mut moved, mut crept) = (0, 0);
     for seed in 1..=400_u64 {
-        moved += run(seed);
+        let judge = run(seed);
+        (moved, crept) = (moved + judge.moved, crept + judge.crept);
     }
-    assert!(moved > 10_000, "{moved}: the rules are held against something");
+    assert!(moved > 10_000 && crept > 2_000, "{moved}, {crept}: the rules are held against something");
 }
 
-fn run(seed: u64) -> usize {
+fn run(seed: u64) -> Judge {
     let mut chance = Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     let mut authority = Authority::new(LIMITS);
     let clocks = [chance.below(1_000_000) as f64, chance.below(1_000_000) as f64];
@@ -263,7 +312,7 @@ fn run(seed: u64) -> usize {
     }
     // Arrival time, order among equal times, sender, message.
     let mut ways: Vec<(u64, u64, ClientId, Way)> = Vec::new();
-    let (mut seqs, mut holds, mut pressed) = ([0_u64; 2], [0_u64; 2], [false; 2]);
+    let (mut seqs, mut holds, mut pressed, mut creeps) = ([0_u64; 2], [0_u64; 2], [false; 2], [false; 2]);
     let worst = [1, 40, 200, 800][chance.below(4) as usize];
     for (client, t) in (1..).zip(clocks) {
         ways.push((0, 0, client, Way::Ping { t }));
@@ -286,13 +335,15 @@ fn run(seed: u64) -> usize {
                 15 => sent.push(Way::Resume),
                 16 => sent.push(Way::Nonsense),
                 17 if chance.below(10) == 0 => sent.push(Way::Leave),
+                18..=25 => creeps[index] = !creeps[index],
                 _ => {}
             }
             if pressed[index] && said % 50 == 0 {
                 seqs[index] += 1;
                 let speed =
                     [0.3, -0.2, f64::NAN, 9.0][usize::from(chance.below(60) == 0) * 2 + chance.below(2) as usize];
-                let drive = Drive { hold: holds[index], seq: seqs[index], t, speed, steering: 0.1 };
+                let creep = creeps[index];
+                let drive = Drive { hold: holds[index], seq: seqs[index], t, speed, steering: 0.1, creep };
                 sent.push(Way::Drive { drive, said });
             }
             for way in sent {
@@ -336,7 +387,8 @@ fn run(seed: u64) -> usize {
         judge.hear(due, &mut authority, None);
     }
     assert!(judge.moving.is_none(), "seed {seed}: it is still moved at the end");
-    judge.moved
+    assert!(judge.creeping.is_none(), "seed {seed}: it still creeps at the end");
+    judge
 }
 
 #[derive(Default)]
@@ -346,6 +398,9 @@ struct Judge {
     /// Newest ended hold of each client.
     over: [u64; 3],
     moved: usize,
+    /// User whose second input counts on the bus.
+    creeping: Option<Arc<str>>,
+    crept: usize,
 }
 
 impl Judge {
@@ -356,11 +411,21 @@ impl Judge {
         }
         while let Some(say) = authority.poll() {
             match say {
+                Output::Creep { source, held: true } => {
+                    let (client, drive, _) = said.as_ref().expect("only a command creeps");
+                    assert!(drive.creep && Some(*client) == holder, "the second input of the holder is held");
+                    self.creeping = Some(source);
+                    self.crept += 1;
+                }
+                Output::Creep { source, held: false } => {
+                    assert_eq!(self.creeping.take(), Some(source), "one end for each creep");
+                }
                 Output::Motion { source, speed, .. } => {
                     let (client, drive, at_ms) = said.expect("only a command moves the robot");
                     assert_eq!((speed, Some(client)), (drive.speed, holder), "from the holder, unchanged");
                     assert_eq!(&*source, ["", "a", "b"][client as usize]);
                     assert!(speed.abs() <= LIMITS.speed);
+                    assert_eq!(self.creeping.is_some(), drive.creep, "it ends with its release");
                     assert!(now.since(at(at_ms)) < Duration::from_millis(250), "late");
                     assert!(drive.hold > self.over[client as usize], "hold {} was over", drive.hold);
                     if let Some((before, hold, _)) = self.moving.filter(|(_, hold, _)| *hold != drive.hold) {
@@ -380,6 +445,11 @@ impl Judge {
                 }
                 _ => {}
             }
+        }
+        if let Some(creeping) = &self.creeping {
+            // `moving` has a deadline: the creep ends with it.
+            let mover = self.moving.map(|(client, ..)| ["", "a", "b"][client as usize]);
+            assert_eq!(mover, Some(&**creeping), "who creeps moves the robot");
         }
     }
 }

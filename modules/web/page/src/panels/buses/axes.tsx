@@ -18,7 +18,7 @@ export function Axes() {
   if (!axes?.length) {
     return (
       <Card title="Drives">
-        <Empty>No drive has been heard.</Empty>
+        <Empty>No drive is known.</Empty>
       </Card>
     );
   }
@@ -66,7 +66,7 @@ function Homing({ axis }: { axis: string }) {
   const homed = drive.value?.motion.value?.homed;
   return (
     <p class="row">
-      <Button icon={Home} whyNot={whyNot.value} onClick={() => order({ type: "home", axis }, `${axis} was told to find its home.`)}>
+      <Button icon={Home} whyNot={whyNot.value} onClick={() => order({ type: "home", axis }, `${axis} is commanded to home.`)}>
         Home the {axis}
       </Button>
       {homed === undefined ? null : homed ? <Badge tone="good">homed</Badge> : <Badge tone="warn">not homed</Badge>}

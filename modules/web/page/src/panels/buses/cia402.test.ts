@@ -46,5 +46,5 @@ test("errors are named by their code, else by their group", () => {
 });
 
 test("a node's state is a word, also one that there is not", () => {
-  deepEqual([0, 4, 5, 127, -1, 9].map(nmtState), ["Initialising", "Stopped", "Operational", "Pre-operational", "not heard", "unknown (9)"]);
+  deepEqual([0, 4, 5, 127, -1, 9].map(nmtState), ["Initialising", "Stopped", "Operational", "Pre-operational", "not received", "unknown (9)"]);
 });

@@ -13,7 +13,7 @@ export function nmtState(state: number): string {
     case 0x7f:
       return "Pre-operational";
     case -1:
-      return "not heard";
+      return "not received";
     default:
       return `unknown (${state})`;
   }

@@ -56,7 +56,7 @@ export function BusList() {
   if (!buses?.length) {
     return (
       <Card title="Buses">
-        <Empty>No bus has been heard.</Empty>
+        <Empty>No bus is known.</Empty>
       </Card>
     );
   }

@@ -109,7 +109,7 @@ function Texts({ words }: { words: string[] }) {
 
 export function Errors() {
   const groups = system.value?.errors;
-  if (!groups) return <Empty>Not heard yet.</Empty>;
+  if (!groups) return <Empty>No data yet.</Empty>;
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
   const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
   return (

@@ -19,7 +19,7 @@ export function RecorderCard() {
   if (!shown || !value) {
     return (
       <Card title="Recorder">
-        <Empty>No recorder has been heard.</Empty>
+        <Empty>No recorder is known.</Empty>
       </Card>
     );
   }
@@ -52,7 +52,7 @@ export function RecorderCard() {
         }}
       >
         {value.recording ? (
-          <Button icon={Square} whyNot={whyNot} onClick={() => order({ type: "log", action: "stop", text: "" }, "The recorder was told to stop.")}>
+          <Button icon={Square} whyNot={whyNot} onClick={() => order({ type: "log", action: "stop", text: "" }, "The recorder is commanded to stop.")}>
             Stop recording
           </Button>
         ) : (
@@ -60,7 +60,7 @@ export function RecorderCard() {
             icon={Circle}
             kind="primary"
             whyNot={whyNot}
-            onClick={() => order({ type: "log", action: "start", text: "" }, "The recorder was told to start.")}
+            onClick={() => order({ type: "log", action: "start", text: "" }, "The recorder is commanded to start.")}
           >
             Start recording
           </Button>

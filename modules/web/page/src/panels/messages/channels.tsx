@@ -46,7 +46,7 @@ const COLUMNS: Column<ChannelRow>[] = [
 
 export function Channels() {
   const all = system.value?.channels;
-  if (!all) return <Empty>Not heard yet.</Empty>;
+  if (!all) return <Empty>No data yet.</Empty>;
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
   const rows = all.filter((row) => words.every((word) => `${row.channel} ${row.type}`.toLowerCase().includes(word)));
   const rate = rows.reduce((sum, row) => sum + row.rate, 0);
@@ -80,7 +80,7 @@ export function Channels() {
         rows={rows}
         id={(row) => row.channel}
         stale={quiet}
-        empty={all.length ? "None of them matches." : "Nothing has been heard."}
+        empty={all.length ? "None of them matches." : "No message has been received."}
       />
     </Card>
   );

@@ -20,7 +20,7 @@ const COMMANDS = [
 export function ModuleDialog({ row, onClose }: { row: ModuleRow; onClose: () => void }) {
   const whyNot = lacks("engineer");
   const age = announced(row);
-  const command = (state: Target) => order({ type: "state", module: row.module, state }, `${row.module} was told: ${state}.`);
+  const command = (state: Target) => order({ type: "state", module: row.module, state }, `${row.module} is commanded to ${state}.`);
   return (
     <Dialog title={row.module} open onClose={onClose}>
       <Facts

@@ -44,7 +44,7 @@ function Heard({ row }: { row: ModuleRow }) {
 export function Modules() {
   const [chosen, choose] = useState<string | null>(null);
   const rows = system.value?.modules;
-  if (!rows) return <Empty>Not heard yet.</Empty>;
+  if (!rows) return <Empty>No data yet.</Empty>;
   const ill = rows.filter((row) => !asWanted(row) || (row.phase !== "down" && isStale(row)));
   const cpu = rows.reduce((sum, row) => sum + row.cpu, 0);
   const rss = rows.reduce((sum, row) => sum + row.rss, 0);
@@ -86,7 +86,7 @@ export function Modules() {
         rows={rows}
         id={(each) => each.module}
         stale={isStale}
-        empty="No module has been heard."
+        empty="No module is known."
       />
       {row ? <ModuleDialog row={row} onClose={() => choose(null)} /> : null}
     </Card>

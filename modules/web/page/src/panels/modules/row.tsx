@@ -26,7 +26,7 @@ function tone(row: ModuleRow): Tone {
 
 /** What it is, and what it should be where that is something else. */
 export function State({ row }: { row: ModuleRow }) {
-  if (!row.well && asWanted(row)) return <Badge tone="off">ended as told</Badge>;
+  if (!row.well && asWanted(row)) return <Badge tone="off">ended as commanded</Badge>;
   const differs = row.wanted !== "" && row.wanted !== row.state;
   return (
     <span class="p-state">

@@ -21,7 +21,7 @@ export function BatteryCard() {
   if (!shown || !value) {
     return (
       <Card title="Battery" icon={BatteryMedium}>
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       </Card>
     );
   }

@@ -11,7 +11,7 @@ type Channel = { name: string; on: boolean; current: number | null };
 
 /** What hangs on a channel, where switching it off does more than its name says. */
 const WARNINGS: Readonly<Record<string, string>> = {
-  host: "The robot's own computer: its modules are ended and it is halted. Then nobody is there who could switch it on again.",
+  host: "The robot's own computer: its modules are ended and it is halted. Then it cannot be switched on again from here.",
   motors: "Without it the robot does not move.",
   sensors: "Without it sonars, odometry and beacons are silent.",
   switch: "The network switch: this connection may end with it.",
@@ -36,7 +36,7 @@ export function Channels() {
       {rows ? (
         <Table caption="Power channels" columns={columns} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
       ) : (
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       )}
       {channel ? <Switch channel={channel} onClose={() => choose(null)} /> : null}
     </Card>
@@ -57,19 +57,19 @@ function Switch({ channel, onClose }: { channel: Channel; onClose: () => void })
       {WARNINGS[name] ? <p class="p-note">{WARNINGS[name]}</p> : null}
       <ul class="p-commands">
         <li>
-          <Button icon={PowerIcon} whyNot={whyNot ?? (on ? "It is on." : null)} onClick={() => command("on", `${name} was told: on.`)}>
+          <Button icon={PowerIcon} whyNot={whyNot ?? (on ? "It is on." : null)} onClick={() => command("on", `${name} is commanded on.`)}>
             Switch on
           </Button>
         </li>
         <li>
-          <Slide label={`Switch ${name} off`} tone="danger" whyNot={whyNot} onConfirm={() => command("off", `${name} was told: off.`)} />
+          <Slide label={`Switch ${name} off`} tone="danger" whyNot={whyNot} onConfirm={() => command("off", `${name} is commanded off.`)} />
         </li>
         <li>
           <Slide
             label={`Reboot ${name}`}
             tone="danger"
             whyNot={whyNot}
-            onConfirm={() => command("reboot", `${name} was told: off and on again.`)}
+            onConfirm={() => command("reboot", `${name} is commanded off and on again.`)}
           />
         </li>
       </ul>

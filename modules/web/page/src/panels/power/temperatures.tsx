@@ -39,7 +39,7 @@ export function Thermometers() {
       {rows ? (
         <Table caption="Temperatures" columns={TEMPERATURES} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
       ) : (
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       )}
     </Card>
   );
@@ -53,7 +53,7 @@ export function Fans() {
       {rows ? (
         <Table caption="Fans" columns={FANS} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
       ) : (
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       )}
     </Card>
   );

@@ -46,7 +46,7 @@ export function BeaconCard() {
           empty="None was seen in the last sweep."
         />
       ) : (
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       )}
     </Card>
   );
@@ -71,7 +71,7 @@ export function OdometryCard() {
           />
         </div>
       ) : (
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       )}
     </Card>
   );
@@ -94,7 +94,7 @@ export function GamepadCard() {
           />
         </div>
       ) : (
-        <Empty>{value ? "None is plugged in." : "Not heard yet."}</Empty>
+        <Empty>{value ? "None is plugged in." : "No data yet."}</Empty>
       )}
     </Card>
   );

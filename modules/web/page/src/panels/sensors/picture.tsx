@@ -29,7 +29,7 @@ export function SonarPicture() {
         </span>
       }
     >
-      {shown && robot ? <Picture /> : <Empty>Not heard yet.</Empty>}
+      {shown && robot ? <Picture /> : <Empty>No data yet.</Empty>}
       {shown ? (
         <p class="p-legend">
           <span>
@@ -183,5 +183,5 @@ function summary(sonars: readonly Sounding[]): string {
   const nearest = heard.sort((a, b) => (a.distance ?? 0) - (b.distance ?? 0))[0];
   if (!nearest) return `Proximity around the robot: no sonar hears anything.${rest}`;
   const where = `${num(nearest.distance, 2, "m")} at the ${side(nearest.theta)}`;
-  return `Proximity around the robot: nearest ${where}; ${heard.length} of ${sonars.length} sonars hear something.${rest}`;
+  return `Proximity around the robot: nearest ${where}; ${heard.length} of ${sonars.length} sonars have an echo.${rest}`;
 }

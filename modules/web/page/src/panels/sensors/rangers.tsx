@@ -60,7 +60,7 @@ function Rangers(props: { title: string; soundings: Soundings; columns: Column<S
       {rows ? (
         <Table caption={title} columns={props.columns} rows={rows} id={(range) => range.id} stale={() => stale(shown)} />
       ) : (
-        <Empty>Not heard yet.</Empty>
+        <Empty>No data yet.</Empty>
       )}
     </Card>
   );

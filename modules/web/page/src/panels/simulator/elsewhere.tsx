@@ -60,7 +60,7 @@ export function Elsewhere() {
           Anywhere
         </Button>
         <p class="muted p-full">
-          Press on the plan and drag to where it is to look. Its wheels do not turn and nobody tells it: it finds out by itself. {whyNot}
+          Press on the plan and drag to where it is to look. Its wheels do not turn and no module is informed: the estimator finds out by itself. {whyNot}
         </p>
       </form>
     </Card>

@@ -29,7 +29,7 @@ export function DriftCard() {
   if (!part || !truth) {
     return (
       <Card title="Truth and estimate">
-        <Empty>No truth has been heard: the simulator does not run.</Empty>
+        <Empty>No data of the simulation: the simulator does not run.</Empty>
       </Card>
     );
   }

@@ -1,8 +1,8 @@
-//! Speed limits from sonar echoes: the robot can stop before an obstacle, even one that approaches, with the whole
-//! reaction time (docs/facts/robot.md 5).
+//! Speed limits on the path: the robot can stop before an obstacle and before a tracked person, by the law of the
+//! guard. So it seldom reaches the bounds of the guard, which brakes for every echo, whatever the path.
 
-use crate::config::{Body, Config, Limits, Manners};
-use crate::obstacles::{DirectedEcho, Hit, Obstacles};
+use crate::config::{Body, Config};
+use crate::obstacles::{Hit, Obstacles};
 use crate::people::Person;
 use crate::track::Sample;
 use base::{Duration, Instant};
@@ -21,12 +21,6 @@ const LATERAL_SLOW_M: f64 = 0.45;
 /// Speed beside an obstacle that is almost touched, m/s, and its increase per metre of distance, 1/s.
 const LATERAL_SPEED_MPS: f64 = 0.30;
 const LATERAL_SPEED_GAIN: f64 = 1.1;
-/// Distance of a single echo ahead below which the robot brakes, confirmed or not, m.
-const ECHO_BRAKING_M: f64 = 0.8;
-/// Lower bound of the speed after an unconfirmed echo, m/s.
-const UNCONFIRMED_SPEED_MIN_MPS: f64 = 0.4;
-/// Minimum distance from mapped obstacles, m.
-const MAPPED_DISTANCE_MIN_M: f64 = 0.04;
 /// Distance to the middle of a person, m, and its increase per standard deviation of the position, and of the velocity
 /// each second.
 const PERSON_DISTANCE_M: f64 = 0.35;
@@ -42,10 +36,6 @@ const PERSON_CONTACT_M: f64 = 0.32;
 /// Distance from a person below which the speed is limited, m, and the limit, m/s.
 const PERSON_BESIDE_M: f64 = 0.40;
 const PERSON_BESIDE_SPEED_MPS: f64 = 0.2;
-/// Corridor before the robot, m beside its axis, in which an unconfirmed person may approach at this speed, m/s: the
-/// robot brakes for one echo.
-const CORRIDOR_HALF_WIDTH_M: f64 = 0.6;
-const PERSON_APPROACH_MPS: f64 = 1.2;
 /// Steps of the tried speeds, m/s, and times, s.
 const SPEED_STEP_MPS: f64 = 0.05;
 const TIME_STEP_S: f64 = 0.2;
@@ -74,12 +64,12 @@ impl Ahead {
     #[must_use]
     pub fn check(now: Instant, ahead: &[Sample], obstacles: &Obstacles, config: &Config) -> Self {
         let Some(here) = ahead.first() else { return Self::default() };
-        let (body, manners) = (&config.body, &config.manners);
+        let (body, behaviour) = (&config.body, &config.behaviour);
         let reach = HORIZON_M + body.front + LATERAL_SLOW_M;
         let near = |hit: &Hit| hit.at.distance(here.pose.point()) < reach;
         // An obstacle that is already closer may be left behind, but not approached.
         let inverse = here.pose.inverse();
-        let keep = |hit: &Hit| (gap(body, inverse * hit.at) - APPROACH_MAX_M).min(manners.margin);
+        let keep = |hit: &Hit| (gap(body, inverse * hit.at) - APPROACH_MAX_M).min(behaviour.margin);
         let mut hits: Vec<(Hit, f64, bool)> =
             obstacles.hits().filter(near).map(|hit| (hit, keep(&hit), false)).collect();
         let mut found = Self::default();
@@ -105,14 +95,14 @@ impl Ahead {
             if beside < LATERAL_SLOW_M {
                 found.slow.push((
                     sample.distance,
-                    LATERAL_SPEED_MPS + LATERAL_SPEED_GAIN * (beside - manners.margin).max(0.0),
+                    LATERAL_SPEED_MPS + LATERAL_SPEED_GAIN * (beside - behaviour.margin).max(0.0),
                 ));
             }
             let nose = if sample.forward { body.front } else { -body.rear };
             let nose = sample.pose * Point { x: nose, y: 0.0 };
             let ours = (sample.distance - here.distance) < STRIDE_M;
             if !ours && !obstacles.seen_within(now, nose, FREE_SPACE_VALID_FOR) {
-                found.slow.push((sample.distance, manners.speed_unseen));
+                found.slow.push((sample.distance, behaviour.speed_unseen));
             }
         }
         found
@@ -127,38 +117,18 @@ impl Ahead {
     /// Highest speed at `distance` along the track, m/s; 0 to stop.
     #[must_use]
     pub fn speed(&self, distance: f64, config: &Config) -> f64 {
-        let (limits, manners) = (&config.limits, &config.manners);
+        let (limits, behaviour) = (&config.limits, &config.behaviour);
         let mut speed = limits.speed;
         for &(contact, closing) in &self.contacts {
-            speed = speed.min(stopping_speed(contact - distance - manners.stop_distance, closing, limits, manners));
+            speed = speed.min(config.law.stops_before(contact - distance - behaviour.stop_distance, closing));
         }
         for &(place, slow) in &self.slow {
             // Braking begins early enough to reach that speed there.
-            let left = (place - distance - speed * manners.reaction).max(0.0);
+            let left = (place - distance - speed * config.law.reaction).max(0.0);
             speed = speed.min(libm::sqrt(slow * slow + 2.0 * 0.5 * limits.deceleration * left));
         }
         if speed < SPEED_MIN_MPS { 0.0 } else { speed }
     }
-}
-
-/// Speed allowed by the nearest echo in the direction of travel, confirmed or not, m/s. The path already keeps its
-/// distance from mapped obstacles, so they may be passed closer. 0 if the state of all sonars in that direction is
-/// unknown.
-#[must_use]
-pub fn echo_speed_limit(now: Instant, forward: bool, obstacles: &Obstacles, config: &Config) -> f64 {
-    let (limits, manners) = (&config.limits, &config.manners);
-    if obstacles.is_blind(now, forward, &config.body) {
-        return 0.0;
-    }
-    let near = obstacles.echoes(now, forward, &config.body).filter(|echo| echo.distance < ECHO_BRAKING_M);
-    let speed = |echo: DirectedEcho| {
-        let keep = if echo.mapped { MAPPED_DISTANCE_MIN_M } else { manners.stop_distance / 2.0 };
-        let speed = stopping_speed(echo.distance - keep, echo.closing, limits, manners);
-        // A first echo may be a false alarm: the robot brakes until the next round, but not to a stop.
-        if echo.repeated || echo.mapped { speed } else { speed.max(UNCONFIRMED_SPEED_MIN_MPS) }
-    };
-    let speed = near.map(speed).fold(limits.speed, f64::min);
-    if speed < SPEED_MIN_MPS { 0.0 } else { speed }
 }
 
 /// Highest speed from which the robot can stop before it touches a tracked person, m/s, if it continues along `ahead`
@@ -170,18 +140,9 @@ pub fn person_speed_limit(now: Instant, ahead: &[Sample], obstacles: &Obstacles,
     let Some(path) = PredictedPath::of(ahead) else { return limits.speed };
     let here = path.0[0].inverse();
     let mut speed = limits.speed;
-    for person in obstacles.people(now) {
+    for person in obstacles.people(now).filter(|person| person.confirmed) {
         let gap = gap(body, here * person.at);
         let goes = libm::hypot(person.velocity.0, person.velocity.1);
-        if !person.confirmed {
-            let at = here * person.at;
-            let before = if ahead[0].forward { at.x - body.front } else { -body.rear - at.x };
-            if at.y.abs() < CORRIDOR_HALF_WIDTH_M && before > ECHO_BRAKING_M {
-                speed =
-                    speed.min(stopping_speed(before - PERSON_DISTANCE_M, PERSON_APPROACH_MPS, limits, &config.manners));
-            }
-            continue;
-        }
         // A person farther away cannot arrive within the longest stop.
         let reach = STOP_DISTANCE_MAX_M
             + PERSON_DISTANCE_M
@@ -231,7 +192,7 @@ impl PredictedPath {
     /// True if a robot at `speed` that brakes after its reaction time stops before it is too close to a person who is
     /// `gap` m away.
     fn is_free(&self, speed: f64, person: &Person, gap_now: f64, config: &Config) -> bool {
-        let (body, a, reaction) = (&config.body, config.limits.deceleration, config.manners.reaction);
+        let (body, a, reaction) = (&config.body, config.limits.deceleration, config.law.reaction);
         // A person that close may be left behind; the closer, the less may the robot approach.
         let closer = APPROACH_MAX_M * ((gap_now - PERSON_CONTACT_M) / 0.2).clamp(0.0, 1.0) + 1e-3;
         let keep = (PERSON_DISTANCE_M + PERSON_DISTANCE_PER_SIGMA * person.sigma).min(gap_now - closer);
@@ -263,34 +224,12 @@ impl PredictedPath {
     }
 }
 
-/// Highest speed from which the robot stops within `free` m while the obstacle approaches at `closing` m/s: with the
-/// brakes after the reaction time, and also by coasting when the motors lose their supply.
-#[must_use]
-pub fn stopping_speed(free: f64, closing: f64, limits: &Limits, manners: &Manners) -> f64 {
-    let (a, reaction) = (limits.deceleration, manners.reaction);
-    // v T + v²/2a = free - closing T; the obstacle also approaches while the robot brakes.
-    let left = free - closing * reaction;
-    if left <= 0.0 {
-        return 0.0;
-    }
-    let t = reaction + closing / a;
-    let braked = a * (libm::sqrt(t * t + 2.0 * left / a) - t);
-    braked.min(libm::sqrt(2.0 * manners.coasting * left))
-}
-
 /// Distance of a point in the robot's frame from its body, m; 0 within it.
 #[must_use]
 pub fn gap(body: &Body, at: Point) -> f64 {
     let dx = (-body.rear - at.x).max(at.x - body.front).max(0.0);
     let dy = (at.y.abs() - body.width / 2.0).max(0.0);
     libm::hypot(dx, dy)
-}
-
-/// True if the robot at `pose` is at least `margin` m from all sensed obstacles.
-#[must_use]
-pub fn is_clear(pose: Pose, obstacles: &Obstacles, body: &Body, margin: f64) -> bool {
-    let inverse = pose.inverse();
-    obstacles.hits().all(|hit| !body.covers(inverse * hit.at, margin))
 }
 
 #[cfg(test)]

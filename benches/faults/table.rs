@@ -1,0 +1,27 @@
+//! Time to standstill that the table "What stops the robot" of ARCHITECTURE.md promises.
+
+use super::kind::Kind;
+use crate::support;
+use drivers::canbus;
+use std::time::Duration;
+
+/// Time after such a fault of a module on which the motion depends.
+pub fn stands_after(module: &str, kind: Kind) -> Duration {
+    let event = match (module, kind) {
+        (canbus::NAME, Kind::Killed | Kind::Memory) => "`driver_canbus` itself dies",
+        (canbus::NAME, _) => "`driver_canbus` itself hangs",
+        (watchdog::NAME, _) => "the watchdog dies",
+        (_, Kind::Killed | Kind::Memory) => "a critical module's process dies",
+        _ => "a critical module hangs",
+    };
+    figure(event)
+}
+
+/// Last figure in seconds of the row of an event.
+fn figure(event: &str) -> Duration {
+    let text = std::fs::read_to_string(support::workspace().join("ARCHITECTURE.md")).expect("the table");
+    let row = text.lines().find(|line| line.trim_start_matches("| ").starts_with(event));
+    let cell = row.and_then(|row| row.trim_end_matches(['|', ' ']).rsplit('|').next());
+    let seconds = cell.and_then(|cell| cell.trim().strip_suffix(" s")?.rsplit(' ').next()?.parse().ok());
+    Duration::from_secs_f64(seconds.unwrap_or_else(|| panic!("no figure for: {event}")))
+}

@@ -1,0 +1,483 @@
+//! Which messages a module accepts: who may command is configured, what stops the robot is accepted from any sender,
+//! and what releases it only from the process that is responsible for publishing it.
+//!
+//! A table of channel, content and sender, applied by a host before the [shell](crate::Shell): a recording holds the
+//! messages that passed, and replay needs no senders.
+//!
+//! | message | accepted from |
+//! |---|---|
+//! | engages or keeps a stop: `LL_EVENT_STOP` engaged, `CM_CMD_STATE` other than RUN, `ML_CMD_GOAL` without waypoints,
+//! `LL_DATA_GUARD` that permits nothing, `LL_DATA_RANGES` of unknown readings only | any sender |
+//! | commands: the other `*_CMD_*`, and `LL_DATA_ACTIVE_BEACONS` | [`Commands`] |
+//! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
+//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
+//! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
+//! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
+//! | `LL_DATA_MOTION`, of a robot that stands, too: it stops nothing | the process of the motion's driver, likewise |
+//! | others | any sender |
+//!
+//! Where the robot has no such module, and in a module that no watchdog started, these are accepted from any sender
+//! that may command.
+
+use base::Duration;
+use messages::common::{CmdState, DataProcesses};
+use messages::lowlevel::{DataGuard, DataRanges, Reading};
+use messages::{Channel, Message, StopSource};
+
+/// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
+pub const RELEASES: [Channel; 5] = [
+    Channel::CmDataProcesses,
+    Channel::LlEventStop,
+    Channel::LlDataGuard,
+    Channel::LlDataRanges,
+    Channel::LlDataMotion,
+];
+
+/// Silence after which another watchdog counts as gone.
+pub const SECOND_ROBOT_END: Duration = Duration::from_secs(3);
+
+/// Who may command the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Commands {
+    /// Processes of the robot's users, through shared memory.
+    Memory,
+    /// Any process of this computer, as with the official LCM.
+    #[default]
+    Host,
+    /// Any process of any computer that reaches the bus.
+    Network,
+}
+
+/// Way by which a message came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// Memory that only one of the robot's users can write.
+    Memory,
+    /// A socket of this computer.
+    Host,
+    /// A socket of another computer.
+    Network,
+}
+
+/// A process of one of the robot's users.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Process {
+    /// Process id: a process could claim that of another process of its own user, never of another user.
+    pub pid: u32,
+    /// User id, as the kernel says.
+    pub uid: u32,
+}
+
+/// Sender of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sender {
+    /// Way.
+    pub way: Way,
+    /// The process, where it is known, and of one of the robot's users.
+    pub process: Option<Process>,
+}
+
+impl Sender {
+    /// Process id, where it is known.
+    #[must_use]
+    pub fn pid(self) -> Option<u32> {
+        self.process.map(|process| process.pid)
+    }
+}
+
+/// Why a message is not accepted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// A command from a sender who may not command.
+    Command,
+    /// A report that all is well, from another process than the one that is responsible for it.
+    Release,
+    /// The list of processes of another watchdog: another robot is on this bus.
+    SecondRobot,
+}
+
+/// What a message does, as far as that decides whose messages are accepted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Effect {
+    Stops,
+    Commands,
+    SaysThatProcessesRun,
+    /// Reports that nothing pauses the robot, that its way is free, or how it moves.
+    Frees(Witness),
+    /// Says that what the sender itself paused may go on.
+    EndsItsOwnStop,
+    Informs,
+}
+
+/// Module whose process is responsible for a report that frees the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Witness {
+    Power,
+    Guard,
+    Ranging,
+    Motion,
+}
+
+/// Rules of a robot.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Policy {
+    /// Who may command.
+    pub commands: Commands,
+    /// Module of the power controller, whose process publishes the state of the PAUSE line.
+    pub power: Option<String>,
+    /// Module that bounds the speed by what is sensed.
+    pub guard: Option<String>,
+    /// Module of the ranging boards.
+    pub ranging: Option<String>,
+    /// Module that moves the robot, and measures how it moves.
+    pub motion: Option<String>,
+}
+
+impl Policy {
+    fn module(&self, witness: Witness) -> Option<&str> {
+        let module = match witness {
+            Witness::Power => &self.power,
+            Witness::Guard => &self.guard,
+            Witness::Ranging => &self.ranging,
+            Witness::Motion => &self.motion,
+        };
+        module.as_deref()
+    }
+}
+
+/// The rules as a module's process applies them.
+#[derive(Clone, Debug)]
+pub struct Admission {
+    policy: Policy,
+    /// The watchdog that guards this process; `None`: there is none.
+    watchdog: Option<Process>,
+    /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; processes of the watchdog's user.
+    witnesses: [Option<Process>; 4],
+}
+
+impl Admission {
+    /// Rules for a process that is guarded by the process `watchdog`, if by any.
+    #[must_use]
+    pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
+        Self { policy, watchdog, witnesses: [None; 4] }
+    }
+
+    /// From now on that process guards this one. Without a watchdog it stays so.
+    pub fn set_watchdog(&mut self, process: Process) {
+        if let Some(watchdog) = &mut self.watchdog {
+            *watchdog = process;
+        }
+    }
+
+    /// True if a watchdog guards this process: then reports that all is well are accepted only from it and the modules
+    /// that it lists.
+    #[must_use]
+    pub fn is_guarded(&self) -> bool {
+        self.watchdog.is_some()
+    }
+
+    /// Decides whether a message is accepted.
+    ///
+    /// # Errors
+    /// It is not, and why: the message is to be dropped and counted.
+    pub fn judge(&mut self, message: &Message, sender: Sender) -> Result<(), Refusal> {
+        let may_command = match self.policy.commands {
+            Commands::Memory => sender.way == Way::Memory,
+            Commands::Host => sender.way != Way::Network,
+            Commands::Network => true,
+        };
+        let allowed = |may, refusal| if may { Ok(()) } else { Err(refusal) };
+        match (effect(message), self.watchdog) {
+            (Effect::Stops | Effect::Informs, _) => Ok(()),
+            (Effect::Commands, _) => allowed(may_command, Refusal::Command),
+            (Effect::SaysThatProcessesRun, Some(watchdog)) => {
+                allowed(sender.process == Some(watchdog), Refusal::SecondRobot)?;
+                self.learn(message, watchdog.uid);
+                Ok(())
+            }
+            (Effect::Frees(witness), Some(_)) if self.policy.module(witness).is_some() => {
+                let due = self.witnesses[witness as usize];
+                allowed(due.is_some() && sender.process == due, Refusal::Release)
+            }
+            (Effect::SaysThatProcessesRun | Effect::Frees(_) | Effect::EndsItsOwnStop, _) => {
+                allowed(may_command, Refusal::Release)
+            }
+        }
+    }
+
+    /// Learns from the list of a watchdog of the user `uid` which processes are the witnesses'.
+    fn learn(&mut self, message: &Message, uid: u32) {
+        let Message::CmDataProcesses(DataProcesses { processes, .. }) = message else { return };
+        for witness in [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Motion] {
+            let name = self.policy.module(witness);
+            let process = processes.iter().find(|process| Some(process.module.as_str()) == name);
+            let pid = process.and_then(|process| u32::try_from(process.pid).ok()).filter(|pid| *pid != 0);
+            self.witnesses[witness as usize] = pid.map(|pid| Process { pid, uid });
+        }
+    }
+}
+
+fn effect(heard: &Message) -> Effect {
+    match heard {
+        Message::LlEventStop(stop) if stop.engaged => Effect::Stops,
+        Message::LlEventStop(stop) if is_of_line(&stop.source) => Effect::Frees(Witness::Power),
+        Message::LlEventStop(_) => Effect::EndsItsOwnStop,
+        Message::LlDataGuard(guard) if permits_nothing(guard) => Effect::Stops,
+        Message::LlDataGuard(_) => Effect::Frees(Witness::Guard),
+        Message::LlDataRanges(ranges) if measures_nothing(ranges) => Effect::Stops,
+        Message::LlDataRanges(_) => Effect::Frees(Witness::Ranging),
+        Message::LlDataMotion(_) => Effect::Frees(Witness::Motion),
+        Message::CmDataProcesses(_) => Effect::SaysThatProcessesRun,
+        Message::CmCmdState(CmdState { state, .. }) if *state != crate::State::Run as i8 => Effect::Stops,
+        Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => Effect::Stops,
+        Message::LlDataActiveBeacons(_) => Effect::Commands,
+        other if other.channel().name().contains("_CMD_") => Effect::Commands,
+        _ => Effect::Informs,
+    }
+}
+
+/// True for a source that the power controller reports; others report for themselves.
+fn is_of_line(source: &str) -> bool {
+    source.is_empty() || StopSource::from_name(source) != StopSource::Unknown
+}
+
+fn measures_nothing(DataRanges { readings, .. }: &DataRanges) -> bool {
+    !readings.is_empty() && readings.iter().all(|reading| reading.status == Reading::UNKNOWN)
+}
+
+fn permits_nothing(guard: &DataGuard) -> bool {
+    let DataGuard { forward, backward, left, right, turn_left, turn_right, .. } = guard;
+    [forward, backward, left, right, turn_left, turn_right].into_iter().all(|speed| *speed == 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::State;
+    use messages::{common, lowlevel, middlelevel};
+
+    const WATCHDOG: u32 = 100;
+    const POWER: u32 = 107;
+    const GUARD: u32 = 108;
+    const RANGING: u32 = 109;
+    const MOTION: u32 = 105;
+    const USER: u32 = 1000;
+
+    fn user(pid: u32) -> Process {
+        Process { pid, uid: USER }
+    }
+
+    fn by(way: Way, pid: u32) -> Sender {
+        Sender { way, process: Some(user(pid)).filter(|process| process.pid != 0) }
+    }
+
+    fn list() -> Message {
+        let process = |module: &str, pid| common::Process { module: module.into(), pid, ..Default::default() };
+        let witnesses = [("driver_power", POWER), ("guard", GUARD), ("driver_rs485a", RANGING)];
+        let witnesses = witnesses.map(|(module, pid)| process(module, pid as i32));
+        let processes = [vec![process("driver_canbus", MOTION as i32)], witnesses.to_vec()].concat();
+        common::DataProcesses { timestamp: 0, processes }.into()
+    }
+
+    fn stop(engaged: bool) -> Message {
+        lowlevel::EventStop { engaged, ..Default::default() }.into()
+    }
+
+    fn state(state: State) -> Message {
+        CmdState { module: "*".into(), state: state as i8, manual: true, ..Default::default() }.into()
+    }
+
+    fn goal(count: usize) -> Message {
+        let waypoints = vec![middlelevel::Waypoint::default(); count];
+        middlelevel::CmdGoal { waypoints, ..Default::default() }.into()
+    }
+
+    fn policy(commands: Commands) -> Policy {
+        let [power, guard, ranging, motion] =
+            ["driver_power", "guard", "driver_rs485a", "driver_canbus"].map(|name| Some(name.into()));
+        Policy { commands, power, guard, ranging, motion }
+    }
+
+    /// Bounds of the guard, ahead.
+    fn bounds(forward: f64) -> Message {
+        lowlevel::DataGuard { forward, ..Default::default() }.into()
+    }
+
+    /// Measured motion.
+    fn motion(speed: f64) -> Message {
+        lowlevel::DataMotion { speed, ..Default::default() }.into()
+    }
+
+    /// Measurements of two sonars.
+    fn ranges(statuses: [i8; 2]) -> Message {
+        let readings = statuses.map(|status| Reading { status, distance: 2.0, ..Reading::default() });
+        DataRanges { timestamp: 0, readings: readings.into() }.into()
+    }
+
+    fn guarded(commands: Commands) -> Admission {
+        Admission::new(policy(commands), Some(user(WATCHDOG)))
+    }
+
+    #[test]
+    fn who_may_command_is_configured() {
+        let commands: [Message; 8] = [
+            lowlevel::CmdMotion::default().into(),
+            lowlevel::CmdHoming::default().into(),
+            lowlevel::CmdSdo::default().into(),
+            lowlevel::CmdPower::default().into(),
+            lowlevel::DataActiveBeacons::default().into(),
+            middlelevel::CmdEstimate::default().into(),
+            goal(1),
+            state(State::Run),
+        ];
+        let senders = [by(Way::Memory, 300), by(Way::Host, 300), by(Way::Host, 0), by(Way::Network, 0)];
+        let table = [
+            (Commands::Memory, [true, false, false, false]),
+            (Commands::Host, [true, true, true, false]),
+            (Commands::Network, [true, true, true, true]),
+        ];
+        for (who, expected) in table {
+            for command in &commands {
+                let believed = senders.map(|sender| guarded(who).judge(command, sender) == Ok(()));
+                assert_eq!(believed, expected, "{who:?} {command:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn another_source_ends_its_own_stop_if_it_may_command() {
+        let open = |source: &str| lowlevel::EventStop { source: source.into(), ..Default::default() }.into();
+        let mut admission = guarded(Commands::Host);
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+        assert_eq!(admission.judge(&open("crane"), by(Way::Host, 0)), Ok(()));
+        assert_eq!(admission.judge(&open("crane"), by(Way::Network, 0)), Err(Refusal::Release));
+        for of_line in ["", "button", "bumper3"] {
+            assert_eq!(admission.judge(&open(of_line), by(Way::Host, 0)), Err(Refusal::Release), "{of_line}");
+            assert_eq!(admission.judge(&open(of_line), by(Way::Memory, POWER)), Ok(()), "{of_line}");
+        }
+    }
+
+    #[test]
+    fn what_stops_is_believed_from_any_sender() {
+        let states = [State::Pause, State::Stop, State::Terminate].map(state);
+        let unknown = ranges([Reading::UNKNOWN; 2]);
+        let stops = states.into_iter().chain([stop(true), goal(0), bounds(0.0), unknown]);
+        for message in stops {
+            for way in [Way::Memory, Way::Host, Way::Network] {
+                assert_eq!(guarded(Commands::Memory).judge(&message, by(way, 0)), Ok(()), "{message:?} {way:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn that_all_is_well_is_believed_from_whom_it_is_due() {
+        let mut admission = guarded(Commands::Network);
+        let (watchdog, power) = (by(Way::Memory, WATCHDOG), by(Way::Memory, POWER));
+        assert_eq!(admission.judge(&stop(false), power), Err(Refusal::Release), "nobody has listed it yet");
+        for other in [power, by(Way::Host, 0), by(Way::Host, POWER), by(Way::Network, 0)] {
+            assert_eq!(admission.judge(&list(), other), Err(Refusal::SecondRobot), "{other:?}");
+        }
+        assert_eq!(admission.judge(&list(), watchdog), Ok(()));
+        for other in [watchdog, by(Way::Memory, 300), by(Way::Host, 0), by(Way::Network, 0)] {
+            assert_eq!(admission.judge(&stop(false), other), Err(Refusal::Release), "{other:?}");
+        }
+        // Also by a datagram whose socket is known to be its own.
+        for way in [Way::Memory, Way::Host] {
+            assert_eq!(admission.judge(&stop(false), by(way, POWER)), Ok(()));
+        }
+        // It is restarted, and then it is gone.
+        let with = |pid| match list() {
+            Message::CmDataProcesses(mut list) => {
+                list.processes[1].pid = pid;
+                Message::from(list)
+            }
+            _ => panic!(),
+        };
+        assert_eq!(admission.judge(&with(200), watchdog), Ok(()));
+        assert_eq!(admission.judge(&stop(false), power), Err(Refusal::Release));
+        assert_eq!(admission.judge(&stop(false), by(Way::Memory, 200)), Ok(()));
+        assert_eq!(admission.judge(&with(0), watchdog), Ok(()));
+        assert_eq!(admission.judge(&stop(false), by(Way::Memory, 200)), Err(Refusal::Release));
+        assert_eq!(admission.judge(&stop(false), by(Way::Host, 0)), Err(Refusal::Release));
+    }
+
+    #[test]
+    fn a_process_of_another_user_is_not_the_one_whose_number_it_names() {
+        let mut admission = guarded(Commands::Memory);
+        let other = |pid| Sender { way: Way::Memory, process: Some(Process { pid, uid: USER + 1 }) };
+        assert_eq!(admission.judge(&list(), other(WATCHDOG)), Err(Refusal::SecondRobot));
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+        for (message, due) in [(stop(false), POWER), (bounds(0.5), GUARD), (ranges([Reading::SILENT; 2]), RANGING)] {
+            assert_eq!(admission.judge(&message, other(due)), Err(Refusal::Release));
+            assert_eq!(admission.judge(&message, by(Way::Memory, due)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn bounds_and_ranges_are_believed_from_the_modules_that_the_watchdog_lists() {
+        let mut admission = guarded(Commands::Network);
+        let measured = ranges([Reading::UNKNOWN, Reading::MEASURED]);
+        for (message, due) in [(bounds(0.5), GUARD), (bounds(f64::NAN), GUARD), (measured, RANGING)] {
+            let mut believed = |pid| admission.judge(&message, by(Way::Memory, pid));
+            assert_eq!(believed(due), Err(Refusal::Release), "nobody has listed it yet: {message:?}");
+            assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            let others = [0, 300, WATCHDOG, POWER, if due == GUARD { RANGING } else { GUARD }];
+            for other in others {
+                assert_eq!(admission.judge(&message, by(Way::Host, other)), Err(Refusal::Release), "{other}");
+            }
+            assert_eq!(admission.judge(&message, by(Way::Memory, due)), Ok(()), "{message:?}");
+            admission = guarded(Commands::Network);
+        }
+        assert_eq!(admission.judge(&ranges([Reading::SILENT; 2]), by(Way::Host, 300)), Err(Refusal::Release));
+        let empty = DataRanges::default().into();
+        assert_eq!(admission.judge(&empty, by(Way::Host, 300)), Err(Refusal::Release), "it names no range finder");
+    }
+
+    #[test]
+    fn the_measured_motion_is_believed_from_its_driver_alone_also_a_robot_that_stands() {
+        for message in [motion(0.0), motion(0.5), motion(1e19), motion(f64::NAN)] {
+            let mut admission = guarded(Commands::Network);
+            let mut believed = |pid, way| admission.judge(&message, by(way, pid));
+            assert_eq!(believed(MOTION, Way::Memory), Err(Refusal::Release), "nobody has listed it yet");
+            assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            let mut believed = |pid, way| admission.judge(&message, by(way, pid));
+            for other in [0, 300, WATCHDOG, POWER, GUARD, RANGING] {
+                for way in [Way::Memory, Way::Host, Way::Network] {
+                    assert_eq!(believed(other, way), Err(Refusal::Release), "{message:?} of {other}");
+                }
+            }
+            assert_eq!(believed(MOTION, Way::Memory), Ok(()), "{message:?}");
+        }
+    }
+
+    #[test]
+    fn another_watchdog_is_believed_once_it_guards_this_process() {
+        let mut admission = guarded(Commands::Host);
+        assert_eq!(admission.judge(&list(), by(Way::Memory, 101)), Err(Refusal::SecondRobot));
+        admission.set_watchdog(user(101));
+        assert_eq!(admission.judge(&list(), by(Way::Memory, 101)), Ok(()));
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Err(Refusal::SecondRobot));
+    }
+
+    #[test]
+    fn without_a_watchdog_or_the_module_that_is_due_all_who_may_command_are_believed() {
+        let mut alone = Admission::new(policy(Commands::Host), None);
+        let mut without = Admission::new(Policy::default(), Some(user(WATCHDOG)));
+        alone.set_watchdog(user(WATCHDOG));
+        let frees = [stop(false), bounds(0.5), ranges([Reading::SILENT; 2]), motion(0.0)];
+        let of_alone = [list()].into_iter().chain(frees.clone()).map(|message| (true, message));
+        for (is_alone, message) in of_alone.chain(frees.map(|message| (false, message))) {
+            let admission = if is_alone { &mut alone } else { &mut without };
+            assert_eq!(admission.judge(&message, by(Way::Host, 0)), Ok(()), "{message:?}");
+            assert_eq!(admission.judge(&message, by(Way::Network, 0)), Err(Refusal::Release), "{message:?}");
+        }
+        assert!(!alone.is_guarded() && without.is_guarded());
+    }
+
+    #[test]
+    fn what_informs_is_believed_from_any_sender() {
+        for message in [Message::from(lowlevel::DataOdo::default()), common::DataState::default().into()] {
+            assert_eq!(guarded(Commands::Memory).judge(&message, by(Way::Network, 0)), Ok(()));
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Reaction to the speed monitor: first the quick stop, then, where the robot does not brake, the second way to stop.
+//!
+//! The second way cuts the motors' feed through the power controller, or an output of another node, neither of which
+//! depends on the drive. It is never used while the drive brakes as commanded, and only a person switches the feed on
+//! again.
+
+use super::config::{SecondWay, Stop};
+use super::feed_output::{FeedOutput, News};
+use super::objection::Objection;
+use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
+use super::{Canbus, Timer};
+use base::{Duration, Fault, Instant, Severity};
+use canopen::axis::{Goal, PowerState};
+use canopen::master::Ticket;
+use messages::{Hold, lowlevel};
+use module::Actions;
+use rs485::boards::psc1;
+
+/// Power channel that feeds the motors.
+const MOTORS: &str = "motors";
+/// Period of the order to cut the feed, until the power controller reports that it is cut.
+const CUT_PERIOD: Duration = Duration::from_millis(500);
+
+/// What cuts the motors' feed.
+#[derive(Debug)]
+enum Way {
+    /// The power controller.
+    Power,
+    /// An output of a node.
+    Output(FeedOutput),
+    None,
+}
+
+/// What the monitor has found.
+#[derive(Debug)]
+pub(super) struct StopWatch {
+    monitor: SpeedMonitor,
+    way: Way,
+    /// Latched: [`Hold::SpeedExceeded`] or [`Hold::FeedCut`].
+    latched: Option<Hold>,
+}
+
+impl StopWatch {
+    /// `deceleration` of a command and of a quick stop as configured, m/s²; `has_power`: there is a power controller.
+    pub(super) fn new(deceleration: f64, quick_stop: f64, stop: &Stop, has_power: bool) -> Self {
+        let way = match (stop.second_way, stop.output) {
+            (SecondWay::Power, _) if has_power => Way::Power,
+            (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::new(output)),
+            _ => Way::None,
+        };
+        Self { monitor: SpeedMonitor::new(deceleration, quick_stop), way, latched: None }
+    }
+
+    /// Objection to any motion.
+    pub(super) fn objection(&self) -> Option<Objection> {
+        self.latched.or_else(|| self.output()?.objection()).map(Objection::Speed)
+    }
+
+    fn output(&self) -> Option<&FeedOutput> {
+        if let Way::Output(output) = &self.way { Some(output) } else { None }
+    }
+
+    fn output_mut(&mut self) -> Option<&mut FeedOutput> {
+        if let Way::Output(output) = &mut self.way { Some(output) } else { None }
+    }
+
+    /// Node of the output that feeds the motors.
+    pub(super) fn node(&self) -> Option<u8> {
+        self.output().map(|output| output.config().node)
+    }
+
+    /// A transfer has ended, with its data unless it failed; false if it is not one of these.
+    pub(super) fn on_sdo(&mut self, now: Instant, ticket: Ticket, result: Option<&[u8]>) -> bool {
+        self.output_mut().is_some_and(|output| output.on_sdo(now, ticket, result))
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        self.output()?.poll_timeout()
+    }
+}
+
+impl Canbus {
+    /// Reports at the start what stops the robot if a drive does not.
+    pub(super) fn start_second_way(&mut self, now: Instant, out: &mut Actions) {
+        match &mut self.stop_watch.way {
+            Way::Power => {}
+            Way::Output(output) => output.start(now),
+            Way::None => {
+                out.note("THERE IS NO SECOND WAY TO STOP: if the drive does not brake, nothing cuts the motors' feed");
+            }
+        }
+    }
+
+    /// Judges the measured speed against the present order; to be called after each decision.
+    pub(super) fn watch_speed(&mut self, now: Instant, out: &mut Actions) {
+        let order = self.order();
+        let changing = match order {
+            Order::None => false,
+            Order::Drive(speed) => (self.propulsion.speed() - speed).abs() > MARGIN_MPS,
+            Order::Stop => !self.is_standing(),
+        };
+        self.propulsion.drive.set_changing(now, changing);
+        self.stop_watch.monitor.command(now, order);
+        let Some(speed) = self.propulsion.take_measured() else { return };
+        match self.stop_watch.monitor.measure(now, speed) {
+            None => {}
+            Some(Alarm::Exceeded { measured, allowed }) if self.stop_watch.latched.is_none() => {
+                let why =
+                    format!("the robot drives at {measured:.2} m/s, at most {allowed:.2} is commanded: quick stop");
+                out.raise(Severity::Error, Fault::SpeedExceeded, "", why);
+                self.stop_watch.latched = Some(Hold::SpeedExceeded);
+            }
+            Some(Alarm::Exceeded { .. }) => {}
+            Some(Alarm::NotStopping { measured, allowed }) => self.on_not_stopping(now, measured, allowed, out),
+        }
+    }
+
+    fn on_not_stopping(&mut self, now: Instant, measured: f64, allowed: f64, out: &mut Actions) {
+        if self.stop_watch.latched == Some(Hold::FeedCut) {
+            return;
+        }
+        let what = format!("told to stop, the robot drives at {measured:.2} m/s and not below {allowed:.2}");
+        match &mut self.stop_watch.way {
+            Way::None => {
+                out.raise(Severity::Error, Fault::StopFailed, "", format!("{what}; there is no second way to stop it"));
+                self.stop_watch.latched = Some(Hold::SpeedExceeded);
+                return;
+            }
+            Way::Power => self.deadlines.set(Timer::Cut, now),
+            Way::Output(output) => output.order(now, false),
+        }
+        out.raise(Severity::Error, Fault::StopFailed, "", format!("{what}: the motors' feed is cut"));
+        self.stop_watch.latched = Some(Hold::FeedCut);
+    }
+
+    /// Orders the feed to be cut, or to be switched on as a person commanded, if that is due.
+    pub(super) fn advance_second_way(&mut self, now: Instant, out: &mut Actions) {
+        let cut = self.stop_watch.latched == Some(Hold::FeedCut);
+        if let Way::Output(output) = &mut self.stop_watch.way {
+            let node = output.config().node;
+            match output.advance(now, self.bus.is_up(), cut, &mut self.master) {
+                Some(News::Lost) => {
+                    let why = format!(
+                        "node {node}, whose output cuts the motors' feed, does not answer or refuses: the robot stops"
+                    );
+                    out.raise(Severity::Error, Fault::SecondWayLost, "", why);
+                }
+                Some(News::Back) => {
+                    out.clear(Fault::SecondWayLost, "", format!("node {node} answers: the motors' feed can be cut"));
+                }
+                None => {}
+            }
+        }
+        if self.deadlines.is_due(Timer::Cut, now) {
+            self.deadlines.set(Timer::Cut, now + CUT_PERIOD);
+            let device = motors();
+            out.publish(lowlevel::CmdPower { timestamp: out.timestamp(now), device, action: lowlevel::CmdPower::OFF });
+        }
+    }
+
+    /// The power controller's report, received at `now`: the order to cut is repeated while the motors are fed.
+    pub(super) fn on_power(&mut self, now: Instant, power: &lowlevel::DataPower) {
+        let Some(motors) = power.channels.iter().find(|channel| channel.name == MOTORS) else { return };
+        if !motors.on {
+            self.deadlines.clear(Timer::Cut);
+        } else if self.stop_watch.latched == Some(Hold::FeedCut)
+            && matches!(self.stop_watch.way, Way::Power)
+            && !self.deadlines.is_set(Timer::Cut)
+        {
+            self.deadlines.set(Timer::Cut, now);
+        }
+    }
+
+    /// A person switches the motors on: the only way out of a cut. The output feeds them only at standstill.
+    pub(super) fn on_power_command(&mut self, now: Instant, command: &lowlevel::CmdPower, out: &mut Actions) {
+        let on = [lowlevel::CmdPower::ON, lowlevel::CmdPower::REBOOT].contains(&command.action);
+        if command.device != motors() || !on {
+            return;
+        }
+        // A drive whose supply was cut cannot be asked.
+        let stands = self.is_standing() || !self.propulsion.drive.is_booted();
+        let cut = self.stop_watch.latched == Some(Hold::FeedCut);
+        if let Way::Output(output) = &mut self.stop_watch.way {
+            if !stands || !(cut || output.is_off()) {
+                return;
+            }
+            output.order(now, true);
+        }
+        if cut {
+            self.deadlines.clear(Timer::Cut);
+            self.end_alarm(out);
+        }
+    }
+
+    /// A person commands this module to RUN: ends an alarm that did not cut the feed, once the robot stands.
+    pub(super) fn acknowledge_speed(&mut self, out: &mut Actions) {
+        if self.stop_watch.latched == Some(Hold::SpeedExceeded) && self.is_standing() {
+            self.end_alarm(out);
+        }
+    }
+
+    fn end_alarm(&mut self, out: &mut Actions) {
+        self.stop_watch.latched = None;
+        for fault in [Fault::SpeedExceeded, Fault::StopFailed] {
+            out.clear(fault, "", "an operator has let the robot go");
+        }
+    }
+
+    /// What the propulsion is commanded to do, as far as it can be judged.
+    fn order(&self) -> Order {
+        let drive = &self.propulsion.drive;
+        // The controller's line cuts the feed by itself.
+        if self.around.pause.cuts_feed() || !drive.is_booted() {
+            return Order::None;
+        }
+        match (drive.axis.state(), drive.axis.goal()) {
+            (Some(PowerState::FaultReactionActive), _) => Order::Stop,
+            (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), Goal::Enabled) => {
+                Order::Drive(self.propulsion.target())
+            }
+            (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), _) => Order::Stop,
+            _ => Order::None,
+        }
+    }
+}
+
+/// Number of the channel that feeds the motors.
+fn motors() -> i8 {
+    psc1::CHANNELS.iter().position(|name| *name == MOTORS).and_then(|place| i8::try_from(place).ok()).unwrap_or(-1)
+}

@@ -1,0 +1,264 @@
+//! Monitors by the measured speed that the robot is not faster than commanded, and that it stops when it must.
+//!
+//! An envelope for each direction: at least the commanded speed, and after a lower command, or an order to stop, the
+//! speed that the robot had, falling after [`REACTION`] at half the configured ramp (IEC 61800-5-2, SS1 with monitored
+//! ramp). Faster than the envelope for [`CONFIRMATION`] is an alarm. Evaluated at each measurement and at no other
+//! time, so late or lost frames raise no alarm.
+
+use base::{Duration, Instant};
+use std::collections::VecDeque;
+
+/// Time from an order until the speed must fall: bus, drive, and the report of the measured speed.
+const REACTION: Duration = Duration::from_millis(150);
+/// Time for which the speed must exceed the envelope.
+const CONFIRMATION: Duration = Duration::from_millis(150);
+/// Tolerance of the measured speed: control deviation, and its resolution of 0.012 m/s.
+pub(super) const MARGIN_MPS: f64 = 0.1;
+/// Part of the configured ramp that must be reached at least.
+const RAMP_MIN: f64 = 0.5;
+/// Interval over which the measured deceleration is taken.
+const SLOPE: Duration = Duration::from_millis(100);
+/// Maximum number of measurements kept: 100 a second for somewhat more than [`SLOPE`].
+const MEASUREMENTS_MAX: usize = 32;
+
+/// Commanded motion of the propulsion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Order {
+    /// Not to be judged: the power stage is off, or the line cuts the feed.
+    None,
+    /// Drive at this speed, m/s.
+    Drive(f64),
+    /// Quick stop.
+    Stop,
+}
+
+/// Result of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Alarm {
+    /// Faster than commanded: the robot is to be braked.
+    Exceeded { measured: f64, allowed: f64 },
+    /// Commanded to stop, and does not: the feed is to be cut.
+    NotStopping { measured: f64, allowed: f64 },
+}
+
+/// Envelope of one direction.
+#[derive(Clone, Copy, Debug, Default)]
+struct Envelope {
+    allowed: f64,
+    target: f64,
+    /// Beginning of the fall.
+    falls: Option<Instant>,
+}
+
+impl Envelope {
+    fn command(&mut self, now: Instant, target: f64, measured: f64) {
+        if target >= self.allowed {
+            (self.allowed, self.falls) = (target, None);
+        } else if target < self.target || self.falls.is_none() {
+            self.allowed = self.allowed.min(measured.max(target) + MARGIN_MPS).max(target);
+            self.falls = self.falls.or(Some(now + REACTION));
+        }
+        self.target = target;
+    }
+
+    fn pass(&mut self, from: Instant, now: Instant, ramp: f64) {
+        let Some(falls) = self.falls else { return };
+        let time = now.since(from.max(falls)).as_secs_f64();
+        self.allowed = (self.allowed - ramp * time).max(self.target);
+    }
+}
+
+/// The monitor.
+#[derive(Debug)]
+pub(super) struct SpeedMonitor {
+    /// Deceleration of a command and of a quick stop, m/s².
+    ramps: (f64, f64),
+    order: Order,
+    /// Forward and backward.
+    envelopes: [Envelope; 2],
+    at: Instant,
+    measured: f64,
+    exceeded: Option<Instant>,
+    recent: VecDeque<(Instant, f64)>,
+}
+
+impl SpeedMonitor {
+    /// `deceleration` of a command and of a quick stop as configured, m/s².
+    pub(super) fn new(deceleration: f64, quick_stop: f64) -> Self {
+        Self {
+            ramps: (deceleration, quick_stop),
+            order: Order::None,
+            envelopes: [Envelope::default(); 2],
+            at: Instant::ZERO,
+            measured: 0.0,
+            exceeded: None,
+            recent: VecDeque::with_capacity(MEASUREMENTS_MAX),
+        }
+    }
+
+    /// Takes the order in force at `now`; to be called after each decision.
+    pub(super) fn command(&mut self, now: Instant, order: Order) {
+        self.pass(now);
+        let begins = self.order == Order::None && order != Order::None;
+        if begins || order == Order::Stop && self.order != Order::Stop {
+            // Whatever the robot does now, it must reach the new order from its present speed.
+            let speeds = self.speeds();
+            for (envelope, speed) in self.envelopes.iter_mut().zip(speeds) {
+                *envelope = Envelope { allowed: speed, target: speed, falls: None };
+            }
+            self.exceeded = None;
+        }
+        self.order = order;
+        let speed = match order {
+            Order::None => return,
+            Order::Drive(speed) => speed,
+            Order::Stop => 0.0,
+        };
+        let speeds = self.speeds();
+        for ((envelope, target), speed) in self.envelopes.iter_mut().zip([speed, -speed]).zip(speeds) {
+            envelope.command(now, target.max(0.0), speed);
+        }
+    }
+
+    /// Processes a measured speed, m/s.
+    pub(super) fn measure(&mut self, now: Instant, speed: f64) -> Option<Alarm> {
+        self.pass(now);
+        self.measured = speed;
+        if self.recent.len() == MEASUREMENTS_MAX {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((now, speed));
+        let over = self
+            .speeds()
+            .into_iter()
+            .zip(self.envelopes)
+            .find(|(speed, envelope)| *speed > envelope.allowed + MARGIN_MPS);
+        let Some((measured, envelope)) = over.filter(|_| self.order != Order::None) else {
+            self.exceeded = None;
+            return None;
+        };
+        let since = *self.exceeded.get_or_insert(now);
+        if now.since(since) < CONFIRMATION {
+            return None;
+        }
+        let allowed = envelope.allowed;
+        match self.order {
+            Order::Stop if self.brakes(now) => None,
+            Order::Stop => Some(Alarm::NotStopping { measured, allowed }),
+            _ => Some(Alarm::Exceeded { measured, allowed }),
+        }
+    }
+
+    fn speeds(&self) -> [f64; 2] {
+        [self.measured.max(0.0), (-self.measured).max(0.0)]
+    }
+
+    fn ramp(&self) -> f64 {
+        RAMP_MIN * if self.order == Order::Stop { self.ramps.1 } else { self.ramps.0 }
+    }
+
+    /// True if the measured deceleration is that of the ramp: a drive that brakes as commanded is not disturbed.
+    fn brakes(&self, now: Instant) -> bool {
+        let before = self.recent.iter().rev().find(|(at, _)| now.since(*at) >= SLOPE);
+        before.is_some_and(|(at, speed)| {
+            let slope = (speed.abs() - self.measured.abs()) / now.since(*at).as_secs_f64();
+            slope >= self.ramp()
+        })
+    }
+
+    fn pass(&mut self, now: Instant) {
+        let ramp = self.ramp();
+        for envelope in &mut self.envelopes {
+            envelope.pass(self.at, now, ramp);
+        }
+        self.at = self.at.max(now);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Bench {
+        monitor: SpeedMonitor,
+        ms: u64,
+        speed: f64,
+    }
+
+    impl Bench {
+        /// Drives at this speed.
+        fn driving(speed: f64) -> Self {
+            let mut bench = Self { monitor: SpeedMonitor::new(0.8, 1.5), ms: 1000, speed };
+            assert_eq!(bench.run(Order::Drive(speed), 0.0, 500), None);
+            bench
+        }
+
+        /// The speed changes by `slope` m/s² (towards zero if negative), measured each 10 ms; the first alarm and its
+        /// time.
+        fn run(&mut self, order: Order, slope: f64, ms: u64) -> Option<(u64, Alarm)> {
+            let begin = self.ms;
+            while self.ms < begin + ms {
+                self.ms += 10;
+                let now = Instant::from_millis(self.ms);
+                self.monitor.command(now, order);
+                let change = slope * 0.01;
+                self.speed = if change < 0.0 && self.speed.abs() < -change {
+                    0.0
+                } else {
+                    self.speed + change * self.speed.signum()
+                };
+                if let Some(alarm) = self.monitor.measure(now, self.speed) {
+                    return Some((self.ms - begin, alarm));
+                }
+            }
+            None
+        }
+    }
+
+    #[test]
+    fn a_robot_that_brakes_as_told_raises_no_alarm() {
+        for (speed, slope) in [(0.6, -1.5), (0.6, -0.9), (-0.8, -1.5), (1.2, -0.8)] {
+            let mut bench = Bench::driving(speed);
+            assert_eq!(bench.run(Order::Stop, 0.0, 120), None, "reaction");
+            assert_eq!(bench.run(Order::Stop, slope, 3000), None, "{speed} {slope}");
+        }
+        let mut bench = Bench::driving(0.6);
+        assert_eq!(bench.run(Order::Drive(0.2), -0.8, 500), None);
+        assert_eq!(bench.run(Order::Drive(0.2), 0.0, 500), None);
+    }
+
+    #[test]
+    fn a_robot_that_does_not_stop_raises_one_within_half_a_second() {
+        for (speed, slope) in [(0.6, 0.0), (0.6, -0.024), (-0.8, 0.0), (0.3, 0.5)] {
+            let mut bench = Bench::driving(speed);
+            let (ms, alarm) = bench.run(Order::Stop, slope, 2000).expect("an alarm");
+            assert!(matches!(alarm, Alarm::NotStopping { .. }) && ms <= 650, "{speed} {slope}: {ms} ms, {alarm:?}");
+        }
+    }
+
+    #[test]
+    fn a_robot_that_runs_away_raises_one() {
+        let mut bench = Bench::driving(0.3);
+        let (ms, alarm) = bench.run(Order::Drive(0.3), 0.5, 2000).expect("an alarm");
+        // 0.1 m/s too fast after 200 ms, and 150 ms of confirmation.
+        assert!(matches!(alarm, Alarm::Exceeded { .. }) && ms <= 380, "{ms} {alarm:?}");
+        // Commanded to stand still.
+        let mut bench = Bench::driving(0.0);
+        bench.speed = 0.3;
+        let (ms, alarm) = bench.run(Order::Drive(0.0), 0.0, 2000).expect("an alarm");
+        assert!(matches!(alarm, Alarm::Exceeded { .. }) && ms <= 170, "{ms} {alarm:?}");
+        // The wrong way round.
+        let mut bench = Bench::driving(0.4);
+        bench.speed = -0.4;
+        assert!(bench.run(Order::Drive(0.4), 0.0, 500).is_some());
+    }
+
+    #[test]
+    fn a_drive_without_power_is_not_judged_and_one_that_brakes_late_is_not_cut() {
+        let mut bench = Bench::driving(0.6);
+        assert_eq!(bench.run(Order::None, -0.1, 2000), None);
+        let mut bench = Bench::driving(0.6);
+        assert_eq!(bench.run(Order::Stop, 0.0, 300), None);
+        assert_eq!(bench.run(Order::Stop, -1.5, 1000), None);
+    }
+}

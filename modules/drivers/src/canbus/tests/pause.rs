@@ -1,0 +1,67 @@
+//! The PAUSE line: latched until a deliberate act, for every source.
+
+use super::*;
+use messages::middlelevel::{CmdGoal, Waypoint};
+
+fn pause(engaged: bool, source: &str) -> lowlevel::EventStop {
+    lowlevel::EventStop { timestamp: 0, engaged, source: source.into() }
+}
+
+#[test]
+fn an_opened_line_lets_nothing_move_until_a_deliberate_act() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.bench.message(pause(true, "bumper1"));
+    robot.drive(0.4, 300);
+    robot.bench.message(pause(false, ""));
+    robot.frames.clear();
+    robot.drive(0.4, 1000);
+    robot.pass(10_000);
+    let enabled = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] & 0x0F == 0x0F;
+    assert!(!robot.frames.iter().any(|(_, frame)| enabled(frame)), "the axis was enabled by itself");
+    assert_eq!(robot.holds(), [(Hold::PauseLatched, "")]);
+    assert!(robot.holds.holds[0].latched);
+    robot.press(0.4);
+    robot.drive(0.4, 200);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn acts_while_the_line_is_engaged_do_not_count() {
+    let mut robot = Robot::ready();
+    robot.bench.message(pause(true, "bumper1"));
+    robot.exchange();
+    robot.press(0.4);
+    robot.bench.message(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
+    robot.bench.message(pause(false, ""));
+    robot.pass(1000);
+    assert_eq!(robot.holds(), [(Hold::PauseLatched, "")]);
+    robot.bench.message(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
+    robot.exchange();
+    assert_eq!(robot.holds(), [(Hold::NobodyCommands, "")]);
+}
+
+#[test]
+fn the_fault_of_a_drive_without_feed_is_not_reset_while_the_robot_rolls() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.bench.message(pause(true, "bumper1"));
+    robot.exchange();
+    // The feed is cut, and the robot rolls.
+    robot.epos.fault(robot.bench.now(), 0x3220);
+    robot.epos.stubborn = true;
+    robot.epos.node.set(0x606C, 0, 900);
+    robot.pass(100);
+    robot.bench.message(pause(false, ""));
+    robot.pass(3000);
+    let resets = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] & 0x80 != 0;
+    assert!(!robot.frames.iter().any(|(_, frame)| resets(frame)), "reset while it rolls");
+    robot.epos.node.set(0x606C, 0, 0);
+    robot.epos.stubborn = false;
+    robot.pass(3000);
+    assert_ne!(robot.epos.power.state(), PowerState::Fault, "it stands, and the line is open");
+    assert_eq!(robot.holds(), [(Hold::PauseLatched, "")]);
+    robot.press(0.4);
+    robot.drive(0.4, 200);
+    assert!(robot.moves(), "{}", robot.reason());
+}

@@ -1,0 +1,126 @@
+//! Settings of the guard; SI units.
+
+use crate::kinematics::Ackermann;
+use crate::law::Law;
+use base::Duration;
+use navitools::Point;
+use settings::robot::{Geometry, Limits};
+use settings::settings;
+
+settings! {
+    /// `[guard]`: with what the robot senses what is in its way, and how fast it may be (docs/guard.md). With
+    /// `ranging = "none"` it senses nothing: it drives at most at `speed_blind_mps`, whoever commands it. A robot
+    /// without this table has no guard, and its limits alone count.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// What it senses with.
+        ranging: Ranging = Ranging::None;
+        /// Highest speed where nothing is sensed.
+        speed_blind_mps as speed_blind: f64 = 0.3, 0.0..=2.0;
+        /// Highest speed by hand past the guard, while a second input is held.
+        creep_mps as creep: f64 = 0.15, 0.0..=0.3;
+        /// From a measurement's arrival to the beginning of the deceleration; also the time in which the steering moves
+        /// on.
+        reaction_s as reaction: f64 = 0.12, 0.05..=2.0;
+        /// From an obstacle's appearance to the arrival of its measurement.
+        sensing_s as sensing: f64 = 0.25, 0.0..=2.0;
+        /// Uncertainty of what is sensed, and of where the robot is when it is used.
+        uncertainty_m as uncertainty: f64 = 0.05, 0.0..=0.5;
+        /// Distance that is kept beyond that.
+        clearance_m as clearance: f64 = 0.1, 0.0..=1.0;
+        /// Speed of a person who approaches (ISO 13855: 1.6 m/s).
+        approach_mps as approach: f64 = 1.6, 0.0..=2.5;
+        /// Speed down to which the robot slows for somebody who may approach.
+        slow_mps as slow: f64 = 0.3, 0.05..=2.0;
+        /// Distance at which a sensor still finds a leg in clothes.
+        reach_m as reach: f64 = 2.5, 0.3..=50.0;
+        /// A sensor whose last reading is older than this is unknown.
+        age_max_s as age_max: Duration = 0.8, 0.05..=5.0;
+        /// Number of readings within twice `window_s` by which a sensor proves its space free; as many refute an echo.
+        readings: u32 = 3, 1..=20;
+        /// Time for which an echo counts.
+        window_s as window: Duration = 1.0, 0.1..=5.0;
+    }
+    check Settings::check;
+}
+
+settings! {
+    /// What senses.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Ranging {
+        /// Nothing.
+        None = "none",
+        /// The sonars of `srfs`.
+        Sonar = "sonar",
+    }
+}
+
+/// Mounting of a range finder in the robot's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensor {
+    /// Number in `LL_DATA_RANGES`.
+    pub id: i32,
+    /// Position, m.
+    pub at: Point,
+    /// Direction of its beam's axis, rad.
+    pub theta: f64,
+    /// Full opening angle of its beam, rad.
+    pub beam: f64,
+}
+
+/// Configuration of the guard.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Keys of `[guard]`.
+    pub settings: Settings,
+    /// Outline of the robot; its convex hull counts.
+    pub footprint: Vec<Point>,
+    /// Sensors that the robot has; with [`Ranging::None`] they are not used.
+    pub sensors: Vec<Sensor>,
+    /// Kind of base.
+    pub base: Ackermann,
+    /// Deceleration of a commanded stop, m/s².
+    pub braking: f64,
+    /// Deceleration when the motors lose their feed, m/s².
+    pub power_lost: f64,
+    /// Highest speed of any source, m/s.
+    pub speed: f64,
+}
+
+impl Settings {
+    fn check(&self, table: &settings::Table<'_>) {
+        if self.age_max > self.window {
+            table.refuse("age_max_s", "at most window_s");
+        }
+    }
+
+    /// The law with these settings; decelerations of a commanded stop, and of a robot whose motors lose their feed,
+    /// m/s².
+    #[must_use]
+    pub fn law(&self, braking: f64, power_lost: f64) -> Law {
+        let worst = braking.min(power_lost);
+        Law { reaction: self.reaction + self.sensing, braking, worst, approach: self.approach, slow: self.slow }
+    }
+}
+
+impl Config {
+    /// Configuration of a robot of these measures.
+    #[must_use]
+    pub fn of(settings: Settings, geometry: &Geometry, limits: &Limits, power_lost: f64, sensors: Vec<Sensor>) -> Self {
+        let (front, rear, half) = (geometry.front_m(), -geometry.rear_overhang_m, geometry.width_m / 2.0);
+        let corner = |(x, y)| Point { x, y };
+        Self {
+            settings,
+            footprint: [(rear, -half), (front, -half), (front, half), (rear, half)].map(corner).into(),
+            sensors,
+            base: Ackermann {
+                wheelbase: geometry.wheelbase_m,
+                steering: limits.steering_rad,
+                steering_rate: limits.steering_rate_radps,
+            },
+            braking: limits.deceleration_mps2,
+            power_lost,
+            speed: limits.speed_mps,
+        }
+    }
+}

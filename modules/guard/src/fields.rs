@@ -1,0 +1,314 @@
+//! Greatest speed in each direction: how far the robot's outline may move on each path within reach before it touches
+//! something.
+
+use crate::config::{Config, Ranging, Sensor};
+use crate::kinematics::{Direction, Kinematics, Motion, Twist};
+use crate::law::{Law, SPEED_MIN};
+use crate::memory::Obstacle;
+use crate::polygon::Polygon;
+use navitools::{Point, Pose};
+
+/// Parts of the clearance that remain beside the robot, and the speed that each permits, m/s: narrow gaps are passed
+/// slowly. Ahead, the whole clearance applies.
+const BESIDE: [(f64, f64); 3] = [(1.0, f64::INFINITY), (0.5, 0.3), (0.0, 0.15)];
+/// Parts of the whole margin; the greatest one that does not yet reach the obstacle applies: an obstacle that is
+/// already nearer may be passed and left behind, but not approached further.
+const NEARER: [f64; 3] = [0.66, 0.33, 0.0];
+/// Distance by which an obstacle beside the robot may still be approached, m.
+const APPROACH_M: f64 = 0.03;
+/// Velocity towards a touching obstacle below which the robot leaves it, per unit of path.
+const LEAVING: f64 = 1e-3;
+/// Distance beyond the outline at which a direction must be covered by cones, m.
+const COVERED_AT_M: f64 = 0.5;
+/// Coordinate up to which a point is a place, m. What is beyond it, or is not a number, comes of a broken computation.
+const PLACE_MAX_M: f64 = 1e6;
+/// Square of a distance, relative, from which on a point is not nearer, whatever the rounding.
+const NOT_NEARER: f64 = 1.0 - 1e-6;
+/// Lowest speed for which fields are shown, m/s.
+const SHOWN_MPS: f64 = 0.1;
+
+/// What bounds the speed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Something within the protective field: number of the sensor.
+    Stops(i32),
+    /// Something within the warning field: number of the sensor.
+    Slows(i32),
+    /// A sensor of which nothing is known: its number.
+    Unknown(i32),
+    /// No sensor covers the direction.
+    Blind,
+}
+
+/// Bound of a direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bound {
+    /// Greatest speed, m/s, or rad/s on the spot; 0 for a direction in which the base cannot move.
+    pub speed: f64,
+    /// Free path under all paths within reach, and under the one without a change of steering, m or rad.
+    pub free: [f64; 2],
+    /// What bounds the speed; `None`: the reach of the sensors, or the robot's own limit.
+    pub cause: Option<Cause>,
+}
+
+/// Outlines of the robot, and the law.
+#[derive(Debug)]
+pub struct Fields<K> {
+    law: Law,
+    base: K,
+    /// Outlines of each direction with the clearances of [`BESIDE`].
+    outlines: [[Polygon; 3]; 6],
+    /// Outlines with the margins of [`NEARER`]; the last one is the robot's own.
+    nearer: [Polygon; 3],
+    radius: f64,
+    reaction: f64,
+    reach: f64,
+    speed_max: f64,
+    speed_blind: f64,
+    /// Directions that no sensor covers.
+    blind: [bool; 6],
+    paths: Vec<Twist>,
+    /// How near each obstacle is, of the outline at hand.
+    near: Vec<Near>,
+}
+
+/// How near an obstacle is to the robot as it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Near {
+    /// Outside of the outline at hand, by this distance at least, m.
+    Clear(f64),
+    /// Within that, and outside of the one of this place in [`NEARER`], by this distance at least, m.
+    Beside(usize, f64),
+    /// Within the robot's own outline, beyond whose edge with this normal it is least deep.
+    Touching(Point),
+    /// Nowhere: its position is not one.
+    Nowhere,
+}
+
+impl<K: Kinematics> Fields<K> {
+    /// Creates the fields of a robot; `None` if its outline has no area.
+    #[must_use]
+    pub fn new(config: &Config, base: K) -> Option<Self> {
+        let body = Polygon::hull(&config.footprint)?;
+        let settings = &config.settings;
+        let margin = settings.uncertainty + settings.clearance;
+        let covered = |direction| settings.ranging != Ranging::None && is_covered(direction, &body, &config.sensors);
+        Some(Self {
+            law: settings.law(config.braking, config.power_lost),
+            outlines: Direction::ALL.map(|direction| {
+                let (x, y) = direction.ahead();
+                let ahead = |out: Point| if direction.turns() { 1.0 } else { (out.x * x + out.y * y).abs() };
+                BESIDE.map(|(part, _)| {
+                    body.grown(|out| settings.uncertainty + settings.clearance * f64::max(part, ahead(out)))
+                })
+            }),
+            radius: body.radius(Point::default()) + margin,
+            reaction: settings.reaction,
+            reach: settings.reach,
+            speed_max: config.speed,
+            speed_blind: settings.speed_blind,
+            blind: Direction::ALL.map(|direction| !covered(direction)),
+            nearer: NEARER.map(|part| body.grown(|_| part * margin)),
+            base,
+            paths: Vec::new(),
+            near: Vec::new(),
+        })
+    }
+
+    /// The kind of base.
+    #[must_use]
+    pub fn base(&self) -> &K {
+        &self.base
+    }
+
+    /// The law.
+    #[must_use]
+    pub fn law(&self) -> &Law {
+        &self.law
+    }
+
+    /// Bound of a direction, with obstacles in the robot's frame.
+    pub fn bound(&mut self, direction: Direction, motion: &Motion, obstacles: &[Obstacle]) -> Bound {
+        let (mut paths, mut near) = (std::mem::take(&mut self.paths), std::mem::take(&mut self.near));
+        paths.clear();
+        self.base.reachable(direction, motion, self.reaction, &mut paths);
+        let bound = self.bound_on(direction, &paths, obstacles, &mut near);
+        (self.paths, self.near) = (paths, near);
+        bound
+    }
+
+    fn bound_on(&self, direction: Direction, paths: &[Twist], obstacles: &[Obstacle], near: &mut Vec<Near>) -> Bound {
+        let Some(usual) = paths.first() else { return Bound { speed: 0.0, free: [0.0; 2], cause: None } };
+        // On the spot, the speed of the farthest corner counts.
+        let scale = if direction.turns() { self.radius } else { 1.0 };
+        let outlines = &self.outlines[direction as usize];
+        let (mut all, mut stops) = ((0.0, None), 0.0);
+        for (outline, (_, most)) in outlines.iter().zip(BESIDE).rev() {
+            near.clear();
+            near.extend(obstacles.iter().map(|obstacle| self.near(outline, obstacle.at)));
+            let mut nearest = (f64::INFINITY, None);
+            for path in paths {
+                self.nearest(outline, *path, obstacles.iter().zip(&*near), &mut nearest);
+            }
+            all = nearest;
+            stops = self.law.stops_within((all.0 * scale).min(self.reach)).min(most).max(stops);
+        }
+        let mut straight = (f64::INFINITY, None);
+        // The outline of the last turn.
+        let approaching = obstacles.iter().zip(&*near).filter(|(obstacle, _)| obstacle.approaches);
+        self.nearest(&outlines[0], *usual, approaching, &mut straight);
+        let slows = self.law.slows_within(straight.0 * scale);
+        let blind = if self.blind[direction as usize] { self.speed_blind } else { f64::INFINITY };
+        let speed = stops.min(slows).min(blind).min(self.speed_max);
+        let cause = |(_, obstacle): (f64, Option<Obstacle>), sensed: fn(i32) -> Cause| {
+            obstacle.map(
+                |Obstacle { sensor, sensed: known, .. }| if known { sensed(sensor) } else { Cause::Unknown(sensor) },
+            )
+        };
+        let cause = match () {
+            () if speed >= self.speed_max => None,
+            () if blind <= stops.min(slows) => Some(Cause::Blind),
+            () if stops <= slows => cause(all, Cause::Stops),
+            () => cause(straight, Cause::Slows),
+        };
+        let speed = if speed < SPEED_MIN { 0.0 } else { speed / scale };
+        Bound { speed, free: [all.0, straight.0], cause }
+    }
+
+    /// Shortens `nearest` to the free path along `path`, with the obstacle that ends it.
+    fn nearest<'a>(
+        &self,
+        outline: &Polygon,
+        path: Twist,
+        obstacles: impl Iterator<Item = (&'a Obstacle, &'a Near)>,
+        nearest: &mut (f64, Option<Obstacle>),
+    ) {
+        // A point that is nearer to the centre than the outline, or farther from it, is never touched.
+        let ring = path.center().map(|center| (center, outline.distance(center), outline.radius(center)));
+        for (obstacle, near) in obstacles {
+            // Seen from the robot the point moves along the path with this speed: it is not nearer than its distance.
+            let velocity = path.at(obstacle.at);
+            let square = velocity.x * velocity.x + velocity.y * velocity.y;
+            if let Near::Clear(out) | Near::Beside(_, out) = near
+                && out * out * NOT_NEARER > square * nearest.0 * nearest.0
+            {
+                continue;
+            }
+            if let Some((center, from, to)) = ring.filter(|_| *near != Near::Nowhere) {
+                let (x, y) = (obstacle.at.x - center.x, obstacle.at.y - center.y);
+                let square = x * x + y * y;
+                if square < from * from || square > to * to {
+                    continue;
+                }
+            }
+            let free = self.free(outline, path, obstacle.at, *near);
+            if free < nearest.0 {
+                *nearest = (free, Some(*obstacle));
+            }
+        }
+    }
+
+    /// How near a point is, seen from an outline. All comparisons are such that what is not a number touches.
+    fn near(&self, outline: &Polygon, point: Point) -> Near {
+        if !is_place(point) {
+            return Near::Nowhere;
+        }
+        let out = outline.outside(point);
+        if out > APPROACH_M {
+            return Near::Clear(out);
+        }
+        let [wider @ .., body] = &self.nearer;
+        let mut outs = wider.iter().map(|outline| outline.outside(point)).enumerate();
+        if let Some((place, out)) = outs.find(|(_, out)| *out > APPROACH_M) {
+            return Near::Beside(place, out);
+        }
+        let (out, normal) = body.nearest_edge(point);
+        if out > 0.0 { Near::Beside(wider.len(), out) } else { Near::Touching(normal) }
+    }
+
+    /// Length of the path before the robot is too near to a point; 0 for what is no place: it may be anywhere.
+    fn free(&self, outline: &Polygon, path: Twist, point: Point, near: Near) -> f64 {
+        match near {
+            Near::Clear(_) => outline.contact(path, point),
+            Near::Beside(place, _) => self.nearer.get(place).map_or(0.0, |outline| outline.contact(path, point)),
+            Near::Touching(out) => {
+                let velocity = path.at(point);
+                let leaves = velocity.x * out.x + velocity.y * out.y <= LEAVING;
+                if leaves { f64::INFINITY } else { 0.0 }
+            }
+            Near::Nowhere => 0.0,
+        }
+    }
+
+    /// Outlines of the protective and the warning field at a measured motion, robot frame, and whether something is in
+    /// each.
+    pub fn shown(&mut self, motion: &Motion, bound: &Bound, direction: Direction) -> [(Vec<Point>, bool); 2] {
+        let mut paths = std::mem::take(&mut self.paths);
+        paths.clear();
+        self.base.reachable(direction, motion, 0.0, &mut paths);
+        let path = paths.first().copied().unwrap_or_default();
+        self.paths = paths;
+        let speed = libm::hypot(motion.velocity.vx, motion.velocity.vy).max(SHOWN_MPS);
+        let lengths = [self.law.protective(speed), self.law.warning(speed)];
+        let [outline, ..] = &self.outlines[direction as usize];
+        [0, 1].map(|kind| (swept(outline, path, lengths[kind]), bound.free[kind] < lengths[kind]))
+    }
+}
+
+fn is_place(point: Point) -> bool {
+    point.x.abs() <= PLACE_MAX_M && point.y.abs() <= PLACE_MAX_M
+}
+
+/// Hull of an outline moved along a path.
+fn swept(outline: &Polygon, path: Twist, length: f64) -> Vec<Point> {
+    let places = [0.0, 0.5, 1.0].map(|part| path.after(part * length));
+    let corners = places.iter().flat_map(|pose| outline.corners().iter().map(|corner| *pose * *corner));
+    let corners: Vec<Point> = corners.collect();
+    Polygon::hull(&corners).map_or_else(Vec::new, |hull| hull.corners().to_vec())
+}
+
+impl Twist {
+    /// Pose of the robot after a length of the path, in the frame of the path's start.
+    #[must_use]
+    pub fn after(self, length: f64) -> Pose {
+        let turned = self.omega * length;
+        match self.center() {
+            Some(center) => {
+                let (sin, cos) = libm::sincos(turned);
+                let (x, y) = (center.x - cos * center.x + sin * center.y, center.y - sin * center.x - cos * center.y);
+                Pose::new(x, y, turned)
+            }
+            None => Pose::new(self.vx * length, self.vy * length, turned),
+        }
+    }
+}
+
+/// True if the cones of sensors cover the outline's width before it in a direction.
+fn is_covered(direction: Direction, body: &Polygon, sensors: &[Sensor]) -> bool {
+    if direction.turns() {
+        return Direction::ALL[..4].iter().all(|side| is_covered(*side, body, sensors));
+    }
+    let (ahead_x, ahead_y) = direction.ahead();
+    let along = |point: &Point| point.x * ahead_x + point.y * ahead_y;
+    let across = |point: &Point| point.y * ahead_x - point.x * ahead_y;
+    let corners = body.corners();
+    let most = |measure: &dyn Fn(&Point) -> f64| corners.iter().map(measure).fold(f64::NEG_INFINITY, f64::max);
+    let (front, left, right) = (most(&along), most(&across), -most(&|point| -across(point)));
+    (0..=8).all(|n| {
+        let (x, y) = (front + COVERED_AT_M, right + (left - right) * f64::from(n) / 8.0);
+        let point = Point { x: x * ahead_x - y * ahead_y, y: x * ahead_y + y * ahead_x };
+        sensors.iter().any(|sensor| sensor.covers(point))
+    })
+}
+
+impl Sensor {
+    /// True if a point is within its cone.
+    #[must_use]
+    pub fn covers(&self, point: Point) -> bool {
+        let bearing = libm::atan2(point.y - self.at.y, point.x - self.at.x);
+        navitools::wrap(bearing - self.theta).abs() <= self.beam / 2.0
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,243 @@
+//! The bounds against a simulation of the stop in small steps, over random fields, for three kinds of base.
+
+use super::*;
+use crate::config::Settings;
+use crate::kinematics::{Ackermann, Table};
+use settings::Section;
+use testing::Random;
+
+const BASE: Ackermann = Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 };
+
+fn sensor(id: i32, x: f64, y: f64, degrees: f64) -> Sensor {
+    Sensor { id, at: Point { x, y }, theta: degrees.to_radians(), beam: 0.96 }
+}
+
+fn config() -> Config {
+    let corner = |(x, y)| Point { x, y };
+    let front = [(0, 0.28, 60.0), (1, 0.15, 25.0), (2, 0.0, 0.0), (3, -0.15, -25.0), (4, -0.28, -60.0)];
+    let rear = [(5, 0.15, 155.0), (6, 0.0, 180.0), (7, -0.15, -155.0)];
+    let front = front.map(|(id, y, degrees)| sensor(id, 0.75, y, degrees));
+    let rear = rear.map(|(id, y, degrees)| sensor(id, -0.15, y, degrees));
+    Config {
+        settings: Settings { ranging: Ranging::Sonar, ..Settings::usual() },
+        footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
+        sensors: front.into_iter().chain(rear).collect(),
+        base: BASE,
+        braking: 0.8,
+        power_lost: 0.25,
+        speed: 1.2,
+    }
+}
+
+fn at(x: f64, y: f64) -> Obstacle {
+    Obstacle { at: Point { x, y }, sensor: 2, sensed: true, approaches: true }
+}
+
+/// Within the robot itself, without any margin.
+fn touches(point: Point) -> bool {
+    (-0.15..=0.75).contains(&point.x) && (-0.3..=0.3).contains(&point.y)
+}
+
+/// Number in `from..to`.
+fn between(random: &mut Random, from: f64, to: f64) -> f64 {
+    from + (to - from) * random.below(1_000_000) as f64 / 1e6
+}
+
+/// Obstacles around the robot, not in it.
+fn obstacles(random: &mut Random) -> Vec<Obstacle> {
+    let count = 1 + random.below(6);
+    let place = |_| at(between(random, -2.0, 3.0), between(random, -1.5, 1.5));
+    (0..count).map(place).filter(|obstacle| !touches(obstacle.at)).collect()
+}
+
+/// Drives a path of a length in small steps; true if the robot touches an obstacle.
+fn hits(path: Twist, length: f64, obstacles: &[Obstacle]) -> bool {
+    let steps = (length / 0.004).ceil().max(1.0);
+    let (mut x, mut y, mut theta) = (0.0, 0.0, 0.0);
+    let step = length / steps;
+    for _ in 0..steps as u32 {
+        // The middle of the step's rotation: exact to the third order.
+        let (sin, cos) = libm::sincos(theta + path.omega * step / 2.0);
+        x += step * (path.vx * cos - path.vy * sin);
+        y += step * (path.vx * sin + path.vy * cos);
+        theta += path.omega * step;
+        let (sin, cos) = libm::sincos(theta);
+        let seen = |at: Point| Point { x: cos * (at.x - x) + sin * (at.y - y), y: cos * (at.y - y) - sin * (at.x - x) };
+        if obstacles.iter().any(|obstacle| touches(seen(obstacle.at))) {
+            return true;
+        }
+    }
+    false
+}
+
+/// Length until the robot stands, m: reaction and the worst braking.
+fn stop(speed: f64, law: &Law) -> f64 {
+    speed * law.reaction + speed * speed / (2.0 * law.worst)
+}
+
+#[test]
+fn no_permitted_speed_reaches_an_obstacle_on_any_steering_within_reach() {
+    let mut random = Random::new(21);
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let law = *fields.law();
+    let (mut bounded, mut free) = (0, 0);
+    for _ in 0..6000 {
+        let obstacles = obstacles(&mut random);
+        let motion = Motion { steering: between(&mut random, -0.61, 0.61), ..Motion::default() };
+        for (direction, sign) in [(Direction::Forward, 1.0), (Direction::Backward, -1.0)] {
+            let bound = fields.bound(direction, &motion, &obstacles);
+            for _ in 0..4 {
+                let reach = BASE.steering_rate * config().settings.reaction;
+                let angle = (motion.steering + between(&mut random, -reach, reach)).clamp(-0.61, 0.61);
+                let path = Twist { vx: sign, vy: 0.0, omega: sign * libm::tan(angle) / 0.6 };
+                assert!(
+                    !hits(path, stop(bound.speed, &law), &obstacles),
+                    "{direction:?} {bound:?}, steering {angle}, {obstacles:?}"
+                );
+            }
+            if bound.speed < 0.5 { bounded += 1 } else { free += 1 }
+        }
+    }
+    assert!(bounded > 1000 && free > 1000, "{bounded} {free}: the fields are neither empty nor full");
+}
+
+#[test]
+fn no_permitted_speed_of_a_base_that_moves_in_any_direction_reaches_an_obstacle() {
+    let unit = |vx: f64, vy: f64, omega: f64| Twist { vx, vy, omega };
+    let lanes = |vx: f64, vy: f64| [0.0, -0.4, 0.4].map(|omega| unit(vx, vy, omega)).to_vec();
+    let paths = [
+        lanes(1.0, 0.0),
+        lanes(-1.0, 0.0),
+        lanes(0.0, 1.0),
+        lanes(0.0, -1.0),
+        vec![unit(0.0, 0.0, 1.0)],
+        vec![unit(0.0, 0.0, -1.0)],
+    ];
+    let table = Table { paths };
+    let mut random = Random::new(5);
+    let mut fields = Fields::new(&config(), table.clone()).expect("a body");
+    let law = *fields.law();
+    // Distance of the farthest corner: speeds on the spot are those of that corner.
+    let radius = libm::hypot(0.75, 0.3);
+    let mut bounded = [0; 6];
+    for _ in 0..3000 {
+        let obstacles = obstacles(&mut random);
+        for direction in Direction::ALL {
+            let bound = fields.bound(direction, &Motion::default(), &obstacles);
+            for path in &table.paths[direction as usize] {
+                let length =
+                    if direction.turns() { stop(bound.speed * radius, &law) / radius } else { stop(bound.speed, &law) };
+                assert!(!hits(*path, length, &obstacles), "{direction:?} {bound:?}, {path:?}, {obstacles:?}");
+            }
+            bounded[direction as usize] += u32::from(bound.speed < 0.3);
+        }
+    }
+    assert!(bounded.iter().all(|count| *count > 200), "{bounded:?}");
+}
+
+#[test]
+fn an_empty_field_permits_what_the_sensors_reach_and_no_more() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let bound = fields.bound(Direction::Forward, &Motion::default(), &[]);
+    // From 1.02 m/s it stands at the end of the reach, even without power.
+    assert!((bound.speed - 1.02).abs() < 0.01 && bound.cause.is_none(), "{bound:?}");
+    assert_eq!(fields.bound(Direction::Left, &Motion::default(), &[]).speed, 0.0, "it cannot move so");
+}
+
+#[test]
+fn somebody_ahead_slows_first_and_stops_then() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let mut ahead = |x| {
+        let bound = fields.bound(Direction::Forward, &Motion::default(), &[at(0.9 + x, 0.1)]);
+        ((bound.speed * 100.0).round() / 100.0, bound.cause)
+    };
+    assert_eq!(ahead(2.0), (0.51, Some(Cause::Slows(2))));
+    assert_eq!(ahead(1.0), (0.3, Some(Cause::Slows(2))));
+    assert_eq!(ahead(0.2), (0.19, Some(Cause::Stops(2))));
+    assert_eq!(ahead(0.0), (0.0, Some(Cause::Stops(2))));
+}
+
+#[test]
+fn what_stands_stops_but_does_not_slow() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let mut standing = |x| {
+        let obstacle = Obstacle { approaches: false, ..at(0.9 + x, 0.1) };
+        fields.bound(Direction::Forward, &Motion::default(), &[obstacle]).speed
+    };
+    assert!(standing(1.0) > 0.5 && standing(0.2) < 0.3);
+}
+
+#[test]
+fn what_is_beside_the_robot_is_passed_but_not_approached() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let mut beside = |y: f64, steering| {
+        let motion = Motion { steering, ..Motion::default() };
+        fields.bound(Direction::Forward, &motion, &[at(0.5, y)]).speed
+    };
+    assert!(beside(0.45, 0.0) > 0.3, "a leg beside the door is left behind");
+    assert!(beside(0.31, 0.3) < 0.15, "turning towards it");
+    assert!(beside(0.31, -0.3) > 0.5, "turning away from it");
+}
+
+#[test]
+fn what_is_narrow_is_passed_slowly() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    // Two legs, 23 cm ahead of the front.
+    let mut gate = |y: f64| {
+        let legs = [at(0.98, y), at(0.98, -y)];
+        fields.bound(Direction::Forward, &Motion::default(), &legs).speed
+    };
+    let speeds = [0.8, 0.42, 0.37, 0.2].map(&mut gate);
+    let [wide, half, narrow, closed] = speeds;
+    assert!(wide > 0.6 && half <= 0.3 && narrow <= 0.15, "{speeds:?}");
+    // With the whole clearance both gates would be closed.
+    assert!(half > 0.15 && narrow > 0.1 && closed < 0.1, "{speeds:?}");
+}
+
+#[test]
+fn an_obstacle_that_touches_is_left_but_not_pressed() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let touching = [at(0.74, 0.0)];
+    assert_eq!(fields.bound(Direction::Forward, &Motion::default(), &touching).speed, 0.0);
+    assert!(fields.bound(Direction::Backward, &Motion::default(), &touching).speed > 0.5);
+}
+
+#[test]
+fn a_direction_without_sensors_is_blind() {
+    let mut config = config();
+    config.sensors.retain(|sensor| sensor.at.x > 0.0);
+    let mut fields = Fields::new(&config, BASE).expect("a body");
+    let bound = fields.bound(Direction::Backward, &Motion::default(), &[]);
+    assert_eq!((bound.speed, bound.cause), (0.3, Some(Cause::Blind)));
+    assert!(fields.bound(Direction::Forward, &Motion::default(), &[]).speed > 0.5);
+    config.settings.ranging = Ranging::None;
+    let mut fields = Fields::new(&config, BASE).expect("a body");
+    assert_eq!(fields.bound(Direction::Forward, &Motion::default(), &[]).speed, 0.3);
+}
+
+#[test]
+fn fields_are_drawn_along_the_path() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let motion = Motion { velocity: BASE.velocity(0.6, 0.0), steering: 0.0 };
+    let bound = fields.bound(Direction::Forward, &motion, &[at(1.5, 0.0)]);
+    let [(protective, occupied), (warning, warned)] = fields.shown(&motion, &bound, Direction::Forward);
+    let front = |corners: &[Point]| corners.iter().map(|corner| corner.x).fold(0.0, f64::max);
+    assert!((front(&protective) - (0.9 + 0.99)).abs() < 0.01 && (front(&warning) - (0.9 + 2.29)).abs() < 0.01);
+    assert!(occupied && warned);
+}
+
+#[test]
+fn a_point_that_is_not_a_place_counts_as_touching() {
+    let mut fields = Fields::new(&config(), BASE).unwrap();
+    let bad = [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e308, -1e19];
+    for (x, y) in bad.into_iter().flat_map(|bad| [(bad, bad), (bad, 0.0), (0.0, bad)]) {
+        for (steering, approaches) in [(0.0, true), (0.3, true), (-0.6, false)] {
+            let motion = Motion { steering, ..Motion::default() };
+            for direction in [Direction::Forward, Direction::Backward] {
+                let obstacle = Obstacle { approaches, ..at(x, y) };
+                let bound = fields.bound(direction, &motion, &[obstacle]);
+                assert_eq!((bound.speed, bound.cause), (0.0, Some(Cause::Stops(2))), "{x} {y} {steering}");
+            }
+        }
+    }
+}

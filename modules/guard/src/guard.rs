@@ -1,0 +1,188 @@
+//! The module: ranges and measured motion in, greatest speeds out.
+
+use crate::config::{Config, Ranging};
+use crate::fields::{Bound, Cause, Fields};
+use crate::kinematics::{Ackermann, Direction, Kinematics, Motion, Twist};
+use crate::memory::{Memory, Obstacle};
+use crate::trail::Trail;
+use base::{Deadlines, Duration, Instant};
+use messages::lowlevel::{DataGuard, DataMotion, Field};
+use messages::{Channel, Hold, Message};
+use module::{Actions, Event, Module};
+use std::fmt;
+
+/// Name of the module.
+pub const NAME: &str = "guard";
+
+/// Period of `LL_DATA_GUARD`.
+const PERIOD: Duration = Duration::from_millis(50);
+/// Age of the measured motion, published at 20 Hz, beyond which it is unknown.
+const MOTION_AGE_MAX: Duration = Duration::from_millis(200);
+/// Measured motion up to this multiple of the robot's limits is plausible; beyond it the motion is unknown.
+const PLAUSIBLE: f64 = 2.0;
+/// Steering angle beyond which a path is no more than a spin, rad.
+const STEERING_MAX_RAD: f64 = 1.5;
+/// Speed below which the robot counts as standing, m/s.
+const STANDSTILL_MPS: f64 = 0.02;
+
+base::deadlines! {
+    /// Deadlines of the module.
+    enum Timer {
+        /// `LL_DATA_GUARD` is published. Set from the start on.
+        Publish,
+    }
+}
+
+/// The outline of the robot has no area.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoOutline;
+
+impl fmt::Display for NoOutline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the outline of the robot has no area")
+    }
+}
+
+impl std::error::Error for NoOutline {}
+
+/// The module `guard`.
+#[derive(Debug)]
+pub struct Guard {
+    fields: Fields<Ackermann>,
+    ranging: Ranging,
+    window: Duration,
+    /// Greatest plausible speed, m/s.
+    speed_max: f64,
+    memory: Memory,
+    trail: Trail,
+    /// Measured motion, and its instant.
+    motion: Option<(Instant, Motion)>,
+    obstacles: Vec<Obstacle>,
+    deadlines: Deadlines<Timer>,
+}
+
+impl Guard {
+    /// Creates the module.
+    ///
+    /// # Errors
+    /// The outline of the robot has no area.
+    pub fn new(config: &Config) -> Result<Self, NoOutline> {
+        let sensors = if config.settings.ranging == Ranging::None { &[][..] } else { &config.sensors };
+        Ok(Self {
+            fields: Fields::new(config, config.base).ok_or(NoOutline)?,
+            ranging: config.settings.ranging,
+            window: config.settings.window,
+            speed_max: PLAUSIBLE * config.speed,
+            memory: Memory::new(config.settings, sensors),
+            trail: Trail::default(),
+            motion: None,
+            obstacles: Vec::new(),
+            deadlines: Deadlines::new(),
+        })
+    }
+
+    fn on_motion(&mut self, at: Instant, motion: &DataMotion) {
+        let steering_max = (PLAUSIBLE * self.fields.base().steering).min(STEERING_MAX_RAD);
+        // What is not a number is not plausible either.
+        let plausible = motion.speed.abs() <= self.speed_max && motion.steering.abs() <= steering_max;
+        if !plausible {
+            self.motion = None;
+            return;
+        }
+        let velocity = self.fields.base().velocity(motion.speed, motion.steering);
+        self.trail.on_motion(at, velocity, self.window);
+        if !self.trail.is_sane() {
+            // Where things were, relative to the robot, is lost with it: everything is unknown.
+            self.trail = Trail::default();
+            self.trail.on_motion(at, velocity, self.window);
+            self.memory.forget();
+        }
+        self.motion = Some((at, Motion { velocity, steering: motion.steering }));
+    }
+
+    fn publish(&mut self, now: Instant, out: &mut Actions) {
+        let timestamp = out.timestamp(now);
+        let motion = self.motion.filter(|(at, _)| now.since(*at) <= MOTION_AGE_MAX).map(|(_, motion)| motion);
+        let Some(motion) = motion else {
+            // Without the measured motion, neither the robot's path nor the position of what was sensed is known.
+            out.publish(DataGuard { timestamp, code: Hold::GuardMotion.code(), ..DataGuard::default() });
+            return;
+        };
+        self.memory.obstacles(now, &self.trail, &mut self.obstacles);
+        let robot_from_trail = self.trail.pose(now).inverse();
+        for obstacle in &mut self.obstacles {
+            obstacle.at = robot_from_trail * obstacle.at;
+        }
+        let bounds = Direction::ALL.map(|direction| self.fields.bound(direction, &motion, &self.obstacles));
+        let ahead = ahead(&motion.velocity, &bounds);
+        let (code, subject) = described(bounds[ahead as usize].cause);
+        let fields = if self.ranging == Ranging::None { Vec::new() } else { self.shown(&motion, &bounds) };
+        let [forward, backward, left, right, turn_left, turn_right] = bounds.map(|bound| bound.speed);
+        let message =
+            DataGuard { timestamp, forward, backward, left, right, turn_left, turn_right, code, subject, fields };
+        out.publish(message);
+    }
+
+    fn shown(&mut self, motion: &Motion, bounds: &[Bound; 6]) -> Vec<Field> {
+        let direction = if motion.velocity.vx < -STANDSTILL_MPS { Direction::Backward } else { Direction::Forward };
+        let shown = self.fields.shown(motion, &bounds[direction as usize], direction);
+        let kinds = [Field::PROTECTIVE, Field::WARNING].into_iter();
+        let field = |(kind, (corners, occupied)): (i8, (Vec<navitools::Point>, bool))| {
+            let (x, y) = corners.into_iter().map(|corner| (corner.x, corner.y)).unzip();
+            Field { kind, occupied, x, y }
+        };
+        kinds.zip(shown).map(field).collect()
+    }
+}
+
+/// Direction of travel; at standstill the one along x that is bounded most.
+fn ahead(velocity: &Twist, bounds: &[Bound; 6]) -> Direction {
+    let back = bounds[Direction::Backward as usize].speed < bounds[Direction::Forward as usize].speed;
+    match velocity.vx {
+        vx if vx > STANDSTILL_MPS => Direction::Forward,
+        vx if vx < -STANDSTILL_MPS || back => Direction::Backward,
+        _ => Direction::Forward,
+    }
+}
+
+/// Number of a cause in `docs/holds.md`, and its subject.
+fn described(cause: Option<Cause>) -> (i32, String) {
+    let sensor = |id| format!("sonar {id}");
+    match cause {
+        Some(Cause::Stops(id)) => (Hold::GuardStops.code(), sensor(id)),
+        Some(Cause::Slows(id)) => (Hold::GuardSlows.code(), sensor(id)),
+        Some(Cause::Unknown(id)) => (Hold::GuardUnknown.code(), sensor(id)),
+        Some(Cause::Blind) => (Hold::GuardBlind.code(), String::new()),
+        None => (0, String::new()),
+    }
+}
+
+impl Module for Guard {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::LlDataRanges, Channel::LlDataMotion]
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => {
+                self.deadlines.set(Timer::Publish, now);
+                out.working();
+            }
+            Event::Message { at, message: Message::LlDataRanges(ranges) } => {
+                self.memory.on_ranges(at.min(now), ranges, &self.trail);
+            }
+            Event::Message { at, message: Message::LlDataMotion(motion) } => self.on_motion(at.min(now), motion),
+            _ => {}
+        }
+        if self.deadlines.tick(Timer::Publish, now, PERIOD) {
+            self.publish(now, out);
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.deadlines.next()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,227 @@
+//! The module on its bench: what it publishes, also when it knows nothing.
+
+use super::*;
+use crate::config::{Sensor, Settings};
+use messages::lowlevel::{DataRanges, Reading};
+use module::bench::Bench;
+use module::{Shell, ShellConfig};
+use navitools::Point;
+use settings::Section;
+
+const IDS: [(i32, f64, f64, f64); 8] = [
+    (0, 0.75, 0.28, 60.0),
+    (1, 0.75, 0.15, 25.0),
+    (2, 0.75, 0.0, 0.0),
+    (3, 0.75, -0.15, -25.0),
+    (4, 0.75, -0.28, -60.0),
+    (5, -0.15, 0.15, 155.0),
+    (6, -0.15, 0.0, 180.0),
+    (7, -0.15, -0.15, -155.0),
+];
+
+fn config(ranging: Ranging) -> Config {
+    let corner = |(x, y)| Point { x, y };
+    let sensor = |(id, x, y, degrees): (i32, f64, f64, f64)| Sensor {
+        id,
+        at: Point { x, y },
+        theta: degrees.to_radians(),
+        beam: 0.96,
+    };
+    Config {
+        settings: Settings { ranging, ..Settings::usual() },
+        footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
+        sensors: IDS.map(sensor).into(),
+        base: Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 },
+        braking: 0.8,
+        power_lost: 0.8,
+        speed: 1.2,
+    }
+}
+
+struct Robot {
+    bench: Bench,
+    speed: f64,
+    /// Distance that each sonar measures, m; infinite: silent; NaN: unknown.
+    distances: [f64; 8],
+    moves: bool,
+    ranges: bool,
+}
+
+impl Robot {
+    fn new(ranging: Ranging) -> Self {
+        let guard = Guard::new(&config(ranging)).expect("an outline");
+        let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(guard)));
+        bench.start();
+        Self { bench, speed: 0.0, distances: [f64::INFINITY; 8], moves: true, ranges: true }
+    }
+
+    /// Motion at 20 Hz, ranges at 4 Hz; the last message of the guard, and how many there were.
+    fn pass(&mut self, ms: u64) -> (DataGuard, usize) {
+        self.bench.published();
+        for _ in 0..ms / 10 {
+            self.bench.pass(Duration::from_millis(10));
+            let now = self.bench.now().as_nanos() / 1_000_000;
+            if self.moves && now.is_multiple_of(50) {
+                self.bench.message(DataMotion { speed: self.speed, ..DataMotion::default() });
+            }
+            if self.ranges && now.is_multiple_of(250) {
+                let ranges = self.ranges(now as i64 * 1000);
+                self.bench.message(ranges);
+            }
+        }
+        let said = self.bench.published().into_iter().filter_map(|message| match message {
+            Message::LlDataGuard(guard) => Some(guard),
+            _ => None,
+        });
+        let said: Vec<DataGuard> = said.collect();
+        (said.last().cloned().expect("it is published"), said.len())
+    }
+
+    fn ranges(&self, timestamp: i64) -> DataRanges {
+        let reading = |(&(id, ..), distance): (&(i32, f64, f64, f64), &f64)| {
+            let status = match distance {
+                distance if distance.is_nan() => Reading::UNKNOWN,
+                distance if distance.is_infinite() => Reading::SILENT,
+                _ => Reading::MEASURED,
+            };
+            let timestamp = timestamp - 100_000;
+            Reading { timestamp, id, kind: Reading::SONAR, status, distance: *distance, ..Reading::default() }
+        };
+        DataRanges { timestamp, readings: IDS.iter().zip(&self.distances).map(reading).collect() }
+    }
+}
+
+#[test]
+fn twenty_times_a_second_it_says_what_an_empty_hall_permits() {
+    let mut robot = Robot::new(Ranging::Sonar);
+    let (first, count) = robot.pass(500);
+    assert_eq!((first.forward, first.code, count), (0.0, Hold::GuardUnknown.code(), 10), "nothing is known yet");
+    let (guard, _) = robot.pass(1000);
+    assert!(guard.forward > 0.6 && guard.backward > 0.6 && guard.code == 0, "{guard:?}");
+    assert_eq!([guard.left, guard.right, guard.turn_left, guard.turn_right], [0.0; 4]);
+    assert_eq!(guard.fields.iter().map(|field| field.kind).collect::<Vec<_>>(), [Field::PROTECTIVE, Field::WARNING]);
+}
+
+#[test]
+fn an_echo_bounds_the_speed_and_names_its_sonar() {
+    let mut robot = Robot::new(Ranging::Sonar);
+    robot.pass(1500);
+    robot.distances[2] = 0.2;
+    let (guard, _) = robot.pass(600);
+    assert!(guard.forward == 0.0 && guard.backward > 0.6, "{guard:?}");
+    assert_eq!((guard.code, guard.subject.as_str()), (Hold::GuardStops.code(), "sonar 2"));
+    assert!(guard.fields.iter().all(|field| field.occupied == (field.kind == Field::PROTECTIVE)), "it stands");
+}
+
+#[test]
+fn a_sonar_that_is_unknown_or_silent_for_too_long_stops_the_robot() {
+    let mut robot = Robot::new(Ranging::Sonar);
+    robot.speed = 0.5;
+    robot.pass(1500);
+    robot.distances[1] = f64::NAN;
+    let (guard, _) = robot.pass(300);
+    assert_eq!((guard.forward, guard.code, guard.subject.as_str()), (0.0, Hold::GuardUnknown.code(), "sonar 1"));
+    robot.distances[1] = f64::INFINITY;
+    assert!(robot.pass(300).0.forward > 0.6, "one reading of it again");
+    robot.ranges = false;
+    assert!(robot.pass(400).0.forward > 0.6, "as long as the readings are new enough");
+    assert_eq!(robot.pass(500).0.forward, 0.0);
+}
+
+#[test]
+fn without_the_measured_motion_nothing_is_permitted() {
+    let mut robot = Robot::new(Ranging::Sonar);
+    robot.pass(1500);
+    robot.moves = false;
+    let (guard, count) = robot.pass(300);
+    assert_eq!((guard.forward, guard.backward, guard.code, count), (0.0, 0.0, Hold::GuardMotion.code(), 6));
+    robot.moves = true;
+    robot.speed = f64::NAN;
+    assert_eq!(robot.pass(300).0.code, Hold::GuardMotion.code());
+}
+
+#[test]
+fn a_robot_without_sensors_is_slow_in_every_direction() {
+    let mut robot = Robot::new(Ranging::None);
+    let (guard, _) = robot.pass(300);
+    assert_eq!((guard.forward, guard.backward, guard.code), (0.3, 0.3, Hold::GuardBlind.code()));
+    assert!(guard.fields.is_empty());
+}
+
+#[test]
+fn any_message_is_survived() {
+    let mut robot = Robot::new(Ranging::Sonar);
+    robot.pass(1000);
+    for value in [f64::NAN, f64::INFINITY, -1e308, 1e308, 0.0] {
+        let bad = |stamp: i64| {
+            let reading =
+                Reading { timestamp: stamp, id: 2, kind: 0, status: 2, distance: value, ..Reading::default() };
+            DataRanges { timestamp: i64::MAX, readings: vec![reading] }
+        };
+        for stamp in [i64::MIN, 0, i64::MAX] {
+            robot.bench.message(bad(stamp));
+        }
+        robot.bench.message(DataMotion { speed: value, steering: value, ..DataMotion::default() });
+        robot.bench.pass(Duration::from_millis(100));
+    }
+    let (guard, _) = robot.pass(2000);
+    assert!(guard.forward.is_finite());
+}
+
+#[test]
+fn motion_that_no_robot_has_is_unknown_and_does_not_move_what_was_sensed() {
+    for bad in [(1e19, 0.0), (-1e19, 0.3), (1e308, 0.0), (f64::INFINITY, 0.0), (2.5, 0.0), (0.0, 1.3), (0.0, -1e9)] {
+        let mut robot = Robot::new(Ranging::Sonar);
+        robot.pass(1500);
+        robot.distances[2] = 0.2;
+        assert_eq!(robot.pass(600).0.forward, 0.0);
+        for _ in 0..2 {
+            let (speed, steering) = bad;
+            robot.bench.message(DataMotion { speed, steering, ..DataMotion::default() });
+            robot.bench.pass(Duration::from_millis(50));
+            let said = robot.bench.published().into_iter().find_map(|message| match message {
+                Message::LlDataGuard(guard) => Some(guard),
+                _ => None,
+            });
+            let said = said.expect("it is published");
+            assert_eq!((said.forward, said.backward, said.code), (0.0, 0.0, Hold::GuardMotion.code()), "{bad:?}");
+        }
+        let (guard, _) = robot.pass(2000);
+        assert_eq!((guard.forward, guard.subject.as_str()), (0.0, "sonar 2"), "{bad:?}: it is still there");
+        assert!(guard.backward > 0.6, "{bad:?}: {guard:?}");
+        robot.distances[2] = f64::INFINITY;
+        assert!(robot.pass(2000).0.forward > 0.6, "{bad:?}");
+    }
+}
+
+#[test]
+fn a_trail_that_is_lost_begins_anew_and_everything_is_unknown() {
+    let ms = Instant::from_millis;
+    for speed in [1e19, 1e308, f64::NAN] {
+        let mut guard = Guard::new(&config(Ranging::Sonar)).expect("an outline");
+        let readings = |at: u64| {
+            let timestamp = at as i64 * 1000;
+            let reading = |id| Reading { timestamp, id, status: Reading::SILENT, ..Reading::default() };
+            DataRanges { timestamp, readings: (0..8).map(reading).collect() }
+        };
+        for at in (0..1000).step_by(50) {
+            guard.on_motion(ms(at), &DataMotion::default());
+            guard.memory.on_ranges(ms(at), &readings(at), &guard.trail);
+        }
+        let unknown = |guard: &mut Guard, at| {
+            guard.memory.obstacles(ms(at), &guard.trail, &mut guard.obstacles);
+            assert!(guard.obstacles.iter().all(|obstacle| obstacle.at.x.is_finite() && obstacle.at.y.is_finite()));
+            !guard.obstacles.is_empty()
+        };
+        assert!(!unknown(&mut guard, 950), "an empty hall");
+        guard.trail.on_motion(ms(950), Twist { vx: speed, vy: 0.0, omega: 0.0 }, guard.window);
+        guard.on_motion(ms(1000), &DataMotion::default());
+        assert!(guard.trail.is_sane() && guard.trail.pose(ms(1050)).x.abs() < 1.0, "{speed}");
+        assert!(unknown(&mut guard, 1000), "{speed}");
+        for at in (1050..2000).step_by(50) {
+            guard.on_motion(ms(at), &DataMotion::default());
+            guard.memory.on_ranges(ms(at), &readings(at), &guard.trail);
+        }
+        assert!(!unknown(&mut guard, 1950), "{speed}");
+    }
+}

@@ -1,0 +1,334 @@
+//! What is in the way according to the sensors: recent readings, each from where the robot was when it was made.
+//!
+//! **Unknown is not free.** A sensor whose last reading is unknown or too old, and one that has not read often enough
+//! within the window, covers its whole cone. One echo is enough to occupy the arc from which it may have come: the
+//! robot brakes. It is dropped if the next reading of the same sensor finds nothing there; once another echo has
+//! confirmed it, it is dropped when the window has passed, or when as many newer readings as prove space free have
+//! found nothing.
+
+use crate::config::{Sensor, Settings};
+use crate::trail::Trail;
+use base::Instant;
+use messages::lowlevel::{DataRanges, Reading};
+use navitools::{Point, Pose};
+use std::collections::VecDeque;
+
+/// Number of windows within which the readings must lie that prove a sensor's space free: some sensors are read at 2
+/// Hz.
+const PROOF_WINDOWS: u32 = 2;
+/// Readings kept of a sensor.
+const READINGS_MAX: usize = 32;
+/// Distance of the points on an arc, m; a lane of the robot is several times as wide.
+const STEP_M: f64 = 0.12;
+/// Maximum number of steps on an arc.
+const STEPS_MAX: u32 = 16;
+/// Radii by which the cone of an unknown sensor is covered, m; the last one is the reach.
+const COVERED_M: [f64; 7] = [0.02, 0.15, 0.4, 0.7, 1.1, 1.6, 2.2];
+/// Difference of distances up to which two readings may be the same thing, m, beyond the uncertainty.
+const SAME_M: f64 = 0.15;
+/// Speed at which the distance must shrink beyond the robot's own motion for something to count as approaching, m/s:
+/// lower values are noise of two readings of a sonar, higher ones are echoes of two different things.
+const APPROACH_MPS: std::ops::Range<f64> = 0.3..3.2;
+
+/// Something that may be there: a point in the frame of the trail, and which sensor says so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Obstacle {
+    /// Position, m.
+    pub at: Point,
+    /// Number of the sensor.
+    pub sensor: i32,
+    /// False: nothing was measured there; the sensor does not know.
+    pub sensed: bool,
+    /// It approaches by itself, or nothing is known of it: it also counts in the warning field.
+    pub approaches: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    /// Instant of the measurement, and the message's name for it.
+    at: Instant,
+    stamp: i64,
+    /// Distance, m; infinite: nothing returned an echo.
+    distance: f64,
+    pose: Pose,
+}
+
+#[derive(Debug)]
+struct Cone {
+    sensor: Sensor,
+    /// The newest message said that nothing is known.
+    lost: bool,
+    readings: VecDeque<Heard>,
+}
+
+/// Readings of all sensors.
+#[derive(Debug)]
+pub struct Memory {
+    settings: Settings,
+    cones: Vec<Cone>,
+}
+
+impl Memory {
+    /// Creates a memory of these sensors, of which nothing is known yet.
+    #[must_use]
+    pub fn new(settings: Settings, sensors: &[Sensor]) -> Self {
+        let cone = |sensor: &Sensor| Cone { sensor: *sensor, lost: false, readings: VecDeque::new() };
+        Self { settings, cones: sensors.iter().map(cone).collect() }
+    }
+
+    /// Processes readings received at `received`; instants follow from their ages in the message. A sensor that the
+    /// message leaves out keeps its readings, which grow older.
+    pub fn on_ranges(&mut self, received: Instant, message: &DataRanges, trail: &Trail) {
+        for reading in message.readings.iter().filter(|reading| reading.kind != Reading::INFRARED) {
+            let Some(cone) = self.cones.iter_mut().find(|cone| cone.sensor.id == reading.id) else { continue };
+            let age = u64::try_from(message.timestamp.saturating_sub(reading.timestamp)).unwrap_or(0);
+            let at = received - base::Duration::from_micros(age);
+            let distance = match reading.status {
+                Reading::MEASURED if reading.distance > 0.0 && reading.distance.is_finite() => reading.distance,
+                Reading::SILENT => f64::INFINITY,
+                _ => f64::NAN,
+            };
+            cone.lost = distance.is_nan();
+            let known = cone.readings.iter().any(|heard| heard.stamp == reading.timestamp);
+            if cone.lost || known {
+                continue;
+            }
+            if cone.readings.len() == READINGS_MAX {
+                cone.readings.pop_front();
+            }
+            cone.readings.push_back(Heard { at, stamp: reading.timestamp, distance, pose: trail.pose(at) });
+        }
+    }
+
+    /// Forgets all readings: every sensor is unknown until it has proved its space free again.
+    pub fn forget(&mut self) {
+        self.cones.iter_mut().for_each(|cone| cone.readings.clear());
+    }
+
+    /// Collects everything that may be in the way at `now`.
+    pub fn obstacles(&mut self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
+        found.clear();
+        let here = trail.pose(now);
+        for cone in &mut self.cones {
+            let kept_for = self.settings.window * PROOF_WINDOWS;
+            while cone.readings.front().is_some_and(|old| now.since(old.at) > kept_for) {
+                cone.readings.pop_front();
+            }
+            if cone.is_known(now, &self.settings) {
+                cone.echoes(now, &self.settings, found);
+            } else {
+                cone.cover(here, self.settings.reach, found);
+            }
+        }
+    }
+}
+
+impl Cone {
+    fn is_known(&self, now: Instant, settings: &Settings) -> bool {
+        let fresh = self.readings.back().is_some_and(|last| now.since(last.at) <= settings.age_max);
+        !self.lost && fresh && self.readings.len() >= settings.readings as usize
+    }
+
+    /// Echoes that are not refuted.
+    fn echoes(&self, now: Instant, settings: &Settings, found: &mut Vec<Obstacle>) {
+        for (n, heard) in self.readings.iter().enumerate() {
+            if heard.distance > settings.reach + SAME_M || now.since(heard.at) > settings.window {
+                continue;
+            }
+            // Distance at which a later reading would find it: the robot has moved by so much.
+            let farther = |later: &&Heard| {
+                let moved = later.pose.point().distance(heard.pose.point());
+                later.distance > heard.distance + moved + SAME_M + settings.uncertainty
+            };
+            let near = |other: &&Heard| {
+                let moved = other.pose.point().distance(heard.pose.point());
+                (other.distance - heard.distance).abs() <= moved + SAME_M
+            };
+            let confirmed = self.readings.iter().filter(near).count() > 1;
+            // A single echo may be crosstalk: the robot brakes for it until the next reading. A leg in clothes returns
+            // an echo now and then: after two echoes it counts until it has been missed repeatedly.
+            let refuted_by = if confirmed { settings.readings as usize } else { 1 };
+            let later = self.readings.iter().skip(n + 1);
+            if later.len() >= refuted_by && later.rev().take(refuted_by).all(|later| farther(&later)) {
+                continue;
+            }
+            let before = n.checked_sub(1).and_then(|before| self.readings.get(before));
+            let approaches = before.is_some_and(|before| APPROACH_MPS.contains(&self.closing(before, heard)));
+            self.arc(heard.pose, heard.distance, Some(approaches), found);
+        }
+    }
+
+    /// Speed at which the distance shrank beyond what the robot's own motion does to anything in the beam, m/s.
+    fn closing(&self, before: &Heard, after: &Heard) -> f64 {
+        let Sensor { at, theta, beam, .. } = self.sensor;
+        let (from, to) = (before.pose * at, after.pose * at);
+        let course = libm::atan2(to.y - from.y, to.x - from.x);
+        let off = (after.pose.theta + (theta - course)).radians().abs();
+        let ours = from.distance(to) * libm::cos((off - beam / 2.0).max(0.0));
+        (before.distance - after.distance - ours) / after.at.since(before.at).as_secs_f64()
+    }
+
+    /// The whole cone.
+    fn cover(&self, here: Pose, reach: f64, found: &mut Vec<Obstacle>) {
+        for radius in COVERED_M.into_iter().filter(|radius| *radius < reach).chain([reach]) {
+            self.arc(here, radius, None, found);
+        }
+    }
+
+    /// Points on the arc at a distance; `echo`: of an echo, and whether it approaches.
+    fn arc(&self, pose: Pose, distance: f64, echo: Option<bool>, found: &mut Vec<Obstacle>) {
+        let Sensor { id, at, theta, beam } = self.sensor;
+        let steps = libm::ceil(distance * beam / STEP_M).clamp(2.0, f64::from(STEPS_MAX)) as u32;
+        for n in 0..=steps {
+            let (sin, cos) = libm::sincos(theta + beam * (f64::from(n) / f64::from(steps) - 0.5));
+            let point = Point { x: at.x + distance * cos, y: at.y + distance * sin };
+            let (sensed, approaches) = (echo.is_some(), echo.unwrap_or(true));
+            found.push(Obstacle { at: pose * point, sensor: id, sensed, approaches });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use settings::Section;
+
+    fn ms(ms: u64) -> Instant {
+        Instant::from_millis(ms)
+    }
+
+    const SONAR: Sensor = Sensor { id: 2, at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam: 0.96 };
+
+    /// A message at `at` with one reading of the sonar, made 100 ms before.
+    fn ranges(at: u64, status: i8, distance: f64) -> DataRanges {
+        let timestamp = at as i64 * 1000;
+        let reading = Reading {
+            timestamp: timestamp - 100_000,
+            id: 2,
+            kind: Reading::SONAR,
+            status,
+            distance,
+            ..Default::default()
+        };
+        DataRanges { timestamp, readings: vec![reading] }
+    }
+
+    struct Bench {
+        memory: Memory,
+        trail: Trail,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            Self { memory: Memory::new(Settings::usual(), &[SONAR]), trail: Trail::default() }
+        }
+
+        fn hear(&mut self, at: u64, status: i8, distance: f64) {
+            self.memory.on_ranges(ms(at), &ranges(at, status, distance), &self.trail);
+        }
+
+        /// Sensed and unknown points at `at`, and the least x of any.
+        fn found(&mut self, at: u64) -> (usize, usize, f64) {
+            let mut found = Vec::new();
+            self.memory.obstacles(ms(at), &self.trail, &mut found);
+            let sensed = found.iter().filter(|obstacle| obstacle.sensed).count();
+            let nearest = found.iter().map(|obstacle| obstacle.at.x).fold(f64::INFINITY, f64::min);
+            (sensed, found.len() - sensed, nearest)
+        }
+    }
+
+    #[test]
+    fn a_sensor_is_unknown_until_it_has_read_often_enough_and_again_when_it_is_silent() {
+        let mut bench = Bench::new();
+        assert!(matches!(bench.found(0), (0, 1.., x) if x < 0.8), "nothing was heard yet");
+        for at in [100, 350] {
+            bench.hear(at, Reading::SILENT, f64::NAN);
+            assert!(matches!(bench.found(at), (0, 1.., _)), "{at}");
+        }
+        bench.hear(600, Reading::SILENT, f64::NAN);
+        assert_eq!(bench.found(600), (0, 0, f64::INFINITY));
+        assert_eq!(bench.found(1000), (0, 0, f64::INFINITY));
+        assert!(matches!(bench.found(1301), (0, 1.., _)), "too old");
+    }
+
+    #[test]
+    fn an_unknown_reading_takes_effect_at_once() {
+        let mut bench = Bench::new();
+        (0..4).for_each(|n| bench.hear(100 + 250 * n, Reading::SILENT, f64::NAN));
+        assert_eq!(bench.found(850), (0, 0, f64::INFINITY));
+        bench.hear(900, Reading::UNKNOWN, f64::NAN);
+        assert!(matches!(bench.found(900), (0, 1.., _)));
+        bench.hear(950, Reading::MEASURED, -1.0);
+        assert!(matches!(bench.found(950), (0, 1.., _)), "a distance that cannot be");
+        bench.hear(1000, Reading::SILENT, f64::NAN);
+        assert_eq!(bench.found(1000), (0, 0, f64::INFINITY));
+    }
+
+    #[test]
+    fn one_echo_is_enough_until_the_next_reading_and_two_until_they_are_missed_repeatedly() {
+        let mut bench = Bench::new();
+        (0..4).for_each(|n| bench.hear(100 + 100 * n, Reading::SILENT, f64::NAN));
+        bench.hear(500, Reading::MEASURED, 0.5);
+        let (sensed, unknown, nearest) = bench.found(500);
+        assert!(sensed > 3 && unknown == 0 && (1.15..1.25).contains(&nearest), "{sensed} {unknown} {nearest}");
+        bench.hear(600, Reading::SILENT, f64::NAN);
+        assert_eq!(bench.found(600).0, 0, "it was crosstalk, or a leg that will be heard again");
+        bench.hear(700, Reading::MEASURED, 0.5);
+        bench.hear(800, Reading::SILENT, f64::NAN);
+        bench.hear(900, Reading::MEASURED, 3.0);
+        assert!(bench.found(900).0 > 3, "heard twice");
+        bench.hear(1000, Reading::SILENT, f64::NAN);
+        assert_eq!(bench.found(1000).0, 0, "three found nothing there");
+    }
+
+    #[test]
+    fn the_same_measurement_read_again_is_one_reading() {
+        let mut bench = Bench::new();
+        let message = ranges(100, Reading::SILENT, f64::NAN);
+        for at in [100, 120, 140, 160] {
+            let message = DataRanges { timestamp: at * 1000, ..message.clone() };
+            bench.memory.on_ranges(ms(at as u64), &message, &bench.trail);
+        }
+        assert!(matches!(bench.found(160), (0, 1.., _)));
+    }
+
+    #[test]
+    fn who_comes_nearer_approaches_and_a_wall_to_which_the_robot_drives_does_not() {
+        let approaches = |speed: f64, distance: f64, closing: f64| {
+            let mut bench = Bench::new();
+            let forward = crate::Twist { vx: speed, ..crate::Twist::default() };
+            (0..=24).for_each(|n| bench.trail.on_motion(ms(n * 50), forward, base::Duration::from_secs(1)));
+            for n in 0..3 {
+                bench.hear(600 + 210 * n, Reading::MEASURED, distance - closing * 0.21 * n as f64);
+            }
+            let mut found = Vec::new();
+            bench.memory.obstacles(ms(1100), &bench.trail, &mut found);
+            assert!(!found.is_empty());
+            found.iter().any(|obstacle| obstacle.approaches)
+        };
+        for (speed, closing, expected) in [
+            (0.0, 0.0, false),
+            (0.6, 0.6, false),
+            (0.8, 0.9, false),
+            (0.0, 0.5, true),
+            (0.6, 1.8, true),
+            (0.0, 4.0, false),
+        ] {
+            assert_eq!(approaches(speed, 2.4, closing), expected, "{speed} {closing}");
+        }
+        // A wall that is square to the edge of the beam recedes less than the robot drives.
+        assert!(!approaches(0.8, 2.4, 0.8 * libm::cos(0.48)));
+    }
+
+    #[test]
+    fn an_echo_stays_where_it_was_while_the_robot_drives() {
+        let mut bench = Bench::new();
+        let speed = crate::Twist { vx: 0.5, ..crate::Twist::default() };
+        (0..=20).for_each(|n| bench.trail.on_motion(ms(n * 50), speed, base::Duration::from_secs(1)));
+        (0..3).for_each(|n| bench.hear(800 + 100 * n, Reading::MEASURED, 1.0));
+        let first = bench.trail.pose(ms(700)).x;
+        assert!((first - 0.35).abs() < 1e-9);
+        let (_, _, nearest) = bench.found(1000);
+        assert!(nearest > first + 1.6 && nearest < first + 1.75, "{nearest}");
+    }
+}

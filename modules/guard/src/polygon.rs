@@ -1,0 +1,280 @@
+//! Convex polygons of the robot's frame: outline of the robot, and how far it may move before it touches a point.
+
+use crate::kinematics::Twist;
+use navitools::Point;
+use std::f64::consts::TAU;
+
+/// Rotation per unit of path below which a path counts as straight, rad.
+const STRAIGHT_RAD: f64 = 1e-6;
+
+/// Convex polygon, corners counter-clockwise, at least three.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Polygon {
+    corners: Vec<Point>,
+    /// Of the edge from each corner to the next.
+    edges: Vec<Edge>,
+}
+
+/// Line of an edge: the points whose product with `out` is `offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Edge {
+    /// Unit vector outwards.
+    out: Point,
+    offset: f64,
+}
+
+impl Polygon {
+    /// Convex hull of points; `None` if it has no area, or a coordinate is not a number.
+    #[must_use]
+    pub fn hull(points: &[Point]) -> Option<Self> {
+        let mut points: Vec<Point> = points.to_vec();
+        if points.iter().any(|point| !(point.x.is_finite() && point.y.is_finite())) {
+            return None;
+        }
+        points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+        points.dedup();
+        // Andrew's monotone chain: lower half from left to right, upper half back.
+        let mut corners: Vec<Point> = Vec::with_capacity(points.len() + 1);
+        let mut first = 0;
+        for half in 0..2 {
+            let extend = |corners: &mut Vec<Point>, point: Point| {
+                while corners.len() >= first + 2
+                    && turn(corners[corners.len() - 2], corners[corners.len() - 1], point) <= 0.0
+                {
+                    corners.pop();
+                }
+                corners.push(point);
+            };
+            if half == 0 {
+                points.iter().for_each(|point| extend(&mut corners, *point));
+            } else {
+                points.iter().rev().for_each(|point| extend(&mut corners, *point));
+            }
+            // The last point of a half is the first one of the other.
+            corners.pop();
+            first = corners.len();
+        }
+        (corners.len() >= 3).then(|| Self::new(corners))
+    }
+
+    fn new(corners: Vec<Point>) -> Self {
+        let next = corners.iter().cycle().skip(1);
+        let edge = |(from, to): (&Point, &Point)| {
+            let out = normal(*from, *to);
+            Edge { out, offset: from.x * out.x + from.y * out.y }
+        };
+        let edges = corners.iter().zip(next).map(edge).collect();
+        Self { corners, edges }
+    }
+
+    /// Corners, counter-clockwise.
+    #[must_use]
+    pub fn corners(&self) -> &[Point] {
+        &self.corners
+    }
+
+    /// Polygon whose edges are farther out by the margin along their normals, m; its corners move by more than that.
+    #[must_use]
+    pub fn grown(&self, margin: impl Fn(Point) -> f64) -> Self {
+        let count = self.corners.len();
+        let corner = |n: usize| {
+            let (before, here, after) =
+                (self.corners[(n + count - 1) % count], self.corners[n], self.corners[(n + 1) % count]);
+            let (one, other) = (normal(before, here), normal(here, after));
+            // Both edges move along their normals: the corner is where they meet then.
+            let (first, second) = (margin(one), margin(other));
+            let turn = (one.x * other.y - one.y * other.x).max(1e-3);
+            let x = here.x + (first * other.y - second * one.y) / turn;
+            Point { x, y: here.y + (second * one.x - first * other.x) / turn }
+        };
+        Self::new((0..count).map(corner).collect())
+    }
+
+    /// Ends of the edges: from, to.
+    fn ends(&self) -> impl Iterator<Item = (Point, Point)> + '_ {
+        let next = self.corners.iter().cycle().skip(1);
+        self.corners.iter().copied().zip(next.copied())
+    }
+
+    /// Distance by which a point is outside of the farthest edge, m: at most its distance; negative within.
+    #[must_use]
+    pub fn outside(&self, point: Point) -> f64 {
+        self.nearest_edge(point).0
+    }
+
+    /// The edge beyond which a point is farthest out: distance from the edge, m, and the edge's normal.
+    #[must_use]
+    pub fn nearest_edge(&self, point: Point) -> (f64, Point) {
+        let mut farthest = (f64::NEG_INFINITY, Point::default());
+        for Edge { out, offset } in &self.edges {
+            let beyond = point.x * out.x + point.y * out.y - offset;
+            // What is not a number is nowhere outside.
+            if beyond > farthest.0 {
+                farthest = (beyond, *out);
+            }
+        }
+        farthest
+    }
+
+    /// Greatest distance of a corner from a point, m.
+    #[must_use]
+    pub fn radius(&self, from: Point) -> f64 {
+        self.corners.iter().fold(0.0, |most, corner| f64::max(most, corner.distance(from)))
+    }
+
+    /// Least distance of the polygon from a point, m; 0 within.
+    #[must_use]
+    pub fn distance(&self, from: Point) -> f64 {
+        if self.outside(from) <= 0.0 {
+            return 0.0;
+        }
+        let to_edge = |(a, b): (Point, Point)| {
+            let (dx, dy) = (b.x - a.x, b.y - a.y);
+            let part = ((from.x - a.x) * dx + (from.y - a.y) * dy) / (dx * dx + dy * dy);
+            let part = part.clamp(0.0, 1.0);
+            from.distance(Point { x: a.x + part * dx, y: a.y + part * dy })
+        };
+        self.ends().map(to_edge).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Length of the path along `twist` after which the polygon first touches a point that is outside of it now;
+    /// infinite if it never does.
+    #[must_use]
+    pub fn contact(&self, twist: Twist, point: Point) -> f64 {
+        match twist.center() {
+            Some(center) => self.contact_turning(twist.omega, center, point),
+            None => self.contact_straight(twist, point),
+        }
+    }
+
+    fn contact_straight(&self, twist: Twist, point: Point) -> f64 {
+        let mut first = f64::INFINITY;
+        for (a, b) in self.ends() {
+            // point - s (vx, vy) = a + t (b - a)
+            let (ex, ey) = (b.x - a.x, b.y - a.y);
+            let (px, py) = (point.x - a.x, point.y - a.y);
+            let across = twist.vx * ey - twist.vy * ex;
+            if across.abs() < 1e-12 {
+                continue;
+            }
+            let length = (px * ey - py * ex) / across;
+            let part = (twist.vx * py - twist.vy * px) / across;
+            // Slightly beyond the edge: at a corner, rounding could make both edges miss.
+            if length >= 0.0 && length < first && (-1e-9..=1.0 + 1e-9).contains(&part) {
+                first = length;
+            }
+        }
+        first
+    }
+
+    fn contact_turning(&self, omega: f64, center: Point, point: Point) -> f64 {
+        let (px, py) = (point.x - center.x, point.y - center.y);
+        let square = px * px + py * py;
+        let start = libm::atan2(py, px);
+        let mut first = f64::INFINITY;
+        for (a, b) in self.ends() {
+            // The point stays on its circle about the center: |a + t (b - a)| is its radius.
+            let (ax, ay) = (a.x - center.x, a.y - center.y);
+            let (ex, ey) = (b.x - a.x, b.y - a.y);
+            let (ee, ae) = (ex * ex + ey * ey, ax * ex + ay * ey);
+            let under = ae * ae - ee * (ax * ax + ay * ay - square);
+            if under < 0.0 {
+                continue;
+            }
+            let root = libm::sqrt(under);
+            for part in [(-ae - root) / ee, (-ae + root) / ee] {
+                if !(-1e-9..=1.0 + 1e-9).contains(&part) {
+                    continue;
+                }
+                // In the robot's frame the point turns the other way.
+                let turned = (start - libm::atan2(ay + part * ey, ax + part * ex)) / omega;
+                let whole = TAU / omega.abs();
+                let length = turned - whole * libm::floor(turned / whole);
+                // Slightly behind: a point that touches, after rounding.
+                let length = if whole - length < 1e-9 { 0.0 } else { length };
+                first = first.min(length);
+            }
+        }
+        first
+    }
+}
+
+impl Twist {
+    /// Centre of the rotation in the robot's frame; `None` for a straight path.
+    #[must_use]
+    pub fn center(self) -> Option<Point> {
+        let turns = self.omega.abs() > STRAIGHT_RAD;
+        turns.then(|| Point { x: -self.vy / self.omega, y: self.vx / self.omega })
+    }
+
+    /// Velocity, per unit of path, of the robot's point that is at `point`.
+    #[must_use]
+    pub fn at(self, point: Point) -> Point {
+        Point { x: self.vx - self.omega * point.y, y: self.vy + self.omega * point.x }
+    }
+}
+
+/// Twice the area of the triangle; above 0 if it is counter-clockwise.
+fn turn(a: Point, b: Point, c: Point) -> f64 {
+    (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+}
+
+/// Unit vector outwards from an edge of a counter-clockwise polygon.
+fn normal(from: Point, to: Point) -> Point {
+    let length = from.distance(to).max(1e-12);
+    Point { x: (to.y - from.y) / length, y: (from.x - to.x) / length }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x: f64, y: f64) -> Point {
+        Point { x, y }
+    }
+
+    fn body() -> Polygon {
+        Polygon::hull(&[point(-0.15, -0.3), point(0.75, -0.3), point(0.75, 0.3), point(-0.15, 0.3), point(0.2, 0.1)])
+            .expect("a rectangle")
+    }
+
+    #[test]
+    fn a_hull_has_its_corners_counter_clockwise_and_nothing_else() {
+        assert_eq!(body().corners(), [point(-0.15, -0.3), point(0.75, -0.3), point(0.75, 0.3), point(-0.15, 0.3)]);
+        assert_eq!(Polygon::hull(&[point(0.0, 0.0), point(1.0, 1.0), point(2.0, 2.0)]), None);
+        assert_eq!(Polygon::hull(&[point(0.0, f64::NAN), point(1.0, 1.0), point(2.0, 0.0)]), None);
+    }
+
+    #[test]
+    fn a_grown_polygon_keeps_its_distance() {
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        let grown = body().grown(|_| 0.1);
+        assert!(near(grown.outside(point(0.85, 0.0)), 0.0) && near(grown.outside(point(0.3, 0.5)), 0.1));
+        assert!(
+            near(body().distance(point(0.85, 0.4)), libm::hypot(0.1, 0.1))
+                && near(body().radius(point(0.0, 0.0)), libm::hypot(0.75, 0.3))
+        );
+    }
+
+    #[test]
+    fn a_straight_path_ends_at_the_point_in_the_way() {
+        let forward = Twist { vx: 1.0, vy: 0.0, omega: 0.0 };
+        assert!((body().contact(forward, point(1.75, 0.2)) - 1.0).abs() < 1e-12);
+        assert_eq!(body().contact(forward, point(1.75, 0.31)), f64::INFINITY);
+        assert_eq!(body().contact(forward, point(-0.5, 0.0)), f64::INFINITY);
+        let left = Twist { vx: 0.0, vy: 1.0, omega: 0.0 };
+        assert!((body().contact(left, point(0.5, 0.7)) - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_turn_reaches_what_is_beside_the_straight_path() {
+        // Radius 1 m to the left: after a quarter of a turn the front looks along y.
+        let left = Twist { vx: 1.0, vy: 0.0, omega: 1.0 };
+        let length = body().contact(left, point(1.0, 1.75));
+        assert!((length - std::f64::consts::FRAC_PI_2).abs() < 1e-9, "{length}");
+        // On the spot: the front right corner comes round to the left.
+        let spot = Twist { vx: 0.0, vy: 0.0, omega: 1.0 };
+        let length = body().contact(spot, point(0.0, 0.5));
+        assert!(length > 0.1 && length < 1.5, "{length}");
+    }
+}

@@ -1,0 +1,54 @@
+//! Which senders the modules accept, by the robot's own processes and the transport of a message (docs/design.md,
+//! section 11): commands from those that `[bus] commands` names, reports that all is well only from the watchdog and
+//! the power controller, the measured motion only from the driver.
+//!
+//! The witness is the host, which knows each sender; `module::admission`, which the modules use, is not asked.
+
+use super::Limits;
+use messages::{Message, common};
+use module::State;
+use module::admission::{Commands, Sender, Way};
+
+/// Processes that may report that all is well, or how the robot moves: those of the watchdog, the power controller and
+/// the driver, including ended ones, since their last messages may still be on their way.
+#[derive(Debug, Default)]
+pub(super) struct Believed {
+    watchdogs: Vec<u32>,
+    controllers: Vec<u32>,
+    drivers: Vec<u32>,
+}
+
+impl Believed {
+    pub fn on_started(&mut self, module: &str, pid: u32, limits: &Limits) {
+        if module == limits.watchdog {
+            self.watchdogs.push(pid);
+        } else if limits.power.as_deref() == Some(module) {
+            self.controllers.push(pid);
+        } else if module == limits.driver {
+            self.drivers.push(pid);
+        }
+    }
+
+    pub fn believes(&self, sender: Sender, said: &Message, limits: &Limits) -> bool {
+        let may_command = match limits.commands {
+            Commands::Memory => sender.way == Way::Memory,
+            Commands::Host => sender.way != Way::Network,
+            Commands::Network => true,
+        };
+        match said {
+            Message::CmDataProcesses(_) => is_one_of(sender, &self.watchdogs),
+            Message::LlEventStop(stop) if stop.engaged => true,
+            Message::LlEventStop(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
+            Message::LlDataMotion(_) => is_one_of(sender, &self.drivers),
+            Message::LlEventStop(_) | Message::LlDataActiveBeacons(_) => may_command,
+            Message::CmCmdState(common::CmdState { state, .. }) if *state != State::Run as i8 => true,
+            Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => true,
+            other if other.channel().name().contains("_CMD_") => may_command,
+            _ => true,
+        }
+    }
+}
+
+fn is_one_of(sender: Sender, processes: &[u32]) -> bool {
+    sender.pid().is_some_and(|pid| processes.contains(&pid))
+}

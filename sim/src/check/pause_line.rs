@@ -1,0 +1,85 @@
+//! The PAUSE line as the driver was told: engaged while any source reports it engaged (docs/design.md, section 4).
+//!
+//! The power controller reports for the sources on its line, by their names in the contract or none; others report for
+//! themselves, and an operator's RUN overrules one that fell silent.
+
+use base::{Duration, Instant};
+use messages::{StopSource, lowlevel};
+
+/// Timeout of the power controller's `LL_EVENT_STOP`, which is sent every 500 ms; of another source, the silence after
+/// which an operator overrules it.
+pub(super) const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
+
+/// State of the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) enum Pause {
+    #[default]
+    Unheard,
+    Open,
+    /// Engaged since the driver was served that.
+    Engaged(Instant),
+}
+
+impl Pause {
+    fn engaged(self) -> Option<Instant> {
+        if let Self::Engaged(since) = self { Some(since) } else { None }
+    }
+}
+
+/// A source beside the power controller that engages the line.
+#[derive(Debug)]
+struct Other {
+    name: Box<str>,
+    since: Instant,
+    /// Reception time of its last report.
+    heard: Instant,
+}
+
+/// All sources.
+#[derive(Debug, Default)]
+pub(super) struct PauseLine {
+    controller: Pause,
+    heard: Instant,
+    others: Vec<Other>,
+}
+
+impl PauseLine {
+    /// State of the line; engaged since the oldest report that still holds.
+    pub fn state(&self) -> Pause {
+        let others = self.others.iter().map(|other| other.since);
+        others.chain(self.controller.engaged()).min().map_or(self.controller, Pause::Engaged)
+    }
+
+    /// True while the power controller reports its line engaged, which cuts the motors' feed. Other sources cut
+    /// nothing.
+    pub fn cuts_feed(&self) -> bool {
+        self.controller.engaged().is_some()
+    }
+
+    /// Reception time of the power controller's last report.
+    pub fn heard(&self) -> Instant {
+        self.heard
+    }
+
+    /// The driver is served a report that was received at `at`.
+    pub fn on_report(&mut self, now: Instant, at: Instant, stop: &lowlevel::EventStop) {
+        if StopSource::from_name(&stop.source) != StopSource::Unknown || stop.source.is_empty() {
+            let since = self.controller.engaged().unwrap_or(now);
+            self.controller = if stop.engaged { Pause::Engaged(since) } else { Pause::Open };
+            self.heard = at;
+            return;
+        }
+        let known = self.others.iter().position(|other| *other.name == *stop.source);
+        match (stop.engaged, known) {
+            (true, Some(place)) => self.others[place].heard = at,
+            (true, None) => self.others.push(Other { name: stop.source.as_str().into(), since: now, heard: at }),
+            (false, Some(place)) => drop(self.others.remove(place)),
+            (false, None) => {}
+        }
+    }
+
+    /// An operator's RUN.
+    pub fn overrule(&mut self, now: Instant) {
+        self.others.retain(|other| now.since(other.heard) < PAUSE_TIMEOUT);
+    }
+}

@@ -1,0 +1,55 @@
+//! Another CANopen master stops the robot (docs/design.md, section 4): no set-point of the driver once somebody else
+//! has sent an NMT command, SYNC, an RPDO or an SDO request to the drives.
+//!
+//! Counted from the first of such frames on an undisturbed bus, while the driver works.
+
+use super::Verdict;
+use super::facts::{DELAY_MAX, Facts};
+use base::can::{Frame, Id};
+use base::{Duration, Instant};
+
+/// The robot stands at least for this time after the last foreign command; the driver takes 1 s and more.
+const STANDS_MIN: Duration = Duration::from_millis(900);
+
+/// Foreign commands.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    /// First and last of a sequence.
+    commands: Option<(Instant, Instant)>,
+}
+
+impl Rule {
+    /// A node that is not the driver's has sent a frame.
+    pub fn on_foreign(&mut self, now: Instant, frame: &Frame, facts: &Facts) {
+        if facts.is_command(frame) {
+            let undisturbed = facts.driver.ill(now);
+            let known = |(first, last): &(Instant, Instant)| now.since(*last) < STANDS_MIN && *first > undisturbed;
+            let first = self.commands.filter(known).filter(|_| !facts.is_disturbed(now));
+            self.commands = Some((first.map_or(now, |(first, _)| first), now));
+        }
+    }
+
+    /// A set-point has left the wire.
+    pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let Some((first, last)) = self.commands else { return Ok(()) };
+        let disturbed = facts.is_disturbed(now) || facts.driver.ill(now) >= first;
+        if now.since(first) > DELAY_MAX && now.since(last) < STANDS_MIN && !disturbed {
+            return Err(format!("{speed:.3} m/s, and another master commands the drives since {first:?}"));
+        }
+        Ok(())
+    }
+}
+
+impl Facts {
+    /// True for a frame by which a master commands the drives.
+    pub fn is_command(&self, frame: &Frame) -> bool {
+        let Id::Standard(id) = frame.id() else { return false };
+        let is_ours = |node: u16| [self.limits.propulsion, self.limits.steering].map(u16::from).contains(&node);
+        match (id & 0x780, id & 0x7F, frame.data()) {
+            (0, 0, &[_, node]) => node == 0 || is_ours(node.into()),
+            (0x80, 0, _) => true,
+            (0x200 | 0x300 | 0x400 | 0x500 | 0x600, node, _) => is_ours(node),
+            _ => false,
+        }
+    }
+}
