@@ -55,6 +55,12 @@ impl Pose {
         Self { x: self.x + chord * cos, y: self.y + chord * sin, theta: self.theta + way.rotation }
     }
 
+    /// Converts points from this frame to the outer one: as `pose * point`, for many points.
+    pub fn to_outer(self) -> impl Fn(Point) -> Point + Copy {
+        let (sin, cos) = self.theta.sin_cos();
+        move |point| Point { x: self.x + cos * point.x - sin * point.y, y: self.y + sin * point.x + cos * point.y }
+    }
+
     /// Pose of the outer frame in the inner one.
     #[must_use]
     pub fn inverse(self) -> Self {
@@ -76,8 +82,7 @@ impl Mul for Pose {
 impl Mul<Point> for Pose {
     type Output = Point;
     fn mul(self, point: Point) -> Point {
-        let (sin, cos) = self.theta.sin_cos();
-        Point { x: self.x + cos * point.x - sin * point.y, y: self.y + sin * point.x + cos * point.y }
+        self.to_outer()(point)
     }
 }
 

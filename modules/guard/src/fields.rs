@@ -148,22 +148,25 @@ impl<K: Kinematics> Fields<K> {
             near.extend(obstacles.iter().map(|obstacle| self.near(outline, obstacle.at)));
             let mut nearest = (f64::INFINITY, None);
             for path in paths {
-                self.nearest(outline, *path, obstacles.iter().zip(&*near), &mut nearest);
+                // What ended the paths of the narrower outline comes first: most others need not be solved then.
+                let first = all.1.and_then(|n: usize| near_at(obstacles, near, n));
+                let others = (0..obstacles.len()).filter_map(|n| near_at(obstacles, near, n));
+                self.nearest(outline, *path, first.into_iter().chain(others), &mut nearest);
             }
             all = nearest;
             stops = self.law.stops_within((all.0 * scale).min(self.reach)).min(most).max(stops);
         }
         let mut straight = (f64::INFINITY, None);
         // The outline of the last turn.
-        let approaching = obstacles.iter().zip(&*near).filter(|(obstacle, _)| obstacle.approaches);
+        let approaching = (0..obstacles.len()).filter_map(|n| near_at(obstacles, near, n));
+        let approaching = approaching.filter(|(_, obstacle, _)| obstacle.approaches);
         self.nearest(&outlines[0], *usual, approaching, &mut straight);
         let slows = self.law.slows_within(straight.0 * scale);
         let blind = if self.blind[direction as usize] { self.speed_blind } else { f64::INFINITY };
         let speed = stops.min(slows).min(blind).min(self.speed_max);
-        let cause = |(_, obstacle): (f64, Option<Obstacle>), sensed: fn(i32) -> Cause| {
-            obstacle.map(
-                |Obstacle { sensor, sensed: known, .. }| if known { sensed(sensor) } else { Cause::Unknown(sensor) },
-            )
+        let cause = |(_, by): (f64, Option<usize>), sensed: fn(i32) -> Cause| {
+            let Obstacle { sensor, sensed: known, .. } = *obstacles.get(by?)?;
+            Some(if known { sensed(sensor) } else { Cause::Unknown(sensor) })
         };
         let cause = match () {
             () if speed >= self.speed_max => None,
@@ -175,17 +178,17 @@ impl<K: Kinematics> Fields<K> {
         Bound { speed, free: [all.0, straight.0], cause }
     }
 
-    /// Shortens `nearest` to the free path along `path`, with the obstacle that ends it.
+    /// Shortens `nearest` to the free path along `path`, with the number of the obstacle that ends it.
     fn nearest<'a>(
         &self,
         outline: &Polygon,
         path: Twist,
-        obstacles: impl Iterator<Item = (&'a Obstacle, &'a Near)>,
-        nearest: &mut (f64, Option<Obstacle>),
+        obstacles: impl Iterator<Item = (usize, &'a Obstacle, &'a Near)>,
+        nearest: &mut (f64, Option<usize>),
     ) {
         // A point that is nearer to the centre than the outline, or farther from it, is never touched.
         let ring = path.center().map(|center| (center, outline.distance(center), outline.radius(center)));
-        for (obstacle, near) in obstacles {
+        for (n, obstacle, near) in obstacles {
             // Seen from the robot the point moves along the path with this speed: it is not nearer than its distance.
             let velocity = path.at(obstacle.at);
             let square = velocity.x * velocity.x + velocity.y * velocity.y;
@@ -203,7 +206,7 @@ impl<K: Kinematics> Fields<K> {
             }
             let free = self.free(outline, path, obstacle.at, *near);
             if free < nearest.0 {
-                *nearest = (free, Some(*obstacle));
+                *nearest = (free, Some(n));
             }
         }
     }
@@ -253,6 +256,11 @@ impl<K: Kinematics> Fields<K> {
         let [outline, ..] = &self.outlines[direction as usize];
         [0, 1].map(|kind| (swept(outline, path, lengths[kind]), bound.free[kind] < lengths[kind]))
     }
+}
+
+/// An obstacle by its number, and how near it is.
+fn near_at<'a>(obstacles: &'a [Obstacle], near: &'a [Near], n: usize) -> Option<(usize, &'a Obstacle, &'a Near)> {
+    Some((n, obstacles.get(n)?, near.get(n)?))
 }
 
 fn is_place(point: Point) -> bool {

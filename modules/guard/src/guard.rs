@@ -109,9 +109,9 @@ impl Guard {
             return;
         };
         self.memory.obstacles(now, &self.trail, &mut self.obstacles);
-        let robot_from_trail = self.trail.pose(now).inverse();
+        let robot_from_trail = self.trail.pose(now).inverse().to_outer();
         for obstacle in &mut self.obstacles {
-            obstacle.at = robot_from_trail * obstacle.at;
+            obstacle.at = robot_from_trail(obstacle.at);
         }
         let bounds = Direction::ALL.map(|direction| self.fields.bound(direction, &motion, &self.obstacles));
         let ahead = ahead(&motion.velocity, &bounds);

@@ -43,7 +43,7 @@ pub struct Obstacle {
     pub approaches: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 struct Heard {
     /// Instant of the measurement, and the message's name for it.
     at: Instant,
@@ -51,6 +51,10 @@ struct Heard {
     /// Distance, m; infinite: nothing returned an echo.
     distance: f64,
     pose: Pose,
+    /// Where the echo may have come from, in the frame of the trail; empty if that is beyond the reach.
+    arc: Vec<Point>,
+    /// It came nearer since the reading before by more than the robot's motion.
+    approaches: bool,
 }
 
 #[derive(Debug)]
@@ -96,7 +100,7 @@ impl Memory {
             if cone.readings.len() == READINGS_MAX {
                 cone.readings.pop_front();
             }
-            cone.readings.push_back(Heard { at, stamp: reading.timestamp, distance, pose: trail.pose(at) });
+            cone.hear(Heard::new(at, reading.timestamp, distance, trail.pose(at)), self.settings.reach);
         }
     }
 
@@ -123,7 +127,28 @@ impl Memory {
     }
 }
 
+impl Heard {
+    fn new(at: Instant, stamp: i64, distance: f64, pose: Pose) -> Self {
+        Self { at, stamp, distance, pose, arc: Vec::new(), approaches: false }
+    }
+
+    /// True if the robot has moved by more than `distance`, at least 0, between two readings, m.
+    fn moved_by(&self, other: &Self, distance: f64) -> bool {
+        let (x, y) = (other.pose.x - self.pose.x, other.pose.y - self.pose.y);
+        x * x + y * y > distance * distance
+    }
+}
+
 impl Cone {
+    fn hear(&mut self, mut heard: Heard, reach: f64) {
+        if heard.distance <= reach + SAME_M {
+            let closing = self.readings.back().map(|before| self.closing(before, &heard));
+            heard.approaches = closing.is_some_and(|speed| APPROACH_MPS.contains(&speed));
+            heard.arc.extend(self.arc(heard.pose, heard.distance));
+        }
+        self.readings.push_back(heard);
+    }
+
     fn is_known(&self, now: Instant, settings: &Settings) -> bool {
         let fresh = self.readings.back().is_some_and(|last| now.since(last.at) <= settings.age_max);
         !self.lost && fresh && self.readings.len() >= settings.readings as usize
@@ -132,29 +157,29 @@ impl Cone {
     /// Echoes that are not refuted.
     fn echoes(&self, now: Instant, settings: &Settings, found: &mut Vec<Obstacle>) {
         for (n, heard) in self.readings.iter().enumerate() {
-            if heard.distance > settings.reach + SAME_M || now.since(heard.at) > settings.window {
+            if heard.arc.is_empty() || now.since(heard.at) > settings.window {
                 continue;
             }
-            // Distance at which a later reading would find it: the robot has moved by so much.
-            let farther = |later: &&Heard| {
-                let moved = later.pose.point().distance(heard.pose.point());
-                later.distance > heard.distance + moved + SAME_M + settings.uncertainty
+            // A later reading would find it farther away at most by the robot's motion since.
+            let farther = |later: &Heard| {
+                let beyond = later.distance - heard.distance - SAME_M - settings.uncertainty;
+                beyond > 0.0 && !later.moved_by(heard, beyond)
             };
             let near = |other: &&Heard| {
-                let moved = other.pose.point().distance(heard.pose.point());
-                (other.distance - heard.distance).abs() <= moved + SAME_M
+                let apart = (other.distance - heard.distance).abs() - SAME_M;
+                apart <= 0.0 || other.moved_by(heard, apart)
             };
-            let confirmed = self.readings.iter().filter(near).count() > 1;
+            let confirmed = self.readings.iter().filter(near).nth(1).is_some();
             // A single echo may be crosstalk: the robot brakes for it until the next reading. A leg in clothes returns
             // an echo now and then: after two echoes it counts until it has been missed repeatedly.
             let refuted_by = if confirmed { settings.readings as usize } else { 1 };
             let later = self.readings.iter().skip(n + 1);
-            if later.len() >= refuted_by && later.rev().take(refuted_by).all(|later| farther(&later)) {
+            if later.len() >= refuted_by && later.rev().take(refuted_by).all(farther) {
                 continue;
             }
-            let before = n.checked_sub(1).and_then(|before| self.readings.get(before));
-            let approaches = before.is_some_and(|before| APPROACH_MPS.contains(&self.closing(before, heard)));
-            self.arc(heard.pose, heard.distance, Some(approaches), found);
+            let obstacle =
+                |at: &Point| Obstacle { at: *at, sensor: self.sensor.id, sensed: true, approaches: heard.approaches };
+            found.extend(heard.arc.iter().map(obstacle));
         }
     }
 
@@ -171,20 +196,20 @@ impl Cone {
     /// The whole cone.
     fn cover(&self, here: Pose, reach: f64, found: &mut Vec<Obstacle>) {
         for radius in COVERED_M.into_iter().filter(|radius| *radius < reach).chain([reach]) {
-            self.arc(here, radius, None, found);
+            let unknown = |at| Obstacle { at, sensor: self.sensor.id, sensed: false, approaches: true };
+            found.extend(self.arc(here, radius).map(unknown));
         }
     }
 
-    /// Points on the arc at a distance; `echo`: of an echo, and whether it approaches.
-    fn arc(&self, pose: Pose, distance: f64, echo: Option<bool>, found: &mut Vec<Obstacle>) {
-        let Sensor { id, at, theta, beam } = self.sensor;
+    /// Points on the arc at a distance.
+    fn arc(&self, pose: Pose, distance: f64) -> impl Iterator<Item = Point> + use<> {
+        let Sensor { at, theta, beam, .. } = self.sensor;
         let steps = libm::ceil(distance * beam / STEP_M).clamp(2.0, f64::from(STEPS_MAX)) as u32;
-        for n in 0..=steps {
+        let to_trail = pose.to_outer();
+        (0..=steps).map(move |n| {
             let (sin, cos) = libm::sincos(theta + beam * (f64::from(n) / f64::from(steps) - 0.5));
-            let point = Point { x: at.x + distance * cos, y: at.y + distance * sin };
-            let (sensed, approaches) = (echo.is_some(), echo.unwrap_or(true));
-            found.push(Obstacle { at: pose * point, sensor: id, sensed, approaches });
-        }
+            to_trail(Point { x: at.x + distance * cos, y: at.y + distance * sin })
+        })
     }
 }
 

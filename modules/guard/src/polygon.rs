@@ -170,8 +170,7 @@ impl Polygon {
     fn contact_turning(&self, omega: f64, center: Point, point: Point) -> f64 {
         let (px, py) = (point.x - center.x, point.y - center.y);
         let square = px * px + py * py;
-        let start = libm::atan2(py, px);
-        let mut first = f64::INFINITY;
+        let mut first: Option<Turn> = None;
         for (a, b) in self.ends() {
             // The point stays on its circle about the center: |a + t (b - a)| is its radius.
             let (ax, ay) = (a.x - center.x, a.y - center.y);
@@ -187,15 +186,39 @@ impl Polygon {
                     continue;
                 }
                 // In the robot's frame the point turns the other way.
-                let turned = (start - libm::atan2(ay + part * ey, ax + part * ex)) / omega;
-                let whole = TAU / omega.abs();
-                let length = turned - whole * libm::floor(turned / whole);
+                let (x, y) = (ax + part * ex, ay + part * ey);
+                let turn = Turn { cos: x * px + y * py, sin: (x * py - y * px) * omega.signum() };
                 // Slightly behind: a point that touches, after rounding.
-                let length = if whole - length < 1e-9 { 0.0 } else { length };
-                first = first.min(length);
+                if turn.sin <= 0.0 && -turn.sin <= turn.cos * 1e-9 * omega.abs() {
+                    return 0.0;
+                }
+                if first.is_none_or(|first| turn.order() < first.order()) {
+                    first = Some(turn);
+                }
             }
         }
-        first
+        first.map_or(f64::INFINITY, |first| first.angle() / omega.abs())
+    }
+}
+
+/// Angle of a turn, by multiples of its cosine and sine; ordered without computing it, since few of many are first.
+#[derive(Clone, Copy)]
+struct Turn {
+    cos: f64,
+    sin: f64,
+}
+
+impl Turn {
+    /// Grows with the angle, from 0 to 4 for a whole turn.
+    fn order(self) -> f64 {
+        let part = self.cos / (self.cos.abs() + self.sin.abs());
+        if self.sin >= 0.0 { 1.0 - part } else { 3.0 + part }
+    }
+
+    /// The angle, 0 to 2 pi, rad.
+    fn angle(self) -> f64 {
+        let angle = libm::atan2(self.sin, self.cos);
+        if angle < 0.0 { angle + TAU } else { angle }
     }
 }
 
