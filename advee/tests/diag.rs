@@ -115,55 +115,62 @@ const UP: &str = "\x1b[A";
 
 #[test]
 fn held_arrow_keys_drive_and_released_ones_stop_and_the_screen_shows_it() {
-    let mut robot = Robot::ready(&[]);
-    let mut screen = Screen::open(&robot, &[]);
-    screen.until("it is ready", |text| text.contains(" READY ") && text.contains("1Overview"));
-    screen.press("d");
-    screen.until("the drive is taken", |text| text.contains("you drive  zero"));
-    // Like a keyboard: a press, a pause, repeats.
-    for repeat in 0..20 {
-        screen.press(UP);
-        robot.pass(if repeat == 0 { 0.5 } else { 0.033 });
-    }
-    assert!(robot.view.speed() > 0.1, "{}", robot.view.speed());
-    screen.until("it is seen", |text| text.contains(" DRIVING "));
-    robot.until("let go", 3.0, |view| view.speed().abs() < 0.01);
-    screen.press(" ");
-    screen.until("stop is said", |text| text.contains("stop: zero sent"));
-    screen.press("2");
-    screen.until("the modules", |text| text.contains("driver_canbus *") && text.contains("running"));
-    screen.press("5/ODO\r");
-    screen.until("a channel with its values", |text| text.contains("LL_DATA_ODO") && text.contains("ticks_left"));
-    screen.press(":fly\n");
-    screen.until("nonsense is told", |text| text.contains("fly is no command"));
-    screen.press("q");
-    let end = Instant::now() + Duration::from_secs(5);
-    let status = loop {
-        match screen.child.try_wait().expect("its end") {
-            Some(status) => break status,
-            None => assert!(Instant::now() < end, "it does not end"),
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let mut screen = Screen::open(&robot, &[]);
+        screen.until("it is ready", |text| text.contains(" READY ") && text.contains("1Overview"));
+        screen.press("d");
+        screen.until("the drive is taken", |text| text.contains("you drive  zero"));
+        // Like a keyboard: a press, a pause, repeats.
+        for repeat in 0..20 {
+            screen.press(UP);
+            robot.pass(if repeat == 0 { 0.5 } else { 0.033 });
         }
-        std::thread::sleep(Duration::from_millis(20));
-    };
-    assert!(status.success(), "{status}");
-    let seen = screen.seen.lock().expect("the screen");
-    let seen = seen.parser.screen();
-    assert!(!seen.alternate_screen() && !seen.hide_cursor() && !seen.bracketed_paste(), "the terminal is as it was");
+        assert!(robot.view.speed() > 0.1, "{}", robot.view.speed());
+        screen.until("it is seen", |text| text.contains(" DRIVING "));
+        robot.until("let go", 3.0, |view| view.speed().abs() < 0.01);
+        screen.press(" ");
+        screen.until("stop is said", |text| text.contains("stop: zero sent"));
+        screen.press("2");
+        screen.until("the modules", |text| text.contains("driver_canbus *") && text.contains("running"));
+        screen.press("5/ODO\r");
+        screen.until("a channel with its values", |text| text.contains("LL_DATA_ODO") && text.contains("ticks_left"));
+        screen.press(":fly\n");
+        screen.until("nonsense is told", |text| text.contains("fly is no command"));
+        screen.press("q");
+        let end = Instant::now() + Duration::from_secs(5);
+        let status = loop {
+            match screen.child.try_wait().expect("its end") {
+                Some(status) => break status,
+                None => assert!(Instant::now() < end, "it does not end"),
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        assert!(status.success(), "{status}");
+        let seen = screen.seen.lock().expect("the screen");
+        let seen = seen.parser.screen();
+        assert!(
+            !seen.alternate_screen() && !seen.hide_cursor() && !seen.bracketed_paste(),
+            "the terminal is as it was"
+        );
+    });
 }
 
 #[test]
 fn a_terminal_killed_while_driving_leaves_a_robot_that_stops() {
-    let mut robot = Robot::ready(&[]);
-    let mut screen = Screen::open(&robot, &[]);
-    screen.until("it is ready", |text| text.contains(" READY "));
-    screen.press("d");
-    for _ in 0..30 {
-        screen.press(UP);
-        robot.pass(0.033);
-    }
-    assert!(robot.view.speed() > 0.05);
-    kill(Pid::from_raw(screen.child.id() as i32), Signal::SIGKILL).expect("it is killed");
-    robot.until("it stands", 3.0, |view| view.speed().abs() < 0.01);
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let mut screen = Screen::open(&robot, &[]);
+        screen.until("it is ready", |text| text.contains(" READY "));
+        screen.press("d");
+        for _ in 0..30 {
+            screen.press(UP);
+            robot.pass(0.033);
+        }
+        assert!(robot.view.speed() > 0.05);
+        kill(Pid::from_raw(screen.child.id() as i32), Signal::SIGKILL).expect("it is killed");
+        robot.until("it stands", 3.0, |view| view.speed().abs() < 0.01);
+    });
 }
 
 #[test]

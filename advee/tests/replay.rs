@@ -268,31 +268,33 @@ fn a_truncated_damaged_or_incomplete_recording_is_refused_with_its_position() {
 
 #[test]
 fn a_live_run_is_replayed_bit_for_bit() {
-    let mut robot = Robot::ready(&["--set", "guard.ranging=\"sonar\""]);
-    robot.drive(0.4, 0.1, 2.0);
-    assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
-    let pid = robot.view.pid("driver_rs485a");
-    robot.kill("driver_rs485a");
-    robot.until("it is back", 5.0, |view| view.runs("driver_rs485a") && view.pid("driver_rs485a") != pid);
-    robot.pass(1.0);
-    assert_eq!(robot.stop(), 0);
-    let runs: Vec<PathBuf> =
-        fs::read_dir(support::logs(&robot.run_dir)).unwrap().map(|entry| entry.unwrap().path()).collect();
-    let [run] = &runs[..] else { panic!("one run, one folder: {runs:?}") };
-    let name = run.file_name().unwrap().to_string_lossy().into_owned();
-    assert!(name.len() == 19 && name.starts_with("20") && name.split('_').count() == 6, "{name}");
-    let (code, lines) = Run::replay(run, &[]);
-    let results: Vec<(&str, &str)> =
-        lines.iter().map(|line| (line["file"].as_str().unwrap(), line["result"].as_str().unwrap())).collect();
-    let mut expected: Vec<(&str, &str)> = MODULES.map(|module| (module, "same")).to_vec();
-    expected.push(("driver_rs485a.2", "same"));
-    expected.sort_unstable();
-    assert_eq!(results, expected, "{lines:?}");
-    assert_eq!(code, 0);
-    for line in &lines {
-        // The killed process has no end record; all others exited normally.
-        let end = if line["file"] == "driver_rs485a" { "open" } else { "exited" };
-        assert_eq!(line["same"]["end"], end, "{line}");
-        assert!(line["events"].as_u64().unwrap() > 30, "{line}");
-    }
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&["--set", "guard.ranging=\"sonar\""]);
+        robot.drive(0.4, 0.1, 2.0);
+        assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
+        let pid = robot.view.pid("driver_rs485a");
+        robot.kill("driver_rs485a");
+        robot.until("it is back", 5.0, |view| view.runs("driver_rs485a") && view.pid("driver_rs485a") != pid);
+        robot.pass(1.0);
+        assert_eq!(robot.stop(), 0);
+        let runs: Vec<PathBuf> =
+            fs::read_dir(support::logs(&robot.run_dir)).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let [run] = &runs[..] else { panic!("one run, one folder: {runs:?}") };
+        let name = run.file_name().unwrap().to_string_lossy().into_owned();
+        assert!(name.len() == 19 && name.starts_with("20") && name.split('_').count() == 6, "{name}");
+        let (code, lines) = Run::replay(run, &[]);
+        let results: Vec<(&str, &str)> =
+            lines.iter().map(|line| (line["file"].as_str().unwrap(), line["result"].as_str().unwrap())).collect();
+        let mut expected: Vec<(&str, &str)> = MODULES.map(|module| (module, "same")).to_vec();
+        expected.push(("driver_rs485a.2", "same"));
+        expected.sort_unstable();
+        assert_eq!(results, expected, "{lines:?}");
+        assert_eq!(code, 0);
+        for line in &lines {
+            // The killed process has no end record; all others exited normally.
+            let end = if line["file"] == "driver_rs485a" { "open" } else { "exited" };
+            assert_eq!(line["same"]["end"], end, "{line}");
+            assert!(line["events"].as_u64().unwrap() > 30, "{line}");
+        }
+    });
 }

@@ -9,113 +9,125 @@ const MOVES: f64 = 0.05;
 
 #[test]
 fn it_drives_as_commanded_and_ctrl_c_leaves_nothing() {
-    let mut robot = Robot::ready(&[]);
-    let start = robot.view.truth.clone().unwrap();
-    let mut drive = robot.spawn(&["drive", "0.4", "0.1", "--for", "3"]);
-    robot.until("the robot moves", 5.0, |view| view.speed() > 0.35);
-    robot.until("the command has ended and the robot stands", 10.0, |view| view.speed().abs() < 0.01);
-    assert!(drive.wait().unwrap().success());
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let start = robot.view.truth.clone().unwrap();
+        let mut drive = robot.spawn(&["drive", "0.4", "0.1", "--for", "3"]);
+        robot.until("the robot moves", 5.0, |view| view.speed() > 0.35);
+        robot.until("the command has ended and the robot stands", 10.0, |view| view.speed().abs() < 0.01);
+        assert!(drive.wait().unwrap().success());
 
-    // 3 s at 0.4 m/s, minus the ramps of 0.5 m/s²; at 0.1 rad the yaw rate is 0.4 · tan(0.1) / 0.6.
-    let end = robot.view.truth.clone().unwrap();
-    let path = (end.x - start.x).hypot(end.y - start.y);
-    let turn = end.theta - start.theta;
-    assert!((0.7..1.3).contains(&path), "moved {path} m");
-    assert!((0.10..0.25).contains(&turn), "turned {turn} rad");
-    assert_eq!(end.collisions, 0);
-    // The odometry agrees.
-    let odo = robot.view.odo.clone().unwrap();
-    assert!((odo.path - path).abs() < 0.1, "odometry {} m, truth {path} m", odo.path);
+        // 3 s at 0.4 m/s, minus the ramps of 0.5 m/s²; at 0.1 rad the yaw rate is 0.4 · tan(0.1) / 0.6.
+        let end = robot.view.truth.clone().unwrap();
+        let path = (end.x - start.x).hypot(end.y - start.y);
+        let turn = end.theta - start.theta;
+        assert!((0.7..1.3).contains(&path), "moved {path} m");
+        assert!((0.10..0.25).contains(&turn), "turned {turn} rad");
+        assert_eq!(end.collisions, 0);
+        // The odometry agrees.
+        let odo = robot.view.odo.clone().unwrap();
+        assert!((odo.path - path).abs() < 0.1, "odometry {} m, truth {path} m", odo.path);
 
-    let echo = robot.advee(&["lcm", "echo", "LL_DATA_ODO", "--for", "1"]);
-    let text = String::from_utf8_lossy(&echo.stdout).into_owned();
-    assert!(echo.status.success() && text.contains("LL_DATA_ODO") && text.contains("ticks_left="), "{text}");
+        let echo = robot.advee(&["lcm", "echo", "LL_DATA_ODO", "--for", "1"]);
+        let text = String::from_utf8_lossy(&echo.stdout).into_owned();
+        assert!(echo.status.success() && text.contains("LL_DATA_ODO") && text.contains("ticks_left="), "{text}");
 
-    assert_eq!(robot.stop(), 0);
-    assert!(robot.processes().is_empty(), "processes left over: {:?}", robot.processes());
-    assert!(!robot.run_dir.exists(), "the run folder is left over");
+        assert_eq!(robot.stop(), 0);
+        assert!(robot.processes().is_empty(), "processes left over: {:?}", robot.processes());
+        assert!(!robot.run_dir.exists(), "the run folder is left over");
+    });
 }
 
 #[test]
 fn silence_begins_a_quick_stop() {
-    let mut robot = Robot::ready(&[]);
-    robot.drive(0.4, 0.0, 1.5);
-    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
-    // From here on there are no commands: a quick stop at 1.5 m/s² takes 0.27 s after the 0.25 s of the command's
-    // validity.
-    let stopping = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
-    assert!(stopping.as_millis() < 400, "begun after {stopping:?}");
-    robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
-    assert_eq!(
-        (robot.view.causes(), robot.view.reason()),
-        (vec![Hold::NobodyCommands], "nobody commands the motion".into())
-    );
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        robot.drive(0.4, 0.0, 1.5);
+        assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+        // From here on there are no commands: a quick stop at 1.5 m/s² takes 0.27 s after the 0.25 s of the command's
+        // validity.
+        let stopping = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
+        assert!(stopping.as_millis() < 400, "begun after {stopping:?}");
+        robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
+        assert_eq!(
+            (robot.view.causes(), robot.view.reason()),
+            (vec![Hold::NobodyCommands], "nobody commands the motion".into())
+        );
+    });
 }
 
 #[test]
 fn the_death_of_a_critical_module_stops_the_robot_until_a_new_command() {
-    let mut robot = Robot::ready(&[]);
-    robot.drive(0.4, 0.0, 1.2);
-    let pid = robot.view.pid("driver_rs485a");
-    robot.kill("driver_rs485a");
-    // The source continues unchanged: it must not move the robot when the module is back.
-    robot.drive(0.4, 0.0, 1.5);
-    assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
-    assert!(robot.view.speed().abs() < MOVES, "it resumed by itself");
-    assert_eq!(robot.view.causes(), [Hold::NotReleased], "{}", robot.view.reason());
-    let critical = |error: &&messages::common::Error| error.number == Fault::CriticalModule as i32;
-    assert_eq!(robot.view.errors.iter().filter(critical).count(), 2, "reported once, cleared once");
-    robot.drive(0.0, 0.0, 0.2);
-    robot.drive(0.4, 0.0, 1.2);
-    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        robot.drive(0.4, 0.0, 1.2);
+        let pid = robot.view.pid("driver_rs485a");
+        robot.kill("driver_rs485a");
+        // The source continues unchanged: it must not move the robot when the module is back.
+        robot.drive(0.4, 0.0, 1.5);
+        assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
+        assert!(robot.view.speed().abs() < MOVES, "it resumed by itself");
+        assert_eq!(robot.view.causes(), [Hold::NotReleased], "{}", robot.view.reason());
+        let critical = |error: &&messages::common::Error| error.number == Fault::CriticalModule as i32;
+        assert_eq!(robot.view.errors.iter().filter(critical).count(), 2, "reported once, cleared once");
+        robot.drive(0.0, 0.0, 0.2);
+        robot.drive(0.4, 0.0, 1.2);
+        assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+    });
 }
 
 #[test]
 fn the_death_of_the_drives_driver_is_noticed_by_the_drives_themselves() {
-    let mut robot = Robot::ready(&[]);
-    robot.drive(0.4, 0.0, 1.2);
-    robot.kill("driver_canbus");
-    robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
-    robot.until("it is back and homed", 15.0, |view| view.runs("driver_canbus"));
-    robot.view.motion = None;
-    robot.until("the steering is homed again", 15.0, support::View::is_homed);
-    robot.drive(0.0, 0.0, 0.2);
-    robot.drive(0.4, 0.0, 1.2);
-    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        robot.drive(0.4, 0.0, 1.2);
+        robot.kill("driver_canbus");
+        robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+        robot.until("it is back and homed", 15.0, |view| view.runs("driver_canbus"));
+        robot.view.motion = None;
+        robot.until("the steering is homed again", 15.0, support::View::is_homed);
+        robot.drive(0.0, 0.0, 0.2);
+        robot.drive(0.4, 0.0, 1.2);
+        assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+    });
 }
 
 #[test]
 fn the_death_of_any_other_module_does_not_stop_it() {
-    let mut robot = Robot::ready(&["--set", "modules.driver_rs485a.critical=false"]);
-    robot.drive(0.4, 0.0, 1.2);
-    let pid = robot.view.pid("driver_rs485a");
-    robot.kill("driver_rs485a");
-    for _ in 0..40 {
-        robot.drive(0.4, 0.0, 0.05);
-        assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
-    }
-    assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&["--set", "modules.driver_rs485a.critical=false"]);
+        robot.drive(0.4, 0.0, 1.2);
+        let pid = robot.view.pid("driver_rs485a");
+        robot.kill("driver_rs485a");
+        for _ in 0..40 {
+            robot.drive(0.4, 0.0, 0.05);
+            assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
+        }
+        assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
+    });
 }
 
 #[test]
 fn a_watchdog_that_dies_is_followed_by_one_that_takes_its_modules_over() {
-    let mut robot = Robot::ready(&[]);
-    robot.drive(0.4, 0.0, 1.2);
-    let pids = |robot: &Robot| -> Vec<_> {
-        robot.view.processes.iter().map(|(name, process)| (name.clone(), process.pid)).collect()
-    };
-    let before = pids(&robot);
-    let watchdog = robot.processes().into_iter().find(|pid| {
-        std::fs::read(format!("/proc/{pid}/cmdline"))
-            .is_ok_and(|line| String::from_utf8_lossy(&line).contains("run\0watchdog"))
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        robot.drive(0.4, 0.0, 1.2);
+        let pids = |robot: &Robot| -> Vec<_> {
+            robot.view.processes.iter().map(|(name, process)| (name.clone(), process.pid)).collect()
+        };
+        let before = pids(&robot);
+        let watchdog = robot.processes().into_iter().find(|pid| {
+            std::fs::read(format!("/proc/{pid}/cmdline"))
+                .is_ok_and(|line| String::from_utf8_lossy(&line).contains("run\0watchdog"))
+        });
+        support::signal(watchdog.expect("the watchdog runs") as i32, "KILL");
+        robot.view.processes.clear();
+        robot.view.motion = None;
+        robot.until("all modules run again, homed", 20.0, |view| view.all_run() && view.is_homed());
+        assert_eq!(pids(&robot), before, "the same processes, taken over");
+        // No commands since.
+        robot.until("it stands", 2.0, |view| view.speed().abs() < 0.01);
     });
-    support::signal(watchdog.expect("the watchdog runs") as i32, "KILL");
-    robot.view.processes.clear();
-    robot.view.motion = None;
-    robot.until("all modules run again, homed", 20.0, |view| view.all_run() && view.is_homed());
-    assert_eq!(pids(&robot), before, "the same processes, taken over");
-    // No commands since.
-    robot.until("it stands", 2.0, |view| view.speed().abs() < 0.01);
 }
 
 #[test]
@@ -163,65 +175,69 @@ fn what_the_guard_permits_is_told_in_the_shell_and_in_the_terminal() {
 
 #[test]
 fn malformed_messages_are_reported_once_and_survived() {
-    let mut robot = Robot::ready(&[]);
-    let odo = lowlevel::DataOdo::default();
-    let mut wrong = Vec::new();
-    messages::Message::from(odo).encode(&mut wrong).unwrap();
-    for _ in 0..50 {
-        // An odometry message on the command's channel, a truncated command, a datagram that is not LCM at all.
-        robot.bus.publish("LL_CMD_MOTION", &wrong).unwrap();
-        robot.bus.publish("LL_CMD_MOTION", &wrong[..5]).unwrap();
-        let socket = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
-        socket.set_multicast_ttl_v4(0).unwrap();
-        socket.send_to(b"nonsense", ("239.255.76.67", robot.port)).unwrap();
-    }
-    robot.drive(0.0, 0.0, 0.5);
-    robot.drive(0.4, 0.0, 1.2);
-    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
-    let reported = |module: &str, what: &str| {
-        let malformed = robot.view.errors.iter().filter(|error| error.number == Fault::MessageMalformed as i32);
-        malformed.filter(|error| error.module == module && error.message.contains(what)).count()
-    };
-    for what in ["fingerprint", "truncated"] {
-        assert_eq!(reported("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
-    }
-    assert_eq!(reported("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
-
-    for (speed, steering) in [(f64::NAN, 0.0), (9.0, 0.0), (0.4, 2.0)] {
-        robot.drive(0.0, 0.0, 0.6);
-        robot.drive(0.4, 0.0, 1.0);
-        assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
-        robot.view.errors.clear();
-        robot.command(speed, steering);
-        robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
-        let refused = |error: &&messages::common::Error| {
-            error.number == Fault::MotionRefused as i32 && error.severity == messages::common::Error::ERROR
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let odo = lowlevel::DataOdo::default();
+        let mut wrong = Vec::new();
+        messages::Message::from(odo).encode(&mut wrong).unwrap();
+        for _ in 0..50 {
+            // An odometry message on the command's channel, a truncated command, a datagram that is not LCM at all.
+            robot.bus.publish("LL_CMD_MOTION", &wrong).unwrap();
+            robot.bus.publish("LL_CMD_MOTION", &wrong[..5]).unwrap();
+            let socket = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
+            socket.set_multicast_ttl_v4(0).unwrap();
+            socket.send_to(b"nonsense", ("239.255.76.67", robot.port)).unwrap();
+        }
+        robot.drive(0.0, 0.0, 0.5);
+        robot.drive(0.4, 0.0, 1.2);
+        assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+        let reported = |module: &str, what: &str| {
+            let malformed = robot.view.errors.iter().filter(|error| error.number == Fault::MessageMalformed as i32);
+            malformed.filter(|error| error.module == module && error.message.contains(what)).count()
         };
-        assert_eq!(robot.view.errors.iter().filter(refused).count(), 1);
-    }
+        for what in ["fingerprint", "truncated"] {
+            assert_eq!(reported("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
+        }
+        assert_eq!(reported("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
+
+        for (speed, steering) in [(f64::NAN, 0.0), (9.0, 0.0), (0.4, 2.0)] {
+            robot.drive(0.0, 0.0, 0.6);
+            robot.drive(0.4, 0.0, 1.0);
+            assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
+            robot.view.errors.clear();
+            robot.command(speed, steering);
+            robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+            let refused = |error: &&messages::common::Error| {
+                error.number == Fault::MotionRefused as i32 && error.severity == messages::common::Error::ERROR
+            };
+            assert_eq!(robot.view.errors.iter().filter(refused).count(), 1);
+        }
+    });
 }
 
 #[test]
 fn a_command_to_drive_releases_what_pause_has_latched() {
-    let mut robot = Robot::ready(&[]);
-    let pause = |robot: &mut Robot| {
-        let pressed = robot.advee(&["fault", "psc1", "bumper", "2", "--for", "0.3"]);
-        assert!(pressed.status.success(), "{pressed:?}");
-        robot.until("it is open, and latched", 3.0, |view| view.causes().contains(&Hold::PauseLatched));
-    };
-    for command in [&["drive", "0.3", "0", "--for", "1"][..], &["goal", "5,6", "--when-ready"]] {
-        pause(&mut robot);
-        let mut released = robot.spawn(command);
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let pause = |robot: &mut Robot| {
+            let pressed = robot.advee(&["fault", "psc1", "bumper", "2", "--for", "0.3"]);
+            assert!(pressed.status.success(), "{pressed:?}");
+            robot.until("it is open, and latched", 3.0, |view| view.causes().contains(&Hold::PauseLatched));
+        };
+        for command in [&["drive", "0.3", "0", "--for", "1"][..], &["goal", "5,6", "--when-ready"]] {
+            pause(&mut robot);
+            let mut released = robot.spawn(command);
+            robot.until("the robot moves", 15.0, |view| view.speed() > MOVES);
+            let status = released.wait().unwrap();
+            assert!(status.success(), "{command:?}: {status}");
+        }
+        // What stops it on its way stays as it is.
+        let mut drive = robot.spawn(&["drive", "0.3", "0", "--for", "4"]);
         robot.until("the robot moves", 15.0, |view| view.speed() > MOVES);
-        let status = released.wait().unwrap();
-        assert!(status.success(), "{command:?}: {status}");
-    }
-    // What stops it on its way stays as it is.
-    let mut drive = robot.spawn(&["drive", "0.3", "0", "--for", "4"]);
-    robot.until("the robot moves", 15.0, |view| view.speed() > MOVES);
-    pause(&mut robot);
-    assert!(drive.wait().unwrap().success());
-    assert!(robot.view.speed().abs() < 0.01 && robot.view.causes().contains(&Hold::PauseLatched));
+        pause(&mut robot);
+        assert!(drive.wait().unwrap().success());
+        assert!(robot.view.speed().abs() < 0.01 && robot.view.causes().contains(&Hold::PauseLatched));
+    });
 }
 
 #[test]

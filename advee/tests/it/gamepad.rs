@@ -59,102 +59,110 @@ fn stands(robot: &mut Robot, why: &str) {
 
 #[test]
 fn a_stream_of_events_drives_the_robot_and_its_end_stops_it() {
-    let mut hand = Hand::new();
-    let mut robot = Robot::ready(&["--set", &hand.setting()]);
-    robot.until("it is told that there is none", 2.0, |view| view.joydev.as_ref().is_some_and(|pad| !pad.connected));
-    hand.plug();
-    robot.until("it is told", 2.0, |view| view.joydev.as_ref().is_some_and(|pad| pad.name == "Test's pad"));
-    // Not without the dead-man button.
-    hand.say("abs ABS_Y -100\nframe\n");
-    robot.pass(0.5);
-    assert!(!moves(&robot));
-    hand.say("abs ABS_Y 0\nframe\nkey BTN_TL 1\nframe\nabs ABS_Y -100\nframe\n");
-    robot.until("the gamepad moves the robot", 3.0, |view| view.speed() > 0.4);
-    assert_eq!(robot.view.motion.as_ref().map(|motion| motion.source.as_str()), Some("gamepad"));
-    let pad = robot.view.joydev.clone().expect("5 Hz");
-    assert!(pad.connected && pad.dead_man && (pad.speed - 0.6).abs() < 1e-9, "{pad:?}");
+    support::undisturbed(|| {
+        let mut hand = Hand::new();
+        let mut robot = Robot::ready(&["--set", &hand.setting()]);
+        robot
+            .until("it is told that there is none", 2.0, |view| view.joydev.as_ref().is_some_and(|pad| !pad.connected));
+        hand.plug();
+        robot.until("it is told", 2.0, |view| view.joydev.as_ref().is_some_and(|pad| pad.name == "Test's pad"));
+        // Not without the dead-man button.
+        hand.say("abs ABS_Y -100\nframe\n");
+        robot.pass(0.5);
+        assert!(!moves(&robot));
+        hand.say("abs ABS_Y 0\nframe\nkey BTN_TL 1\nframe\nabs ABS_Y -100\nframe\n");
+        robot.until("the gamepad moves the robot", 3.0, |view| view.speed() > 0.4);
+        assert_eq!(robot.view.motion.as_ref().map(|motion| motion.source.as_str()), Some("gamepad"));
+        let pad = robot.view.joydev.clone().expect("5 Hz");
+        assert!(pad.connected && pad.dead_man && (pad.speed - 0.6).abs() < 1e-9, "{pad:?}");
 
-    hand.say("key BTN_TL 0\nframe\n");
-    stands(&mut robot, "let go");
-    assert!(!robot.view.motion.as_ref().is_some_and(|motion| motion.quick_stop && motion.speed_target > 0.0));
+        hand.say("key BTN_TL 0\nframe\n");
+        stands(&mut robot, "let go");
+        assert!(!robot.view.motion.as_ref().is_some_and(|motion| motion.quick_stop && motion.speed_target > 0.0));
 
-    // The stick was not released: it must be, first.
-    hand.say("key BTN_TL 1\nframe\n");
-    robot.pass(1.0);
-    assert!(robot.view.speed().abs() < 0.01);
-    let waits = |error: &&messages::common::Error| error.number == Fault::GamepadNotReleased as i32;
-    assert!(robot.view.errors.iter().find(waits).is_some_and(|error| error.message.contains("ABS_Y")));
-    hand.say("abs ABS_Y 0\nframe\nabs ABS_Y -100\nframe\n");
-    // Both within one turn would hide the centre position; each frame is processed.
-    robot.until("it moves again", 3.0, |view| view.speed() > 0.4);
+        // The stick was not released: it must be, first.
+        hand.say("key BTN_TL 1\nframe\n");
+        robot.pass(1.0);
+        assert!(robot.view.speed().abs() < 0.01);
+        let waits = |error: &&messages::common::Error| error.number == Fault::GamepadNotReleased as i32;
+        assert!(robot.view.errors.iter().find(waits).is_some_and(|error| error.message.contains("ABS_Y")));
+        hand.say("abs ABS_Y 0\nframe\nabs ABS_Y -100\nframe\n");
+        // Both within one turn would hide the centre position; each frame is processed.
+        robot.until("it moves again", 3.0, |view| view.speed() > 0.4);
 
-    let begin = std::time::Instant::now();
-    hand.unplug();
-    robot
-        .until("the stop has begun", 1.0, |view| view.motion.as_ref().is_some_and(|motion| motion.speed_target == 0.0));
-    assert!(begin.elapsed().as_millis() < 300, "{:?}", begin.elapsed());
-    stands(&mut robot, "unplugged");
+        let begin = std::time::Instant::now();
+        hand.unplug();
+        robot.until("the stop has begun", 1.0, |view| {
+            view.motion.as_ref().is_some_and(|motion| motion.speed_target == 0.0)
+        });
+        assert!(begin.elapsed().as_millis() < 300, "{:?}", begin.elapsed());
+        stands(&mut robot, "unplugged");
 
-    // Plugged in again with everything pressed.
-    hand.plug();
-    hand.say(&PAD.replace("BTN_TL 0", "BTN_TL 1").replace("0 0 0\nbutton", "0 0 -100\nbutton"));
-    robot.pass(1.0);
-    assert!(robot.view.speed().abs() < 0.01, "nothing resumes by itself");
-    hand.say("key BTN_TL 0\nabs ABS_Y 0\nframe\nkey BTN_TL 1\nframe\nabs ABS_Y 100\nframe\n");
-    robot.until("backwards", 3.0, |view| view.speed() < -0.3);
-    assert!(robot.view.all_run(), "{:?}", robot.view.processes);
-    assert_eq!(robot.stop(), 0);
+        // Plugged in again with everything pressed.
+        hand.plug();
+        hand.say(&PAD.replace("BTN_TL 0", "BTN_TL 1").replace("0 0 0\nbutton", "0 0 -100\nbutton"));
+        robot.pass(1.0);
+        assert!(robot.view.speed().abs() < 0.01, "nothing resumes by itself");
+        hand.say("key BTN_TL 0\nabs ABS_Y 0\nframe\nkey BTN_TL 1\nframe\nabs ABS_Y 100\nframe\n");
+        robot.until("backwards", 3.0, |view| view.speed() < -0.3);
+        assert!(robot.view.all_run(), "{:?}", robot.view.processes);
+        assert_eq!(robot.stop(), 0);
+    });
 }
 
 #[test]
 fn the_simulator_s_gamepad_is_held_from_the_shell_and_survives_its_driver() {
-    let mut robot = Robot::ready(&[]);
-    let pad = |robot: &Robot, args: &[&str]| {
-        let done = robot.advee(&[&["fault", "gamepad"], args].concat());
-        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    };
-    pad(&robot, &["plug"]);
-    pad(&robot, &["hold"]);
-    pad(&robot, &["speed", "0.8"]);
-    robot.until("it moves", 3.0, |view| view.speed() > 0.2);
-    // The driver dies with the button held: the robot stops, and the new process waits for the button.
-    robot.kill("driver_joydev");
-    stands(&mut robot, "its driver is dead");
-    robot.until("it is back", 5.0, |view| view.runs("driver_joydev"));
-    robot.pass(1.0);
-    assert!(robot.view.speed().abs() < 0.01, "nothing resumes by itself");
-    pad(&robot, &["speed", "0"]);
-    pad(&robot, &["release"]);
-    pad(&robot, &["hold"]);
-    pad(&robot, &["speed", "0.8", "--for", "2"]);
-    robot.until("it moves again", 3.0, |view| view.speed() > 0.2);
-    stands(&mut robot, "the stick is let go after its time");
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let pad = |robot: &Robot, args: &[&str]| {
+            let done = robot.advee(&[&["fault", "gamepad"], args].concat());
+            assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        };
+        pad(&robot, &["plug"]);
+        pad(&robot, &["hold"]);
+        pad(&robot, &["speed", "0.8"]);
+        robot.until("it moves", 3.0, |view| view.speed() > 0.2);
+        // The driver dies with the button held: the robot stops, and the new process waits for the button.
+        robot.kill("driver_joydev");
+        stands(&mut robot, "its driver is dead");
+        robot.until("it is back", 5.0, |view| view.runs("driver_joydev"));
+        robot.pass(1.0);
+        assert!(robot.view.speed().abs() < 0.01, "nothing resumes by itself");
+        pad(&robot, &["speed", "0"]);
+        pad(&robot, &["release"]);
+        pad(&robot, &["hold"]);
+        pad(&robot, &["speed", "0.8", "--for", "2"]);
+        robot.until("it moves again", 3.0, |view| view.speed() > 0.2);
+        stands(&mut robot, "the stick is let go after its time");
 
-    let refused = robot.advee(&["fault", "gamepad", "eat"]);
-    assert!(!refused.status.success());
-    // Another gamepad connects to the socket.
-    let mut player = std::os::unix::net::UnixStream::connect(robot.run_dir.join("gamepad")).expect("it is there");
-    player.write_all(PAD.as_bytes()).expect("it listens");
-    player.write_all(b"key BTN_TL 1\nframe\nabs ABS_Y -50\nframe\n").expect("it listens");
-    robot.until("it moves for another one", 3.0, |view| {
-        view.speed() > 0.05 && view.joydev.as_ref().is_some_and(|pad| pad.name == "Test's pad")
+        let refused = robot.advee(&["fault", "gamepad", "eat"]);
+        assert!(!refused.status.success());
+        // Another gamepad connects to the socket.
+        let mut player = std::os::unix::net::UnixStream::connect(robot.run_dir.join("gamepad")).expect("it is there");
+        player.write_all(PAD.as_bytes()).expect("it listens");
+        player.write_all(b"key BTN_TL 1\nframe\nabs ABS_Y -50\nframe\n").expect("it listens");
+        robot.until("it moves for another one", 3.0, |view| {
+            view.speed() > 0.05 && view.joydev.as_ref().is_some_and(|pad| pad.name == "Test's pad")
+        });
+        drop(player);
+        stands(&mut robot, "he has hung up");
+        assert_eq!(robot.stop(), 0);
+        assert!(!robot.run_dir.exists(), "the socket is left over");
     });
-    drop(player);
-    stands(&mut robot, "he has hung up");
-    assert_eq!(robot.stop(), 0);
-    assert!(!robot.run_dir.exists(), "the socket is left over");
 }
 
 #[test]
 fn a_gamepad_of_the_kernel_drives_the_robot() {
-    let Some(mut pad) = Uinput::new() else { return };
-    let mut robot = Robot::ready(&["--set", "gamepad.device=\"auto\""]);
-    robot.until("it is found", 5.0, |view| view.joydev.as_ref().is_some_and(|pad| pad.name == "advee uinput pad"));
-    pad.say("key 1\nabs -20000\n");
-    robot.until("it moves", 3.0, |view| view.speed() > 0.2);
-    pad.end();
-    stands(&mut robot, "it was destroyed");
-    robot.until("it is gone", 1.0, |view| view.joydev.as_ref().is_some_and(|pad| !pad.connected));
+    support::undisturbed(|| {
+        let Some(mut pad) = Uinput::new() else { return };
+        let mut robot = Robot::ready(&["--set", "gamepad.device=\"auto\""]);
+        robot.until("it is found", 5.0, |view| view.joydev.as_ref().is_some_and(|pad| pad.name == "advee uinput pad"));
+        pad.say("key 1\nabs -20000\n");
+        robot.until("it moves", 3.0, |view| view.speed() > 0.2);
+        pad.end();
+        stands(&mut robot, "it was destroyed");
+        robot.until("it is gone", 1.0, |view| view.joydev.as_ref().is_some_and(|pad| !pad.connected));
+    });
 }
 
 /// Gamepad made with `/dev/uinput`, in a Python process that needs only the standard library.
