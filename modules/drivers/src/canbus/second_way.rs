@@ -26,7 +26,9 @@ const CUT_PERIOD: Duration = Duration::from_millis(500);
 enum Way {
     /// The power controller; whether it reported the channel of the motors as off, be it switched off by this process,
     /// an earlier one, or somebody else.
-    Power { off: bool },
+    Power {
+        off: bool,
+    },
     /// An output of a node.
     Output(FeedOutput),
     None,
