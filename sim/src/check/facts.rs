@@ -126,9 +126,11 @@ impl Facts {
         }
     }
 
-    /// Maximum latency with which a decision of the driver appears on the wire.
+    /// Maximum latency with which a decision of the driver appears on the wire. At the end of a hang it processes all
+    /// that has waited at once, and the frames of these decisions fill its port's queue.
     pub fn slack(&self, now: Instant) -> Duration {
-        if self.is_disturbed(now) { QUEUE_AGE } else { DELAY_MAX }
+        let queues = self.is_disturbed(now) || self.driver.has_resumed_within(now, QUEUE_AGE);
+        if queues { QUEUE_AGE } else { DELAY_MAX }
     }
 
     /// True if the drives' bus is disturbed, or was within [`AFTERMATH`].

@@ -564,6 +564,20 @@ fn a_steering_in_fault_or_rebooted_stops_the_propulsion() {
 }
 
 #[test]
+fn frames_that_a_driver_queued_at_the_end_of_a_hang_are_on_the_wire_within_60_ms() {
+    check(
+        "begin pad 0.4
+        hang driver
+        +50 resume driver
+        state driver TERMINATE   # behind commands that have waited, too
+        +4 drive 0.4
+        exit driver              # what is queued outlives it
+        +55 drive 0.4
+        +2 drive 0.4 ! idle",
+    );
+}
+
+#[test]
 fn an_unhomed_robot_is_not_driven() {
     check(
         "motion not_homed - 0
