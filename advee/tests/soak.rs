@@ -107,8 +107,9 @@ fn a_source_that_falls_silent_is_a_stop_without_a_guard_too() {
 #[test]
 fn earlier_failures_do_not_recur() {
     for regression in config::regressions(&root().join("scenarios/regressions.toml")).expect("a good file") {
-        // As at the time of the failure: before there were visitors.
-        let place = RobotLocation { sets: vec!["world.people=0".into()], ..place(&regression.world) };
+        // As at the time of the failure.
+        let sets = if regression.people { Vec::new() } else { vec!["world.people=0".into()] };
+        let place = RobotLocation { sets, ..place(&regression.world) };
         let robot = Robot::new(place, shipped(), regression.seed).expect("the shipped configuration");
         let outcome = robot.episode(regression.episode, &regression.faults).unwrap();
         assert_eq!(outcome.violation, None, "{}", regression.cause);
@@ -264,10 +265,14 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     assert!(code == Some(0) && text.contains("violations      0") && text.contains("  kill "), "{text}");
 
     write(
-        "settle_s = 12\nchaos_s = 5\ncalm_s = 25\nturns = 1\n[faults.mute]\ntargets = [\"psc1\"]\nfault = \"silent\"\nper_hour = 3000\n",
+        "settle_s = 12\nchaos_s = 5\ncalm_s = 25\nturns = 1\n[faults.mute]\ntargets = [\"psc1\"]\nfault = \"silent\"\nper_hour = 3000\n[faults.harmless]\ntargets = [\"clock\"]\nfault = \"step\"\nper_hour = 3600\n",
     );
-    let (code, text, _) = advee(&["--hours", "0.01", "--world", "empty", "--scenario", &path]);
+    let (code, text, told) = advee(&["--hours", "0.01", "--world", "empty", "--scenario", &path]);
     assert_eq!(code, Some(1), "{text}");
+    // What was found is told at once, then each reduction.
+    let lines: Vec<&str> = told.lines().collect();
+    let reduced = |line: &&str| line.starts_with("episode 0: ") && line.contains(" faults are enough (");
+    assert!(lines[0].starts_with("episode 0: at ") && lines.len() > 1 && lines[1..].iter().all(reduced), "{told}");
     let repeat = text.lines().find_map(|line| line.strip_prefix("repeat: advee soak ")).expect("a command");
     let arguments: Vec<&str> = repeat.split(' ').collect();
     let at = arguments.iter().position(|word| *word == "--config").expect("the configuration is part of it");

@@ -13,7 +13,7 @@ use serde_json::json;
 use settings::robot::Geometry;
 use sim::check::Limits;
 use sim::host::{self, Virtual};
-use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, draw, shrink};
+use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, Violation, draw, shrink};
 use simulator::world::World;
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -75,7 +75,7 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
     let hook = panic::take_hook();
     tell_of_panics(robot.again.clone());
     let result = match command.episode {
-        Some(number) => robot.one(number, command.faults.as_ref()),
+        Some(number) => robot.one(number, command.faults.as_ref(), &Progress::new(1, robot.scenario.episode())),
         None => {
             let episodes = (command.hours * 3600.0 / robot.scenario.episode().as_secs_f64()).ceil().max(1.0) as u64;
             let jobs = command.jobs.map_or_else(processors, usize::from);
@@ -171,6 +171,9 @@ impl Robot {
             loop {
                 let Some(number) = left.lock().unwrap_or_else(PoisonError::into_inner).next() else { return };
                 let outcome = self.episode(number, &draw(&self.scenario, self.seed, number));
+                if let Some(violation) = outcome.as_ref().ok().and_then(|outcome| outcome.violation.as_ref()) {
+                    progress.found(number, violation);
+                }
                 if outcome.as_ref().map_or(true, |outcome| outcome.violation.is_some()) {
                     let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
                     left.end = left.end.min(number + 1);
@@ -191,7 +194,7 @@ impl Robot {
         Ok(report)
     }
 
-    fn one(&self, number: u64, only: Option<&Numbers>) -> Result<Report, String> {
+    fn one(&self, number: u64, only: Option<&Numbers>, progress: &Progress) -> Result<Report, String> {
         let mut faults = draw(&self.scenario, self.seed, number);
         if let Some(Numbers(only)) = only {
             if let Some(none) = only.iter().find(|place| **place >= faults.len()) {
@@ -201,17 +204,29 @@ impl Robot {
             faults.sort_by_key(|fault| fault.at);
         }
         let mut report = Report::new(self.seed);
-        report.add(number, &self.episode(number, &faults)?);
+        let outcome = self.episode(number, &faults)?;
+        if let Some(violation) = &outcome.violation {
+            progress.found(number, violation);
+        }
+        report.add(number, &outcome);
         Ok(report)
     }
 
-    /// The fewest faults of an episode that were found with which the same rule breaks, by their numbers.
+    /// The fewest faults of an episode that were found with which the same rule breaks, by their numbers. This can take
+    /// minutes: each reduction is shown.
     fn minimal(&self, number: u64, rule: &str) -> Minimal {
         let all: Vec<(usize, Fault)> = draw(&self.scenario, self.seed, number).into_iter().enumerate().collect();
+        let mut runs = 0;
         let faults = shrink(&all, TRIES, |some| {
             let faults: Vec<Fault> = some.iter().map(|(_, fault)| fault.clone()).collect();
             let outcome = self.episode(number, &faults);
-            outcome.is_ok_and(|outcome| outcome.violation.is_some_and(|violation| violation.rule == rule))
+            runs += 1;
+            let fails = outcome.is_ok_and(|outcome| outcome.violation.is_some_and(|violation| violation.rule == rule));
+            if fails {
+                let line = format!("episode {number}: {} of {} faults are enough ({runs} runs)", some.len(), all.len());
+                tell(&line);
+            }
+            fails
         });
         let list: Vec<String> = faults.iter().map(|(place, _)| place.to_string()).collect();
         let list = if list.is_empty() { "none".into() } else { list.join(",") };
@@ -305,22 +320,31 @@ struct Minimal {
     of: usize,
 }
 
-/// Shows on a terminal how far it is.
+/// Shows on standard error what was found, and on a terminal how far it is.
 pub struct Progress {
     episodes: u64,
     each: Duration,
+    tells: bool,
     shown: bool,
 }
 
 impl Progress {
     fn new(episodes: u64, each: Duration) -> Self {
-        Self { episodes, each, shown: std::io::stderr().is_terminal() }
+        Self { episodes, each, tells: true, shown: std::io::stderr().is_terminal() }
     }
 
     /// Shows nothing.
     #[must_use]
     pub fn none() -> Self {
-        Self { episodes: 0, each: Duration::ZERO, shown: false }
+        Self { episodes: 0, each: Duration::ZERO, tells: false, shown: false }
+    }
+
+    /// A rule was violated: what follows until the report, other episodes and the search for fewer faults, takes long.
+    fn found(&self, number: u64, violation: &Violation) {
+        if self.tells {
+            self.end();
+            tell(&format!("episode {number}: {violation}"));
+        }
     }
 
     fn show(&self, done: u64) {
@@ -336,6 +360,11 @@ impl Progress {
             let _ = std::io::stderr().write_all(b"\r\x1b[K");
         }
     }
+}
+
+/// A line on standard error, beside the report on standard output.
+fn tell(line: &str) {
+    let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
 }
 
 fn machine(place: &RobotLocation, config: host::Config, inputs: &Inputs) -> Result<Virtual, String> {

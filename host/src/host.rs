@@ -8,6 +8,7 @@ use super::beats::{Heartbeat, HeartbeatPage};
 use super::bus::{Bus, Received as FromBus};
 use super::bus_health::{BusHealth, LOSS_END, Losses};
 use super::clock;
+use super::keepers;
 use super::limits;
 use super::log::{Log, OneLine};
 use super::notify::ToParent;
@@ -180,6 +181,9 @@ impl Host {
             let refused = |error| lines.push(format!("inputs are not recorded: {}: {error}", inputs.run.display()));
             Recording::start(&mut shell, &inputs).map_err(refused).ok()
         });
+        // A module that runs as another user is not told from other processes of that user.
+        let kept = keepers::Place::all()?;
+        config.policy.announcing.retain(|module| kept.iter().all(|place| place.module != *module));
         let epoch = clock::epoch();
         let beat = beats.map(|mut beats| beats.thread(clock::now(), "main")).transpose();
         Ok(Self {
@@ -448,7 +452,12 @@ impl Host {
     }
 
     /// Decides whether a message is accepted. Another watchdog may have taken over a moment ago: the page shows it.
+    /// A module may announce itself before the news of its start were read.
     fn judge(&mut self, message: &Message) -> Result<(), Refusal> {
+        if let Some(processes) = self.processes.as_mut().filter(|_| self.admission.is_early(message)) {
+            processes.on_starts();
+            self.report_processes();
+        }
         let sender = self.bus.sender();
         match (self.admission.judge(message, sender), self.beat.as_ref()) {
             (Err(Refusal::SecondRobot), Some(beat)) => match beat.watchdog() {
@@ -586,6 +595,12 @@ impl Host {
     }
 
     fn publish(&mut self, message: &Message) {
+        // Without places in shared memory senders cannot be told from each other.
+        if let Message::CmDataProcesses(list) = message
+            && self.bus.knows_senders()
+        {
+            self.admission.on_own_list(list, keepers::own_user());
+        }
         let (now, sent) = (clock::now(), self.bus.publish(message));
         let again = self.health.on_published(sent.is_ok());
         match sent {

@@ -491,11 +491,16 @@ impl Processes {
         }
     }
 
-    /// Some processes may have ended or been started; finds out which.
-    pub fn on_ends(&mut self) {
+    /// Processes starts that are complete.
+    pub fn on_starts(&mut self) {
         while let Some((pending, result)) = self.starts.poll() {
             self.on_start_result(pending, result);
         }
+    }
+
+    /// Some processes may have ended or been started; finds out which.
+    pub fn on_ends(&mut self) {
+        self.on_starts();
         let mut ended = Vec::new();
         let (news, lines) = (&mut self.news, &mut self.lines);
         self.running.retain_mut(|process| {

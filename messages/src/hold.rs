@@ -117,7 +117,7 @@ holds! {
     /// The output that cuts the motors' feed does not answer, or its state is not known yet. No subject.
     SecondWayLost = 234, "the second way to stop does not answer",
         "Check power and cable of the node whose output cuts the motors' feed.";
-    /// The output that feeds the motors is off, and not by this driver's order. No subject.
+    /// The power channel or the output that feeds the motors is off, and not by this process's order. No subject.
     FeedOff = 235, "the motors' feed is switched off",
         "Check that the robot may move; then switch the power channel motors on by hand.";
 

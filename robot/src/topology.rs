@@ -63,6 +63,7 @@ pub(crate) fn policy(config: &Config) -> Policy {
         guard: ours(guard::NAME),
         ranging: ours(rs485a::NAME).filter(|_| has_ranging),
         motion: ours(canbus::NAME),
+        announcing: config.modules.iter().filter_map(|module| ours(module.name())).collect(),
     }
 }
 

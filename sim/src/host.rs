@@ -734,7 +734,12 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let module = self.processes[place].module.clone();
         match action {
-            Action::Publish(message) => self.publish(sender(pid), message),
+            Action::Publish(message) => {
+                if let Message::CmDataProcesses(list) = &message {
+                    self.processes[place].admission.on_own_list(list, 0);
+                }
+                self.publish(sender(pid), message);
+            }
             Action::Send(port, output) => self.send(place, port, output),
             Action::Report(report) => self.news(&News::Report { module: &module, report: &report }),
             Action::Note(_, line) => self.news(&News::Note { module: &module, line: &line }),

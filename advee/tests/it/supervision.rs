@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
-use crate::support::{self, Robot};
+use crate::support::{self, Robot, View};
 use base::Fault;
 use messages::{Channel, Message, common};
 use module::State;
@@ -418,6 +418,29 @@ fn an_announcement_under_another_s_name_is_reported_and_harms_no_module() {
         );
         assert_eq!(robot.view.processes["driver_rs485b"].phase, common::Process::TERMINATED);
     });
+}
+
+#[test]
+fn that_a_module_works_is_believed_from_its_own_process_alone() {
+    let mut robot = running(&[]);
+    assert!(robot.advee(&["state", "driver_rs485b", "STOP"]).status.success());
+    let state = |view: &View| view.processes["driver_rs485b"].state;
+    robot.until("it is in STOP", 3.0, |view| state(view) == common::DataState::STOP);
+    let announce = |robot: &mut Robot, state: State| {
+        let module = "driver_rs485b".into();
+        robot.publish(common::DataState { timestamp: 0, module, state: state as i8 });
+    };
+    for _ in 0..15 {
+        announce(&mut robot, State::Run);
+        robot.pass(0.1);
+        assert_eq!(state(&robot.view), common::DataState::STOP);
+    }
+    let refused = reported(&robot, Fault::SenderRefused);
+    assert!(refused.len() == 1 && refused[0].starts_with("CM_DATA_STATE dropped: process "), "{refused:?}");
+    // What makes it worse is believed, until the module announces itself.
+    announce(&mut robot, State::Error);
+    robot.until("it is in ERROR", 1.0, |view| state(view) == common::DataState::ERROR);
+    robot.until("it is in STOP again", 3.0, |view| state(view) == common::DataState::STOP);
 }
 
 /// Notifications of `advee up` to the service manager within a time.

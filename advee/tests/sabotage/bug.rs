@@ -32,6 +32,8 @@ pub enum Bug {
     CriticalIgnored,
     /// The robot drives on although a ranging board does not measure: what is unknown is free.
     BlindnessIgnored,
+    /// The guard takes what its sonars measure for free space.
+    EchoesIgnored,
     /// The robot drives on without a watchdog.
     WatchdogNotMissed,
     /// The watchdog ignores missing heartbeats and announcements.
@@ -68,7 +70,7 @@ pub enum Bug {
 
 impl Bug {
     /// All bugs.
-    pub const ALL: [Self; 28] = [
+    pub const ALL: [Self; 29] = [
         Self::TimeToLiveIgnored,
         Self::LimitsIgnored,
         Self::PauseIgnored,
@@ -81,6 +83,7 @@ impl Bug {
         Self::LostDriveIgnored,
         Self::CriticalIgnored,
         Self::BlindnessIgnored,
+        Self::EchoesIgnored,
         Self::WatchdogNotMissed,
         Self::WatchdogDeaf,
         Self::TwoProcesses,

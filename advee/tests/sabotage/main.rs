@@ -9,7 +9,7 @@ use cli::soak::Robot;
 use module::sabotage::{self, Bug};
 use robot::config;
 use robot::place::RobotLocation;
-use sim::soak::{Scenario, Violation, draw};
+use sim::soak::{Kind, Scenario, Violation, draw};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -47,8 +47,7 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         Bug::LimitsIgnored => &["fresh", "refused"],
         Bug::PauseIgnored => &["pause"],
         Bug::ResumesByItself | Bug::PlannerNotLatched | Bug::EstimateIgnored => &["resumes"],
-        // A source that moves the robot beside the holder has not begun with zero either.
-        Bug::TwoAuthorities => &["authority", "resumes"],
+        Bug::TwoAuthorities => &["authority"],
         // An axis that needs no reference is not homed.
         Bug::HomingNotRequired => &["homed", "moves"],
         Bug::StateIgnored => &["idle"],
@@ -56,6 +55,7 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         Bug::LostDriveIgnored => &["drives", "feed"],
         Bug::CriticalIgnored | Bug::WatchdogNotMissed => &["critical", "stop"],
         Bug::BlindnessIgnored => &["blind"],
+        Bug::EchoesIgnored => &["promise"],
         Bug::WatchdogDeaf => &["stop", "wanted", "moves"],
         Bug::TwoProcesses => &["single"],
         Bug::RestartDelayIgnored => &["restarts"],
@@ -96,12 +96,28 @@ fn often(bug: Option<Bug>) -> &'static [&'static str] {
     }
 }
 
+/// Kind of fault that is the only one with a bug that others would hide, or that needs to be met: somebody drives by
+/// hand straight ahead, without regard to obstacles.
+fn alone(bug: Option<Bug>) -> Option<Kind> {
+    let (name, target, speed_mps, lasts) = match bug {
+        // Of the operator's priority, so that the first one holds the motion; slower and faster than the operator.
+        Some(Bug::TwoAuthorities) => ("rival", "remote", (-0.5, 0.5), (2.0, 8.0)),
+        Some(Bug::EchoesIgnored) => ("blindly", "maintenance", (0.4, 0.6), (6.0, 12.0)),
+        _ => return None,
+    };
+    let (targets, fault) = (vec![target.into()], "drive".into());
+    Some(Kind { name: name.into(), targets, fault, per_hour: 240.0, value: speed_mps, lasts })
+}
+
 /// Result of a robot-hour with this bug: the violation, and the seconds until then.
 fn soak(bug: Option<Bug>) -> Option<(f64, Violation)> {
     let mut scenario = scenario();
     for kind in &mut scenario.kinds {
         let often = often(bug).iter().any(|name| kind.name.starts_with(name));
         kind.per_hour *= if often { OFTEN } else { 1.0 };
+    }
+    if let Some(kind) = alone(bug) {
+        scenario.kinds = vec![kind];
     }
     let robot = robot(scenario.clone());
     sabotage::set(bug);

@@ -14,13 +14,15 @@
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_MOTION`, of a robot that stands, too: it stops nothing | the process of the motion's driver, likewise |
+//! | `CM_DATA_STATE` RUN or PAUSE, by the watchdog that judges the module by it | the module's process, as it lists it |
+//! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
 //! | others | any sender |
 //!
 //! Where the robot has no such module, and in a module that no watchdog started, these are accepted from any sender
 //! that may command.
 
 use base::Duration;
-use messages::common::{CmdState, DataProcesses};
+use messages::common::{CmdState, DataProcesses, DataState};
 use messages::lowlevel::{DataGuard, DataRanges, Reading};
 use messages::{Channel, Message, StopSource};
 
@@ -104,6 +106,8 @@ enum Effect {
     SaysThatProcessesRun,
     /// Reports that nothing pauses the robot, that its way is free, or how it moves.
     Frees(Witness),
+    /// A module reports that it does its work.
+    Works,
     /// Says that what the sender itself paused may go on.
     EndsItsOwnStop,
     Informs,
@@ -131,6 +135,8 @@ pub struct Policy {
     pub ranging: Option<String>,
     /// Module that moves the robot, and measures how it moves.
     pub motion: Option<String>,
+    /// Modules that can be told from other senders, and whose announcements their watchdog accepts from them alone.
+    pub announcing: Vec<String>,
 }
 
 impl Policy {
@@ -153,13 +159,16 @@ pub struct Admission {
     watchdog: Option<Process>,
     /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; processes of the watchdog's user.
     witnesses: [Option<Process>; 4],
+    /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
+    /// is no watchdog.
+    own: Vec<Option<Process>>,
 }
 
 impl Admission {
     /// Rules for a process that is guarded by the process `watchdog`, if by any.
     #[must_use]
     pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
-        Self { policy, watchdog, witnesses: [None; 4] }
+        Self { policy, watchdog, witnesses: [None; 4], own: Vec::new() }
     }
 
     /// From now on that process guards this one. Without a watchdog it stays so.
@@ -176,6 +185,27 @@ impl Admission {
         self.watchdog.is_some()
     }
 
+    /// This process is a watchdog of the user `uid`, and publishes this list of the modules that it guards.
+    pub fn on_own_list(&mut self, list: &DataProcesses, uid: u32) {
+        self.own.clear();
+        self.own.extend(self.policy.announcing.iter().map(|name| process_of(name, list, uid)));
+    }
+
+    /// True if a message can only be judged once the news of a start have been processed: a module that has no process
+    /// yet reports that it does its work.
+    #[must_use]
+    pub fn is_early(&self, message: &Message) -> bool {
+        effect(message) == Effect::Works && self.own_process(message) == Some(None)
+    }
+
+    /// Process of the module that a message announces, `None` within if it has none; `None` if this process is not its
+    /// watchdog, or the module cannot be told from other senders.
+    fn own_process(&self, message: &Message) -> Option<Option<Process>> {
+        let Message::CmDataState(DataState { module, .. }) = message else { return None };
+        let place = self.policy.announcing.iter().position(|name| name == module)?;
+        self.own.get(place).copied()
+    }
+
     /// Decides whether a message is accepted.
     ///
     /// # Errors
@@ -190,6 +220,13 @@ impl Admission {
         match (effect(message), self.watchdog) {
             (Effect::Stops | Effect::Informs, _) => Ok(()),
             (Effect::Commands, _) => allowed(may_command, Refusal::Command),
+            // Of a module without a process the watchdog takes nothing, and reports the claim.
+            (Effect::Works, _) => match self.own_process(message) {
+                Some(Some(due)) => allowed(sender.process == Some(due), Refusal::Release),
+                Some(None) => Ok(()),
+                None if self.own.is_empty() => Ok(()),
+                None => allowed(may_command, Refusal::Release),
+            },
             (Effect::SaysThatProcessesRun, Some(watchdog)) => {
                 allowed(sender.process == Some(watchdog), Refusal::SecondRobot)?;
                 self.learn(message, watchdog.uid);
@@ -207,14 +244,19 @@ impl Admission {
 
     /// Learns from the list of a watchdog of the user `uid` which processes are the witnesses'.
     fn learn(&mut self, message: &Message, uid: u32) {
-        let Message::CmDataProcesses(DataProcesses { processes, .. }) = message else { return };
+        let Message::CmDataProcesses(list) = message else { return };
         for witness in [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Motion] {
             let name = self.policy.module(witness);
-            let process = processes.iter().find(|process| Some(process.module.as_str()) == name);
-            let pid = process.and_then(|process| u32::try_from(process.pid).ok()).filter(|pid| *pid != 0);
-            self.witnesses[witness as usize] = pid.map(|pid| Process { pid, uid });
+            self.witnesses[witness as usize] = name.and_then(|name| process_of(name, list, uid));
         }
     }
+}
+
+/// Process of a module that runs as the user `uid`; `None` if it has none.
+fn process_of(module: &str, list: &DataProcesses, uid: u32) -> Option<Process> {
+    let row = list.processes.iter().find(|process| process.module == module)?;
+    let pid = u32::try_from(row.pid).ok().filter(|pid| *pid != 0)?;
+    Some(Process { pid, uid })
 }
 
 fn effect(heard: &Message) -> Effect {
@@ -228,6 +270,8 @@ fn effect(heard: &Message) -> Effect {
         Message::LlDataRanges(_) => Effect::Frees(Witness::Ranging),
         Message::LlDataMotion(_) => Effect::Frees(Witness::Motion),
         Message::CmDataProcesses(_) => Effect::SaysThatProcessesRun,
+        // Sensor drivers measure in PAUSE, too: there a critical module counts as working.
+        Message::CmDataState(DataState { state: DataState::RUN | DataState::PAUSE, .. }) => Effect::Works,
         Message::CmCmdState(CmdState { state, .. }) if *state != crate::State::Run as i8 => Effect::Stops,
         Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => Effect::Stops,
         Message::LlDataActiveBeacons(_) => Effect::Commands,
@@ -295,7 +339,8 @@ mod tests {
     fn policy(commands: Commands) -> Policy {
         let [power, guard, ranging, motion] =
             ["driver_power", "guard", "driver_rs485a", "driver_canbus"].map(|name| Some(name.into()));
-        Policy { commands, power, guard, ranging, motion }
+        let announcing = ["driver_power", "guard"].map(String::from).into();
+        Policy { commands, power, guard, ranging, motion, announcing }
     }
 
     /// Bounds of the guard, ahead.
@@ -448,6 +493,41 @@ mod tests {
             }
             assert_eq!(believed(MOTION, Way::Memory), Ok(()), "{message:?}");
         }
+    }
+
+    #[test]
+    fn that_a_module_works_is_believed_by_its_watchdog_from_its_process_alone() {
+        let says = |module: &str, state: State| -> Message {
+            DataState { module: module.into(), state: state as i8, ..Default::default() }.into()
+        };
+        let mut watchdog = Admission::new(policy(Commands::Host), None);
+        let Message::CmDataProcesses(list) = list() else { unreachable!() };
+        watchdog.on_own_list(&list, USER);
+        let of_another_user = Sender { way: Way::Memory, process: Some(Process { pid: POWER, uid: USER + 1 }) };
+        let others = [by(Way::Memory, 300), by(Way::Memory, GUARD), by(Way::Host, 0), by(Way::Network, 0)];
+        let others = [&others[..], &[of_another_user]].concat();
+        for works in [State::Run, State::Pause] {
+            let message = says("driver_power", works);
+            assert_eq!(watchdog.judge(&message, by(Way::Memory, POWER)), Ok(()), "{works}");
+            for other in others.clone() {
+                assert_eq!(watchdog.judge(&message, other), Err(Refusal::Release), "{works} {other:?}");
+            }
+        }
+        // What makes it worse stops the robot.
+        for worse in [State::Unknown, State::Init, State::Stop, State::Error, State::Terminate] {
+            for other in others.clone() {
+                assert_eq!(watchdog.judge(&says("driver_power", worse), other), Ok(()), "{worse} {other:?}");
+            }
+        }
+        // A program in another language sends datagrams, without a process id.
+        assert_eq!(watchdog.judge(&says("eyes.py", State::Run), by(Way::Host, 0)), Ok(()));
+        assert_eq!(watchdog.judge(&says("eyes.py", State::Run), by(Way::Network, 0)), Err(Refusal::Release));
+        // The watchdog reports a claim of the name of a module that it ended, and ignores it.
+        assert!(!watchdog.is_early(&says("driver_power", State::Run)));
+        watchdog.on_own_list(&DataProcesses::default(), USER);
+        assert!(watchdog.is_early(&says("driver_power", State::Run)));
+        assert!(!watchdog.is_early(&says("driver_power", State::Error)));
+        assert_eq!(watchdog.judge(&says("driver_power", State::Run), by(Way::Host, 0)), Ok(()));
     }
 
     #[test]

@@ -243,8 +243,11 @@ impl Watchdog {
         let Some(state) = State::from_value(announced.state) else {
             return;
         };
-        // The announcement may overtake the news of the process's start.
-        if !matches!(guard.phase, Phase::Running { .. } | Phase::Spawning { .. }) {
+        // Which process is the module's is not known before the news of its start.
+        if let Phase::Spawning { .. } = guard.phase {
+            return;
+        }
+        if !matches!(guard.phase, Phase::Running { .. }) {
             if guard.claim(now) {
                 let message = format!("{} {state} is announced, but its process does not run", guard.config.name);
                 out.report(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);

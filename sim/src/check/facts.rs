@@ -64,6 +64,8 @@ pub(super) struct Facts {
     pub others: Names<Life>,
     pub sources: Sources,
     pub set_point: SetPoint,
+    /// Time of the last set-point that moved the robot.
+    moved: Instant,
     /// State of the driver, and its begin.
     pub state: (State, Instant),
     pub pause: PauseLine,
@@ -106,6 +108,7 @@ impl Facts {
             driver: Life::default(),
             others: Names::default(),
             set_point: SetPoint::default(),
+            moved: Instant::ZERO,
             state: (State::Unknown, Instant::ZERO),
             pause: PauseLine::default(),
             believed: Believed::default(),
@@ -126,9 +129,11 @@ impl Facts {
         }
     }
 
-    /// Maximum latency with which a decision of the driver appears on the wire.
+    /// Maximum latency with which a decision of the driver appears on the wire. At the end of a hang it processes all
+    /// that has waited at once, and the frames of these decisions fill its port's queue.
     pub fn slack(&self, now: Instant) -> Duration {
-        if self.is_disturbed(now) { QUEUE_AGE } else { DELAY_MAX }
+        let queues = self.is_disturbed(now) || self.driver.has_resumed_within(now, QUEUE_AGE);
+        if queues { QUEUE_AGE } else { DELAY_MAX }
     }
 
     /// True if the drives' bus is disturbed, or was within [`AFTERMATH`].
@@ -294,6 +299,8 @@ impl Facts {
         let was = std::mem::replace(&mut self.set_point, set_point);
         if set_point.is_stop() {
             self.on_stop(now, was);
+        } else if set_point.speed().is_some() {
+            self.moved = now;
         }
     }
 
@@ -302,7 +309,10 @@ impl Facts {
             // The planner's own silence does not latch it; the takeover by a manual source did. One that began under a
             // stop, and must send zero first, has not taken over: the robot stood.
             if source.is_planner() {
-                !was.is_stop() && source.lives(now, Duration::ZERO)
+                // A stop for its silence is decided before its next command is served, and may leave the wire after it:
+                // then no set-point has left the wire in between.
+                let silent = now.since(source.resumed) <= self.slack(now) && self.moved < source.resumed;
+                !was.is_stop() && source.lives(now, Duration::ZERO) && !silent
             } else {
                 let stood = !was.is_stop() && was.speed().is_none();
                 !stood && source.lives(now, DELAY_MAX) && self.has_begun(now, source)

@@ -16,6 +16,8 @@ pub(super) struct Life {
     pub late: Duration,
     /// Time at which it was last dead, hung or late.
     ill: Instant,
+    /// End of its last hang.
+    resumed: Instant,
 }
 
 impl Life {
@@ -38,14 +40,24 @@ impl Life {
         if self.is_well() { self.ill } else { now }
     }
 
+    /// True if it ended a hang less than `time` ago: all that waited for it is processed at once.
+    pub fn has_resumed_within(&self, now: Instant, time: Duration) -> bool {
+        self.resumed > Instant::ZERO && now.since(self.resumed) < time
+    }
+
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match *news {
-            News::Started { pid, .. } => *self = Self { pid: Some(pid), started: now, ill: now, ..Self::default() },
+            News::Started { pid, .. } => {
+                *self = Self { pid: Some(pid), started: now, ill: now, resumed: self.resumed, ..Self::default() };
+            }
             News::Exited { pid, .. } if self.pid == Some(pid) => {
-                *self = Self { ceased: self.worked(now), ill: now, ..Self::default() };
+                // Frames that it has queued outlive it.
+                *self = Self { ceased: self.worked(now), ill: now, resumed: self.resumed, ..Self::default() };
             }
             News::Hung { pid, .. } if self.pid == Some(pid) => (self.ceased, self.hung) = (self.worked(now), true),
-            News::Resumed { pid, .. } if self.pid == Some(pid) => (self.hung, self.ill) = (false, now),
+            News::Resumed { pid, .. } if self.pid == Some(pid) => {
+                (self.hung, self.ill, self.resumed) = (false, now, now);
+            }
             News::Crawls { pid, late, .. } if self.pid == Some(pid) => {
                 // Pending input is served with the old latency.
                 (self.ill, self.late) = (now + self.late, late);

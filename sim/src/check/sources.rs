@@ -31,6 +31,8 @@ pub(super) struct Source {
     ttl: Duration,
     /// Begin of the period without silence beyond its time to live.
     pub unbroken: Instant,
+    /// Time at which the command that ended its last silence was served.
+    pub resumed: Instant,
     /// First moving command after zero, or of all.
     pub begun: Option<Instant>,
     /// Time since which it commands zero.
@@ -75,7 +77,7 @@ impl Source {
     fn say(&mut self, now: Instant, at: Instant, speed: f64) {
         let silent = self.said.back().is_none_or(|said| at.since(said.at) + DELAY_MAX >= self.ttl);
         if silent {
-            self.unbroken = at;
+            (self.unbroken, self.resumed) = (at, now);
         }
         if speed == 0.0 {
             self.ended = self.ended.or(Some(now));
@@ -129,6 +131,7 @@ impl Sources {
             said: VecDeque::with_capacity(COMMANDS_MAX),
             ttl: self.ttl,
             unbroken: Instant::ZERO,
+            resumed: Instant::ZERO,
             begun: None,
             ended: None,
         };

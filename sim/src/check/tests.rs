@@ -455,6 +455,24 @@ fn the_planner_continues_after_its_own_silence_but_not_after_a_stop() {
 }
 
 #[test]
+fn a_stop_for_the_planner_s_silence_is_one_although_its_next_command_overtakes_it_on_the_way_to_the_wire() {
+    check(
+        "goal
+        estimate
+        say planner 0.7
+        drive 0.7
+        +240 estimate
+        +10 say planner 0.7
+        stop              # decided before that command was served
+        drive 0.7
+        +50 say planner 0.7
+        +10 stop          # not for silence: the commands were on time
+        +10 say planner 0.7
+        drive 0.7 ! resumes",
+    );
+}
+
+#[test]
 fn after_a_manual_take_over_the_planner_waits_for_a_release() {
     check(
         "goal
@@ -545,6 +563,20 @@ fn a_driver_that_does_not_run_does_not_act() {
     for state in ["PAUSE", "STOP", "ERROR"] {
         check(&format!("begin pad 0.4 \n state driver {state} \n +2 drive 0.4 \n +1 drive 0.4 ! idle"));
     }
+}
+
+#[test]
+fn frames_that_a_driver_queued_at_the_end_of_a_hang_are_on_the_wire_within_60_ms() {
+    check(
+        "begin pad 0.4
+        hang driver
+        +50 resume driver
+        state driver TERMINATE   # behind commands that have waited, too
+        +4 drive 0.4
+        exit driver              # what is queued outlives it
+        +55 drive 0.4
+        +2 drive 0.4 ! idle",
+    );
 }
 
 #[test]

@@ -168,7 +168,7 @@ impl Operator {
             let (module, state) = (list.module.clone(), common::DataState::RUN);
             say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
         }
-        if has(&[Hold::FeedCut])
+        if has(&[Hold::FeedCut, Hold::FeedOff])
             && let Some(motors) = CHANNELS.iter().position(|name| *name == MOTORS)
         {
             let device = motors as i8;

@@ -88,6 +88,8 @@ settings! {
         episode: u64 = required, 0..=u64::MAX;
         /// The world.
         world: String = "hall";
+        /// With the visitors of the world; the first failures are from before there were any.
+        people: bool = false;
         /// The faults that it took.
         faults: Vec<Fault> = [];
     }

@@ -24,8 +24,11 @@ const CUT_PERIOD: Duration = Duration::from_millis(500);
 /// What cuts the motors' feed.
 #[derive(Debug)]
 enum Way {
-    /// The power controller.
-    Power,
+    /// The power controller; whether it reported the channel of the motors as off, be it switched off by this process,
+    /// an earlier one, or somebody else.
+    Power {
+        off: bool,
+    },
     /// An output of a node.
     Output(FeedOutput),
     None,
@@ -44,7 +47,7 @@ impl StopWatch {
     /// `deceleration` of a command and of a quick stop as configured, m/s²; `has_power`: there is a power controller.
     pub(super) fn new(deceleration: f64, quick_stop: f64, stop: &Stop, has_power: bool) -> Self {
         let way = match (stop.second_way, stop.output) {
-            (SecondWay::Power, _) if has_power => Way::Power,
+            (SecondWay::Power, _) if has_power => Way::Power { off: false },
             (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::new(output)),
             _ => Way::None,
         };
@@ -53,7 +56,12 @@ impl StopWatch {
 
     /// Objection to any motion.
     pub(super) fn objection(&self) -> Option<Objection> {
-        self.latched.or_else(|| self.output()?.objection()).map(Objection::Speed)
+        let of_way = || match &self.way {
+            Way::Power { off } => off.then_some(Hold::FeedOff),
+            Way::Output(output) => output.objection(),
+            Way::None => None,
+        };
+        self.latched.or_else(of_way).map(Objection::Speed)
     }
 
     fn output(&self) -> Option<&FeedOutput> {
@@ -83,7 +91,7 @@ impl Canbus {
     /// Reports at the start what stops the robot if a drive does not.
     pub(super) fn start_second_way(&mut self, now: Instant, out: &mut Actions) {
         match &mut self.stop_watch.way {
-            Way::Power => {}
+            Way::Power { .. } => {}
             Way::Output(output) => output.start(now),
             Way::None => {
                 out.note("THERE IS NO SECOND WAY TO STOP: if the drive does not brake, nothing cuts the motors' feed");
@@ -126,7 +134,7 @@ impl Canbus {
                 self.stop_watch.latched = Some(Hold::SpeedExceeded);
                 return;
             }
-            Way::Power => self.deadlines.set(Timer::Cut, now),
+            Way::Power { .. } => self.deadlines.set(Timer::Cut, now),
             Way::Output(output) => output.order(now, false),
         }
         out.raise(Severity::Error, Fault::StopFailed, "", format!("{what}: the motors' feed is cut"));
@@ -158,15 +166,16 @@ impl Canbus {
         }
     }
 
-    /// The power controller's report, received at `now`: the order to cut is repeated while the motors are fed.
+    /// The power controller's report, received at `now`: the order to cut is repeated while the motors are fed. While
+    /// they are not fed the robot is held, whoever switched them off: a drive without a feed is only known to be in
+    /// fault.
     pub(super) fn on_power(&mut self, now: Instant, power: &lowlevel::DataPower) {
         let Some(motors) = power.channels.iter().find(|channel| channel.name == MOTORS) else { return };
+        let Way::Power { off } = &mut self.stop_watch.way else { return };
+        *off = !motors.on;
         if !motors.on {
             self.deadlines.clear(Timer::Cut);
-        } else if self.stop_watch.latched == Some(Hold::FeedCut)
-            && matches!(self.stop_watch.way, Way::Power)
-            && !self.deadlines.is_set(Timer::Cut)
-        {
+        } else if self.stop_watch.latched == Some(Hold::FeedCut) && !self.deadlines.is_set(Timer::Cut) {
             self.deadlines.set(Timer::Cut, now);
         }
     }

@@ -41,6 +41,13 @@ fn measured(robot: &mut Robot, speed: f64, ms: u32) {
     }
 }
 
+/// The power controller reports the channel of the motors.
+fn report(robot: &mut Robot, on: bool) {
+    let motors = lowlevel::Channel { name: "motors".into(), on, current: 0.0 };
+    robot.bench.message(DataPower { channels: vec![motors], ..Default::default() });
+    robot.exchange();
+}
+
 fn order(device: i8, action: i8) -> CmdPower {
     CmdPower { timestamp: 0, device, action }
 }
@@ -61,9 +68,7 @@ fn a_drive_that_does_not_brake_is_cut_off_its_feed() {
     assert!(!robot.power.is_empty());
     live(&mut robot, 1000);
     assert!(robot.power.len() >= 3, "{:?}", robot.power.len());
-    let off = lowlevel::Channel { name: "motors".into(), on: false, current: 0.0 };
-    robot.bench.message(DataPower { channels: vec![off], ..Default::default() });
-    robot.exchange();
+    report(&mut robot, false);
     let orders = robot.power.len();
     robot.epos.stubborn = false;
     robot.epos.node.set(0x606C, 0, 0);
@@ -78,7 +83,41 @@ fn a_drive_that_does_not_brake_is_cut_off_its_feed() {
     assert_eq!(robot.holds()[0], (Hold::FeedCut, ""));
     robot.bench.message(order(3, CmdPower::ON));
     live(&mut robot, 100);
+    assert_eq!(robot.holds()[0], (Hold::FeedOff, ""), "until the power controller has switched them");
+    report(&mut robot, true);
     drive(&mut robot, 0.0, 50);
+    drive(&mut robot, 0.3, 500);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_process_that_did_not_cut_the_feed_says_that_it_is_off_and_waits_for_the_report_that_it_is_on() {
+    let mut robot = powered();
+    // An earlier process cut it, or somebody switched the channel off.
+    report(&mut robot, false);
+    live(&mut robot, 100);
+    assert_eq!((robot.holds()[0], robot.power.len()), ((Hold::FeedOff, ""), 0));
+    drive(&mut robot, 0.0, 50);
+    drive(&mut robot, 0.3, 500);
+    let (module, source) = (NAME.into(), "test".into());
+    robot.bench.message(common::CmdState { timestamp: 0, module, state: State::Run as i8, manual: true, source });
+    live(&mut robot, 100);
+    assert_eq!((robot.holds()[0], robot.moves()), ((Hold::FeedOff, ""), false));
+    report(&mut robot, true);
+    // A source that commanded motion all the time must send zero first.
+    drive(&mut robot, 0.3, 100);
+    assert_eq!((robot.holds()[0], robot.moves()), ((Hold::NotReleased, "test"), false));
+    drive(&mut robot, 0.0, 50);
+    drive(&mut robot, 0.3, 500);
+    assert!(robot.moves() && robot.power.is_empty(), "{}", robot.reason());
+}
+
+#[test]
+fn a_power_channel_that_is_not_the_second_way_does_not_hold_the_robot() {
+    let stop = Stop { second_way: SecondWay::None, ..config().stop };
+    let mut robot = Robot::with(epos::dictionary(1), Config { has_pause_line: true, stop, ..config() });
+    live(&mut robot, 3000);
+    report(&mut robot, false);
     drive(&mut robot, 0.3, 500);
     assert!(robot.moves(), "{}", robot.reason());
 }
@@ -142,17 +181,16 @@ fn a_feed_that_returns_without_a_person_is_cut_again() {
     let mut robot = powered();
     drive(&mut robot, 0.5, 500);
     measured(&mut robot, 0.5, 1000);
-    let mut report = |on| {
-        let motors = lowlevel::Channel { name: "motors".into(), on, current: 0.0 };
-        robot.bench.message(DataPower { channels: vec![motors], ..Default::default() });
+    let mut orders_after = |on| {
+        report(&mut robot, on);
         let before = robot.power.len();
         robot.pass(1100);
         robot.power.len() - before
     };
-    assert_eq!(report(false), 0);
+    assert_eq!(orders_after(false), 0);
     // The power controller was reset.
-    assert!(report(true) >= 2);
-    assert_eq!(report(false), 0);
+    assert!(orders_after(true) >= 2);
+    assert_eq!(orders_after(false), 0);
 }
 
 #[test]
