@@ -20,6 +20,7 @@ mod tests;
 use super::{Common, Outcome, print};
 use drivers::canbus::{self, SecondWay};
 use finding::{Finding, Level};
+use host::ports::GpioConfig;
 use host::ports::settings::CanInterface;
 use report::Style;
 use robot::config::{Config, ConfigError};
@@ -105,6 +106,10 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
     findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
     findings.extend(devices::commands(&config.modules, devices::executable));
     findings.push(second_way(&config.robot));
+    if let Some(canbus::GpioConfig { chip, line, active_low }) = config.robot.stop.feed_line().cloned() {
+        let line = GpioConfig { chip, line, active_low };
+        findings.extend(devices::feed_line(&line, devices::Device::gather, GpioConfig::foreign_holder, user));
+    }
     findings.extend(guard_findings(&config.robot));
     findings
 }
@@ -128,6 +133,10 @@ fn second_way(robot: &robot::config::Robot) -> Finding {
     if let Some(output) = robot.stop.feed_output() {
         let canbus::OutputConfig { node, index, subindex, .. } = output;
         return Finding::ok(check, format!("node {node} cuts the motors' feed by its object 0x{index:04X}:{subindex}"));
+    }
+    if let Some(canbus::GpioConfig { chip, line, active_low }) = robot.stop.feed_line() {
+        let (cut, chip) = (if *active_low { "high" } else { "low" }, chip.display());
+        return Finding::ok(check, format!("line {line} of {chip} cuts the motors' feed at its {cut} level"));
     }
     let why = "a drive that does not brake as commanded is not cut off its feed".into();
     Finding { why, ..Finding::warning(check, "none") }

@@ -338,6 +338,7 @@ fn show(action: &Action, ports: &[PortSpec]) -> (String, Value) {
             (bus(*port), json!({ "append": bytes.len(), "sync": sync }))
         }
         Action::Send(port, Output::Store(request)) => (bus(*port), json!({ "asked": format!("{request:?}") })),
+        Action::Send(port, Output::Gpio(signal)) => (bus(*port), json!({ "gpio": format!("{signal:?}") })),
         Action::Send(port, Output::Gamepad(event)) => (bus(*port), json!({ "gamepad": format!("{event:?}") })),
         Action::Report(report) | Action::Raise(report) | Action::Clear(report) => {
             let fields = json!({

@@ -23,6 +23,7 @@ impl Module for Echo {
             Event::Port { port, input: Input::OneWire(answer) } => {
                 out.push(Action::Send(port, Output::OneWireState(answer.clone())));
             }
+            Event::Port { port, input: Input::Gpio(signal) } => out.push(Action::Send(port, Output::Gpio(signal))),
             _ => {}
         }
     }

@@ -78,6 +78,10 @@ pub fn modules(data: &[u8]) {
                         });
                     }
                     Line::Store => bench.store(port, &base::store::Answer::Done { free: u64::from(number) }),
+                    Line::Gpio => {
+                        let signal = base::gpio::Signal::Level(number & 1 != 0);
+                        bench.event(Event::Port { port, input: Input::Gpio(signal) });
+                    }
                     Line::Gamepad => bench.event(Event::Port { port, input: Input::Gamepad(gamepad::Input::Frame) }),
                 }
             }

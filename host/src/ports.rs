@@ -4,6 +4,7 @@ mod can_slcan;
 mod can_socket;
 mod can_udp;
 mod evdev;
+mod gpio;
 mod i2c;
 mod queue;
 mod restart;
@@ -18,6 +19,7 @@ pub use can_slcan::codec as can_slcan_codec;
 pub use can_udp::codec as can_udp_codec;
 pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
+pub use gpio::GpioConfig;
 pub use serial::{Direction, Driver, TerminalConfig, Transport};
 pub use w1::read as w1_read;
 
@@ -68,6 +70,15 @@ pub enum PortConfig {
     GamepadHub {
         /// Created anew, removed at the end.
         path: PathBuf,
+    },
+    /// A line of a GPIO chip as an output.
+    Gpio(GpioConfig),
+    /// The simulator's output.
+    GpioSocket {
+        /// Created anew, removed at the end.
+        path: PathBuf,
+        /// True for the simulator's end.
+        simulated: bool,
     },
     /// An I2C adapter of the kernel.
     I2cDev {
@@ -234,6 +245,8 @@ impl Port {
             PortConfig::Gamepad { place, grab } => Box::new(evdev::Gamepad::new(place, grab)),
             PortConfig::GamepadHub { path } => Box::new(evdev::Hub::new(path)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
+            PortConfig::Gpio(config) => Box::new(Threaded::new(gpio::Line(config))),
+            PortConfig::GpioSocket { path, simulated } => Box::new(gpio::Socket::new(path, simulated)),
             PortConfig::I2cDev { path } => Box::new(i2c::I2c::dev(path)),
             PortConfig::I2cGpio { chip, sda, scl, hz } => Box::new(i2c::I2c::gpio(chip, sda, scl, hz)),
             PortConfig::I2cSocket { path } => Box::new(i2c::Socket::new(path)),

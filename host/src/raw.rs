@@ -57,7 +57,7 @@ impl Tap {
             }
             Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
             // The simulator's end of a bus has no tap, and a 1-Wire bus, operated by the kernel, has no frames.
-            Input::I2cRequested(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_) => {}
+            Input::I2cRequested(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Gpio(_) | Input::Store(_) => {}
         }
     }
 
@@ -78,6 +78,7 @@ impl Tap {
             | Output::OneWire(_)
             | Output::OneWireState(_)
             | Output::Gamepad(_)
+            | Output::Gpio(_)
             | Output::Store(_) => {}
         }
     }

@@ -105,6 +105,7 @@ impl Module for Toy {
                     | Input::I2cRequested(_)
                     | Input::OneWire(_)
                     | Input::Gamepad(_)
+                    | Input::Gpio(_)
                     | Input::Store(_)),
                 ..
             } => self.note(format!("{input:?}")),

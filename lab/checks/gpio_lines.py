@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Two lines of a GPIO chip as an I2C bus, on the kernel's gpio-sim: how our adapter requests, pulls and releases the
-lines, and its errors when they are busy and when the chip disappears. No chip answers there: gpio-sim has no wires."""
+lines, and its errors when they are busy and when the chip disappears. No chip answers there: gpio-sim has no wires.
+Then a line that feeds the motors: requested as it is found, and never switched on by a start."""
 
 import fcntl
 import os
@@ -13,7 +14,7 @@ import time
 CONFIG = "/sys/kernel/config/gpio-sim/lab"
 LINE_INFO = 0xC100B405  # GPIO_V2_GET_LINEINFO_IOCTL
 USED, OUTPUT, OPEN_DRAIN, ACTIVE_LOW = 1 << 0, 1 << 3, 1 << 6, 1 << 1
-SDA, SCL, TAKEN = 2, 3, 5
+SDA, SCL, TAKEN, FEED = 2, 3, 5, 6
 ADVEE = os.environ["ADVEE"]
 LOG = os.path.join(os.environ["HOME"], "said")
 
@@ -74,6 +75,44 @@ def refused(place, why):
         sys.exit(f"FAILED: {place} is to be refused with {why!r}: {done.returncode} {done.stdout}")
 
 
+def stop_driver(chip, line):
+    """Starts the driver whose second way to stop is a line, and waits until it holds the line as an output."""
+    with open(LOG, "w", encoding="utf-8") as log:
+        settings = ["stop.second_way=gpio", f"stop.gpio.chip={chip}", f"stop.gpio.line={line}"]
+        command = [ADVEE, "run", "driver_canbus", *(word for one in settings for word in ("--set", one))]
+        driver = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+    held = USED | OUTPUT
+    until(lambda: info(chip, FEED)[2] & held == held, f"the driver has line {line} as an output")
+    same("its consumer", info(chip, FEED)[1], "advee stop")
+    return driver
+
+
+def end(driver):
+    driver.send_signal(signal.SIGTERM)
+    same("exit status", driver.wait(10), 0)
+
+
+def pull(chip, up):
+    """The resistor at the line that feeds the motors."""
+    name = os.path.basename(chip)
+    write(f"/sys/devices/platform/{read(f'{CONFIG}/dev_name')}/{name}/sim_gpio{FEED}/pull", f"pull-{up}")
+
+
+def feed(chip):
+    """A line that is no output is cut; one that is an output keeps its level, which gpio-sim takes from the pull."""
+    pull(chip, "up")
+    driver = stop_driver(chip, FEED)
+    same("a line that nobody drove is cut, whatever its level was", level(FEED), "0")
+    end(driver)
+    driver = stop_driver(chip, "MOTOR_FEED")
+    same("an output that was on stays on", level(FEED), "1")
+    end(driver)
+    pull(chip, "down")
+    driver = stop_driver(chip, FEED)
+    same("an output that was cut stays cut", level(FEED), "0")
+    end(driver)
+
+
 def main():
     os.chdir(os.environ["LAB_SOURCE"])
     if not os.path.ismount("/sys/kernel/config"):
@@ -82,7 +121,7 @@ def main():
     write(f"{CONFIG}/bank/num_lines", "8")
     write(f"{CONFIG}/bank/line{TAKEN}/hog/name", "lamp")
     write(f"{CONFIG}/bank/line{TAKEN}/hog/direction", "output-low")
-    for line, name in ((SDA, "FAN_SDA"), (SCL, "FAN_SCL")):
+    for line, name in ((SDA, "FAN_SDA"), (SCL, "FAN_SCL"), (FEED, "MOTOR_FEED")):
         os.makedirs(f"{CONFIG}/bank/line{line}")
         write(f"{CONFIG}/bank/line{line}/name", name)
     chip = plug(True)
@@ -96,6 +135,8 @@ def main():
     refused(f"gpio:/dev/gpiochip99:{SDA}:{SCL}", "/dev/gpiochip99: No such file or directory")
     for line in (SDA, SCL):
         same(f"line {line} is free after what was refused", info(chip, line)[2] & USED, 0)
+
+    feed(chip)
 
     # The driver holds the lines.
     with open(LOG, "w", encoding="utf-8") as log:

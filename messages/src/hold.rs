@@ -114,10 +114,10 @@ holds! {
     /// The robot did not brake as commanded, and the motors' feed was cut. No subject.
     FeedCut = 233, "the motors' feed was cut: the robot did not brake as commanded",
         "Find out why; then switch the power channel motors on by hand.";
-    /// The output that cuts the motors' feed does not answer, or its state is not known yet. No subject.
+    /// The output or line that cuts the motors' feed does not answer or obey, or its state is unknown. No subject.
     SecondWayLost = 234, "the second way to stop does not answer",
-        "Check power and cable of the node whose output cuts the motors' feed.";
-    /// The power channel or the output that feeds the motors is off, and not by this process's order. No subject.
+        "Check what cuts the motors' feed: power and cable of its node, or its GPIO line.";
+    /// What feeds the motors is off, power channel, output or GPIO line, and not by this driver's order. No subject.
     FeedOff = 235, "the motors' feed is switched off",
         "Check that the robot may move; then switch the power channel motors on by hand.";
 

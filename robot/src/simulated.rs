@@ -59,6 +59,7 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
         serial: serial.collect(),
         i2c: i2c.collect(),
         w1,
+        line: robot.stop.feed_line().map(|_| canbus::LINE_BUS.into()),
         gamepad: robot.gamepad.as_ref().filter(|gamepad| gamepad.port.is_simulated()).map(|_| GAMEPAD_BUS.into()),
         wire_time,
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },

@@ -7,7 +7,7 @@ use crate::place::{self, GAMEPAD_BUS, LOG_BUS, RobotLocation, W1_BUS};
 use crate::recording;
 use crate::scene;
 use crate::simulated;
-use ::host::ports::PortConfig;
+use ::host::ports::{GpioConfig, PortConfig};
 use ::host::{HostConfig, beats};
 use base::Duration;
 use canopen::eds::Eds;
@@ -21,7 +21,7 @@ use record::{Recorder, Sink};
 use settings::robot::Beacon;
 use sim::host::{self, Virtual};
 use simulator::world::World;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use watchdog::Watchdog;
 use web::Web;
 use web::center::{authority, command};
@@ -272,6 +272,10 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(i2c) => Ok(i2c.port.place.port(run_dir, i2c.port.hz)),
                 None => return missing(),
             },
+            (("stop", _), side) => match robot.stop.feed_line() {
+                Some(line) => feed_line(run_dir, line, side),
+                None => return missing(),
+            },
             (_, side) => match robot.rs485_bus(bus) {
                 Some(serial) if side => serial.line.simulated(run_dir, bus),
                 Some(serial) => Ok(PortConfig::Terminal(serial.line.terminal(run_dir))),
@@ -279,6 +283,16 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
             },
         };
     port.or_else(refused)
+}
+
+/// The line that feeds the motors.
+fn feed_line(run_dir: &Path, line: &canbus::GpioConfig, simulated: bool) -> Result<PortConfig, String> {
+    let canbus::GpioConfig { chip, line, active_low } = line.clone();
+    match (chip.is_relative(), simulated) {
+        (true, _) => Ok(PortConfig::GpioSocket { path: run_dir.join(chip), simulated }),
+        (false, true) => Err(format!("stop.gpio.chip = {chip:?}: the simulator needs a name in the run folder")),
+        (false, false) => Ok(PortConfig::Gpio(GpioConfig { chip, line, active_low })),
+    }
 }
 
 /// The name of a bus on `LL_DATA_RAW_<BUS>`, where its frames are sent.
@@ -442,7 +456,7 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
         ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),
         ranging_age_max: robot.sensors.age_max,
         guarded,
-        stop: robot.stop,
+        stop: robot.stop.clone(),
         protection: protection(&robot.guard),
         ..usual
     };
@@ -508,7 +522,7 @@ fn check_sheets(place: &RobotLocation, bus: &CanBus, driver: &canbus::Canbus) ->
 mod tests {
     use super::*;
     use ::host::ports::{GamepadPlace, TerminalConfig};
-    use std::path::Path;
+    use base::gpio::LineId;
 
     fn shipped(sim: bool) -> RobotLocation {
         RobotLocation {
@@ -601,6 +615,23 @@ mod tests {
         let gamepads = |port: &PortConfig| matches!(port, PortConfig::GamepadHub { .. });
         assert!(!ports(true, SIMULATOR, "file:/tmp/pad").iter().any(gamepads));
         assert_eq!(ports(false, joydev::NAME, ""), [PortConfig::Gamepad { place: GamepadPlace::Auto, grab: false }]);
+    }
+
+    #[test]
+    fn the_gpio_line_is_the_simulator_s_where_its_chip_is_a_name_in_the_run_folder() {
+        let ports = |name: &str, chip: &str| {
+            let sets = ["second_way=gpio".into(), format!("gpio.chip={chip:?}"), "gpio.line=17".into()];
+            let sets = sets.map(|set: String| format!("stop.{set}")).into();
+            module(&RobotLocation { sets, ..shipped(true) }, name, State::Run).map(|(_, host)| host.ports)
+        };
+        let end = |simulated| PortConfig::GpioSocket { path: "/run/advee/gpio-motors".into(), simulated };
+        assert_eq!(ports(canbus::NAME, "gpio-motors").unwrap()[1..], [end(false)]);
+        assert!(ports(SIMULATOR, "gpio-motors").unwrap().contains(&end(true)));
+        let chip = "/dev/gpiochip0";
+        let line = GpioConfig { chip: chip.into(), line: LineId::Number(17), active_low: false };
+        assert_eq!(ports(canbus::NAME, chip).unwrap()[1..], [PortConfig::Gpio(line)]);
+        let why = ports(SIMULATOR, chip).unwrap_err().to_string();
+        assert_eq!(why, "stop.gpio.chip = \"/dev/gpiochip0\": the simulator needs a name in the run folder");
     }
 
     #[test]

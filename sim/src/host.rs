@@ -496,7 +496,7 @@ impl Virtual {
                     self.tell(owner.pid, Waiting::Store(owner.port, answer));
                 }
             }
-            Kind::Gamepad(_) => {}
+            Kind::Gamepad(_) | Kind::Gpio(_) => {}
         }
         self.arm_wire(place);
     }
@@ -533,7 +533,12 @@ impl Virtual {
         self.each_port(place, |host, port| {
             let hears = match &host.wires[place].kind {
                 Kind::Can(wire) => wire.hears(host.now, port),
-                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => false,
+                Kind::Serial(_)
+                | Kind::I2c(_)
+                | Kind::OneWire(_)
+                | Kind::Gamepad(_)
+                | Kind::Gpio(_)
+                | Kind::Store(_) => false,
             };
             if hears && (port != owner || echo) {
                 for _ in 0..times {
@@ -648,6 +653,7 @@ impl Virtual {
             Waiting::Gamepad(port, event) => {
                 self.handle(pid, Event::Port { port, input: Input::Gamepad(event.as_input()) });
             }
+            Waiting::Gpio(port, signal) => self.handle(pid, Event::Port { port, input: Input::Gpio(signal) }),
             Waiting::Store(port, answer) => self.handle(pid, Event::Port { port, input: Input::Store(&answer) }),
             Waiting::Heard(at, channel, data) => {
                 self.handle(pid, Event::RawMessage { at, channel: &channel, data: &data });
@@ -807,6 +813,16 @@ impl Virtual {
             (Kind::Store(wire), Output::Store(request)) => wire.send(self.now, owner, request),
             (Kind::Gamepad(_), Output::Gamepad(event)) => {
                 self.gamepad_tells(wire, owner, event);
+                return;
+            }
+            (Kind::Gpio(_), Output::Gpio(signal)) => {
+                let bus = self.wires[wire].bus.clone();
+                self.digest.gpio(self.now, &bus, signal);
+                self.each_port(wire, |host, other| {
+                    if other != owner {
+                        host.schedule(host.now, Happening::Tell(other.pid, Waiting::Gpio(other.port, signal)));
+                    }
+                });
                 return;
             }
             // A frame on a serial line or the like: nothing is sent.

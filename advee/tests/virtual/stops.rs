@@ -80,12 +80,15 @@ fn unbraked(robot: &mut Robot) {
 /// The second way is an output of a node.
 const OUTPUT: &[&str] = &["stop.second_way=canopen", "stop.output.node=5", "stop.output.index=0x6200"];
 
+/// The second way is a GPIO line.
+const LINE: &[&str] = &["stop.second_way=gpio", "stop.gpio.chip=gpio-motors", "stop.gpio.line=17"];
+
 #[test]
 fn the_robot_stands_within_the_figures_of_the_table() {
     type Cause = Box<dyn FnOnce(&mut Robot)>;
     let coast = &["stop.pause=coast"][..];
     let delayed = &["stop.pause=delayed"][..];
-    let rows: [(&str, &[&str], Cause, f64); 15] = [
+    let rows: [(&str, &[&str], Cause, f64); 17] = [
         ("the source is silent", &[], Box::new(|_| {}), 0.50),
         ("PAUSE, brake", &[], Box::new(button), 0.30),
         ("PAUSE, delayed", delayed, Box::new(button), 0.35),
@@ -99,6 +102,8 @@ fn the_robot_stands_within_the_figures_of_the_table() {
         ("the steering drive is lost", &[], Box::new(fault("steering", "silent", 5.0)), 0.50),
         ("it does not brake, power controller", &[], Box::new(unbraked), 0.90),
         ("it does not brake, output", OUTPUT, Box::new(unbraked), 0.90),
+        ("it does not brake, GPIO line", LINE, Box::new(unbraked), 0.90),
+        ("the GPIO line does not answer", LINE, Box::new(fault("line", "silent", 5.0)), 1.50),
         ("the output does not answer", OUTPUT, Box::new(fault("output", "silent", 5.0)), 1.50),
         ("the propulsion drive is in fault", &[], Box::new(fault("propulsion", "fault", 0.0)), 2.20),
     ];
@@ -111,7 +116,7 @@ fn the_robot_stands_within_the_figures_of_the_table() {
 
 #[test]
 fn a_feed_that_was_cut_is_switched_on_by_a_person_alone() {
-    for sets in [&[][..], OUTPUT] {
+    for sets in [&[][..], OUTPUT, LINE] {
         let mut place = place();
         place.sets.extend(sets.iter().map(|set| (*set).to_owned()));
         let mut robot = Robot::at(&place, Config { seed: 1, ..Config::default() });

@@ -1,8 +1,8 @@
 //! The configuration, and the devices that it names.
 
-use super::finding::Finding;
-use host::ports::GamepadPlace;
+use super::finding::{Finding, Level};
 use host::ports::settings::{CanInterface, I2cPlace};
+use host::ports::{GamepadPlace, GpioConfig};
 use nix::unistd::{AccessFlags, Gid, Group, access};
 use robot::config::{CanBus, Config, ConfigError, Gamepad, I2cBus, ModuleEntry, Rs485Bus, W1};
 use std::fs;
@@ -83,6 +83,31 @@ pub fn i2c(bus: &I2cBus, device: impl Fn(&Path) -> Device, user: &str) -> Option
     };
     let lost = "Temperatures and fans are not seen; the fans go on by themselves.";
     Some(device_file(&format!("i2c.{}", bus.name), path, bus.port.hz, &device(path), (lost, user), kind))
+}
+
+/// The GPIO line that cuts the motors' feed; none for the simulator's.
+pub fn feed_line(
+    line: &GpioConfig,
+    device: impl Fn(&Path) -> Device,
+    holder: impl Fn(&GpioConfig) -> Result<Option<String>, String>,
+    user: &str,
+) -> Option<Finding> {
+    const CHECK: &str = "stop.gpio";
+    let (chip, id) = (&line.chip, &line.line);
+    if chip.is_relative() {
+        return None;
+    }
+    let lost = "The motors' feed cannot be cut: the robot does not move.";
+    let found = device_file(CHECK, chip, 0, &device(chip), (lost, user), ("ls -l /dev/gpiochip*", "gpio"));
+    if found.level != Level::Ok {
+        return Some(found);
+    }
+    let fail = |what: String| Finding::fail(CHECK, what).why(lost).cure(format!("gpioinfo {}", chip.display()));
+    Some(match holder(line) {
+        Ok(None) => Finding::ok(CHECK, format!("line {id} of {} can be requested", chip.display())),
+        Ok(Some(other)) => fail(format!("line {id} of {} is held by {other:?}", chip.display())),
+        Err(why) => fail(format!("{}: {why}", chip.display())),
+    })
 }
 
 /// The kernel's 1-Wire thermometers; none for the simulator's.

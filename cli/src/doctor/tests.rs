@@ -12,10 +12,11 @@ use super::probe::{Outgoing, Trip};
 use super::real_time::{self, Interrupt};
 use super::report::Style;
 use ::guard::Ranging;
+use base::gpio::LineId;
 use drivers::canbus::PauseStop;
 use drivers::{canbus, joydev, rs485_bus};
 use host::ports::settings::{CanInterface, CanPort, GamepadPort, SerialPort};
-use host::ports::{GamepadPlace, Transport};
+use host::ports::{GamepadPlace, GpioConfig, Transport};
 use host::sys::ClockState;
 use lcm::url::{Interface as Choice, Udpm};
 use robot::config::{CanBus, ConfigError, Gamepad, Rs485Bus};
@@ -566,5 +567,24 @@ fn the_second_way_to_stop_is_named_or_said_to_be_missing() {
     says(&found(&["stop.second_way=power"]), Level::Ok, "power controller", "");
     let output = ["stop.second_way=canopen", "stop.output.node=5", "stop.output.index=0x6200"];
     says(&found(&output), Level::Ok, "node 5 cuts the motors' feed by its object 0x6200:1", "");
+    let line = ["stop.second_way=gpio", "stop.gpio.chip=/dev/gpiochip0", "stop.gpio.line=17"];
+    says(&found(&line), Level::Ok, "line 17 of /dev/gpiochip0 cuts the motors' feed at its low level", "");
     says(&found(&["stop.second_way=none"]), Level::Warning, "none", "");
+}
+
+#[test]
+fn the_gpio_line_that_cuts_the_feed_must_be_there_and_free() {
+    let line = |chip: &str| GpioConfig { chip: chip.into(), line: LineId::Number(17), active_low: false };
+    let good = Device { there: true, character: true, access: true, readable: true, group: Some("gpio".into()) };
+    let check = |device: &Device, holder: Result<Option<&str>, &str>| {
+        let holder = holder.map(|name| name.map(str::to_owned)).map_err(str::to_owned);
+        devices::feed_line(&line("/dev/gpiochip0"), |_| device.clone(), |_| holder.clone(), "robo").unwrap()
+    };
+    says(&check(&good, Ok(None)), Level::Ok, "line 17 of /dev/gpiochip0 can be requested", "");
+    says(&check(&good, Ok(Some("lamp"))), Level::Fail, "line 17 of /dev/gpiochip0 is held by \"lamp\"", "gpioinfo");
+    says(&check(&good, Err("line 17: Invalid argument")), Level::Fail, "chip0: line 17: Invalid argument", "gpioinfo");
+    says(&check(&Device::default(), Ok(None)), Level::Fail, "/dev/gpiochip0 is not there", "ls -l /dev/gpiochip*");
+    let closed = Device { access: false, ..good };
+    says(&check(&closed, Ok(None)), Level::Fail, "robo may not open /dev/gpiochip0", "usermod -aG gpio robo");
+    assert_eq!(devices::feed_line(&line("gpio-motors"), |_| closed.clone(), |_| Ok(None), "robo"), None);
 }

@@ -30,6 +30,7 @@ extern crate alloc;
 pub mod can;
 mod deadlines;
 pub mod gamepad;
+pub mod gpio;
 pub mod i2c;
 mod listed;
 mod queue;

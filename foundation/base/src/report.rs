@@ -181,7 +181,7 @@ faults! {
     StopFailed = 0x0213, Device;
     /// An object of a drive on which the stop depends does not hold what was written: the robot stops.
     DriveParameter = 0x0214, Device;
-    /// The node whose output cuts the motors' feed does not answer: the robot stops.
+    /// The output or GPIO line that cuts the motors' feed does not answer or obey: the robot stops.
     SecondWayLost = 0x0215, Device;
 
     /// A module's process ended unasked and is started again.

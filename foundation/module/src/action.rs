@@ -2,7 +2,7 @@
 
 use crate::{PortId, State};
 use base::serial::Word;
-use base::{Epoch, Fault, Instant, Level, Report, Severity, can, gamepad, i2c, store, w1};
+use base::{Epoch, Fault, Instant, Level, Report, Severity, can, gamepad, gpio, i2c, store, w1};
 use messages::Message;
 
 /// Effect requested by a module.
@@ -60,6 +60,9 @@ pub enum Output {
     OneWireState(w1::Answer),
     /// An event of a simulated gamepad.
     Gamepad(gamepad::Event),
+    /// A digital output is set, or read; the host answers with `Input::Gpio`. At most [`OUTSTANDING`] may be pending.
+    /// From the simulator's end: the answer.
+    Gpio(gpio::Signal),
     /// A request to a folder of log files; the host answers with `Input::Store`. At most [`OUTSTANDING`] may be
     /// pending.
     Store(store::Request),

@@ -2,7 +2,7 @@
 
 use crate::State;
 use base::serial::Word;
-use base::{Duration, Instant, can, gamepad, i2c, store, w1};
+use base::{Duration, Instant, can, gamepad, gpio, i2c, store, w1};
 use messages::Message;
 
 /// Event for a module.
@@ -80,6 +80,8 @@ pub enum Line {
     OneWire,
     /// A gamepad or joystick.
     Gamepad,
+    /// A digital output of the computer.
+    Gpio,
     /// A folder for log files.
     Store,
 }
@@ -115,6 +117,9 @@ pub enum Input<'a> {
     OneWire(&'a w1::Answer),
     /// News of a gamepad. An absent gamepad is news, too, and not [`Input::Down`].
     Gamepad(gamepad::Input<'a>),
+    /// Level of a digital output: one for each [`Output::Gpio`](crate::Output::Gpio), in order. Requests pending when the
+    /// port went down have none. At the simulator's end: what the owner of the output sends.
+    Gpio(gpio::Signal),
     /// Answer to a request: one for each [`Output::Store`](crate::Output::Store), in order. Requests pending when the
     /// port went down have none.
     Store(&'a store::Answer),

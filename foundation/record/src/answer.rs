@@ -33,6 +33,7 @@ const SEND_GAMEPAD: u8 = 22;
 const SEND_STORE: u8 = 23;
 // A text of another level than INFO, which is `NOTE`.
 const TEXT: u8 = 24;
+const SEND_GPIO: u8 = 25;
 
 // Next deadline: unchanged, none, or at an instant.
 const SAME: u8 = 0;
@@ -96,6 +97,7 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
             out.extend([SEND_GAMEPAD, *port]);
             super::gamepad(out, event.as_input());
         }
+        Action::Send(PortId(port), Output::Gpio(signal)) => out.extend([SEND_GPIO, *port, signal.to_byte()]),
         Action::Send(PortId(port), Output::Store(request)) => {
             out.extend([SEND_STORE, *port]);
             store::request(out, request);
@@ -202,6 +204,7 @@ fn take_action(take: &mut Decoder<'_>) -> Result<Action, Malformed> {
         SEND_STORE => Action::Send(PortId(take.u8()?), Output::Store(store::take_request(take)?)),
         SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireState(auxiliary::take_answer(take)?)),
         SEND_GAMEPAD => Action::Send(PortId(take.u8()?), Output::Gamepad(super::take_gamepad(take)?)),
+        SEND_GPIO => Action::Send(PortId(take.u8()?), Output::Gpio(super::take_signal(take)?)),
         RAISE => Action::Raise(take_report(take)?),
         CLEAR => Action::Clear(take_report(take)?),
         REPORT => Action::Report(take_report(take)?),

@@ -43,6 +43,7 @@ const SAY: u8 = 32;
 const CHECK_LATE: u8 = 33;
 /// A frame that arrived before the call; [`CAN`] is one that arrived with it.
 const CAN_EARLIER: u8 = 34;
+const GPIO: u8 = 35;
 
 /// Appends a call. Instants are encoded relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
@@ -132,6 +133,7 @@ fn put_input(out: &mut Vec<u8>, now: Instant, PortId(port): PortId, input: &Inpu
             out.extend([GAMEPAD, port]);
             super::gamepad(out, *input);
         }
+        Input::Gpio(signal) => out.extend([GPIO, port, signal.to_byte()]),
         Input::Store(answer) => {
             out.extend([STORE, port]);
             store::answer(out, answer);
@@ -232,7 +234,7 @@ pub(super) fn take<T>(take: &mut Decoder<'_>, now: Instant, f: impl FnOnce(Call<
             let at = before(now, take.signed()?);
             Event::RawMessage { at, channel: take.text()?, data: take.bytes()? }
         }
-        UP..=SENT | CAN_EARLIER => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take, now)? },
+        UP..=SENT | CAN_EARLIER | GPIO => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take, now)? },
         STARTED..=USAGE => Event::Process(take_process(tag, take, now)?),
         CHECK_LATE => {
             Event::Process(ProcessEvent::CheckLate { by: Duration::from_nanos(take.signed()?.unsigned_abs()) })
@@ -267,6 +269,7 @@ fn take_input<'a>(tag: u8, take: &mut Decoder<'a>, now: Instant) -> Result<Input
         ERRORS => Input::CanNotice(can::Notice::Errors(take.small()?)),
         LOST => Input::CanNotice(can::Notice::Lost(take.small()?)),
         SENT => Input::Sent,
+        GPIO => Input::Gpio(super::take_signal(take)?),
         _ => return Err(Malformed("a known input")),
     })
 }

@@ -68,7 +68,7 @@ pub use player::{Difference, First, Player};
 pub use reader::{End, Item, Reader, Record, Refusal, Why};
 
 use base::serial::Word;
-use base::{Epoch, Fault, Instant, Level, Location, Report, Severity, can};
+use base::{Epoch, Fault, Instant, Level, Location, Report, Severity, can, gpio};
 use messages::{EncodeError, Message};
 #[cfg(doc)]
 use module::Shell;
@@ -326,6 +326,10 @@ fn check(number: u32, payload: &[u8]) -> u32 {
 
 fn state(out: &mut Vec<u8>, state: State) {
     out.push(state as u8);
+}
+
+fn take_signal(take: &mut Decoder<'_>) -> Result<gpio::Signal, Malformed> {
+    gpio::Signal::from_byte(take.u8()?).ok_or(Malformed("a signal of a digital output"))
 }
 
 fn take_state(take: &mut Decoder<'_>) -> Result<State, Malformed> {

@@ -1,5 +1,5 @@
 use super::*;
-use base::{Duration, gamepad, i2c, store, w1};
+use base::{Duration, gamepad, gpio, i2c, store, w1};
 use messages::{common, lowlevel};
 use module::{
     Actions, Event, ExitStatus, Input, Module, Output, PortId, ProcessCommand, ProcessEvent, Shell, ShellConfig,
@@ -371,6 +371,8 @@ fn every_call_is_read_as_it_was_written() {
         input(Input::Gamepad(gamepad::Input::Button { code: u16::MAX, pressed: true })),
         input(Input::Gamepad(gamepad::Input::Button { code: gamepad::BTN_TL, pressed: false })),
         input(Input::Gamepad(gamepad::Input::Frame)),
+        input(Input::Gpio(gpio::Signal::Read)),
+        input(Input::Gpio(gpio::Signal::Level(true))),
         process(ProcessEvent::Started { module, pid }),
         process(ProcessEvent::Earlier { module, wanted: State::Stop, held: true, pid: None }),
         process(ProcessEvent::Earlier { module, wanted: State::Run, held: false, pid: Some(pid) }),
@@ -429,6 +431,8 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(2), Output::OneWireState(w1::Answer::Temperature(rom, Ok(85_000)))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Found(Box::new(pad())))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Axis { code: gamepad::ABS_Y, value: -32_768 })),
+        Action::Send(PortId(1), Output::Gpio(gpio::Signal::Read)),
+        Action::Send(PortId(1), Output::Gpio(gpio::Signal::Level(false))),
         Action::Send(PortId(0), Output::Store(store::Request::Create { name: "run/log_000.mcap".into() })),
         Action::Send(PortId(0), Output::Store(store::Request::Append { bytes: Arc::new(vec![7; 300]), sync: true })),
         Action::Send(PortId(0), Output::Store(store::Request::Remove { name: "run".into() })),

@@ -7,7 +7,7 @@ mod dev;
 mod gpio;
 mod server;
 mod socket;
-mod sys;
+pub(super) mod sys;
 
 pub use server::Server;
 pub use socket::Socket;

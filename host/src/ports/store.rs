@@ -3,6 +3,7 @@
 
 pub(crate) mod disk;
 
+use super::Lost;
 use super::threaded::Service;
 use base::store::{Answer, Request};
 use disk::Disk;
@@ -34,14 +35,14 @@ impl Service for Files {
     const THREAD: &'static str = "store";
     const BUSY: &'static str = "the last write has not finished";
 
-    fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
+    fn work(&self) -> impl FnMut(Request) -> Result<Answer, Lost> + Send + 'static {
         let mut disk = Disk::new(&self.folder);
         #[cfg(test)]
         let before = self.before;
         move |request| {
             #[cfg(test)]
             before(&request);
-            disk.perform(request)
+            Ok(disk.perform(request))
         }
     }
 

@@ -16,8 +16,8 @@ pub trait Service {
     const THREAD: &'static str;
     /// Reason why the port cannot be reopened while a call of the previous thread lasts.
     const BUSY: &'static str;
-    /// Creates the thread's function when the port is opened.
-    fn work(&self) -> impl FnMut(Self::Request) -> Self::Answer + Send + 'static;
+    /// Creates the thread's function when the port is opened. An error of that means that the port is lost.
+    fn work(&self) -> impl FnMut(Self::Request) -> Result<Self::Answer, Lost> + Send + 'static;
     /// The request of an output; `None` if it is not for this port.
     fn request(output: &Output) -> Option<&Self::Request>;
     /// Converts an answer to an input.
@@ -45,8 +45,7 @@ impl<S: Service> Device for Threaded<S> {
         if self.life.is_alive() {
             return Err(S::BUSY.into());
         }
-        let mut work = self.service.work();
-        let worker = Worker::start(S::THREAD, &mut self.life, move |request| Ok(work(request)));
+        let worker = Worker::start(S::THREAD, &mut self.life, self.service.work());
         self.worker = Some(worker.map_err(|error| format!("its thread: {error}"))?);
         Ok(())
     }

@@ -6,6 +6,7 @@ pub mod read;
 
 pub use folder::Folder;
 
+use super::Lost;
 use super::threaded::Service;
 use base::w1::{Answer, Request};
 use module::{Input, Output};
@@ -21,9 +22,9 @@ impl Service for Thermometers {
     const THREAD: &'static str = "w1";
     const BUSY: &'static str = "its last measurement has not finished";
 
-    fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
+    fn work(&self) -> impl FnMut(Request) -> Result<Answer, Lost> + Send + 'static {
         let folder = self.0.clone();
-        move |request| read::answer(&folder, request)
+        move |request| Ok(read::answer(&folder, request))
     }
 
     fn request(output: &Output) -> Option<&Request> {

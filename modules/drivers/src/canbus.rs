@@ -35,7 +35,7 @@ pub use config::{
     Axis, BusConfig, Config, Drive, EposConfig, HomingRelease, Node, PauseStop, PropulsionConfig, SecondWay,
     SteeringConfig, Stop,
 };
-pub use feed_output::OutputConfig;
+pub use feed_output::{GpioConfig, OutputConfig};
 pub use pause::Paused;
 
 use arbiter::{Arbiter, Verdict};
@@ -61,6 +61,10 @@ use surroundings::Surroundings;
 pub const NAME: &str = "driver_canbus";
 
 const CAN: PortId = PortId(0);
+/// The GPIO line that feeds the motors, if there is one.
+const LINE: PortId = PortId(1);
+/// Name of its port.
+pub const LINE_BUS: &str = "stop.gpio";
 /// Objects that are read from a drive that has booted or has sent nothing for a while.
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
@@ -96,7 +100,7 @@ base::deadlines! {
 /// The module `driver_canbus`.
 pub struct Canbus {
     config: Config,
-    ports: [PortSpec; 1],
+    ports: Vec<PortSpec>,
     master: Master,
     propulsion: Propulsion,
     steering: Steering,
@@ -129,7 +133,9 @@ impl Canbus {
     /// # Errors
     /// Invalid in CANopen: node ids out of range or used twice.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
-        let ports = [PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } }];
+        let can = PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } };
+        let line = config.stop.feed_line().map(|_| PortSpec { bus: LINE_BUS.into(), line: Line::Gpio });
+        let ports = std::iter::once(can).chain(line).collect();
         let propulsion = Propulsion::new(&config);
         let steering = Steering::new(&config);
         let nodes = [propulsion.node_config(), steering.node_config()];
@@ -772,6 +778,7 @@ impl Module for Canbus {
                 }
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
+            Event::Port { port, input } if self.stop_watch.on_port(now, port, &input) => {}
             Event::Port { input: Input::Can { frame, at }, .. } => {
                 self.bus.count_frame(&frame);
                 self.master.handle_rx_at(now, at, &frame);

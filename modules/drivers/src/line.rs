@@ -154,6 +154,7 @@ impl Line {
             | Input::I2cRequested(_)
             | Input::OneWire(_)
             | Input::Gamepad(_)
+            | Input::Gpio(_)
             | Input::Store(_) => None,
         }
     }

@@ -6,6 +6,7 @@ pub(crate) mod climate;
 pub(crate) mod drive;
 pub mod epos;
 pub(crate) mod fan1;
+pub(crate) mod feed_line;
 pub mod icla;
 pub(crate) mod line;
 mod mirror;

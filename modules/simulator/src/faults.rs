@@ -31,6 +31,8 @@
 //! | a thermometer | `silent` | it is not connected |
 //! | a thermometer | `wrong` | what it sends is damaged |
 //! | a thermometer | `hot` | it is `value` °C warm (0: 90) |
+//! | `output`, `line` of `[stop]` | `silent` | it neither answers nor obeys |
+//! | `line` | `stuck` | it keeps its level, whatever is set |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
 //! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |

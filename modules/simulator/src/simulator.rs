@@ -4,6 +4,7 @@ use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
 use crate::boards::drive::{self, Disobedience, Drive, Layout};
+use crate::boards::feed_line::FeedLine;
 use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine, Wire};
 use crate::boards::output::{Output as FeedOutput, OutputConfig};
@@ -107,6 +108,8 @@ pub struct Config {
     pub i2c: Vec<I2cConfig>,
     /// The 1-Wire bus.
     pub w1: Option<W1Config>,
+    /// Port of the GPIO line that feeds the motors, as in its driver, if there is one.
+    pub line: Option<String>,
     /// The PAUSE line makes the propulsion drive brake, and cuts the motors' feed after this time; zero: at once.
     pub pause_delay: Duration,
     /// Port of a gamepad, as in its driver: `joystick`. It is unplugged until requested.
@@ -129,6 +132,7 @@ impl Default for Config {
             serial: Vec::new(),
             i2c: Vec::new(),
             w1: None,
+            line: None,
             pause_delay: Duration::ZERO,
             gamepad: None,
             wire_time: false,
@@ -152,13 +156,14 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, and last the gamepad.
+/// its configuration, then the 1-Wire bus, if there is one, the gamepad, and the GPIO line.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
     scene: Scene,
     drives: Vec<Drive>,
     output: Option<FeedOutput>,
+    feed_line: Option<FeedLine>,
     can: CanLine,
     lines: Vec<SerialLine>,
     auxiliary: Auxiliary,
@@ -185,11 +190,13 @@ impl Simulator {
         let i2c = config.i2c.iter().map(|i2c| PortSpec { bus: i2c.bus.clone(), line: Line::I2c { hz: i2c.hz } });
         let w1 = config.w1.iter().map(|w1| PortSpec { bus: w1.bus.clone(), line: Line::OneWire });
         let gamepad = config.gamepad.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gamepad });
-        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).collect();
+        let line = config.line.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gpio });
+        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).collect();
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
             output: None,
+            feed_line: None,
             can: can_line(&config),
             lines: Vec::new(),
             auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
@@ -228,6 +235,7 @@ impl Simulator {
         }
         let output = self.config.can.as_ref().and_then(|can| can.output);
         self.output = output.map(|output| FeedOutput::new(output, now));
+        self.feed_line = self.config.line.as_ref().map(|_| FeedLine::default());
         self.deadlines = Deadlines::new().with(Timer::Truth, now).with(Timer::Clock, now);
         // Without drops the floor rangers find nothing.
         if !self.scene.world().drops.is_empty() {
@@ -349,6 +357,7 @@ impl Simulator {
             line.speak(now);
         }
         let feeds = feeds && self.output.as_ref().is_none_or(FeedOutput::feeds);
+        let feeds = feeds && self.feed_line.as_ref().is_none_or(FeedLine::feeds);
         let motors = feeds && !self.cuts(now, engaged);
         self.scene.demand.unfed = !motors;
         if self.motors != motors {
@@ -480,6 +489,9 @@ impl Simulator {
             output.silent_until = silent;
             return true;
         }
+        if let Some(line) = self.feed_line.as_mut().filter(|_| target == FeedLine::NAME) {
+            return line.inject(now, injected, until);
+        }
         if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
             return self.can.inject(now, injected, until);
         }
@@ -581,6 +593,11 @@ impl Module for Simulator {
                 }
                 for drive in &mut self.drives {
                     drive.handle_rx(now, &frame, self.scene.body());
+                }
+            }
+            Event::Port { port, input: Input::Gpio(signal) } => {
+                if let Some(signal) = self.feed_line.as_mut().and_then(|line| line.answer(now, signal)) {
+                    out.push(module::Action::Send(port, Output::Gpio(signal)));
                 }
             }
             Event::Port { input: Input::Gamepad(input), .. } => self.gamepad.play(now, input.into()),

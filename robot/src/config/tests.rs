@@ -1,6 +1,7 @@
 //! What is wrong in a configuration, and the line that says so.
 
 use super::*;
+use base::gpio::LineId;
 use drivers::canbus;
 use drivers::joydev::Gear;
 use drivers::rs485_bus::Crc;
@@ -371,6 +372,26 @@ fn the_output_that_cuts_the_feed_is_a_node_of_its_own() {
     let canbus::OutputConfig { node, subindex, bits, on, cut, .. } = with("canopen").unwrap();
     assert_eq!((node, subindex, bits, on, cut), (5, 1, 8, 1, 0));
     assert_eq!(with("power"), None);
+}
+
+#[test]
+fn the_line_that_cuts_the_feed_is_named_or_numbered() {
+    let stop = "[stop]\nsecond_way = \"gpio\"\n";
+    let missing = "robot.toml:11: stop.gpio: missing, expected the line that cuts the motors' feed";
+    refused("[limits]", &format!("{stop}[limits]"), &[missing]);
+    for (line, shown) in [("-1", "-1"), ("\"\"", "\"\""), ("1.5", "1.5")] {
+        let table = format!("{stop}gpio = {{ chip = \"/dev/gpiochip0\", line = {line} }}\n[limits]");
+        let why = format!("robot.toml:13: stop.gpio.line = {shown}: expected the number of a line, or its name");
+        refused("[limits]", &table, &[&why]);
+    }
+    let with = |way: &str, line: &str| {
+        let table = format!("[stop]\nsecond_way = {way:?}\ngpio = {{ chip = \"/dev/gpiochip0\", {line} }}\n[limits]");
+        load(&ROBOT.replacen("[limits]", &table, 1), "", &[], MODULES).unwrap().robot.stop.feed_line().cloned()
+    };
+    let line = |line, active_low| Some(canbus::GpioConfig { chip: "/dev/gpiochip0".into(), line, active_low });
+    assert_eq!(with("gpio", "line = 17"), line(LineId::Number(17), false));
+    assert_eq!(with("gpio", "line = \"FEED\", active_low = true"), line(LineId::Name("FEED".into()), true));
+    assert_eq!(with("power", "line = 17"), None);
 }
 
 #[test]

@@ -1,9 +1,8 @@
 //! Scheduled events in a total order: by time, then by order of scheduling.
 
 use base::can::{Frame, Notice};
-use base::gamepad;
 use base::serial::Word;
-use base::{Instant, i2c, store, w1};
+use base::{Instant, gamepad, gpio, i2c, store, w1};
 use messages::Message;
 use module::admission::Sender;
 use module::{ExitStatus, PortId};
@@ -30,6 +29,7 @@ pub(super) enum Waiting {
     I2cRequested(PortId, i2c::Transfer),
     OneWire(PortId, w1::Answer),
     Gamepad(PortId, Rc<gamepad::Event>),
+    Gpio(PortId, gpio::Signal),
     Store(PortId, store::Answer),
     Exited(u32, ExitStatus),
     Started(Rc<str>, u32),

@@ -3,6 +3,7 @@
 use base::Instant;
 use base::can::{Frame, Id};
 use base::gamepad::Event;
+use base::gpio::Signal;
 use base::serial::Word;
 use base::{i2c, w1};
 use xxhash_rust::xxh64::Xxh64;
@@ -109,6 +110,10 @@ impl Digest {
             Event::Frame => (4, 0, 0),
         };
         self.record(6, at, &[bus.as_bytes(), &[what], &code.to_le_bytes(), &value.to_le_bytes()]);
+    }
+
+    pub fn gpio(&mut self, at: Instant, bus: &str, signal: Signal) {
+        self.record(7, at, &[bus.as_bytes(), &[signal.to_byte()]]);
     }
 
     pub fn value(&self) -> u64 {

@@ -36,6 +36,8 @@ pub(super) enum Kind {
     I2c(I2cWire),
     OneWire(Served<Thermometers>),
     Gamepad(GamepadWire),
+    /// A digital output: what one end sends reaches the other at once.
+    Gpio(Vec<Owner>),
     Store(Served<Store>),
 }
 
@@ -46,7 +48,7 @@ impl Wire {
             Kind::Can(wire) => wire.inject(now, injected, until),
             Kind::Serial(_) => false,
             // Faults concern their chips only.
-            Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => return false,
+            Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Gpio(_) | Kind::Store(_) => return false,
         };
         // On a CAN bus noise destroys frames, which are retransmitted; the wire handles that itself.
         let common = !matches!(injected, InjectedFault::Reorder(_)) && (!own || injected == InjectedFault::None);
@@ -81,7 +83,7 @@ impl Wire {
             Kind::I2c(wire) => wire.poll_timeout(),
             Kind::OneWire(wire) => wire.poll_timeout(),
             Kind::Store(wire) => wire.poll_timeout(),
-            Kind::Gamepad(_) => None,
+            Kind::Gamepad(_) | Kind::Gpio(_) => None,
         }
     }
 
@@ -92,6 +94,7 @@ impl Wire {
             Kind::I2c(wire) => Line::I2c { hz: wire.hz },
             Kind::OneWire(_) => Line::OneWire,
             Kind::Gamepad(_) => Line::Gamepad,
+            Kind::Gpio(_) => Line::Gpio,
             Kind::Store(_) => Line::Store,
         }
     }
@@ -103,7 +106,7 @@ impl Wire {
             Kind::I2c(wire) => wire.traffic,
             Kind::OneWire(wire) => wire.traffic,
             Kind::Store(wire) => wire.traffic,
-            Kind::Gamepad(_) => Traffic::default(),
+            Kind::Gamepad(_) | Kind::Gpio(_) => Traffic::default(),
         }
     }
 
@@ -114,6 +117,7 @@ impl Wire {
             Kind::I2c(wire) => &wire.ports,
             Kind::OneWire(wire) => &wire.ports,
             Kind::Gamepad(wire) => &wire.ports,
+            Kind::Gpio(ports) => ports,
             Kind::Store(wire) => &wire.ports,
         }
     }
@@ -141,6 +145,10 @@ impl Wire {
                 wire.ports.push(owner);
                 true
             }
+            Kind::Gpio(ports) => {
+                ports.push(owner);
+                true
+            }
             Kind::Store(wire) => {
                 wire.ports.push(owner);
                 true
@@ -156,6 +164,7 @@ impl Wire {
             Kind::I2c(wire) => wire.close(pid),
             Kind::OneWire(wire) => wire.close(pid),
             Kind::Store(wire) => wire.close(pid),
+            Kind::Gpio(ports) => ports.retain(|owner| owner.pid != pid),
             Kind::Gamepad(wire) => return wire.close(pid),
         }
         false
@@ -178,6 +187,7 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
         Line::OneWire => Kind::OneWire(Served::default()),
         Line::Gamepad => Kind::Gamepad(GamepadWire::default()),
+        Line::Gpio => Kind::Gpio(Vec::new()),
         Line::Store => Kind::Store(Served::default()),
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));

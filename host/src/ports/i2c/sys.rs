@@ -4,7 +4,7 @@
 use nix::libc;
 use std::io;
 use std::mem;
-use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 
 /// Plain transfers, `I2C_FUNC_I2C`.
 pub const FUNC_I2C: libc::c_ulong = 0x0000_0001;
@@ -103,6 +103,9 @@ pub fn smbus(
 
 const LINES_MAX: usize = 64;
 const ATTRIBUTES_MAX: usize = 10;
+const NAME_SIZE: usize = 32;
+const FLAG_USED: u64 = 1 << 0;
+const FLAG_ACTIVE_LOW: u64 = 1 << 1;
 const FLAG_OUTPUT: u64 = 1 << 3;
 const FLAG_OPEN_DRAIN: u64 = 1 << 6;
 const ATTRIBUTE_VALUES: u32 = 2;
@@ -116,15 +119,21 @@ struct Attribute {
     mask: u64,
 }
 
-/// `struct gpio_v2_line_request`, its `struct gpio_v2_line_config` within.
+/// `struct gpio_v2_line_config`.
 #[repr(C)]
-struct Request {
-    offsets: [u32; LINES_MAX],
-    consumer: [u8; 32],
+struct Config {
     flags: u64,
     attributes_count: u32,
     padding: [u32; 5],
     attributes: [Attribute; ATTRIBUTES_MAX],
+}
+
+/// `struct gpio_v2_line_request`.
+#[repr(C)]
+struct Request {
+    offsets: [u32; LINES_MAX],
+    consumer: [u8; NAME_SIZE],
+    config: Config,
     count: u32,
     event_buffer_size: u32,
     padding_2: [u32; 5],
@@ -138,37 +147,112 @@ struct Values {
     mask: u64,
 }
 
+/// `struct gpio_v2_line_info`.
+#[repr(C)]
+struct Info {
+    name: [u8; NAME_SIZE],
+    consumer: [u8; NAME_SIZE],
+    offset: u32,
+    attributes_count: u32,
+    flags: u64,
+    attributes: [[u64; 2]; ATTRIBUTES_MAX],
+    padding: [u32; 4],
+}
+
+const GET_INFO: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x05, size_of::<Info>()) as libc::Ioctl;
 const GET_LINE: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x07, size_of::<Request>()) as libc::Ioctl;
+const SET_CONFIG: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0D, size_of::<Config>()) as libc::Ioctl;
 const GET_VALUES: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0E, size_of::<Values>()) as libc::Ioctl;
 const SET_VALUES: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0F, size_of::<Values>()) as libc::Ioctl;
 
+/// State of a line.
+pub struct LineInfo {
+    /// Name on the chip; may be empty.
+    pub name: String,
+    /// Who holds it; empty: nobody.
+    pub consumer: String,
+    /// It is an output now.
+    output: bool,
+}
+
+/// State of a line, which it does not change. `EINVAL`: the chip has fewer lines.
+pub fn line_info(chip: BorrowedFd<'_>, line: u32) -> io::Result<LineInfo> {
+    // SAFETY: all zeros is valid.
+    let mut info: Info = unsafe { mem::zeroed() };
+    info.offset = line;
+    // SAFETY: the kernel reads and fills a live gpio_v2_line_info.
+    check(unsafe { libc::ioctl(chip.as_raw_fd(), GET_INFO, &raw mut info) })?;
+    let text = |bytes: [u8; NAME_SIZE]| {
+        String::from_utf8_lossy(bytes.split(|byte| *byte == 0).next().unwrap_or_default()).into_owned()
+    };
+    let consumer = if info.flags & FLAG_USED != 0 { text(info.consumer) } else { String::new() };
+    Ok(LineInfo { name: text(info.name), consumer, output: info.flags & FLAG_OUTPUT != 0 })
+}
+
 /// Requests lines of a GPIO chip as open-drain outputs, released; bit 0 of their values is the first line.
 pub fn open_drain(chip: BorrowedFd<'_>, lines: [u32; 2]) -> io::Result<OwnedFd> {
+    request(chip, &lines, b"advee i2c", config(FLAG_OUTPUT | FLAG_OPEN_DRAIN, Some([true; 2])))
+}
+
+/// Name under which the kernel lists a line requested by [`output`].
+pub const STOP_CONSUMER: &str = "advee stop";
+
+/// Requests a line as an output. One that is an output already keeps its level; another one becomes inactive.
+pub fn output(chip: BorrowedFd<'_>, line: u32, active_low: bool) -> io::Result<OwnedFd> {
+    let driven = line_info(chip, line)?.output;
+    let polarity = if active_low { FLAG_ACTIVE_LOW } else { 0 };
+    // As it is: neither its direction nor its level changes.
+    let fd = request(chip, &[line], STOP_CONSUMER.as_bytes(), config::<1>(polarity, None))?;
+    let [active] = levels(fd.as_fd())?;
+    let mut config = config(polarity | FLAG_OUTPUT, Some([driven && active]));
+    // SAFETY: the kernel reads a live gpio_v2_line_config.
+    check(unsafe { libc::ioctl(fd.as_raw_fd(), SET_CONFIG, &raw mut config) })?;
+    Ok(fd)
+}
+
+fn config<const N: usize>(flags: u64, levels: Option<[bool; N]>) -> Config {
+    // SAFETY: all zeros is valid: without attributes.
+    let mut config: Config = unsafe { mem::zeroed() };
+    config.flags = flags;
+    if let Some(levels) = levels {
+        let Values { bits, mask } = Values::of(levels);
+        config.attributes_count = 1;
+        config.attributes[0] = Attribute { id: ATTRIBUTE_VALUES, padding: 0, value: bits, mask };
+    }
+    config
+}
+
+fn request(chip: BorrowedFd<'_>, lines: &[u32], consumer: &[u8], config: Config) -> io::Result<OwnedFd> {
     // SAFETY: all zeros is a valid request, of no lines.
     let mut request: Request = unsafe { mem::zeroed() };
-    request.offsets[..2].copy_from_slice(&lines);
-    request.consumer[..9].copy_from_slice(b"advee i2c");
-    request.flags = FLAG_OUTPUT | FLAG_OPEN_DRAIN;
-    request.attributes_count = 1;
-    request.attributes[0] = Attribute { id: ATTRIBUTE_VALUES, padding: 0, value: 0b11, mask: 0b11 };
-    request.count = 2;
+    request.offsets[..lines.len()].copy_from_slice(lines);
+    request.consumer[..consumer.len()].copy_from_slice(consumer);
+    request.config = config;
+    request.count = lines.len() as u32;
     // SAFETY: the kernel reads and fills a live gpio_v2_line_request.
     check(unsafe { libc::ioctl(chip.as_raw_fd(), GET_LINE, &raw mut request) })?;
     // SAFETY: the kernel has just opened it for us; it belongs to nobody else.
     Ok(unsafe { OwnedFd::from_raw_fd(request.fd) })
 }
 
-/// Levels of both lines.
-pub fn levels(lines: BorrowedFd<'_>) -> io::Result<[bool; 2]> {
-    let mut values = Values { bits: 0, mask: 0b11 };
-    // SAFETY: the kernel reads and fills a live gpio_v2_line_values.
-    check(unsafe { libc::ioctl(lines.as_raw_fd(), GET_VALUES, &raw mut values) })?;
-    Ok([values.bits & 1 != 0, values.bits & 2 != 0])
+impl Values {
+    fn of<const N: usize>(levels: [bool; N]) -> Self {
+        let bits = levels.iter().rev().fold(0, |bits, level| bits << 1 | u64::from(*level));
+        Self { bits, mask: (1 << N) - 1 }
+    }
 }
 
-/// Releases (true) or pulls down (false) each line.
-pub fn set_levels(lines: BorrowedFd<'_>, [first, second]: [bool; 2]) -> io::Result<()> {
-    let mut values = Values { bits: u64::from(first) | u64::from(second) << 1, mask: 0b11 };
+/// Levels of the requested lines.
+pub fn levels<const N: usize>(lines: BorrowedFd<'_>) -> io::Result<[bool; N]> {
+    let mut values = Values::of([false; N]);
+    // SAFETY: the kernel reads and fills a live gpio_v2_line_values.
+    check(unsafe { libc::ioctl(lines.as_raw_fd(), GET_VALUES, &raw mut values) })?;
+    Ok(std::array::from_fn(|n| values.bits >> n & 1 != 0))
+}
+
+/// Sets the level of each requested line; of an open-drain output true releases it, and false pulls it down.
+pub fn set_levels<const N: usize>(lines: BorrowedFd<'_>, levels: [bool; N]) -> io::Result<()> {
+    let mut values = Values::of(levels);
     // SAFETY: the kernel reads a live gpio_v2_line_values.
     check(unsafe { libc::ioctl(lines.as_raw_fd(), SET_VALUES, &raw mut values) })
 }
@@ -184,5 +268,12 @@ mod tests {
     #[test]
     fn structures_have_the_sizes_of_the_kernel_s() {
         assert_eq!((size_of::<Attribute>(), size_of::<Request>(), size_of::<Values>()), (24, 592, 16));
+        assert_eq!((size_of::<Config>(), size_of::<Info>()), (272, 256));
+    }
+
+    #[test]
+    fn the_first_line_is_the_lowest_bit() {
+        let Values { bits, mask } = Values::of([true, false, true]);
+        assert_eq!((bits, mask), (0b101, 0b111));
     }
 }

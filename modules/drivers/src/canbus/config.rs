@@ -1,6 +1,6 @@
 //! Settings of the CAN bus and its drives; SI units.
 
-use super::feed_output::OutputConfig;
+use super::feed_output::{GpioConfig, OutputConfig};
 use super::protection;
 use super::ranging::RangingBoard;
 use super::requests::may_be_listed;
@@ -61,12 +61,14 @@ settings! {
 settings! {
     /// `[stop]`: how the robot comes to a stand. Where the drive cannot be relied on, the speed is capped so that it
     /// stands within `distance_m`.
-    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[derive(Clone, Debug, PartialEq)]
     pub struct Stop {
         /// What cuts the motors' feed if the robot does not brake as commanded.
         second_way: SecondWay = SecondWay::Power;
         /// The output that `second_way = "canopen"` switches.
         output: Option<OutputConfig> = optional;
+        /// The line that `second_way = "gpio"` switches.
+        gpio: Option<GpioConfig> = optional;
         /// What the PAUSE line does to the motors.
         pause: PauseStop = PauseStop::Coast;
         /// Deceleration without power, least that is to be expected.
@@ -89,6 +91,8 @@ settings! {
         Power = "power",
         /// A digital output of a CANopen node, the table `output`.
         Canopen = "canopen",
+        /// A GPIO line of the computer, the table `gpio`.
+        Gpio = "gpio",
         /// None; reported at each start and by `advee doctor`.
         None = "none",
     }
@@ -113,12 +117,21 @@ impl Stop {
         if self.second_way == SecondWay::Canopen && self.output.is_none() && !table.has("output") {
             table.refuse_missing("output", "the output that cuts the motors' feed");
         }
+        if self.second_way == SecondWay::Gpio && self.gpio.is_none() && !table.has("gpio") {
+            table.refuse_missing("gpio", "the line that cuts the motors' feed");
+        }
     }
 
     /// The output that cuts the motors' feed, if it is the second way.
     #[must_use]
     pub fn feed_output(&self) -> Option<OutputConfig> {
         self.output.filter(|_| self.second_way == SecondWay::Canopen)
+    }
+
+    /// The GPIO line that cuts the motors' feed, if it is the second way.
+    #[must_use]
+    pub fn feed_line(&self) -> Option<&GpioConfig> {
+        self.gpio.as_ref().filter(|_| self.second_way == SecondWay::Gpio)
     }
 
     /// Greatest speed, m/s, from which the robot stands within `distance_m` after the PAUSE line was engaged;

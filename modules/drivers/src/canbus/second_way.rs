@@ -1,6 +1,6 @@
 //! Reaction to the speed monitor: first the quick stop, then, where the robot does not brake, the second way to stop.
 //!
-//! The second way cuts the motors' feed through the power controller, or an output of another node, neither of which
+//! The second way cuts the motors' feed through the power controller, an output of another node, or a GPIO line: none
 //! depends on the drive. It is never used while the drive brakes as commanded, and only a person switches the feed on
 //! again.
 
@@ -8,12 +8,12 @@ use super::config::{SecondWay, Stop};
 use super::feed_output::{FeedOutput, News};
 use super::objection::Objection;
 use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
-use super::{Canbus, Timer};
+use super::{Canbus, LINE, Timer};
 use base::{Duration, Fault, Instant, Severity};
 use canopen::axis::{Goal, PowerState};
 use canopen::master::Ticket;
 use messages::{Hold, lowlevel};
-use module::Actions;
+use module::{Actions, Input, PortId};
 use rs485::boards::psc1;
 
 /// Power channel that feeds the motors.
@@ -29,7 +29,7 @@ enum Way {
     Power {
         off: bool,
     },
-    /// An output of a node.
+    /// An output of a node, or a GPIO line.
     Output(FeedOutput),
     None,
 }
@@ -48,7 +48,8 @@ impl StopWatch {
     pub(super) fn new(deceleration: f64, quick_stop: f64, stop: &Stop, has_power: bool) -> Self {
         let way = match (stop.second_way, stop.output) {
             (SecondWay::Power, _) if has_power => Way::Power { off: false },
-            (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::new(output)),
+            (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::node(output)),
+            (SecondWay::Gpio, _) if stop.feed_line().is_some() => Way::Output(FeedOutput::line(LINE)),
             _ => Way::None,
         };
         Self { monitor: SpeedMonitor::new(deceleration, quick_stop), way, latched: None }
@@ -74,12 +75,17 @@ impl StopWatch {
 
     /// Node of the output that feeds the motors.
     pub(super) fn node(&self) -> Option<u8> {
-        self.output().map(|output| output.config().node)
+        self.output()?.node_id()
     }
 
     /// A transfer has ended, with its data unless it failed; false if it is not one of these.
     pub(super) fn on_sdo(&mut self, now: Instant, ticket: Ticket, result: Option<&[u8]>) -> bool {
         self.output_mut().is_some_and(|output| output.on_sdo(now, ticket, result))
+    }
+
+    /// An input of a port; false if it is not the port of the GPIO line.
+    pub(super) fn on_port(&mut self, now: Instant, port: PortId, input: &Input<'_>) -> bool {
+        self.output_mut().is_some_and(|output| output.on_port(now, port, input))
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
@@ -145,17 +151,11 @@ impl Canbus {
     pub(super) fn advance_second_way(&mut self, now: Instant, out: &mut Actions) {
         let cut = self.stop_watch.latched == Some(Hold::FeedCut);
         if let Way::Output(output) = &mut self.stop_watch.way {
-            let node = output.config().node;
-            match output.advance(now, self.bus.is_up(), cut, &mut self.master) {
-                Some(News::Lost) => {
-                    let why = format!(
-                        "node {node}, whose output cuts the motors' feed, does not answer or refuses: the robot stops"
-                    );
-                    out.raise(Severity::Error, Fault::SecondWayLost, "", why);
-                }
-                Some(News::Back) => {
-                    out.clear(Fault::SecondWayLost, "", format!("node {node} answers: the motors' feed can be cut"));
-                }
+            let news = output.advance(now, self.bus.is_up(), cut, &mut self.master, out);
+            let words = news.map(|news| output.words(news)).unwrap_or_default();
+            match news {
+                Some(News::Lost) => out.raise(Severity::Error, Fault::SecondWayLost, "", words),
+                Some(News::Back) => out.clear(Fault::SecondWayLost, "", words),
                 None => {}
             }
         }

@@ -12,8 +12,10 @@ mod ranging;
 mod stopping;
 
 use super::{
-    Canbus, Config, HomingRelease, NAME, OutputConfig, PauseStop, PropulsionConfig, SecondWay, SteeringConfig, Stop,
+    Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig, SecondWay,
+    SteeringConfig, Stop,
 };
+use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};
 use canopen::axis::PowerState;
 use canopen::drives::{epos, icla};
@@ -77,8 +79,11 @@ struct Robot {
     bench: Bench,
     epos: Fake,
     icla: Fake,
-    /// Node whose output feeds the motors, and the values written to it.
+    /// Node whose output feeds the motors, or level of the GPIO line that does, and the values written to it.
     output: Option<Node>,
+    line: Option<bool>,
+    /// The line keeps its level.
+    stuck: bool,
     written: Vec<(Instant, i64)>,
     watchdog: bool,
     missing: &'static str,
@@ -107,6 +112,8 @@ impl Robot {
             epos: Fake::new(epos, 6),
             icla: Fake::new(icla::dictionary(2), 6),
             output: None,
+            line: None,
+            stuck: false,
             written: Vec::new(),
             watchdog: true,
             missing: "",
@@ -185,6 +192,10 @@ impl Robot {
                             output.handle_rx(now, &frame);
                         }
                     }
+                    Action::Send(LINE, Output::Gpio(signal)) => {
+                        quiet = false;
+                        self.line_asked(now, signal);
+                    }
                     Action::Publish(Message::LlDataHold(holds)) => self.holds = holds,
                     Action::Publish(Message::LlDataMotion(motion)) => {
                         let stops = |hold: &lowlevel::Hold| hold.cause().is_none_or(|cause| !cause.is_notice());
@@ -220,6 +231,16 @@ impl Robot {
                 return;
             }
         }
+    }
+
+    fn line_asked(&mut self, now: Instant, signal: Signal) {
+        let Some(level) = &mut self.line else { return };
+        if let Signal::Level(active) = signal {
+            self.written.push((now, i64::from(active)));
+            *level = if self.stuck { *level } else { active };
+        }
+        let input = Input::Gpio(Signal::Level(*level));
+        self.bench.event(Event::Port { port: LINE, input });
     }
 
     fn command(&mut self, speed: f64, steering: f64) {

@@ -1,6 +1,6 @@
 //! What can be broken: found by trying everything on everything, so that no list can differ from what is done.
 
-use super::{Config, FeedOutput, ROBOT, Simulator, boards};
+use super::{Config, FeedLine, FeedOutput, ROBOT, Simulator, boards};
 use crate::faults::{InjectedFault, NAMES};
 use crate::gamepad::{self, Gamepad};
 use crate::world::World;
@@ -34,11 +34,12 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, output, boards, chips, thermometers, then buses.
+    /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.name.into()).collect();
         targets.extend(self.output.iter().map(|_| FeedOutput::NAME.into()));
+        targets.extend(self.feed_line.iter().map(|_| FeedLine::NAME.into()));
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
         targets.extend(config.i2c.iter().flat_map(|i2c| &i2c.fans).map(|(name, _)| name.clone()));
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
@@ -81,6 +82,7 @@ mod tests {
                 thermometers: vec![(base::w1::Rom::new(0x28, 1).unwrap(), "cabin".into())],
             }),
             gamepad: Some("joystick".into()),
+            line: Some("stop.gpio".into()),
             wire_time: true,
             ..Config::default()
         }
@@ -111,6 +113,7 @@ mod tests {
             "propulsion",
             "steering",
             "output",
+            "line",
             "so1",
             "sbs1",
             "psc1",

@@ -35,7 +35,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string }> = new 
   [0x0212, { name: "SpeedExceeded", means: "The robot is measured to be faster than commanded: it is braked." }],
   [0x0213, { name: "StopFailed", means: "The robot does not brake as commanded: the motors' feed is cut, where there is a way to." }],
   [0x0214, { name: "DriveParameter", means: "An object of a drive on which the stop depends does not hold what was written: the robot stops." }],
-  [0x0215, { name: "SecondWayLost", means: "The node whose output cuts the motors' feed does not answer: the robot stops." }],
+  [0x0215, { name: "SecondWayLost", means: "The output or GPIO line that cuts the motors' feed does not answer or obey: the robot stops." }],
   [0x0301, { name: "ModuleDied", means: "A module's process ended unasked and is started again." }],
   [0x0302, { name: "ModuleHung", means: "A module does not announce its state: it is ended and started again." }],
   [0x0303, { name: "ModuleUnstartable", means: "A module's process could not be started." }],

@@ -257,6 +257,16 @@ fn with_output(value: i64) -> Robot {
     robot
 }
 
+/// A robot whose motors are fed by a GPIO line, which begins with this level.
+fn with_line(level: bool) -> Robot {
+    let line = GpioConfig { chip: "/dev/gpiochip0".into(), line: LineId::Number(17), active_low: false };
+    let stop = Stop { second_way: SecondWay::Gpio, gpio: Some(line), ..config().stop };
+    let mut robot = Robot::with(epos::dictionary(1), Config { stop, ..config() });
+    robot.line = Some(level);
+    robot.pass(3000);
+    robot
+}
+
 fn output_node(value: i64) -> Node {
     let object = Entry::new(0x6200, 1, DataType::U8, Access::ReadWrite, value);
     let mut node = Node::new(Dictionary::new(5).with(&[object]), Duration::from_millis(5));
@@ -273,7 +283,11 @@ fn stands(robot: &mut Robot) {
 
 #[test]
 fn a_drive_that_does_not_brake_is_cut_off_by_an_output() {
-    let mut robot = with_output(1);
+    is_cut_off(with_output(1));
+    is_cut_off(with_line(true));
+}
+
+fn is_cut_off(mut robot: Robot) {
     robot.drive(0.5, 500);
     assert!(robot.moves() && robot.written.is_empty(), "{}", robot.reason());
     let begin = robot.bench.now();
@@ -303,7 +317,11 @@ fn a_drive_that_does_not_brake_is_cut_off_by_an_output() {
 
 #[test]
 fn an_output_is_not_cut_while_the_drive_brakes() {
-    let mut robot = with_output(1);
+    is_not_cut(with_output(1));
+    is_not_cut(with_line(true));
+}
+
+fn is_not_cut(mut robot: Robot) {
     for _ in 0..5 {
         robot.drive(0.6, 500);
         robot.pass(1000);
@@ -320,34 +338,42 @@ fn an_output_is_not_cut_while_the_drive_brakes() {
 
 #[test]
 fn an_output_that_does_not_answer_stops_the_robot_and_is_cut_when_it_returns() {
-    let mut robot = with_output(1);
+    is_lost(with_output(1));
+    is_lost(with_line(true));
+}
+
+fn is_lost(mut robot: Robot) {
     robot.drive(0.5, 500);
-    let node = robot.output.take();
+    let output = (robot.output.take(), robot.line.take());
     robot.drive(0.5, 700);
     assert!(robot.moves(), "an answer or two are missing");
     robot.drive(0.5, 700);
     assert!(!robot.moves());
     assert_eq!(robot.holds()[0], (Hold::SecondWayLost, ""));
     assert!(robot.errors.contains(&(Fault::SecondWayLost, Severity::Error)));
-    robot.output = node;
+    (robot.output, robot.line) = output;
     robot.drive(0.5, 1000);
     assert!(robot.errors.contains(&(Fault::SecondWayLost, Severity::Notice)));
     assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
     // It is gone when it is needed.
     robot.drive(0.0, 50);
     robot.drive(0.5, 300);
-    let node = robot.output.take();
+    let output = (robot.output.take(), robot.line.take());
     measured(&mut robot, 0.5, 1000);
     assert_eq!((robot.holds()[0], robot.written.len()), ((Hold::FeedCut, ""), 0));
-    robot.output = node;
+    (robot.output, robot.line) = output;
     measured(&mut robot, 0.5, 1000);
     assert_eq!(robot.written.last().map(|(_, value)| *value), Some(0));
 }
 
 #[test]
 fn an_output_that_is_off_stays_so_until_a_person_switches_it_on() {
-    // The process that cut it has died: this one does not feed the motors again.
-    let mut robot = with_output(0);
+    stays_off(with_output(0));
+    stays_off(with_line(false));
+}
+
+/// The process that cut it has died: this one does not feed the motors again.
+fn stays_off(mut robot: Robot) {
     robot.drive(0.0, 50);
     robot.drive(0.3, 500);
     assert_eq!((robot.holds()[0], robot.written.len()), ((Hold::FeedOff, ""), 0));
@@ -357,9 +383,74 @@ fn an_output_that_is_off_stays_so_until_a_person_switches_it_on() {
     robot.drive(0.3, 500);
     assert!(robot.moves(), "{}", robot.reason());
     // Somebody else switches it off.
-    robot.output.as_mut().unwrap().set(0x6200, 1, 0);
+    match &mut robot.output {
+        Some(output) => output.set(0x6200, 1, 0),
+        None => robot.line = Some(false),
+    }
     robot.drive(0.3, 500);
     assert_eq!((robot.holds()[0], robot.moves()), ((Hold::FeedOff, ""), false));
+}
+
+#[test]
+fn an_order_to_switch_on_is_not_obeyed_after_the_output_was_lost() {
+    for mut robot in [with_output(0), with_line(false)] {
+        let output = (robot.output.take(), robot.line.take());
+        robot.bench.message(order(3, CmdPower::ON));
+        robot.pass(2000);
+        assert_eq!(robot.holds()[0], (Hold::SecondWayLost, ""));
+        (robot.output, robot.line) = output;
+        robot.pass(2000);
+        assert_eq!((robot.holds()[0], robot.written.len()), ((Hold::FeedOff, ""), 0));
+    }
+}
+
+#[test]
+fn a_line_whose_port_is_down_stops_the_robot_at_once() {
+    let mut robot = with_line(true);
+    robot.drive(0.5, 500);
+    robot.line = None;
+    robot.bench.event(Event::Port { port: LINE, input: Input::Down("line 17: Device or resource busy") });
+    robot.exchange();
+    assert_eq!(robot.holds()[0], (Hold::SecondWayLost, ""));
+    assert!(robot.errors.contains(&(Fault::SecondWayLost, Severity::Error)));
+    // The host opens it again and again, and the line answers at last.
+    for _ in 0..3 {
+        robot.bench.event(Event::Port { port: LINE, input: Input::Up });
+        robot.pass(500);
+        assert_eq!((robot.holds()[0], robot.moves()), ((Hold::SecondWayLost, ""), false));
+        robot.bench.event(Event::Port { port: LINE, input: Input::Down("line 17: Device or resource busy") });
+    }
+    assert!(!robot.errors.contains(&(Fault::SecondWayLost, Severity::Notice)));
+    robot.line = Some(true);
+    robot.bench.event(Event::Port { port: LINE, input: Input::Up });
+    robot.pass(500);
+    assert!(robot.errors.contains(&(Fault::SecondWayLost, Severity::Notice)));
+    robot.drive(0.0, 50);
+    robot.drive(0.5, 500);
+    assert!(robot.moves() && robot.written.is_empty(), "{}", robot.reason());
+}
+
+#[test]
+fn a_line_that_reads_back_other_than_ordered_is_lost_and_ordered_again() {
+    let mut robot = with_line(true);
+    robot.drive(0.5, 500);
+    robot.stuck = true;
+    measured(&mut robot, 0.5, 3000);
+    assert_eq!(robot.holds()[0], (Hold::FeedCut, ""));
+    assert!(robot.errors.contains(&(Fault::SecondWayLost, Severity::Error)));
+    assert!(robot.written.len() >= 5 && robot.written.iter().all(|(_, value)| *value == 0), "{:?}", robot.written);
+    robot.stuck = false;
+    robot.pass(500);
+    assert_eq!(robot.line, Some(false));
+    assert!(robot.errors.contains(&(Fault::SecondWayLost, Severity::Notice)));
+    // In the other direction: it does not follow the person's order later, when nobody expects it.
+    stands(&mut robot);
+    robot.stuck = true;
+    robot.bench.message(order(3, CmdPower::ON));
+    robot.pass(2000);
+    robot.stuck = false;
+    robot.pass(2000);
+    assert_eq!((robot.holds()[0], robot.line), ((Hold::FeedOff, ""), Some(false)));
 }
 
 #[test]
