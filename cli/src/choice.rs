@@ -29,3 +29,27 @@ pub fn or_one_of(names: impl Iterator<Item = String>) -> String {
     let names: Vec<String> = names.collect();
     if names.is_empty() { String::new() } else { format!(", or one of {}", names.join(", ")) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chosen<'a>(wanted: Option<&str>, buses: &[&'a str]) -> Result<&'a str, String> {
+        bus("can", wanted, buses, |bus| bus, "--interface").copied().map_err(|failed| failed.why)
+    }
+
+    #[test]
+    fn a_bus_is_found_with_or_without_its_kind_and_a_single_one_without_a_name() {
+        assert_eq!(chosen(Some("can.rear"), &["main", "rear"]).as_deref(), Ok("rear"));
+        assert_eq!(chosen(Some("rear"), &["main", "rear"]).as_deref(), Ok("rear"));
+        assert_eq!(chosen(None, &["main"]).as_deref(), Ok("main"));
+    }
+
+    #[test]
+    fn an_unknown_bus_is_answered_with_those_of_the_configuration() {
+        let why = |wanted, buses: &[&str]| chosen(wanted, buses).unwrap_err();
+        assert_eq!(why(Some("b"), &["main", "rear"]), "robot.toml has no bus [can.b]; it has main, rear");
+        assert_eq!(why(None, &["main", "rear"]), "which bus? --bus with one of main, rear, or --interface");
+        assert_eq!(why(None, &[]), "robot.toml has no table [can.<bus>]; name a bus with --interface");
+    }
+}
