@@ -16,33 +16,24 @@ pub(super) mod standard;
 mod target;
 pub(super) mod value;
 
-use super::{Common, Outcome};
-use clap::Subcommand;
+use super::commands::commands;
 pub(super) use link::{Heard, Link};
 pub(super) use target::Target;
 
-#[derive(Subcommand)]
-pub enum Can {
-    /// Ask every node id who is there
-    Scan(scan::Scan),
-    /// Start, stop or reset nodes
-    Nmt(nmt::Nmt),
-    /// Read and write objects of a node
-    #[command(subcommand)]
-    Sdo(sdo::Sdo),
-    /// Show what crosses the bus, decoded, with times and names
-    Monitor(monitor::Monitor),
-    /// Find nodes without node id, give node ids and bit rates
-    #[command(subcommand)]
-    Lss(lss::Lss),
-}
-
-pub fn can(common: &Common, command: &Can) -> Outcome {
-    match command {
-        Can::Scan(command) => scan::scan(common, command),
-        Can::Nmt(command) => nmt::nmt(common, command),
-        Can::Sdo(command) => sdo::sdo(common, command),
-        Can::Monitor(command) => monitor::monitor(common, command),
-        Can::Lss(command) => lss::lss(common, command),
+commands! {
+    |common, command|
+    pub enum Can {
+        /// Ask every node id who is there
+        Scan(scan::Scan) => scan::scan(common, command),
+        /// Start, stop or reset nodes
+        Nmt(nmt::Nmt) => nmt::nmt(common, command),
+        /// Read and write objects of a node
+        #[command(subcommand)]
+        Sdo(sdo::Sdo) => command.run(common),
+        /// Show what crosses the bus, decoded, with times and names
+        Monitor(monitor::Monitor) => monitor::monitor(common, command),
+        /// Find nodes without node id, give node ids and bit rates
+        #[command(subcommand)]
+        Lss(lss::Lss) => lss::lss(common, command),
     }
 }

@@ -10,26 +10,18 @@ mod registers;
 mod scan;
 mod target;
 
-use super::{Common, Outcome};
-use clap::Subcommand;
+use super::commands::commands;
 
-#[derive(Subcommand)]
-pub enum I2c {
-    /// Ask every address: who is on the bus
-    Scan(scan::Scan),
-    /// Read a register
-    Get(registers::Get),
-    /// Write a register, and read it back
-    Set(registers::Set),
-    /// Read all registers of a chip
-    Dump(dump::Dump),
-}
-
-pub fn i2c(common: &Common, command: &I2c) -> Outcome {
-    match command {
-        I2c::Scan(command) => scan::scan(common, command),
-        I2c::Get(command) => registers::get(common, command),
-        I2c::Set(command) => registers::set(common, command),
-        I2c::Dump(command) => dump::dump(common, command),
+commands! {
+    |common, command|
+    pub enum I2c {
+        /// Ask every address: who is on the bus
+        Scan(scan::Scan) => scan::scan(common, command),
+        /// Read a register
+        Get(registers::Get) => registers::get(common, command),
+        /// Write a register, and read it back
+        Set(registers::Set) => registers::set(common, command),
+        /// Read all registers of a chip
+        Dump(dump::Dump) => dump::dump(common, command),
     }
 }

@@ -19,6 +19,8 @@
 mod bench;
 mod bus;
 mod can;
+mod choice;
+mod commands;
 mod config;
 mod diag;
 mod doctor;
@@ -47,7 +49,8 @@ mod state;
 mod up;
 mod web;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser};
+use commands::commands;
 use robot::config::{Config, ConfigError, Robot, Rs485Bus};
 use robot::place::{CHECKOUT, INSTALLED, LCM_URL, RobotLocation, in_checkout};
 use std::env;
@@ -83,65 +86,67 @@ pub struct Common {
     sets: Vec<String>,
 }
 
-#[derive(Subcommand)]
-enum Command {
-    /// Start the robot: watchdog and all modules
-    Up(up::Up),
-    /// Run one module in the foreground
-    Run(run::Run),
-    /// Start and end a module as this user, for the watchdog of another user's robot
-    #[command(hide = true)]
-    Keep(keep::Keep),
-    /// The diagnostic center in a terminal: see everything, drive, command
-    Diag(diag::Diag),
-    /// Show the modules' states, or command one
-    State(state::State),
-    /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
-    Drive(drive::Drive),
-    /// Send the robot somewhere, or let it stand
-    Goal(goal::Goal),
-    /// Tell the estimator where the robot is
-    Pose(pose::Pose),
-    /// Show the power channels, or switch one
-    Power(power::Power),
-    /// Home the steering
-    Home(home::Home),
-    /// Inject a fault into the simulation
-    Fault(fault::Fault),
-    /// Plan a drivable way on a map file
-    Plan(plan::Plan),
-    /// Play again what the modules of a run were told, and compare what they answer
-    Replay(replay::Replay),
-    /// Draw a recorded run from above
-    Plot(plot::Plot),
-    /// Run the estimator over a recorded run, or over recorded data of any robot
-    Estimate(estimate::Estimate),
-    /// Robot-hours in virtual time: everything breaks, and rules must hold
-    Soak(soak::Soak),
-    /// Check machine and configuration: what is wrong, why it matters, what helps
-    Doctor(doctor::Doctor),
-    /// Check the configuration, list its keys, rename those that have moved
-    #[command(subcommand)]
-    Config(config::Command),
-    /// Measure this machine: how late the robot's loops wake up
-    Bench(bench::Bench),
-    /// Logs of runs: show, play, convert, recover, compare
-    #[command(subcommand)]
-    Log(log::Log),
-    /// See the LCM bus
-    #[command(subcommand)]
-    Lcm(lcm::Lcm),
-    /// Serve the robot's web page, and Foxglove
-    Web(web::Web),
-    /// Commission CANopen nodes
-    #[command(subcommand)]
-    Can(can::Can),
-    /// Commission the boards on EIA-485
-    #[command(subcommand)]
-    Rs485(rs485::Rs485),
-    /// Commission chips on I2C and SMBus
-    #[command(subcommand)]
-    I2c(i2c::I2c),
+commands! {
+    |common, command|
+    enum Command {
+        /// Start the robot: watchdog and all modules
+        Up(up::Up) => up::up(common, command),
+        /// Run one module in the foreground
+        Run(run::Run) => run::run(common, command),
+        /// Start and end a module as this user, for the watchdog of another user's robot
+        #[command(hide = true)]
+        Keep(keep::Keep) => keep::keep(command),
+        /// The diagnostic center in a terminal: see everything, drive, command
+        Diag(diag::Diag) => diag::diag(common, command),
+        /// Show the modules' states, or command one
+        State(state::State) => state::state(common, command),
+        /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
+        Drive(drive::Drive) => drive::drive(common, command),
+        /// Send the robot somewhere, or let it stand
+        Goal(goal::Goal) => goal::goal(common, command),
+        /// Tell the estimator where the robot is
+        Pose(pose::Pose) => pose::tell(common, command),
+        /// Show the power channels, or switch one
+        Power(power::Power) => power::power(common, command),
+        /// Home the steering
+        Home(home::Home) => home::home(common, command),
+        /// Inject a fault into the simulation
+        Fault(fault::Fault) => fault::fault(common, command),
+        /// Plan a drivable way on a map file
+        Plan(plan::Plan) => plan::plan(common, command),
+        /// Play again what the modules of a run were told, and compare what they answer
+        Replay(replay::Replay) => replay::replay(common, command),
+        /// Draw a recorded run from above
+        Plot(plot::Plot) => plot::plot(command),
+        /// Run the estimator over a recorded run, or over recorded data of any robot
+        Estimate(estimate::Estimate) => estimate::estimate(common, command),
+        /// Robot-hours in virtual time: everything breaks, and rules must hold
+        Soak(soak::Soak) => soak::soak(common, command),
+        /// Check machine and configuration: what is wrong, why it matters, what helps
+        Doctor(doctor::Doctor) => doctor::doctor(common, command),
+        /// Check the configuration, list its keys, rename those that have moved
+        #[command(subcommand)]
+        Config(config::Command) => config::config(common, command),
+        /// Measure this machine: how late the robot's loops wake up
+        Bench(bench::Bench) => bench::bench(common, command),
+        /// Logs of runs: show, play, convert, recover, compare
+        #[command(subcommand)]
+        Log(log::Log) => command.run(common),
+        /// See the LCM bus
+        #[command(subcommand)]
+        Lcm(lcm::Lcm) => command.run(common),
+        /// Serve the robot's web page, and Foxglove
+        Web(web::Web) => web::web(common, command),
+        /// Commission CANopen nodes
+        #[command(subcommand)]
+        Can(can::Can) => command.run(common),
+        /// Commission the boards on EIA-485
+        #[command(subcommand)]
+        Rs485(rs485::Rs485) => command.run(common),
+        /// Commission chips on I2C and SMBus
+        #[command(subcommand)]
+        I2c(i2c::I2c) => command.run(common),
+    }
 }
 
 /// The command line as it is defined: what manual pages and completion are made from.
@@ -165,34 +170,7 @@ pub fn main() -> ExitCode {
     for warning in lcm_warnings(&common.lcm_url()) {
         complain(&warning);
     }
-    let result = match command {
-        Command::Up(command) => up::up(&common, &command),
-        Command::Run(command) => run::run(&common, &command),
-        Command::Keep(command) => keep::keep(&command),
-        Command::Diag(command) => diag::diag(&common, &command),
-        Command::State(command) => state::state(&common, &command),
-        Command::Drive(command) => drive::drive(&common, &command),
-        Command::Goal(command) => goal::goal(&common, &command),
-        Command::Pose(command) => pose::tell(&common, &command),
-        Command::Estimate(command) => estimate::estimate(&common, &command),
-        Command::Power(command) => power::power(&common, &command),
-        Command::Home(command) => home::home(&common, &command),
-        Command::Fault(command) => fault::fault(&common, &command),
-        Command::Plan(command) => plan::plan(&common, &command),
-        Command::Replay(command) => replay::replay(&common, &command),
-        Command::Plot(command) => plot::plot(&command),
-        Command::Soak(command) => soak::soak(&common, &command),
-        Command::Doctor(command) => doctor::doctor(&common, &command),
-        Command::Config(command) => config::config(&common, &command),
-        Command::Bench(command) => bench::bench(&common, &command),
-        Command::Log(command) => log::log(&common, &command),
-        Command::Web(command) => web::web(&common, &command),
-        Command::Lcm(command) => lcm::lcm(&common, &command),
-        Command::Can(command) => can::can(&common, &command),
-        Command::Rs485(command) => rs485::rs485(&common, &command),
-        Command::I2c(command) => i2c::i2c(&common, &command),
-    };
-    result.unwrap_or_else(|Failed { code, why }| {
+    command.run(&common).unwrap_or_else(|Failed { code, why }| {
         if !why.is_empty() {
             complain(&why);
         }

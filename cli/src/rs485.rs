@@ -12,29 +12,20 @@ mod poll;
 mod scan;
 mod target;
 
-use super::{Common, Outcome};
-use clap::Subcommand;
+use super::commands::commands;
 
-#[derive(Subcommand)]
-pub enum Rs485 {
-    /// Ask every address for its firmware version: who is on the line
-    Scan(scan::Scan),
-    /// Say a board's firmware version
-    Version(ask::Version),
-    /// Reset a board, or all at once
-    Reset(ask::Reset),
-    /// Repeat an instruction and count: rate, round trips, errors
-    Poll(poll::Poll),
-    /// Show what crosses the line, both ways, with times and names
-    Monitor(monitor::Monitor),
-}
-
-pub fn rs485(common: &Common, command: &Rs485) -> Outcome {
-    match command {
-        Rs485::Scan(command) => scan::scan(common, command),
-        Rs485::Version(command) => ask::version(common, command),
-        Rs485::Reset(command) => ask::reset(common, command),
-        Rs485::Poll(command) => poll::poll(common, command),
-        Rs485::Monitor(command) => monitor::monitor(common, command),
+commands! {
+    |common, command|
+    pub enum Rs485 {
+        /// Ask every address for its firmware version: who is on the line
+        Scan(scan::Scan) => scan::scan(common, command),
+        /// Say a board's firmware version
+        Version(ask::Version) => ask::version(common, command),
+        /// Reset a board, or all at once
+        Reset(ask::Reset) => ask::reset(common, command),
+        /// Repeat an instruction and count: rate, round trips, errors
+        Poll(poll::Poll) => poll::poll(common, command),
+        /// Show what crosses the line, both ways, with times and names
+        Monitor(monitor::Monitor) => monitor::monitor(common, command),
     }
 }

@@ -144,6 +144,7 @@ pub struct Processes {
     page: f64,
 }
 
+#[derive(Default)]
 struct Process {
     pid: u32,
     module: String,
@@ -640,23 +641,7 @@ impl AsFd for Processes {
 
 impl Process {
     fn new(pid: u32, module: String, start: Option<u64>, measured: Instant) -> Self {
-        Self {
-            pid,
-            module,
-            start,
-            child: None,
-            kept: None,
-            end: None,
-            leaf: None,
-            page: None,
-            stderr: None,
-            bad: false,
-            beats: false,
-            silent: false,
-            ticks: 0,
-            measured,
-            used: None,
-        }
+        Self { pid, module, start, measured, ..Self::default() }
     }
 
     /// True if nothing becomes readable when it ends.

@@ -9,29 +9,29 @@ listed! {
     #[repr(u8)]
     pub enum StopSource {
         /// Name outside the contract, or an empty one.
-        Unknown = 0,
+        Unknown = 0 => "",
         /// Bumper switch 1, in front.
-        Bumper1 = 1,
+        Bumper1 = 1 => "bumper1",
         /// Bumper switch 2, in front.
-        Bumper2 = 2,
+        Bumper2 = 2 => "bumper2",
         /// Bumper switch 3, in front.
-        Bumper3 = 3,
+        Bumper3 = 3 => "bumper3",
         /// Bumper switch 4, in front.
-        Bumper4 = 4,
+        Bumper4 = 4 => "bumper4",
         /// Bumper switch 5, at the rear.
-        Bumper5 = 5,
+        Bumper5 = 5 => "bumper5",
         /// Bumper switch 6, at the rear.
-        Bumper6 = 6,
+        Bumper6 = 6 => "bumper6",
         /// Bumper switch 7, at the rear.
-        Bumper7 = 7,
+        Bumper7 = 7 => "bumper7",
         /// Bumper switch 8, at the rear.
-        Bumper8 = 8,
+        Bumper8 = 8 => "bumper8",
         /// Floor sensors of the front ranging board.
-        Sd1Front = 0x10,
+        Sd1Front = 0x10 => "sd1_front",
         /// Floor sensors of the rear ranging board.
-        Sd1Rear = 0x11,
+        Sd1Rear = 0x11 => "sd1_rear",
         /// Stop button.
-        Button = 0x20,
+        Button = 0x20 => "button",
     }
 }
 
@@ -40,25 +40,6 @@ impl StopSource {
     #[must_use]
     pub fn from_name(name: &str) -> Self {
         Self::ALL.into_iter().find(|source| !name.is_empty() && source.name() == name).unwrap_or(Self::Unknown)
-    }
-
-    /// Name in `LL_EVENT_STOP`; empty for [`StopSource::Unknown`].
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Unknown => "",
-            Self::Bumper1 => "bumper1",
-            Self::Bumper2 => "bumper2",
-            Self::Bumper3 => "bumper3",
-            Self::Bumper4 => "bumper4",
-            Self::Bumper5 => "bumper5",
-            Self::Bumper6 => "bumper6",
-            Self::Bumper7 => "bumper7",
-            Self::Bumper8 => "bumper8",
-            Self::Sd1Front => "sd1_front",
-            Self::Sd1Rear => "sd1_rear",
-            Self::Button => "button",
-        }
     }
 
     /// Name for operators.

@@ -50,7 +50,7 @@ pub struct Title {
 }
 
 /// Content of a picture of a run.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Picture {
     pub(super) title: Title,
     pub(super) world: World,
@@ -161,40 +161,11 @@ impl Picture {
     #[must_use]
     pub fn new(world: World, geometry: Option<Footprint>) -> Self {
         Self {
-            title: Title::default(),
             world,
             geometry,
-            span: None,
-            implausible: 0,
-            truth: Track::default(),
-            estimate: Track::default(),
-            pose: None,
-            ellipses: Vec::new(),
             ellipse_every: ELLIPSE_INTERVAL_S,
-            plan: Vec::new(),
-            cells: Vec::new(),
-            cell: 0.0,
-            contacts: Vec::new(),
-            collisions: None,
-            speed: Series::default(),
-            speed_target: Series::default(),
-            bounds: Default::default(),
             fields: (f64::NEG_INFINITY, Vec::new()),
-            steering: Series::default(),
-            steering_target: Series::default(),
-            voltage: Series::default(),
-            charge: Series::default(),
-            errors: Default::default(),
-            texts: Vec::new(),
-            subjects: Subjects::default(),
-            texts_left_out: 0,
-            states: BTreeMap::new(),
-            announcements_left_out: 0,
-            holds: Lane::default(),
-            reasons: Lane::default(),
-            pause: Lane::default(),
-            marks: Vec::new(),
-            unmarked: 0,
+            ..Self::default()
         }
     }
 

@@ -93,14 +93,14 @@ listed! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
     #[allow(missing_docs)] // the names are the standard's
     pub enum PowerState {
-        NotReady,
-        SwitchOnDisabled,
-        ReadyToSwitchOn,
-        SwitchedOn,
-        OperationEnabled,
-        QuickStopActive,
-        FaultReactionActive,
-        Fault,
+        NotReady => "not ready to switch on",
+        SwitchOnDisabled => "switch on disabled",
+        ReadyToSwitchOn => "ready to switch on",
+        SwitchedOn => "switched on",
+        OperationEnabled => "operation enabled",
+        QuickStopActive => "quick stop active",
+        FaultReactionActive => "fault reaction active",
+        Fault => "fault",
     }
 }
 
@@ -135,20 +135,5 @@ impl PowerState {
             Self::FaultReactionActive => 0x1F,
             Self::Fault => 0x08,
         }
-    }
-}
-
-impl fmt::Display for PowerState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::NotReady => "not ready to switch on",
-            Self::SwitchOnDisabled => "switch on disabled",
-            Self::ReadyToSwitchOn => "ready to switch on",
-            Self::SwitchedOn => "switched on",
-            Self::OperationEnabled => "operation enabled",
-            Self::QuickStopActive => "quick stop active",
-            Self::FaultReactionActive => "fault reaction active",
-            Self::Fault => "fault",
-        })
     }
 }

@@ -12,6 +12,7 @@ pub use sdo::{Channel, Step};
 use super::book::Book;
 use super::value::bytes;
 use base::can::{BusState, Frame, Id, Notice};
+use base::listed;
 use canopen::NmtState;
 use canopen::dictionary::DataType;
 use canopen::wire::{self, Emergency, NmtCommand, Service, TimeOfDay};
@@ -19,39 +20,23 @@ use pdo::Maps;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// The service that a frame belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
-#[allow(missing_docs)] // the names are the description
-pub enum Kind {
-    Nmt,
-    Sync,
-    Time,
-    Emcy,
-    Pdo,
-    Sdo,
-    Heartbeat,
-    Lss,
-    /// Frames outside CANopen.
-    Other,
-    /// Notices of the controller.
-    Notice,
-}
-
-impl Kind {
-    /// Name on the command line and in JSON.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Nmt => "nmt",
-            Self::Sync => "sync",
-            Self::Time => "time",
-            Self::Emcy => "emcy",
-            Self::Pdo => "pdo",
-            Self::Sdo => "sdo",
-            Self::Heartbeat => "heartbeat",
-            Self::Lss => "lss",
-            Self::Other => "other",
-            Self::Notice => "notice",
-        }
+listed! {
+    /// The service that a frame belongs to.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+    #[allow(missing_docs)] // the names are the description
+    pub enum Kind {
+        Nmt => "nmt",
+        Sync => "sync",
+        Time => "time",
+        Emcy => "emcy",
+        Pdo => "pdo",
+        Sdo => "sdo",
+        Heartbeat => "heartbeat",
+        Lss => "lss",
+        /// Frames outside CANopen.
+        Other => "other",
+        /// Notices of the controller.
+        Notice => "notice",
     }
 }
 

@@ -4,28 +4,30 @@ use super::access::{Access, Ended, Job};
 use super::book::Book;
 use super::target::{Target, Where};
 use super::value;
+use crate::commands::commands;
 use crate::{Common, Failed, Outcome, print};
 use base::Duration;
 use canopen::Abort;
 use canopen::dictionary::DataType;
 use canopen::sdo::{Error, MAX_LEN};
-use clap::Subcommand;
 use serde_json::{Value, json};
 use std::fs;
 use std::io::{IsTerminal, Read, Write, stderr, stdin, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-#[derive(Subcommand)]
-pub enum Sdo {
-    /// Read an object
-    Read(ReadObject),
-    /// Set an object
-    Write(WriteObject),
-    /// Read an object into a file
-    Upload(Upload),
-    /// Write an object from a file
-    Download(Download),
+commands! {
+    |common, command|
+    pub enum Sdo {
+        /// Read an object
+        Read(ReadObject) => read(common, command),
+        /// Set an object
+        Write(WriteObject) => write(common, command),
+        /// Read an object into a file
+        Upload(Upload) => upload(common, command),
+        /// Write an object from a file
+        Download(Download) => download(common, command),
+    }
 }
 
 /// Which object of which node.
@@ -89,15 +91,6 @@ pub struct Download {
     /// By block transfer, if the node can
     #[arg(long)]
     block: bool,
-}
-
-pub fn sdo(common: &Common, command: &Sdo) -> Outcome {
-    match command {
-        Sdo::Read(command) => read(common, command),
-        Sdo::Write(command) => write(common, command),
-        Sdo::Upload(command) => upload(common, command),
-        Sdo::Download(command) => download(common, command),
-    }
 }
 
 fn read(common: &Common, ReadObject { of, data_type }: &ReadObject) -> Outcome {

@@ -1,7 +1,7 @@
 //! Which CAN bus is meant, who is known to be on it, and which module holds it.
 
 use crate::holder::{self, Holder, Running};
-use crate::{Common, Failed, whole};
+use crate::{Common, Failed, choice, whole};
 use drivers::canbus::Drive;
 use host::ports::PortConfig;
 use host::ports::settings::CanInterface;
@@ -75,14 +75,7 @@ impl Where {
             return Target::find(common, interface, self.bitrate);
         }
         let (place, robot) = common.robot()?;
-        let names = robot.can.iter().map(|bus| bus.name.as_str()).collect::<Vec<_>>().join(", ");
-        let wanted = self.bus.as_ref().map(|name| name.strip_prefix("can.").unwrap_or(name));
-        let bus = match (wanted, &robot.can[..]) {
-            (Some(name), buses) => buses.iter().find(|bus| bus.name == name),
-            (None, [bus]) => Some(bus),
-            (None, _) => return Err(format!("which bus? --bus with one of {names}, or --interface").into()),
-        };
-        let bus = bus.ok_or_else(|| format!("robot.toml has no bus [can.{}]; it has {names}", wanted.unwrap_or("")))?;
+        let bus = choice::bus("can", self.bus.as_deref(), &robot.can, |bus| &bus.name, "--interface")?;
         Target::of(&place, bus)
     }
 }
@@ -165,8 +158,7 @@ impl Target {
         if let Some(id) = number.filter(|id| (1..=127).contains(id)) {
             return Ok(id);
         }
-        let names: Vec<String> = self.known.iter().map(|known| format!("{} ({})", known.name, known.id)).collect();
-        let names = if names.is_empty() { String::new() } else { format!(", or one of {}", names.join(", ")) };
+        let names = choice::or_one_of(self.known.iter().map(|known| format!("{} ({})", known.name, known.id)));
         Err(format!("no node {text:?}: expected an id from 1 to 127{names}").into())
     }
 

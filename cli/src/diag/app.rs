@@ -4,6 +4,7 @@ use super::drive::Drive;
 use super::rows;
 use super::runs::Runs;
 use super::sdo::Objects;
+use base::listed;
 use base::{Duration, Epoch, Instant};
 use diagnostics::{Model, Status};
 use messages::Message;
@@ -20,31 +21,20 @@ const ANSWER: Duration = Duration::from_secs(3);
 const LATEST_MAX: usize = 500;
 const LATEST_BYTES: usize = 256 * 1024;
 
-/// The views, in the order of their numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tab {
-    Overview,
-    Modules,
-    Buses,
-    Errors,
-    Messages,
-    Logs,
+listed! {
+    /// The views, in the order of their numbers.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Tab {
+        Overview => "Overview",
+        Modules => "Modules",
+        Buses => "Buses",
+        Errors => "Errors",
+        Messages => "Messages",
+        Logs => "Logs",
+    }
 }
 
 impl Tab {
-    pub const ALL: [Self; 6] = [Self::Overview, Self::Modules, Self::Buses, Self::Errors, Self::Messages, Self::Logs];
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Overview => "Overview",
-            Self::Modules => "Modules",
-            Self::Buses => "Buses",
-            Self::Errors => "Errors",
-            Self::Messages => "Messages",
-            Self::Logs => "Logs",
-        }
-    }
-
     /// Sort orders of its rows; the first is the default.
     pub const fn orders(self) -> &'static [&'static str] {
         match self {

@@ -1,35 +1,19 @@
 //! Result of a check.
 
+use base::listed;
 use serde::Serialize;
-use std::fmt;
 
-/// Severity of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub enum Level {
-    /// Nothing to do.
-    #[serde(rename = "OK")]
-    Ok,
-    /// The robot works, but not as well as it could, or not for everybody.
-    #[serde(rename = "WARNING")]
-    Warning,
-    /// The robot does not work.
-    #[serde(rename = "FAIL")]
-    Fail,
-}
-
-impl Level {
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ok => "OK",
-            Self::Warning => "WARNING",
-            Self::Fail => "FAIL",
-        }
-    }
-}
-
-impl fmt::Display for Level {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
+listed! {
+    /// Severity of a finding.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+    #[serde(rename_all = "UPPERCASE")]
+    pub enum Level {
+        /// Nothing to do.
+        Ok => "OK",
+        /// The robot works, but not as well as it could, or not for everybody.
+        Warning => "WARNING",
+        /// The robot does not work.
+        Fail => "FAIL",
     }
 }
 

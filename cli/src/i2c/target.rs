@@ -1,7 +1,7 @@
 //! Which bus is meant, and who is known to be on it.
 
 use crate::holder::holder;
-use crate::{Common, Failed, whole};
+use crate::{Common, Failed, choice, whole};
 use base::i2c::Address;
 use host::ports::settings::I2cPlace;
 use robot::config::I2cBus;
@@ -55,15 +55,7 @@ impl Where {
             return Ok(self.find_port(common, port));
         }
         let (place, robot) = common.robot()?;
-        let names = robot.i2c.iter().map(|bus| bus.name.as_str()).collect::<Vec<_>>().join(", ");
-        let wanted = self.bus.as_ref().map(|name| name.strip_prefix("i2c.").unwrap_or(name));
-        let bus = match (wanted, &robot.i2c[..]) {
-            (Some(name), buses) => buses.iter().find(|bus| bus.name == name),
-            (None, [bus]) => Some(bus),
-            (None, []) => return Err("robot.toml has no table [i2c.<bus>]; name a bus with --port".into()),
-            (None, _) => return Err(format!("which bus? --bus with one of {names}, or --port").into()),
-        };
-        let bus = bus.ok_or_else(|| format!("robot.toml has no bus [i2c.{}]; it has {names}", wanted.unwrap_or("")))?;
+        let bus = choice::bus("i2c", self.bus.as_deref(), &robot.i2c, |bus| &bus.name, "--port")?;
         let port = bus.port.place.port(&place.run_dir, bus.port.hz);
         Ok(Target { name: format!("i2c.{}", bus.name), port, device: device(&bus.port.place), known: known(bus) })
     }
@@ -122,8 +114,7 @@ impl Target {
         if let Some(address) = whole(text).and_then(Address::new) {
             return Ok(self.at(address));
         }
-        let names: Vec<String> = self.known.iter().map(|known| format!("{} ({})", known.name, known.address)).collect();
-        let names = if names.is_empty() { String::new() } else { format!(", or one of {}", names.join(", ")) };
+        let names = choice::or_one_of(self.known.iter().map(|known| format!("{} ({})", known.name, known.address)));
         Err(format!("no chip {text:?}: expected an address from 0x00 to 0x7f{names}").into())
     }
 

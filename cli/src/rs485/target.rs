@@ -1,7 +1,7 @@
 //! Which line is meant, and who is known to be on it.
 
 use crate::holder::{Holder, holder};
-use crate::{Common, Failed, whole};
+use crate::{Common, Failed, choice, whole};
 use base::Duration;
 use host::ports::TerminalConfig;
 use host::ports::Transport;
@@ -72,15 +72,7 @@ impl Where {
             return Ok(self.find_port(common, port));
         }
         let (place, robot) = common.robot()?;
-        let names = robot.rs485.iter().map(|bus| bus.name.as_str()).collect::<Vec<_>>().join(", ");
-        let wanted = self.bus.as_ref().map(|name| name.strip_prefix("rs485.").unwrap_or(name));
-        let bus = match (wanted, &robot.rs485[..]) {
-            (Some(name), buses) => buses.iter().find(|bus| bus.name == name),
-            (None, [bus]) => Some(bus),
-            (None, _) => return Err(format!("which bus? --bus with one of {names}, or --port").into()),
-        };
-        let bus =
-            bus.ok_or_else(|| format!("robot.toml has no bus [rs485.{}]; it has {names}", wanted.unwrap_or("")))?;
+        let bus = choice::bus("rs485", self.bus.as_deref(), &robot.rs485, |bus| &bus.name, "--port")?;
         Ok(Target::of(&place, bus))
     }
 
@@ -157,9 +149,8 @@ impl Target {
         {
             return Ok(self.at(*address));
         }
-        let names: Vec<String> =
-            self.known.iter().map(|known| format!("{} ({:#04x})", known.name, known.address)).collect();
-        let names = if names.is_empty() { String::new() } else { format!(", or one of {}", names.join(", ")) };
+        let names =
+            choice::or_one_of(self.known.iter().map(|known| format!("{} ({:#04x})", known.name, known.address)));
         Err(format!("no board {text:?}: expected an address from 1 to 254{names}").into())
     }
 }

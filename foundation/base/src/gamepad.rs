@@ -128,11 +128,11 @@ impl Device {
     }
 }
 
-/// Event of a gamepad's port.
+/// Event of a gamepad's port; `D` is the gamepad, borrowed or owned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Input<'a> {
+pub enum AnyEvent<D> {
     /// Present, with its full state: after plugging in, and after lost events, when the kernel is asked again.
-    Found(&'a Device),
+    Found(D),
     /// Unplugged, or absent.
     Gone,
     /// An axis has moved.
@@ -153,54 +153,34 @@ pub enum Input<'a> {
     Frame,
 }
 
+/// Event that a port reports.
+pub type Input<'a> = AnyEvent<&'a Device>;
 /// Owned event: the output of a simulated gamepad.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Event {
-    /// [`Input::Found`]
-    Found(Box<Device>),
-    /// [`Input::Gone`]
-    Gone,
-    /// [`Input::Axis`]
-    Axis {
-        /// `ABS_…`
-        code: u16,
-        /// New value.
-        value: i32,
-    },
-    /// [`Input::Button`]
-    Button {
-        /// `BTN_…`
-        code: u16,
-        /// True if it is held.
-        pressed: bool,
-    },
-    /// [`Input::Frame`]
-    Frame,
+pub type Event = AnyEvent<Box<Device>>;
+
+impl<D> AnyEvent<D> {
+    fn map<'a, E>(&'a self, device: impl FnOnce(&'a D) -> E) -> AnyEvent<E> {
+        match *self {
+            Self::Found(ref found) => AnyEvent::Found(device(found)),
+            Self::Gone => AnyEvent::Gone,
+            Self::Axis { code, value } => AnyEvent::Axis { code, value },
+            Self::Button { code, pressed } => AnyEvent::Button { code, pressed },
+            Self::Frame => AnyEvent::Frame,
+        }
+    }
 }
 
 impl Event {
     /// Borrowed event of a port.
     #[must_use]
     pub fn as_input(&self) -> Input<'_> {
-        match *self {
-            Self::Found(ref device) => Input::Found(device),
-            Self::Gone => Input::Gone,
-            Self::Axis { code, value } => Input::Axis { code, value },
-            Self::Button { code, pressed } => Input::Button { code, pressed },
-            Self::Frame => Input::Frame,
-        }
+        self.map(|device| &**device)
     }
 }
 
 impl From<Input<'_>> for Event {
     fn from(input: Input<'_>) -> Self {
-        match input {
-            Input::Found(device) => Self::Found(Box::new(device.clone())),
-            Input::Gone => Self::Gone,
-            Input::Axis { code, value } => Self::Axis { code, value },
-            Input::Button { code, pressed } => Self::Button { code, pressed },
-            Input::Frame => Self::Frame,
-        }
+        input.map(|device| Box::new(Device::clone(device)))
     }
 }
 

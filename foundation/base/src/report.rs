@@ -1,5 +1,6 @@
 //! Error reports, the thesis's *liberror*: what the operator reads and the watchdog acts on.
 
+use crate::listed;
 use alloc::borrow::Cow;
 use alloc::string::String;
 use core::panic;
@@ -28,39 +29,27 @@ impl Severity {
     }
 }
 
-/// Level of a line of text. Values are those of `common.event_text_t`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(i8)]
-pub enum Level {
-    /// Details that help to find a defect.
-    Debug = 0,
-    /// News.
-    Info = 1,
-    /// Something is not as it should be; the work goes on.
-    Warning = 2,
-    /// Work that was asked for is not being done.
-    Error = 3,
+listed! {
+    /// Level of a line of text. Values are those of `common.event_text_t`.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    #[repr(i8)]
+    pub enum Level {
+        /// Details that help to find a defect.
+        Debug = 0 => "DEBUG",
+        /// News.
+        Info = 1 => "INFO",
+        /// Something is not as it should be; the work goes on.
+        Warning = 2 => "WARNING",
+        /// Work that was asked for is not being done.
+        Error = 3 => "ERROR",
+    }
 }
 
 impl Level {
-    /// All levels, in order of their values.
-    pub const ALL: [Self; 4] = [Self::Debug, Self::Info, Self::Warning, Self::Error];
-
     /// The level of a value on the wire; none for other values.
     #[must_use]
     pub fn from_value(value: i8) -> Option<Self> {
         Self::ALL.into_iter().find(|level| *level as i8 == value)
-    }
-
-    /// Its name as people write it: `WARNING`.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Debug => "DEBUG",
-            Self::Info => "INFO",
-            Self::Warning => "WARNING",
-            Self::Error => "ERROR",
-        }
     }
 }
 

@@ -5,6 +5,7 @@
 //! ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel calls a device by
 //! the first two: `28-0316a2795bff`.
 
+use crate::listed;
 use core::fmt;
 
 /// The most devices of a bus that are listed.
@@ -84,27 +85,18 @@ pub enum Answer {
     Temperature(Rom, Result<i32, Error>),
 }
 
-/// Why a thermometer does not tell its temperature.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Error {
-    /// It is not on the bus, or has just left it.
-    Absent,
-    /// What it sent had a wrong check.
-    Crc,
-    /// What was read is no temperature that it can measure, -55 to 125 °C.
-    Nonsense,
-    /// The machine refused to read it.
-    Other,
-}
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Absent => "it is not connected",
-            Self::Crc => "what it sends is damaged",
-            Self::Nonsense => "what it says is no temperature",
-            Self::Other => "it cannot be read",
-        })
+listed! {
+    /// Why a thermometer does not tell its temperature.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    pub enum Error {
+        /// It is not on the bus, or has just left it.
+        Absent => "it is not connected",
+        /// What it sent had a wrong check.
+        Crc => "what it sends is damaged",
+        /// What was read is no temperature that it can measure, -55 to 125 °C.
+        Nonsense => "what it says is no temperature",
+        /// The machine refused to read it.
+        Other => "it cannot be read",
     }
 }
 

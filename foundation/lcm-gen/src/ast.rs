@@ -1,6 +1,7 @@
 //! Content of a `.lcm` file.
 
 use crate::At;
+use base::listed;
 
 /// Struct or enum.
 #[derive(Clone, Debug, PartialEq)]
@@ -150,53 +151,28 @@ pub enum Size {
     Variable,
 }
 
-/// Primitive types.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "their names say it all")]
-pub enum Primitive {
-    Int8,
-    Int16,
-    Int32,
-    Int64,
-    Byte,
-    Float,
-    Double,
-    String,
-    Boolean,
+listed! {
+    /// Primitive types.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[allow(missing_docs, reason = "their names say it all")]
+    pub enum Primitive {
+        Int8 => "int8_t",
+        Int16 => "int16_t",
+        Int32 => "int32_t",
+        Int64 => "int64_t",
+        Byte => "byte",
+        Float => "float",
+        Double => "double",
+        String => "string",
+        Boolean => "boolean",
+    }
 }
 
 impl Primitive {
     /// Type of this name in the language.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Some(match name {
-            "int8_t" => Self::Int8,
-            "int16_t" => Self::Int16,
-            "int32_t" => Self::Int32,
-            "int64_t" => Self::Int64,
-            "byte" => Self::Byte,
-            "float" => Self::Float,
-            "double" => Self::Double,
-            "string" => Self::String,
-            "boolean" => Self::Boolean,
-            _ => return None,
-        })
-    }
-
-    /// Name in the language.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Int8 => "int8_t",
-            Self::Int16 => "int16_t",
-            Self::Int32 => "int32_t",
-            Self::Int64 => "int64_t",
-            Self::Byte => "byte",
-            Self::Float => "float",
-            Self::Double => "double",
-            Self::String => "string",
-            Self::Boolean => "boolean",
-        }
+        Self::ALL.into_iter().find(|ty| ty.name() == name)
     }
 
     /// Bits of an integer type, the only types allowed for the length of an array.

@@ -1,27 +1,29 @@
 //! States of a module and the permitted transitions (values as in 2011).
 
-use core::fmt;
+use base::listed;
 use messages::Hold;
 use messages::common::DataState;
 
-/// State of a module as announced in `CM_DATA_STATE`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(i8)]
-pub enum State {
-    /// No announcement was received.
-    Unknown = DataState::UNKNOWN,
-    /// Starting: initializes its devices, does not act.
-    Init = DataState::INIT,
-    /// Stopped by an operator: device safe and in contact, no action; only an operator leads out.
-    Stop = DataState::STOP,
-    /// Working.
-    Run = DataState::RUN,
-    /// Its device is lost; it keeps retrying and returns to the previous state.
-    Error = DataState::ERROR,
-    /// Ending.
-    Terminate = DataState::TERMINATE,
-    /// Not acting for now; any sender may end it.
-    Pause = DataState::PAUSE,
+listed! {
+    /// State of a module as announced in `CM_DATA_STATE`.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    #[repr(i8)]
+    pub enum State {
+        /// No announcement was received.
+        Unknown = DataState::UNKNOWN => "UNKNOWN",
+        /// Starting: initializes its devices, does not act.
+        Init = DataState::INIT => "INIT",
+        /// Stopped by an operator: device safe and in contact, no action; only an operator leads out.
+        Stop = DataState::STOP => "STOP",
+        /// Working.
+        Run = DataState::RUN => "RUN",
+        /// Its device is lost; it keeps retrying and returns to the previous state.
+        Error = DataState::ERROR => "ERROR",
+        /// Ending.
+        Terminate = DataState::TERMINATE => "TERMINATE",
+        /// Not acting for now; any sender may end it.
+        Pause = DataState::PAUSE => "PAUSE",
+    }
 }
 
 /// Origin of a change of state.
@@ -36,10 +38,6 @@ pub enum Cause {
 }
 
 impl State {
-    /// All states, in order of their values.
-    pub const ALL: [Self; 7] =
-        [Self::Unknown, Self::Init, Self::Stop, Self::Run, Self::Error, Self::Terminate, Self::Pause];
-
     /// State of a value on the wire; `None` for other values.
     #[must_use]
     pub fn from_value(value: i8) -> Option<Self> {
@@ -50,20 +48,6 @@ impl State {
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|state| state.name().eq_ignore_ascii_case(name))
-    }
-
-    /// Name for people.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Unknown => "UNKNOWN",
-            Self::Init => "INIT",
-            Self::Stop => "STOP",
-            Self::Run => "RUN",
-            Self::Error => "ERROR",
-            Self::Terminate => "TERMINATE",
-            Self::Pause => "PAUSE",
-        }
     }
 
     /// Cause for which a module in this state does not act; `None` in RUN.
@@ -99,12 +83,6 @@ impl State {
     #[must_use]
     pub const fn acts(self) -> bool {
         matches!(self, Self::Run)
-    }
-}
-
-impl fmt::Display for State {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
     }
 }
 

@@ -17,6 +17,7 @@ pub(crate) use state::deviations;
 
 use crate::search::{self, Bearing};
 use crate::trail::Trail;
+use base::listed;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
 use history::{Entry, History, Kind};
@@ -24,29 +25,18 @@ use navitools::{Motion, Pose, wrap};
 use state::{BEND, DELAY, N, SCALE, Sight, State, Step, THETA, TRACK, TURN, X, Y};
 use std::collections::VecDeque;
 
-/// Quality of an estimate; values of `data_estimate_t`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Quality {
-    /// No pose known, no beacons received.
-    Lost = 0,
-    /// No reliable pose; beacons are received.
-    Searching = 1,
-    /// Pose known to `Config::coarse`.
-    Coarse = 2,
-    /// Pose known to `Config::fine`.
-    Fine = 3,
-}
-
-impl Quality {
-    /// Name as in tables and files.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Lost => "LOST",
-            Self::Searching => "SEARCHING",
-            Self::Coarse => "COARSE",
-            Self::Fine => "FINE",
-        }
+listed! {
+    /// Quality of an estimate; values of `data_estimate_t`.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Quality {
+        /// No pose known, no beacons received.
+        Lost = 0 => "LOST",
+        /// No reliable pose; beacons are received.
+        Searching = 1 => "SEARCHING",
+        /// Pose known to `Config::coarse`.
+        Coarse = 2 => "COARSE",
+        /// Pose known to `Config::fine`.
+        Fine = 3 => "FINE",
     }
 }
 

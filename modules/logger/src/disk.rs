@@ -73,26 +73,20 @@ enum Pending {
 }
 
 /// State of the free space.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 enum Room {
+    #[default]
     Enough,
     /// List the folder; `hard` if the disk reported that it is full.
-    List {
-        hard: bool,
-    },
+    List { hard: bool },
     /// Remove these runs, the last first.
-    Remove {
-        victims: Vec<String>,
-        hard: bool,
-    },
+    Remove { victims: Vec<String>, hard: bool },
     /// Nothing can be removed; list the folder again at this instant.
-    Full {
-        until: Instant,
-    },
+    Full { until: Instant },
 }
 
 /// Queue of requests to the disk.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Disk {
     keep_free: u64,
     keep_runs: u64,
@@ -118,24 +112,7 @@ pub struct Disk {
 
 impl Disk {
     pub fn new(keep_free: u64, keep_runs: u64, always: Option<String>) -> Self {
-        Self {
-            keep_free,
-            keep_runs,
-            up: false,
-            known: false,
-            asked: None,
-            jobs: VecDeque::new(),
-            waiting: 0,
-            unsynced: None,
-            held_until: None,
-            refusals: 0,
-            trouble: None,
-            room: Room::Enough,
-            free: 0,
-            entries: Vec::new(),
-            kept: always.iter().cloned().collect(),
-            always,
-        }
+        Self { keep_free, keep_runs, kept: always.iter().cloned().collect(), always, ..Self::default() }
     }
 
     /// The folder is available.

@@ -201,7 +201,7 @@ fn refuse(stats: &Stats, refusal: Refusal, headers: &HeaderMap, code: StatusCode
         _ => None,
     };
     stats.refuse(refusal, shown.and_then(|value| value.to_str().ok()).unwrap_or_default());
-    refused(code, refusal.why())
+    refused(code, refusal.name())
 }
 
 /// Headers of every answer that does not set its own: no foreign content, no framing, no caching, no referrer.

@@ -118,7 +118,7 @@ pub async fn download(
 ) -> Response {
     let Ok(permit) = app.center.downloads.clone().try_acquire_owned() else {
         app.stats.refuse(Refusal::Downloads, "");
-        return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Downloads.why());
+        return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Downloads.name());
     };
     let folder = app.center.logs.clone();
     let attachment = format!("attachment; filename=\"{run}_{}\"", file.replace('/', "_"));

@@ -24,7 +24,6 @@ mod tests;
 
 use crate::master::Expect;
 use base::listed;
-use core::fmt;
 
 listed! {
     /// Mode requested in 0x6060 and displayed in 0x6061.
@@ -32,15 +31,15 @@ listed! {
     #[repr(i8)]
     #[allow(missing_docs)] // the names are the standard's
     pub enum Mode {
-        ProfilePosition = 1,
-        Velocity = 2,
-        ProfileVelocity = 3,
-        ProfileTorque = 4,
-        Homing = 6,
-        Interpolated = 7,
-        CyclicPosition = 8,
-        CyclicVelocity = 9,
-        CyclicTorque = 10,
+        ProfilePosition = 1 => "profile position",
+        Velocity = 2 => "velocity",
+        ProfileVelocity = 3 => "profile velocity",
+        ProfileTorque = 4 => "profile torque",
+        Homing = 6 => "homing",
+        Interpolated = 7 => "interpolated position",
+        CyclicPosition = 8 => "cyclic synchronous position",
+        CyclicVelocity = 9 => "cyclic synchronous velocity",
+        CyclicTorque = 10 => "cyclic synchronous torque",
     }
 }
 
@@ -74,21 +73,5 @@ impl Mode {
     pub fn expect(modes: &[Self]) -> Expect {
         let bits = modes.iter().fold(0, |bits, mode| bits | mode.bit());
         Expect::masked(0x6502, 0, bits, bits)
-    }
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::ProfilePosition => "profile position",
-            Self::Velocity => "velocity",
-            Self::ProfileVelocity => "profile velocity",
-            Self::ProfileTorque => "profile torque",
-            Self::Homing => "homing",
-            Self::Interpolated => "interpolated position",
-            Self::CyclicPosition => "cyclic synchronous position",
-            Self::CyclicVelocity => "cyclic synchronous velocity",
-            Self::CyclicTorque => "cyclic synchronous torque",
-        })
     }
 }

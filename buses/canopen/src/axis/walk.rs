@@ -1,27 +1,19 @@
 //! The master's side: from the state that is seen to the goal that is set, one command at a time.
 
 use super::{PowerState, control, status};
+use base::listed;
 use base::{Duration, Instant, Queue};
-use core::fmt;
 
-/// Target state of an axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Goal {
-    /// No torque: Switch On Disabled. An enabled axis is disabled by its ramp (0x605C) first.
-    Disabled,
-    /// Operation Enabled.
-    Enabled,
-    /// Stopped by the quick stop ramp; torque stays if the drive keeps it.
-    QuickStop,
-}
-
-impl fmt::Display for Goal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Disabled => "disabled",
-            Self::Enabled => "operation enabled",
-            Self::QuickStop => "quick stop",
-        })
+listed! {
+    /// Target state of an axis.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Goal {
+        /// No torque: Switch On Disabled. An enabled axis is disabled by its ramp (0x605C) first.
+        Disabled => "disabled",
+        /// Operation Enabled.
+        Enabled => "operation enabled",
+        /// Stopped by the quick stop ramp; torque stays if the drive keeps it.
+        QuickStop => "quick stop",
     }
 }
 
@@ -88,25 +80,27 @@ pub enum AxisEvent {
     },
 }
 
-/// Why a transition does not come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Why {
-    /// No statusword was received.
-    Unseen,
-    /// Bit 9 is 0.
-    NotRemote,
-    /// The self test goes on.
-    NotReady,
-    /// The fault reaction goes on.
-    Braking,
-    /// The fault stays though it was reset.
-    Persists,
-    /// The ramp of Disable Operation goes on.
-    Ramp,
-    /// Bit 4 is 0 on the way up.
-    NoVoltage,
-    /// No cause visible in the statusword.
-    Refused,
+listed! {
+    /// Why a transition does not come.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Why {
+        /// No statusword was received.
+        Unseen => "no statusword was seen",
+        /// Bit 9 is 0.
+        NotRemote => "the drive does not listen to its controlword (remote is 0)",
+        /// The self test goes on.
+        NotReady => "its self test goes on",
+        /// The fault reaction goes on.
+        Braking => "it is braking for a fault",
+        /// The fault stays though it was reset.
+        Persists => "the cause of the fault persists",
+        /// The ramp of Disable Operation goes on.
+        Ramp => "it is still on its ramp",
+        /// Bit 4 is 0 on the way up.
+        NoVoltage => "the power stage has no voltage",
+        /// No cause visible in the statusword.
+        Refused => "the drive does not say why",
+    }
 }
 
 impl Why {
@@ -122,21 +116,6 @@ impl Why {
             Some(ReadyToSwitchOn | SwitchedOn) if statusword & status::VOLTAGE == 0 => Self::NoVoltage,
             Some(_) => Self::Refused,
         }
-    }
-}
-
-impl fmt::Display for Why {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Unseen => "no statusword was seen",
-            Self::NotRemote => "the drive does not listen to its controlword (remote is 0)",
-            Self::NotReady => "its self test goes on",
-            Self::Braking => "it is braking for a fault",
-            Self::Persists => "the cause of the fault persists",
-            Self::Ramp => "it is still on its ramp",
-            Self::NoVoltage => "the power stage has no voltage",
-            Self::Refused => "the drive does not say why",
-        })
     }
 }
 

@@ -5,96 +5,71 @@ use crate::Payload;
 use alloc::borrow::Cow;
 use alloc::string::String;
 use alloc::vec::Vec;
+use base::listed;
 use core::fmt::Write;
 use core::str::FromStr;
 
-macro_rules! data_types {
-    ($($(#[$doc:meta])* $variant:ident = $code:literal, $name:literal;)*) => {
-        /// Data type of an object (CiA 301, Table 44).
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        #[allow(missing_docs)] // the names are the description
-        #[repr(u16)]
-        pub enum DataType {
-            $($(#[$doc])* $variant = $code,)*
-        }
-
-        impl DataType {
-            /// All data types, in the order of their codes.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
-
-            /// The type with this code, which is also the index of its dummy object.
-            #[must_use]
-            pub const fn from_code(code: u16) -> Option<Self> {
-                match code { $($code => Some(Self::$variant),)* _ => None }
-            }
-
-            /// The name in the standard: `UNSIGNED16`.
-            #[must_use]
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$variant => $name,)* }
-            }
-        }
-    };
+listed! {
+    /// Data type of an object (CiA 301, Table 44); the name is that of the standard: `UNSIGNED16`.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[allow(missing_docs)] // the names are the description
+    #[repr(u16)]
+    pub enum DataType {
+        Bool = 0x01 => "BOOLEAN",
+        I8 = 0x02 => "INTEGER8",
+        I16 = 0x03 => "INTEGER16",
+        I32 = 0x04 => "INTEGER32",
+        U8 = 0x05 => "UNSIGNED8",
+        U16 = 0x06 => "UNSIGNED16",
+        U32 = 0x07 => "UNSIGNED32",
+        F32 = 0x08 => "REAL32",
+        /// Visible string.
+        Text = 0x09 => "VISIBLE_STRING",
+        Octets = 0x0A => "OCTET_STRING",
+        /// UTF-16, little endian.
+        Unicode = 0x0B => "UNICODE_STRING",
+        TimeOfDay = 0x0C => "TIME_OF_DAY",
+        TimeDifference = 0x0D => "TIME_DIFFERENCE",
+        /// Anything, up to [`MAX_BYTES`](super::MAX_BYTES).
+        Domain = 0x0F => "DOMAIN",
+        I24 = 0x10 => "INTEGER24",
+        F64 = 0x11 => "REAL64",
+        I40 = 0x12 => "INTEGER40",
+        I48 = 0x13 => "INTEGER48",
+        I56 = 0x14 => "INTEGER56",
+        I64 = 0x15 => "INTEGER64",
+        U24 = 0x16 => "UNSIGNED24",
+        U40 = 0x18 => "UNSIGNED40",
+        U48 = 0x19 => "UNSIGNED48",
+        U56 = 0x1A => "UNSIGNED56",
+        U64 = 0x1B => "UNSIGNED64",
+    }
 }
 
-data_types! {
-    Bool = 0x01, "BOOLEAN";
-    I8 = 0x02, "INTEGER8";
-    I16 = 0x03, "INTEGER16";
-    I32 = 0x04, "INTEGER32";
-    U8 = 0x05, "UNSIGNED8";
-    U16 = 0x06, "UNSIGNED16";
-    U32 = 0x07, "UNSIGNED32";
-    F32 = 0x08, "REAL32";
-    /// Visible string.
-    Text = 0x09, "VISIBLE_STRING";
-    Octets = 0x0A, "OCTET_STRING";
-    /// UTF-16, little endian.
-    Unicode = 0x0B, "UNICODE_STRING";
-    TimeOfDay = 0x0C, "TIME_OF_DAY";
-    TimeDifference = 0x0D, "TIME_DIFFERENCE";
-    /// Anything, up to [`MAX_BYTES`](super::MAX_BYTES).
-    Domain = 0x0F, "DOMAIN";
-    I24 = 0x10, "INTEGER24";
-    F64 = 0x11, "REAL64";
-    I40 = 0x12, "INTEGER40";
-    I48 = 0x13, "INTEGER48";
-    I56 = 0x14, "INTEGER56";
-    I64 = 0x15, "INTEGER64";
-    U24 = 0x16, "UNSIGNED24";
-    U40 = 0x18, "UNSIGNED40";
-    U48 = 0x19, "UNSIGNED48";
-    U56 = 0x1A, "UNSIGNED56";
-    U64 = 0x1B, "UNSIGNED64";
-}
-
-/// Why a text is no value of a type.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ParseError {
-    /// Neither decimal nor `0x…`; a leading zero is refused, because it means octal in an EDS.
-    NotANumber,
-    /// The number does not fit the type.
-    OutOfRange,
-    /// Not pairs of hexadecimal digits.
-    NotBytes,
-    /// Neither `YYYY-MM-DD hh:mm:ss.mmm` (TIME_OF_DAY) nor `Nd hh:mm:ss.mmm` (TIME_DIFFERENCE).
-    NotATime,
-}
-
-impl core::fmt::Display for ParseError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::NotANumber => "not a number: decimal without leading zeros, or 0x…",
-            Self::OutOfRange => "out of the range of its type",
-            Self::NotBytes => "not bytes: pairs of hexadecimal digits",
-            Self::NotATime => "not a time: 2026-05-31 12:34:56.789, or as a difference 2d 12:34:56.789",
-        })
+listed! {
+    /// Why a text is no value of a type.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum ParseError {
+        /// Neither decimal nor `0x…`; a leading zero is refused, because it means octal in an EDS.
+        NotANumber => "not a number: decimal without leading zeros, or 0x…",
+        /// The number does not fit the type.
+        OutOfRange => "out of the range of its type",
+        /// Not pairs of hexadecimal digits.
+        NotBytes => "not bytes: pairs of hexadecimal digits",
+        /// Neither `YYYY-MM-DD hh:mm:ss.mmm` (TIME_OF_DAY) nor `Nd hh:mm:ss.mmm` (TIME_DIFFERENCE).
+        NotATime => "not a time: 2026-05-31 12:34:56.789, or as a difference 2d 12:34:56.789",
     }
 }
 
 impl core::error::Error for ParseError {}
 
 impl DataType {
+    /// The type with this code, which is also the index of its dummy object.
+    #[must_use]
+    pub fn from_code(code: u16) -> Option<Self> {
+        Self::ALL.into_iter().find(|data_type| data_type.code() == code)
+    }
+
     /// The code of the standard.
     #[must_use]
     pub const fn code(self) -> u16 {
@@ -302,7 +277,7 @@ mod tests {
     #[test]
     fn codes_and_widths_are_those_of_table_44() {
         for data_type in DataType::ALL {
-            assert_eq!(DataType::from_code(data_type.code()), Some(*data_type));
+            assert_eq!(DataType::from_code(data_type.code()), Some(data_type));
         }
         assert_eq!(DataType::ALL.len(), 25);
         for reserved in [0x00, 0x0E, 0x17, 0x1C, 0x20, 0x40, 0xFFFF] {

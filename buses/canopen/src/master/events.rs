@@ -2,42 +2,31 @@
 
 use crate::wire::{Emergency, NmtState};
 use crate::{Payload, sdo};
+use base::listed;
 use core::fmt;
 
 /// Which request an SDO event answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Ticket(pub(super) u32);
 
-/// A step of the boot-up of a node, in their order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Step {
-    /// Reset, and its boot-up message.
-    BootUp,
-    /// 0x1000 (the first that a silent node does not answer).
-    DeviceType,
-    /// Identity: 0x1018 and further objects.
-    Identity,
-    /// Objects written and read back.
-    Configuration,
-    /// PDOs compared.
-    Mapping,
-    /// 0x1016, 0x1017, and the first heartbeat.
-    ErrorControl,
-    /// NMT start, and the heartbeat that shows it.
-    Start,
-}
-
-impl fmt::Display for Step {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::BootUp => "boot-up",
-            Self::DeviceType => "device type",
-            Self::Identity => "identity",
-            Self::Configuration => "configuration",
-            Self::Mapping => "PDO mapping",
-            Self::ErrorControl => "error control",
-            Self::Start => "start",
-        })
+listed! {
+    /// A step of the boot-up of a node, in their order.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Step {
+        /// Reset, and its boot-up message.
+        BootUp => "boot-up",
+        /// 0x1000 (the first that a silent node does not answer).
+        DeviceType => "device type",
+        /// Identity: 0x1018 and further objects.
+        Identity => "identity",
+        /// Objects written and read back.
+        Configuration => "configuration",
+        /// PDOs compared.
+        Mapping => "PDO mapping",
+        /// 0x1016, 0x1017, and the first heartbeat.
+        ErrorControl => "error control",
+        /// NMT start, and the heartbeat that shows it.
+        Start => "start",
     }
 }
 

@@ -6,7 +6,7 @@ use super::fields::{
 };
 use super::register;
 use base::i2c::Address;
-use core::fmt;
+use base::listed;
 
 /// Control of a fan's duty.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,33 +185,22 @@ impl Fan {
     }
 }
 
-/// Part of a configuration that the chip does not support.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Invalid {
-    /// A duty is not 0 to 1.
-    Duty,
-    /// An automatic fan follows no channel.
-    Follows,
-    /// A duty step is beyond 15.
-    Step,
-    /// A rate code is beyond 7.
-    Rate,
-    /// A minimum speed is neither 0 nor 226 to 57 600 rpm.
-    MinimumRpm,
-    /// An offset is not -8 to 7.
-    Offset,
-}
-
-impl fmt::Display for Invalid {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Duty => "a duty is a fraction from 0 to 1",
-            Self::Follows => "an automatic fan follows at least one channel",
-            Self::Step => "a duty step is 0 to 15 (240ths)",
-            Self::Rate => "a rate of change is a code from 0 to 7",
-            Self::MinimumRpm => "a minimum speed is 226 to 57600 rpm, or 0 for a fan that is not watched",
-            Self::Offset => "a thermistor offset is -8 to 7 steps of 2 C",
-        })
+listed! {
+    /// Part of a configuration that the chip does not support.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Invalid {
+        /// A duty is not 0 to 1.
+        Duty => "a duty is a fraction from 0 to 1",
+        /// An automatic fan follows no channel.
+        Follows => "an automatic fan follows at least one channel",
+        /// A duty step is beyond 15.
+        Step => "a duty step is 0 to 15 (240ths)",
+        /// A rate code is beyond 7.
+        Rate => "a rate of change is a code from 0 to 7",
+        /// A minimum speed is neither 0 nor 226 to 57 600 rpm.
+        MinimumRpm => "a minimum speed is 226 to 57600 rpm, or 0 for a fan that is not watched",
+        /// An offset is not -8 to 7.
+        Offset => "a thermistor offset is -8 to 7 steps of 2 C",
     }
 }
 

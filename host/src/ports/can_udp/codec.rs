@@ -4,44 +4,32 @@
 //! of any width, some keys missing; anything but a classic CAN frame is rejected with a reason. Nothing is allocated.
 
 use base::can::{Frame, Id};
+use base::listed;
 use rmp::{Marker, decode, encode};
-use std::fmt;
 
 /// Maximum length of a valid datagram, bytes.
 pub const DATAGRAM_MAX: usize = 512;
 /// Maximum number of pairs in a map; python-can sends 11.
 const PAIRS_MAX: u32 = 32;
 
-/// Reason why a datagram is rejected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Malformed {
-    /// Truncated, or not msgpack.
-    Broken,
-    /// Not a map, or one of too many pairs.
-    NotAMap,
-    /// An unknown key, or a value of the wrong type.
-    Key,
-    /// Bytes after the map.
-    Trailing,
-    /// `arbitration_id` is missing or out of range for its kind.
-    Identifier,
-    /// More than 8 bytes, or `dlc` and data do not agree.
-    Length,
-    /// CAN FD or an error frame, which are not supported.
-    NotClassic,
-}
-
-impl fmt::Display for Malformed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Broken => "truncated, or not msgpack",
-            Self::NotAMap => "it is not a map",
-            Self::Key => "a key is unknown or of a wrong type",
-            Self::Trailing => "bytes follow the frame",
-            Self::Identifier => "its identifier is missing or out of range",
-            Self::Length => "dlc and data do not agree",
-            Self::NotClassic => "it is a CAN FD or error frame",
-        })
+listed! {
+    /// Reason why a datagram is rejected.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Malformed {
+        /// Truncated, or not msgpack.
+        Broken => "truncated, or not msgpack",
+        /// Not a map, or one of too many pairs.
+        NotAMap => "it is not a map",
+        /// An unknown key, or a value of the wrong type.
+        Key => "a key is unknown or of a wrong type",
+        /// Bytes after the map.
+        Trailing => "bytes follow the frame",
+        /// `arbitration_id` is missing or out of range for its kind.
+        Identifier => "its identifier is missing or out of range",
+        /// More than 8 bytes, or `dlc` and data do not agree.
+        Length => "dlc and data do not agree",
+        /// CAN FD or an error frame, which are not supported.
+        NotClassic => "it is a CAN FD or error frame",
     }
 }
 

@@ -1,9 +1,9 @@
 //! How a gamepad drives the robot: what is set, and what cannot be.
 
+use base::listed;
 use base::{Duration, gamepad};
 use settings::robot::Limits;
 use settings::{Off, Rule, Table, Value, ZeroOr, settings};
-use std::fmt;
 use std::ops::RangeInclusive;
 
 settings! {
@@ -95,24 +95,16 @@ impl Rule<u16> for Code {
     }
 }
 
-/// Why a configuration is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ConfigError {
-    /// One axis for speed and steering.
-    OneAxis,
-    /// One button for two things.
-    OneButton,
-    /// A number that is out of its range, or none.
-    Number,
-}
-
-impl fmt::Display for ConfigError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::OneAxis => "speed and steering need an axis each",
-            Self::OneButton => "dead_man, creep, slow and fast need a button each",
-            Self::Number => "a dead zone, expo, scale or limit is out of range",
-        })
+listed! {
+    /// Why a configuration is refused.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum ConfigError {
+        /// One axis for speed and steering.
+        OneAxis => "speed and steering need an axis each",
+        /// One button for two things.
+        OneButton => "dead_man, creep, slow and fast need a button each",
+        /// A number that is out of its range, or none.
+        Number => "a dead zone, expo, scale or limit is out of range",
     }
 }
 

@@ -1,9 +1,9 @@
 //! What `driver_power` must know of the robot; SI units but for ampere-hours.
 
 use crate::rs485_bus::Node;
+use base::listed;
 use rs485::crc::Crc8;
 use settings::settings;
-use std::fmt;
 
 settings! {
     /// `[power]`: the power controller and its battery. With this table the robot does not move unless the state of the
@@ -36,21 +36,14 @@ settings! {
     }
 }
 
-/// Why a configuration is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ConfigError {
-    /// The rate is not above 0.
-    Rate,
-    /// Capacity, cells or reserve cannot be.
-    Battery,
-}
-
-impl fmt::Display for ConfigError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Rate => "the controller's rate must be above 0",
-            Self::Battery => "battery: a capacity above 0, 1 to 16 cells, a reserve of 0 to 1",
-        })
+listed! {
+    /// Why a configuration is refused.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum ConfigError {
+        /// The rate is not above 0.
+        Rate => "the controller's rate must be above 0",
+        /// Capacity, cells or reserve cannot be.
+        Battery => "battery: a capacity above 0, 1 to 16 cells, a reserve of 0 to 1",
     }
 }
 

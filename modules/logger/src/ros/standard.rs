@@ -3,39 +3,26 @@
 //! constants, and the last constants of `BatteryState` and `Marker`.
 
 use super::kinds::RosType;
+use base::listed;
 
-/// Standard type.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Standard {
-    DiagnosticArray,
-    Odometry,
-    Pose,
-    Range,
-    Path,
-    Battery,
-    Temperature,
-    Transforms,
-    Markers,
-    Log,
+listed! {
+    /// Standard type.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Standard {
+        DiagnosticArray => "diagnostic_msgs/DiagnosticArray",
+        Odometry => "nav_msgs/Odometry",
+        Pose => "geometry_msgs/PoseWithCovarianceStamped",
+        Range => "sensor_msgs/Range",
+        Path => "nav_msgs/Path",
+        Battery => "sensor_msgs/BatteryState",
+        Temperature => "sensor_msgs/Temperature",
+        Transforms => "tf2_msgs/TFMessage",
+        Markers => "visualization_msgs/MarkerArray",
+        Log => "rcl_interfaces/Log",
+    }
 }
 
 impl Standard {
-    /// `package/Name`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::DiagnosticArray => "diagnostic_msgs/DiagnosticArray",
-            Self::Odometry => "nav_msgs/Odometry",
-            Self::Pose => "geometry_msgs/PoseWithCovarianceStamped",
-            Self::Range => "sensor_msgs/Range",
-            Self::Path => "nav_msgs/Path",
-            Self::Battery => "sensor_msgs/BatteryState",
-            Self::Temperature => "sensor_msgs/Temperature",
-            Self::Transforms => "tf2_msgs/TFMessage",
-            Self::Markers => "visualization_msgs/MarkerArray",
-            Self::Log => "rcl_interfaces/Log",
-        }
-    }
-
     /// Name and definition as in schemas.
     pub fn describe(self) -> RosType {
         let mut needed = vec![self.name()];

@@ -2,8 +2,8 @@
 
 use super::footprint::Footprint;
 use crate::path::Path;
+use base::listed;
 use navitools::Arc;
-use std::fmt;
 
 /// Geometry of the robot, and preferences.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,30 +87,20 @@ impl Default for Budget {
     }
 }
 
-/// Reason why there is no path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SearchError {
-    /// The robot does not fit in at the goal.
-    GoalBlocked,
-    /// The robot is in an obstacle or outside the map, and cannot get out.
-    StartBlocked,
-    /// Everything within reach was tried.
-    Unreachable,
-    /// The work allowed was exhausted.
-    Budget,
-    /// A coordinate is not a number, or a limit is invalid.
-    Invalid,
-}
-
-impl fmt::Display for SearchError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::GoalBlocked => "the robot does not fit in at the goal",
-            Self::StartBlocked => "the robot stands in an obstacle or outside of the map",
-            Self::Unreachable => "no way leads to the goal",
-            Self::Budget => "no way was found with the work allowed",
-            Self::Invalid => "a coordinate is no number",
-        })
+listed! {
+    /// Reason why there is no path.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum SearchError {
+        /// The robot does not fit in at the goal.
+        GoalBlocked => "the robot does not fit in at the goal",
+        /// The robot is in an obstacle or outside the map, and cannot get out.
+        StartBlocked => "the robot stands in an obstacle or outside of the map",
+        /// Everything within reach was tried.
+        Unreachable => "no way leads to the goal",
+        /// The work allowed was exhausted.
+        Budget => "no way was found with the work allowed",
+        /// A coordinate is not a number, or a limit is invalid.
+        Invalid => "a coordinate is no number",
     }
 }
 

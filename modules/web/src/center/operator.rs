@@ -47,7 +47,7 @@ pub async fn upgrade(
     };
     let Some(seat) = app.commanders.take(who.role) else {
         app.stats.refuse(Refusal::Viewers, "");
-        return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Viewers.why());
+        return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Viewers.name());
     };
     upgrade.max_message_size(FRAME_MAX).max_frame_size(FRAME_MAX).on_upgrade(move |socket| async move {
         let (page, command_queue) = Page::new(app, who);

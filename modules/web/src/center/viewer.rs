@@ -66,7 +66,7 @@ pub async fn upgrade(
 
 fn refuse(app: &App, refusal: Refusal, code: StatusCode) -> Response {
     app.stats.refuse(refusal, "");
-    refused(code, refusal.why())
+    refused(code, refusal.name())
 }
 
 async fn serve(socket: WebSocket, app: &App, demo: Option<String>) {

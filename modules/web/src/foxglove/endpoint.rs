@@ -41,7 +41,7 @@ pub async fn upgrade(State(app): State<App>, upgrade: Result<WebSocketUpgrade, W
 
 fn refuse(app: &App, refusal: Refusal, code: StatusCode) -> Response {
     app.stats.refuse(refusal, "");
-    (code, format!("{}\n", refusal.why())).into_response()
+    (code, format!("{}\n", refusal.name())).into_response()
 }
 
 async fn serve(socket: WebSocket, app: &App) {
