@@ -70,6 +70,31 @@ fn fault(target: &'static str, name: &'static str, duration: f64) -> impl FnOnce
     }
 }
 
+/// Somebody goes on to command 0.8 m/s for a second.
+fn goes_on(robot: &mut Robot) {
+    robot.drive(0.8, 0.0, 1.0);
+}
+
+fn ends_after(robot: &mut Robot, speed: f64) {
+    robot.machine.inject(robot.machine.now(), command(speed, 0.0));
+    goes_on(robot);
+}
+
+/// The propulsion is faster than it is told.
+fn runs_away(robot: &mut Robot) {
+    goes_on(robot);
+    let (target, fault) = ("propulsion".into(), "runaway".into());
+    let now = robot.machine.now();
+    robot.machine.inject(now, CmdFault { timestamp: 0, target, fault, value: 0.3, duration: 5.0 });
+}
+
+/// A frame of another master, which commands the propulsion: 0.8 m/s.
+fn second_master(robot: &mut Robot) {
+    goes_on(robot);
+    let frame = can::Frame::standard(0x501, &[0x0F, 0, 0xC3, 0x07, 0, 0]);
+    assert!(robot.machine.inject_frame(robot.machine.now(), "can.main", frame));
+}
+
 /// The propulsion does not brake, and the source falls silent.
 fn unbraked(robot: &mut Robot) {
     let (target, fault) = ("propulsion".into(), "unbraked".into());
@@ -80,6 +105,8 @@ fn unbraked(robot: &mut Robot) {
 /// The second way is an output of a node.
 const OUTPUT: &[&str] = &["stop.second_way=canopen", "stop.output.node=5", "stop.output.index=0x6200"];
 
+/// The guard bounds the speed; the hall is free ahead.
+const GUARDED: &[&str] = &["guard.ranging=sonar"];
 /// The second way is a GPIO line.
 const LINE: &[&str] = &["stop.second_way=gpio", "stop.gpio.chip=gpio-motors", "stop.gpio.line=17"];
 
@@ -88,7 +115,7 @@ fn the_robot_stands_within_the_figures_of_the_table() {
     type Cause = Box<dyn FnOnce(&mut Robot)>;
     let coast = &["stop.pause=coast"][..];
     let delayed = &["stop.pause=delayed"][..];
-    let rows: [(&str, &[&str], Cause, f64); 17] = [
+    let rows: [(&str, &[&str], Cause, f64); 22] = [
         ("the source is silent", &[], Box::new(|_| {}), 0.50),
         ("PAUSE, brake", &[], Box::new(button), 0.30),
         ("PAUSE, delayed", delayed, Box::new(button), 0.35),
@@ -105,6 +132,11 @@ fn the_robot_stands_within_the_figures_of_the_table() {
         ("it does not brake, GPIO line", LINE, Box::new(unbraked), 0.90),
         ("the GPIO line does not answer", LINE, Box::new(fault("line", "silent", 5.0)), 1.50),
         ("the output does not answer", OUTPUT, Box::new(fault("output", "silent", 5.0)), 1.50),
+        ("the guard hangs", GUARDED, Box::new(hang("guard")), 0.50),
+        ("faster than commanded", &[], Box::new(runs_away), 1.10),
+        ("another master", &[], Box::new(second_master), 0.30),
+        ("a command is not a number", &[], Box::new(|robot| ends_after(robot, f64::NAN)), 0.30),
+        ("a command is out of limits", &[], Box::new(|robot| ends_after(robot, 9.0)), 0.30),
         ("the propulsion drive is in fault", &[], Box::new(fault("propulsion", "fault", 0.0)), 2.20),
     ];
     for (name, sets, cause, most) in rows {
