@@ -491,6 +491,7 @@ impl Host {
                 self.shell.raise(now, report, &mut self.out);
                 self.act();
             }
+            Refusal::NotYet => {}
             Refusal::Command | Refusal::Release => {
                 let why = match refusal {
                     Refusal::Command => "may not command this robot ([bus] commands in robot.toml)",

@@ -635,7 +635,7 @@ impl Virtual {
                     self.handle(pid, Event::Message { at, message: &sent.message });
                 }
                 Err(Refusal::SecondRobot) => self.on_second_robot(pid),
-                Err(Refusal::Command | Refusal::Release) => {}
+                Err(Refusal::Command | Refusal::Release | Refusal::NotYet) => {}
             },
             Waiting::Can(port, frame) => {
                 let input = Input::Can { frame, at: self.now };

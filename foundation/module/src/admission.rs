@@ -94,6 +94,9 @@ pub enum Refusal {
     Command,
     /// A report that all is well, from another process than the one that is responsible for it.
     Release,
+    /// Likewise, before the watchdog has listed a process for it for the first time, as while the robot starts: the
+    /// list may follow the message, so this is no fault of the sender.
+    NotYet,
     /// The list of processes of another watchdog: another robot is on this bus.
     SecondRobot,
 }
@@ -157,8 +160,9 @@ pub struct Admission {
     policy: Policy,
     /// The watchdog that guards this process; `None`: there is none.
     watchdog: Option<Process>,
-    /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; processes of the watchdog's user.
-    witnesses: [Option<Process>; 4],
+    /// The witnesses, in the order of [`Witness`], as the watchdog last listed them, `None` within if they had no process
+    /// then; processes of the watchdog's user. `None`: it never listed one.
+    witnesses: [Option<Option<Process>>; 4],
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
     /// is no watchdog.
     own: Vec<Option<Process>>,
@@ -233,7 +237,7 @@ impl Admission {
                 Ok(())
             }
             (Effect::Frees(witness), Some(_)) if self.policy.module(witness).is_some() => {
-                let due = self.witnesses[witness as usize];
+                let due = self.witnesses[witness as usize].ok_or(Refusal::NotYet)?;
                 allowed(due.is_some() && sender.process == due, Refusal::Release)
             }
             (Effect::SaysThatProcessesRun | Effect::Frees(_) | Effect::EndsItsOwnStop, _) => {
@@ -247,7 +251,11 @@ impl Admission {
         let Message::CmDataProcesses(list) = message else { return };
         for witness in [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Motion] {
             let name = self.policy.module(witness);
-            self.witnesses[witness as usize] = name.and_then(|name| process_of(name, list, uid));
+            let process = name.and_then(|name| process_of(name, list, uid));
+            let known = &mut self.witnesses[witness as usize];
+            if process.is_some() || known.is_some() {
+                *known = Some(process);
+            }
         }
     }
 }
@@ -418,7 +426,7 @@ mod tests {
     fn that_all_is_well_is_believed_from_whom_it_is_due() {
         let mut admission = guarded(Commands::Network);
         let (watchdog, power) = (by(Way::Memory, WATCHDOG), by(Way::Memory, POWER));
-        assert_eq!(admission.judge(&stop(false), power), Err(Refusal::Release), "nobody has listed it yet");
+        assert_eq!(admission.judge(&stop(false), power), Err(Refusal::NotYet), "nobody has listed it yet");
         for other in [power, by(Way::Host, 0), by(Way::Host, POWER), by(Way::Network, 0)] {
             assert_eq!(admission.judge(&list(), other), Err(Refusal::SecondRobot), "{other:?}");
         }
@@ -464,7 +472,7 @@ mod tests {
         let measured = ranges([Reading::UNKNOWN, Reading::MEASURED]);
         for (message, due) in [(bounds(0.5), GUARD), (bounds(f64::NAN), GUARD), (measured, RANGING)] {
             let mut believed = |pid| admission.judge(&message, by(Way::Memory, pid));
-            assert_eq!(believed(due), Err(Refusal::Release), "nobody has listed it yet: {message:?}");
+            assert_eq!(believed(due), Err(Refusal::NotYet), "nobody has listed it yet: {message:?}");
             assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
             let others = [0, 300, WATCHDOG, POWER, if due == GUARD { RANGING } else { GUARD }];
             for other in others {
@@ -473,6 +481,7 @@ mod tests {
             assert_eq!(admission.judge(&message, by(Way::Memory, due)), Ok(()), "{message:?}");
             admission = guarded(Commands::Network);
         }
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
         assert_eq!(admission.judge(&ranges([Reading::SILENT; 2]), by(Way::Host, 300)), Err(Refusal::Release));
         let empty = DataRanges::default().into();
         assert_eq!(admission.judge(&empty, by(Way::Host, 300)), Err(Refusal::Release), "it names no range finder");
@@ -483,7 +492,7 @@ mod tests {
         for message in [motion(0.0), motion(0.5), motion(1e19), motion(f64::NAN)] {
             let mut admission = guarded(Commands::Network);
             let mut believed = |pid, way| admission.judge(&message, by(way, pid));
-            assert_eq!(believed(MOTION, Way::Memory), Err(Refusal::Release), "nobody has listed it yet");
+            assert_eq!(believed(MOTION, Way::Memory), Err(Refusal::NotYet), "nobody has listed it yet");
             assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
             let mut believed = |pid, way| admission.judge(&message, by(way, pid));
             for other in [0, 300, WATCHDOG, POWER, GUARD, RANGING] {
