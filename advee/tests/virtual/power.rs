@@ -197,7 +197,7 @@ fn without_the_motors_channel_it_does_not_drive_and_without_sensors_their_boards
     robot.pass(2.0);
     robot.drive(0.4, 0.0, 1.0);
     robot.pass(1.5);
-    assert!(robot.speed().abs() < 0.001 && robot.hold() == Some(Hold::DriveFault), "{}", robot.motion().reason);
+    assert!(robot.speed().abs() < 0.001 && robot.hold() == Some(Hold::FeedOff), "{}", robot.motion().reason);
     switch(&mut robot, 3, lowlevel::CmdPower::ON);
     robot.pass(4.0);
     robot.drive_anew(0.4, 0.0, 1.0);
