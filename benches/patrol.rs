@@ -11,7 +11,8 @@
 //! inputs of the first half hour are replayed to a new one, and every step of its control loop is timed. `SETS` has
 //! further overrides of the configuration.
 //!
-//! Goals: no contact that the robot moved into at more than 0.05 m/s, at least 0.15 m/s, 90 % of the waypoints without
+//! Goals: no contact that the robot moved into at more than 0.05 m/s, those apart with whom no sonar had answered until
+//! the guard's reaction time before it; at least 0.15 m/s, 90 % of the waypoints without
 //! guard, no goal given up; control step 20 µs in the mean, 0.5 ms at the 99th percentile. The bench fails if one is
 //! missed.
 
@@ -36,6 +37,8 @@ use std::time::Instant;
 const RUN: f64 = 1800.0;
 /// Speed of the robot towards what it touches above which a contact counts, m/s.
 const CONTACT_MPS: f64 = 0.05;
+/// Reaction time of the guard, s (`guard.reaction_s`): what no sonar has answered before is met without braking.
+const REACTION_S: f64 = 0.12;
 /// Overrides of a robot that is not bounded by what it senses.
 const UNGUARDED: [&str; 2] = ["guard.ranging=\"none\"", "guard.speed_blind_mps=2.0"];
 
@@ -77,7 +80,7 @@ fn main() -> ExitCode {
     let share = f64::from(all.waypoints) / f64::from(unguarded.waypoints);
     println!("speed beside the empty world's: {:.0} %", 100.0 * all.speed() / empty.speed());
     println!("waypoints beside those without guard: {:.0} %", 100.0 * share);
-    let drives = all.own_contacts() == 0 && all.failed == 0 && all.speed() >= 0.15 && share >= 0.9;
+    let drives = all.own_contacts().0 == 0 && all.failed == 0 && all.speed() >= 0.15 && share >= 0.9;
     let good = drives && steps.mean_us <= 20.0 && steps.p99_us <= 500.0;
     println!("{}", if good { "all figures reached" } else { "NOT all figures reached" });
     if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -148,9 +151,12 @@ impl Total {
     }
 
     /// Number of contacts that the robot moved into.
-    fn own_contacts(&self) -> usize {
+    /// Contacts that the robot moved into: with what a sonar had answered in time, and with what none had.
+    fn own_contacts(&self) -> (usize, usize) {
         let own = |contact: &Contact| contact.mover == Mover::Robot && contact.robot_mps > CONTACT_MPS;
-        self.contacts.iter().filter(|(_, contact, _)| own(contact)).count()
+        let own = self.contacts.iter().filter(|(_, contact, _)| own(contact));
+        let (answered, not): (Vec<_>, Vec<_>) = own.partition(|(.., by)| by.iter().any(|(_, s)| *s >= REACTION_S));
+        (answered.len(), not.len())
     }
 
     fn print_contacts(&self) {
@@ -170,15 +176,15 @@ impl Total {
 
 impl std::fmt::Display for Total {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let own = self.own_contacts();
+        let (own, unanswered) = self.own_contacts();
         let Self { seconds, way, waypoints, failed, let_go, told, contacts, took, .. } = self;
         write!(
             f,
             "{:.1} h, {way:.0} m, {:.3} m/s, {waypoints} waypoints, {failed} goals given up, contacts: {own} by the robot, \
-             {} others; in the way {:.0} %; let go by hand {let_go} times; {:.0} x real time",
+             {unanswered} with whom no sonar had answered, {} others; in the way {:.0} %; let go by hand {let_go} times; {:.0} x real time",
             seconds / 3600.0,
             self.speed(),
-            contacts.len() - own,
+            contacts.len() - own - unanswered,
             100.0 * f64::from(told.1) / f64::from(told.0.max(1)),
             seconds / took
         )
