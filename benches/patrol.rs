@@ -150,7 +150,6 @@ impl Total {
         self.way / self.seconds
     }
 
-    /// Number of contacts that the robot moved into.
     /// Contacts that the robot moved into: with what a sonar had answered in time, and with what none had.
     fn own_contacts(&self) -> (usize, usize) {
         let own = |contact: &Contact| contact.mover == Mover::Robot && contact.robot_mps > CONTACT_MPS;
@@ -181,7 +180,8 @@ impl std::fmt::Display for Total {
         write!(
             f,
             "{:.1} h, {way:.0} m, {:.3} m/s, {waypoints} waypoints, {failed} goals given up, contacts: {own} by the robot, \
-             {unanswered} with whom no sonar had answered, {} others; in the way {:.0} %; let go by hand {let_go} times; {:.0} x real time",
+             {unanswered} with whom no sonar had answered, {} others; in the way {:.0} %; let go by hand {let_go} times; \
+             {:.0} x real time",
             seconds / 3600.0,
             self.speed(),
             contacts.len() - own - unanswered,

@@ -1,6 +1,6 @@
 //! Declaration of a command's subcommands.
 
-/// Declares the subcommands of a command, each with its arguments and with what it runs, and the method `run`. The first
+/// Declares the subcommands of a command, each with its arguments and what it runs, and the method `run`. The first
 /// line names what is passed on: the arguments of all commands, and the subcommand's own.
 macro_rules! commands {
     (

@@ -14,7 +14,7 @@
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_MOTION`, of a robot that stands, too: it stops nothing | the process of the motion's driver, likewise |
-//! | `CM_DATA_STATE` RUN or PAUSE, by the watchdog that judges the module by it | the module's process, as it lists it |
+//! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
 //! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
 //! | others | any sender |
 //!
@@ -86,6 +86,10 @@ impl Sender {
         self.process.map(|process| process.pid)
     }
 }
+
+/// Lists of the watchdog, which come at 10 Hz or more, after which the robot has started: a module without a process then
+/// has none.
+const STARTING_LISTS: u32 = 50;
 
 /// Why a message is not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,9 +164,11 @@ pub struct Admission {
     policy: Policy,
     /// The watchdog that guards this process; `None`: there is none.
     watchdog: Option<Process>,
-    /// The witnesses, in the order of [`Witness`], as the watchdog last listed them, `None` within if they had no process
-    /// then; processes of the watchdog's user. `None`: it never listed one.
+    /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; within, `None` if they had no
+    /// process then. Processes of the watchdog's user. `None`: it never listed one.
     witnesses: [Option<Option<Process>>; 4],
+    /// Number of lists of the watchdog, up to [`STARTING_LISTS`].
+    lists: u32,
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
     /// is no watchdog.
     own: Vec<Option<Process>>,
@@ -172,7 +178,7 @@ impl Admission {
     /// Rules for a process that is guarded by the process `watchdog`, if by any.
     #[must_use]
     pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
-        Self { policy, watchdog, witnesses: [None; 4], own: Vec::new() }
+        Self { policy, watchdog, witnesses: [None; 4], lists: 0, own: Vec::new() }
     }
 
     /// From now on that process guards this one. Without a watchdog it stays so.
@@ -249,11 +255,12 @@ impl Admission {
     /// Learns from the list of a watchdog of the user `uid` which processes are the witnesses'.
     fn learn(&mut self, message: &Message, uid: u32) {
         let Message::CmDataProcesses(list) = message else { return };
+        self.lists = STARTING_LISTS.min(self.lists + 1);
         for witness in [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Motion] {
             let name = self.policy.module(witness);
             let process = name.and_then(|name| process_of(name, list, uid));
             let known = &mut self.witnesses[witness as usize];
-            if process.is_some() || known.is_some() {
+            if process.is_some() || known.is_some() || self.lists == STARTING_LISTS {
                 *known = Some(process);
             }
         }
@@ -452,6 +459,18 @@ mod tests {
         assert_eq!(admission.judge(&with(0), watchdog), Ok(()));
         assert_eq!(admission.judge(&stop(false), by(Way::Memory, 200)), Err(Refusal::Release));
         assert_eq!(admission.judge(&stop(false), by(Way::Host, 0)), Err(Refusal::Release));
+    }
+
+    #[test]
+    fn a_module_that_is_never_listed_is_due_only_while_the_robot_starts() {
+        let mut admission = guarded(Commands::Network);
+        let without: Message = DataProcesses::default().into();
+        for _ in 1..STARTING_LISTS {
+            assert_eq!(admission.judge(&without, by(Way::Memory, WATCHDOG)), Ok(()));
+            assert_eq!(admission.judge(&stop(false), by(Way::Memory, POWER)), Err(Refusal::NotYet));
+        }
+        assert_eq!(admission.judge(&without, by(Way::Memory, WATCHDOG)), Ok(()));
+        assert_eq!(admission.judge(&stop(false), by(Way::Memory, POWER)), Err(Refusal::Release), "said from now on");
     }
 
     #[test]

@@ -117,7 +117,7 @@ pub enum Input<'a> {
     OneWire(&'a w1::Answer),
     /// News of a gamepad. An absent gamepad is news, too, and not [`Input::Down`].
     Gamepad(gamepad::Input<'a>),
-    /// Level of a digital output: one for each [`Output::Gpio`](crate::Output::Gpio), in order. Requests pending when the
+    /// Level of a digital output: one for each [`Output::Gpio`](crate::Output::Gpio), in order. Requests pending if the
     /// port went down have none. At the simulator's end: what the owner of the output sends.
     Gpio(gpio::Signal),
     /// Answer to a request: one for each [`Output::Store`](crate::Output::Store), in order. Requests pending when the

@@ -123,6 +123,8 @@ pub struct Canbus {
     working: Option<bool>,
     /// The planner was permitted to move the robot as of the last decision.
     planned: bool,
+    /// A module without which the planner must not drive did not run at the last decision.
+    planning_missing: bool,
     deadlines: Deadlines<Timer>,
     now: Instant,
 }
@@ -172,6 +174,7 @@ impl Canbus {
             holds: Holds::default(),
             working: None,
             planned: false,
+            planning_missing: false,
             deadlines: Deadlines::new(),
             now: Instant::ZERO,
         })
@@ -615,6 +618,12 @@ impl Canbus {
             self.arbiter.disarm_all(now);
         }
         self.planned = plans && !objects;
+        // Also if its command had expired before the watchdog listed the module: the one that returns is another one.
+        let missing = self.around.is_planning_missing();
+        if missing && !self.planning_missing {
+            self.arbiter.latch_planner(now);
+        }
+        self.planning_missing = missing;
     }
 
     /// Goal of the steering while no source moves the robot: it is homed if that is the only objection, holds its angle

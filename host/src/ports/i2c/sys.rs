@@ -199,10 +199,11 @@ pub const STOP_CONSUMER: &str = "advee stop";
 
 /// Requests a line as an output. One that is an output already keeps its level; another one becomes inactive.
 pub fn output(chip: BorrowedFd<'_>, line: u32, active_low: bool) -> io::Result<OwnedFd> {
-    let driven = line_info(chip, line)?.output;
     let polarity = if active_low { FLAG_ACTIVE_LOW } else { 0 };
     // As it is: neither its direction nor its level changes.
     let fd = request(chip, &[line], STOP_CONSUMER.as_bytes(), config::<1>(polarity, None))?;
+    // The kernel reads the direction from the chip when the line is requested.
+    let driven = line_info(chip, line)?.output;
     let [active] = levels(fd.as_fd())?;
     let mut config = config(polarity | FLAG_OUTPUT, Some([driven && active]));
     // SAFETY: the kernel reads a live gpio_v2_line_config.

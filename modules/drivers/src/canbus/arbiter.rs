@@ -235,6 +235,14 @@ impl Arbiter {
         }
     }
 
+    /// A module without which the planner must not drive is gone: earlier releases are void, and a planner that holds the
+    /// motion loses it. Manual sources go on.
+    pub fn latch_planner(&mut self, now: Instant) {
+        self.latched = true;
+        self.release_after = self.release_after.max(now);
+        self.holder = self.holder.filter(|id| self.sources[id.index()].command.priority > PLANNER);
+    }
+
     /// An operator releases the planner by a `cmd_goal` or a manual `cmd_state` RUN, received at `at`. Without effect
     /// while a manual source moves the robot, and if received before the end of the last stop.
     pub fn release_planner(&mut self, at: Instant) {

@@ -118,13 +118,23 @@ impl FeedOutput {
         }
     }
 
-    /// Cuts the motors' feed, or switches it on: written at once, and again until the output has that value.
-    pub(super) fn order(&mut self, now: Instant, on: bool) {
+    /// Cuts the motors' feed, or switches it on: written at once, and again until the output has that value. False: an
+    /// output that does not answer is not switched on, since nobody knows when it would be.
+    pub(super) fn order(&mut self, now: Instant, on: bool) -> bool {
+        if on && self.is_lost(now) {
+            return false;
+        }
         self.order = Some(if on { self.on } else { self.cut });
         self.due = now;
         if let Place::Node(node) = &mut self.place {
             node.drop_read();
         }
+        true
+    }
+
+    /// True if the port is down, or no answer came for [`ANSWER_AGE_MAX`].
+    fn is_lost(&self, now: Instant) -> bool {
+        matches!(self.place, Place::Line(_, Some(_))) || now.since(self.answered) >= ANSWER_AGE_MAX
     }
 
     /// Does what is due; `up`: the CAN bus is up; `cut`: the feed must be cut.
@@ -139,6 +149,11 @@ impl FeedOutput {
         if cut && self.order.is_none() && self.value.is_some_and(|value| value != self.cut) {
             self.order(now, false);
         }
+        let lost = self.is_lost(now);
+        if lost && self.order == Some(self.on) {
+            // The order may be on its way, and be obeyed when the person who gave it has gone: a cut follows it.
+            self.order(now, false);
+        }
         let free = if let Place::Node(node) = &mut self.place { node.expire(now) } else { true };
         if free && self.due <= now {
             self.due = now + PERIOD;
@@ -150,12 +165,6 @@ impl FeedOutput {
                     out.push(Action::Send(*port, Output::Gpio(signal)));
                 }
             }
-        }
-        let down = matches!(self.place, Place::Line(_, Some(_)));
-        let lost = down || now.since(self.answered) >= ANSWER_AGE_MAX;
-        if lost {
-            // Whatever happens later: the motors are fed only while the person who ordered it is there.
-            self.order.take_if(|order| *order == self.on);
         }
         let changed = std::mem::replace(&mut self.lost, lost) != lost;
         changed.then_some(if lost { News::Lost } else { News::Back })

@@ -9,7 +9,7 @@ use super::feed_output::{FeedOutput, News};
 use super::objection::Objection;
 use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
 use super::{Canbus, LINE, Timer};
-use base::{Duration, Fault, Instant, Severity};
+use base::{Duration, Fault, Instant, Level, Severity};
 use canopen::axis::{Goal, PowerState};
 use canopen::master::Ticket;
 use messages::{Hold, lowlevel};
@@ -141,7 +141,9 @@ impl Canbus {
                 return;
             }
             Way::Power { .. } => self.deadlines.set(Timer::Cut, now),
-            Way::Output(output) => output.order(now, false),
+            Way::Output(output) => {
+                output.order(now, false);
+            }
         }
         out.raise(Severity::Error, Fault::StopFailed, "", format!("{what}: the motors' feed is cut"));
         self.stop_watch.latched = Some(Hold::FeedCut);
@@ -193,7 +195,10 @@ impl Canbus {
             if !stands || !(cut || output.is_off()) {
                 return;
             }
-            output.order(now, true);
+            if !output.order(now, true) {
+                out.say(Level::Warning, "the motors' feed is not switched on: what cuts it does not answer");
+                return;
+            }
         }
         if cut {
             self.deadlines.clear(Timer::Cut);

@@ -196,6 +196,12 @@ impl Surroundings {
         missing.chain((!located).then_some((Hold::PlannerNoEstimate, "")))
     }
 
+    /// True if a module without which the planner must not drive does not run.
+    #[must_use]
+    pub fn is_planning_missing(&self) -> bool {
+        !self.planning_missing.is_empty()
+    }
+
     /// Next deadline after `now` at which missing data becomes an objection.
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {

@@ -84,6 +84,8 @@ struct Robot {
     line: Option<bool>,
     /// The line keeps its level.
     stuck: bool,
+    /// What a port that hangs was asked for, and does when it works again.
+    held: Option<Vec<Signal>>,
     written: Vec<(Instant, i64)>,
     watchdog: bool,
     missing: &'static str,
@@ -114,6 +116,7 @@ impl Robot {
             output: None,
             line: None,
             stuck: false,
+            held: None,
             written: Vec::new(),
             watchdog: true,
             missing: "",
@@ -234,6 +237,10 @@ impl Robot {
     }
 
     fn line_asked(&mut self, now: Instant, signal: Signal) {
+        if let Some(held) = &mut self.held {
+            held.push(signal);
+            return;
+        }
         let Some(level) = &mut self.line else { return };
         if let Signal::Level(active) = signal {
             self.written.push((now, i64::from(active)));

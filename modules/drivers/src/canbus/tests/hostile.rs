@@ -75,6 +75,25 @@ fn a_planner_that_dies_stops_the_robot_at_once_and_a_manual_source_drives_withou
 }
 
 #[test]
+fn a_planner_that_was_silent_before_it_was_listed_as_down_waits_for_a_release_too() {
+    let mut robot = Robot::ready();
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 500, true);
+    // It hangs: its command expires before the watchdog lists it.
+    robot.pass(300);
+    robot.missing = "planner";
+    robot.pass(100);
+    robot.missing = "";
+    robot.pass(200);
+    robot.plan(0.4, 500, true);
+    assert!(!robot.moves(), "it resumed by itself");
+    assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 200, true);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
 fn a_goal_from_before_the_end_of_a_stop_does_not_release_the_planner() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());

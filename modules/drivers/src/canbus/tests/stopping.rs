@@ -400,8 +400,27 @@ fn an_order_to_switch_on_is_not_obeyed_after_the_output_was_lost() {
         assert_eq!(robot.holds()[0], (Hold::SecondWayLost, ""));
         (robot.output, robot.line) = output;
         robot.pass(2000);
-        assert_eq!((robot.holds()[0], robot.written.len()), ((Hold::FeedOff, ""), 0));
+        assert_eq!(robot.holds()[0], (Hold::FeedOff, ""));
+        assert!(robot.written.iter().all(|(_, value)| *value == 0), "revoked by a cut: {:?}", robot.written);
     }
+}
+
+#[test]
+fn an_order_that_a_port_holds_while_it_hangs_is_followed_by_a_cut() {
+    let mut robot = with_line(false);
+    robot.held = Some(Vec::new());
+    robot.bench.message(order(3, CmdPower::ON));
+    robot.pass(3000);
+    assert_eq!(robot.holds()[0], (Hold::SecondWayLost, ""));
+    // Nor is one taken meanwhile.
+    robot.bench.message(order(3, CmdPower::ON));
+    robot.pass(1000);
+    let held = robot.held.take().unwrap();
+    assert!(held.contains(&Signal::Level(true)), "it was on its way: {held:?}");
+    let now = robot.bench.now();
+    held.into_iter().for_each(|signal| robot.line_asked(now, signal));
+    robot.pass(2000);
+    assert_eq!((robot.holds()[0], robot.line), ((Hold::FeedOff, ""), Some(false)));
 }
 
 #[test]
