@@ -35,7 +35,6 @@ fn shipped_as_in_0_1(sim: bool) -> Config {
         "stop.pause=coast",
         "gamepad.quiet_s=0.5",
         "guard.ranging=none",
-        "guard.clearance_m=0.1",
         "planner.margin_m=0.2",
         "planner.stop_distance_m=0.25",
         "planner.reaction_s=0.37",
