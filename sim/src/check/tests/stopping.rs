@@ -48,6 +48,12 @@ fn under_a_cause_the_wheels_come_to_a_stand() {
 }
 
 #[test]
+fn the_wheels_of_another_simulator_have_not_turned() {
+    check(&format!("{LOST} \n turn 0 1 \n simulator 7 0.5 \n turn 0 1"));
+    check(&format!("{LOST} \n turn 0 1 \n simulator 7 0.5 \n turn 0 1 \n turn 0.03 1 ! released"));
+}
+
+#[test]
 fn the_start_releases_the_first_homing_only() {
     let start = |script: &str| {
         let mut bench = Bench::with(Limits { homing_at_start: true, ..limits() });
