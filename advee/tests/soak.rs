@@ -278,6 +278,9 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     let at = arguments.iter().position(|word| *word == "--config").expect("the configuration is part of it");
     let (code, again, _) = advee(&[&arguments[..at], &arguments[at + 2..]].concat());
     assert!(code == Some(1) && again.contains("rule wanted"), "{again}");
+    assert!(repeat.contains(" --episode 0 --faults "), "{repeat}");
+    let once_more = again.lines().find_map(|line| line.strip_prefix("repeat: advee soak "));
+    assert_eq!(once_more, Some(repeat), "the command repeats itself: {again}");
 
     write("turns = 0\n[faults.x]\nfault = \"hang\"\n");
     let (code, _, complaints) = advee(&["--scenario", &path]);

@@ -17,6 +17,7 @@ use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, Violation
 use simulator::world::World;
 use std::cell::Cell;
 use std::collections::BTreeMap;
+use std::fmt::{self, Display};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -57,6 +58,16 @@ pub struct Soak {
 #[derive(Clone, Debug)]
 struct Numbers(Vec<usize>);
 
+impl Display for Numbers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.is_empty() {
+            return f.write_str("none");
+        }
+        let list: Vec<String> = self.0.iter().map(usize::to_string).collect();
+        f.write_str(&list.join(","))
+    }
+}
+
 thread_local! {
     /// The episode that this thread runs.
     static EPISODE: Cell<u64> = const { Cell::new(0) };
@@ -73,7 +84,7 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
     let robot = Robot::load(common, command)?;
     let begun = Instant::now();
     let hook = panic::take_hook();
-    tell_of_panics(robot.again.clone());
+    tell_of_panics(robot.again.clone(), command.faults.clone());
     let result = match command.episode {
         Some(number) => robot.one(number, command.faults.as_ref(), &Progress::new(1, robot.scenario.episode())),
         None => {
@@ -92,7 +103,7 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
     if command.json {
         print(robot.json(&report, minimal.as_ref(), took))?;
     } else {
-        robot.show(&report, took, minimal.as_ref())?;
+        robot.show(&report, took, command.faults.as_ref(), minimal.as_ref())?;
     }
     Ok(ExitCode::from(u8::from(!report.violations.is_empty())))
 }
@@ -228,12 +239,18 @@ impl Robot {
             }
             fails
         });
-        let list: Vec<String> = faults.iter().map(|(place, _)| place.to_string()).collect();
-        let list = if list.is_empty() { "none".into() } else { list.join(",") };
-        Minimal { command: format!("{} --episode {number} --faults {list}", self.again), faults, of: all.len() }
+        let numbers = Numbers(faults.iter().map(|(place, _)| *place).collect());
+        Minimal { command: repeat(&self.again, number, Some(&numbers)), faults, of: all.len() }
     }
 
-    fn show(&self, report: &Report, took: f64, minimal: Option<&Minimal>) -> Result<(), Failed> {
+    /// `only`: the faults that were asked for.
+    fn show(
+        &self,
+        report: &Report,
+        took: f64,
+        only: Option<&Numbers>,
+        minimal: Option<&Minimal>,
+    ) -> Result<(), Failed> {
         let hours = report.time.as_secs_f64() / 3600.0;
         let Report { episodes, figures, faults, .. } = report;
         print(format_args!("robot-hours     {hours:.2} in {episodes} episodes, seed {}", self.seed))?;
@@ -255,7 +272,7 @@ impl Robot {
         for (number, violation) in &report.violations {
             print(format_args!("episode {number}: {violation}"))?;
             if minimal.is_none() {
-                print(format_args!("repeat: {} --episode {number}", self.again))?;
+                print(format_args!("repeat: {}", repeat(&self.again, *number, only)))?;
             }
         }
         if let Some(Minimal { command, faults, of }) = minimal {
@@ -304,13 +321,19 @@ impl Robot {
 }
 
 /// A module that panics is a find: where that unwinds the episode tells of it, where it aborts the last word is this.
-fn tell_of_panics(again: String) {
+fn tell_of_panics(again: String, only: Option<Numbers>) {
     panic::set_hook(Box::new(move |panic| {
         if cfg!(panic = "abort") {
-            let line = format!("advee: {panic}\nrepeat: {again} --episode {}\n", EPISODE.get());
+            let line = format!("advee: {panic}\nrepeat: {}\n", repeat(&again, EPISODE.get(), only.as_ref()));
             let _ = std::io::stderr().write_all(line.as_bytes());
         }
     }));
+}
+
+/// The command that repeats an episode with only these faults, or all. `again`: what makes the same robot.
+fn repeat(again: &str, episode: u64, only: Option<&Numbers>) -> String {
+    let faults = only.map(|only| format!(" --faults {only}")).unwrap_or_default();
+    format!("{again} --episode {episode}{faults}")
 }
 
 /// The faults that are enough for a violation.

@@ -377,7 +377,7 @@ impl Checkers {
                 named("pause", self.pause.on_truth(now, truth.speed, facts))?;
                 named("body", self.body.on_truth(now, truth.speed, facts))?;
                 named("feed", self.feed.on_truth(now, truth.speed, facts))?;
-                named("released", self.released.on_truth(now, truth.steering, facts))?;
+                named("released", self.released.on_truth(now, pid, truth.steering, facts))?;
                 named("stop", self.stop.on_truth(now, truth.speed, facts))?;
                 named("wanted", self.wanted.on_time(now))
             }

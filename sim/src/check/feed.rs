@@ -4,7 +4,8 @@
 //! on.
 //!
 //! The speed is taken from the body, the order from the wire, the cut from `LL_CMD_POWER`. A drive without power, out
-//! of reach, or under the PAUSE line, which cuts its feed by itself, is not judged.
+//! of reach, or under the PAUSE line, which cuts its feed by itself, is not judged. An order to stop outlasts that: it
+//! is sent once, and what counts for its time limit is when the drive is judged again.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -35,7 +36,7 @@ const SAMPLES: usize = 4;
 /// Interval beyond which an order to cut is a new one: it is repeated each 500 ms.
 const REPEATED: Duration = Duration::from_millis(700);
 
-/// Order to stop, and the speed at that time, m/s.
+/// Order to stop, the time since which it is judged, and the speed at that time, m/s.
 #[derive(Clone, Copy, Debug)]
 struct Order {
     at: Instant,
@@ -135,7 +136,8 @@ impl Rule {
         self.recent.push_back((now, speed));
         let paused = facts.limits.power.is_some() && facts.pause.cuts_feed();
         if paused || !self.powered || is_unreached(now, facts) {
-            (self.order, self.exceeds, self.settled) = (None, None, now);
+            (self.exceeds, self.settled) = (None, now);
+            self.order = facts.set_point.is_stop().then_some(Order { at: now, speed });
             return Ok(());
         }
         self.judge_order(now, speed)?;
@@ -145,7 +147,8 @@ impl Rule {
     fn judge_order(&mut self, now: Instant, speed: f64) -> Verdict {
         let Some(order) = self.order else { return Ok(()) };
         let unbraked = order.speed.abs() > MARGIN_MPS && speed.abs() > order.speed.abs() - BRAKED_MPS;
-        let cut = self.cut.is_some_and(|cut| cut >= order.at);
+        // One from before is in force until a person switches the motors on.
+        let cut = self.cut.is_some_and(|cut| cut >= order.at || cut > self.on);
         if unbraked && !cut && now.since(order.at) > CUT_WITHIN + SAMPLE {
             return Err(format!("{speed:.3} m/s, told to stop at {:?}, and the motors' feed is not cut", order.at));
         }

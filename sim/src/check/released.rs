@@ -40,7 +40,8 @@ pub(super) struct Rule {
     referenced: bool,
     /// Begin of the reference.
     homed: Instant,
-    angle: Option<f64>,
+    /// Last angle, rad, and the process that simulates the body.
+    angle: Option<(u32, f64)>,
     /// Last instant at which a cause other than homing was known to the driver.
     cause: Instant,
     /// Beginning of the present cause, while there is one.
@@ -115,10 +116,12 @@ impl Rule {
         }
     }
 
-    /// Processes a sample of the body's steering angle, rad.
-    pub fn on_truth(&mut self, now: Instant, angle: f64, facts: &Facts) -> Verdict {
+    /// Processes a sample of the body's steering angle, rad, by the simulator of this process: another one's body
+    /// begins anew, with its wheels straight ahead.
+    pub fn on_truth(&mut self, now: Instant, pid: u32, angle: f64, facts: &Facts) -> Verdict {
         self.update(now, facts);
-        let turned = self.angle.replace(angle).map_or(0.0, |before| (angle - before).abs());
+        let before = self.angle.replace((pid, angle)).filter(|(simulator, _)| *simulator == pid);
+        let turned = before.map_or(0.0, |(_, before)| (angle - before).abs());
         // A drive that is out of reach, or was a moment ago, stops by itself.
         let unreached = facts.is_disturbed(now) || now.since(facts.driver.ill(now)) < STANDS_WITHIN;
         if turned < TURNED_MIN_RAD || unreached || facts.is_steering_ill(now) {

@@ -63,6 +63,8 @@ struct Bench {
     x: f64,
     speed: f64,
     steering: f64,
+    /// Process that simulates the body.
+    simulator: u32,
     /// Way of the next message.
     way: Way,
 }
@@ -76,7 +78,8 @@ impl Bench {
     fn with(limits: Limits) -> Self {
         let checkers = Checkers::new(limits);
         let (now, pids, quiet) = (Instant::ZERO, BTreeMap::new(), Vec::new());
-        let mut bench = Self { checkers, now, pids, quiet, x: 0.0, speed: 0.0, steering: 0.0, way: Way::Memory };
+        let (x, speed, steering) = (0.0, 0.0, 0.0);
+        let mut bench = Self { checkers, now, pids, quiet, x, speed, steering, simulator: 0, way: Way::Memory };
         for module in ["watchdog", "power", "driver"] {
             bench.start(module);
             bench.tell(&News::State { module, state: State::Run });
@@ -123,7 +126,7 @@ impl Bench {
 
     fn truth(&mut self) {
         let (x, speed, steering) = (self.x, self.speed, self.steering);
-        self.sent(0, simulation::DataTruth { x, speed, steering, ..Default::default() });
+        self.sent(self.simulator, simulation::DataTruth { x, speed, steering, ..Default::default() });
     }
 
     fn sender(&self, pid: u32) -> Sender {
@@ -235,6 +238,8 @@ impl Bench {
                     self.pass(50);
                 }
             }
+            // Another process simulates the body, from this angle on.
+            ["simulator", pid, angle] => (self.simulator, self.steering) = (pid.parse().unwrap(), number(angle)),
             ["line", what] => self.act(&["line", what, "button"]),
             ["line", what, source] => {
                 let (engaged, source) = (what == "engaged", source.into());

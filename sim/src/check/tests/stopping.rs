@@ -7,6 +7,8 @@ const LOST: &str = "frame 282 27 00";
 const HOMED: &str = "frame 282 27 80";
 /// The robot drives at 0.5 m/s, and is told to stop.
 const TOLD_TO_STOP: &str = "frame 181 27 00 \n speed 0.5 \n begin pad 0.5 \n +50 stop";
+/// The same, on a bus that is disturbed until 50 ms ago.
+const DISTURBED: &str = "frame 181 27 00 \n speed 0.5 \n begin pad 0.5 \n fault can noise 100 \n +50 stop \n +200";
 
 #[test]
 fn homing_needs_a_release() {
@@ -46,6 +48,12 @@ fn under_a_cause_the_wheels_come_to_a_stand() {
 }
 
 #[test]
+fn the_wheels_of_another_simulator_have_not_turned() {
+    check(&format!("{LOST} \n turn 0 1 \n simulator 7 0.5 \n turn 0 1"));
+    check(&format!("{LOST} \n turn 0 1 \n simulator 7 0.5 \n turn 0 1 \n turn 0.03 1 ! released"));
+}
+
+#[test]
 fn the_start_releases_the_first_homing_only() {
     let start = |script: &str| {
         let mut bench = Bench::with(Limits { homing_at_start: true, ..limits() });
@@ -69,6 +77,8 @@ fn the_start_releases_the_first_homing_only() {
 fn a_drive_that_does_not_brake_is_cut_off_its_feed() {
     check(&format!("{TOLD_TO_STOP} \n fault propulsion unbraked 2000 \n faster 0 13 \n cut \n faster 0 20"));
     check(&format!("{TOLD_TO_STOP} \n fault propulsion unbraked 2000 \n faster 0 14 \n faster 0 1 ! feed"));
+    check(&format!("{DISTURBED} \n fault propulsion unbraked 2000 \n faster 0 5 \n cut \n faster 0 20"));
+    check(&format!("{DISTURBED} \n fault propulsion unbraked 2000 \n faster 0 13 \n faster 0 1 ! feed"));
     // It brakes, is without power, or under the PAUSE line.
     check(&format!("{TOLD_TO_STOP} \n fault propulsion unbraked 2000 \n faster -0.05 3 \n faster 0 20"));
     check(&format!("{TOLD_TO_STOP} \n fault propulsion fault 0 \n frame 181 08 00 \n faster 0 20"));
@@ -80,6 +90,8 @@ fn a_drive_that_brakes_as_told_keeps_its_feed() {
     check(&format!("{TOLD_TO_STOP} \n faster -0.075 5 \n cut ! feed"));
     check(&format!("{TOLD_TO_STOP} \n faster -0.02 5 \n cut \n +500 cut"));
     check("frame 181 27 00 \n speed 0.5 \n begin pad 0.5 \n +50 cut ! feed");
+    // Told on a disturbed bus, and not again after it.
+    check(&format!("{DISTURBED} \n faster -0.075 5 \n cut ! feed"));
 }
 
 #[test]
