@@ -272,7 +272,7 @@ impl Checkers {
                     self.late_watchdog.on_late(now, Duration::ZERO);
                 } else if *module == facts.limits.driver {
                     self.released.on_driver();
-                    self.feed.on_driver();
+                    self.feed.on_driver(now);
                 }
                 named("single", self.single.on_started(module, *pid))?;
                 named("restarts", self.restarts.on_started(now, module, facts))

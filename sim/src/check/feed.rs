@@ -61,9 +61,13 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// A process of the driver is started: it does not know that it ordered a cut.
-    pub fn on_driver(&mut self) {
+    /// A process of the driver is started: it does not know that it ordered a cut, nor since when the drive is told to
+    /// stop.
+    pub fn on_driver(&mut self, now: Instant) {
         self.cut = None;
+        if let Some(order) = &mut self.order {
+            order.at = now;
+        }
     }
 
     /// Processes a frame on the wire, except those to the propulsion.
@@ -145,7 +149,12 @@ impl Rule {
     }
 
     fn judge_order(&mut self, now: Instant, speed: f64) -> Verdict {
-        let Some(order) = self.order else { return Ok(()) };
+        let Some(order) = &mut self.order else { return Ok(()) };
+        if speed.abs() <= MARGIN_MPS {
+            // While it stands its time has not begun: another master may move it later.
+            order.at = now;
+        }
+        let order = *order;
         let unbraked = order.speed.abs() > MARGIN_MPS && speed.abs() > order.speed.abs() - BRAKED_MPS;
         // One from before is in force until a person switches the motors on.
         let cut = self.cut.is_some_and(|cut| cut >= order.at || cut > self.on);

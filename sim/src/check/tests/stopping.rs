@@ -95,6 +95,14 @@ fn a_drive_that_brakes_as_told_keeps_its_feed() {
 }
 
 #[test]
+fn a_robot_that_stood_and_is_moved_again_has_its_feed_cut_within_the_time_from_then() {
+    let stood =
+        format!("{TOLD_TO_STOP} \n faster -0.05 10 \n faster 0 60 \n fault propulsion runaway 3000 \n speed -0.49");
+    check(&format!("{stood} \n faster 0 12"));
+    check(&format!("{stood} \n faster 0 16 ! feed"));
+}
+
+#[test]
 fn a_robot_that_is_faster_than_commanded_is_stopped() {
     let drives = |seconds: usize| "+50 say pad 0.2 \n drive 0.2 \n".repeat(20 * seconds);
     let begin = format!("frame 181 27 00 \n speed 0.2 \n begin pad 0.2 \n {} speed 0.4 \n", drives(3));
