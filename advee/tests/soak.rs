@@ -269,7 +269,7 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     );
     let (code, text, told) = advee(&["--hours", "0.01", "--world", "empty", "--scenario", &path]);
     assert_eq!(code, Some(1), "{text}");
-    // What was found is told at once, then each reduction.
+    // What was found is printed at once, then each reduction.
     let lines: Vec<&str> = told.lines().collect();
     let reduced = |line: &&str| line.starts_with("episode 0: ") && line.contains(" faults are enough (");
     assert!(lines[0].starts_with("episode 0: at ") && lines.len() > 1 && lines[1..].iter().all(reduced), "{told}");

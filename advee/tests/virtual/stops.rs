@@ -80,7 +80,7 @@ fn ends_after(robot: &mut Robot, speed: f64) {
     goes_on(robot);
 }
 
-/// The propulsion is faster than it is told.
+/// The propulsion is faster than commanded.
 fn runs_away(robot: &mut Robot) {
     goes_on(robot);
     let (target, fault) = ("propulsion".into(), "runaway".into());

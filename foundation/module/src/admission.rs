@@ -142,7 +142,7 @@ pub struct Policy {
     pub ranging: Option<String>,
     /// Module that moves the robot, and measures how it moves.
     pub motion: Option<String>,
-    /// Modules that can be told from other senders, and whose announcements their watchdog accepts from them alone.
+    /// Modules whose senders can be identified: their watchdog accepts their announcements from them alone.
     pub announcing: Vec<String>,
 }
 

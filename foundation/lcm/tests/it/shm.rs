@@ -218,7 +218,7 @@ fn users_of_a_group_share_memory_and_none_changes_what_another_made() {
             }
         }
     }
-    // A station that is cut harms its owner alone: it is heard by datagrams now.
+    // A truncated station harms its owner alone, whose messages are received as datagrams now.
     for (path, _) in stations().filter(|(path, uid)| path.starts_with(&folder.0) && *uid == member) {
         cut(&path, 0);
     }
