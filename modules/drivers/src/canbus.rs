@@ -802,8 +802,9 @@ impl Module for Canbus {
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
-        let blind_stop = self.propulsion.blind_stop(now, self.bus.is_up());
-        for frame in blind_stop.into_iter().chain(std::iter::from_fn(|| self.master.poll_tx())) {
+        let bus_is_up = self.bus.is_up();
+        let blind_stops = [self.propulsion.blind_stop(now, bus_is_up), self.steering.blind_stop(now, bus_is_up)];
+        for frame in blind_stops.into_iter().flatten().chain(std::iter::from_fn(|| self.master.poll_tx())) {
             self.bus.count_frame(&frame);
             out.send_can(CAN, frame);
         }

@@ -1,17 +1,22 @@
 //! Common part of both drives: booting, loss and return of the node, the axis state machine, and faults, which are
 //! reported once and reset with pauses.
 
+use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::Master;
 use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState, StatusBits, Why};
+use canopen::drives::cia402;
 use canopen::master::{BootError, LostReason, Step};
-use canopen::wire::Emergency;
+use canopen::wire::{Emergency, Service};
 use messages::{Hold, lowlevel};
 use module::Actions;
 use std::fmt;
 
 /// Period of repeating a command that has not taken effect: a frame may be lost if CAN is carried by UDP.
 const REPEAT_PERIOD: Duration = Duration::from_millis(50);
+/// Period of stop commands to a drive that is not booted: that of the master's heartbeat, which keeps a drive at its
+/// last command.
+const BLIND_STOP_PERIOD: Duration = Duration::from_millis(50);
 /// Period of resetting a fault; motion is decided elsewhere.
 const FAULT_RESET_PERIOD: Duration = Duration::from_secs(1);
 /// Minimum time for which an axis that did not obey, or left operation by itself, blocks motion.
@@ -147,6 +152,8 @@ base::deadlines! {
         /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
         /// so.
         NotAnswering,
+        /// A quick stop is sent without knowing the drive's state. Set while it is not booted and the bus is up.
+        BlindStop,
     }
 }
 
@@ -412,6 +419,24 @@ impl Drive {
         if (self.sent != Some(data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
             self.sent = Some(data);
         }
+    }
+
+    /// Quick stop of a drive that is not booted, by the PDO `rpdo` and its `controlword`. It may still carry out its
+    /// last command: after a restart of this module, or a bus failure shorter than the drive's timeout, it receives our
+    /// heartbeat again. To be called after every event, and sent before all other frames: a reset of its communication
+    /// makes it deaf without stopping it. Repeated until it is booted, because a drive that is not operational ignores
+    /// PDOs. The target, 0, is no new one.
+    pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool, rpdo: u8, controlword: u16) -> Option<Frame> {
+        if !bus_is_up || self.booted {
+            self.deadlines.clear(Timer::BlindStop);
+            return None;
+        }
+        if self.deadlines.is_set(Timer::BlindStop) && !self.deadlines.is_due(Timer::BlindStop, now) {
+            return None;
+        }
+        self.deadlines.set(Timer::BlindStop, now + BLIND_STOP_PERIOD);
+        let rpdo = Service::Rpdo { node: self.node, number: rpdo };
+        Some(Frame::standard(rpdo.cob_id(), &cia402::pack(controlword, 0)))
     }
 
     /// True if nothing is pending: the command took effect, and it is not motion.

@@ -2,18 +2,13 @@
 
 use super::Config;
 use super::drive::Drive;
+use base::Instant;
 use base::can::Frame;
-use base::{Duration, Instant, earliest};
 use canopen::axis::{Goal, PowerState, Units};
 use canopen::drives::{cia402, epos};
-use canopen::wire::Service;
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
 use module::Actions;
-
-/// Period of stop commands to a drive that is not booted: that of the master's heartbeat, which keeps a drive at its
-/// last speed.
-const BLIND_STOP_PERIOD: Duration = Duration::from_millis(50);
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
@@ -25,8 +20,6 @@ pub(super) struct Propulsion {
     speed: f64,
     /// Measured since the last call of [`Self::take_measured`].
     measured: bool,
-    /// Next stop command to a drive that is not booted.
-    blind: Option<Instant>,
 }
 
 impl Propulsion {
@@ -50,7 +43,6 @@ impl Propulsion {
             goal: Goal::QuickStop,
             speed: f64::NAN,
             measured: false,
-            blind: None,
         }
     }
 
@@ -113,25 +105,13 @@ impl Propulsion {
         self.drive.send(now, master, epos::PDOS.rpdo, data);
     }
 
-    /// Quick stop of a drive that is not booted. It may still turn at its last speed: after a restart of this module,
-    /// or a bus failure shorter than the drive's timeout, it receives our heartbeat again. To be called after every
-    /// event, and sent before all other frames: a reset of its communication makes it deaf without stopping it.
-    /// Repeated until it is booted, because a drive that is not operational ignores PDOs.
+    /// [`Drive::blind_stop`] by the quick stop ramp.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
-        if !bus_is_up || self.drive.is_booted() {
-            self.blind = None;
-            return None;
-        }
-        if self.blind.is_some_and(|at| now < at) {
-            return None;
-        }
-        self.blind = Some(now + BLIND_STOP_PERIOD);
-        let rpdo = Service::Rpdo { node: self.drive.node, number: epos::PDOS.rpdo };
-        Some(Frame::standard(rpdo.cob_id(), &cia402::pack(epos::QUICK_STOP, 0)))
+        self.drive.blind_stop(now, bus_is_up, epos::PDOS.rpdo, epos::QUICK_STOP)
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        earliest([self.blind, self.drive.poll_timeout()])
+        self.drive.poll_timeout()
     }
 
     /// Measured speed, m/s; 0 if unknown.

@@ -3,11 +3,12 @@
 use super::drive::{Drive, Trouble};
 use super::reference::ReferenceCheck;
 use super::{Config, SteeringConfig};
+use base::can::Frame;
 use base::{Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
-use canopen::axis::{Goal, Rate, Units};
+use canopen::axis::{Goal, Rate, Units, control};
 use canopen::drives::{cia402, icla};
 use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, NodeConfig, Payload, sdo};
@@ -246,6 +247,11 @@ impl Steering {
     /// Stops at the current angle by the quick stop ramp.
     pub(super) fn quick_stop(&mut self) {
         self.goal = SteeringGoal::Stop;
+    }
+
+    /// [`Drive::blind_stop`] at the current angle; the drive keeps its reference.
+    pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
+        self.drive.blind_stop(now, bus_is_up, icla::PDOS.rpdo, control::QUICK_STOP)
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {

@@ -128,7 +128,7 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
 }
 
 #[test]
-fn a_turning_drive_is_stopped_before_it_is_booted_again() {
+fn turning_drives_are_stopped_before_they_are_booted_again() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     // Shorter than the drive's timeout of the master's heartbeat.
@@ -138,14 +138,17 @@ fn a_turning_drive_is_stopped_before_it_is_booted_again() {
     robot.frames.clear();
     robot.bench.event(Event::Port { port: PortId(0), input: Input::Up });
     robot.exchange();
-    let stop = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data() == [0x0B, 0, 0, 0, 0, 0];
-    assert!(stop(&robot.frames[0].1), "{:?}", robot.frames[0]);
-    assert!(!robot.frames[1..].iter().any(|(_, frame)| stop(frame)), "once at a time");
+    let propulsion = can::Frame::standard(0x501, &[0x0B, 0, 0, 0, 0, 0]);
+    let steering = can::Frame::standard(0x302, &[0x02, 0, 0, 0, 0, 0]);
+    let sent: Vec<_> = robot.frames.iter().map(|(_, frame)| *frame).collect();
+    assert_eq!(sent[..2], [propulsion, steering]);
+    let stop = |frame: &can::Frame| [propulsion, steering].contains(frame);
+    assert!(!sent[2..].iter().any(stop), "once at a time");
     robot.pass(5000);
     assert!(robot.bench.shell.state() == State::Run && !robot.moves(), "{}", robot.reason());
     robot.frames.clear();
     robot.pass(1000);
-    assert!(!robot.frames.iter().any(|(_, frame)| stop(frame)), "it is booted, and stands");
+    assert!(!robot.frames.iter().any(|(_, frame)| stop(frame)), "they are booted, and stand");
 }
 
 #[test]
@@ -231,14 +234,14 @@ fn a_drive_that_does_not_answer_is_booted_again() {
     for propulsion in [true, false] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
-        let (drive, node) = if propulsion { (&mut robot.epos, 1) } else { (&mut robot.icla, 2) };
+        let (drive, node, stop) = if propulsion { (&mut robot.epos, 1, 0x0B) } else { (&mut robot.icla, 2, 0x02) };
         drive.mute = true;
         robot.frames.clear();
         robot.drive(0.4, 4000);
         let reset = can::Frame::standard(0, &[0x82, node]);
         let at = robot.frames.iter().position(|(_, frame)| *frame == reset).expect("a reset of its communication");
-        let stops = |frame: &can::Frame| frame.data() == [0x0B, 0, 0, 0, 0, 0];
-        assert!(!propulsion || robot.frames[..at].iter().any(|(_, frame)| stops(frame)), "it was not stopped before");
+        let stops = |frame: &can::Frame| frame.data() == [stop, 0, 0, 0, 0, 0];
+        assert!(robot.frames[..at].iter().any(|(_, frame)| stops(frame)), "{propulsion}: it was not stopped before");
         let drive = if propulsion { &mut robot.epos } else { &mut robot.icla };
         drive.mute = false;
         robot.pass(8000);
