@@ -122,6 +122,7 @@ impl Pdos {
         NodeConfig {
             farewell: Some(self.farewell(parameters, quick_stop)),
             device_type: Some(DEVICE_TYPE),
+            stop: Some(ConfigWrite::new(0x6040, 0, quick_stop).blindly()),
             writes: [first, &ramps, last, &actual].concat(),
             mappings: mappings.map(|mapping| PdoMapping { adjust: parameters.remap, ..mapping }).into(),
             master_limit: Some(HEARTBEAT_LIMIT),

@@ -191,6 +191,9 @@ pub struct NodeConfig {
     pub boot_timeout: Duration,
     /// Required value of 0x1000.
     pub device_type: Option<u32>,
+    /// Written as soon as the device type is right, at each boot-up: a drive that was reset while it turned receives no
+    /// PDO until it is Operational, and its time limit for the master's heartbeat may be gone. Default none.
+    pub stop: Option<ConfigWrite>,
     /// Required values of 0x1018, or of a firmware version elsewhere.
     pub identity: Vec<Expect>,
     /// Objects to write, in this order.
@@ -223,6 +226,7 @@ impl NodeConfig {
             reset: true,
             boot_timeout: Duration::from_secs(1),
             device_type: None,
+            stop: None,
             identity: Vec::new(),
             writes: Vec::new(),
             stamp: None,

@@ -17,6 +17,8 @@ listed! {
         BootUp => "boot-up",
         /// 0x1000 (the first that a silent node does not answer).
         DeviceType => "device type",
+        /// A drive is stopped.
+        Stop => "stop",
         /// Identity: 0x1018 and further objects.
         Identity => "identity",
         /// Objects written and read back.

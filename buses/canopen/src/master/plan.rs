@@ -36,6 +36,7 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
     };
     let mut plan = Plan::default();
     plan.push(Step::DeviceType, Work::Read(device_type));
+    plan.extend(Step::Stop, node.stop.clone().map(Work::Write));
     for expect in &node.identity {
         plan.push(Step::Identity, Work::Read(*expect));
     }

@@ -19,6 +19,7 @@ fn both_drives_boot_and_take_pdos() {
 fn a_boot_up_on_the_wire() {
     let config = NodeConfig {
         device_type: Some(0x0002_0192),
+        stop: Some(ConfigWrite::new(0x6040, 0, 0x0B_u16).blindly()),
         identity: [Expect::equal(0x1018, 1, 0xFB)].into(),
         writes: [ConfigWrite::new(0x6060, 0, 3_i8)].into(),
         mappings: [PdoMapping::rpdo(1, 4, &[0x6040_0010])].into(),
@@ -34,6 +35,8 @@ fn a_boot_up_on_the_wire() {
           5ms > 701 00
           5ms < 601 40 00 10 00 00 00 00 00
           6ms > 581 43 00 10 00 92 01 02 00
+          6ms < 601 2B 40 60 00 0B 00 00 00     # it may turn since before the reset
+          6ms > 581 60 40 60 00 00 00 00 00
           6ms < 601 40 18 10 01 00 00 00 00
           7ms > 581 43 18 10 01 FB 00 00 00
           7ms < 601 40 18 10 04 00 00 00 00     # the one that was here before?
@@ -130,6 +133,8 @@ fn refused(change: impl Fn(Dictionary) -> Dictionary) -> (Step, BootError) {
     assert_eq!(bus.master.state(2), Some(State::Operational), "the other one is not held up");
     let enabling = |(_, frame): &(Instant, Frame)| matches!(Service::of(frame), Some(Service::Rpdo { node: 1, .. }));
     assert!(!bus.sent.iter().any(enabling));
+    let stopped = bus.nodes[0].get(0x6040, 0) == Some(0x0B);
+    assert_eq!(stopped, failures[0].0 != Step::DeviceType, "what is a drive is stopped, and nothing else");
     failures[0]
 }
 
