@@ -7,8 +7,15 @@ pub use core::time::Duration;
 ///
 /// Engines and modules are given one and never make one. Arithmetic saturates: a deadline beyond the end of
 /// the scale (584 years) is never reached, and the distance to an earlier moment is zero.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Instant(u64);
+
+/// In seconds, as they stand in reports.
+impl core::fmt::Debug for Instant {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{}.{:09} s", self.0 / 1_000_000_000, self.0 % 1_000_000_000)
+    }
+}
 
 impl Instant {
     /// The origin of the scale.
