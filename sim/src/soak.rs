@@ -254,7 +254,10 @@ impl<'a> Episode<'a> {
             && (waited > self.scenario.moves_within || homing > HOMING_MAX)
         {
             let waited = (waited + homing).as_secs_f64();
-            return own("moves", format!("it has not moved {waited:.1} s after the last fault: {:?}", watch.reason));
+            let (reason, operator) = (&watch.reason, &watch.operator);
+            let what =
+                format!("it has not moved {waited:.1} s after the last fault: {reason:?}; the operator {operator}");
+            return own("moves", what);
         }
         watch.checkers.violation().cloned()
     }

@@ -14,11 +14,14 @@ use navitools::{Ackermann, Point, Pose};
 use rs485::boards::psc1::CHANNELS;
 use simulator::Random;
 use simulator::world::World;
+use std::fmt;
 
 /// Period of its actions.
 pub(super) const PERIOD: Duration = Duration::from_millis(50);
 /// Delay of a new begin after the robot was seen not to follow.
 const RETRY_DELAY: Duration = Duration::from_millis(500);
+/// Speed below which a robot stands that is commanded to move faster, m/s: something is in its way.
+const STANDS_MPS: f64 = 0.05;
 /// Duration of zero commands before a new begin.
 const ZERO: Duration = Duration::from_millis(300);
 /// Period of attending to modules that do not run.
@@ -66,9 +69,26 @@ pub(super) struct Operator {
     processes: common::DataProcesses,
     /// Time since which the robot does not follow.
     disobeyed: Option<Instant>,
+    /// Sign of the next leg's speed: away from what the robot stood before.
+    away: Option<f64>,
     tends: Instant,
     goal: i32,
+    /// What the planner says about the goal.
+    answer: String,
     reached: u64,
+}
+
+/// Predicate of a sentence whose subject is the operator.
+impl fmt::Display for Operator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.doing {
+            Doing::Silent(_) => f.write_str("is silent"),
+            Doing::Zero(_) => f.write_str("commands zero"),
+            Doing::Drive { speed, steering, .. } => write!(f, "commands {speed:.2} m/s, {steering:.2} rad"),
+            Doing::Yields(_) => f.write_str("is about to send a goal"),
+            Doing::Waits(_) => write!(f, "waits for the planner: {:?}", self.answer),
+        }
+    }
 }
 
 impl Operator {
@@ -84,8 +104,10 @@ impl Operator {
             truth: simulation::DataTruth::default(),
             processes: common::DataProcesses::default(),
             disobeyed: None,
+            away: None,
             tends: Instant::ZERO,
             goal: 0,
+            answer: String::new(),
             reached: 0,
         }
     }
@@ -105,6 +127,7 @@ impl Operator {
             Message::SimDataTruth(truth) => self.truth = truth.clone(),
             Message::CmDataProcesses(list) => self.processes = list.clone(),
             Message::MlDataGoal(goal) if goal.id == self.goal && matches!(self.doing, Doing::Waits(_)) => {
+                self.answer.clone_from(&goal.message);
                 if goal.status == middlelevel::DataGoal::REACHED {
                     self.reached += 1;
                 }
@@ -185,7 +208,10 @@ impl Operator {
         if !matches!(self.doing, Doing::Drive { .. } | Doing::Waits(_)) {
             return;
         }
-        let disobeys = self.motion.as_ref().is_none_or(|motion| !motion.reason.is_empty());
+        let wanted = if let Doing::Drive { speed, .. } = self.doing { speed } else { 0.0 };
+        let stands = |target: f64| wanted.abs() > STANDS_MPS && target.abs() < STANDS_MPS;
+        let held = self.motion.as_ref().is_some_and(|motion| motion.reason.is_empty() && stands(motion.speed_target));
+        let disobeys = held || self.motion.as_ref().is_none_or(|motion| !motion.reason.is_empty());
         let since = match (disobeys, self.disobeyed) {
             (true, since) => *self.disobeyed.insert(since.unwrap_or(now)),
             (false, _) => {
@@ -204,6 +230,7 @@ impl Operator {
         let near = self.room(pose, speed, steering, 0.0) < self.behaviour.clearance / 2.0;
         let near = near && self.room(pose, speed, steering, 0.0) < self.clearance(pose) - 0.01;
         if now.since(since) >= RETRY_DELAY || near {
+            self.away = held.then(|| -speed.signum());
             (self.disobeyed, self.square) = (None, 0);
             self.doing = match self.random.chance(0.5) {
                 true => Doing::Zero(now + self.for_up_to(1.0)),
@@ -241,6 +268,7 @@ impl Operator {
     fn send(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
         self.doing = Doing::Waits(now + GOAL_TIME_MAX);
         self.goal += 1;
+        self.answer.clear();
         let waypoint = middlelevel::Waypoint { tolerance: 0.2, ..self.somewhere() };
         let waypoints = vec![waypoint];
         say(middlelevel::CmdGoal { timestamp: 0, id: self.goal, waypoints, r#loop: false }.into());
@@ -280,6 +308,7 @@ impl Operator {
             }
         }
         let (_, speed, steering, seconds) = best;
+        self.away = None;
         self.square = self.square.saturating_sub(1);
         Doing::Drive { speed, steering, until: now + Duration::from_secs_f64(seconds) }
     }
@@ -287,7 +316,7 @@ impl Operator {
     /// A candidate leg: speed, steering, duration.
     fn thought(&mut self, number: u32) -> (f64, f64, f64) {
         let Behaviour { speed, steering, leg, wheelbase, .. } = self.behaviour;
-        if number > 0 {
+        if number > 0 || self.away.is_some() {
             self.square = 0;
         } else if self.square == 0 && self.random.chance(0.1) {
             // Sides and corners alternate.
@@ -299,6 +328,7 @@ impl Operator {
             return if self.square.is_multiple_of(2) { (speed, 0.0, 2.0) } else { (speed / 2.0, steering, quarter) };
         }
         let forward = if self.random.chance(0.7) { 1.0 } else { -1.0 };
+        let forward = self.away.unwrap_or(forward);
         let speed = forward * self.between(0.1, speed);
         let straight = self.random.chance(0.3);
         let steering = if straight { 0.0 } else { self.between(-steering, steering) };
