@@ -298,7 +298,7 @@ mod tests {
     #[test]
     fn a_table_is_shown_by_its_names() {
         let table = Deadlines::new().with(Announce, at(1));
-        assert_eq!(format!("{table:?}"), "{Announce: Instant(1000000)}");
+        assert_eq!(format!("{table:?}"), "{Announce: 0.001000000 s}");
     }
 
     #[test]

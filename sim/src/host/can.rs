@@ -232,7 +232,9 @@ impl CanWire {
             let segment = self.segment(now, place);
             let controller = &mut self.controllers[place];
             self.traffic.dropped += controller.forget(now);
-            if !controller.waits() || controller.back.is_some() {
+            // Its cable may have been cut or repaired within its frame.
+            let sends = |segment: &Segment| segment.sending.as_ref().is_some_and(|sending| sending.by == place);
+            if !controller.waits() || controller.back.is_some() || self.segments.iter().any(sends) {
                 continue;
             }
             if segment != number {

@@ -209,6 +209,26 @@ fn a_port_that_was_cut_off_sends_no_old_frames_afterwards() {
 }
 
 #[test]
+fn a_cable_that_is_repaired_within_a_frame_leaves_the_order_of_frames() {
+    for repaired in 1000..1300 {
+        let mut wire = CanWire::new(1_000_000, Random::new(1), None);
+        wire.join(owner(1), &"master".into(), false);
+        wire.join(owner(2), &"boards".into(), true);
+        wire.inject(Instant::ZERO, InjectedFault::Cut, us(repaired));
+        for n in [1, 2] {
+            wire.send(Instant::ZERO, owner(1), frame(0x200, &[n]));
+        }
+        for n in 3..30 {
+            wire.send(Instant::ZERO, owner(2), frame(0x700, &[n]));
+        }
+        let told = story(&mut wire, us(10_000));
+        let frames: Vec<_> =
+            told.iter().filter_map(|line| line.split_once(" 1 frame ")).map(|(_, data)| data).collect();
+        assert_eq!(frames, ["[1]", "[2]"], "repaired at {repaired} us");
+    }
+}
+
+#[test]
 fn passive_senders_on_both_sides_of_a_cut_settle() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
