@@ -71,6 +71,8 @@ pub(super) struct Operator {
     disobeyed: Option<Instant>,
     /// Sign of the next leg's speed: away from what the robot stood before.
     away: Option<f64>,
+    /// The next leg is by hand: the planner did not drive.
+    by_hand: bool,
     tends: Instant,
     goal: i32,
     /// What the planner says about the goal.
@@ -105,6 +107,7 @@ impl Operator {
             processes: common::DataProcesses::default(),
             disobeyed: None,
             away: None,
+            by_hand: false,
             tends: Instant::ZERO,
             goal: 0,
             answer: String::new(),
@@ -131,6 +134,8 @@ impl Operator {
                 if goal.status == middlelevel::DataGoal::REACHED {
                     self.reached += 1;
                 }
+                let gives_up = [middlelevel::DataGoal::BLOCKED, middlelevel::DataGoal::FAILED];
+                self.by_hand |= gives_up.contains(&goal.status);
                 if goal.status != middlelevel::DataGoal::DRIVING && goal.status != middlelevel::DataGoal::IDLE {
                     self.doing = Doing::Silent(Instant::ZERO);
                 }
@@ -222,7 +227,8 @@ impl Operator {
         let Doing::Drive { speed, steering, .. } = self.doing else {
             // The planner needs a moment to begin; a later stop latches it until it is released again.
             if now.since(since) >= 4 * RETRY_DELAY {
-                (self.disobeyed, self.doing) = (None, Doing::Silent(now));
+                (self.disobeyed, self.by_hand) = (None, true);
+                self.doing = Doing::Silent(now);
             }
             return;
         };
@@ -257,7 +263,9 @@ impl Operator {
     /// Zero has been commanded for a while.
     fn go(&mut self, now: Instant) {
         let planner = |process: &common::Process| process.module == PLANNER && process.state == common::DataState::RUN;
-        if self.processes.processes.iter().any(planner) && self.random.chance(0.5) {
+        let by_hand = std::mem::take(&mut self.by_hand);
+        let planned = self.random.chance(0.5) && !by_hand;
+        if planned && self.processes.processes.iter().any(planner) {
             self.doing = Doing::Yields(now + ZERO);
             return;
         }
