@@ -3,7 +3,7 @@
 use super::can::{Can, Sign};
 use crate::support;
 use lcm::live::Lcm;
-use messages::{Channel, Message, common, lowlevel};
+use messages::{Channel, Hold, Message, common, lowlevel};
 use module::State;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
@@ -37,6 +37,9 @@ pub struct Rig {
     reader: Option<JoinHandle<()>>,
     pub processes: BTreeMap<String, common::Process>,
     homed: bool,
+    /// Homing was interrupted, and waits for an operator's release; when it is sent.
+    to_be_homed: bool,
+    release: Instant,
     reason: String,
     speed: f64,
     /// Speed commanded by the operator, and the time of the next command.
@@ -109,6 +112,8 @@ impl Rig {
             reader,
             processes: BTreeMap::new(),
             homed: false,
+            to_be_homed: false,
+            release: now,
             reason: String::new(),
             speed: 0.0,
             wanted: 0.0,
@@ -151,6 +156,7 @@ impl Rig {
             if !self.all_run() || !self.homed {
                 self.drive(false);
                 calm = Instant::now();
+                self.release_homing(calm);
             } else if self.wanted == 0.0 && calm.elapsed() >= Duration::from_millis(150) {
                 self.drive(true);
             } else if self.wanted != 0.0 && calm.elapsed() >= Duration::from_millis(2500) && !self.drives() {
@@ -162,6 +168,21 @@ impl Rig {
             }
         }
         false
+    }
+
+    /// Homes the steering as an operator does, once a second while it waits for that.
+    fn release_homing(&mut self, now: Instant) {
+        if !self.to_be_homed || now < self.release {
+            return;
+        }
+        self.release = now + Duration::from_secs(1);
+        self.publish(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
+    }
+
+    fn publish(&mut self, message: impl Into<Message>) {
+        let (message, mut bytes) = (message.into(), Vec::new());
+        message.encode(&mut bytes).expect("encodable");
+        self.bus.publish(&message.channel_name(), &bytes).expect("the bus takes it");
     }
 
     /// True if the drive turns, by its last command.
@@ -220,10 +241,7 @@ impl Rig {
         if self.next <= now {
             self.next = now + COMMANDS;
             let (speed, source) = (self.wanted, "bench".into());
-            let command = lowlevel::CmdMotion { timestamp: 0, speed, steering: STEERING, priority: 1, source };
-            let mut bytes = Vec::new();
-            Message::from(command).encode(&mut bytes).expect("encodable");
-            self.bus.publish(Channel::LlCmdMotion.name(), &bytes).expect("the bus takes it");
+            self.publish(lowlevel::CmdMotion { timestamp: 0, speed, steering: STEERING, priority: 1, source });
         }
         let wait = STEP.min(self.next.saturating_duration_since(Instant::now()));
         self.bus.wait(wait).expect("the bus can be waited for");
@@ -235,6 +253,9 @@ impl Rig {
                     self.look();
                 }
                 Ok(Message::LlDataMotion(motion)) => (self.homed, self.reason) = (motion.homed, motion.reason),
+                Ok(Message::LlDataHold(list)) if list.is_of_motion() => {
+                    self.to_be_homed = list.has(Hold::ToBeHomed);
+                }
                 Ok(Message::CmDataProcesses(list)) => {
                     self.processes =
                         list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
