@@ -10,8 +10,8 @@ use messages::lowlevel;
 /// Holder of the motion.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// Number of the source, and the time of its last report.
-    holder: Option<(u64, Instant)>,
+    /// Number of the source, and the times of its first and last report.
+    holder: Option<(u64, Instant, Instant)>,
 }
 
 impl Rule {
@@ -32,8 +32,9 @@ impl Rule {
         let Some(named) = own.max_by_key(|source| source.priority) else {
             return Err(format!("{} is said to move the robot, but is silent", motion.source));
         };
-        self.holder = Some((named.id, now));
-        let Some((id, since)) = before.filter(|(id, _)| *id != named.id) else { return Ok(()) };
+        let began = before.filter(|(id, ..)| *id == named.id).map_or(now, |(_, began, _)| began);
+        self.holder = Some((named.id, began, now));
+        let Some((id, _, since)) = before.filter(|(id, ..)| *id != named.id) else { return Ok(()) };
         let other = facts.sources.by_id(id).filter(|other| other.lives(now, Duration::ZERO) && other.unbroken <= since);
         match other {
             Some(other) if other.priority >= named.priority => Err(format!(
@@ -46,7 +47,9 @@ impl Rule {
 
     /// A set-point has left the wire.
     pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
-        let Some((id, since)) = self.holder else { return Ok(()) };
+        // A frame of the source before it may still be queued.
+        let held = self.holder.filter(|(_, began, _)| now.since(*began) > facts.slack(now));
+        let Some((id, _, since)) = held else { return Ok(()) };
         let Some(holder) = facts.sources.by_id(id) else { return Ok(()) };
         let holds = holder.lives(now, Duration::ZERO) && holder.unbroken <= since;
         let overruled = facts.sources.iter().any(|other| other.priority > holder.priority && other.served() >= since);

@@ -88,6 +88,9 @@ pub(super) struct Facts {
     disturbed: Instant,
     /// End of a cut, until the driver has sent a frame again.
     cut: Option<Instant>,
+    /// Time of the driver's last frame on the wire, and of its gap before that.
+    sent: Instant,
+    gap: Duration,
     /// End of the last disturbance of LCM.
     lcm: Option<Instant>,
     /// Instant until which the propulsion receives nothing.
@@ -121,6 +124,8 @@ impl Facts {
             lost: Instant::ZERO,
             disturbed: Instant::ZERO,
             cut: None,
+            sent: Instant::ZERO,
+            gap: Duration::ZERO,
             lcm: None,
             deaf: Instant::ZERO,
             rolls: Instant::ZERO,
@@ -146,10 +151,12 @@ impl Facts {
         self.disturbed > Instant::ZERO && now < self.disturbed + BUS_OFF_MAX
     }
 
-    /// True if this set-point is a frame that was on the wire when the cable was cut: a controller retransmits it until
-    /// it is acknowledged, whatever its age. A drive without heartbeats for 200 ms ignores it.
+    /// True if this set-point is a frame that was on the wire when the cable was cut, or when all nodes went bus-off: a
+    /// controller retransmits it until it is acknowledged, whatever its age, and sends nothing else. A drive without
+    /// heartbeats for 200 ms ignores it.
     pub fn is_left_over(&mut self, now: Instant) -> bool {
-        self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < DELAY_MAX)
+        let repaired = self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < DELAY_MAX);
+        repaired || self.gap > QUEUE_AGE && self.was_disturbed(now)
     }
 
     /// Instant of the last deliberate loss or delay of messages; now, while it lasts; `None` if never.
@@ -211,7 +218,12 @@ impl Facts {
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match news {
-            News::Can { bus, pid, frame } if *bus == self.limits.bus && *pid != 0 => self.on_frame(now, frame),
+            News::Can { bus, pid, frame } if *bus == self.limits.bus && *pid != 0 => {
+                if self.driver.pid == Some(*pid) {
+                    self.gap = now.since(std::mem::replace(&mut self.sent, now));
+                }
+                self.on_frame(now, frame);
+            }
             News::Heard { pid, at, sender, message }
                 if self.driver.pid == Some(*pid) && self.believes(*sender, message) =>
             {

@@ -642,9 +642,25 @@ fn set_points_are_those_of_the_holder_of_the_motion() {
         motion homed pad 0.2
         say shell 0
         say shell 0.3
-        drive 0.2
+        drive 0.3       # queued before the pad took over
+        +3 drive 0.2
         drive 0.3 ! authority",
     );
+}
+
+#[test]
+fn a_frame_that_nobody_acknowledged_is_retransmitted_whatever_its_age() {
+    let script = |fault: &str, end: &str| {
+        check(&format!(
+            "quiet steering      # its heartbeats count as frames of the driver here
+            {fault}
+            begin pad 0.4
+            +400 drive 0.4 {end}"
+        ));
+    };
+    script("fault can noise 100", "");
+    script("fault can noise 100", "\n drive 0.4 ! fresh");
+    script("", "! fresh");
 }
 
 #[test]
