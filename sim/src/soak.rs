@@ -44,6 +44,8 @@ use std::rc::Rc;
 
 /// Maximum time for homing a steering that was reset, which is not counted.
 const HOMING_MAX: Duration = Duration::from_secs(30);
+/// Maximum time for which the guard lets the robot move neither way, which is not counted either: visitors move on.
+const ENCLOSED_MAX: Duration = Duration::from_secs(50);
 /// Speed above which the robot counts as moving, m/s.
 const MOVING_MPS: f64 = 0.05;
 
@@ -87,6 +89,8 @@ struct Watch {
     meter: Meter,
     speed: f64,
     homed: bool,
+    /// The guard lets the robot move forward or backward.
+    free: bool,
     reason: String,
     /// An unknown fault of the scenario.
     unknown: Option<String>,
@@ -99,6 +103,9 @@ impl Watch {
         self.meter.observe(now, news);
         match news {
             News::Message { message: Message::SimDataTruth(truth), .. } => self.speed = truth.speed,
+            News::Message { message: Message::LlDataGuard(guard), .. } => {
+                self.free = guard.forward.max(guard.backward) > MOVING_MPS;
+            }
             News::Message { message: Message::LlDataMotion(motion), .. } => {
                 self.homed = motion.homed;
                 self.reason.clone_from(&motion.reason);
@@ -116,6 +123,8 @@ impl Watch {
 struct Moves {
     waited: Duration,
     homing: Duration,
+    /// Somebody stands before it and somebody, or a wall, behind it.
+    enclosed: Duration,
     moved: bool,
 }
 
@@ -140,6 +149,7 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
         meter: Meter::new(stage.limits.clone()),
         speed: 0.0,
         homed: false,
+        free: true,
         reason: String::new(),
         unknown: None,
     }));
@@ -235,7 +245,11 @@ impl<'a> Episode<'a> {
                 calm.moved = true;
                 watch.meter.on_moved(calm.waited);
             }
-            let time = if watch.homed { &mut calm.waited } else { &mut calm.homing };
+            let time = match (watch.homed, watch.free) {
+                (false, _) => &mut calm.homing,
+                (true, true) => &mut calm.waited,
+                (true, false) => &mut calm.enclosed,
+            };
             *time += operator::PERIOD;
         }
         drop(watch);
@@ -250,10 +264,10 @@ impl<'a> Episode<'a> {
         if let Some(why) = &watch.unknown {
             return own("scenario", why.clone());
         }
-        if let Some(Moves { waited, homing, moved: false }) = self.calm
-            && (waited > self.scenario.moves_within || homing > HOMING_MAX)
+        if let Some(Moves { waited, homing, enclosed, moved: false }) = self.calm
+            && (waited > self.scenario.moves_within || homing > HOMING_MAX || enclosed > ENCLOSED_MAX)
         {
-            let waited = (waited + homing).as_secs_f64();
+            let waited = (waited + homing + enclosed).as_secs_f64();
             let (reason, operator) = (&watch.reason, &watch.operator);
             let what =
                 format!("it has not moved {waited:.1} s after the last fault: {reason:?}; the operator {operator}");
