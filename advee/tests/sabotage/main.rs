@@ -86,7 +86,7 @@ fn often(bug: Option<Bug>) -> &'static [&'static str] {
         Some(Bug::WantedForgotten) => &["state_pause", "process_killed"],
         Some(Bug::PlannerNotLatched) => &["motion_planned"],
         Some(Bug::BlindnessIgnored) => &["board_silent"],
-        Some(Bug::EstimateIgnored) => &["motion_planned_blindly"],
+        Some(Bug::EstimateIgnored) => &["motion_planned_blindly", "process_hung"],
         Some(Bug::HomesByItself) => &["drive_rebooted"],
         Some(Bug::PauseOfTheLast) => &["pause_told"],
         Some(Bug::SpeedUnwatched) => &["drive_unbraked", "drive_runaway"],
