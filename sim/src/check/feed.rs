@@ -61,8 +61,8 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// A process of the driver is started: it does not know that it ordered a cut, nor since when the drive is told to
-    /// stop.
+    /// A process of the driver is started. It knows neither of an earlier order to cut the feed, nor how long the drive
+    /// has been commanded to stop.
     pub fn on_driver(&mut self, now: Instant) {
         self.cut = None;
         if let Some(order) = &mut self.order {

@@ -90,7 +90,7 @@ fn a_drive_that_brakes_as_told_keeps_its_feed() {
     check(&format!("{TOLD_TO_STOP} \n faster -0.075 5 \n cut ! feed"));
     check(&format!("{TOLD_TO_STOP} \n faster -0.02 5 \n cut \n +500 cut"));
     check("frame 181 27 00 \n speed 0.5 \n begin pad 0.5 \n +50 cut ! feed");
-    // Told on a disturbed bus, and not again after it.
+    // The order was sent while the bus was disturbed, and is not repeated afterwards.
     check(&format!("{DISTURBED} \n faster -0.075 5 \n cut ! feed"));
 }
 
