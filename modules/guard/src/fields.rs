@@ -7,6 +7,7 @@ use crate::law::{Law, SPEED_MIN};
 use crate::memory::Obstacle;
 use crate::polygon::Polygon;
 use navitools::{Point, Pose};
+use std::f64::consts::TAU;
 
 /// Parts of the clearance that remain beside the robot, and the speed that each permits, m/s: narrow gaps are passed
 /// slowly. Ahead, the whole clearance applies.
@@ -24,6 +25,8 @@ const COVERED_AT_M: f64 = 0.5;
 const PLACE_MAX_M: f64 = 1e6;
 /// Square of a distance, relative, from which on a point is not nearer, whatever the rounding.
 const NOT_NEARER: f64 = 1.0 - 1e-6;
+/// Tolerance of a comparison of places, m.
+const ROUNDING_M: f64 = 1e-6;
 /// Lowest speed for which fields are shown, m/s.
 const SHOWN_MPS: f64 = 0.1;
 
@@ -68,7 +71,9 @@ pub struct Fields<K> {
     /// Directions that no sensor covers.
     blind: [bool; 6],
     paths: Vec<Twist>,
-    /// How near each obstacle is, of the outline at hand.
+    /// Obstacles that the outline may touch in the direction at hand.
+    within: Vec<Obstacle>,
+    /// How near each of them is, of the outline at hand.
     near: Vec<Near>,
 }
 
@@ -111,6 +116,7 @@ impl<K: Kinematics> Fields<K> {
             nearer: NEARER.map(|part| body.grown(|_| part * margin)),
             base,
             paths: Vec::new(),
+            within: Vec::new(),
             near: Vec::new(),
         })
     }
@@ -130,11 +136,27 @@ impl<K: Kinematics> Fields<K> {
     /// Bound of a direction, with obstacles in the robot's frame.
     pub fn bound(&mut self, direction: Direction, motion: &Motion, obstacles: &[Obstacle]) -> Bound {
         let (mut paths, mut near) = (std::mem::take(&mut self.paths), std::mem::take(&mut self.near));
+        let mut within = std::mem::take(&mut self.within);
         paths.clear();
         self.base.reachable(direction, motion, self.reaction, &mut paths);
-        let bound = self.bound_on(direction, &paths, obstacles, &mut near);
-        (self.paths, self.near) = (paths, near);
+        within.clear();
+        let area = self.area(direction, motion, &paths);
+        within.extend(obstacles.iter().filter(|obstacle| area.may_contain(obstacle.at)));
+        let bound = self.bound_on(direction, &paths, &within, &mut near);
+        (self.paths, self.within, self.near) = (paths, within, near);
         bound
+    }
+
+    /// Area that the widest outline covers on the paths, as far as either field reaches. What is outside of it bounds
+    /// nothing: on the way there the other obstacles, the reach of the sensors and the robot's own limit do.
+    fn area(&self, direction: Direction, motion: &Motion, paths: &[Twist]) -> Area {
+        let speed = libm::hypot(motion.velocity.vx, motion.velocity.vy).max(self.speed_max);
+        let scale = if direction.turns() { self.radius } else { 1.0 };
+        let length = self.law.warning(speed).max(self.law.protective(speed)).max(self.reach) / scale;
+        let [widest, ..] = &self.outlines[direction as usize];
+        let mut area = Area::default();
+        paths.iter().for_each(|path| area.sweep(widest, *path, length));
+        area
     }
 
     fn bound_on(&self, direction: Direction, paths: &[Twist], obstacles: &[Obstacle], near: &mut Vec<Near>) -> Bound {
@@ -255,6 +277,57 @@ impl<K: Kinematics> Fields<K> {
         let lengths = [self.law.protective(speed), self.law.warning(speed)];
         let [outline, ..] = &self.outlines[direction as usize];
         [0, 1].map(|kind| (swept(outline, path, lengths[kind]), bound.free[kind] < lengths[kind]))
+    }
+}
+
+/// Box in the robot's frame, along its axes; empty at first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Area {
+    least: Point,
+    most: Point,
+}
+
+impl Default for Area {
+    fn default() -> Self {
+        let (least, most) = (f64::INFINITY, f64::NEG_INFINITY);
+        Self { least: Point { x: least, y: least }, most: Point { x: most, y: most } }
+    }
+}
+
+impl Area {
+    /// False if a point is outside of the box; what is not a place may be anywhere.
+    fn may_contain(&self, point: Point) -> bool {
+        let Self { least, most } = self;
+        let outside = point.x < least.x || point.x > most.x || point.y < least.y || point.y > most.y;
+        !outside || !is_place(point)
+    }
+
+    fn add(&mut self, point: Point) {
+        self.least = Point { x: self.least.x.min(point.x - ROUNDING_M), y: self.least.y.min(point.y - ROUNDING_M) };
+        self.most = Point { x: self.most.x.max(point.x + ROUNDING_M), y: self.most.y.max(point.y + ROUNDING_M) };
+    }
+
+    /// Extends the box to what a polygon covers on a length of a path: the extremes are reached by its corners, at
+    /// both ends, or where their circles cross the axes.
+    fn sweep(&mut self, outline: &Polygon, path: Twist, length: f64) {
+        let end = path.after(length);
+        for corner in outline.corners() {
+            self.add(*corner);
+            self.add(end * *corner);
+            let Some(center) = path.center() else { continue };
+            let (x, y) = (corner.x - center.x, corner.y - center.y);
+            let radius = libm::hypot(x, y);
+            let turn = path.omega.abs() * length;
+            for (ahead_x, ahead_y) in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)] {
+                // Angle from the corner to the crossing, in the direction of the turn.
+                let sin = (x * ahead_y - y * ahead_x) * path.omega.signum();
+                let angle = libm::atan2(sin, x * ahead_x + y * ahead_y);
+                let angle = if angle < 0.0 { angle + TAU } else { angle };
+                if angle <= turn {
+                    self.add(Point { x: center.x + radius * ahead_x, y: center.y + radius * ahead_y });
+                }
+            }
+        }
     }
 }
 

@@ -135,6 +135,51 @@ fn no_permitted_speed_of_a_base_that_moves_in_any_direction_reaches_an_obstacle(
     assert!(bounded.iter().all(|count| *count > 200), "{bounded:?}");
 }
 
+/// Bounds of all obstacles and of those within the area are the same, as far as a field reaches.
+#[test]
+fn what_is_outside_of_the_swept_area_bounds_nothing() {
+    let mut random = Random::new(23);
+    // The unit of a path is 1 m, on the spot 1 rad.
+    let path = |random: &mut Random, direction: Direction| {
+        let (sin, cos) = libm::sincos(between(random, -3.1, 3.1));
+        let turn = between(random, -1.5, 1.5);
+        if direction.turns() {
+            Twist { vx: 0.0, vy: 0.0, omega: turn.signum() }
+        } else {
+            Twist { vx: cos, vy: sin, omega: turn }
+        }
+    };
+    let mut left_out = 0;
+    for round in 0..4000 {
+        let steering = between(&mut random, -0.6, 0.6);
+        let motion = Motion { velocity: BASE.velocity(between(&mut random, -0.3, 1.0), steering), steering };
+        let obstacles: Vec<Obstacle> =
+            (0..3).map(|_| at(between(&mut random, -4.0, 4.0), between(&mut random, -4.0, 4.0))).collect();
+        let paths = Direction::ALL.map(|direction| [(); 2].map(|()| path(&mut random, direction)).to_vec());
+        let (base, direction) = (Table { paths }, Direction::ALL[round % 6]);
+        let (mut steered, mut any) =
+            (Fields::new(&config(), BASE).expect("an area"), Fields::new(&config(), base).expect("an area"));
+        left_out += same(&mut steered, direction, &motion, &obstacles) + same(&mut any, direction, &motion, &obstacles);
+    }
+    assert!(left_out > 4000, "{left_out} of 24000 are left out");
+}
+
+/// Number of obstacles that are left out without effect.
+fn same<K: Kinematics>(fields: &mut Fields<K>, direction: Direction, motion: &Motion, obstacles: &[Obstacle]) -> usize {
+    let mut paths = Vec::new();
+    fields.base.reachable(direction, motion, fields.reaction, &mut paths);
+    if paths.is_empty() {
+        return 0;
+    }
+    let whole = fields.bound_on(direction, &paths, obstacles, &mut Vec::new());
+    let bound = fields.bound(direction, motion, obstacles);
+    assert_eq!(bound.speed, whole.speed, "{direction:?} {motion:?} {obstacles:?}");
+    for (free, whole) in bound.free.into_iter().zip(whole.free) {
+        assert_eq!(free.min(fields.reach), whole.min(fields.reach), "as far as a field reaches");
+    }
+    obstacles.len() - fields.within.len()
+}
+
 #[test]
 fn an_empty_field_permits_what_the_sensors_reach_and_no_more() {
     let mut fields = Fields::new(&config(), BASE).expect("a body");
