@@ -2,7 +2,7 @@
 
 use crate::people::LEG;
 use crate::random::Random;
-use crate::world::{Hit, World};
+use crate::world::{Ahead, Hit, World};
 use navitools::{Point, Pose};
 
 /// Acoustics of a sonar.
@@ -116,7 +116,8 @@ impl Cone {
         sensor: Pose,
         random: &mut Random,
     ) -> Option<Echo> {
-        let (mut nearest, mut towards) = self.still(world, sensor);
+        let ahead = world.ahead(sensor, self.sonar.range.1);
+        let (mut nearest, mut towards) = self.still(world, &ahead, sensor);
         let from = sensor.point();
         for legs in people {
             let heard = random.uniform();
@@ -128,7 +129,7 @@ impl Cone {
                 if distance < nearest.min(self.sonar.range_leg)
                     && distance > 0.0
                     && heard < gain * sure
-                    && self.sees(world, from, leg, distance)
+                    && sees(&ahead, from, leg, distance)
                 {
                     (nearest, towards) = (distance, Some(leg));
                 }
@@ -155,29 +156,25 @@ impl Cone {
         1.0 - 0.5 * off * off
     }
 
-    fn sees(&self, world: &World, from: Point, to: Point, distance: f64) -> bool {
-        let whole = to.distance(from).max(1e-9);
-        world.ray(from, ((to.x - from.x) / whole, (to.y - from.y) / whole), distance).is_none()
-    }
-
     /// Distance at which a sensor receives the sound of another one fired at the same moment: half the path there and
     /// back, m. The reflector must be in both beams; the probability of reception is the product of their gains.
     #[must_use]
     pub fn overheard(&self, world: &World, sensor: Pose, other: &Echo, random: &mut Random) -> Option<f64> {
         let gain = self.gain(sensor, other.at);
         let way = other.at.distance(sensor.point());
-        let heard = random.chance(gain * other.gain) && self.sees(world, sensor.point(), other.at, way - 0.02);
+        let heard =
+            random.chance(gain * other.gain) && sees(&world.ahead(sensor, way), sensor.point(), other.at, way - 0.02);
         heard.then_some((way + other.distance) / 2.0)
     }
 
     /// Distance of the echo of walls and columns, m, and its reflector; without an echo the range, and none.
-    fn still(&self, world: &World, sensor: Pose) -> (f64, Option<Point>) {
+    fn still(&self, world: &World, ahead: &Ahead, sensor: Pose) -> (f64, Option<Point>) {
         let from = sensor.point();
         let (sin, cos) = sensor.theta.sin_cos();
         let mut nearest = self.sonar.range.1;
         let mut heard = None;
         let mut send = |direction, nearest: &mut f64| {
-            if let Some(hit) = world.ray(from, direction, *nearest)
+            if let Some(hit) = ahead.ray(from, direction, *nearest)
                 && self.returns(&hit)
             {
                 *nearest = hit.distance;
@@ -227,6 +224,11 @@ impl Cone {
         let reach = self.sonar.range_leg + thickness * (self.sonar.range.1 - self.sonar.range_leg);
         hit.cos_incidence >= self.cos_specular && hit.distance <= reach
     }
+}
+
+fn sees(ahead: &Ahead, from: Point, to: Point, distance: f64) -> bool {
+    let whole = to.distance(from).max(1e-9);
+    ahead.ray(from, ((to.x - from.x) / whole, (to.y - from.y) / whole), distance).is_none()
 }
 
 /// Reading of an infrared ranger at `height` m above the floor; `None` over a drop. `at`: the point that it looks at.

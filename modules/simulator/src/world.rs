@@ -148,6 +148,54 @@ fn sane(point: Point) -> bool {
     libm::fabs(point.x) <= 1e4 && libm::fabs(point.y) <= 1e4
 }
 
+/// Objects before a sensor.
+pub(crate) struct Ahead {
+    walls: Vec<Segment>,
+    columns: Vec<Column>,
+}
+
+impl Ahead {
+    /// As [`World::ray`].
+    pub fn ray(&self, from: Point, direction: (f64, f64), reach: f64) -> Option<Hit> {
+        first_hit(&self.walls, &self.columns, from, direction, reach)
+    }
+}
+
+fn first_hit(walls: &[Segment], columns: &[Column], from: Point, (dx, dy): (f64, f64), reach: f64) -> Option<Hit> {
+    let mut hit: Option<Hit> = None;
+    let mut best = reach;
+    for wall in walls {
+        let (ex, ey) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
+        let (ox, oy) = (wall.a.x - from.x, wall.a.y - from.y);
+        let det = dx * ey - dy * ex;
+        // Signs first: most walls are missed, and a division is dear.
+        let (t, s) = (ox * ey - oy * ex, ox * dy - oy * dx);
+        let (t, s, det) = if det < 0.0 { (-t, -s, -det) } else { (t, s, det) };
+        if det == 0.0 || t < 0.0 || s < 0.0 || s > det || t > best * det {
+            continue;
+        }
+        best = t / det;
+        hit = Some(Hit { distance: best, cos_incidence: det / libm::sqrt(ex * ex + ey * ey), radius: f64::INFINITY });
+    }
+    for column in columns {
+        let (ox, oy) = (column.centre.x - from.x, column.centre.y - from.y);
+        let along = ox * dx + oy * dy;
+        let across2 = ox * ox + oy * oy - along * along;
+        let r2 = column.radius * column.radius;
+        if along <= 0.0 || across2 >= r2 {
+            continue;
+        }
+        let half = libm::sqrt(r2 - across2);
+        let distance = along - half;
+        if distance < 0.0 || distance > best {
+            continue;
+        }
+        best = distance;
+        hit = Some(Hit { distance, cos_incidence: half / column.radius, radius: column.radius });
+    }
+    hit
+}
+
 /// The wall's nearest point to `point`.
 pub(crate) fn nearest(wall: &Segment, point: Point) -> Point {
     let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
@@ -223,40 +271,25 @@ impl World {
     /// First object hit by a ray from `from` within `reach` m; `(dx, dy)` has length 1. An object that contains `from`
     /// is not hit.
     #[must_use]
-    pub fn ray(&self, from: Point, (dx, dy): (f64, f64), reach: f64) -> Option<Hit> {
-        let mut hit: Option<Hit> = None;
-        let mut best = reach;
-        for wall in &self.walls {
-            let (ex, ey) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
-            let (ox, oy) = (wall.a.x - from.x, wall.a.y - from.y);
-            let det = dx * ey - dy * ex;
-            // Signs first: most walls are missed, and a division is dear.
-            let (t, s) = (ox * ey - oy * ex, ox * dy - oy * dx);
-            let (t, s, det) = if det < 0.0 { (-t, -s, -det) } else { (t, s, det) };
-            if det == 0.0 || t < 0.0 || s < 0.0 || s > det || t > best * det {
-                continue;
-            }
-            best = t / det;
-            hit =
-                Some(Hit { distance: best, cos_incidence: det / libm::sqrt(ex * ex + ey * ey), radius: f64::INFINITY });
+    pub fn ray(&self, from: Point, direction: (f64, f64), reach: f64) -> Option<Hit> {
+        first_hit(&self.walls, &self.columns, from, direction, reach)
+    }
+
+    /// Objects that rays from `sensor` can hit which deviate from its axis by at most a right angle and end within
+    /// `reach` m.
+    pub(crate) fn ahead(&self, sensor: Pose, reach: f64) -> Ahead {
+        let (from, (sin, cos)) = (sensor.point(), sensor.theta.sin_cos());
+        let along = |point: Point| (point.x - from.x) * cos + (point.y - from.y) * sin;
+        let wall = |wall: &&Segment| {
+            (along(wall.a) >= 0.0 || along(wall.b) >= 0.0) && nearest(wall, from).distance(from) <= reach
+        };
+        let column = |column: &&Column| {
+            along(column.centre) >= -column.radius && column.centre.distance(from) <= reach + column.radius
+        };
+        Ahead {
+            walls: self.walls.iter().filter(wall).copied().collect(),
+            columns: self.columns.iter().filter(column).copied().collect(),
         }
-        for column in &self.columns {
-            let (ox, oy) = (column.centre.x - from.x, column.centre.y - from.y);
-            let along = ox * dx + oy * dy;
-            let across2 = ox * ox + oy * oy - along * along;
-            let r2 = column.radius * column.radius;
-            if along <= 0.0 || across2 >= r2 {
-                continue;
-            }
-            let half = libm::sqrt(r2 - across2);
-            let distance = along - half;
-            if distance < 0.0 || distance > best {
-                continue;
-            }
-            best = distance;
-            hit = Some(Hit { distance, cos_incidence: half / column.radius, radius: column.radius });
-        }
-        hit
     }
 
     /// The walls' points nearest to `point` and the columns' middles: where a mirror of sound sends it back.
@@ -379,6 +412,29 @@ mod tests {
         // A wall that runs through the body without an end in it.
         assert_eq!(clearance(&world, robot(Pose::new(10.0, 0.1, 0.0))), 0.0);
         assert_eq!(World::default().clearance(Pose::default(), -0.1, 0.1, 0.1), f64::INFINITY);
+    }
+
+    #[test]
+    fn what_is_not_ahead_is_met_by_no_ray_ahead() {
+        let mut world = World::hall(20.0, 12.0);
+        let mut random = crate::random::Random::new(7);
+        for n in 0..20 {
+            let (x, y) = (20.0 * random.uniform(), 12.0 * random.uniform());
+            world.walls.push(Segment { a: p(x, y), b: p(x + 2.0 * random.normal(), y + 2.0 * random.normal()) });
+            world.columns.push(Column { centre: p(y, x), radius: 0.1 + 0.05 * f64::from(n) });
+        }
+        let (mut left_out, mut met) = (0, 0);
+        for _ in 0..20_000 {
+            let sensor = Pose::new(20.0 * random.uniform(), 12.0 * random.uniform(), 6.3 * random.uniform());
+            let reach = 6.0 * random.uniform();
+            let ahead = world.ahead(sensor, reach);
+            left_out += world.walls.len() - ahead.walls.len() + world.columns.len() - ahead.columns.len();
+            let (sin, cos) = (sensor.theta + (random.uniform() - 0.5) * 3.1).sin_cos();
+            let hit = world.ray(sensor.point(), (cos, sin), reach);
+            met += usize::from(hit.is_some());
+            assert_eq!(ahead.ray(sensor.point(), (cos, sin), reach), hit);
+        }
+        assert!(left_out > 20_000 * 22 && met > 2_000, "{left_out} of 880000, {met}");
     }
 
     #[test]
