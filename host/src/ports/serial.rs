@@ -16,6 +16,7 @@ use module::{Input, Output};
 use nix::errno::Errno;
 use nix::fcntl::OFlag;
 use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
+use nix::sys::stat::fstat;
 use nix::sys::termios::{self, SetArg};
 use nix::unistd::{read, write};
 use rs485::transport::{Parity, TwoByte};
@@ -24,6 +25,7 @@ use setup::Setup;
 use std::collections::VecDeque;
 use std::fs;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -72,6 +74,9 @@ const READ_MAX: usize = 1024;
 /// Maximum number of outputs that wait for a change of parity; further ones are dropped as a whole.
 const OUTPUTS_MAX: usize = 32;
 
+/// Period of the check that the path still leads to the open device.
+const PATH_PERIOD: Duration = Duration::from_secs(1);
+
 /// Device file and its settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TerminalConfig {
@@ -118,6 +123,8 @@ pub struct Serial {
     sent: VecDeque<Instant>,
     /// Time at which the wire is free.
     wire_free: Instant,
+    /// Time of the next check of the path.
+    path_check: Instant,
 }
 
 enum Place {
@@ -182,6 +189,7 @@ impl Serial {
             outputs: VecDeque::new(),
             sent: VecDeque::new(),
             wire_free: Instant::ZERO,
+            path_check: Instant::ZERO,
         }
     }
 
@@ -232,6 +240,26 @@ impl Serial {
                 Err(Errno::EIO) if self.by_edge() => self.drop_without_listener(now),
                 Err(errno) => return Err(errno.desc().into()),
             }
+        }
+        Ok(())
+    }
+
+    /// Checks that the path does not lead to another device by now. A link that was left by a killed simulator, or by an
+    /// adapter, may have led to the device of another line when it was opened; that line cannot be opened while this
+    /// one holds it. A path that leads nowhere is no reason to give up a device that works.
+    fn check_path(&mut self, now: Instant) -> Result<(), Lost> {
+        let (Place::Terminal(config), Some(file)) = (&self.place, &self.file) else {
+            return Ok(());
+        };
+        if now < self.path_check {
+            return Ok(());
+        }
+        self.path_check = now + PATH_PERIOD;
+        let (Ok(there), Ok(here)) = (fs::metadata(&config.path), fstat(file)) else {
+            return Ok(());
+        };
+        if there.rdev() != here.st_rdev {
+            return Err(format!("{} is another device now", config.path.display()));
         }
         Ok(())
     }
@@ -363,6 +391,7 @@ impl Device for Serial {
         let Output::Words(words) = output else {
             return Ok(false);
         };
+        self.check_path(now)?;
         if let Some(sender) = &mut self.sender {
             let room = sender.waiting < OUTPUTS_MAX;
             if room {

@@ -118,6 +118,35 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
     panic!("nothing comes");
 }
 
+/// After a simulator was killed its links lead to numbers that the next one, of any robot, may use for another line.
+#[test]
+fn a_device_that_the_path_no_longer_leads_to_is_given_up_to_its_own_line() {
+    let (link, other) = (path("stale"), path("other"));
+    let _other_side = offer(&other);
+    std::os::unix::fs::symlink(fs::read_link(&other).unwrap(), &link).unwrap();
+    let mut device = Serial::terminal(TerminalConfig::new(link.clone(), 115_200));
+    device.open().unwrap();
+    let poll = Output::Words(vec![Word::address(0x20)]);
+    let mut now = clock::now();
+    assert_eq!(device.send(now, &poll), Ok(true));
+    fs::remove_file(&link).unwrap();
+    now += PATH_PERIOD;
+    assert_eq!(device.send(now, &poll), Ok(true), "a path that leads nowhere says nothing");
+    let mut side = offer(&link);
+    assert_eq!(device.send(now, &poll), Ok(true), "checked once a second");
+    now += PATH_PERIOD;
+    assert_eq!(device.send(now, &poll), Err(format!("{} is another device now", link.display())));
+    device.open().unwrap();
+    assert_eq!(device.send(now, &poll), Ok(true));
+    let heard = (0..200).any(|_| {
+        thread::sleep(std::time::Duration::from_millis(1));
+        matches!(side.receive(clock::now()), Ok(Received::Input { .. }))
+    });
+    assert!(heard, "by the line that the path leads to");
+    let mut owner = Serial::terminal(TerminalConfig::new(other.clone(), 115_200));
+    assert_eq!(owner.open(), Ok(()), "its own line has it again");
+}
+
 #[test]
 fn the_set_up_command_is_run_before_each_opening_and_its_failure_keeps_the_port_shut() {
     let (link, count) = (path("setup"), path("count"));
