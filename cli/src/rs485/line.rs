@@ -102,6 +102,21 @@ impl Line {
         }
     }
 
+    /// Awaits the end of a board that is late: until a whole frame came that answers nothing, or nothing for so long.
+    /// The protocol does not tell to which request an answer belongs. True if one came.
+    pub fn settle(&mut self, quiet: Duration) -> Result<bool, Failed> {
+        let before = self.master.bus_statistics().stray_frames;
+        let until = clock::now() + quiet;
+        loop {
+            let now = clock::now();
+            self.receive(now)?;
+            let came = self.master.bus_statistics().stray_frames > before;
+            if came || now >= until || self.wait(until)? {
+                return Ok(came);
+            }
+        }
+    }
+
     fn answer(&self, now: Instant, event: Event) -> Option<Answer> {
         match event {
             Event::Reply { status, data, .. } => {

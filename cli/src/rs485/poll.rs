@@ -66,6 +66,8 @@ struct Tally {
     good: u64,
     refused: u64,
     silent: u64,
+    /// Of the silent ones: answered after the time limit.
+    late: u64,
     damaged: u64,
     /// Of good answers, in order of time.
     round_trips: Vec<Duration>,
@@ -76,6 +78,9 @@ struct Tally {
 
 /// Round trips that are remembered for their percentile.
 const REMEMBERED: usize = 100_000;
+/// For so long after a poll without an answer the line must be silent: an answer that is late is not that of the next
+/// poll.
+const LATE: Duration = Duration::from_millis(100);
 /// How often is shown how it goes.
 const RENEW: Duration = Duration::from_millis(250);
 
@@ -96,7 +101,11 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
         if answer == Answer::Interrupt {
             break;
         }
+        let silent = answer == Answer::Silent;
         tally.count(&board, &instruction, data.len(), answer);
+        if silent && line.settle(LATE)? {
+            tally.late += 1;
+        }
         let now = clock::now();
         if shows && now >= renew {
             renew = now + RENEW;
@@ -185,10 +194,10 @@ impl Tally {
     }
 
     fn short(&self, took: Duration) -> String {
-        let Self { good, refused, silent, damaged, last, .. } = self;
+        let Self { good, refused, silent, late, damaged, last, .. } = self;
         let hz = self.polls() as f64 / took.as_secs_f64().max(1e-9);
         format!(
-            "{} polls, {hz:.1}/s; {good} good, {silent} silent, {damaged} damaged, {refused} refused  {last}",
+            "{} polls, {hz:.1}/s; {good} good, {silent} silent ({late} late), {damaged} damaged, {refused} refused  {last}",
             self.polls()
         )
     }
@@ -223,6 +232,7 @@ impl Tally {
             ),
             format!("  good     {}", share(self.good)),
             format!("  silent   {}", share(self.silent)),
+            format!("  late     {}", share(self.late)),
             format!("  damaged  {}", share(self.damaged)),
             format!("  refused  {}", share(self.refused)),
         ];
@@ -252,6 +262,7 @@ impl Tally {
             "hz": self.polls() as f64 / took.as_secs_f64().max(1e-9),
             "good": self.good,
             "silent": self.silent,
+            "late": self.late,
             "damaged": self.damaged,
             "refused": self.refused,
             "round_trip_s": times,
