@@ -34,6 +34,17 @@ pub enum Answer {
     Interrupt,
 }
 
+/// What came after a question without an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Settled {
+    /// A frame, too late.
+    Late,
+    /// Nothing.
+    Quiet,
+    /// Ctrl-C.
+    Interrupt,
+}
+
 /// An opened line.
 pub struct Line {
     open: OpenPort,
@@ -103,16 +114,21 @@ impl Line {
     }
 
     /// Awaits the end of a board that is late: until a whole frame came that answers nothing, or nothing for so long.
-    /// The protocol does not tell to which request an answer belongs. True if one came.
-    pub fn settle(&mut self, quiet: Duration) -> Result<bool, Failed> {
+    /// The protocol does not tell to which request an answer belongs.
+    pub fn settle(&mut self, quiet: Duration) -> Result<Settled, Failed> {
         let before = self.master.bus_statistics().stray_frames;
         let until = clock::now() + quiet;
         loop {
             let now = clock::now();
             self.receive(now)?;
-            let came = self.master.bus_statistics().stray_frames > before;
-            if came || now >= until || self.wait(until)? {
-                return Ok(came);
+            if self.master.bus_statistics().stray_frames > before {
+                return Ok(Settled::Late);
+            }
+            if now >= until {
+                return Ok(Settled::Quiet);
+            }
+            if self.wait(until)? {
+                return Ok(Settled::Interrupt);
             }
         }
     }

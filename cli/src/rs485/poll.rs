@@ -1,7 +1,7 @@
 //! `advee rs485 poll`: one instruction again and again, and what came of it.
 
 use super::decode;
-use super::line::{Answer, Line, status_name};
+use super::line::{Answer, Line, Settled, status_name};
 use super::target::{Known, TIMEOUT, Target, Where};
 use crate::{Common, Failed, Outcome, finite, print, seconds, whole};
 use base::{Duration, Instant};
@@ -103,8 +103,10 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
         }
         let silent = answer == Answer::Silent;
         tally.count(&board, &instruction, data.len(), answer);
-        if silent && line.settle(LATE)? {
-            tally.late += 1;
+        match if silent { line.settle(LATE)? } else { Settled::Quiet } {
+            Settled::Late => tally.late += 1,
+            Settled::Quiet => {}
+            Settled::Interrupt => break,
         }
         let now = clock::now();
         if shows && now >= renew {

@@ -439,6 +439,7 @@ impl Drive {
         self.alarm(message, out);
     }
 
+    /// Clears the fault of the drive itself when no reason for it is left.
     fn settle(&mut self, out: &mut Actions) {
         if self.alarmed && self.booted && self.trouble.is_none() && !self.is_in_fault() && !self.is_not_answering() {
             self.alarmed = false;
