@@ -1,6 +1,7 @@
 //! Who has a device open, and which modules of a robot run on this machine.
 
-use super::{Cli, Command};
+use super::run::Run;
+use super::{Cli, Command, Common};
 use clap::Parser;
 use robot::place::RobotLocation;
 use std::ffi::OsStr;
@@ -79,23 +80,32 @@ fn has_open(pid: u32, device: &Path) -> bool {
     files.filter_map(|file| fs::read_link(file.path()).ok()).any(|target| target == device)
 }
 
-/// The `MODULE` of `advee run MODULE …`.
+/// The `MODULE` of `advee run MODULE …`, wherever its options are. Of an executable with other options it is known if
+/// `run MODULE` come first.
 fn module_of(command: &[u8]) -> Option<String> {
     let mut words = command.split(|byte| *byte == 0);
-    let program = words.next()?;
-    if !program.ends_with(b"advee") || words.next() != Some(b"run") {
+    if !words.next()?.ends_with(b"advee") {
         return None;
     }
-    let module = std::str::from_utf8(words.next()?).ok()?;
+    let mut first = || words.next().filter(|word| *word == b"run").and(words.next());
+    let module = match run_of(command) {
+        Some((_, run)) => run.module,
+        None => std::str::from_utf8(first()?).ok()?.into(),
+    };
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    (!module.is_empty() && module.chars().all(plain)).then(|| module.into())
+    (!module.is_empty() && module.chars().all(plain)).then_some(module)
 }
 
 /// Robot of a module, by its arguments.
 fn place_of(command: &[u8]) -> Option<RobotLocation> {
+    run_of(command).map(|(common, run)| run.place(&common))
+}
+
+/// Options of `advee … run …`.
+fn run_of(command: &[u8]) -> Option<(Common, Run)> {
     let words = command.strip_suffix(&[0]).unwrap_or(command).split(|byte| *byte == 0).map(OsStr::from_bytes);
     match Cli::try_parse_from(words).ok()? {
-        Cli { common, command: Command::Run(run) } => Some(run.place(&common)),
+        Cli { common, command: Command::Run(run) } => Some((common, run)),
         _ => None,
     }
 }
@@ -108,6 +118,11 @@ mod tests {
     fn a_module_is_known_by_how_it_was_started() {
         let module = |command: &str| module_of(command.replace(' ', "\0").as_bytes());
         assert_eq!(module("/opt/advee/bin/advee run driver_rs485a --state RUN"), Some("driver_rs485a".into()));
+        // Options may come first.
+        assert_eq!(module("advee --config /c run driver_canbus"), Some("driver_canbus".into()));
+        assert_eq!(module("advee --set a.b=1 run --state STOP driver_canbus"), Some("driver_canbus".into()));
+        assert_eq!(module("advee run driver_canbus --of-another-version"), Some("driver_canbus".into()));
+        assert_eq!(module("advee --config run rs485 monitor"), None);
         assert_eq!(module("/usr/bin/minicom run driver_rs485a"), None);
         assert_eq!(module("advee rs485 monitor"), None);
         assert_eq!(module("advee run \u{1b}[2J"), None);

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 #[derive(clap::Args)]
 pub struct Run {
     /// Which module
-    module: String,
+    pub(super) module: String,
     /// State after INIT: RUN, PAUSE or STOP
     #[arg(long, value_name = "STATE", default_value = "RUN", value_parser = first_state)]
     state: State,

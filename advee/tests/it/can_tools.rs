@@ -151,6 +151,9 @@ fn objects_are_read_and_written_by_number_and_by_name() {
     assert!(bus.run(&["sdo", "read", "77", "0x1000", "--timeout", "50"]).bad().contains("no answer in time"));
 
     let write = |args: &[&str]| bus.run(&[&["sdo", "write", "5"], args].concat());
+    // A number in any notation; of this object, the node takes two bytes.
+    let refused = write(&["0x2F01", "-2.5e-7", "--type", "f32"]).bad();
+    assert!(refused.contains("data type or length does not match"), "{refused}");
     assert!(write(&["Target velocity", "-1500"]).good().contains("0x60FF Target velocity = -1500, written ("));
     assert!(read(&["0x60FF"]).good().contains("= -1500 ("));
     assert!(write(&["0x607F", "30000"]).bad().contains("value too high (0x06090031)"));
@@ -211,8 +214,14 @@ fn a_node_without_id_is_found_and_gets_one() {
     assert_eq!(lss(&["inquire", "--slave", ADDRESS]).good(), format!("{ADDRESS}\nnode id 12\n"));
     assert!(lss(&["scan"]).good().starts_with("0 nodes without node id"));
     assert!(lss(&["set-node-id", "13", "--first"]).bad().contains("nobody answers"));
+    // One that has an id gets the new one at its next reset, and boots with it.
+    let told = lss(&["set-node-id", "13", "--slave", ADDRESS]).good();
+    assert_eq!(told, "node id 13 is set\nin use when the node boots next: advee can nmt reset-comm 12\n");
+    assert_eq!(bus.run(&["nmt", "reset-comm", "12"]).good(), "node 13: has booted; it was node 12 until now\n");
+    let again = bus.run(&["nmt", "reset-comm", "12"]).bad();
+    assert!(again.contains("node 12 was not heard"), "{again}");
     assert!(lss(&["store"]).bad().contains("--slave"));
-    assert!(bus.run(&["sdo", "read", "12", "0x1018:4"]).good().contains("Serial number = 0x00000002"));
+    assert!(bus.run(&["sdo", "read", "13", "0x1018:4"]).good().contains("Serial number = 0x00000002"));
 }
 
 #[test]

@@ -4,8 +4,8 @@
 
 use crate::command::{Outcome, values};
 use crate::support::{self, Robot, advee, signal};
-use base::Duration;
 use base::serial::Word;
+use base::{Duration, Instant};
 use host::clock;
 use host::ports::{Port, PortConfig, Received};
 use messages::{Channel, Message};
@@ -14,6 +14,7 @@ use rs485::boards::{psc1, so1};
 use rs485::crc::Crc8;
 use rs485::frame::{Frame, Status, Words};
 use rs485::slave::{self, Slave};
+use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -46,11 +47,16 @@ struct Boards {
 
 impl Boards {
     fn new(boards: &'static [Emulated]) -> Self {
-        Self::talking(boards, Vec::new())
+        Self::with(boards, Vec::new(), Duration::ZERO)
     }
 
     /// Starts the boards with `chatter` on the line every 20 ms.
     fn talking(boards: &'static [Emulated], chatter: Vec<Word>) -> Self {
+        Self::with(boards, chatter, Duration::ZERO)
+    }
+
+    /// The same; the boards answer after `delay`.
+    fn with(boards: &'static [Emulated], chatter: Vec<Word>, delay: Duration) -> Self {
         static NEXT: AtomicU16 = AtomicU16::new(0);
         let name = format!("advee-rs485-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
         let folder = std::env::temp_dir().join(name);
@@ -64,8 +70,9 @@ impl Boards {
             let mut slaves: Vec<Slave> =
                 boards.iter().map(|(address, _)| Slave::new(slave::Config::new(*address))).collect();
             let mut chatters = clock::now();
+            let mut late = VecDeque::new();
             while !stopped.load(Ordering::Relaxed) {
-                serve(&mut port, &mut slaves, boards);
+                serve(&mut port, &mut slaves, boards, delay, &mut late);
                 if !chatter.is_empty() && clock::now() >= chatters {
                     chatters = clock::now() + Duration::from_millis(20);
                     let _ = port.device.send(clock::now(), &ToPort::Words(chatter.clone()));
@@ -103,7 +110,13 @@ impl Drop for Boards {
     }
 }
 
-fn serve(port: &mut Port, slaves: &mut [Slave], boards: &[Emulated]) {
+fn serve(
+    port: &mut Port,
+    slaves: &mut [Slave],
+    boards: &[Emulated],
+    delay: Duration,
+    late: &mut VecDeque<(Instant, Vec<Word>)>,
+) {
     let now = clock::now();
     while let Ok(Received::Input { input: Input::Words(words), .. }) = port.device.receive(now) {
         slaves.iter_mut().for_each(|slave| slave.handle_rx(now, words));
@@ -115,9 +128,24 @@ fn serve(port: &mut Port, slaves: &mut [Slave], boards: &[Emulated]) {
         }
         slave.handle_timeout(now);
         if let Some(transmit) = slave.poll_tx(now) {
-            let _ = port.device.send(now, &ToPort::Words(transmit.words.to_vec()));
+            late.push_back((now + delay, transmit.words.to_vec()));
         }
     }
+    while let Some((_, words)) = late.pop_front_if(|(due, _)| *due <= now) {
+        let _ = port.device.send(now, &ToPort::Words(words));
+    }
+}
+
+#[test]
+fn an_answer_that_is_late_is_not_that_of_the_next_poll() {
+    // So1 has 20 ms.
+    let boards = Boards::with(&[SO1], Vec::new(), Duration::from_millis(30));
+    let refused = boards.run(&["poll", "so1", "--count", "20", "--json"]);
+    let json = &values(&refused.out)[0];
+    assert_eq!((&json["good"], &json["silent"]), (&0.into(), &20.into()), "{json}");
+    // A busy machine may make one later than is waited for.
+    assert!(json["late"].as_u64().unwrap() >= 15, "{json}");
+    assert!(refused.bad().contains("gave no good answer"));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! SDO abort codes (CiA 301 v4.02, Table 20; maxon EPOS Firmware Specification).
+//! SDO abort codes (CiA 301 v4.02, Table 20). Manufacturers have codes of their own: `drives` names those of its drives.
 
 use core::fmt;
 
@@ -55,10 +55,6 @@ aborts! {
     DEVICE_STATE = 0x0800_0022, "data cannot be transferred in the present device state";
     NO_DICTIONARY = 0x0800_0023, "no object dictionary";
     NO_DATA = 0x0800_0024, "no data available";
-    EPOS_CAN_ID = 0x0F00_FFB9, "EPOS: wrong CAN id";
-    EPOS_SERVICE_MODE = 0x0F00_FFBC, "EPOS: not in service mode";
-    EPOS_PASSWORD = 0x0F00_FFBE, "EPOS: wrong password";
-    EPOS_NMT_STATE = 0x0F00_FFC0, "EPOS: wrong NMT state";
 }
 
 impl fmt::Display for Abort {

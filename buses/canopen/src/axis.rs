@@ -1,8 +1,9 @@
 //! CiA 402: decoding of the statusword, the master's way through the power state machine ([`Axis`]) and its modes of
-//! operation ([`modes`]), units ([`Units`]), and the drive's own side ([`drive`], [`servo`]). Tables: CiA 402-2 (IEC
+//! operation ([`modes`]), the watch over its motion ([`Follow`]), units ([`Units`]), and the drive's own side ([`drive`], [`servo`]). Tables: CiA 402-2 (IEC
 //! 61800-7-201), 6.1 to 6.4.
 
 pub mod drive;
+mod follow;
 pub mod modes;
 pub mod options;
 pub mod servo;
@@ -11,6 +12,7 @@ mod tests;
 mod units;
 mod walk;
 
+pub use follow::{Follow, FollowConfig, NotFollowing};
 pub use units::{Factors, Rate, Units};
 pub use walk::{Axis, AxisConfig, AxisEvent, Goal, Why};
 

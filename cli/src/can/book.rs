@@ -5,7 +5,9 @@ use super::standard;
 use super::target::{Known, Target};
 use super::value::{self, Shown};
 use crate::Failed;
+use canopen::Abort;
 use canopen::dictionary::DataType;
+use canopen::drives::epos;
 use canopen::eds::{self, Eds};
 use canopen::pdo::Pdo;
 use drivers::canbus::Drive;
@@ -51,6 +53,13 @@ impl Book {
     pub fn titled(&self, node: u8, index: u16, sub: u8) -> String {
         let name = self.name(node, index, sub).map(|name| format!(" {name}")).unwrap_or_default();
         value::object(index, sub) + &name
+    }
+
+    /// An abort code with its name: that of the standard, or of the node's vendor.
+    pub fn abort(&self, node: u8, code: Abort) -> String {
+        let vendor = self.sheet(node).and_then(|sheet| sheet.dictionary(node).get(0x1018, 1));
+        let own = epos::abort_name(code).filter(|_| vendor == Some(i64::from(epos::VENDOR)));
+        own.map_or_else(|| code.to_string(), |name| format!("{name} (0x{:08X})", code.0))
     }
 
     /// The type of an object.
@@ -101,4 +110,18 @@ fn sheet(known: &Known) -> Result<Eds, Failed> {
 fn read(path: &Path) -> Result<Eds, Failed> {
     let file = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     Eds::parse(&file).map_err(|error| format!("{}: {error}", path.display()).into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_abort_code_of_a_vendor_is_named_for_its_nodes_only() {
+        let node = |text: &str| Book { given: Some(Eds::parse(text.as_bytes()).unwrap()), ..Book::default() };
+        let code = Abort(0x0F00_FFC0);
+        assert_eq!(node(EPOS).abort(1, code), "wrong NMT state (0x0F00FFC0)");
+        assert_eq!(node(ICLA).abort(1, code), "unknown abort code (0x0F00FFC0)");
+        assert_eq!(node(EPOS).abort(1, Abort::NO_OBJECT), "object does not exist (0x06020000)");
+    }
 }

@@ -136,7 +136,8 @@ pub fn lss(common: &Common, command: &Lss) -> Outcome {
         }
         Lss::Store(Chosen { who, plain }) => (plain, vec![who.command(), Command::Store, WAITING]),
         Lss::SetNodeId(set) => {
-            let commands = [Some(set.chosen.who.command()), Some(Command::SetNodeId(set.id)), store(&set.store)];
+            let who = [set.chosen.who.command(), Command::InquireNodeId, Command::SetNodeId(set.id)];
+            let commands = who.map(Some).into_iter().chain([store(&set.store)]);
             (&set.chosen.plain, commands.into_iter().flatten().chain([WAITING]).collect())
         }
         Lss::SetBitrate(set) => {
@@ -150,14 +151,25 @@ pub fn lss(common: &Common, command: &Lss) -> Outcome {
     };
     let target = plain.place.find(common)?;
     target.refuse_held("it is its bus's only master")?;
-    let mut dialogue = Dialogue { link: Link::open(&target)?, master: Master::new(Timing::default()), found: 0 };
+    let mut dialogue = Dialogue {
+        link: Link::open(&target)?,
+        master: Master::new(Timing::default()),
+        found: 0,
+        sets: matches!(command, Lss::SetNodeId(_)),
+        old: None,
+        booted: Vec::new(),
+    };
     let mut failed = None;
     for command in commands {
         // On any failure all nodes return to the waiting state.
         if failed.is_some() && command != WAITING {
             continue;
         }
-        if let Err(why) = dialogue.run(&target, plain.json, command)? {
+        // Which id a node had before is only for the hint.
+        let asks = dialogue.sets && command == Command::InquireNodeId;
+        if let Err(why) = dialogue.run(&target, plain.json, command)?
+            && !asks
+        {
             failed = failed.or(Some(why));
         }
     }
@@ -180,6 +192,12 @@ struct Dialogue {
     link: Link,
     master: Master,
     found: usize,
+    /// A node id is set.
+    sets: bool,
+    /// The id that the node had before, if it had one; absent if not known.
+    old: Option<Option<u8>>,
+    /// Nodes that have booted since.
+    booted: Vec<u8>,
 }
 
 impl Dialogue {
@@ -214,6 +232,7 @@ impl Dialogue {
                         say(target, as_json, &address.to_string(), address_json(address))?;
                     }
                     Event::Address(address) => say(target, as_json, &address.to_string(), address_json(address))?,
+                    Event::NodeId(id) if self.sets => self.old = Some(id),
                     Event::NodeId(id) => {
                         let text = id.map_or("no node id".into(), |id| format!("node id {id}"));
                         say(target, as_json, &text, json!({"node": id}))?;
@@ -231,7 +250,14 @@ impl Dialogue {
     fn receive(&mut self, now: Instant) -> Result<Option<base::can::Frame>, Failed> {
         loop {
             match self.link.receive(now)? {
-                Heard::Frame { frame, .. } => return Ok(Some(frame)),
+                Heard::Frame { frame, .. } => {
+                    if let Some(Service::ErrorControl { node }) = Service::of(&frame)
+                        && decode_heartbeat(frame.data()) == Some(NmtState::Initialising)
+                    {
+                        self.booted.push(node);
+                    }
+                    return Ok(Some(frame));
+                }
                 Heard::Note(note) => self.link.tell(&note),
                 Heard::Notice(_) => {}
                 Heard::Nothing => return Ok(None),
@@ -239,20 +265,23 @@ impl Dialogue {
         }
     }
 
-    /// True if a node boots with the id that it was given: one that had none does.
+    /// Reports that the node boots with the id that it was given, as one that had none does, or when it will.
     fn boot(&mut self, target: &Target, as_json: bool, id: u8) -> Result<(), Failed> {
         let until = clock::now() + BOOT;
         loop {
             let now = clock::now();
-            while let Some(frame) = self.receive(now)? {
-                let booted = decode_heartbeat(frame.data()) == Some(NmtState::Initialising);
-                if Service::of(&frame) == Some(Service::ErrorControl { node: id }) && booted {
-                    return say(target, as_json, &format!("node {id} has booted"), json!({"booted": id}));
-                }
+            while self.receive(now)?.is_some() {}
+            // It may have booted before the last command was answered.
+            if self.booted.contains(&id) {
+                return say(target, as_json, &format!("node {id} has booted"), json!({"booted": id}));
             }
             if now >= until || self.link.wait(until)? {
-                let text =
-                    format!("in use when the node boots next (advee can nmt reset-comm NODE, of its old id, not {id})");
+                let next = "in use when the node boots next: advee can nmt reset-comm";
+                let text = match self.old {
+                    Some(Some(old)) => format!("{next} {old}"),
+                    Some(None) => "in use: the node had no id; its boot-up was not received".into(),
+                    None => format!("{next} NODE, with its old id"),
+                };
                 return say(target, as_json, &text, json!({"booted": null}));
             }
         }

@@ -67,7 +67,7 @@ pub fn nmt(common: &Common, command: &Nmt) -> Outcome {
     let (nmt, wanted) = command.command.meant();
     let mut link = Link::open(&target)?;
     link.send(clock::now(), wire::nmt(nmt, node.unwrap_or(0)))?;
-    let seen = listen(&mut link, &target, node, wanted)?;
+    let Seen { states: seen, booted } = listen(&mut link, &target, node, wanted)?;
     for (node, state) in &seen {
         let name = if *state == NmtState::Initialising { "has booted" } else { state_name(*state) };
         match command.json {
@@ -77,6 +77,17 @@ pub fn nmt(common: &Common, command: &Nmt) -> Outcome {
             }))?,
             false => print(format!("{}: {name}", target.text(*node)))?,
         }
+    }
+    // A node that got another id (LSS) boots with it. Only a reset shows that.
+    if let (Some(old), true, [new]) = (node, seen.is_empty(), &booted[..]) {
+        match command.json {
+            true => print(json!({
+                "bus": target.name, "node": new, "name": target.name_of(*new), "command": command_name(nmt),
+                "state": state_name(wanted), "done": true, "was": old,
+            }))?,
+            false => print(format!("{}: has booted; it was node {old} until now", target.text(*new)))?,
+        }
+        return Ok(ExitCode::SUCCESS);
     }
     let whom = node.map_or("nobody".into(), |node| target.text(node));
     if seen.is_empty() {
@@ -92,15 +103,19 @@ pub fn nmt(common: &Common, command: &Nmt) -> Outcome {
     Err(format!("{} did not obey within {} s", others.join(", "), WITHIN.as_secs()).into())
 }
 
+/// What was received.
+#[derive(Default)]
+struct Seen {
+    /// Newest state of each addressed node.
+    states: BTreeMap<u8, NmtState>,
+    /// Nodes that were not addressed and have booted.
+    booted: Vec<u8>,
+}
+
 /// Newest state of each node, when all addressed nodes have reached the wanted one, or time is over.
-fn listen(
-    link: &mut Link,
-    target: &Target,
-    node: Option<u8>,
-    wanted: NmtState,
-) -> Result<BTreeMap<u8, NmtState>, Failed> {
+fn listen(link: &mut Link, target: &Target, node: Option<u8>, wanted: NmtState) -> Result<Seen, Failed> {
     let until = clock::now() + WITHIN;
-    let mut seen = BTreeMap::new();
+    let mut seen = Seen::default();
     loop {
         let now = clock::now();
         link.flush(now)?;
@@ -108,17 +123,20 @@ fn listen(
             Heard::Frame { frame, .. } => {
                 if let (Some(Service::ErrorControl { node: from }), Some(state)) =
                     (Service::of(&frame), decode_heartbeat(frame.data()))
-                    && node.is_none_or(|node| node == from)
-                    // A boot-up stays recorded: pre-operational follows it.
-                    && seen.get(&from) != Some(&wanted)
                 {
-                    seen.insert(from, state);
+                    let addressed = node.is_none_or(|node| node == from);
+                    // A boot-up stays recorded: pre-operational follows it.
+                    if addressed && seen.states.get(&from) != Some(&wanted) {
+                        seen.states.insert(from, state);
+                    } else if !addressed && state == NmtState::Initialising && !seen.booted.contains(&from) {
+                        seen.booted.push(from);
+                    }
                 }
             }
             Heard::Note(note) => link.tell(&note),
             Heard::Notice(_) => {}
             Heard::Nothing => {
-                let of = |node: u8| seen.get(&node) == Some(&wanted);
+                let of = |node: u8| seen.states.get(&node) == Some(&wanted);
                 let all = match node {
                     Some(node) => of(node),
                     None => !target.known.is_empty() && target.known.iter().all(|known| of(known.id)),

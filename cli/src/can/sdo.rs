@@ -64,11 +64,21 @@ pub struct WriteObject {
     #[command(flatten)]
     of: Of,
     /// Value by its type; without a type 0x and 2, 4, 8 or 16 digits
-    #[arg(allow_negative_numbers = true)]
+    #[arg(allow_hyphen_values = true, value_parser = written)]
     value: String,
     /// Type, where no data sheet has it: u16, i32, text, UNSIGNED8, …
     #[arg(long = "type", value_name = "TYPE", value_parser = value::data_type)]
     data_type: Option<DataType>,
+}
+
+/// A value may be a negative number in any notation; anything else with a hyphen is a mistyped option.
+fn written(text: &str) -> Result<String, String> {
+    let number =
+        |text: &str| text.starts_with(|c: char| c.is_ascii_digit() || c == '.') || ["inf", "NaN"].contains(&text);
+    match text.strip_prefix('-') {
+        Some(rest) if !number(rest) => Err("no such option; write `-- VALUE` for a text that begins so".into()),
+        _ => Ok(text.into()),
+    }
 }
 
 #[derive(clap::Args)]
@@ -179,16 +189,20 @@ impl<'a> Asked<'a> {
         let ended = self.access.ask(job, &mut |len, size| bar.show(len, size));
         bar.clear();
         let Ended { result, took, .. } = ended?;
-        result.map(|data| (data, took)).map_err(|error| self.refused(error, writes))
+        result.map(|data| (data, took)).map_err(|error| self.refused(error, writes, block))
     }
 
-    fn refused(&self, error: Error, writes: bool) -> Failed {
+    fn refused(&self, error: Error, writes: bool, block: bool) -> Failed {
         let why = match (error, self.access.through()) {
             (Error::Refused(Abort::LOCAL_CONTROL | Abort::DEVICE_STATE), Some(module)) if writes => format!(
                 "{error}: {module} holds {} and lets nobody else write what moves or guards a drive, nor anything else \
                  of one while the robot moves; stop it first (advee state {module} TERMINATE)",
                 self.target.name
             ),
+            (Error::Refused(Abort::TIMEOUT), _) if block => {
+                format!("{error}; a block that lost its last frame cannot be saved: try again, or without --block")
+            }
+            (Error::Refused(code), _) => format!("refused: {}", self.book.abort(self.node, code)),
             _ => error.to_string(),
         };
         format!("{}: {why}", self.title()).into()

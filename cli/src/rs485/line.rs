@@ -34,6 +34,17 @@ pub enum Answer {
     Interrupt,
 }
 
+/// What came after a question without an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Settled {
+    /// A frame, too late.
+    Late,
+    /// Nothing.
+    Quiet,
+    /// Ctrl-C.
+    Interrupt,
+}
+
 /// An opened line.
 pub struct Line {
     open: OpenPort,
@@ -98,6 +109,26 @@ impl Line {
             if self.wait(self.master.poll_timeout().unwrap_or(now))? {
                 self.master.cancel();
                 return Ok(Answer::Interrupt);
+            }
+        }
+    }
+
+    /// Awaits the end of a board that is late: until a whole frame came that answers nothing, or nothing for so long.
+    /// The protocol does not tell to which request an answer belongs.
+    pub fn settle(&mut self, quiet: Duration) -> Result<Settled, Failed> {
+        let before = self.master.bus_statistics().stray_frames;
+        let until = clock::now() + quiet;
+        loop {
+            let now = clock::now();
+            self.receive(now)?;
+            if self.master.bus_statistics().stray_frames > before {
+                return Ok(Settled::Late);
+            }
+            if now >= until {
+                return Ok(Settled::Quiet);
+            }
+            if self.wait(until)? {
+                return Ok(Settled::Interrupt);
             }
         }
     }

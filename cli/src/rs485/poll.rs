@@ -1,7 +1,7 @@
 //! `advee rs485 poll`: one instruction again and again, and what came of it.
 
 use super::decode;
-use super::line::{Answer, Line, status_name};
+use super::line::{Answer, Line, Settled, status_name};
 use super::target::{Known, TIMEOUT, Target, Where};
 use crate::{Common, Failed, Outcome, finite, print, seconds, whole};
 use base::{Duration, Instant};
@@ -66,6 +66,8 @@ struct Tally {
     good: u64,
     refused: u64,
     silent: u64,
+    /// Of the silent ones: answered after the time limit.
+    late: u64,
     damaged: u64,
     /// Of good answers, in order of time.
     round_trips: Vec<Duration>,
@@ -76,6 +78,9 @@ struct Tally {
 
 /// Round trips that are remembered for their percentile.
 const REMEMBERED: usize = 100_000;
+/// For so long after a poll without an answer the line must be silent: an answer that is late is not that of the next
+/// poll.
+const LATE: Duration = Duration::from_millis(100);
 /// How often is shown how it goes.
 const RENEW: Duration = Duration::from_millis(250);
 
@@ -96,7 +101,13 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
         if answer == Answer::Interrupt {
             break;
         }
+        let silent = answer == Answer::Silent;
         tally.count(&board, &instruction, data.len(), answer);
+        match if silent { line.settle(LATE)? } else { Settled::Quiet } {
+            Settled::Late => tally.late += 1,
+            Settled::Quiet => {}
+            Settled::Interrupt => break,
+        }
         let now = clock::now();
         if shows && now >= renew {
             renew = now + RENEW;
@@ -185,10 +196,10 @@ impl Tally {
     }
 
     fn short(&self, took: Duration) -> String {
-        let Self { good, refused, silent, damaged, last, .. } = self;
+        let Self { good, refused, silent, late, damaged, last, .. } = self;
         let hz = self.polls() as f64 / took.as_secs_f64().max(1e-9);
         format!(
-            "{} polls, {hz:.1}/s; {good} good, {silent} silent, {damaged} damaged, {refused} refused  {last}",
+            "{} polls, {hz:.1}/s; {good} good, {silent} silent ({late} late), {damaged} damaged, {refused} refused  {last}",
             self.polls()
         )
     }
@@ -223,6 +234,7 @@ impl Tally {
             ),
             format!("  good     {}", share(self.good)),
             format!("  silent   {}", share(self.silent)),
+            format!("  late     {}", share(self.late)),
             format!("  damaged  {}", share(self.damaged)),
             format!("  refused  {}", share(self.refused)),
         ];
@@ -252,6 +264,7 @@ impl Tally {
             "hz": self.polls() as f64 / took.as_secs_f64().max(1e-9),
             "good": self.good,
             "silent": self.silent,
+            "late": self.late,
             "damaged": self.damaged,
             "refused": self.refused,
             "round_trip_s": times,

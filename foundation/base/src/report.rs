@@ -138,7 +138,7 @@ faults! {
     DriveBootFailed = 0x0203, Device;
     /// A drive is not the one that the configuration names.
     DriveMismatch = 0x0204, Device;
-    /// A drive is in its fault state.
+    /// A drive is in its fault state, does not answer although it sends heartbeats, or does not obey.
     DriveFault = 0x0205, Device;
     /// Homing an axis failed.
     HomingFailed = 0x0206, Device;
@@ -168,7 +168,7 @@ faults! {
     SpeedExceeded = 0x0212, Device;
     /// The robot does not brake as commanded: the motors' feed is cut, where there is a way to.
     StopFailed = 0x0213, Device;
-    /// An object of a drive on which the stop depends does not hold what was written: the robot stops.
+    /// An object of a drive on which its motion or stop depends does not hold what was written: the robot stops.
     DriveParameter = 0x0214, Device;
     /// The output or GPIO line that cuts the motors' feed does not answer or obey: the robot stops.
     SecondWayLost = 0x0215, Device;

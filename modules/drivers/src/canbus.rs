@@ -74,6 +74,8 @@ const MEASURED_OBJECTS: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
 const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// Reported at most every 10 s while frames of a second master arrive; blocks motion for 11 s after the last one.
 const SECOND_MASTER_TIMEOUT: Duration = Duration::from_secs(11);
+/// Time in which the drives are switched off when the module ends.
+const SWITCH_OFF_MAX: Duration = Duration::from_millis(500);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
 /// Speed below which the robot counts as standing, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
@@ -94,6 +96,9 @@ base::deadlines! {
         SecondMaster,
         /// The order to cut the motors' feed is repeated. Set until it is known to be cut.
         Cut,
+        /// The drives are left as they are although they are not switched off. Set when the module ends and the robot
+        /// stands.
+        SwitchOff,
     }
 }
 
@@ -118,6 +123,8 @@ pub struct Canbus {
     /// The robot still brakes by the quick stop that an objection began: nobody is served before it stands, also if
     /// the objection has ended.
     stopping: bool,
+    /// The module ends, and its drives are switched off.
+    left: bool,
     ignored: Ignored,
     holds: Holds,
     working: Option<bool>,
@@ -170,6 +177,7 @@ impl Canbus {
             state: State::Init,
             blocked: None,
             stopping: false,
+            left: false,
             ignored: Ignored::default(),
             holds: Holds::default(),
             working: None,
@@ -356,7 +364,7 @@ impl Canbus {
             }
             CanEvent::Emergency { node, emergency, suppressed } => {
                 if let Some(drive) = self.drive_mut(node) {
-                    drive.on_emergency(&emergency, suppressed, out);
+                    drive.on_emergency(now, &emergency, suppressed, out);
                 }
             }
             CanEvent::Pdo { node, number, data, len } => {
@@ -422,6 +430,8 @@ impl Canbus {
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
             || self.on_read_back(now, ticket, result.ok(), out)
+            || self.propulsion.drive.on_mode(now, ticket, result)
+            || self.steering.drive.on_mode(now, ticket, result)
         {
             return;
         }
@@ -429,12 +439,12 @@ impl Canbus {
             CanEvent::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED_OBJECTS.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
                 if let Some(drive) = self.drive_mut(node) {
-                    drive.on_answer(now, true, out);
+                    drive.on_answer(now, None, out);
                 }
             }
             CanEvent::SdoFailed { node, index, sub: 0, error, .. } if MEASURED_OBJECTS.contains(&index) => {
                 if let Some(drive) = self.drive_mut(node) {
-                    drive.on_answer(now, error == sdo::Error::Cancelled, out);
+                    drive.on_answer(now, Some(error), out);
                 }
             }
             _ => self.steering.on_sdo(now, event),
@@ -576,6 +586,11 @@ impl Canbus {
         self.watch_planner(now);
         match self.permitted(now) {
             Some((speed, steering)) => {
+                // After a fault, a drop or a loss every source is disarmed: this motion is a deliberate act.
+                if self.wanted(now).is_some_and(|(speed, ..)| speed != 0.0) {
+                    self.propulsion.drive.release();
+                    self.steering.drive.release();
+                }
                 self.steering.go(steering);
                 // Without steering the robot must not drive.
                 self.propulsion.drive(if self.steering.is_enabled() { speed } else { 0.0 });
@@ -585,9 +600,17 @@ impl Canbus {
                 self.decide_steering();
             }
         }
+        let ends = self.state == State::Terminate && (!rolls || !self.propulsion.drive.is_booted());
+        if ends {
+            self.propulsion.switch_off();
+            self.steering.switch_off();
+        }
         self.arbiter.expire_holder(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
+        if ends {
+            self.leave(now);
+        }
         let began = self.stopping || self.blocked.is_some();
         self.stopping = began && rolls && self.propulsion.is_quick_stopped();
         self.watch_speed(now, out);
@@ -596,7 +619,7 @@ impl Canbus {
             readback.advance(now, drive.is_booted(), &mut self.master);
         }
         for drive in [&mut self.propulsion.drive, &mut self.steering.drive] {
-            if drive.must_reboot(now) {
+            if drive.must_reboot(now, !rolls) {
                 self.master.reboot(now, drive.node);
             }
         }
@@ -604,6 +627,20 @@ impl Canbus {
             if in_doubt {
                 self.read_measured(now, node);
             }
+        }
+    }
+
+    /// The module ends, and the robot stands: when the drives have no torque they are told to expect no master. Else
+    /// they would miss its heartbeat and be found in fault, or stay under power.
+    fn leave(&mut self, now: Instant) {
+        if !self.deadlines.is_set(Timer::SwitchOff) && !self.left {
+            self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
+        }
+        let off = self.propulsion.drive.is_off() && self.steering.drive.is_off();
+        if !self.left && (off || self.deadlines.is_due(Timer::SwitchOff, now)) {
+            self.deadlines.clear(Timer::SwitchOff);
+            self.master.leave(now);
+            self.left = true;
         }
     }
 
@@ -845,8 +882,9 @@ impl Module for Canbus {
         ])
     }
 
-    /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then.
+    /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then, and
+    /// until they are switched off.
     fn finished(&self) -> bool {
-        !self.bus.is_up() || !self.propulsion.drive.is_booted() || self.is_standing()
+        !self.bus.is_up() || self.left
     }
 }

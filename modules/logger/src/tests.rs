@@ -190,6 +190,22 @@ fn a_hundred_thousand_channels_are_too_many_and_reported_once() {
     assert_eq!(rig.faults(Fault::LogCrowded), (1, 1));
 }
 
+/// What grows under a flood of channels is the index, about 25 bytes for each channel of a chunk: at 5 chunks a second and
+/// 260 channels half a megabyte in 15 s. It ends with the file.
+#[test]
+fn a_file_ends_when_its_index_is_full_however_few_bytes_it_has() {
+    let mut rig = Rig::new(config());
+    let channels: Vec<String> = (0..2000).map(|number| format!("FOREIGN_{number}")).collect();
+    for _ in 0..130 {
+        channels.iter().for_each(|channel| rig.receive(channel, &[0; 8]));
+        // A chunk of its own.
+        rig.ms(200);
+    }
+    // 250 000 entries are 125 chunks.
+    assert_eq!(rig.names().len(), 2);
+    assert!(rig.told.iter().all(|told| told.dropped == 0));
+}
+
 #[test]
 fn a_message_of_a_hundred_megabytes_fits_and_its_memory_is_released() {
     let mut rig = Rig::new(config());

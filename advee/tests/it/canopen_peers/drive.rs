@@ -260,7 +260,8 @@ fn our_axis_walks_a_foreign_drive_up_down_and_out_of_its_faults_without_an_illeg
     let now = rig.now();
     rig.axis.reset_fault(now);
     rig.until("the reset", |rig| rig.axis.state() == Some(PowerState::SwitchOnDisabled));
-    // Not automatically: a new command is required.
+    // Not automatically: a deliberate act is required.
+    rig.axis.set_goal(rig.now(), Goal::Enabled);
     let end = rig.now() + Duration::from_millis(200);
     while rig.now() < end {
         rig.turn();

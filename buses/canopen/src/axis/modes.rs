@@ -10,7 +10,7 @@
 //! | ip, interpolated position | [`cyclic::Cyclic`] with [`Mode::Interpolated`] |
 //! | csp, csv, cyclic synchronous | [`cyclic::Cyclic`] |
 //!
-//! The mode itself is switched by [`switch::Switch`]; halt, which all of them know, is
+//! The mode itself is switched by [`switch::Switch`], and watched by [`watch::ModeWatch`]; halt, which all of them know, is
 //! [`Axis::halt`](super::Axis::halt). Left out: vl, tq, cst.
 
 pub mod cyclic;
@@ -21,6 +21,7 @@ pub mod pv;
 pub mod switch;
 #[cfg(test)]
 mod tests;
+pub mod watch;
 
 use crate::master::Expect;
 use base::listed;

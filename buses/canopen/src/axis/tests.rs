@@ -132,14 +132,14 @@ fn the_commands_for_each_goal_and_state() {
         table += "\n";
     }
     let expected = "
-                         dis  en  en* quick     (* T16 allowed)
+                         dis  en  en* quick     (* T16 allowed; after a fault Enabled is QuickStop)
 not ready to switch on    00  00  00  02
 switch on disabled        00  06  06  02
 ready to switch on        00  07  07  02
 switched on               06  0F  0F  02
 operation enabled         07  0F  0F  02
 quick stop active         00  00  0F  02
-fault reaction active     00  00  00  02
+fault reaction active     00  02  02  02
 fault                     00  00  00  00
 ";
     let rows: Vec<_> = expected.lines().skip(2).collect();
@@ -200,9 +200,22 @@ fn a_fault_is_told_once_and_needs_a_reset_and_a_new_goal() {
     assert_eq!(axis.controlword(), 0, "first low");
     walk(&mut axis, &mut drive, &mut now, 100);
     assert_eq!(drive.state(), PowerState::SwitchOnDisabled, "reset, not enabled");
+    // A caller that repeats its goal is no deliberate act.
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 100);
+    assert_eq!((axis.is_locked(), drive.state()), (true, PowerState::SwitchOnDisabled));
+    axis.release();
     axis.set_goal(now, Goal::Enabled);
     walk(&mut axis, &mut drive, &mut now, 10);
     assert!(axis.is_enabled());
+}
+
+#[test]
+fn a_release_during_a_fault_is_none() {
+    let mut axis = Axis::new(AxisConfig::default());
+    axis.handle_statusword(Instant::ZERO, 0x08);
+    axis.release();
+    assert!(axis.is_locked());
 }
 
 #[test]
@@ -236,7 +249,15 @@ fn an_axis_that_drops_out_is_not_enabled_again_by_itself() {
     let dropped = AxisEvent::Dropped { to: PowerState::SwitchOnDisabled, statusword: 0x40 };
     assert!(events.contains(&dropped), "{events:?}");
     assert_eq!((axis.goal(), drive.state()), (Goal::Disabled, PowerState::SwitchOnDisabled));
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 100);
+    assert_eq!(drive.state(), PowerState::SwitchOnDisabled);
+    axis.release();
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 10);
+    assert_eq!(drive.state(), PowerState::OperationEnabled);
     axis.lost();
+    assert!(axis.is_locked());
     assert_eq!((axis.state(), axis.goal(), axis.controlword()), (None, Goal::Disabled, 0));
 }
 

@@ -119,7 +119,8 @@ impl Why {
     }
 }
 
-/// The master's view of one axis. It never commands enable without a request, nor after a fault without a new one.
+/// The master's view of one axis. It never commands enable without a request, nor after a fault, a drop or a loss
+/// before a deliberate act ([`Self::release`]).
 pub struct Axis {
     config: AxisConfig,
     goal: Goal,
@@ -129,6 +130,8 @@ pub struct Axis {
     /// A stop was commanded and not seen yet: leaving Operation Enabled is no surprise.
     stopping: bool,
     halted: bool,
+    /// A fault, a drop or a loss: it is not enabled before a deliberate act.
+    locked: bool,
     reset: Reset,
     until: Option<Instant>,
     events: Queue<AxisEvent, 8>,
@@ -158,14 +161,17 @@ impl Axis {
             reached: false,
             stopping: false,
             halted: false,
+            locked: false,
             reset: Reset::Idle,
             until: None,
             events: Queue::new(),
         }
     }
 
-    /// Sets the goal. In Fault it is taken, but a fault must be reset first.
+    /// Sets the goal. In Fault it is taken, but a fault must be reset first. While the axis is locked, Enabled is taken
+    /// as QuickStop, so that a caller may repeat its goal.
     pub fn set_goal(&mut self, now: Instant, goal: Goal) {
+        let goal = if self.locked && goal == Goal::Enabled { Goal::QuickStop } else { goal };
         if self.goal == goal {
             return;
         }
@@ -184,6 +190,20 @@ impl Axis {
         self.goal
     }
 
+    /// A deliberate act, newer than the last fault, drop or loss: the axis may be enabled again. Without effect while a
+    /// fault is seen.
+    pub fn release(&mut self) {
+        if !matches!(self.state, Some(PowerState::Fault | PowerState::FaultReactionActive)) {
+            self.locked = false;
+        }
+    }
+
+    /// True after a fault, a drop or a loss, until [`Self::release`].
+    #[must_use]
+    pub fn is_locked(&self) -> bool {
+        self.locked
+    }
+
     /// Halts by 0x605D while enabled, or continues; the state stays. Not every drive supports it in cyclic modes.
     pub fn halt(&mut self, halted: bool) {
         self.halted = halted;
@@ -197,10 +217,10 @@ impl Axis {
         }
     }
 
-    /// Reports the loss of the node: its state is unknown, and enable must be requested again.
+    /// Reports the loss of the node: its state is unknown, and enable must be released and requested again.
     pub fn lost(&mut self) {
         let events = core::mem::take(&mut self.events);
-        *self = Self { events, ..Self::new(self.config) };
+        *self = Self { events, locked: true, ..Self::new(self.config) };
     }
 
     /// True if the goal was seen reached.
@@ -255,10 +275,12 @@ impl Axis {
                     self.events.push(AxisEvent::Fault { statusword });
                 }
                 self.goal = Goal::Disabled;
+                self.locked = true;
             }
             _ if from == Some(PowerState::OperationEnabled) && self.goal == Goal::Enabled && !stopping => {
                 self.events.push(AxisEvent::Dropped { to, statusword });
                 self.goal = Goal::Disabled;
+                self.locked = true;
             }
             _ => {}
         }

@@ -125,6 +125,7 @@ impl Pdos {
             stop: Some(ConfigWrite::new(0x6040, 0, quick_stop).blindly()),
             writes: [first, &ramps, last, &actual].concat(),
             mappings: mappings.map(|mapping| PdoMapping { adjust: parameters.remap, ..mapping }).into(),
+            only_mapped_rpdos: true,
             master_limit: Some(HEARTBEAT_LIMIT),
             heartbeat: HEARTBEAT,
             heartbeat_limit: HEARTBEAT_LIMIT,

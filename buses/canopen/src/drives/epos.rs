@@ -7,10 +7,10 @@
 
 use super::cia402::{self, CONTROLWORD, Parameters, Pdos, STATUSWORD};
 use super::epos_objects::OBJECTS;
-use crate::Dictionary;
 use crate::axis::AxisConfig;
 use crate::axis::modes::Mode;
 use crate::master::{ConfigWrite, Expect, NodeConfig};
+use crate::{Abort, Dictionary};
 
 /// Target velocity and actual velocity in rpm; TPDO4 is off until configured.
 pub const PDOS: Pdos = Pdos { rpdo: 4, target: 0x60FF_0020, tpdo: 4, value: 0x606C_0020 };
@@ -21,7 +21,8 @@ pub const FIRMWARE_MIN: u32 = 0x2030;
 /// The controlword that stops: enable, quick stop and switch on as maxon's notes have it.
 pub const QUICK_STOP: u16 = 0x000B;
 
-const VENDOR: u32 = 0x0000_00FB;
+/// Vendor id, 0x1018:1.
+pub const VENDOR: u32 = 0x0000_00FB;
 /// 0x2003:2 of the 70/10, any revision; the product code may be an application number instead.
 const HARDWARE: u32 = 0x6410;
 
@@ -59,6 +60,18 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
 #[must_use]
 pub fn axis_config() -> AxisConfig {
     AxisConfig { quick_stop: QUICK_STOP, resumes: true, ..AxisConfig::default() }
+}
+
+/// Name of an abort code of the manufacturer's own (Firmware Specification).
+#[must_use]
+pub const fn abort_name(code: Abort) -> Option<&'static str> {
+    Some(match code.0 {
+        0x0F00_FFB9 => "wrong CAN id",
+        0x0F00_FFBC => "not in service mode",
+        0x0F00_FFBE => "wrong password",
+        0x0F00_FFC0 => "wrong NMT state",
+        _ => return None,
+    })
 }
 
 /// The dictionary of the simulated drive (`eds/epos_sim.eds`).

@@ -114,6 +114,13 @@ impl Master {
         self.shared.outbox.push(wire::nmt(command, node));
     }
 
+    /// Leaves the bus in order: the communication of each node that was started is reset, so that it does not miss the
+    /// master's heartbeat, and no node is booted any more. Disable drives first.
+    pub fn leave(&mut self, now: Instant) {
+        self.shared.outbox.at(now);
+        self.peers.each(|peer| peer.leave(&mut self.shared));
+    }
+
     /// Boots a node again, from its reset; false if it is not configured. Stop a drive first: its reaction to a reset
     /// in motion is not defined.
     pub fn reboot(&mut self, now: Instant, node: u8) -> bool {

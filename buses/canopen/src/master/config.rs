@@ -203,6 +203,9 @@ pub struct NodeConfig {
     pub stamp: Option<Stamp>,
     /// Required PDO mappings.
     pub mappings: Vec<PdoMapping>,
+    /// True if every RPDO that `mappings` does not name is switched off at each boot-up: a frame on its identifier could
+    /// move a drive, or change its mode. Default false.
+    pub only_mapped_rpdos: bool,
     /// Value of 0x1016:1, the node's time limit for the master's heartbeat; `None`: not monitored.
     pub master_limit: Option<Duration>,
     /// True if it is guarded by requests; default none: it sends its heartbeat.
@@ -231,6 +234,7 @@ impl NodeConfig {
             writes: Vec::new(),
             stamp: None,
             mappings: Vec::new(),
+            only_mapped_rpdos: false,
             master_limit: None,
             guarding: None,
             heartbeat: Duration::from_millis(100),

@@ -7,8 +7,12 @@ use base::{Duration, Instant};
 const ANSWER_WINDOW: u8 = 16;
 /// Number of duplicates among them that prove two nodes.
 const DUPLICATES_MIN: u8 = 8;
-/// Number of heartbeats that are considered.
-const HEARTBEAT_WINDOW: u32 = 32;
+/// Heartbeats above the rate permitted, from which two nodes send them; what a queue held back is less.
+const HEARTBEATS_MAX: u32 = 16;
+/// Fill of the bucket by one heartbeat. It loses [`BEAT_LEAK`] in each period, so that four heartbeats in ten may
+/// be doubled.
+const BEAT: u32 = 1000;
+const BEAT_LEAK: u32 = 1400;
 
 /// Evidence of two nodes with one id.
 #[derive(Default)]
@@ -16,8 +20,8 @@ pub(super) struct DuplicateIdDetector {
     answers: u8,
     twice: u8,
     ignored: u32,
+    /// Leaky bucket of heartbeats, in units of [`BEAT`] per heartbeat.
     beats: u32,
-    since: Instant,
     last: Instant,
 }
 
@@ -39,22 +43,18 @@ impl DuplicateIdDetector {
         (self.answers, self.twice, self.ignored) = (0, 0, ignored);
     }
 
-    /// Counts a heartbeat of a node with this `period`. Returns true if they arrive much too often for long.
+    /// Counts a heartbeat of a node with this `period`. Returns true if they arrive too often for long, whatever the
+    /// phases and the period of the second node. Heartbeats that waited in a queue and arrive together fill the bucket
+    /// no more than those that arrive in time.
     pub(super) fn beat(&mut self, now: Instant, period: Duration) -> bool {
-        // Heartbeats that waited in a queue arrive together: no evidence about their sender.
-        let queued = now.since(self.last) < period / 20;
-        self.last = now;
-        if self.beats == 0 || queued {
-            (self.beats, self.since) = (1, now);
-            return false;
+        let passed = now.since(self.last);
+        self.last = self.last.max(now);
+        let leaked = passed.as_nanos().saturating_mul(u128::from(BEAT_LEAK)) / period.as_nanos().max(1);
+        self.beats = self.beats.saturating_sub(u32::try_from(leaked).unwrap_or(u32::MAX)) + BEAT;
+        let two = self.beats >= HEARTBEATS_MAX * BEAT;
+        if two {
+            self.beats = 0;
         }
-        self.beats += 1;
-        if self.beats <= HEARTBEAT_WINDOW {
-            return false;
-        }
-        // … within less than two thirds of the time that they take.
-        let two = now.since(self.since) < period * (HEARTBEAT_WINDOW * 2 / 3);
-        (self.beats, self.since) = (1, now);
         two
     }
 

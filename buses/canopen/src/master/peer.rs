@@ -9,7 +9,7 @@ use super::duplicate::DuplicateIdDetector;
 use super::plan::{Work, plan};
 use super::shared::Shared;
 use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, RoundTrip, State, Stats, Step};
-use crate::wire::{self, Emergency, NmtState};
+use crate::wire::{self, Emergency, NmtCommand, NmtState};
 use alloc::vec::Vec;
 use base::can::Frame;
 use base::{Duration, Instant, earliest};
@@ -33,6 +33,8 @@ enum Stage {
     /// Reads it, to decide if it must be written.
     Compare,
     Write,
+    /// Writes this COB-ID, with bit 31.
+    Close(u32),
     /// Reads it back.
     Verify,
 }
@@ -43,6 +45,8 @@ enum Phase {
     Resting {
         until: Instant,
     },
+    /// Left alone, because the master is about to end.
+    Left,
     /// Reset; its boot-up message is awaited.
     Resetting {
         until: Instant,
@@ -161,7 +165,7 @@ impl Peer {
 
     pub(super) fn state(&self) -> State {
         match self.phase {
-            Phase::Resting { .. } => State::Resting,
+            Phase::Resting { .. } | Phase::Left => State::Resting,
             Phase::Running { .. } => State::Operational,
             _ => State::Booting(self.step()),
         }
@@ -193,7 +197,7 @@ impl Peer {
             }
             (NmtState::Initialising, Phase::Resetting { .. }) => self.work(now, shared, 0),
             (NmtState::Initialising, Phase::Resting { .. }) if self.unsettled < UNSETTLED => self.first(now, shared),
-            (NmtState::Initialising, Phase::Resting { .. }) => {}
+            (NmtState::Initialising, Phase::Resting { .. } | Phase::Left) => {}
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { until }) => {
                 let two = self.guard.is_none() && self.duplicate.beat(arrived, self.config.heartbeat);
@@ -207,7 +211,14 @@ impl Peer {
             (state, Phase::Running { .. }) => self.lose(now, shared, LostReason::State(state)),
             (_, Phase::Listening { .. }) => self.configured(now, shared),
             (_, Phase::Held { .. }) => self.phase = Phase::Held { until: arrived + self.limit() },
-            (_, Phase::Starting { .. } | Phase::Working { .. } | Phase::Resetting { .. } | Phase::Resting { .. }) => {}
+            (
+                _,
+                Phase::Starting { .. }
+                | Phase::Working { .. }
+                | Phase::Resetting { .. }
+                | Phase::Resting { .. }
+                | Phase::Left,
+            ) => {}
         }
     }
 
@@ -248,10 +259,22 @@ impl Peer {
         if !self.is_operational() {
             return;
         }
+        // CiA 301, 7.2.2.6: a PDO shorter than its mapping is not processed.
+        if frame.data().len() < self.mapped_len(number) {
+            return self.malformed(shared);
+        }
         self.stats.pdos = self.stats.pdos.saturating_add(1);
         let mut data = [0; 8];
         data[..frame.data().len()].copy_from_slice(frame.data());
         shared.events.push(Event::Pdo { node: self.id(), number, data, len: frame.dlc() });
+    }
+
+    /// Length of a TPDO by the mappings that are required of the node; 0 if it is none of them.
+    fn mapped_len(&self, number: u8) -> usize {
+        let record = 0x17FF + u16::from(number);
+        let mapping = self.config.mappings.iter().find(|mapping| mapping.record == record);
+        let bits = mapping.map_or(0, |mapping| mapping.entries.iter().map(|entry| entry & 0xFF).sum());
+        usize::try_from(bits.div_ceil(8)).unwrap_or(usize::MAX)
     }
 
     fn malformed(&mut self, shared: &mut Shared) {
@@ -297,7 +320,7 @@ impl Peer {
         let phase = match self.phase {
             // The channel's own deadline comes first while a request on demand is under way.
             Phase::Resting { until } => self.channel.is_idle().then_some(until),
-            Phase::Working { .. } => None,
+            Phase::Working { .. } | Phase::Left => None,
             Phase::Resetting { until } | Phase::Listening { until } | Phase::Held { until } => Some(until),
             Phase::Starting { until, .. } | Phase::Running { until } => Some(until),
         };
@@ -324,6 +347,19 @@ impl Peer {
         } else {
             self.first(now, shared);
         }
+    }
+
+    /// Resets the communication of a node that was started, and leaves it alone: it no longer watches the master, which
+    /// is about to end. It does not boot again before [`Self::reboot`].
+    pub(super) fn leave(&mut self, shared: &mut Shared) {
+        self.channel.forget(shared);
+        if self.is_operational() {
+            shared.outbox.drop_pdos(self.id());
+            shared.outbox.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
+        }
+        self.nmt_state = None;
+        self.guard = None;
+        self.enter(Phase::Left, shared);
     }
 
     pub(super) fn bus_down(&mut self, now: Instant, shared: &mut Shared) {

@@ -9,6 +9,12 @@ use alloc::vec::Vec;
 const SAVE: u32 = u32::from_le_bytes(*b"save");
 /// Bit 30 of a COB-ID: no remote frames. That of the node does not count, but a TPDO that is set up gets it.
 const NO_RTR: u32 = 1 << 30;
+/// Communication record of the first RPDO.
+const RPDO: u16 = 0x1400;
+/// RPDOs of the pre-defined connection set.
+const RPDOS_PREDEFINED: u16 = 4;
+/// Maximum number of RPDOs that are switched off. The drives known have four.
+const RPDOS_MAX: u16 = 16;
 
 /// One step.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,6 +29,8 @@ pub(super) enum Work {
     Compare { write: ConfigWrite, otherwise: usize },
     /// Compares an object with a range, and jumps if it differs.
     Probe { expect: Expect, otherwise: usize },
+    /// Switches an RPDO off; where there is none, go on at `otherwise`.
+    Close { record: u16, otherwise: usize },
     /// Go on there.
     Jump(usize),
 }
@@ -42,6 +50,9 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
     }
     plan.push(Step::Identity, Work::Serial);
     plan.configuration(node);
+    if node.only_mapped_rpdos {
+        plan.close(&node.mappings);
+    }
     node.mappings.iter().for_each(|mapping| plan.mapping(mapping));
     let mut watched = Vec::new();
     if let Some(limit) = node.master_limit {
@@ -137,6 +148,17 @@ impl Plan {
         let is_last = |at: usize| !group[at + 1..].iter().any(|later| same(later, &group[at]));
         let goals: Vec<_> = (0..group.len()).filter(|at| is_last(*at)).map(|at| group[at].clone()).collect();
         self.unless(step, goals, |write, otherwise| Work::Compare { write, otherwise }, body);
+    }
+
+    /// Switches off all RPDOs but those of `used`. Beyond the pre-defined ones the first that is missing ends the search.
+    fn close(&mut self, used: &[PdoMapping]) {
+        let records = (RPDO..RPDO + RPDOS_MAX).filter(|record| used.iter().all(|pdo| pdo.record != *record));
+        let records: Vec<_> = records.collect();
+        let end = self.0.len() + records.len();
+        for record in records {
+            let otherwise = if record < RPDO + RPDOS_PREDEFINED { self.0.len() + 1 } else { end };
+            self.push(Step::Mapping, Work::Close { record, otherwise });
+        }
     }
 
     fn mapping(&mut self, pdo: &PdoMapping) {

@@ -38,6 +38,8 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            // Not a refusal: the node waited for a frame of ours, or we for one of its.
+            Self::Refused(code @ Abort::TIMEOUT) => write!(f, "a frame was lost, the node gave up: {code}"),
             Self::Refused(code) => write!(f, "refused: {code}"),
             Self::Timeout => f.write_str("no answer in time"),
             Self::Protocol(code) => write!(f, "nonsense answered: {code}"),

@@ -174,7 +174,7 @@ fn the_client_aborts_what_answers_nonsense() {
         assert_eq!(answered(frames), (Some(Err(Error::Protocol(code))), abort(code)), "{frames:02X?}");
     }
     let refused = [0x80, 0x00, 0x2F, 0, 0xC0, 0xFF, 0x00, 0x0F];
-    assert_eq!(answered(&[refused]).0, Some(Err(Error::Refused(Abort::EPOS_NMT_STATE))));
+    assert_eq!(answered(&[refused]).0, Some(Err(Error::Refused(Abort(0x0F00_FFC0)))));
 }
 
 #[test]

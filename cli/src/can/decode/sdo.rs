@@ -298,7 +298,7 @@ impl Step {
                 ("done", Look::Good, format!("{} {done}{len}", name(*index, *sub)))
             }
             Self::Aborted { index, sub, code } => {
-                ("aborted", Look::Bad, format!("{}: aborted: {code}", name(*index, *sub)))
+                ("aborted", Look::Bad, format!("{}: aborted: {}", name(*index, *sub), book.abort(node, *code)))
             }
             Self::Stray { data } => ("stray", Look::Notable, format!("fits nothing heard before: {}", bytes(data))),
         };

@@ -3,11 +3,14 @@
 
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
-use canopen::Master;
-use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState, StatusBits, Why};
+use canopen::axis::modes::Mode;
+use canopen::axis::modes::switch::Access;
+use canopen::axis::modes::watch::{ModeWatch, WrongMode};
+use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, NotFollowing, PowerState, StatusBits, Why};
 use canopen::drives::cia402;
-use canopen::master::{BootError, LostReason, Step};
+use canopen::master::{BootError, LostReason, Step, Ticket};
 use canopen::wire::{Emergency, Service};
+use canopen::{Master, Payload, sdo};
 use messages::{Hold, lowlevel};
 use module::Actions;
 use std::fmt;
@@ -27,6 +30,11 @@ const READ_AFTER: Duration = Duration::from_millis(400);
 const READ_AFTER_ORDER: Duration = Duration::from_millis(50);
 /// Age beyond which measured values count as unknown.
 const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
+
+/// Period of reading the mode of operation while the drive is enabled.
+const MODE_PERIOD: Duration = Duration::from_millis(200);
+/// An emergency that is repeated is reported once in this time, with the number of repetitions.
+const REPEATED_PERIOD: Duration = Duration::from_secs(10);
 
 /// Number of consecutive unanswered requests after which the drive counts as not answering.
 const UNANSWERED_MAX: u8 = 2;
@@ -51,6 +59,10 @@ pub(super) enum Trouble {
     Stuck { state: Option<PowerState>, goal: Goal, statusword: u16, controlword: u16, why: Why },
     /// The drive does not acknowledge its set-point.
     NoTarget,
+    /// The drive is enabled and does not move as commanded; speeds in m/s.
+    NotFollowing(NotFollowing),
+    /// The drive is in another mode of operation. It is booted again once the robot stands.
+    Mode(WrongMode),
 }
 
 /// Objection of a drive to motion.
@@ -60,8 +72,7 @@ pub(super) enum Objection {
     /// The drive does not answer requests.
     NotAnswering,
     Trouble(Trouble),
-    /// The drive is in fault, with the error code of its emergency; 0 if none was received.
-    Fault(u16),
+    Fault(InFault),
     /// The drive's state was not received yet.
     StateUnknown,
 }
@@ -76,7 +87,8 @@ impl Objection {
             Self::NotAnswering => Hold::DriveDeaf,
             Self::Trouble(Trouble::Dropped { .. }) => Hold::DriveDropped,
             Self::Trouble(Trouble::Stuck { .. }) => Hold::DriveStuck,
-            Self::Trouble(Trouble::NoTarget) => Hold::DriveNoTarget,
+            Self::Trouble(Trouble::NoTarget | Trouble::NotFollowing(_)) => Hold::DriveNoTarget,
+            Self::Trouble(Trouble::Mode(_)) => Hold::DriveParameter,
             Self::Fault(_) => Hold::DriveFault,
             Self::StateUnknown => Hold::DriveUnseen,
         }
@@ -90,7 +102,7 @@ impl fmt::Display for Objection {
             Self::Absent(absence) => absence.fmt(f),
             Self::NotAnswering => f.write_str("does not answer"),
             Self::Trouble(trouble) => trouble.fmt(f),
-            Self::Fault(code) => write!(f, "is {}", InFault(*code)),
+            Self::Fault(fault) => write!(f, "is {fault}"),
             Self::StateUnknown => f.write_str("has not told its state"),
         }
     }
@@ -121,21 +133,55 @@ impl fmt::Display for Trouble {
                 write!(f, ", statusword 0x{statusword:04X} ({})", StatusBits(statusword))
             }
             Self::NoTarget => f.write_str("does not take its target"),
+            Self::NotFollowing(NotFollowing { target, measured }) => {
+                write!(f, "does not take its target: {measured:.2} instead of {target:.2} m/s")
+            }
+            Self::Mode(WrongMode { asked, shown }) => {
+                write!(f, "does not hold its configuration: its mode is {}, not {}", ModeName(shown), ModeName(asked))
+            }
         }
     }
 }
 
-/// Displays a fault with its error code. The emergency of a drive that failed before it was booted was lost, and the
-/// reset at boot-up clears its error history.
-struct InFault(u16);
+/// A mode of operation with its name.
+struct ModeName(i8);
+
+impl fmt::Display for ModeName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match Mode::from_code(self.0) {
+            Some(mode) => write!(f, "{} ({mode})", self.0),
+            None => self.0.fmt(f),
+        }
+    }
+}
+
+/// What is known of a drive's fault.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum InFault {
+    /// The first state that was seen after the boot-up. Its emergency was lost, and the reset at boot-up clears its
+    /// error history.
+    Inherited,
+    /// No emergency was received yet.
+    NoCode,
+    /// Error code of its emergency.
+    Code(u16),
+}
 
 impl fmt::Display for InFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            0 => f.write_str("in fault since before it was booted"),
-            code => write!(f, "in fault, error code 0x{code:04X}"),
+        match self {
+            Self::Inherited => f.write_str("in fault since before it was booted"),
+            Self::NoCode => f.write_str("in fault, its emergency was not received"),
+            Self::Code(code) => write!(f, "in fault, error code 0x{code:04X}"),
         }
     }
+}
+
+/// The last emergency that was reported, and how often it came since.
+#[derive(Clone, Copy, Debug)]
+struct Reported {
+    emergency: Emergency,
+    repeated: u32,
 }
 
 base::deadlines! {
@@ -152,6 +198,8 @@ base::deadlines! {
         /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
         /// so.
         NotAnswering,
+        /// The repetitions of an emergency are reported. Set since the first one.
+        Repeated,
         /// A quick stop is sent without knowing the drive's state. Set while it is not booted and the bus is up.
         BlindStop,
     }
@@ -168,7 +216,15 @@ pub(super) struct Drive {
     why: Absence,
     /// Error code of the last emergency since it was booted.
     error_code: u16,
+    /// The fault is the first state that was seen after the boot-up.
+    inherited: bool,
     trouble: Option<Trouble>,
+    /// [`Fault::DriveFault`] was raised.
+    alarmed: bool,
+    reported: Option<Reported>,
+    mode: ModeWatch,
+    /// Current read of the mode.
+    mode_ticket: Option<Ticket>,
     deadlines: Deadlines<Timer>,
     sent: Option<[u8; 6]>,
     changed: bool,
@@ -195,7 +251,12 @@ impl Drive {
             booted: false,
             why: Absence::Booting,
             error_code: 0,
+            inherited: false,
             trouble: None,
+            alarmed: false,
+            reported: None,
+            mode: ModeWatch::new(MODE_PERIOD),
+            mode_ticket: None,
             deadlines: Deadlines::new(),
             sent: None,
             changed: true,
@@ -220,7 +281,9 @@ impl Drive {
         self.deadlines.set(Timer::Ask, now + READ_AFTER);
         self.changed = true;
         // An earlier fault was cleared by the reset, or will be reported again.
-        for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch, Fault::DriveFault] {
+        self.alarmed = false;
+        let faults = [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch];
+        for fault in faults.into_iter().chain([Fault::DriveFault, Fault::DriveParameter]) {
             out.clear(fault, self.name, format!("{} drive (node {}) is booted and configured", self.name, self.node));
         }
     }
@@ -241,19 +304,46 @@ impl Drive {
         self.deadlines.clear_all();
         (self.trouble, self.outdated) = (None, false);
         (self.pending, self.unanswered) = (0, 0);
+        self.reported = None;
+        self.mode.lost();
+        self.mode_ticket = None;
         self.why = Absence::Lost(reason);
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
         out.raise(Severity::Error, Fault::DriveLost, self.name, message);
     }
 
-    pub(super) fn on_emergency(&mut self, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
+    pub(super) fn on_emergency(&mut self, now: Instant, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
         self.error_code = emergency.code;
         self.changed = true;
         // The accompanying statusword may have been lost.
         self.outdated |= emergency.code != 0;
-        let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
+        if self.is_in_fault() {
+            self.raise_fault(out);
+        }
+        if let Some(reported) = self.reported.as_mut().filter(|reported| reported.emergency == *emergency) {
+            reported.repeated = reported.repeated.saturating_add(1).saturating_add(suppressed);
+            if !self.deadlines.is_set(Timer::Repeated) {
+                self.deadlines.set(Timer::Repeated, now + REPEATED_PERIOD);
+            }
+            return;
+        }
+        self.report_repeated(out);
+        self.reported = Some(Reported { emergency: *emergency, repeated: 0 });
         let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
+        self.report_emergency(emergency, &more, out);
+    }
+
+    /// Reports how often the last emergency was repeated.
+    fn report_repeated(&mut self, out: &mut Actions) {
+        self.deadlines.clear(Timer::Repeated);
+        let Some(Reported { emergency, repeated: 1.. }) = self.reported else { return };
+        let repeated = self.reported.as_mut().map_or(0, |reported| std::mem::take(&mut reported.repeated));
+        self.report_emergency(&emergency, &format!(", repeated {repeated} times"), out);
+    }
+
+    fn report_emergency(&self, emergency: &Emergency, more: &str, out: &mut Actions) {
+        let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
         let message = format!(
             "{} drive (node {}): emergency 0x{:04X} ({}), register 0x{:02X}{more}",
             self.name,
@@ -263,6 +353,16 @@ impl Drive {
             emergency.register
         );
         out.report(severity, Fault::DriveEmergency, self.name, message);
+    }
+
+    /// True if the drive has no torque, or is not reached at all.
+    pub(super) fn is_off(&self) -> bool {
+        !self.booted || self.axis.goal() == Goal::Disabled && self.axis.is_reached()
+    }
+
+    /// A deliberate act: the axis may be enabled again after a fault, a drop or a loss.
+    pub(super) fn release(&mut self) {
+        self.axis.release();
     }
 
     /// Sets the goal of the axis; ignored while the drive is not booted.
@@ -283,7 +383,6 @@ impl Drive {
         if self.booted {
             self.deadlines.set(Timer::Ask, now + self.read_after());
         }
-        self.deadlines.clear(Timer::NotAnswering);
     }
 
     /// Reads the measured values soon while the speed should be changing: a drive that keeps it reports no change.
@@ -302,12 +401,18 @@ impl Drive {
         self.pending = self.pending.saturating_add(1);
     }
 
-    /// A request has ended, with or without an answer.
-    pub(super) fn on_answer(&mut self, now: Instant, answered: bool, out: &mut Actions) {
+    /// A request has ended; `error`: the reason why nothing was read. A refusal is an answer. A drive that sends PDOs
+    /// and does not answer is in doubt until it answers: whether it can be stopped by a new boot-up is not known.
+    pub(super) fn on_answer(&mut self, now: Instant, error: Option<sdo::Error>, out: &mut Actions) {
         self.pending = self.pending.saturating_sub(1);
-        if answered {
-            self.unanswered = 0;
-            return;
+        match error {
+            None | Some(sdo::Error::Refused(_)) => {
+                self.unanswered = 0;
+                self.deadlines.clear(Timer::NotAnswering);
+                return;
+            }
+            Some(sdo::Error::Cancelled) => return,
+            Some(sdo::Error::Timeout | sdo::Error::Protocol(_)) => {}
         }
         // A single lost frame is requested again.
         self.unanswered = self.unanswered.saturating_add(1);
@@ -318,13 +423,69 @@ impl Drive {
                 "{} drive (node {}) sends heartbeats but does not answer; the robot stops",
                 self.name, self.node
             );
-            out.report(Severity::Error, Fault::DriveFault, self.name, message);
+            self.alarm(message, out);
         }
     }
 
-    /// True if the drive is to be booted again because it has not answered for too long; repeated if that does not
-    /// help.
-    pub(super) fn must_reboot(&mut self, now: Instant) -> bool {
+    /// Raises the fault of the drive itself; it is cleared when the drive answers, obeys and is not in fault.
+    pub(super) fn alarm(&mut self, message: String, out: &mut Actions) {
+        self.alarmed = true;
+        out.raise(Severity::Error, Fault::DriveFault, self.name, message);
+    }
+
+    fn raise_fault(&mut self, out: &mut Actions) {
+        let (fault, statusword) = (self.in_fault(), self.axis.statusword());
+        let message = format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
+        self.alarm(message, out);
+    }
+
+    /// Clears the fault of the drive itself when no reason for it is left.
+    fn settle(&mut self, out: &mut Actions) {
+        if self.alarmed && self.booted && self.trouble.is_none() && !self.is_in_fault() && !self.is_not_answering() {
+            self.alarmed = false;
+            out.clear(Fault::DriveFault, self.name, format!("{} drive: no fault any more", self.name));
+        }
+    }
+
+    fn is_in_fault(&self) -> bool {
+        matches!(self.axis.state(), Some(PowerState::Fault | PowerState::FaultReactionActive))
+    }
+
+    fn in_fault(&self) -> InFault {
+        match self.error_code {
+            0 if self.inherited => InFault::Inherited,
+            0 => InFault::NoCode,
+            code => InFault::Code(code),
+        }
+    }
+
+    /// The mode in which the drive must be while it is enabled; `None` while it is switched.
+    pub(super) fn expect_mode(&mut self, now: Instant, mode: Option<i8>, master: &mut Master) {
+        let enabled = self.booted && self.axis.state() == Some(PowerState::OperationEnabled);
+        self.mode.expect(now, mode.filter(|_| enabled && !matches!(self.trouble, Some(Trouble::Mode(_)))));
+        if let Some(Access::Read { index, sub }) = self.mode.poll_sdo(now) {
+            match master.sdo_read(now, self.node, index, sub) {
+                Ok(ticket) => self.mode_ticket = Some(ticket),
+                Err(_) => self.mode.handle_sdo(now, Err(sdo::Error::Cancelled)),
+            }
+        }
+    }
+
+    /// A transfer has ended; false if it is not the one that reads the mode.
+    pub(super) fn on_mode(&mut self, now: Instant, ticket: Ticket, result: Result<&[u8], sdo::Error>) -> bool {
+        if self.mode_ticket.take_if(|own| *own == ticket).is_none() {
+            return false;
+        }
+        self.mode.handle_sdo(now, result.map(Payload::from));
+        true
+    }
+
+    /// True if the drive is to be booted again: because it has not answered for too long, repeated if that does not
+    /// help, or because it is in another mode and the robot stands.
+    pub(super) fn must_reboot(&mut self, now: Instant, standing: bool) -> bool {
+        if self.booted && standing && self.axis.is_reached() && matches!(self.trouble, Some(Trouble::Mode(_))) {
+            return true;
+        }
         let due = self.deadlines.is_due(Timer::NotAnswering, now);
         if due {
             self.deadlines.set(Timer::NotAnswering, now + UNANSWERED_TIMEOUT);
@@ -362,26 +523,26 @@ impl Drive {
         while let Some(event) = self.axis.poll_event() {
             self.changed = true;
             match event {
-                AxisEvent::Fault { statusword } => {
+                AxisEvent::Fault { .. } => {
                     self.deadlines.set(Timer::Reset, now + FAULT_RESET_PERIOD);
-                    let fault = InFault(self.error_code);
-                    let message =
-                        format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
-                    out.raise(Severity::Error, Fault::DriveFault, self.name, message);
+                    self.raise_fault(out);
                 }
                 AxisEvent::Dropped { to, statusword } => {
                     self.set_trouble(now, Trouble::Dropped { to, statusword });
                 }
                 AxisEvent::Stuck { state, goal, statusword, controlword, why } => {
                     let why = Trouble::Stuck { state, goal, statusword, controlword, why };
-                    out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
+                    self.alarm(format!("{} drive {why}", self.name), out);
                     self.block_until_stopped(now, why);
                 }
-                AxisEvent::State { from: Some(PowerState::Fault), .. } => {
-                    self.deadlines.clear(Timer::Reset);
-                    out.clear(Fault::DriveFault, self.name, format!("{} drive: fault reset", self.name));
+                AxisEvent::State { from, to } => {
+                    if from == Some(PowerState::Fault) {
+                        self.deadlines.clear(Timer::Reset);
+                    }
+                    let inherited = from.is_none() || self.inherited && from == Some(PowerState::FaultReactionActive);
+                    self.inherited = inherited && matches!(to, PowerState::Fault | PowerState::FaultReactionActive);
                 }
-                AxisEvent::State { .. } | AxisEvent::Reached(_) => {}
+                AxisEvent::Reached(_) => {}
             }
         }
     }
@@ -390,9 +551,9 @@ impl Drive {
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Trouble, now)
             && let Some(why) = self.trouble.take()
-            && !self.axis.is_reached()
+            && (!self.axis.is_reached() || matches!(why, Trouble::Mode(_)))
         {
-            // The drive does not obey a stop: not a temporary problem.
+            // The drive does not obey a stop, or is to be booted again: not a temporary problem.
             self.block_until_stopped(now, why);
         }
         if self.deadlines.is_due(Timer::Ask, now) {
@@ -406,8 +567,18 @@ impl Drive {
             }
             self.outdated = true;
         }
+        if self.deadlines.is_due(Timer::Repeated, now) {
+            self.report_repeated(out);
+        }
         self.axis.handle_timeout(now);
         self.drain(now, out);
+        if let Some(wrong) = self.mode.wrong().filter(|_| !matches!(self.trouble, Some(Trouble::Mode(_)))) {
+            let why = Trouble::Mode(wrong);
+            let message = format!("{} drive {why}: the robot stops, the drive is booted again", self.name);
+            out.raise(Severity::Error, Fault::DriveParameter, self.name, message);
+            self.block_until_stopped(now, why);
+        }
+        self.settle(out);
     }
 
     /// Sends the command frame if it differs from the last one, or has not taken effect.
@@ -459,7 +630,7 @@ impl Drive {
             return Some(Objection::Trouble(why));
         }
         match self.axis.state() {
-            Some(PowerState::Fault | PowerState::FaultReactionActive) => Some(Objection::Fault(self.error_code)),
+            Some(PowerState::Fault | PowerState::FaultReactionActive) => Some(Objection::Fault(self.in_fault())),
             None => Some(Objection::StateUnknown),
             Some(_) => None,
         }
@@ -494,6 +665,6 @@ impl Drive {
         if self.is_at_rest() {
             due.clear(Timer::Repeat);
         }
-        earliest([self.axis.poll_timeout(), due.next()])
+        earliest([self.axis.poll_timeout(), due.next(), self.mode.poll_timeout()])
     }
 }

@@ -1,14 +1,18 @@
 //! Drive of the rear axle: converts m/s to rpm of the motor shaft.
 
 use super::Config;
-use super::drive::Drive;
+use super::drive::{Drive, Trouble};
 use base::Instant;
 use base::can::Frame;
-use canopen::axis::{Goal, PowerState, Units};
+use canopen::axis::modes::Mode;
+use canopen::axis::{Follow, FollowConfig, Goal, PowerState, Units};
 use canopen::drives::{cia402, epos};
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
 use module::Actions;
+
+/// Targets below this are not compared with the measured speed, m/s: four units of its resolution.
+const FOLLOWED_MIN_MPS: f64 = 0.05;
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
@@ -20,6 +24,7 @@ pub(super) struct Propulsion {
     speed: f64,
     /// Measured since the last call of [`Self::take_measured`].
     measured: bool,
+    follow: Follow,
 }
 
 impl Propulsion {
@@ -43,6 +48,10 @@ impl Propulsion {
             goal: Goal::QuickStop,
             speed: f64::NAN,
             measured: false,
+            follow: Follow::new(FollowConfig {
+                ramp: config.limits.acceleration_mps2.min(config.limits.deceleration_mps2),
+                least: FOLLOWED_MIN_MPS,
+            }),
         }
     }
 
@@ -76,6 +85,16 @@ impl Propulsion {
         std::mem::take(&mut self.measured).then_some(self.speed)
     }
 
+    /// Compares a measured speed with the one that the enabled drive is commanded, absent if none: a drive that stands
+    /// although it is to move is stopped, in whatever state and mode it says that it is.
+    pub(super) fn watch(&mut self, now: Instant, target: Option<f64>, measured: Option<f64>, out: &mut Actions) {
+        self.follow.command(now, target);
+        let Some(lag) = measured.and_then(|speed| self.follow.measure(now, speed)) else { return };
+        let why = Trouble::NotFollowing(lag);
+        self.drive.alarm(format!("propulsion drive {why}: the robot stops"), out);
+        self.drive.block_until_stopped(now, why);
+    }
+
     /// Commanded speed, m/s.
     pub(super) fn target(&self) -> f64 {
         self.units.velocity_si(self.target_rpm)
@@ -98,9 +117,16 @@ impl Propulsion {
         self.target_rpm = 0;
     }
 
+    /// Takes the torque away; the drive must stand.
+    pub(super) fn switch_off(&mut self) {
+        self.goal = Goal::Disabled;
+        self.target_rpm = 0;
+    }
+
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
         self.drive.set_goal(now, self.goal);
         self.drive.handle_timeout(now, out);
+        self.drive.expect_mode(now, Some(Mode::ProfileVelocity.code()), master);
         let data = cia402::pack(self.drive.axis.controlword(), self.target_rpm);
         self.drive.send(now, master, epos::PDOS.rpdo, data);
     }

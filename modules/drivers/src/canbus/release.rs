@@ -46,8 +46,8 @@ impl Canbus {
     pub(super) fn update_releases(&mut self, now: Instant) {
         if !self.objections(now).all(is_released) {
             (self.releases.since, self.releases.goal) = (None, false);
-            // The start of the robot remains a release until homing has begun.
-            if self.steering.is_homing() {
+            // The start of the robot remains a release until homing has begun, or has failed to.
+            if self.steering.is_homing() || self.steering.failed_to_home() {
                 self.releases.start = false;
             }
             self.steering.revoke_homing();

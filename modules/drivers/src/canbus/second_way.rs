@@ -115,7 +115,10 @@ impl Canbus {
         };
         self.propulsion.drive.set_changing(now, changing);
         self.stop_watch.monitor.command(now, order);
-        let Some(speed) = self.propulsion.take_measured() else { return };
+        let measured = self.propulsion.take_measured();
+        let target = if let Order::Drive(speed) = order { Some(speed) } else { None };
+        self.propulsion.watch(now, target, measured, out);
+        let Some(speed) = measured else { return };
         match self.stop_watch.monitor.measure(now, speed) {
             None => {}
             Some(Alarm::Exceeded { measured, allowed }) if self.stop_watch.latched.is_none() => {

@@ -32,6 +32,8 @@ const QUICK_STOP_RAMP_S: f64 = 0.05;
 /// Goal of the steering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum SteeringGoal {
+    /// Without torque.
+    Off,
     Stop,
     Hold,
     Go(f64),
@@ -93,6 +95,8 @@ pub(super) struct Steering {
     /// The reference was checked or made once.
     checked: bool,
     homing: Homing,
+    /// The drive was to be enabled for homing since it was booted.
+    tried: bool,
     /// Current transfer of homing, and its number of unanswered attempts.
     access: Option<(Ticket, Access)>,
     /// Transfer to be repeated.
@@ -128,6 +132,7 @@ impl Steering {
             inherited: false,
             checked: false,
             homing: Homing::new(homing),
+            tried: false,
             access: None,
             again: None,
             unanswered: 0,
@@ -157,6 +162,7 @@ impl Steering {
     pub(super) fn on_lost(&mut self) {
         self.reference = Reference::None;
         self.homing.lost();
+        self.tried = false;
         (self.access, self.again, self.unanswered) = (None, None, 0);
         self.position = None;
     }
@@ -222,16 +228,25 @@ impl Steering {
     pub(super) fn home_again(&mut self) {
         self.reference = Reference::None;
         self.released = true;
+        self.drive.release();
     }
 
     /// An operator releases homing, if the steering waits for that.
     pub(super) fn release_homing(&mut self) {
         self.released = matches!(self.reference, Reference::None | Reference::Centering);
+        if self.released {
+            self.drive.release();
+        }
     }
 
     /// A stop: homing needs a new release.
     pub(super) fn revoke_homing(&mut self) {
         self.released = false;
+    }
+
+    /// True after a fault of the drive that was enabled for homing.
+    pub(super) fn failed_to_home(&self) -> bool {
+        self.tried && self.drive.axis.is_locked()
     }
 
     /// True if the drive had its reference from an earlier process.
@@ -249,17 +264,28 @@ impl Steering {
         self.goal = SteeringGoal::Stop;
     }
 
+    /// Takes the torque away.
+    pub(super) fn switch_off(&mut self) {
+        self.goal = SteeringGoal::Off;
+    }
+
     /// [`Drive::blind_stop`] at the current angle; the drive keeps its reference.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
         self.drive.blind_stop(now, bus_is_up, icla::PDOS.rpdo, control::QUICK_STOP)
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
-        let goal = if self.goal == SteeringGoal::Stop { Goal::QuickStop } else { Goal::Enabled };
+        let goal = match self.goal {
+            SteeringGoal::Off => Goal::Disabled,
+            SteeringGoal::Stop => Goal::QuickStop,
+            SteeringGoal::Hold | SteeringGoal::Go(_) | SteeringGoal::Home => Goal::Enabled,
+        };
         self.drive.set_goal(now, goal);
+        self.tried |= self.goal == SteeringGoal::Home && self.drive.axis.goal() == Goal::Enabled;
         self.drive.handle_timeout(now, out);
         self.check_reference(now, master, out);
         self.advance_homing(now, master, out);
+        self.drive.expect_mode(now, self.homing.mode(), master);
         self.advance_setpoint(now, out);
         let data = self.command();
         self.drive.send(now, master, icla::PDOS.rpdo, data);
@@ -348,7 +374,7 @@ impl Steering {
             if matches!(event, SetpointEvent::Retried { tries: SETPOINT_TRIES, .. }) {
                 let message =
                     format!("steering drive does not take its target after {SETPOINT_TRIES} attempts: the robot stops");
-                out.report(Severity::Error, Fault::DriveFault, "steering", message);
+                self.drive.alarm(message, out);
                 self.drive.block_until_stopped(now, Trouble::NoTarget);
             }
         }

@@ -2,6 +2,7 @@
 
 mod bus;
 mod fake;
+mod faults;
 mod guard;
 mod holds;
 mod homing;
@@ -98,6 +99,8 @@ struct Robot {
     answers: Vec<lowlevel::DataSdo>,
     /// Orders to the power controller.
     power: Vec<(Instant, lowlevel::CmdPower)>,
+    /// The module has ended.
+    ended: bool,
     errors: Vec<(Fault, Severity)>,
     notes: Vec<String>,
 }
@@ -127,6 +130,7 @@ impl Robot {
             bus: None,
             answers: Vec::new(),
             power: Vec::new(),
+            ended: false,
             errors: Vec::new(),
             notes: Vec::new(),
         };
@@ -208,6 +212,7 @@ impl Robot {
                     Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
                     Action::Publish(Message::LlCmdPower(order)) => self.power.push((now, order)),
+                    Action::Exit(_) => self.ended = true,
                     Action::Note(_, text) => self.notes.push(text),
                     Action::Report(report) => self.errors.push((report.fault, report.severity)),
                     _ => {}
@@ -574,8 +579,11 @@ fn the_end_waits_until_the_robot_stands() {
         source,
     });
     robot.exchange();
-    assert_eq!(robot.last_rpdo4().1[0], 0x0B, "a quick stop is the last word");
-    assert!(!robot.moves());
+    // Quick stop; the fake stands at once, and is switched off.
+    let words: Vec<_> = robot.frames.iter().filter(|(_, frame)| frame.id() == can::Id::Standard(0x501)).collect();
+    let words: Vec<_> = words[words.len() - 2..].iter().map(|(_, frame)| frame.data()[0]).collect();
+    assert_eq!(words, [0x0B, 0x00]);
+    assert!(!robot.moves() && robot.ended);
 }
 
 #[test]

@@ -158,6 +158,16 @@ impl Homing {
         self.state != State::Idle
     }
 
+    /// The mode in which the drive must be; `None` while it is switched.
+    #[must_use]
+    pub fn mode(&self) -> Option<i8> {
+        match self.state {
+            State::Idle | State::Preparing { .. } => Some(self.config.mode_after),
+            State::Running { .. } => Some(Mode::Homing.code()),
+            State::Entering | State::Leaving { .. } => None,
+        }
+    }
+
     /// Cancels: bit 4 falls, the old mode is restored, then the end is reported.
     pub fn cancel(&mut self) {
         match self.state {

@@ -198,6 +198,7 @@ fn a_fault_on_the_way_stops_as_its_option_says_and_ends_in_fault() {
         rig.run(100);
         assert_eq!(rig.axis.state(), Some(PowerState::SwitchOnDisabled));
         assert_eq!(rig.emergencies.last(), Some(&(0, 0)));
+        rig.axis.release();
         rig.axis.set_goal(rig.now, Goal::Enabled);
         rig.run(2000);
         assert!(rig.axis.is_enabled() && rig.velocity == 2000);

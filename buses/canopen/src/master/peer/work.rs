@@ -4,7 +4,7 @@ use super::{Peer, Phase, Shared, Stage};
 use crate::master::channel::{End, Transfer};
 use crate::master::plan::Work;
 use crate::master::{BootError, ConfigWrite, Event, Expect, How};
-use crate::{Abort, Payload, sdo};
+use crate::{Abort, Payload, pdo, sdo};
 use base::Instant;
 
 /// Step after a piece of work.
@@ -23,6 +23,7 @@ impl Peer {
         let stage = match self.plan.get(at) {
             None => return self.listen(now, shared),
             Some((_, Work::Write(ConfigWrite { how: How::WhereDifferent, .. }))) => Stage::Compare,
+            Some((_, Work::Close { .. })) => Stage::Compare,
             Some((_, Work::Write(_))) => Stage::Write,
             Some(_) => Stage::Verify,
         };
@@ -44,7 +45,7 @@ impl Peer {
             Phase::Working { at, stage, .. } => self.transfer(now, at, stage, shared),
             Phase::Running { .. } => self.channel.serve(now, &mut self.stats, shared),
             Phase::Resting { until } if now < until => self.channel.serve(now, &mut self.stats, shared),
-            Phase::Resting { .. } | Phase::Resetting { .. } => {}
+            Phase::Resting { .. } | Phase::Resetting { .. } | Phase::Left => {}
             Phase::Listening { .. } | Phase::Held { .. } | Phase::Starting { .. } => {}
         }
     }
@@ -53,10 +54,12 @@ impl Peer {
         let (index, sub, value) = match &self.plan[at].1 {
             Work::Write(write) | Work::Compare { write, .. } => (write.index, write.sub, Some(&write.value)),
             Work::Read(expect) | Work::Probe { expect, .. } => (expect.index, expect.sub, None),
+            Work::Close { record, .. } => (*record, 1, None),
             Work::Serial | Work::Jump(_) => (0x1018, 4, None),
         };
-        let transfer = match value {
-            Some(value) if stage == Stage::Write => Transfer::Write(value.clone()),
+        let transfer = match (stage, value) {
+            (Stage::Write, Some(value)) => Transfer::Write(value.clone()),
+            (Stage::Close(cob_id), _) => Transfer::Write(Payload::from(cob_id | pdo::INVALID)),
             _ => Transfer::Read,
         };
         self.channel.begin(now, index, sub, transfer, &mut self.stats, shared);
@@ -121,6 +124,17 @@ impl Peer {
                 expected: expect.min,
                 found: data.bits().unwrap_or(0) & expect.mask,
             }),
+            (Work::Close { record, .. }, stage) => match (data.bits(), stage) {
+                (_, Stage::Close(_)) => Next::Stage(Stage::Verify),
+                (Some(cob_id), _) if cob_id & pdo::INVALID != 0 => Next::At(at + 1),
+                (Some(cob_id), Stage::Compare) => Next::Stage(Stage::Close(cob_id)),
+                (found, _) => Next::Fail(BootError::Mismatch {
+                    index: *record,
+                    sub: 1,
+                    expected: pdo::INVALID,
+                    found: found.unwrap_or(0) & pdo::INVALID,
+                }),
+            },
             (Work::Write(_) | Work::Read(_), _) => Next::At(at + 1),
             (Work::Compare { write, otherwise }, _) => on(*data == write.value && !self.swapped, *otherwise),
             (Work::Probe { expect, otherwise }, _) => on(holds(*expect, data), *otherwise),
@@ -142,6 +156,11 @@ impl Peer {
             (Work::Write(_), Stage::Compare) => Some(Next::Stage(Stage::Write)),
             (Work::Write(_), Stage::Verify) if code == Abort::WRITE_ONLY => Some(Next::At(at + 1)),
             (Work::Compare { otherwise, .. } | Work::Probe { otherwise, .. }, _) => Some(Next::At(*otherwise)),
+            (Work::Close { otherwise, .. }, Stage::Compare)
+                if matches!(code, Abort::NO_OBJECT | Abort::NO_SUB_INDEX) =>
+            {
+                Some(Next::At(*otherwise))
+            }
             // Few devices have all of 0x1018.
             (Work::Serial, _) => Some(Next::At(at + 1)),
             _ => None,

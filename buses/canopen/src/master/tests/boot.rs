@@ -111,7 +111,7 @@ fn a_silent_node_is_asked_three_times_then_reported_once_and_tried_for_ever() {
         6505ms > 701 00
         6505ms < 601 40 00 10 00 00 00 00 00
         6506ms > 581 80 00 10 00 C0 FF 00 0F
-        6506ms < failed 1 device type: 0x1000:0 refused: EPOS: wrong NMT state (0x0F00FFC0)
+        6506ms < failed 1 device type: 0x1000:0 refused: unknown abort code (0x0F00FFC0)
         6600ms > 701 7F
         ",
     );

@@ -179,3 +179,71 @@ fn a_node_that_is_swapped_between_two_boots_is_told_and_configured() {
     bus.run_to(3000, is_booted(1));
     assert_eq!(told(&bus, from).iter().filter(|event| matches!(event, Event::Swapped { .. })).count(), 1);
 }
+
+#[test]
+fn rpdos_that_are_not_used_are_switched_off_and_do_nothing_any_more() {
+    let mut bus = booted();
+    for (at, used) in [(0, 4), (1, 2)] {
+        let on = |number: u16| bus.nodes[at].get(0x13FF + number, 1).unwrap() & 1 << 31 == 0;
+        assert_eq!([1, 2, 3, 4].map(on), [1, 2, 3, 4].map(|number| number == used), "node {}", at + 1);
+    }
+    // RPDO2 of the EPOS carries controlword and mode.
+    bus.put(usize::MAX, Frame::standard(0x301, &[0x0F, 0x00, 0xFC]));
+    bus.run(5);
+    assert_eq!((bus.nodes[0].get(0x6060, 0), bus.nodes[0].get(0x6040, 0)), (Some(3), Some(0x0B)));
+}
+
+/// A node with these RPDOs: index of the record and COB-ID.
+fn with_rpdos(records: &[(u16, u32)]) -> Dictionary {
+    let record = |(index, cob_id): &(u16, u32)| {
+        [
+            Entry::new(*index, 0, DataType::U8, Access::ReadOnly, 2),
+            Entry::new(*index, 1, DataType::U32, Access::ReadWrite, i64::from(*cob_id)),
+        ]
+    };
+    let entries: Vec<_> = records.iter().flat_map(record).collect();
+    let heartbeat = Entry::new(0x1017, 0, DataType::U16, Access::ReadWrite, 0);
+    let device_type = Entry::new(0x1000, 0, DataType::U32, Access::ReadOnly, 0);
+    Dictionary::new(1).with(&[device_type, heartbeat]).with(&entries)
+}
+
+#[test]
+fn rpdos_beyond_the_pre_defined_ones_are_switched_off_too() {
+    let config = NodeConfig { only_mapped_rpdos: true, ..NodeConfig::new(1, "any") };
+    let objects = with_rpdos(&[(0x1401, 0x345), (0x1404, 0x346), (0x1405, 0x8000_0347), (0x1407, 0x348)]);
+    let mut bus = one(MasterConfig::default(), config, objects);
+    bus.run(50);
+    let frames = bus.sent.iter().filter(|(_, frame)| frame.id() == base::can::Id::Standard(0x601));
+    let asked: Vec<_> = frames.map(|(_, frame)| (frame.data()[0] >> 5, frame.data()[1], frame.data()[2])).collect();
+    let rpdos: Vec<_> = asked.iter().filter(|(_, _, high)| *high == 0x14).map(|(kind, low, _)| (*kind, *low)).collect();
+    // Read, written where it is on, read back; the first missing one beyond the fourth is the last.
+    let expected = [(2, 0), (2, 1), (1, 1), (2, 1), (2, 2), (2, 3), (2, 4), (1, 4), (2, 4), (2, 5), (2, 6)];
+    assert_eq!(rpdos, expected);
+    assert_eq!([0x1401, 0x1404].map(|index| bus.nodes[0].get(index, 1)), [Some(0x8000_0345), Some(0x8000_0346)]);
+}
+
+#[test]
+fn a_node_whose_rpdo_stays_on_is_not_booted() {
+    let config = NodeConfig { only_mapped_rpdos: true, ..NodeConfig::new(1, "any") };
+    let mut master = Master::new(MasterConfig::default(), &[config]).unwrap();
+    check(
+        &mut master,
+        "
+          0ms < 77F 05
+          0ms < 000 82 01
+          5ms > 701 00
+          5ms < 601 40 00 10 00 00 00 00 00
+          6ms > 581 43 00 10 00 92 01 02 00
+          6ms < 601 40 18 10 04 00 00 00 00
+          7ms > 581 80 18 10 04 11 00 09 06
+          7ms < 601 40 00 14 01 00 00 00 00
+          8ms > 581 43 00 14 01 01 02 00 00
+          8ms < 601 23 00 14 01 01 02 00 80     # off
+          9ms > 581 60 00 14 01 00 00 00 00
+          9ms < 601 40 00 14 01 00 00 00 00
+         10ms > 581 43 00 14 01 01 02 00 00     # it says that it is on
+         10ms < failed 1 PDO mapping: 0x1400:1 is 0x0, expected 0x80000000
+         50ms < 77F 05
+        ",
+    );
+}

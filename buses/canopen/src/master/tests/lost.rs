@@ -215,3 +215,19 @@ fn a_heartbeat_that_waited_to_be_read_extends_no_life() {
     bus.master.handle_timeout(last + limit + Duration::from_millis(1));
     assert_eq!(lost(&mut bus), 1, "it lived 200 ms ago");
 }
+
+#[test]
+fn a_master_that_leaves_resets_the_communication_of_its_nodes_and_boots_none_again() {
+    let mut bus = booted();
+    let from = bus.sent.len();
+    bus.master.leave(bus.now);
+    bus.run(2000);
+    let commands: Vec<_> =
+        bus.sent[from..].iter().filter(|(_, frame)| Service::of(frame) == Some(Service::Nmt)).collect();
+    let data: Vec<_> = commands.iter().map(|(_, frame)| frame.data().to_vec()).collect();
+    assert_eq!(data, [[0x82, 1], [0x82, 2]]);
+    // Nobody watches the master any more.
+    assert_eq!([0, 1].map(|at| bus.nodes[at].get(0x1016, 1)), [Some(0); 2]);
+    assert_eq!([0, 1].map(|at| bus.nodes[at].nmt_state()), [Some(NmtState::PreOperational); 2]);
+    assert_eq!(bus.master.send_pdo(1, 4, &[0; 6]), Err(PdoError::NotOperational));
+}

@@ -91,10 +91,29 @@ fn a_second_node_that_beats_in_silence_is_told_by_the_rate_of_the_heartbeats() {
 }
 
 #[test]
+fn a_second_node_is_told_whatever_the_period_and_the_phase_of_its_heartbeats() {
+    // 50 ms are the node's own.
+    for (period, phase) in [(50, 0), (50, 1), (50, 25), (40, 0), (60, 0), (80, 3), (95, 0), (20, 0)] {
+        let mut bus = booted();
+        bus.run(phase);
+        let begin = bus.now;
+        for _ in 0..8000 / period {
+            bus.put(usize::MAX, wire::heartbeat(1, NmtState::Operational));
+            bus.run(period);
+        }
+        let told = bus.events.iter().find(|(_, event)| *event == Event::DuplicateId { node: 1 });
+        let after = told.expect("within 8 s").0.since(begin);
+        let most = if period < 80 { 2500 } else { 8000 };
+        assert!(after < Duration::from_millis(most), "{period} ms, phase {phase}: {after:?}");
+    }
+}
+
+#[test]
 fn heartbeats_that_lay_in_a_queue_speak_for_nobody() {
     let mut bus = booted();
-    for round in 0..40 {
-        // Each second two of them come at once, and none when it is due.
+    bus.unheard = Some(0);
+    for round in 0..400 {
+        // Two of them come at once each time, and none when it is due.
         bus.run(if round % 5 == 0 { 190 } else { 100 });
         let now = bus.now;
         bus.master.handle_rx(now, &wire::heartbeat(1, NmtState::Operational));
@@ -124,4 +143,38 @@ fn two_nodes_that_answer_one_request_are_told() {
         bus.run(10);
     }
     assert!(!told(&bus, from).iter().any(|event| matches!(event, Event::DuplicateId { .. } | Event::Lost { .. })));
+}
+
+#[test]
+fn a_pdo_shorter_than_its_mapping_is_counted_and_not_processed() {
+    let mut bus = booted();
+    let from = bus.events.len();
+    for _ in 0..5 {
+        // TPDO4 has six bytes.
+        bus.put(usize::MAX, Frame::standard(0x481, &[0x37, 0x02]));
+        bus.run(20);
+    }
+    let malformed = |count| Event::Malformed { node: 1, count };
+    assert_eq!(told(&bus, from), [malformed(1), malformed(2), malformed(4)]);
+    // Longer ones, and those that are not mapped here, are the caller's.
+    bus.put(usize::MAX, Frame::standard(0x481, &[0x37, 0x02, 0, 0, 0, 0, 0, 0]));
+    bus.put(usize::MAX, Frame::standard(0x381, &[1]));
+    bus.run(1);
+    assert_eq!(bus.master.stats(1).unwrap().malformed, 5);
+    assert!(matches!(
+        told(&bus, from)[3..],
+        [Event::Pdo { number: 4, len: 8, .. }, Event::Pdo { number: 3, len: 1, .. }]
+    ));
+}
+
+#[test]
+fn a_set_point_of_another_is_told_on_every_rpdo() {
+    for (id, node) in [(0x201, 1), (0x301, 1), (0x401, 1), (0x501, 1), (0x202, 2), (0x302, 2), (0x402, 2), (0x502, 2)] {
+        let mut bus = booted();
+        let from = bus.events.len();
+        bus.put(usize::MAX, Frame::standard(id, &[0x0F, 0x00, 0xFC]));
+        bus.run(5);
+        let told = told(&bus, from);
+        assert!(told.contains(&Event::SecondMaster { by: Foreign::Rpdo { node } }), "{id:X}: {told:?}");
+    }
 }

@@ -14,6 +14,10 @@ pub struct Fake {
     pub alive: bool,
     /// Frames that it sends are lost, except heartbeats.
     pub mute: bool,
+    /// Its SDO server is silent.
+    pub deaf: bool,
+    /// Its motor does not turn, whatever it is commanded.
+    pub blocked: bool,
     /// Ignores its controlword.
     pub stubborn: bool,
     /// Number of homings begun.
@@ -27,7 +31,18 @@ impl Fake {
         let mut node = Node::new(dictionary, Duration::from_millis(5));
         node.power_on(Instant::ZERO);
         let power = Drive::new(quick_stop_option, true);
-        Self { node, power, alive: true, mute: false, stubborn: false, homings: 0, homing: None, bits: status::REMOTE }
+        Self {
+            node,
+            power,
+            alive: true,
+            mute: false,
+            deaf: false,
+            blocked: false,
+            stubborn: false,
+            homings: 0,
+            homing: None,
+            bits: status::REMOTE,
+        }
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
@@ -54,7 +69,8 @@ impl Fake {
     pub fn poll_tx(&mut self) -> Option<Frame> {
         while let Some(frame) = self.node.poll_tx() {
             let heartbeat = matches!(frame.id(), Id::Standard(id) if id & 0x780 == 0x700);
-            if self.alive && (heartbeat || !self.mute) {
+            let answer = matches!(frame.id(), Id::Standard(id) if id & 0x780 == 0x580);
+            if self.alive && (heartbeat || !self.mute) && !(answer && self.deaf) {
                 return Some(frame);
             }
         }
@@ -103,7 +119,7 @@ impl Fake {
         let enabled = self.power.state() == PowerState::OperationEnabled;
         match self.get(0x6061) {
             3 => {
-                let velocity = if enabled { self.get(0x60FF) } else { 0 };
+                let velocity = if enabled && !self.blocked { self.get(0x60FF) } else { 0 };
                 self.node.set(0x606C, 0, velocity);
             }
             1 if enabled && word & 0x10 != 0 => {

@@ -4,6 +4,8 @@ use super::super::Axis;
 use super::super::objection::Objection;
 use super::super::{drive, steering};
 use super::*;
+use canopen::axis::NotFollowing;
+use canopen::axis::modes::watch::WrongMode;
 use canopen::master::{BootError, LostReason, Step};
 use messages::middlelevel::{CmdGoal, DataEstimate, Waypoint};
 use module::ActiveHold;
@@ -168,7 +170,21 @@ fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
     for (objection, words) in [
         (steering(drive::Objection::Absent(absent)), "the steering drive is lost: heartbeat missing"),
         (steering(drive::Objection::Absent(failed)), "the steering drive cannot be booted: device type: no heartbeat"),
-        (steering(drive::Objection::Fault(0)), "the steering drive is in fault since before it was booted"),
+        (
+            steering(drive::Objection::Fault(drive::InFault::Inherited)),
+            "the steering drive is in fault since before it was booted",
+        ),
+        (
+            steering(drive::Objection::Trouble(drive::Trouble::Mode(WrongMode { asked: 1, shown: -4 }))),
+            "the steering drive does not hold its configuration: its mode is -4, not 1 (profile position)",
+        ),
+        (
+            steering(drive::Objection::Trouble(drive::Trouble::NotFollowing(NotFollowing {
+                target: 0.4,
+                measured: 0.0,
+            }))),
+            "the steering drive does not take its target: 0.00 instead of 0.40 m/s",
+        ),
         (steering(drive::Objection::NotAnswering), "the steering drive does not answer"),
         (steering(drive::Objection::StateUnknown), "the steering drive has not told its state"),
         (Objection::NotHomed(steering::NotHomed::Unreleased), "the steering is to be homed: let it"),
