@@ -29,7 +29,9 @@ pub struct Local {
     both: Epoll,
     in_a_row: u32,
     passes: u32,
-    /// Wall clock minus monotonic clock, as of the last look at the socket, ns.
+    /// Number of waits since `offset` was read.
+    waits: u32,
+    /// Wall clock minus monotonic clock, ns, as of the last look at the socket, or some waits ago.
     offset: i64,
     /// Nothing was taken since [`Local::sleep`].
     asleep: bool,
@@ -47,7 +49,7 @@ impl Local {
         let bus = Bus::join(url, source, inode).ok()?;
         both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, SOCKET)).ok()?;
         both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN | EpollFlags::EPOLLET, BELL)).ok()?;
-        Some(Self { bus, both, in_a_row: 0, passes: 0, offset: offset(), asleep: true })
+        Some(Self { bus, both, in_a_row: 0, passes: 0, waits: 0, offset: offset(), asleep: true })
     }
 
     /// See [`Bus::publish`].
@@ -81,8 +83,16 @@ impl Local {
             self.passes += 1;
             return true;
         }
-        (self.in_a_row, self.passes, self.offset) = (0, 0, offset());
+        (self.in_a_row, self.passes, self.waits, self.offset) = (0, 0, 0, offset());
         false
+    }
+
+    /// The wait has found that the socket has nothing.
+    fn socket_is_empty(&mut self) {
+        (self.in_a_row, self.passes, self.waits) = (0, 0, self.waits + 1);
+        if self.waits >= PASSES {
+            (self.waits, self.offset) = (0, offset());
+        }
     }
 
     /// Channel and payload.
@@ -144,7 +154,8 @@ impl Local {
         let mut events = [EpollEvent::empty(); 2];
         match self.both.wait(&mut events, timeout) {
             Ok(count) if events[..count].iter().any(|event| event.data() == SOCKET) => self.passes = PASSES,
-            Ok(_) | Err(Errno::EINTR) => {}
+            Ok(_) => self.socket_is_empty(),
+            Err(Errno::EINTR) => {}
             Err(errno) => return Err(context("cannot wait")(errno)),
         }
         Ok(())
