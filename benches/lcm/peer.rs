@@ -27,8 +27,8 @@ use std::time::{Duration, Instant};
 const END: u64 = u64::MAX;
 /// Size of number and size at the beginning of every message.
 const HEAD: usize = 16;
-/// Longer than any measurement.
-const FOREVER: Duration = Duration::from_secs(3600);
+/// Without a limit, as plain sockets.
+const FOREVER: Duration = Duration::MAX;
 
 /// Channel and size of a message of the mix, on average 2450 bytes: 67 750 of them are ten times the traffic of MIT's
 /// robot Talos in a second, 166 MB. Of 80 messages 31 are poses and states, 32 packets of a rotating laser, 16 scans of

@@ -53,15 +53,15 @@ impl Line {
 
 const TABLE: [Line; 26] = [
     line(Test::Trip(64), "p50", "round trip 64 B on one processor, median, µs")
-        .goals(&[("udpm", Ratio(1.3, "raw")), ("shm", Ratio(0.45, "raw"))]),
+        .goals(&[("udpm", Ratio(1.15, "raw")), ("shm", Ratio(0.42, "raw"))]),
     line(Test::Trip(64), "p99", "p99, µs"),
     line(Test::Trip(64), "cpu", "CPU of both, µs"),
     line(Test::Trip(1024), "p50", "round trip 1 KiB on one processor, median, µs")
-        .goals(&[("shm", Ratio(0.45, "raw"))]),
+        .goals(&[("shm", Ratio(0.42, "raw"))]),
     line(Test::Trip(1024), "p99", "p99, µs"),
     line(Test::Trip(1024), "cpu", "CPU of both, µs"),
     line(Test::Trip(65_536), "p50", "round trip 64 KiB on one processor, median, µs")
-        .goals(&[("udpm", Ratio(1.1, "raw")), ("shm", Ratio(0.25, "raw"))]),
+        .goals(&[("udpm", Ratio(1.15, "raw")), ("shm", Ratio(0.25, "raw"))]),
     line(Test::Trip(65_536), "p99", "p99, µs"),
     line(Test::Trip(65_536), "cpu", "CPU of both, µs"),
     line(Test::Flood(64), "received", "flood of 64 B, received/s")

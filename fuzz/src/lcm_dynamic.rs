@@ -25,7 +25,10 @@ pub fn lcm_dynamic(data: &[u8]) {
             ty.encode(&dynamic.value(), Missing::Refuse, &mut ours).expect("what was decoded can be encoded");
             generated.encode(&mut theirs).expect("what was decoded can be encoded");
             assert_eq!(ours, theirs);
-            let json = |value: serde_json::Result<String>| value.expect("JSON can say it");
+            // Derived code has null for infinities.
+            let json = |value: serde_json::Result<String>| {
+                value.expect("JSON can say it").replace("\"-inf\"", "null").replace("\"inf\"", "null")
+            };
             assert_eq!(json(serde_json::to_string(&dynamic)), json(serde_json::to_string(&generated)));
         }
         (Err(ours), Err(theirs)) => assert_eq!(ours.to_string(), theirs.to_string()),

@@ -175,6 +175,20 @@ mod tests {
     }
 
     #[test]
+    fn infinities_are_shown_as_they_are_published() {
+        let range = |distance| lowlevel::Range { distance, ..lowlevel::Range::default() };
+        let irs = [f64::INFINITY, f64::NEG_INFINITY, f64::NAN].map(range).to_vec();
+        let data = encoded(lowlevel::DataIrs { timestamp: 7, irs });
+        let shown = json(&raw("LL_DATA_IRS", &data));
+        let message = shown.split_once(r#""message":"#).unwrap().1.strip_suffix('}').unwrap();
+        assert!(message.contains(r#""distance":"inf""#) && message.contains(r#""distance":"-inf""#), "{message}");
+        let (value, types) = (serde_json::from_str::<Value<'_>>(message).unwrap(), types());
+        let mut again = Vec::new();
+        types.get("lowlevel.data_irs_t").unwrap().encode(&value, Missing::Refuse, &mut again).unwrap();
+        assert_eq!(again, data);
+    }
+
+    #[test]
     fn numbers_of_causes_have_their_sentences_beside_them() {
         let hold = lowlevel::Hold { code: 111, subject: "bumper2".into(), latched: false, since: 3 };
         let other = lowlevel::Hold { code: 405, subject: "web".into(), latched: true, since: 4 };

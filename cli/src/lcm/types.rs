@@ -151,6 +151,5 @@ fn read(path: &Path) -> Result<(String, String), Failed> {
     if !metadata.is_file() || metadata.len() > FILE_MAX {
         return Err(failed(path, "no type file"));
     }
-    let text = fs::read_to_string(path).map_err(|error| failed(path, error))?;
-    Ok((path.display().to_string(), text))
+    Ok((path.display().to_string(), lcm_gen::build::read_text(path)?))
 }

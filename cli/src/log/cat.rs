@@ -116,6 +116,9 @@ fn json(value: &Value<'_>) -> serde_json::Value {
         Value::Null => Json::Null,
         Value::Bool(value) => (*value).into(),
         Value::Int(value) => (*value).into(),
+        // As in a whole message.
+        Value::Single(value) if value.is_infinite() => value.to_string().into(),
+        Value::Float(value) if value.is_infinite() => value.to_string().into(),
         Value::Single(value) => (*value).into(),
         Value::Float(value) => (*value).into(),
         Value::Text(text) => Json::from(Cow::as_ref(text)),

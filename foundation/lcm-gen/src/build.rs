@@ -55,10 +55,25 @@ pub fn read(places: &[impl AsRef<Path>]) -> Result<Schema, String> {
     paths.dedup();
     let mut files = Vec::new();
     for path in paths {
-        let text = fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-        files.push((path.display().to_string(), text));
+        files.push((path.display().to_string(), read_text(&path)?));
     }
     Schema::new(&files).map_err(|error| error.to_string())
+}
+
+/// Reads a file of definitions.
+///
+/// # Errors
+/// One line: the path that could not be read, or the position of what is not UTF-8 in it.
+pub fn read_text(path: &Path) -> Result<String, String> {
+    let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let valid = String::from_utf8_lossy(valid);
+        let line = valid.matches('\n').count() + 1;
+        let column = valid.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        let byte = error.as_bytes()[valid.len()];
+        format!("{}:{line}:{column}: not UTF-8: byte 0x{byte:02x}", path.display())
+    })
 }
 
 /// Writes an expression of type `&[(&str, &str)]` to `out`: the paths below `folder` of the files that [`generate`]

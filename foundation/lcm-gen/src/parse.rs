@@ -67,7 +67,8 @@ impl<'a> Parser<'a> {
     fn unexpected(&self, expected: &str) -> Error {
         let found = match self.peek().token {
             Token::Word(word) => format!("`{word}`"),
-            Token::Symbol(symbol) => format!("`{symbol}`"),
+            Token::Symbol(quote @ ('"' | '\'')) => format!("`{quote}`"),
+            Token::Symbol(symbol) => format!("`{}`", symbol.escape_debug()),
             Token::End => "the end of the file".to_owned(),
         };
         self.error(self.at(), format!("expected {expected}, found {found}"))
@@ -274,6 +275,10 @@ impl<'a> Parser<'a> {
                 let largest = values.iter().map(|value| value.number).max().unwrap_or(0).max(0);
                 largest.checked_add(1).ok_or_else(|| self.error(at, "the value is above 32 bits"))?
             };
+            // As the official tool.
+            if let Some(same) = values.iter().find(|value| value.number == number) {
+                return Err(self.error(at, format!("`{name}` and `{}` have the same value {number}", same.name)));
+            }
             values.push(Value { name, number, doc });
             let _separated = self.eat(',') || self.eat(';');
         }

@@ -134,7 +134,7 @@ impl Schema {
                 };
                 let wrong = |message| Err(Error::new(&definition.file, member.at, message));
                 match self.get(name).map(|definition| &definition.kind) {
-                    None => return wrong(format!("type `{name}` is not defined")),
+                    None => return wrong(format!("type `{name}` is not defined{}", hint(name))),
                     Some(Kind::Enum { .. }) if !member.dims.is_empty() => {
                         return wrong(format!("`{name}` is an enum: arrays of enums are encoded differently by C"));
                     }
@@ -268,6 +268,16 @@ impl Schema {
         parents.pop();
         sizes[i] = Some(size);
         Ok(size)
+    }
+}
+
+/// What LCM has in place of the types of other languages.
+fn hint(name: &str) -> &'static str {
+    match name.rsplit('.').next().unwrap_or_default() {
+        "uint8_t" => ": LCM has no unsigned integers, only `byte`",
+        "uint16_t" | "uint32_t" | "uint64_t" => ": LCM has no unsigned integers, only `int8_t` to `int64_t` and `byte`",
+        "bool" => ": the type is `boolean`",
+        _ => "",
     }
 }
 

@@ -6,7 +6,7 @@ use crate::{At, Error};
 pub enum Token<'a> {
     /// Name, qualified name or number.
     Word(&'a str),
-    /// One of `{ } [ ] ; , =`.
+    /// One of `{ } [ ] ; , =`, or a character that has no meaning.
     Symbol(char),
     End,
 }
@@ -24,6 +24,10 @@ pub struct Spanned<'a> {
 /// Splits `text`; the last token is [`Token::End`].
 pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> {
     let mut cursor = Cursor { rest: text, at: At { line: 1, column: 1 } };
+    if text.starts_with('\u{feff}') {
+        let message = "the file begins with a byte order mark: save it as UTF-8 without one";
+        return Err(Error::new(file, cursor.at, message));
+    }
     let mut tokens: Vec<Spanned> = Vec::new();
     let (mut before, mut last_comment) = (Vec::new(), 0);
     loop {
@@ -44,7 +48,7 @@ pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> 
             }
             continue;
         }
-        let token = cursor.token(file)?;
+        let token = cursor.token();
         tokens.push(Spanned { token, at, before: std::mem::take(&mut before), after: Vec::new() });
         if token == Token::End {
             return Ok(tokens);
@@ -100,18 +104,17 @@ impl<'a> Cursor<'a> {
         Ok(Some(self.take(len)))
     }
 
-    fn token(&mut self, file: &str) -> Result<Token<'a>, Error> {
+    fn token(&mut self) -> Token<'a> {
         match self.rest.chars().next() {
-            None => Ok(Token::End),
-            Some(c @ ('{' | '}' | '[' | ']' | ';' | ',' | '=')) => {
-                self.take(1);
-                Ok(Token::Symbol(c))
-            }
+            None => Token::End,
             Some(c) if is_word(c) => {
                 let word = self.word_len();
-                Ok(Token::Word(self.take(word)))
+                Token::Word(self.take(word))
             }
-            Some(c) => Err(Error::new(file, self.at, format!("unexpected character `{}`", c.escape_debug()))),
+            Some(c) => {
+                self.take(c.len_utf8());
+                Token::Symbol(c)
+            }
         }
     }
 

@@ -214,7 +214,8 @@ impl Lcm {
     }
 
     /// Like [`Lcm::recv`], and waits at most `timeout` where there is nothing. `None` may come early: after a signal,
-    /// or when what came was not a whole message. The fastest way for a process that waits for nothing else.
+    /// or when what came was not a whole message. The fastest way for a process that waits for nothing else;
+    /// [`Duration::MAX`] waits without a limit, which saves the kernel a timer.
     ///
     /// # Errors
     /// As [`Lcm::recv`].

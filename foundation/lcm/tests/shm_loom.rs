@@ -158,6 +158,30 @@ fn a_reader_that_goes_to_sleep_is_rung_or_sees_the_message() {
 }
 
 #[test]
+fn a_reader_that_found_a_message_in_time_is_rung_in_its_next_sleep() {
+    model(3, || {
+        let shared = Arc::new((Word::new(0), Word::new(0), Mutex::new(0)));
+        let publishers: Vec<_> = (0..2)
+            .map(|_| {
+                let shared = shared.clone();
+                thread::spawn(move || publish(&shared.0, &shared.1, &shared.2))
+            })
+            .collect();
+        let (tail, sleep, rings) = &*shared;
+        let mut sleeper = Sleeper::default();
+        sleeper.sleep(sleep);
+        if tail.load(Ordering::Acquire) > 0 {
+            // It does not wait, so it takes no ring.
+            sleeper.wake(sleep);
+            sleeper.sleep(sleep);
+        }
+        let seen = tail.load(Ordering::Acquire);
+        publishers.into_iter().for_each(|publisher| publisher.join().expect("no panic"));
+        assert!(seen == 2 || *rings.lock().expect("no panic") > 0, "asleep with a message");
+    });
+}
+
+#[test]
 fn a_late_ring_does_not_spoil_the_next_sleep() {
     model(3, || {
         let shared = Arc::new((Word::new(0), Word::new(0), Mutex::new(0)));

@@ -11,7 +11,8 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::fmt;
 
-/// A struct is a map of its members in order. The serializer must accept every member, once, as formats do.
+/// A struct is a map of its members in order. The serializer must accept every member, once, as formats do. In a format
+/// for people, infinities are the texts `inf` and `-inf`: JSON has no such numbers.
 impl Serialize for Message<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let place = Place { types: self.ty.types, cursor: &RefCell::new(Cursor::new(self.body)) };
@@ -96,9 +97,43 @@ fn scalar<S: Serializer>(ty: Primitive, bytes: &[u8], serializer: S) -> Result<S
     match ty {
         Primitive::Boolean => serializer.serialize_bool(integer(ty, bytes) != 0),
         Primitive::Byte => serializer.serialize_u8(u8::from_be_bytes(chunk(bytes))),
-        Primitive::Float => serializer.serialize_f32(f32::from_be_bytes(chunk(bytes))),
-        Primitive::Double => serializer.serialize_f64(f64::from_be_bytes(chunk(bytes))),
+        Primitive::Float => Single::read(bytes).serialize(serializer),
+        Primitive::Double => Double::read(bytes).serialize(serializer),
         _ => serializer.serialize_i64(integer(ty, bytes)),
+    }
+}
+
+struct Single(f32);
+
+impl Single {
+    fn read(bytes: &[u8]) -> Self {
+        Self(f32::from_be_bytes(chunk(bytes)))
+    }
+}
+
+impl Serialize for Single {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0.is_infinite() && serializer.is_human_readable() {
+            true => serializer.collect_str(&self.0),
+            false => serializer.serialize_f32(self.0),
+        }
+    }
+}
+
+struct Double(f64);
+
+impl Double {
+    fn read(bytes: &[u8]) -> Self {
+        Self(f64::from_be_bytes(chunk(bytes)))
+    }
+}
+
+impl Serialize for Double {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0.is_infinite() && serializer.is_human_readable() {
+            true => serializer.collect_str(&self.0),
+            false => serializer.serialize_f64(self.0),
+        }
     }
 }
 
@@ -109,8 +144,8 @@ fn scalars<S: Serializer>(ty: Primitive, bytes: &[u8], count: usize, serializer:
     match ty {
         Primitive::Boolean => elements.try_for_each(|bytes| seq.serialize_element(&(bytes != [0])))?,
         Primitive::Byte => bytes.iter().try_for_each(|byte| seq.serialize_element(byte))?,
-        Primitive::Float => elements.try_for_each(|bytes| seq.serialize_element(&f32::from_be_bytes(chunk(bytes))))?,
-        Primitive::Double => elements.try_for_each(|bytes| seq.serialize_element(&f64::from_be_bytes(chunk(bytes))))?,
+        Primitive::Float => elements.try_for_each(|bytes| seq.serialize_element(&Single::read(bytes)))?,
+        Primitive::Double => elements.try_for_each(|bytes| seq.serialize_element(&Double::read(bytes)))?,
         _ => elements.try_for_each(|bytes| seq.serialize_element(&integer(ty, bytes)))?,
     }
     seq.end()

@@ -96,3 +96,11 @@ fn a_folder_that_links_to_itself_is_read_once() {
     std::os::unix::fs::symlink(&folder, folder.join("circle")).unwrap();
     assert_eq!(build::read(&[&folder]).map(|schema| schema.definitions().len()), Ok(1));
 }
+
+#[test]
+fn bytes_that_are_not_utf_8_are_reported_with_their_position() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("latin1.lcm");
+    fs::write(&file, b"// \xc5\xbe\nstruct x_t {\n  // \xc5\xbe\xe1\n}\n").unwrap();
+    let wrong = build::read(&[&file]).map(drop).unwrap_err();
+    assert_eq!(wrong, format!("{}:3:7: not UTF-8: byte 0xe1", file.display()));
+}

@@ -86,7 +86,24 @@ fn mistakes_are_reported_with_file_line_and_column() {
             "1:14: `b` makes messages of more than 2^28 bytes, the limit of receivers",
         ),
         ("struct x_t { }\n  /* no end", "2:3: comment without end: expected `*/`"),
-        ("struct x_t { int32_t a; } @", "1:27: unexpected character `@`"),
+        ("struct x_t { int32_t a; } @", "1:27: expected `package`, `struct` or `enum`, found `@`"),
+        (
+            "struct x_t { const string S = \"a\"; }",
+            "1:20: a constant cannot be of type `string`, only integer, float, double",
+        ),
+        ("struct x_t { const int8_t A = \"a\"; }", "1:31: expected the value of a constant, found `\"`"),
+        ("struct x_t { \u{7f} }", "1:14: expected a member, `const` or `}`, found `\\u{7f}`"),
+        (
+            "\u{feff}struct x_t { int32_t a; }",
+            "1:1: the file begins with a byte order mark: save it as UTF-8 without one",
+        ),
+        (
+            "package p; struct x_t { uint32_t a; }",
+            "1:25: type `p.uint32_t` is not defined: LCM has no unsigned integers, only `int8_t` to `int64_t` and `byte`",
+        ),
+        ("struct x_t { uint8_t a; }", "1:14: type `uint8_t` is not defined: LCM has no unsigned integers, only `byte`"),
+        ("struct x_t { bool a; }", "1:14: type `bool` is not defined: the type is `boolean`"),
+        ("enum e_t { A = 3, B = 0x3 }", "1:19: `B` and `A` have the same value 3"),
         (
             "struct x_t { int32_t ž; }",
             "1:22: expected the name of a member, found `ž`: a name is letters, digits and `_`",

@@ -124,6 +124,10 @@ const ALIKE: &[&str] = &[
     "enum e_t { A = 3, B, C = -2, D }",
     "enum e_t { A ; B C, D }",
     "enum e_t { A, A }",
+    "enum e_t { A = 3, B = 3 }",
+    "enum e_t { A, B = 1 }",
+    "enum e_t { A, B = 2, C }",
+    "enum e_t { A = -1, B = -1 }",
     "package p ; enum e_t { A } struct x_t { e_t a; }",
     // comments
     "// c\n/* c */ struct x_t /* c */ { // c\n /* c\n * c */ int32_t /* c */ a /* c */ ; /* c */ } // c",

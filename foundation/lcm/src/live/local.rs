@@ -29,8 +29,12 @@ pub struct Local {
     both: Epoll,
     in_a_row: u32,
     passes: u32,
-    /// Wall clock minus monotonic clock, as of the last look at the socket, ns.
+    /// Number of waits since `offset` was read.
+    waits: u32,
+    /// Wall clock minus monotonic clock, ns, as of the last look at the socket, or some waits ago.
     offset: i64,
+    /// Nothing was taken since [`Local::sleep`].
+    asleep: bool,
 }
 
 impl Local {
@@ -44,8 +48,8 @@ impl Local {
         let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).ok()?;
         let bus = Bus::join(url, source, inode).ok()?;
         both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, SOCKET)).ok()?;
-        both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN, BELL)).ok()?;
-        Some(Self { bus, both, in_a_row: 0, passes: 0, offset: offset() })
+        both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN | EpollFlags::EPOLLET, BELL)).ok()?;
+        Some(Self { bus, both, in_a_row: 0, passes: 0, waits: 0, offset: offset(), asleep: true })
     }
 
     /// See [`Bus::publish`].
@@ -66,6 +70,7 @@ impl Local {
     /// Takes the next message, for [`Local::message`]; false also when it is the socket's turn.
     pub fn recv(&mut self, wants: impl FnMut(&str) -> bool, takes: impl Fn(&str, usize) -> bool) -> bool {
         if self.in_a_row < IN_A_ROW && self.bus.recv(wants, takes) {
+            self.asleep = false;
             self.in_a_row += 1;
             return true;
         }
@@ -78,8 +83,16 @@ impl Local {
             self.passes += 1;
             return true;
         }
-        (self.in_a_row, self.passes, self.offset) = (0, 0, offset());
+        (self.in_a_row, self.passes, self.waits, self.offset) = (0, 0, 0, offset());
         false
+    }
+
+    /// The wait has found that the socket has nothing.
+    fn socket_is_empty(&mut self) {
+        (self.in_a_row, self.passes, self.waits) = (0, 0, self.waits + 1);
+        if self.waits >= PASSES {
+            (self.waits, self.offset) = (0, offset());
+        }
     }
 
     /// Channel and payload.
@@ -117,20 +130,32 @@ impl Local {
         }
     }
 
-    /// Prepares to sleep when nothing is left; false if a message has arrived since.
-    pub fn sleep(&mut self) -> bool {
-        self.bus.sleep()
+    /// Prepares to sleep when nothing is left, in [`Local::wait`] if the caller `waits`; false if a message has arrived
+    /// since.
+    pub fn sleep(&mut self, waits: bool) -> bool {
+        self.asleep = self.bus.sleep(!waits);
+        self.asleep
+    }
+
+    /// True if the caller has not taken everything, so that it must not wait.
+    pub fn ready(&self) -> bool {
+        !self.asleep
     }
 
     /// Waits for the bell or the socket.
     pub fn wait(&mut self, timeout: Duration) -> io::Result<()> {
         // Rounded up: a wait of half a millisecond is not a busy loop.
         let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
-        let timeout = EpollTimeout::try_from(millis).map_err(io::Error::other)?;
+        // Without a limit the kernel sets no timer.
+        let timeout = match timeout {
+            Duration::MAX => EpollTimeout::NONE,
+            _ => EpollTimeout::try_from(millis).map_err(io::Error::other)?,
+        };
         let mut events = [EpollEvent::empty(); 2];
         match self.both.wait(&mut events, timeout) {
             Ok(count) if events[..count].iter().any(|event| event.data() == SOCKET) => self.passes = PASSES,
-            Ok(_) | Err(Errno::EINTR) => {}
+            Ok(_) => self.socket_is_empty(),
+            Err(Errno::EINTR) => {}
             Err(errno) => return Err(context("cannot wait")(errno)),
         }
         Ok(())

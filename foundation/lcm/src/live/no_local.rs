@@ -56,7 +56,11 @@ impl Local {
         match *self {}
     }
 
-    pub fn sleep(&mut self) -> bool {
+    pub fn sleep(&mut self, _: bool) -> bool {
+        match *self {}
+    }
+
+    pub fn ready(&self) -> bool {
         match *self {}
     }
 

@@ -82,8 +82,8 @@ pub struct ReceiveSocket {
     local: bool,
     /// Unwanted channels are kept away.
     filtered: bool,
-    /// Time limit of a call, as last passed to the kernel.
-    patience: Duration,
+    /// Time limit of a call, as last passed to the kernel; `None`: no call has waited yet.
+    patience: Option<Duration>,
     fullness: Fullness,
     control: Vec<u8>,
     /// The kernel's counter as last seen, which wraps, and the same one widened.
@@ -112,7 +112,7 @@ impl ReceiveSocket {
             joined: false,
             local: url.ttl == 0,
             filtered: false,
-            patience: Duration::ZERO,
+            patience: None,
             fullness,
             control,
             overflows: 0,
@@ -215,12 +215,15 @@ impl ReceiveSocket {
     }
 
     fn set_patience(&mut self, patience: Duration) -> io::Result<()> {
-        if patience != self.patience {
-            // Zero would be for ever.
-            let micros = i64::try_from(patience.as_micros()).unwrap_or(i64::MAX).clamp(1, 1 << 50);
+        if self.patience != Some(patience) {
+            // Zero is for ever.
+            let micros = match patience {
+                Duration::MAX => 0,
+                _ => i64::try_from(patience.as_micros()).unwrap_or(i64::MAX).clamp(1, 1 << 50),
+            };
             setsockopt(&self.fd, sockopt::ReceiveTimeout, &TimeVal::microseconds(micros))
                 .map_err(context("cannot set SO_RCVTIMEO"))?;
-            self.patience = patience;
+            self.patience = Some(patience);
         }
         Ok(())
     }
@@ -295,6 +298,8 @@ impl Fullness {
 pub struct SendSocket {
     fd: OwnedFd,
     group: SockaddrIn,
+    /// The socket is connected to the group: its datagrams need no address each.
+    connected: bool,
     ttl: u8,
     source: SocketAddrV4,
     /// The URL names the interface: there is no other way.
@@ -311,12 +316,13 @@ impl SendSocket {
             None => route_to(to)?.filter(|source| !source.is_unspecified()).unwrap_or(Ipv4Addr::LOCALHOST),
         };
         let (fd, source) = open_sender(url.group, url.ttl, source)?;
+        let connected = connect_sender(&fd, &to.into());
         // A datagram that leaves this host in pieces is lost with any of them. What stays here is never in pieces.
         let datagram_max = match url.ttl {
             0 => DATAGRAM_MAX,
             _ => path_mtu(*source.ip(), to).saturating_sub(IP_AND_UDP_HEADER).min(DATAGRAM_MAX),
         };
-        Ok(Self { fd, group: to.into(), ttl: url.ttl, source, pinned: interface.is_some(), datagram_max })
+        Ok(Self { fd, group: to.into(), connected, ttl: url.ttl, source, pinned: interface.is_some(), datagram_max })
     }
 
     /// Sends one datagram; if its interface has gone, from now on over `lo`, where all our processes listen. `moved`
@@ -329,6 +335,7 @@ impl SendSocket {
                 error @ (Errno::ENETUNREACH | Errno::EHOSTUNREACH | Errno::ENETDOWN | Errno::ENODEV | Errno::EINVAL),
             ) if !self.pinned && !self.on_loopback() => {
                 let (fd, source) = open_sender(self.group.ip(), self.ttl, Ipv4Addr::LOCALHOST).map_err(|_| error)?;
+                self.connected = connect_sender(&fd, &self.group);
                 (self.fd, self.source, self.datagram_max) = (fd, source, DATAGRAM_MAX);
                 moved(source);
                 self.send_once(&parts)
@@ -338,8 +345,9 @@ impl SendSocket {
     }
 
     fn send_once(&self, parts: &[IoSlice<'_>]) -> nix::Result<()> {
+        let to = if self.connected { None } else { Some(&self.group) };
         loop {
-            match sendmsg(self.fd.as_raw_fd(), parts, &[], MsgFlags::MSG_DONTWAIT, Some(&self.group)) {
+            match sendmsg(self.fd.as_raw_fd(), parts, &[], MsgFlags::MSG_DONTWAIT, to) {
                 Err(Errno::EINTR) => {}
                 result => return result.map(drop),
             }
@@ -438,6 +446,11 @@ fn route_to(to: SocketAddrV4) -> io::Result<Option<Ipv4Addr>> {
     }
     let address: SockaddrIn = getsockname(probe.as_raw_fd()).map_err(context("cannot read a socket's address"))?;
     Ok(Some(address.ip()))
+}
+
+/// True if it is connected now. An interface that is down refuses it; then sending shows what is wrong.
+fn connect_sender(fd: &OwnedFd, group: &SockaddrIn) -> bool {
+    connect(fd.as_raw_fd(), group).is_ok()
 }
 
 fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<(OwnedFd, SocketAddrV4)> {

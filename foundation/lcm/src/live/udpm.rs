@@ -245,7 +245,8 @@ impl Udpm {
             }
             return self.recv();
         }
-        let begin = Instant::now();
+        let begin = (timeout != Duration::MAX).then(Instant::now);
+        let left = || begin.map_or(Duration::MAX, |begin| timeout.saturating_sub(begin.elapsed()));
         let mut wait = Some(timeout);
         loop {
             match self.take(wait)? {
@@ -253,9 +254,9 @@ impl Udpm {
                 Taken::Nothing if wait.is_some() => return Ok(None),
                 // What had come with it, the other fragments perhaps, is taken before there is a wait again.
                 Taken::Unwanted => wait = None,
-                Taken::Nothing => wait = Some(timeout.saturating_sub(begin.elapsed())),
+                Taken::Nothing => wait = Some(left()),
             }
-            if begin.elapsed() >= timeout {
+            if left().is_zero() {
                 return Ok(None);
             }
         }
@@ -263,6 +264,7 @@ impl Udpm {
 
     /// Takes one message or datagram; waits for it if there is a time to.
     fn take(&mut self, mut wait: Option<Duration>) -> io::Result<Taken> {
+        let waits = wait.is_some_and(|patience| !patience.is_zero());
         if self.local.is_none() {
             return self.take_datagram(wait);
         }
@@ -281,11 +283,11 @@ impl Udpm {
                 }
             }
             let Some(local) = &mut self.local else { return Ok(Taken::Nothing) };
-            if !local.sleep() {
+            if !local.sleep(waits) {
                 continue;
             }
             match wait.take() {
-                Some(patience) if !patience.is_zero() => local.wait(patience)?,
+                Some(patience) if waits => local.wait(patience)?,
                 _ => return Ok(Taken::Nothing),
             }
         }
@@ -340,7 +342,7 @@ impl Udpm {
 
     /// True if a message waits that the descriptor does not signal.
     pub(super) fn ready(&self) -> bool {
-        !self.line.is_empty()
+        !self.line.is_empty() || self.local.as_ref().is_some_and(Local::ready)
     }
 
     pub(super) fn stats(&self) -> &Stats {

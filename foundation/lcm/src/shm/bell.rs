@@ -4,8 +4,17 @@
 //! checks if the reader sleeps. One of the two sees the other, because both sides have a full fence between store and
 //! load. A publisher first rings and then marks exactly that sleep as woken: one that dies in between has rung, and a
 //! late one does not change the word of a later sleep.
+//!
+//! The bell is a FIFO that its reader watches edge-triggered: a byte wakes, whatever lies in the FIFO already, so the
+//! reader need not read it. A hop costs two system calls: the publisher's write and the reader's wait. The FIFO is
+//! emptied once in [`EMPTIED_AFTER`] sleeps, and, for a caller that watches level-triggered, before each. A full one
+//! does not wake: its writer sends a datagram as well.
 
 use super::sync::{Ordering, Value, Word, fence};
+
+/// Number of sleeps after which the bell is emptied. A publisher rings at most once for each, so that the 64 KiB of a
+/// FIFO hold the bytes of 256 publishers.
+pub const EMPTIED_AFTER: u32 = 256;
 
 /// The reader's side.
 #[derive(Debug, Default)]
@@ -21,11 +30,6 @@ impl Sleeper {
         // A swap, not a store: its place among the rings for the sleep before is then certain.
         word.swap(self.sleep, Ordering::Relaxed);
         fence(Ordering::SeqCst);
-    }
-
-    /// True if the bell has been rung since; it holds a byte then.
-    pub fn rung(&self, word: &Word) -> bool {
-        word.load(Ordering::Relaxed) != self.sleep
     }
 
     /// Marks the reader as awake: no bell is needed.

@@ -1,6 +1,6 @@
 //! A context's place on the shared-memory bus.
 
-use super::bell::{self, Sleeper};
+use super::bell::{self, EMPTIED_AFTER, Sleeper};
 use super::folder::Folder;
 use super::listeners::{Listeners, look};
 use super::ring::{BUCKETS, Copy, Kind, Message, Read, Reader, Writer, bucket};
@@ -10,10 +10,10 @@ use crate::live::sys;
 use crate::origin::Process;
 use crate::udpm::MESSAGE_MAX;
 use crate::url::Udpm;
-use nix::errno::Errno;
-use nix::fcntl::Flock;
+use nix::fcntl::{Flock, OFlag};
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::time::{ClockId, clock_gettime};
-use nix::unistd::{read, write};
+use nix::unistd::{pipe2, read, write};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io;
@@ -21,8 +21,11 @@ use std::mem;
 use std::net::SocketAddrV4;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::Duration;
 
+/// Capacity of a FIFO, bytes.
+const BELL_SIZE: usize = 64 << 10;
 /// Folder of shared memory.
 const ROOT: &str = "/dev/shm";
 /// Validity of a check for other listeners, ms.
@@ -74,8 +77,8 @@ pub struct Bus {
     retired: bool,
     bell: OwnedFd,
     sleeper: Sleeper,
-    /// The bell holds something.
-    rung: bool,
+    /// Number of sleeps until the bell is emptied.
+    empty_in: u32,
     /// Something was received since the latest sleep.
     received: bool,
     /// The latest [`Bus::recv`] did not come to the end.
@@ -190,7 +193,7 @@ impl Bus {
             retired: false,
             bell,
             sleeper: Sleeper::default(),
-            rung: false,
+            empty_in: 0,
             received: false,
             busy: false,
             buried: false,
@@ -348,6 +351,12 @@ impl Bus {
         self.board.looked_at().fetch_sub(LOOK_MS, Ordering::Relaxed);
     }
 
+    /// Its word of sleep, as if no publisher had marked it as woken.
+    #[cfg(test)]
+    pub(super) fn sleep_word(&self, value: Value) {
+        self.station.sleep().store(value, Ordering::Relaxed);
+    }
+
     fn tell(&self, news: Listeners) {
         let tell = |before: Value| Some((before & !3).wrapping_add(4) | news as Value);
         let _ = self.board.listeners().fetch_update(Ordering::AcqRel, Ordering::Relaxed, tell);
@@ -426,8 +435,9 @@ impl Bus {
             if self.in_turn >= TURN {
                 self.next_turn();
             }
-            self.received = true;
-            self.stay_readable();
+            if !mem::replace(&mut self.received, true) {
+                self.station.set_awake(true);
+            }
             return true;
         }
         false
@@ -514,22 +524,23 @@ impl Bus {
         mem::take(&mut self.lost)
     }
 
-    /// Readable if [`Bus::recv`] has work to do after [`Bus::sleep`] returned true.
+    /// Readable, with an edge for each byte, if [`Bus::recv`] has work to do after [`Bus::sleep`] returned true.
     pub fn doorbell(&self) -> BorrowedFd<'_> {
         self.bell.as_fd()
     }
 
-    /// The caller has nothing left to do and will wait for the bell. False: something has come, it must not wait.
-    pub fn sleep(&mut self) -> bool {
+    /// The caller has nothing left to do and will wait for the bell: for an edge, or (`by_level`) until it is readable.
+    /// False: something has come, it must not wait.
+    pub fn sleep(&mut self, by_level: bool) -> bool {
         if mem::take(&mut self.busy) || !self.station.reads() {
             return true;
         }
-        if self.rung || !self.received || self.sleeper.rung(self.station.sleep()) {
-            self.rung = false;
-            // A byte each; what does not fit here is read next time.
-            let _ = read(&self.bell, &mut [0; 256]);
+        if by_level || self.empty_in == 0 {
+            self.empty();
         }
+        self.empty_in -= 1;
         self.received = false;
+        self.station.set_awake(false);
         if self.station.drained() != self.generation {
             self.station.set_drained(self.generation);
             if mourns(&mut self.buried, sys::is_real_time) {
@@ -538,16 +549,35 @@ impl Bus {
         }
         self.sleeper.sleep(self.station.sleep());
         let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
-        self.board.generation() == self.generation && !self.peers.iter().any(pending)
+        if self.board.generation() == self.generation && !self.peers.iter().any(pending) {
+            return true;
+        }
+        // What has come in between has perhaps rung no bell.
+        self.sleeper.wake(self.station.sleep());
+        if by_level {
+            self.stay_readable();
+        }
+        false
+    }
+
+    /// Empties the bell.
+    fn empty(&mut self) {
+        self.empty_in = if bell_has_edges() { EMPTIED_AFTER } else { 1 };
+        let mut bytes = [0; 1024];
+        // Bounded: others may write all the while.
+        for _ in 0..BELL_SIZE / bytes.len() {
+            if read(&self.bell, &mut bytes) != Ok(bytes.len()) {
+                break;
+            }
+        }
     }
 
     /// Makes the bell readable, so that a caller that waits before it has received all does not wait.
     fn stay_readable(&mut self) {
-        if !self.rung && !self.sleeper.rung(self.station.sleep()) {
-            self.sleeper.wake(self.station.sleep());
+        if write(&self.bell, &[0]).is_err() {
+            self.empty();
             let _ = write(&self.bell, &[0]);
         }
-        self.rung = true;
     }
 
     // The folder
@@ -681,8 +711,7 @@ impl Peer {
         if self.bell.is_none() {
             self.bell = folder.bell(&self.name, ours).ok();
         }
-        // EAGAIN: it is full of rings already.
-        let rang = self.bell.as_ref().is_some_and(|bell| matches!(write(bell, &[0]), Ok(_) | Err(Errno::EAGAIN)));
+        let rang = self.bell.as_ref().is_some_and(|bell| write(bell, &[0]).is_ok());
         match (rang, ours) {
             (true, true) => bell::rang(self.station.sleep(), sleep),
             (true, false) => self.rung = Some(sleep),
@@ -714,11 +743,28 @@ impl Drop for Bus {
     }
 }
 
+/// True if each byte written to a FIFO makes an edge, however many lie in it: not so in Linux 5.5 to 5.13.
+pub(super) fn bell_has_edges() -> bool {
+    static EDGES: OnceLock<bool> = OnceLock::new();
+    let probe = || {
+        let (end, bell) = pipe2(OFlag::O_NONBLOCK | OFlag::O_CLOEXEC)?;
+        let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
+        epoll.add(&end, EpollEvent::new(EpollFlags::EPOLLIN | EpollFlags::EPOLLET, 0))?;
+        let mut edges = 0;
+        for _ in 0..2 {
+            write(&bell, &[0])?;
+            edges += epoll.wait(&mut [EpollEvent::empty()], EpollTimeout::ZERO)?;
+        }
+        nix::Result::Ok(edges == 2)
+    };
+    *EDGES.get_or_init(|| probe().unwrap_or(false))
+}
+
 /// True if no reader has anything left to read: the others sleep, and this context has read its own.
 fn drained(peers: &[Peer], own: &str) -> bool {
     peers.iter().all(|Peer { name, station, reader, .. }| match reader {
         Some(reader) if name == own => !reader.pending(station.ring()),
-        _ => !station.reads() || bell::asleep(station.sleep()).is_some(),
+        _ => !station.reads() || !station.is_awake() && bell::asleep(station.sleep()).is_some(),
     })
 }
 

@@ -12,7 +12,7 @@ use std::os::unix::fs::MetadataExt;
 
 /// Changes with every change of anything in shared memory. It is part of the folder's name, so that programs with
 /// different layouts never meet there: they are plain listeners to each other.
-pub const LAYOUT: usize = 30 + size_of::<Value>();
+pub const LAYOUT: usize = 31 + size_of::<Value>();
 /// Bytes of the ring: some 20 ms of the heaviest traffic that one robot's publisher makes. Memory is behind it only as
 /// far as it was used.
 pub const RING: usize = 4 << 20;
@@ -33,6 +33,7 @@ const RETIRED_AT: usize = 8;
 const ENDED: usize = 32;
 const DRAINED: usize = 48;
 const SLEEP: usize = 64;
+const AWAKE: usize = 65;
 const INTEREST: usize = 96;
 const INTEREST_END: usize = INTEREST + INTEREST_BITS / Value::BITS as usize;
 const INTEREST_BITS: usize = 2048;
@@ -203,6 +204,17 @@ impl Station {
     /// The word of [`super::bell`].
     pub fn sleep(&self) -> &Word {
         self.word(SLEEP)
+    }
+
+    /// True if it has received something since it slept. Its word of sleep shows that only once it was marked as woken,
+    /// which not everybody who rings may do.
+    pub fn is_awake(&self) -> bool {
+        self.word(AWAKE).load(Ordering::Relaxed) != 0
+    }
+
+    /// It has received something, or begins to sleep.
+    pub fn set_awake(&self, awake: bool) {
+        self.word(AWAKE).store(Value::from(awake), Ordering::Relaxed);
     }
 
     /// True if it may want a channel.

@@ -385,6 +385,106 @@ fn an_event_loop_that_polls_the_descriptor_hears_both_paths() {
     assert_eq!(reader.stats().received, 200);
 }
 
+/// The publisher sends as fast as it can, but at most a window more than the reader has acknowledged.
+#[test]
+fn a_flood_with_credit_loses_nothing() {
+    const WINDOW: u64 = 4000;
+    let (url, count) = (url(), 200_000_u64);
+    let (mut publisher, mut reader) = (open(&url), open(&url));
+    publisher.subscribe("CREDIT").unwrap();
+    reader.subscribe("FLOOD").unwrap();
+    let reading = thread::spawn(move || {
+        let deadline = Instant::now() + PATIENCE;
+        let (mut seen, mut buffer) = (Seen::default(), Vec::new());
+        while seen.count < count {
+            assert!(Instant::now() < deadline, "{} of {count}, {:?}", seen.count, reader.stats());
+            let Some(message) = reader.recv_timeout(PATIENCE).unwrap() else { continue };
+            let (_, number) = seen.check(message.payload);
+            if number % (WINDOW / 4) == 0 {
+                fill(&mut buffer, 2, number, 8);
+                reader.publish("CREDIT", &buffer).unwrap();
+            }
+        }
+        *reader.stats()
+    });
+    let (mut acknowledged, mut buffer) = (0, Vec::new());
+    for number in 1..=count {
+        fill(&mut buffer, 1, number, 64 + (number % 512) as usize);
+        publisher.publish("FLOOD", &buffer).unwrap();
+        while number - acknowledged >= WINDOW {
+            assert!(!reading.is_finished(), "the reader has given up");
+            let Some(message) = publisher.recv_timeout(Duration::from_millis(100)).unwrap() else { continue };
+            acknowledged = u64::from_le_bytes(*message.payload[8..].first_chunk().unwrap());
+        }
+    }
+    let stats = reading.join().unwrap();
+    assert_eq!((stats.received, stats.lost, stats.kernel_dropped), (count, 0, 0));
+    assert_eq!(publisher.stats().lost, 0);
+}
+
+#[test]
+fn a_descriptor_is_not_readable_after_all_was_received() {
+    let url = url();
+    let (mut publisher, mut reader) = (open(&url), open(&url));
+    reader.subscribe("A").unwrap();
+    for round in 0..20 {
+        while reader.recv().unwrap().is_some() {}
+        publisher.publish("A", b"").unwrap();
+        publisher.publish("A", b"").unwrap();
+        assert!(reader.wait(PATIENCE).unwrap());
+        let mut count = 0;
+        while match round % 2 {
+            0 => reader.recv().unwrap(),
+            _ => reader.recv_timeout(Duration::ZERO).unwrap(),
+        }
+        .is_some()
+        {
+            count += 1;
+            assert!(count > 1 || reader.wait(Duration::ZERO).unwrap(), "one is left");
+        }
+        assert_eq!(count, 2);
+        assert!(!reader.wait(Duration::ZERO).unwrap(), "round {round}");
+    }
+}
+
+/// Whoever mixes the ways to wait misses nothing.
+#[test]
+fn all_ways_to_wait_are_woken_by_shared_memory() {
+    const ROUNDS: u64 = 3000;
+    let url = url();
+    let (mut ping, mut pong) = (open(&url), open(&url));
+    ping.subscribe("PONG").unwrap();
+    pong.subscribe("PING").unwrap();
+    let echo = thread::spawn(move || {
+        let mut answered = 0;
+        while answered < ROUNDS {
+            let message = pong.recv_timeout(Duration::MAX).unwrap().map(|message| message.payload.to_vec());
+            let Some(message) = message else { continue };
+            pong.publish("PONG", &message).unwrap();
+            answered += 1;
+        }
+    });
+    let (mut random, deadline) = (Random::new(1), Instant::now() + PATIENCE);
+    for round in 0..ROUNDS {
+        ping.publish("PING", &round.to_le_bytes()).unwrap();
+        let mut heard = false;
+        while !heard {
+            assert!(Instant::now() < deadline, "round {round}: {:?}", ping.stats());
+            let message = match random.index(4) {
+                0 => ping.recv_timeout(PATIENCE).unwrap(),
+                1 => ping.recv_timeout(Duration::MAX).unwrap(),
+                2 => {
+                    assert!(ping.wait(PATIENCE).unwrap(), "round {round}");
+                    ping.recv().unwrap()
+                }
+                _ => ping.recv().unwrap(),
+            };
+            heard = message.is_some_and(|message| message.payload == round.to_le_bytes());
+        }
+    }
+    echo.join().unwrap();
+}
+
 /// Files of a bus: its stations and its board.
 fn shared(folder: &Folder) -> Vec<PathBuf> {
     let entries = fs::read_dir(&folder.0).into_iter().flatten().map(|entry| entry.unwrap().path());
