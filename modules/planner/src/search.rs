@@ -65,6 +65,9 @@ enum Phase {
     NoPath(SearchError),
 }
 
+/// Goal, field, margin, offset of the end from the goal, and the headings that are free there.
+type ReachKey = (Goal, u64, f64, (f64, f64), u128);
+
 /// Search with its buffers.
 #[derive(Debug)]
 pub struct Search {
@@ -94,12 +97,15 @@ pub struct Search {
     escaped: bool,
     /// True if the footprint itself touches an obstacle at the start.
     contact: bool,
-    /// Parameters for which the buffers are valid: a resolution and a margin; a goal, a field and a margin.
+    /// Parameters for which the buffers are valid: a resolution and a margin; those of the heuristic.
     lattice_for: Option<(f64, Margin)>,
-    reach_for: Option<(Goal, u64, Margin)>,
+    reach_for: Option<ReachKey>,
     body: Body,
     outline: Outline,
     toll: ProximityCost,
+    /// Margin for which the heuristic is computed, m, and its cost.
+    reach_margin: f64,
+    reach_toll: ProximityCost,
     lattice: Lattice,
     reach: Reach,
     open: Open,
@@ -141,6 +147,8 @@ impl Search {
             body: Body::default(),
             outline: Outline::new(&limits.footprint.corners()),
             toll: ProximityCost::default(),
+            reach_margin: 0.0,
+            reach_toll: ProximityCost::default(),
             lattice: Lattice::default(),
             reach: Reach::default(),
             open: Open::default(),
@@ -236,10 +244,13 @@ impl Search {
             self.lattice_for = Some((resolution, margin));
             let looks = |curvature: f64| (body.spacing(curvature, margin.deviation), body.way(curvature));
             self.lattice.build(radius_m, resolution, looks, &costs);
-            self.reach_for = None;
         }
         self.lattice.turn_to(self.start.theta.radians());
         self.toll = ProximityCost::new(body.inner, &costs);
+        // One heuristic for all smaller margins: its cells are larger than their differences.
+        self.reach_margin = if self.attempt == 0 { margin.grown } else { self.limits.margin_least() };
+        let narrow = Body::new(footprint.grown(self.reach_margin), field);
+        self.reach_toll = ProximityCost::new(narrow.inner, &costs);
         self.body = body;
         match self.find_target(field) {
             Ok(()) => self.phase = Phase::Reach,
@@ -259,34 +270,37 @@ impl Search {
 
     /// Finds the end of the path and the start of the heuristic.
     fn find_target(&mut self, field: &Field) -> Result<(), SearchError> {
-        let key = (self.goal, field.identity(), self.margin);
-        let known = self.reach_for == Some(key);
-        self.reach_for = Some(key);
-        if !known {
-            self.reach.begin(field);
-        } else {
-            return Ok(());
-        }
         let Goal { x, y, heading, tolerance_m } = self.goal;
         let body = self.body;
-        let mut any = false;
-        for (dx, dy) in offsets(tolerance_m, field.frame().resolution) {
-            let headings = if heading.is_some() { 1 } else { HEADINGS };
-            for index in 0..headings {
-                let turn = index as f64 * (2.0 * core::f64::consts::PI / HEADINGS as f64);
-                let pose = Pose::new(x + dx, y + dy, heading.unwrap_or(0.0) + turn);
-                let (sin, cos) = pose.theta.sin_cos();
-                if body.is_free(field, pose.x, pose.y, sin, cos) {
-                    any = true;
-                    self.reach.goal(field, pose.x + body.ahead * cos, pose.y + body.ahead * sin);
-                    self.target = heading.map(|_| pose).ok_or((pose.x, pose.y));
+        let pose = |(dx, dy): (f64, f64), index: usize| {
+            let turn = index as f64 * (2.0 * core::f64::consts::PI / HEADINGS as f64);
+            Pose::new(x + dx, y + dy, heading.unwrap_or(0.0) + turn)
+        };
+        let headings = if heading.is_some() { 1 } else { HEADINGS };
+        for offset in offsets(tolerance_m, field.frame().resolution) {
+            let is_free = |index: &usize| {
+                let Pose { x, y, theta } = pose(offset, *index);
+                let (sin, cos) = theta.sin_cos();
+                body.is_free(field, x, y, sin, cos)
+            };
+            let free = (0..headings).filter(is_free).fold(0u128, |free, index| free | 1 << index);
+            if free == 0 {
+                continue;
+            }
+            let first = pose(offset, 0);
+            self.target = heading.map(|_| first).ok_or((first.x, first.y));
+            let key = (self.goal, field.identity(), self.reach_margin, offset, free);
+            if self.reach_for != Some(key) {
+                self.reach_for = Some(key);
+                self.reach.begin(field);
+                for index in (0..headings).filter(|index| free >> index & 1 != 0) {
+                    let Pose { x, y, theta } = pose(offset, index);
+                    let (sin, cos) = theta.sin_cos();
+                    self.reach.goal(field, x + body.ahead * cos, y + body.ahead * sin);
                 }
             }
-            if any {
-                return Ok(());
-            }
+            return Ok(());
         }
-        self.reach_for = None;
         Err(SearchError::GoalBlocked)
     }
 
@@ -325,11 +339,16 @@ impl Search {
             return self.fail(field, SearchError::StartBlocked);
         }
         let mut pops = REACH_STEPS_MAX;
-        let cost = self.reach.cost(field, &self.toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
+        let cost = self.reach.cost(field, &self.reach_toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
         self.work += 1 + (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let known = pops > 0;
         if known && cost == f32::INFINITY && self.depth == 0.0 {
-            self.fail(field, SearchError::Unreachable);
+            if self.attempt == 0 {
+                self.fail(field, SearchError::Unreachable);
+            } else {
+                // With no margin either.
+                self.phase = Phase::NoPath(SearchError::Unreachable);
+            }
         } else if known {
             self.begin_pass(field);
         } else if self.work > self.allowed() {
@@ -364,7 +383,7 @@ impl Search {
     fn estimate(&mut self, field: &Field, at: Sample, heading: usize) -> f32 {
         let mut pops = REACH_STEPS_MAX;
         let (x, y) = (at.x + self.body.ahead * at.cos, at.y + self.body.ahead * at.sin);
-        let around = self.reach.cost(field, &self.toll, x, y, &mut pops);
+        let around = self.reach.cost(field, &self.reach_toll, x, y, &mut pops);
         self.work += (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let around = (around - self.goal.tolerance_m as f32).max(0.0);
         let radius = self.limits.radius_m;
@@ -505,7 +524,7 @@ impl Search {
         let Budget { first, better } = self.budget;
         match self.first {
             0 if self.attempt == 0 => first,
-            0 => self.before.saturating_add(first / 4),
+            0 => self.before.saturating_add(first / 2),
             found => found.saturating_add(better.min((found - self.before).max(better / 10))),
         }
     }

@@ -51,10 +51,15 @@ pub(crate) struct Margin {
 }
 
 impl Limits {
+    /// Smallest margin that is tried, m.
+    pub(crate) fn margin_least(&self) -> f64 {
+        self.margin_least_m.min(self.margin_m)
+    }
+
     /// Margin of an attempt, from 0; `None` after the last.
     pub(crate) fn margin(&self, attempt: usize) -> Option<Margin> {
-        let Self { margin_m, margin_least_m, .. } = *self;
-        let least = margin_least_m.min(margin_m);
+        let margin_m = self.margin_m;
+        let least = self.margin_least();
         let margins = [margin_m, margin_m / 2.0, margin_m / 4.0, least];
         let mut known = f64::INFINITY;
         let margin = margins.into_iter().filter(|&margin| {
@@ -115,7 +120,7 @@ pub struct Goal {
 /// Work allowed for a search; a unit is an expanded state, or an operation of equal duration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Until a first path is found; a quarter of it for each smaller margin.
+    /// Until a first path is found; half of it for each smaller margin.
     pub first: u32,
     /// After that, for a better one; at most the work for the first one, or a tenth of this.
     pub better: u32,

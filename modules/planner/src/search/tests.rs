@@ -134,7 +134,7 @@ fn an_impossible_request_has_its_reason() {
     assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), SearchError::GoalBlocked);
     assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), SearchError::GoalBlocked);
     assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), SearchError::StartBlocked);
-    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), SearchError::Budget);
+    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 1), SearchError::Budget);
     for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), SearchError::Invalid);
         assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), SearchError::Invalid);
