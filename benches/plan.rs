@@ -14,7 +14,7 @@ mod sys;
 
 use maze::{CELL_M, LENGTH_M, Maze, RADIUS_M, REAR_M, WIDTH_M, maze};
 use navitools::{Point, Pose, dubins_length, reeds_shepp_length};
-use planner::map::{Cell, Field, Unknown};
+use planner::map::{Cell, Field, Map, Unknown};
 use planner::path::Path;
 use planner::search::{Budget, Footprint, Goal, Limits, Search, Status};
 use std::cmp::Reverse;
@@ -25,9 +25,12 @@ use std::hint::black_box;
 static MEMORY: sys::Counting = sys::Counting::new();
 
 const ROUNDS: usize = 3;
+/// Work units of a step of the module's control loop (`route.rs`).
+const SLICE: u32 = 200;
 
 fn main() {
     curves();
+    large();
     let mazes: u64 = std::env::args().skip(1).find_map(|text| text.parse().ok()).unwrap_or(100);
     let each = std::env::args().any(|text| text == "--each");
     let footprint = Footprint { length_m: LENGTH_M, width_m: WIDTH_M, rear_m: REAR_M };
@@ -70,6 +73,17 @@ fn main() {
             allocations = MEMORY.allocations() - before;
             again_ms = again_ms.min(milliseconds(begun));
         }
+        let mut slices = Vec::new();
+        let field = Field::new(&maze.map, Unknown::Blocked);
+        let mut search = Search::new(Limits::new(footprint, RADIUS_M));
+        search.begin(&field, maze.start, goal, Budget::default());
+        let mut searching = true;
+        while searching {
+            let begun = cpu_ns();
+            searching = matches!(search.advance(&field, SLICE), Status::Searching | Status::Improving(_));
+            slices.push(milliseconds(begun));
+        }
+        slices.sort_by(f64::total_cmp);
         let path = match path {
             Some(Ok(path)) => path,
             Some(Err(why)) => {
@@ -87,6 +101,8 @@ fn main() {
             first_ms,
             plan_ms,
             again_ms,
+            slice_ms: slices[slices.len() / 2],
+            longest_ms: slices[slices.len() - 1],
             allocations: allocations as f64,
             expansions: f64::from(expansions),
             length: path.length(),
@@ -109,11 +125,13 @@ fn main() {
             [at(0.5), at(0.99), values.last().copied()].map(|value| value.unwrap_or(f64::NAN))
         };
         let solved = rows.iter().filter(|row| row.kind == kind).count();
-        let figures: [(&str, Figure); 12] = [
+        let figures: [(&str, Figure); 14] = [
             ("first way, ms", |row| row.first_ms),
             ("plan, ms", |row| row.plan_ms),
             ("plan to the same goal again, ms", |row| row.again_ms),
             ("its allocations", |row| row.allocations),
+            ("slice of the module, median, ms", |row| row.slice_ms),
+            ("longest slice, ms", |row| row.longest_ms),
             ("states expanded", |row| row.expansions),
             ("length, m", |row| row.length),
             ("length / known way", |row| row.ratio),
@@ -145,6 +163,8 @@ struct Row {
     first_ms: f64,
     plan_ms: f64,
     again_ms: f64,
+    slice_ms: f64,
+    longest_ms: f64,
     allocations: f64,
     expansions: f64,
     length: f64,
@@ -207,6 +227,41 @@ fn round_way(maze: &Maze) -> f64 {
         }
     }
     least[goal as usize]
+}
+
+/// A map of 4 million cells: 100 m by 100 m at 5 cm, with 1500 boxes, and requests across it, those without a way
+/// included. Time from the map to the path, and the most memory in use meanwhile, that of the map included.
+fn large() {
+    const CELLS: f64 = 2000.0 * 2000.0;
+    let mut random = maze::Random::new(1);
+    let mut map = Map::around((0.0, 0.0), (100.0, 100.0), CELL_M).expect("a map");
+    let before = MEMORY.bytes() - CELLS as u64;
+    for _ in 0..1500 {
+        let (x, y) = (random.between(0.0, 100.0), random.between(0.0, 100.0));
+        let (sin, cos) = libm::sincos(random.between(0.0, 3.2));
+        let (long, wide) = (random.between(0.1, 1.2), random.between(0.05, 0.4));
+        let corner = |a: f64, b: f64| (x + a * long * cos - b * wide * sin, y + a * long * sin + b * wide * cos);
+        map.polygon(&[corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]);
+    }
+    let footprint = Footprint { length_m: LENGTH_M, width_m: WIDTH_M, rear_m: REAR_M };
+    let (mut times, mut bytes, mut found) = (Vec::new(), Vec::new(), 0);
+    for _ in 0..60 {
+        let mut place = || (random.between(2.0, 98.0), random.between(2.0, 98.0), random.between(-3.0, 3.0));
+        let (start, end) = (place(), place());
+        let goal = Goal { x: end.0, y: end.1, heading: Some(end.2), tolerance_m: 0.0 };
+        let _ = MEMORY.take_most();
+        let begun = cpu_ns();
+        let field = Field::new(&map, Unknown::Blocked);
+        let mut search = Search::new(Limits::new(footprint, RADIUS_M));
+        found += u32::from(search.plan(&field, Pose::new(start.0, start.1, start.2), goal, Budget::default()).is_ok());
+        times.push(milliseconds(begun));
+        bytes.push((MEMORY.take_most() - before) as f64 / CELLS);
+    }
+    for (name, mut values) in [("ms", times), ("bytes a cell", bytes)] {
+        values.sort_by(f64::total_cmp);
+        let (median, most) = (values[values.len() / 2], values[values.len() - 1]);
+        println!("4 million cells, {found} of 60 found: {median:.1} {name}, at most {most:.1}");
+    }
 }
 
 /// Time of one length of a shortest path between random poses.

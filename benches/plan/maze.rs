@@ -35,9 +35,14 @@ pub fn maze(number: u64) -> Maze {
 }
 
 /// Splitmix64.
-struct Random(u64);
+pub struct Random(u64);
 
 impl Random {
+    #[allow(dead_code, reason = "for the bench alone")]
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -50,7 +55,7 @@ impl Random {
         (self.next() % count as u64) as usize
     }
 
-    fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 }

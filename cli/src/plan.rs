@@ -2,9 +2,9 @@
 
 use super::{Common, Failed, Outcome, finite, print};
 use navitools::{Ackermann, Pose};
-use planner::map::{Field, Unknown};
+use planner::map::{Field, Frame, Unknown};
 use planner::path::{self, PathPoint};
-use planner::search::{Budget, Footprint, Goal, Limits, Search};
+use planner::search::{Budget, Footprint, Goal, Limits, Search, SearchError};
 use robot::{config, map_file};
 use serde_json::json;
 use std::fmt::Write;
@@ -64,6 +64,9 @@ pub fn plan(common: &Common, command: &Plan) -> Outcome {
 
 fn way(common: &Common, command: &Plan) -> Result<(), Failed> {
     let limits = limits(common, command)?;
+    if let (Some(_), Some(set)) = (&command.map, common.sets.iter().find(|set| config::is_of_world(set))) {
+        return Err(format!("{set}: there is no world beside a map").into());
+    }
     let map = match (&command.map, &command.world) {
         (Some(file), _) => map_file::load(file)?,
         (None, world) => map_file::of_world(&config::world(&common.config_dir(), world.as_deref(), &common.sets)?)?,
@@ -78,11 +81,11 @@ fn way(common: &Common, command: &Plan) -> Result<(), Failed> {
     let found = search.plan(&field, start, goal, Budget::default()).cloned();
     let milliseconds = begun.elapsed().as_secs_f64() * 1e3;
     let expansions = search.expansions();
-    let path = found.map_err(|why| why.to_string())?;
+    let path = found.map_err(|why| reason(why, field.frame(), start, goal))?;
     if let Some(out) = &command.out {
         fs::write(out, csv(&path)).map_err(|error| format!("{}: {error}", out.display()))?;
     }
-    let (length, cusps, clearance) = (path.length(), path.cusps().count(), path.clearance());
+    let (length, cusps, clearance, margin) = (path.length(), path.cusps().count(), path.clearance(), path.margin());
     if command.json {
         return print(json!({
             "found": true,
@@ -90,22 +93,47 @@ fn way(common: &Common, command: &Plan) -> Result<(), Failed> {
             "length": length,
             "cusps": cusps,
             "clearance": clearance,
+            "margin": margin,
             "milliseconds": milliseconds,
             "expansions": expansions,
         }));
     }
+    let narrow = if margin < limits.margin_m {
+        format!(", planned with a margin of {:.0} mm instead of {:.0} mm", 1e3 * margin, 1e3 * limits.margin_m)
+    } else {
+        String::new()
+    };
     print(format_args!(
-        "{length:.2} m, {cusps} changes of direction, clearance {clearance:.2} m; {expansions} states in {milliseconds:.1} ms"
+        "{length:.2} m, {cusps} changes of direction, clearance {clearance:.2} m{narrow}; {expansions} states in \
+         {milliseconds:.1} ms"
     ))
+}
+
+/// Reason why there is no way: a place outside of the map is named with the map's extent.
+fn reason(why: SearchError, map: &Frame, start: Pose, goal: Goal) -> String {
+    match why {
+        SearchError::GoalBlocked if map.is_outside(goal.x, goal.y) => {
+            format!("the goal is outside the map, which is {}", map.extent())
+        }
+        SearchError::StartBlocked if map.is_outside(start.x, start.y) => {
+            format!("the start is outside the map, which is {}", map.extent())
+        }
+        why => why.to_string(),
+    }
 }
 
 /// Limits from the arguments, else from the configuration.
 fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
     let given = (command.footprint.as_ref(), command.wheelbase, command.radius);
+    // Overrides are checked even if the arguments leave nothing to the configuration.
+    let loaded = if common.sets.is_empty() { None } else { Some(common.load(false)?.robot) };
     let (length_m, width_m, rear_m, radius) = if let (Some(footprint), Some(wheelbase), Some(radius)) = given {
         (footprint.0[0], footprint.0[1], (footprint.0[0] - wheelbase) / 2.0, radius)
     } else {
-        let config::Robot { geometry, limits, .. } = common.load(false)?.robot;
+        let config::Robot { geometry, limits, .. } = match loaded {
+            Some(robot) => robot,
+            None => common.load(false)?.robot,
+        };
         let (length, width) = given.0.map_or((geometry.length_m, geometry.width_m), |given| (given.0[0], given.0[1]));
         let rear = match (given.0, given.1) {
             (None, None) => geometry.rear_overhang_m,

@@ -15,7 +15,7 @@ mod world;
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{CanBus, Gamepad, General, I2cBus, Log, Robot, Rs485Bus, Sensors, Srf08, W1};
 pub use scenario::{regressions, scenario};
-pub use world::{parsed as parsed_world, place as world_place, world};
+pub use world::{is_of_world, parsed as parsed_world, place as world_place, world};
 
 pub use settings::ConfigError;
 

@@ -43,6 +43,7 @@ fn a_path_is_written_as_csv_and_as_json() {
     assert_eq!((&told["found"], &told["reason"]), (&Value::Bool(true), &Value::Null));
     let number = |key: &str| told[key].as_f64().unwrap_or_else(|| panic!("{key} in {told}"));
     assert!(number("length") > 8.0 && number("length") < 16.0 && number("clearance") > 0.0, "{told}");
+    assert_eq!(number("margin"), 0.02, "{told}");
     assert!(number("cusps") >= 0.0 && number("expansions") > 0.0 && number("milliseconds") > 0.0, "{told}");
     let text = fs::read_to_string(folder.join("path.csv")).unwrap();
     let mut lines = text.lines();
@@ -62,8 +63,9 @@ fn without_a_path_it_fails_with_the_reason() {
     for (start, goal, reason) in [
         ("-3,-2,0", "3.5,0,1.57", "no way leads to the goal"),
         ("-3,-2,0", "-0.5,1,0", "the robot does not fit in at the goal"),
-        ("-3,-2,0", "50,1", "the robot does not fit in at the goal"),
-        ("-9,-2,0", "1,1", "the robot stands in an obstacle or outside of the map"),
+        ("-3,-2,0", "50,1", "the goal is outside the map, which is -4…4 by -3…3 m"),
+        ("-9,-2,0", "1,1", "the start is outside the map, which is -4…4 by -3…3 m"),
+        ("-0.5,1,0", "1,1", "the robot stands in an obstacle or outside of the map"),
     ] {
         let output = plan(&folder, &["--map", "room.yaml", "--start", start, "--goal", goal, "--out", "path.csv"]);
         let told: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -104,6 +106,25 @@ fn an_invalid_map_is_named_with_line_or_byte() {
         let output = plan(&folder, &request);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success() && told.contains(why) && told.lines().count() == 1, "{to}: {told}");
+    }
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn overrides_that_do_not_exist_are_refused() {
+    let folder = map("sets");
+    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("conf/advee");
+    let request = ["--map", "room.yaml", "--start", "-3,-2,0", "--goal", "1.5,-2", "--config", conf.to_str().unwrap()];
+    for (set, code) in [
+        ("planner.margin_m=0.2", Some(0)),
+        ("planner.no_such_key=1", Some(1)),
+        ("world.x=1", Some(1)),
+        ("nowhere=1", Some(1)),
+    ] {
+        let output = plan(&folder, &[&request[..], &["--set", set]].concat());
+        assert_eq!(output.status.code(), code, "{set}: {output:?}");
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(code == Some(0) || told.contains(set.split('=').next().unwrap()), "{told}");
     }
     fs::remove_dir_all(folder).unwrap();
 }

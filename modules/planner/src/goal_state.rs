@@ -1,6 +1,7 @@
 //! State of a goal: each with its figures, its status on the wire, its text, and the cause that holds the robot in it.
 
 use crate::goal::Status;
+use crate::map::Frame;
 use crate::search::SearchError;
 use messages::Hold;
 use navitools::Point;
@@ -30,6 +31,8 @@ pub enum GoalState {
         of: usize,
         /// True if the goal begins again after the last waypoint.
         looped: bool,
+        /// True if the path has less than the whole margin somewhere: the robot drives slowly.
+        narrow: bool,
     },
     /// Stopped by an obstacle on the path, at this point of the map.
     InTheWay(Point),
@@ -64,6 +67,8 @@ pub enum GoalState {
 pub enum Hindrance {
     /// The search found no path.
     Search(SearchError),
+    /// Outside the map, which has this frame.
+    OutsideMap(Frame),
     /// Without a map: start and waypoint are too far apart.
     FloorTooLarge,
     /// No motion although motion was commanded.
@@ -120,9 +125,10 @@ impl fmt::Display for GoalState {
             Self::Cancelled => f.write_str("cancelled: there is no goal"),
             Self::Refused(why) => write!(f, "refused: {why}"),
             Self::Planning => f.write_str("looks for a way"),
-            Self::Driving { to, of, looped } => {
+            Self::Driving { to, of, looped, narrow } => {
                 let loops = if *looped { ", for ever" } else { "" };
-                write!(f, "drives to waypoint {} of {of}{loops}", to + 1)
+                let narrow = if *narrow { ", slowly: the way is narrow" } else { "" };
+                write!(f, "drives to waypoint {} of {of}{loops}{narrow}", to + 1)
             }
             Self::InTheWay(at) => write!(f, "waits for whoever stands in the way at {}", place(*at)),
             Self::SomebodyNear => f.write_str("waits for whoever stands near"),
@@ -142,7 +148,7 @@ impl fmt::Display for GoalState {
 impl Hindrance {
     const fn hold(self) -> Hold {
         match self {
-            Self::Search(SearchError::GoalBlocked) => Hold::GoalBlocked,
+            Self::Search(SearchError::GoalBlocked) | Self::OutsideMap(_) => Hold::GoalBlocked,
             Self::Search(SearchError::StartBlocked) => Hold::StartBlocked,
             Self::Search(SearchError::Unreachable) => Hold::Unreachable,
             Self::Search(SearchError::Budget) => Hold::SearchExhausted,
@@ -159,6 +165,7 @@ impl fmt::Display for Hindrance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Search(why) => why.fmt(f),
+            Self::OutsideMap(frame) => write!(f, "it is outside the map, which is {}", frame.extent()),
             Self::FloorTooLarge => f.write_str("the floor between is too large"),
             Self::NotMoving => f.write_str("it was told to drive and does not move"),
             Self::Beside(off) => write!(f, "the robot came to stand {off:.2} m beside it"),
@@ -187,12 +194,23 @@ mod tests {
             (GoalState::Refused("x".into()), "refused: x", Status::Failed, Some((601, ""))),
             (GoalState::Planning, "looks for a way", Status::Driving, Some((603, ""))),
             (
-                GoalState::Driving { to: 1, of: 12, looped: true },
+                GoalState::Driving { to: 1, of: 12, looped: true, narrow: false },
                 "drives to waypoint 2 of 12, for ever",
                 Status::Driving,
                 None,
             ),
-            (GoalState::Driving { to: 0, of: 1, looped: false }, "drives to waypoint 1 of 1", Status::Driving, None),
+            (
+                GoalState::Driving { to: 0, of: 1, looped: false, narrow: false },
+                "drives to waypoint 1 of 1",
+                Status::Driving,
+                None,
+            ),
+            (
+                GoalState::Driving { to: 0, of: 1, looped: false, narrow: true },
+                "drives to waypoint 1 of 1, slowly: the way is narrow",
+                Status::Driving,
+                None,
+            ),
             (
                 GoalState::InTheWay(point),
                 "waits for whoever stands in the way at 5.5, 5.7",

@@ -110,6 +110,40 @@ impl Frame {
         (self.x + (column as f64 + 0.5) * self.resolution, self.y + (row as f64 + 0.5) * self.resolution)
     }
 
+    /// Right edge, m.
+    pub(crate) fn right(&self) -> f64 {
+        self.x + self.width as f64 * self.resolution
+    }
+
+    /// Upper edge, m.
+    pub(crate) fn top(&self) -> f64 {
+        self.y + self.height as f64 * self.resolution
+    }
+
+    /// Columns and rows, first and last, of the rectangle of this half width and half height around a point of the
+    /// grid, as far as it is on the grid; `None` if the point is not.
+    pub(crate) fn cells_within(&self, x: f64, y: f64, half_x: f64, half_y: f64) -> Option<[usize; 4]> {
+        self.cell(x, y)?;
+        let column = |x: f64| (((x - self.x) / self.resolution).max(0.0) as usize).min(self.width - 1);
+        let row = |y: f64| (((y - self.y) / self.resolution).max(0.0) as usize).min(self.height - 1);
+        Some([column(x - half_x), column(x + half_x), row(y - half_y), row(y + half_y)])
+    }
+
+    /// True if a point is beyond the edges.
+    #[must_use]
+    pub fn is_outside(&self, x: f64, y: f64) -> bool {
+        !((self.x..=self.right()).contains(&x) && (self.y..=self.top()).contains(&y))
+    }
+
+    /// Extent of the grid as in texts: "0…20 by 0…12 m".
+    #[must_use]
+    pub fn extent(&self) -> impl fmt::Display {
+        // Rounded to a centimetre; adding zero turns -0 into 0.
+        let [x, y, right, top] =
+            [self.x, self.y, self.right(), self.top()].map(|at| libm::round(at * 100.0) / 100.0 + 0.0);
+        format!("{x}…{right} by {y}…{top} m")
+    }
+
     pub(crate) fn index(&self, column: usize, row: usize) -> usize {
         row * self.width + column
     }

@@ -10,6 +10,7 @@ use crate::config::Config;
 use crate::goal::{Goal, Waypoint};
 use crate::goal_state::{GoalState, Hindrance};
 use crate::obstacles::Obstacles;
+use crate::path::Poses;
 use crate::route::{PlanningSpace, Progress, Route};
 use crate::track::{Motion, SPEED_MIN_MPS, STEERED_RAD, Track};
 use base::{Duration, Instant};
@@ -100,7 +101,7 @@ pub struct Mission {
     unchecked: bool,
     trace: VecDeque<(Pose, bool)>,
     /// Paths between waypoints that were found on the map alone, by the waypoint at their end.
-    stored: Vec<Option<Vec<(Pose, bool)>>>,
+    stored: Vec<Option<Poses>>,
     attempts: u32,
     /// Smallest distance to the waypoint when the number of attempts was last reset, m.
     nearest: f64,
@@ -224,7 +225,12 @@ impl Mission {
     fn set_driving(&mut self) {
         if let Some(goal) = &self.goal {
             self.waypoint = goal.next;
-            self.state = GoalState::Driving { to: goal.next, of: goal.waypoints.len(), looped: goal.looped };
+            self.state = GoalState::Driving {
+                to: goal.next,
+                of: goal.waypoints.len(),
+                looped: goal.looped,
+                narrow: self.track.is_narrow(),
+            };
         }
     }
 
@@ -292,7 +298,7 @@ impl Mission {
         }
     }
 
-    fn start_driving(&mut self, poses: Vec<(Pose, bool)>, input: &StepInput<'_>) {
+    fn start_driving(&mut self, poses: Poses, input: &StepInput<'_>) {
         let Some(goal) = &self.goal else { return };
         let Config { body, limits, behaviour, .. } = input.config;
         self.track = Track::new(&poses, Some(goal.next), body, limits, behaviour);
@@ -302,17 +308,17 @@ impl Mission {
     }
 
     /// Stored path to this waypoint that begins near `from`.
-    fn stored_path(&self, to: usize, from: Pose) -> Option<Vec<(Pose, bool)>> {
+    fn stored_path(&self, to: usize, from: Pose) -> Option<Poses> {
         let path = self.stored.get(to)?.as_ref()?;
-        let (start, _) = *path.first()?;
+        let (start, _) = *path.poses.first()?;
         let near = start.point().distance(from.point()) < STORED_PATH_START_MAX.0
             && (start.theta - from.theta).radians().abs() < STORED_PATH_START_MAX.1;
         near.then(|| path.clone())
     }
 
-    fn store_path(&mut self, to: usize, path: &[(Pose, bool)]) {
+    fn store_path(&mut self, to: usize, path: &Poses) {
         if let Some(stored) = self.stored.get_mut(to) {
-            *stored = Some(path.to_vec());
+            *stored = Some(path.clone());
         }
     }
 
@@ -350,7 +356,8 @@ impl Mission {
 
     fn drive(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, next: Option<(Route, usize)>) -> Motion {
         let Config { body, limits, .. } = input.config;
-        let (planned, allowed) = (self.planned(input), self.allowed(input));
+        let planned = self.planned(input);
+        let allowed = self.allowed(input, planned);
         let command = self.track.follow(input.robot, input.motion, allowed, body, limits);
         while let Some(passed) = self.track.passed() {
             self.pass(passed);
@@ -399,12 +406,12 @@ impl Mission {
         space.is_free(input.robot) && !space.is_free(there)
     }
 
-    /// Speed that sonars and guard allow in the direction of travel, m/s.
-    fn allowed(&self, input: &StepInput<'_>) -> f64 {
+    /// Speed that the guard allows in the direction of travel, of the one that is `planned`, m/s.
+    fn allowed(&self, input: &StepInput<'_>, planned: f64) -> f64 {
         let [forward, backward] = input.permitted;
         let permitted = if self.track.forward().unwrap_or(true) { forward } else { backward };
         // Below this, the drive hardly turns.
-        if permitted < SPEED_MIN_MPS { 0.0 } else { self.planned(input).min(permitted) }
+        if permitted < SPEED_MIN_MPS { 0.0 } else { planned.min(permitted) }
     }
 
     /// Speed that the sonars allow on the path, m/s.
@@ -511,7 +518,7 @@ impl Mission {
 
     fn wait(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, since: Instant, gone: Option<Instant>) {
         let waited = input.now.since(since).as_secs_f64();
-        let drives = !self.track.is_done() && self.allowed(input) > START_SPEED_MIN_MPS;
+        let drives = !self.track.is_done() && self.allowed(input, self.planned(input)) > START_SPEED_MIN_MPS;
         let gone = drives.then(|| gone.unwrap_or(input.now));
         if gone.is_some_and(|gone| input.now.since(gone) >= CLEAR_FOR) {
             self.phase = Phase::Driving { next: None };
@@ -537,17 +544,18 @@ impl Mission {
         let steps = (BACK_OUT_M / TRACE_STEP_M) as usize;
         let came = self.trace.back().map(|(_, forward)| *forward);
         let back = self.trace.iter().rev().take_while(|(_, was)| Some(*was) == came).take(steps);
-        let back: Vec<(Pose, bool)> = back.map(|(pose, was)| (*pose, !was)).collect();
+        let back = back.map(|(pose, was)| (*pose, !was)).collect::<Vec<_>>();
         let straight = |forward: bool| {
             let step = if forward { TRACE_STEP_M } else { -TRACE_STEP_M };
             let pose = move |n: usize| input.robot * Pose::new(step * n as f64, 0.0, 0.0);
             let free = (0..=steps).map(pose).take_while(|pose| space.is_free(*pose));
             free.map(|pose| (pose, forward)).collect::<Vec<_>>()
         };
-        [back, straight(false), straight(true)].iter().any(|poses| self.begin_backing_out(input, poses))
+        let ways = [back, straight(false), straight(true)].map(|poses| Poses { poses, narrow: false });
+        ways.iter().any(|poses| self.begin_backing_out(input, poses))
     }
 
-    fn begin_backing_out(&mut self, input: &StepInput<'_>, poses: &[(Pose, bool)]) -> bool {
+    fn begin_backing_out(&mut self, input: &StepInput<'_>, poses: &Poses) -> bool {
         let Config { body, limits, behaviour, .. } = input.config;
         self.track = Track::new(poses, None, body, limits, behaviour);
         self.check_ahead(input.now, input.obstacles, input.config);
@@ -563,10 +571,11 @@ impl Mission {
 
     fn back_up(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, blocked: Option<Instant>) -> Motion {
         let Config { body, limits, .. } = input.config;
-        let allowed = self.allowed(input);
+        let planned = self.planned(input);
+        let allowed = self.allowed(input, planned);
         let command = self.track.follow(input.robot, input.motion, allowed, body, limits);
         let stands = input.motion.speed.abs() < STANDSTILL_MPS;
-        let steers = self.planned(input) > 0.0 && is_steering(input, command);
+        let steers = planned > 0.0 && is_steering(input, command);
         let blocked = (allowed <= 0.0 && !steers).then(|| blocked.unwrap_or(input.now));
         let gives_up = blocked.is_some_and(|since| input.now.since(since) >= BACKING_OUT_BLOCKED_MAX);
         if (self.track.is_done() || gives_up || self.is_stuck(input, command)) && stands {

@@ -15,6 +15,15 @@ pub struct PathPoint {
     pub s: f64,
 }
 
+/// Poses of a path as they are driven, each with true if it is driven to forwards; a cusp occurs twice.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Poses {
+    /// Poses in order.
+    pub poses: Vec<(Pose, bool)>,
+    /// True if the path has less than the whole margin beside it.
+    pub narrow: bool,
+}
+
 /// Path of arcs and straight lines from the start to the goal; the curvature is within the limit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Path {
@@ -22,6 +31,7 @@ pub struct Path {
     pub(crate) arcs: Vec<Arc>,
     pub(crate) cost: f32,
     pub(crate) clearance: f64,
+    pub(crate) margin: f64,
 }
 
 impl Path {
@@ -48,10 +58,17 @@ impl Path {
         self.points.windows(2).enumerate().filter(|(_, pair)| pair[0].reverse != pair[1].reverse).map(|(at, _)| at + 1)
     }
 
-    /// Smallest distance of the footprint from an obstacle on the path, m, to half a cell; 0 in a collision.
+    /// Smallest distance of the footprint from an obstacle on the path, m, at most 1 m; 0 if it touches one at the
+    /// start. Measured at poses that are at most 10 cm apart, and so close that nothing is touched in between.
     #[must_use]
     pub fn clearance(&self) -> f64 {
         self.clearance
+    }
+
+    /// Margin on all sides with which the path was searched, m: less than that of the limits where no path has it.
+    #[must_use]
+    pub fn margin(&self) -> f64 {
+        self.margin
     }
 
     /// Cost in the search: weighted metres.

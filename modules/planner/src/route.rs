@@ -5,18 +5,22 @@ use crate::goal::Waypoint;
 use crate::goal_state::Hindrance;
 use crate::map::{Field, Frame, Map, Obstacle, Unknown};
 use crate::obstacles::Obstacles;
-use crate::path::Path;
+use crate::path::{Path, Poses};
 use crate::search::{Budget, Footprint, Goal, Limits, Search, SearchError, Status};
 use navitools::{Point, Pose};
 
-/// Work units of the search per step of the control loop: a few milliseconds on the robot's computer.
-const WORK_PER_STEP: u32 = 250;
+/// Work units of the search per step of the control loop: a few milliseconds on the robot's computer, below half a
+/// millisecond on the build machine.
+const WORK_PER_STEP: u32 = 200;
 /// Budget for a path around sensed obstacles: after a longer search people have moved.
 const WORK_AROUND_MAX: u32 = 20_000;
 /// Factor on the minimum turning radius in planning, as a reserve for corrections.
 const RADIUS_FACTOR: f64 = 1.08;
 /// Margin on all sides from mapped and sensed obstacles, m: the accuracy of the pose and of path following.
 const MARGIN_M: f64 = 0.08;
+/// Margin where no path has the whole one, m: by this the guard widens the outline at any speed (`guard.uncertainty_m`
+/// by default), so that it does not let the robot pass between nearer obstacles.
+const MARGIN_LEAST_M: f64 = 0.05;
 /// Size of a sensed obstacle beyond its cell, m.
 const SENSED_RADIUS_M: f64 = 0.15;
 /// Free floor beyond start and goal if there is no map, m.
@@ -40,8 +44,8 @@ pub struct PlanningSpace {
 pub enum Progress {
     /// Not finished.
     Searching,
-    /// Poses in order, each with true if it is driven to forwards.
-    Found(Vec<(Pose, bool)>),
+    /// Path.
+    Found(Poses),
     /// No path.
     NoPath {
         /// Reason.
@@ -58,7 +62,7 @@ impl PlanningSpace {
         let Config { body, limits, map, .. } = config;
         let footprint = Footprint { length_m: body.front + body.rear, width_m: body.width, rear_m: body.rear };
         let radius = RADIUS_FACTOR * body.wheelbase / libm::tan(limits.steering);
-        let limits = Limits { margin_m: MARGIN_M, ..Limits::new(footprint, radius) };
+        let limits = Limits { margin_m: MARGIN_M, margin_least_m: MARGIN_LEAST_M, ..Limits::new(footprint, radius) };
         let still = map.as_ref().map(|map| Field::new(map, Unknown::Blocked));
         Self { has_map: still.is_some(), still, live: None, search: Search::new(limits) }
     }
@@ -130,12 +134,19 @@ impl Route {
 
     fn search(&self, space: &mut PlanningSpace) {
         let Waypoint { at, tolerance, .. } = self.to;
+        // People who are sensed leave, and any heading is better than no margin.
+        space.search.keep_margin(self.around || self.has_other_headings());
         // Half of the tolerance is for the path, half for path following.
         let goal = Goal { x: at.x, y: at.y, heading: self.heading, tolerance_m: (tolerance / 2.0).min(0.3) };
         if let Some(field) = if self.around { &space.live } else { &space.still } {
             let first = if self.around { WORK_AROUND_MAX } else { Budget::default().first };
             space.search.begin(field, self.from, goal, Budget { first, ..Budget::default() });
         }
+    }
+
+    /// True if the heading is only preferred.
+    fn has_other_headings(&self) -> bool {
+        self.heading.is_some() && self.to.heading.is_none()
     }
 
     /// Continues for a few milliseconds. A finished search returns its result again.
@@ -148,9 +159,9 @@ impl Route {
         }
         match space.search.advance(field, WORK_PER_STEP) {
             Status::Searching | Status::Improving(_) => Progress::Searching,
-            Status::Found(path) => Progress::Found(poses(path)),
+            Status::Found(path) => Progress::Found(Poses { poses: poses(path), narrow: path.margin() < MARGIN_M }),
             Status::NoPath(SearchError::GoalBlocked | SearchError::Unreachable | SearchError::Budget)
-                if self.heading.is_some() && self.to.heading.is_none() =>
+                if self.has_other_headings() =>
             {
                 self.heading = None;
                 self.search(space);
@@ -158,6 +169,10 @@ impl Route {
             }
             Status::NoPath(why) => {
                 self.over = true;
+                let frame = field.frame();
+                if why == SearchError::GoalBlocked && frame.is_outside(self.to.at.x, self.to.at.y) {
+                    return Progress::NoPath { why: Hindrance::OutsideMap(*frame), forever: true };
+                }
                 let forever = matches!(why, SearchError::GoalBlocked | SearchError::Unreachable | SearchError::Invalid);
                 Progress::NoPath { why: Hindrance::Search(why), forever }
             }

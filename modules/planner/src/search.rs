@@ -14,6 +14,7 @@
 mod footprint;
 mod lattice;
 mod open;
+mod outline;
 mod reach;
 mod request;
 mod ruler;
@@ -21,6 +22,7 @@ mod shot;
 mod smooth;
 
 pub use footprint::Footprint;
+pub use outline::Outline;
 pub use request::{Budget, Costs, Goal, Limits, SearchError, Status};
 
 use crate::map::Field;
@@ -30,6 +32,7 @@ use lattice::{HEADINGS, Lattice, ProximityCost, Sample};
 use navitools::{Arc, Pose, reeds_shepp_length};
 use open::{NONE, Node, Open};
 use reach::Reach;
+use request::Margin;
 use ruler::Ruler;
 use shot::Shot;
 use smooth::Smoothing;
@@ -39,6 +42,8 @@ use smooth::Smoothing;
 const PASSES: [(f32, usize); 4] = [(2.0, 2), (1.5, 1), (1.2, 1), (1.0, 1)];
 /// Number of steps of [`Reach`] that take as long as one state.
 const REACH_STEPS_PER_STATE: u32 = 16;
+/// Number of poses of the exact check of a path that take as long as one state.
+const LOOKS_PER_STATE: u32 = 4;
 /// Maximum number of steps of [`Reach`] per state.
 const REACH_STEPS_MAX: u32 = 400;
 /// Distance, in turning radii, below which the path of a car is evaluated too.
@@ -60,6 +65,9 @@ enum Phase {
     NoPath(SearchError),
 }
 
+/// Goal, field, margin, offset of the end from the goal, and the headings that are free there.
+type ReachKey = (Goal, u64, f64, (f64, f64), u128);
+
 /// Search with its buffers.
 #[derive(Debug)]
 pub struct Search {
@@ -70,21 +78,34 @@ pub struct Search {
     /// Exact end: a pose, or a point with any heading.
     target: Result<Pose, (f64, f64)>,
     budget: Budget,
-    /// Work done, and the part of it before the first path.
+    /// Number of margins that were tried without success, and the present one.
+    attempt: usize,
+    margin: Margin,
+    /// Maximum number of margins.
+    margins_max: usize,
+    /// Work done, that before this margin, and that before the first path.
     work: u32,
+    before: u32,
     first: u32,
     expansions: u32,
     pass: usize,
     /// Expansions until the next attempt to end with a curve.
     until_shot: u32,
-    /// Penetration of the footprint into obstacles at the start, m, and true once the path has left them.
+    /// Penetration of the footprint with its margin into obstacles at the start, m, and true once the path has left
+    /// them.
     depth: f64,
     escaped: bool,
-    /// Parameters for which the buffers are valid: a resolution; a goal and a field.
-    lattice_for: f64,
-    reach_for: Option<(Goal, u64)>,
+    /// True if the footprint itself touches an obstacle at the start.
+    contact: bool,
+    /// Parameters for which the buffers are valid: a resolution and a margin; those of the heuristic.
+    lattice_for: Option<(f64, Margin)>,
+    reach_for: Option<ReachKey>,
     body: Body,
+    outline: Outline,
     toll: ProximityCost,
+    /// Margin for which the heuristic is computed, m, and its cost.
+    reach_margin: f64,
+    reach_toll: ProximityCost,
     lattice: Lattice,
     reach: Reach,
     open: Open,
@@ -109,17 +130,25 @@ impl Search {
             goal: Goal { x: 0.0, y: 0.0, heading: None, tolerance_m: 0.0 },
             target: Err((0.0, 0.0)),
             budget: Budget::default(),
+            attempt: 0,
+            margin: Margin::default(),
+            margins_max: usize::MAX,
             work: 0,
+            before: 0,
             first: 0,
             expansions: 0,
             pass: 0,
             until_shot: 0,
             depth: 0.0,
             escaped: false,
-            lattice_for: 0.0,
+            contact: false,
+            lattice_for: None,
             reach_for: None,
             body: Body::default(),
+            outline: Outline::new(&limits.footprint.corners()),
             toll: ProximityCost::default(),
+            reach_margin: 0.0,
+            reach_toll: ProximityCost::default(),
             lattice: Lattice::default(),
             reach: Reach::default(),
             open: Open::default(),
@@ -136,6 +165,11 @@ impl Search {
     #[must_use]
     pub fn limits(&self) -> &Limits {
         &self.limits
+    }
+
+    /// Makes the next searches find only paths with the whole margin, or also those with less.
+    pub fn keep_margin(&mut self, keep: bool) {
+        self.margins_max = if keep { 1 } else { usize::MAX };
     }
 
     /// Work done since [`Search::begin`].
@@ -170,72 +204,103 @@ impl Search {
         self.start = start;
         self.goal = goal;
         self.budget = budget;
-        (self.work, self.first, self.expansions, self.pass) = (0, 0, 0, 0);
-        (self.raw_cost, self.has_path, self.escaped) = (f32::INFINITY, false, false);
+        (self.work, self.expansions, self.attempt) = (0, 0, 0);
+        (self.raw_cost, self.has_path) = (f32::INFINITY, false);
         self.raw.clear();
-        self.phase = match self.prepare(field) {
-            Ok(()) => Phase::Reach,
-            Err(why) => Phase::NoPath(why),
-        };
+        if self.is_sensible() {
+            self.contact = self.outline.gap(field, start, 1.0) <= 0.0;
+            self.begin_margin(field);
+        } else {
+            self.phase = Phase::NoPath(SearchError::Invalid);
+        }
     }
 
-    fn prepare(&mut self, field: &Field) -> Result<(), SearchError> {
-        let Limits { footprint, margin_m, radius_m, costs, .. } = self.limits;
+    fn is_sensible(&self) -> bool {
+        let Limits { footprint, margin_m, margin_least_m, radius_m, costs, .. } = self.limits;
         let Footprint { length_m, width_m, rear_m } = footprint;
         let sizes = [length_m, width_m, radius_m, costs.keep_m];
-        let parts =
-            [margin_m, rear_m, self.goal.tolerance_m, costs.reverse, costs.turn, costs.cusp, costs.steer, costs.near];
+        let (preferences, more) =
+            ([costs.reverse, costs.turn, costs.cusp, costs.steer, costs.near], [margin_m, margin_least_m, rear_m]);
         let Pose { x, y, theta } = self.start;
         let places = [x, y, theta.radians(), self.goal.x, self.goal.y, self.goal.heading.unwrap_or(0.0)];
-        let sensible = sizes.iter().all(|size| (1e-3..=1e3).contains(size))
-            && parts.iter().all(|part| (0.0..=1e3).contains(part))
-            && places.iter().all(|place| place.is_finite());
-        if !sensible {
-            return Err(SearchError::Invalid);
-        }
-        let body = Body::new(footprint.grown(margin_m), field);
+        sizes.iter().all(|size| (1e-3..=1e3).contains(size))
+            && preferences.iter().chain(&more).all(|part| (0.0..=1e3).contains(part))
+            && (0.0..=1e3).contains(&self.goal.tolerance_m)
+            && places.iter().all(|place| place.is_finite())
+    }
+
+    /// Begins with the margin of this attempt, or with the next one with which the goal is free.
+    fn begin_margin(&mut self, field: &Field) {
+        (self.before, self.first, self.pass, self.escaped) = (self.work, 0, 0, false);
+        let Some(margin) = self.limits.margin(self.attempt) else {
+            self.phase = Phase::NoPath(SearchError::Unreachable);
+            return;
+        };
+        self.margin = margin;
+        let Limits { footprint, radius_m, costs, .. } = self.limits;
+        let body = Body::new(footprint.grown(margin.grown), field);
         let resolution = field.frame().resolution;
-        if self.lattice_for != resolution {
-            self.lattice_for = resolution;
-            self.lattice = Lattice::new(radius_m, resolution, ruler::spacing(field), &costs);
-            self.reach_for = None;
+        if self.lattice_for != Some((resolution, margin)) {
+            self.lattice_for = Some((resolution, margin));
+            let looks = |curvature: f64| (body.spacing(curvature, margin.deviation), body.way(curvature));
+            self.lattice.build(radius_m, resolution, looks, &costs);
         }
-        self.lattice.turn_to(theta.radians());
+        self.lattice.turn_to(self.start.theta.radians());
         self.toll = ProximityCost::new(body.inner, &costs);
+        // One heuristic for all smaller margins: its cells are larger than their differences.
+        self.reach_margin = if self.attempt == 0 { margin.grown } else { self.limits.margin_least() };
+        let narrow = Body::new(footprint.grown(self.reach_margin), field);
+        self.reach_toll = ProximityCost::new(narrow.inner, &costs);
         self.body = body;
-        self.find_target(field)
+        match self.find_target(field) {
+            Ok(()) => self.phase = Phase::Reach,
+            Err(why) => self.fail(field, why),
+        }
+    }
+
+    /// Ends the search with a reason, or begins again with a smaller margin.
+    fn fail(&mut self, field: &Field, why: SearchError) {
+        self.attempt += 1;
+        if self.attempt < self.margins_max && self.limits.margin(self.attempt).is_some() {
+            self.begin_margin(field);
+        } else {
+            self.phase = Phase::NoPath(why);
+        }
     }
 
     /// Finds the end of the path and the start of the heuristic.
     fn find_target(&mut self, field: &Field) -> Result<(), SearchError> {
-        let key = (self.goal, field.identity());
-        let known = self.reach_for == Some(key);
-        self.reach_for = Some(key);
-        if !known {
-            self.reach.begin(field);
-        } else {
-            return Ok(());
-        }
         let Goal { x, y, heading, tolerance_m } = self.goal;
         let body = self.body;
-        let mut any = false;
-        for (dx, dy) in offsets(tolerance_m, field.frame().resolution) {
-            let headings = if heading.is_some() { 1 } else { HEADINGS };
-            for index in 0..headings {
-                let turn = index as f64 * (2.0 * core::f64::consts::PI / HEADINGS as f64);
-                let pose = Pose::new(x + dx, y + dy, heading.unwrap_or(0.0) + turn);
-                let (sin, cos) = pose.theta.sin_cos();
-                if body.is_free(field, pose.x, pose.y, sin, cos) {
-                    any = true;
-                    self.reach.goal(field, pose.x + body.ahead * cos, pose.y + body.ahead * sin);
-                    self.target = heading.map(|_| pose).ok_or((pose.x, pose.y));
+        let pose = |(dx, dy): (f64, f64), index: usize| {
+            let turn = index as f64 * (2.0 * core::f64::consts::PI / HEADINGS as f64);
+            Pose::new(x + dx, y + dy, heading.unwrap_or(0.0) + turn)
+        };
+        let headings = if heading.is_some() { 1 } else { HEADINGS };
+        for offset in offsets(tolerance_m, field.frame().resolution) {
+            let is_free = |index: &usize| {
+                let Pose { x, y, theta } = pose(offset, *index);
+                let (sin, cos) = theta.sin_cos();
+                body.is_free(field, x, y, sin, cos)
+            };
+            let free = (0..headings).filter(is_free).fold(0u128, |free, index| free | 1 << index);
+            if free == 0 {
+                continue;
+            }
+            let first = pose(offset, 0);
+            self.target = heading.map(|_| first).ok_or((first.x, first.y));
+            let key = (self.goal, field.identity(), self.reach_margin, offset, free);
+            if self.reach_for != Some(key) {
+                self.reach_for = Some(key);
+                self.reach.begin(field);
+                for index in (0..headings).filter(|index| free >> index & 1 != 0) {
+                    let Pose { x, y, theta } = pose(offset, index);
+                    let (sin, cos) = theta.sin_cos();
+                    self.reach.goal(field, x + body.ahead * cos, y + body.ahead * sin);
                 }
             }
-            if any {
-                return Ok(());
-            }
+            return Ok(());
         }
-        self.reach_for = None;
         Err(SearchError::GoalBlocked)
     }
 
@@ -271,19 +336,23 @@ impl Search {
         let (sin, cos) = theta.sin_cos();
         self.depth = body.depth(field, x, y, sin, cos);
         if self.depth > body.half_width() {
-            self.phase = Phase::NoPath(SearchError::StartBlocked);
-            return;
+            return self.fail(field, SearchError::StartBlocked);
         }
         let mut pops = REACH_STEPS_MAX;
-        let cost = self.reach.cost(field, &self.toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
+        let cost = self.reach.cost(field, &self.reach_toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
         self.work += 1 + (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let known = pops > 0;
         if known && cost == f32::INFINITY && self.depth == 0.0 {
-            self.phase = Phase::NoPath(SearchError::Unreachable);
+            if self.attempt == 0 {
+                self.fail(field, SearchError::Unreachable);
+            } else {
+                // With no margin either.
+                self.phase = Phase::NoPath(SearchError::Unreachable);
+            }
         } else if known {
             self.begin_pass(field);
-        } else if self.work > self.budget.first {
-            self.phase = Phase::NoPath(SearchError::Budget);
+        } else if self.work > self.allowed() {
+            self.fail(field, SearchError::Budget);
         }
     }
 
@@ -296,8 +365,7 @@ impl Search {
         self.until_shot = 0;
         self.phase = Phase::Search;
         let Some((column, row)) = field.frame().cell(x, y) else {
-            self.phase = Phase::NoPath(SearchError::StartBlocked);
-            return;
+            return self.fail(field, SearchError::StartBlocked);
         };
         let key = self.key(field, column, row, 0);
         let h = self.estimate(field, Sample { x, y, sin, cos }, 0);
@@ -315,7 +383,7 @@ impl Search {
     fn estimate(&mut self, field: &Field, at: Sample, heading: usize) -> f32 {
         let mut pops = REACH_STEPS_MAX;
         let (x, y) = (at.x + self.body.ahead * at.cos, at.y + self.body.ahead * at.sin);
-        let around = self.reach.cost(field, &self.toll, x, y, &mut pops);
+        let around = self.reach.cost(field, &self.reach_toll, x, y, &mut pops);
         self.work += (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let around = (around - self.goal.tolerance_m as f32).max(0.0);
         let radius = self.limits.radius_m;
@@ -392,9 +460,10 @@ impl Search {
         let mut touching = node.touching;
         let mut g = g;
         if touching {
-            // Out of an obstacle: not deeper than half a cell, which turning away may take, and only for a limited
-            // length.
+            // Out of an obstacle: not deeper than half a cell, which turning away may take, but no contact begins; and
+            // only for a limited length.
             let deepest = self.depth + 0.5 * field.frame().resolution;
+            let deepest = if self.contact { deepest } else { deepest.min(self.depth.max(self.margin.grown)) };
             for at in samples {
                 let depth = body.depth(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
                 if depth > if touching { deepest } else { 0.0 } {
@@ -406,12 +475,12 @@ impl Search {
             if touching && g > ESCAPE_MAX_M * 3.0 * (1.0 + costs.near as f32) {
                 return;
             }
-        } else {
-            let free = |at: &Sample| body.is_free(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
-            // The end first: if it is not free, the poses in between do not matter.
-            if !samples.iter().rev().all(free) {
+            let from = Pose::new(node.x, node.y, self.lattice.angle(heading));
+            if !self.contact && self.outline.drive(field, from, &[taken.arc]).is_err() {
                 return;
             }
+        } else if !body.is_free_along(field, (node.x, node.y), samples, taken.way) {
+            return;
         }
         self.escaped |= !touching;
         let h = self.estimate(field, Sample { x, y, sin: end.sin, cos: end.cos }, after);
@@ -433,7 +502,8 @@ impl Search {
     fn shoot(&mut self, field: &Field, index: u32, pose: Pose) {
         let node = self.open.node(index);
         let before = self.lattice.steps.get(usize::from(node.step)).map(|step| step.arc);
-        let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits: &self.limits };
+        let (limits, deviation) = (&self.limits, self.margin.deviation);
+        let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits, deviation };
         self.work += 2;
         if let Some((cost, arcs)) = self.shot.best(&ruler, pose, before, self.target, self.raw_cost - node.g) {
             self.raw_cost = node.g + cost;
@@ -451,9 +521,11 @@ impl Search {
 
     /// Total work allowed.
     fn allowed(&self) -> u32 {
+        let Budget { first, better } = self.budget;
         match self.first {
-            0 => self.budget.first,
-            first => first.saturating_add(self.budget.better.min(first.max(self.budget.better / 10))),
+            0 if self.attempt == 0 => first,
+            0 => self.before.saturating_add(first / 2),
+            found => found.saturating_add(better.min((found - self.before).max(better / 10))),
         }
     }
 
@@ -466,7 +538,7 @@ impl Search {
         if !found {
             // A path missed by the coarse pass may still exist.
             let again = why != SearchError::Budget && PASSES[self.pass - 1].1 > 1;
-            return if again { self.begin_pass(field) } else { self.phase = Phase::NoPath(why) };
+            return if again { self.begin_pass(field) } else { self.fail(field, why) };
         }
         let last = self.pass >= PASSES.len() || self.work > self.allowed();
         self.smoothing.begin(self.start, &self.raw);
@@ -474,26 +546,38 @@ impl Search {
     }
 
     fn smooth(&mut self, field: &Field, last: bool) {
-        let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits: &self.limits };
+        let (limits, deviation) = (&self.limits, self.margin.deviation);
+        let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits, deviation };
         self.work += smooth::WORK;
         if self.smoothing.step(&ruler) {
             return;
         }
         let cost = self.smoothing.cost(&ruler).unwrap_or(self.raw_cost);
         if !self.has_path || cost < self.path.cost {
-            self.has_path = true;
-            self.path.cost = cost;
-            self.path.arcs.clone_from(self.smoothing.arcs());
-            self.path.lay(self.start, 0.05);
-            let footprint = self.limits.footprint;
-            let each = self.path.points.iter().step_by(2).chain(self.path.points.last());
-            self.path.clearance =
-                each.fold(1.0, |least, point| least.min(footprint.clearance(field, point.pose, least)));
+            self.accept(field, cost);
+        }
+        if !self.has_path {
+            self.raw_cost = f32::INFINITY;
+            return self.fail(field, SearchError::Budget);
         }
         if last {
             self.phase = Phase::Found;
         } else {
             self.begin_pass(field);
+        }
+    }
+
+    /// Takes the smoothed path, or the one before smoothing, as the result, if the exact check finds it free.
+    fn accept(&mut self, field: &Field, cost: f32) {
+        for (arcs, cost) in [(self.smoothing.arcs(), cost), (&self.raw, self.raw_cost)] {
+            let driven = self.outline.drive(field, self.start, arcs);
+            let Ok((clearance, looks)) = driven else { continue };
+            self.work += looks / LOOKS_PER_STATE;
+            self.has_path = true;
+            self.path.arcs.clone_from(arcs);
+            self.path.lay(self.start, 0.05);
+            (self.path.cost, self.path.clearance, self.path.margin) = (cost, clearance, self.margin.margin);
+            return;
         }
     }
 }

@@ -508,7 +508,7 @@ fn a_goal_in_a_wall_fails_with_a_reason_and_the_robot_stands() {
     map.wall((8.0, 0.0), (8.0, 6.0));
     for (goal, why) in [
         ((12.0, 3.0), "cannot reach waypoint 1: the robot does not fit in at the goal"),
-        ((50.0, 3.0), "cannot reach waypoint 1: the robot does not fit in at the goal"),
+        ((50.0, 3.0), "cannot reach waypoint 1: it is outside the map, which is 0…12 by 0…6 m"),
         ((10.0, 3.0), "cannot reach waypoint 1: no way leads to the goal"),
     ] {
         let mut robot = Robot::on(Some(map.clone()));
@@ -516,6 +516,34 @@ fn a_goal_in_a_wall_fails_with_a_reason_and_the_robot_stands() {
         robot.until(DataGoal::FAILED, 10.0);
         assert_eq!((robot.goal.message.as_str(), robot.speed), (why, 0.0));
     }
+}
+
+#[test]
+fn a_passage_without_the_whole_margin_is_driven_slowly() {
+    // 0.75 m wide: the robot has 7.5 cm on each side. First it looks for a way with 8 cm, for up to 50 s.
+    let mut map = hall();
+    map.wall((6.0, 0.0), (6.0, 2.62));
+    map.wall((6.0, 3.42), (6.0, 6.0));
+    let mut robot = Robot::on(Some(map.clone()));
+    robot.goal(&[(9.0, 3.0)], false);
+    let mut fastest = 0f64;
+    while robot.goal.status != DataGoal::REACHED {
+        robot.pass(0.1);
+        fastest = fastest.max(robot.speed);
+        assert!(robot.ticks < 15_000 && robot.goal.status != DataGoal::FAILED, "{:?}", robot.goal);
+        if robot.goal.status == DataGoal::DRIVING && robot.speed > 0.05 {
+            assert_eq!(robot.goal.message, "drives to waypoint 1 of 1, slowly: the way is narrow");
+        }
+    }
+    assert!(fastest < 0.17, "{fastest}");
+    // Where there is room, the passage is not taken, and the speed is not reduced.
+    map.wall((6.0, 2.6), (6.0, 3.4));
+    let gate = [(118, 20), (119, 20), (120, 20), (121, 20)];
+    gate.iter().for_each(|&(column, row)| (row..row + 26).for_each(|row| map.set(column, row, crate::map::Cell::Free)));
+    let mut robot = Robot::on(Some(map));
+    robot.goal(&[(9.0, 3.0)], false);
+    robot.pass(5.0);
+    assert_eq!(robot.goal.message, "drives to waypoint 1 of 1");
 }
 
 #[test]
@@ -722,7 +750,8 @@ fn it_returns_to_its_position_with_another_heading() {
 
 #[test]
 fn backing_out_leads_to_no_waypoint() {
-    let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false));
-    let mut track = crate::track::Track::new(&poses, None, &BODY, &LIMITS, &Behaviour::default());
+    let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false)).into();
+    let path = crate::path::Poses { poses, narrow: false };
+    let mut track = crate::track::Track::new(&path, None, &BODY, &LIMITS, &Behaviour::default());
     assert_eq!((track.leads_to(), track.passed(), track.remaining()), (None, None, 0.5));
 }

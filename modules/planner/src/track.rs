@@ -5,8 +5,11 @@
 //! direction are joined.
 
 use crate::config::{Behaviour, Body, Limits};
+use crate::path::Poses;
 use navitools::Pose;
 
+/// Highest speed on a path without the whole margin, m/s: up to it the guard widens the sides least (docs/guard.md).
+const NARROW_SPEED_MPS: f64 = 0.15;
 /// Distance below which two poses are at the same place, m.
 const SAME_PLACE_M: f64 = 1e-3;
 /// Length over which the curvature is averaged, m: the curvature of paths of arcs and lines has steps, which steering
@@ -38,6 +41,8 @@ pub struct Sample {
     pub distance: f64,
     /// Curvature, 1/m, positive to the left.
     pub curvature: f64,
+    /// True on a path without the whole margin.
+    pub narrow: bool,
     /// Highest speed here, m/s.
     pub speed: f64,
 }
@@ -67,22 +72,16 @@ impl Track {
     /// Creates a track to `waypoint`, if any, of poses driven forwards or in reverse, close enough to be joined by
     /// straight lines. A pose may occur twice at a cusp.
     #[must_use]
-    pub fn new(
-        poses: &[(Pose, bool)],
-        waypoint: Option<usize>,
-        body: &Body,
-        limits: &Limits,
-        behaviour: &Behaviour,
-    ) -> Self {
+    pub fn new(path: &Poses, waypoint: Option<usize>, body: &Body, limits: &Limits, behaviour: &Behaviour) -> Self {
         let mut track = Self::default();
-        track.extend(poses, waypoint, body, limits, behaviour);
+        track.extend(path, waypoint, body, limits, behaviour);
         track
     }
 
     /// Appends the path to the next waypoint; it begins where this one ends.
     pub fn extend(
         &mut self,
-        poses: &[(Pose, bool)],
+        path: &Poses,
         waypoint: Option<usize>,
         body: &Body,
         limits: &Limits,
@@ -96,13 +95,13 @@ impl Track {
             mark.0 = mark.0.saturating_sub(passed);
             true
         });
-        for &(pose, forward) in poses {
+        for &(pose, forward) in &path.poses {
             let last = self.samples.last().copied();
             let step = last.map_or(0.0, |last| last.pose.point().distance(pose.point()));
             let turned = last.is_none_or(|last| last.forward != forward);
             if step >= SAME_PLACE_M || turned {
                 let distance = last.map_or(0.0, |last| last.distance) + step;
-                self.samples.push(Sample { pose, forward, distance, curvature: 0.0, speed: 0.0 });
+                self.samples.push(Sample { pose, forward, distance, curvature: 0.0, narrow: path.narrow, speed: 0.0 });
             }
         }
         self.marks.extend(waypoint.map(|waypoint| (self.samples.len().saturating_sub(1), waypoint)));
@@ -151,6 +150,7 @@ impl Track {
     fn speed_at(&self, number: usize, body: &Body, limits: &Limits, behaviour: &Behaviour) -> f64 {
         let sample = &self.samples[number];
         let straight = if sample.forward { limits.speed } else { behaviour.speed_reverse.min(limits.speed) };
+        let straight = if sample.narrow { straight.min(NARROW_SPEED_MPS) } else { straight };
         let curve = libm::sqrt(limits.lateral_acceleration / sample.curvature.abs().max(1e-6));
         let neighbour = |other: Option<&Sample>| other.filter(|other| other.forward == sample.forward).copied();
         let before = number.checked_sub(1).and_then(|other| neighbour(self.samples.get(other))).unwrap_or(*sample);
@@ -223,6 +223,12 @@ impl Track {
     #[must_use]
     pub fn leads_to(&self) -> Option<usize> {
         self.marks.last().map(|mark| mark.1)
+    }
+
+    /// True if the rest of the track is narrow somewhere.
+    #[must_use]
+    pub fn is_narrow(&self) -> bool {
+        self.ahead().iter().any(|sample| sample.narrow)
     }
 
     /// True if the robot has reached the end of the track.

@@ -73,7 +73,14 @@ fn path(forward: bool) -> Vec<Sample> {
     let along = if forward { 0.05 } else { -0.05 };
     let sample = |n: i32| {
         let distance = 0.05 * f64::from(n);
-        Sample { pose: Pose::new(along * f64::from(n), 0.0, 0.0), forward, distance, curvature: 0.0, speed: 0.8 }
+        Sample {
+            pose: Pose::new(along * f64::from(n), 0.0, 0.0),
+            forward,
+            distance,
+            curvature: 0.0,
+            narrow: false,
+            speed: 0.8,
+        }
     };
     (0..60).map(sample).collect()
 }

@@ -40,6 +40,8 @@ pub struct Field {
     live: Vec<f32>,
     /// Distances of the map alone; empty until the first obstacle.
     still: Vec<f32>,
+    /// Occupied cells of `live`, a bit for each, in rows of whole words.
+    occupied: Vec<u64>,
     /// Rectangles of `live` that differ: columns, rows.
     stamped: Vec<[usize; 4]>,
     /// Distances from the middle of a cell to the cells right of it and above.
@@ -55,10 +57,12 @@ impl Field {
     pub fn new(map: &Map, unknown: Unknown) -> Self {
         let blocked = |cell: Cell| cell == Cell::Occupied || (cell == Cell::Unknown && unknown == Unknown::Blocked);
         let live = distances(&map.frame, |index| blocked(map.cells[index]));
+        let occupied = bits(&live, map.frame.width);
         let identity = live.iter().fold(frame_identity(&map.frame), |mixed, distance| mix(mixed, distance.to_bits()));
         Self {
             frame: map.frame,
             live,
+            occupied,
             still: Vec::new(),
             stamped: Vec::new(),
             template: Vec::new(),
@@ -87,9 +91,45 @@ impl Field {
         self.frame.cell(x, y).map_or(0.0, |(column, row)| self.live[self.frame.index(column, row)])
     }
 
+    /// Distance up to which the distances are right, m: farther ones may leave out temporary obstacles.
+    pub(crate) fn reach(&self) -> f32 {
+        if self.obstacles.is_empty() { f32::INFINITY } else { REACH_M as f32 }
+    }
+
+    /// Lower bound of the distance at a point, m, as accurate as [`Field::distance`].
+    pub(crate) fn bound(&self, x: f64, y: f64) -> f32 {
+        self.distance(x, y).min(self.reach())
+    }
+
     /// Distance of a cell within the frame.
     pub(crate) fn cell(&self, column: usize, row: usize) -> f32 {
         self.live[self.frame.index(column, row)]
+    }
+
+    /// True if a cell of a row is occupied, from column `first` to `last`.
+    pub(crate) fn is_occupied(&self, row: usize, first: usize, last: usize) -> bool {
+        let words = &self.occupied[row * self.frame.width.div_ceil(WORD)..];
+        let (from, to) = (first / WORD, last / WORD);
+        let (low, high) = (u64::MAX << (first % WORD), u64::MAX >> (WORD - 1 - last % WORD));
+        if from == to {
+            return words[from] & low & high != 0;
+        }
+        words[from] & low != 0 || words[to] & high != 0 || words[from + 1..to].iter().any(|word| *word != 0)
+    }
+
+    /// Occupied cells of a row from column `first` to `last`.
+    pub(crate) fn occupied(&self, row: usize, first: usize, last: usize) -> impl Iterator<Item = usize> + '_ {
+        let words = &self.occupied[row * self.frame.width.div_ceil(WORD)..];
+        (first / WORD..=last / WORD).flat_map(move |number| {
+            let low = if number == first / WORD { u64::MAX << (first % WORD) } else { u64::MAX };
+            let high = if number == last / WORD { u64::MAX >> (WORD - 1 - last % WORD) } else { u64::MAX };
+            let mut left = words[number] & low & high;
+            core::iter::from_fn(move || {
+                let bit = left.trailing_zeros() as usize;
+                left &= left.wrapping_sub(1);
+                (bit < WORD).then_some(number * WORD + bit)
+            })
+        })
     }
 
     /// Replaces the temporary obstacles. Those outside the map or with NaN are ignored. Cost: proportional to the area
@@ -109,13 +149,31 @@ impl Field {
                 mix(mix(mixed, bits as u32), (bits >> 32) as u32)
             })
         });
-        for [left, right, low, high] in self.stamped.drain(..) {
+        let mut stamped = std::mem::take(&mut self.stamped);
+        for &[left, right, low, high] in &stamped {
             for row in low..=high {
                 let cells = row * self.frame.width + left..=row * self.frame.width + right;
                 self.live[cells.clone()].copy_from_slice(&self.still[cells]);
             }
+            self.update_bits([left, right, low, high]);
         }
+        stamped.clear();
+        self.stamped = stamped;
         obstacles.iter().for_each(|&obstacle| self.stamp(obstacle));
+        for number in 0..self.stamped.len() {
+            self.update_bits(self.stamped[number]);
+        }
+    }
+
+    /// Sets the bits of the words that contain these columns and rows.
+    fn update_bits(&mut self, [left, right, low, high]: [usize; 4]) {
+        let width = self.frame.width;
+        for row in low..=high {
+            for word in left / WORD..=right / WORD {
+                let cells = &self.live[row * width..][word * WORD..width.min((word + 1) * WORD)];
+                self.occupied[row * width.div_ceil(WORD) + word] = word_of(cells);
+            }
+        }
     }
 
     fn stamp(&mut self, Obstacle { x, y, radius }: Obstacle) {
@@ -146,6 +204,18 @@ impl Field {
     }
 }
 
+/// Number of cells in a word.
+const WORD: usize = u64::BITS as usize;
+
+/// Bits of at most 64 cells that are occupied, the first one in the lowest bit.
+fn word_of(cells: &[f32]) -> u64 {
+    cells.iter().rev().fold(0, |word, cell| word << 1 | u64::from(*cell <= 0.0))
+}
+
+fn bits(cells: &[f32], width: usize) -> Vec<u64> {
+    cells.chunks_exact(width).flat_map(|row| row.chunks(WORD).map(word_of)).collect()
+}
+
 /// FNV-1a over 32-bit words.
 fn mix(mixed: u64, word: u32) -> u64 {
     (mixed ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3)
@@ -160,30 +230,29 @@ fn frame_identity(frame: &Frame) -> u64 {
 /// Exact distances, m, of all cells from the nearest blocked one, or from the nearest cell outside.
 fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
     let (width, height) = (frame.width, frame.height);
-    // First along the columns: number of rows to the nearest blocked cell.
-    let mut rows = vec![0u32; width * height];
+    // First along the columns: number of rows to the nearest blocked cell, which a float holds exactly.
+    let mut out = vec![0f32; width * height];
     for row in 0..height {
         for column in 0..width {
             let index = row * width + column;
-            let below = if row == 0 { 0 } else { rows[index - width] };
-            rows[index] = if blocked(index) { 0 } else { below + 1 };
+            let below = if row == 0 { 0.0 } else { out[index - width] };
+            out[index] = if blocked(index) { 0.0 } else { below + 1.0 };
         }
     }
     for row in (0..height).rev() {
         for column in 0..width {
             let index = row * width + column;
-            let above = if row + 1 == height { 0 } else { rows[index + width] };
-            rows[index] = rows[index].min(above + 1);
+            let above = if row + 1 == height { 0.0 } else { out[index + width] };
+            out[index] = out[index].min(above + 1.0);
         }
     }
     // Then along each row: lower envelope of the parabolas over its columns.
-    let mut out = vec![0.0; width * height];
     let resolution = frame.resolution as f32;
+    let mut rows = vec![0i64; width];
     let mut envelope: Vec<(i64, i64)> = Vec::with_capacity(width);
-    for row in 0..height {
-        let rows = &rows[row * width..][..width];
-        let square =
-            |at: i64, of: i64| (at - of) * (at - of) + i64::from(rows[of as usize]) * i64::from(rows[of as usize]);
+    for out in out.chunks_exact_mut(width) {
+        rows.iter_mut().zip(out.iter()).for_each(|(rows, out)| *rows = *out as i64);
+        let square = |at: i64, of: i64| (at - of) * (at - of) + rows[of as usize] * rows[of as usize];
         envelope.clear();
         envelope.push((0, 0));
         for column in 1..width as i64 {
@@ -196,7 +265,7 @@ fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
                 None => 0,
                 // First cell that is nearer to this column's parabola than to the previous one's.
                 Some(&(of, _)) => {
-                    let (a, b) = (i64::from(rows[of as usize]), i64::from(rows[column as usize]));
+                    let (a, b) = (rows[of as usize], rows[column as usize]);
                     (column * column - of * of + b * b - a * a).div_euclid(2 * (column - of)) + 1
                 }
             };
@@ -211,7 +280,7 @@ fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
             }
             let edge = (column + 1).min(width as i64 - column);
             let nearest = square(column, envelope[piece - 1].0).min(edge * edge);
-            out[row * width + column as usize] = (nearest as f32).sqrt() * resolution;
+            out[column as usize] = (nearest as f32).sqrt() * resolution;
         }
     }
     out

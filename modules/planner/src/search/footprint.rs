@@ -1,7 +1,8 @@
 //! Collision check of the robot's rectangle against the distance field.
 
+use super::lattice::Sample;
 use crate::map::Field;
-use navitools::Pose;
+use navitools::{Point, Pose};
 
 /// Rectangle around the rear axle's middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,16 +33,11 @@ impl Footprint {
         Body::new(*self, field).is_free(field, pose.x, pose.y, sin, cos)
     }
 
-    /// Distance from the edges to the nearest occupied cell, m, to half a cell, and at most `most`; 0 in a collision.
+    /// Corners, m, counter-clockwise.
     #[must_use]
-    pub fn clearance(&self, field: &Field, pose: Pose, most: f64) -> f64 {
-        let (sin, cos) = pose.theta.sin_cos();
-        let body = Body::new(*self, field);
-        if body.is_free(field, pose.x, pose.y, sin, cos) {
-            body.clearance(field, pose.x, pose.y, sin, cos, most)
-        } else {
-            0.0
-        }
+    pub fn corners(&self) -> [Point; 4] {
+        let (front, rear, side) = (self.length_m - self.rear_m, -self.rear_m, self.width_m / 2.0);
+        [(rear, -side), (front, -side), (front, side), (rear, side)].map(|(x, y)| Point { x, y })
     }
 }
 
@@ -60,8 +56,14 @@ pub(crate) struct Body {
     apart: f64,
     beside: u32,
     circle: f32,
-    /// Inscribed circles at both ends: their distance from the middle.
-    inscribed_at: f64,
+}
+
+/// What circles show of a pose.
+enum Circles {
+    /// Free, and each point may move that far, m.
+    Free(f32),
+    Touch,
+    Unclear,
 }
 
 impl Body {
@@ -85,7 +87,6 @@ impl Body {
             apart: 2.0 * each,
             beside: count / 2,
             circle: outer(libm::hypot(each, half_width)),
-            inscribed_at: half_length - short,
         }
     }
 
@@ -95,38 +96,134 @@ impl Body {
     }
 
     pub(crate) fn is_free(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> bool {
-        let (x, y) = (x + self.ahead * cos, y + self.ahead * sin);
-        let distance = field.distance(x, y);
-        if distance >= self.outer {
-            return true;
+        match self.circles(field, Sample { x, y, sin, cos }) {
+            Circles::Free(_) => true,
+            Circles::Touch => false,
+            Circles::Unclear => self.is_free_exactly(field, Sample { x, y, sin, cos }),
         }
-        if distance <= self.inner {
-            return false;
-        }
-        let mut open = distance >= self.circle;
-        for circle in 1..=self.beside {
-            let away = f64::from(circle) * self.apart;
-            let (dx, dy) = (away * cos, away * sin);
-            open &= field.distance(x + dx, y + dy).min(field.distance(x - dx, y - dy)) >= self.circle;
-        }
-        if open {
-            return true;
-        }
-        let (dx, dy) = (self.inscribed_at * cos, self.inscribed_at * sin);
-        if field.distance(x + dx, y + dy).min(field.distance(x - dx, y - dy)) <= self.inner {
-            return false;
-        }
-        !self.touches(field, x, y, sin, cos, |_| true)
     }
 
-    /// Largest penetration of an occupied cell, m; 0 if free; infinite if part of it is off the map.
-    pub(crate) fn depth(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> f64 {
-        let mut deepest = 0f64;
-        let off = self.touches(field, x + self.ahead * cos, y + self.ahead * sin, sin, cos, |depth| {
-            deepest = deepest.max(depth);
-            false
+    /// Check by circles.
+    fn circles(&self, field: &Field, Sample { x, y, sin, cos }: Sample) -> Circles {
+        let (x, y) = (x + self.ahead * cos, y + self.ahead * sin);
+        let distance = field.bound(x, y);
+        if distance >= self.outer {
+            return Circles::Free(distance - self.outer);
+        }
+        if distance <= self.inner {
+            return Circles::Touch;
+        }
+        let mut room = distance - self.circle;
+        for circle in 1..=self.beside {
+            if room < 0.0 {
+                return Circles::Unclear;
+            }
+            let away = f64::from(circle) * self.apart;
+            let (dx, dy) = (away * cos, away * sin);
+            room = room.min(field.bound(x + dx, y + dy).min(field.bound(x - dx, y - dy)) - self.circle);
+        }
+        if room < 0.0 { Circles::Unclear } else { Circles::Free(room) }
+    }
+
+    /// Distance that each point of the rectangle may move without touching an obstacle, m, as far as circles show it: a
+    /// lower bound. `None` if they show that it touches one.
+    pub(crate) fn room(&self, field: &Field, at: Sample) -> Option<f32> {
+        match self.circles(field, at) {
+            Circles::Free(room) => Some(room),
+            Circles::Unclear => Some(0.0),
+            Circles::Touch => None,
+        }
+    }
+
+    /// True if the rectangle is free at all samples of a motion, relative to a point, between which no corner moves
+    /// farther than `way`, m. Those that are that close to one with room around it need no check.
+    pub(crate) fn is_free_along(&self, field: &Field, from: (f64, f64), samples: &[Sample], way: f32) -> bool {
+        let mut left = samples.len();
+        // The end first: if it is not free, the poses in between do not matter.
+        while left > 0 {
+            let at = &samples[left - 1];
+            let at = Sample { x: from.0 + at.x, y: from.1 + at.y, ..*at };
+            let room = match self.circles(field, at) {
+                Circles::Free(room) => room,
+                Circles::Unclear if self.is_free_exactly(field, at) => 0.0,
+                Circles::Unclear | Circles::Touch => return false,
+            };
+            left = left.saturating_sub(1 + (room / way) as usize);
+        }
+        true
+    }
+
+    /// True if no occupied cell touches the rectangle, and all of it is on the map. Exact: in each row of cells, it
+    /// touches those between its leftmost and rightmost point in the row.
+    fn is_free_exactly(&self, field: &Field, Sample { x, y, sin, cos }: Sample) -> bool {
+        let frame = field.frame();
+        let per_metre = 1.0 / frame.resolution;
+        let (along, across) = (libm::fabs(cos), libm::fabs(sin));
+        let (length, width) = (self.half_length * per_metre, self.half_width * per_metre);
+        // Half edges, in cells: one goes up and to the right, the other one up and to the left.
+        let (right, left) = if sin * cos >= 0.0 {
+            ((length * along, length * across), (-width * across, width * along))
+        } else {
+            ((width * across, width * along), (-length * along, length * across))
+        };
+        let middle = ((x + self.ahead * cos - frame.x) * per_metre, (y + self.ahead * sin - frame.y) * per_metre);
+        let half = (right.0 - left.0, right.1 + left.1);
+        let (bottom, top) = (middle.1 - half.1, middle.1 + half.1);
+        let (least, most) = (middle.0 - half.0, middle.0 + half.0);
+        let inside = least >= 0.0 && bottom >= 0.0 && most <= frame.width as f64 && top <= frame.height as f64;
+        if !inside {
+            return false;
+        }
+        // The lowest corner, and the heights of the leftmost and the rightmost one.
+        let lowest = middle.0 - right.0 - left.0;
+        let (left_at, right_at) = (middle.1 - right.1 + left.1, middle.1 + right.1 - left.1);
+        let (rising, falling) = (right.0 / right.1, left.0 / left.1);
+        let last = libm::ceil(top) as usize;
+        for row in bottom as usize..last {
+            let (low, high) = ((row as f64).max(bottom), ((row + 1) as f64).min(top));
+            let from = if high < left_at {
+                lowest + (high - bottom) * falling
+            } else if low > left_at {
+                least + (low - left_at) * rising
+            } else {
+                least
+            };
+            let to = if high < right_at {
+                lowest + (high - bottom) * rising
+            } else if low > right_at {
+                most + (low - right_at) * falling
+            } else {
+                most
+            };
+            let (from, to) = (from.max(0.0) as usize, libm::ceil(to) as usize);
+            if to > from && field.is_occupied(row, from, to.min(frame.width) - 1) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Way of the fastest point of the rectangle for each metre that the rear axle drives with this curvature.
+    pub(crate) fn way(&self, curvature: f64) -> f64 {
+        let farthest = self.half_length + libm::fabs(self.ahead);
+        libm::hypot(1.0 + libm::fabs(curvature) * self.half_width, curvature * farthest)
+    }
+
+    /// Largest distance between two poses on an arc, along the rear axle's way, such that nothing between them is
+    /// farther than `deviation` outside of both rectangles, m.
+    ///
+    /// A corner that moves by d, at the angle a to an edge, leaves a triangle between the rectangles, of the height
+    /// d sin a cos a.
+    pub(crate) fn spacing(&self, curvature: f64, deviation: f64) -> f64 {
+        let ends = [self.ahead + self.half_length, self.ahead - self.half_length];
+        let sides = [self.half_width, -self.half_width];
+        let corners = ends.into_iter().flat_map(|x| sides.map(|y| (x, y)));
+        let height = corners.map(|(x, y)| {
+            let (along, across) = (libm::fabs(1.0 - curvature * y), libm::fabs(curvature * x));
+            along * across / libm::hypot(along, across)
         });
-        if off { f64::INFINITY } else { deepest }
+        // No obstacle passes between two rectangles that overlap.
+        (deviation / height.fold(0.0, f64::max)).min(self.half_length)
     }
 
     /// Penetration from which the robot cannot drive out, m.
@@ -134,75 +231,29 @@ impl Body {
         self.half_width.min(self.half_length)
     }
 
-    /// Calls `enough` with the penetration of each occupied cell that touches the rectangle, until it returns true;
-    /// returns true then, and off the map. Exact: squares against a rectangle by the separating axis test.
-    fn touches(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64, mut enough: impl FnMut(f64) -> bool) -> bool {
+    /// Largest penetration of an occupied cell, m; 0 if free; infinite if part of it is off the map. Exact: squares
+    /// against a rectangle by the separating axis test.
+    pub(crate) fn depth(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> f64 {
         let frame = field.frame();
+        let (x, y) = (x + self.ahead * cos, y + self.ahead * sin);
         let (along, across) = (libm::fabs(cos), libm::fabs(sin));
         let half_x = self.half_length * along + self.half_width * across;
         let half_y = self.half_length * across + self.half_width * along;
         let low = frame.cell(x - half_x, y - half_y);
         let high = frame.cell(x + half_x, y + half_y);
-        let (Some((left, bottom)), Some((right, top))) = (low, high) else { return true };
+        let (Some((left, bottom)), Some((right, top))) = (low, high) else { return f64::INFINITY };
         let half_cell = frame.resolution / 2.0 * (along + across);
         let (length, width) = (self.half_length + half_cell, self.half_width + half_cell);
-        let per_metre = (1.0 / frame.resolution) as f32;
+        let mut deepest = 0f64;
         for row in bottom..=top {
-            let mut column = left;
-            while column <= right {
-                let distance = field.cell(column, row);
-                if distance > 0.0 {
-                    // No cell is nearer than that.
-                    column += ((distance * per_metre) as usize).max(1);
-                    continue;
-                }
+            for column in field.occupied(row, left, right) {
                 let (cx, cy) = frame.centre(column, row);
                 let (dx, dy) = (cx - x, cy - y);
                 let along = length - libm::fabs(dx * cos + dy * sin);
                 let across = width - libm::fabs(dy * cos - dx * sin);
-                if along > 0.0 && across > 0.0 && enough(along.min(across)) {
-                    return true;
-                }
-                column += 1;
+                deepest = deepest.max(along.min(across));
             }
         }
-        false
-    }
-
-    /// Distance from the edges of a free rectangle to the nearest occupied cell.
-    fn clearance(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64, most: f64) -> f64 {
-        let (x, y) = (x + self.ahead * cos, y + self.ahead * sin);
-        let frame = field.frame();
-        let half = frame.resolution / 2.0;
-        let reach = libm::hypot(self.half_length, self.half_width) + most + frame.resolution;
-        // The edge of the map counts as an obstacle.
-        let (right, top) =
-            (frame.x + frame.width as f64 * frame.resolution, frame.y + frame.height as f64 * frame.resolution);
-        let half_x = self.half_length * libm::fabs(cos) + self.half_width * libm::fabs(sin);
-        let half_y = self.half_length * libm::fabs(sin) + self.half_width * libm::fabs(cos);
-        let edges = [x - half_x - frame.x, right - x - half_x, y - half_y - frame.y, top - y - half_y];
-        let mut least = edges.into_iter().fold(most, f64::min);
-        let cell = |x: f64, y: f64| {
-            let column = ((x - frame.x) / frame.resolution).clamp(0.0, frame.width as f64 - 1.0);
-            (column as usize, ((y - frame.y) / frame.resolution).clamp(0.0, frame.height as f64 - 1.0) as usize)
-        };
-        let ((left, bottom), (right, top)) = (cell(x - reach, y - reach), cell(x + reach, y + reach));
-        for row in bottom..=top {
-            let mut column = left;
-            while column <= right {
-                let distance = field.cell(column, row);
-                if distance > 0.0 {
-                    column += ((distance / frame.resolution as f32) as usize).max(1);
-                    continue;
-                }
-                let (cx, cy) = frame.centre(column, row);
-                let (dx, dy) = (cx - x, cy - y);
-                let along = (libm::fabs(dx * cos + dy * sin) - self.half_length).max(0.0);
-                let across = (libm::fabs(dy * cos - dx * sin) - self.half_width).max(0.0);
-                least = least.min((libm::hypot(along, across) - half).max(0.0));
-                column += 1;
-            }
-        }
-        least
+        deepest
     }
 }

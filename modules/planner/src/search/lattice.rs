@@ -7,6 +7,9 @@ use navitools::{Arc, Pose};
 pub(crate) const HEADINGS: usize = 72;
 const STEP: f64 = 2.0 * core::f64::consts::PI / HEADINGS as f64;
 
+/// Maximum number of samples of a step, for a robot of odd dimensions: the whole path is checked once more.
+const SAMPLES_MAX: f64 = 500.0;
+
 /// Cost factor for proximity to obstacles.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ProximityCost {
@@ -41,6 +44,18 @@ pub(crate) struct Sample {
     pub(crate) cos: f64,
 }
 
+impl Sample {
+    /// The sample turned about the beginning of the step by an angle.
+    pub(crate) fn turned(&self, sin: f64, cos: f64) -> Self {
+        Self {
+            x: cos * self.x - sin * self.y,
+            y: sin * self.x + cos * self.y,
+            sin: sin * self.cos + cos * self.sin,
+            cos: cos * self.cos - sin * self.sin,
+        }
+    }
+}
+
 /// Step from any heading.
 #[derive(Clone, Debug)]
 pub(crate) struct Step {
@@ -52,6 +67,8 @@ pub(crate) struct Step {
     pub(crate) reverse: bool,
     /// Cost without proximity and changes, m.
     pub(crate) cost: f32,
+    /// Way of the fastest corner from one sample to the next, m.
+    pub(crate) way: f32,
     /// Index of its first sample in a heading's list, and number of samples.
     first: usize,
     count: usize,
@@ -62,16 +79,18 @@ pub(crate) struct Step {
 pub(crate) struct Lattice {
     pub(crate) steps: Vec<Step>,
     /// Poses for heading 0 along the x axis, then turned to the headings of a search.
-    local: Vec<Pose>,
+    local: Vec<Sample>,
     samples: Vec<Sample>,
     heading: Option<f64>,
 }
 
 impl Lattice {
-    /// Creates steps of at least three cells, with curvatures of zero, half and the whole limit, checked every
-    /// `spacing` m.
-    pub(crate) fn new(radius: f64, resolution: f64, spacing: f64, costs: &Costs) -> Self {
-        let mut lattice = Self::default();
+    /// Makes steps of at least three cells, with curvatures of zero, half and the whole limit. `looks` has the distance
+    /// between the samples of an arc, m, and the way of the fastest corner for each metre.
+    pub(crate) fn build(&mut self, radius: f64, resolution: f64, looks: impl Fn(f64) -> (f64, f64), costs: &Costs) {
+        self.steps.clear();
+        self.local.clear();
+        self.heading = None;
         let bins = (libm::round(3.0 * resolution / (radius * STEP)) as i32).max(1);
         // A step must leave its cell in any direction.
         let bins = bins.max(libm::ceil(1.5 * resolution / (radius * STEP)) as i32);
@@ -85,18 +104,21 @@ impl Lattice {
                 };
                 let sign = if reverse { -1.0 } else { 1.0 };
                 let arc = Arc { curvature: f64::from(steering) / (2.0 * radius), length: sign * length };
-                let count = libm::ceil(length / spacing) as usize;
-                let first = lattice.local.len();
+                let (spacing, way) = looks(arc.curvature);
+                let count = libm::ceil(length / spacing).min(SAMPLES_MAX) as usize;
+                let first = self.local.len();
                 for sample in 1..=count {
                     let part = Arc { length: arc.length * sample as f64 / count as f64, ..arc };
-                    lattice.local.push(part.end());
+                    let Pose { x, y, theta } = part.end();
+                    let (sin, cos) = theta.sin_cos();
+                    self.local.push(Sample { x, y, sin, cos });
                 }
                 let turn = turn * i32::from(steering.signum()) * if reverse { -1 } else { 1 };
-                let cost = length * costs.arc_cost(&arc, radius);
-                lattice.steps.push(Step { arc, turn, steering, reverse, cost: cost as f32, first, count });
+                let cost = (length * costs.arc_cost(&arc, radius)) as f32;
+                let way = (length / count as f64 * way) as f32;
+                self.steps.push(Step { arc, turn, steering, reverse, cost, way, first, count });
             }
         }
-        lattice
     }
 
     /// Turns the steps to headings that begin with `heading`.
@@ -107,12 +129,8 @@ impl Lattice {
         self.heading = Some(heading);
         self.samples.clear();
         for index in 0..HEADINGS {
-            let about = Pose::new(0.0, 0.0, heading + index as f64 * STEP);
-            self.samples.extend(self.local.iter().map(|pose| {
-                let Pose { x, y, theta } = about * *pose;
-                let (sin, cos) = theta.sin_cos();
-                Sample { x, y, sin, cos }
-            }));
+            let (sin, cos) = libm::sincos(heading + index as f64 * STEP);
+            self.samples.extend(self.local.iter().map(|sample| sample.turned(sin, cos)));
         }
     }
 

@@ -12,6 +12,9 @@ pub struct Limits {
     pub footprint: Footprint,
     /// Margin on all sides, m; not below 0.
     pub margin_m: f64,
+    /// Smallest margin, m: where no path has the whole margin, paths with half of it, a quarter of it and this one are
+    /// tried, as far as these are not smaller.
+    pub margin_least_m: f64,
     /// Minimum turning radius of the rear axle's middle, m; above zero.
     pub radius_m: f64,
     /// Preferences.
@@ -24,7 +27,49 @@ impl Limits {
     /// Limits of a robot with this footprint and turning radius; all others at their defaults.
     #[must_use]
     pub fn new(footprint: Footprint, radius_m: f64) -> Self {
-        Self { footprint, margin_m: 0.02, radius_m, costs: Costs::default(), states_max: 400_000 }
+        Self { footprint, margin_m: 0.02, margin_least_m: 0.0, radius_m, costs: Costs::default(), states_max: 400_000 }
+    }
+}
+
+/// Number of margins that are tried.
+const MARGINS: usize = 4;
+/// Largest distance by which a corner may leave the poses that are checked, m; also at most three quarters of the
+/// margin.
+const DEVIATION_MAX_M: f64 = 0.015;
+/// Margin of the checked poses where no margin is left, m.
+const CONTACT_M: f64 = 1e-3;
+
+/// Margin that is tried.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Margin {
+    /// Margin on all sides, m.
+    pub(crate) margin: f64,
+    /// Margin of the checked poses, m.
+    pub(crate) grown: f64,
+    /// Distance by which a corner may leave them, m; less than `grown`, so that the footprint itself never touches.
+    pub(crate) deviation: f64,
+}
+
+impl Limits {
+    /// Smallest margin that is tried, m.
+    pub(crate) fn margin_least(&self) -> f64 {
+        self.margin_least_m.min(self.margin_m)
+    }
+
+    /// Margin of an attempt, from 0; `None` after the last.
+    pub(crate) fn margin(&self, attempt: usize) -> Option<Margin> {
+        let margin_m = self.margin_m;
+        let least = self.margin_least();
+        let margins = [margin_m, margin_m / 2.0, margin_m / 4.0, least];
+        let mut known = f64::INFINITY;
+        let margin = margins.into_iter().filter(|&margin| {
+            let is_next = margin >= least && margin < known;
+            known = if is_next { margin } else { known };
+            is_next
+        });
+        let margin = margin.take(MARGINS).nth(attempt)?;
+        let grown = margin.max(CONTACT_M);
+        Some(Margin { margin, grown, deviation: (0.75 * grown).min(DEVIATION_MAX_M) })
     }
 }
 
@@ -75,7 +120,7 @@ pub struct Goal {
 /// Work allowed for a search; a unit is an expanded state, or an operation of equal duration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Until a first path is found.
+    /// Until a first path is found; half of it for each smaller margin.
     pub first: u32,
     /// After that, for a better one; at most the work for the first one, or a tenth of this.
     pub better: u32,

@@ -98,6 +98,28 @@ fn a_door_is_passed_if_the_robot_fits_through() {
 }
 
 #[test]
+fn the_margin_is_given_up_in_steps_where_nothing_else_leads_to_the_goal() {
+    // Passages between cells of 1 cm, and the largest margin with which the robot fits through.
+    for (passage, margin) in [(0.70, 0.02), (0.63, 0.01), (0.615, 0.005), (0.606, 0.0)] {
+        let mut map = Map::around((0.0, 0.0), (5.0, 3.0), 0.002).unwrap();
+        for side in [-1.0, 1.0] {
+            let edge = 1.5 + side * (passage / 2.0 + 0.001);
+            map.polygon(&[(2.4, edge), (2.6, edge), (2.6, edge + side), (2.4, edge + side)]);
+        }
+        let field = Field::new(&map, Unknown::Blocked);
+        let mut search = Search::new(limits());
+        let start = Pose::new(0.5, 1.5, 0.0);
+        let path = search.plan(&field, start, pose_goal(4.0, 1.5, 0.0), Budget::default()).unwrap();
+        check(&field, start, path);
+        assert_eq!(path.margin(), margin, "{passage}");
+        assert!(path.clearance() >= margin / 4.0 && path.clearance() < 0.03 + margin, "{}", path.clearance());
+        search.keep_margin(true);
+        let kept = search.plan(&field, start, pose_goal(4.0, 1.5, 0.0), Budget::default()).map(Path::margin);
+        assert_eq!(kept.is_ok(), margin == 0.02, "{passage} {kept:?}");
+    }
+}
+
+#[test]
 fn an_impossible_request_has_its_reason() {
     let field = room(&[(5.0, 0.0, 5.0, 8.0), (2.0, 5.0, 3.0, 5.0)]);
     let mut search = Search::new(limits());
@@ -112,7 +134,7 @@ fn an_impossible_request_has_its_reason() {
     assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), SearchError::GoalBlocked);
     assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), SearchError::GoalBlocked);
     assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), SearchError::StartBlocked);
-    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), SearchError::Budget);
+    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 1), SearchError::Budget);
     for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), SearchError::Invalid);
         assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), SearchError::Invalid);
