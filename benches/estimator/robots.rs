@@ -307,7 +307,8 @@ fn gated(made: &Made, known: &Recording) -> f64 {
         }
         if end >= SETTLES {
             let truth = made.truth[row + 1].1;
-            sum += pose.point().distance(truth.point()).powi(2);
+            let off = pose.point().distance(truth.point());
+            sum += off * off;
             count += 1.0;
         }
     }

@@ -104,6 +104,14 @@ impl Trial {
     }
 }
 
+fn turn_of(noise: &mut Noise) -> &mut f64 {
+    &mut noise.turn_per_s
+}
+
+fn along_of(noise: &mut Noise) -> &mut f64 {
+    &mut noise.along_per_s
+}
+
 /// Finds the settings that a recording fits: noise of the bearings, how long their errors last, the part of outliers,
 /// noise of the odometry, the meaning of a row's rates, and the errors that the robot's measurements always have.
 ///
@@ -127,9 +135,7 @@ pub fn find_out(
         noise::adapt(&mut unknown.config, &best.ended.judged);
         let wide = Trial::new(recording, unknown.clone(), start)?;
         best = Trial::new(recording, wide.calibrated(), start)?;
-        let (along, turn): (fn(&mut Noise) -> &mut f64, fn(&mut Noise) -> &mut f64) =
-            (|noise| &mut noise.along_per_s, |noise| &mut noise.turn_per_s);
-        for of in [turn, along] {
+        for of in [turn_of as fn(&mut Noise) -> &mut f64, along_of] {
             for factor in [step, 1.0 / step] {
                 let mut robot = best.robot.clone();
                 *of(&mut robot.config.odometry) *= factor;
