@@ -5,7 +5,8 @@ mod run;
 mod trial;
 
 use super::{Common, Failed, Outcome, print};
-use estimator::filter::{Counts, Estimate as Believed, Nuisances, Quality};
+use estimator::filter::{Counts, Estimate as Believed, Mount, Nuisances, Quality};
+use estimator::recorded;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -36,6 +37,9 @@ pub struct Estimate {
     /// True if rates hold up to their row's time or from it on; without it, what the bearings fit better
     #[arg(long, value_enum)]
     hold: Option<Hold>,
+    /// Place of the beacon scanner: ahead of the rear axle and left of the middle, m; without it, what the bearings say
+    #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "run")]
+    sensor: Option<[f64; 2]>,
     /// CSV file for the estimate; without it stdout, unless --json
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -51,6 +55,26 @@ pub enum Hold {
     Before,
     /// From its time to the next row's
     After,
+}
+
+impl From<Hold> for recorded::Hold {
+    fn from(hold: Hold) -> Self {
+        match hold {
+            Hold::Before => Self::Before,
+            Hold::After => Self::After,
+        }
+    }
+}
+
+/// Greatest distance of the sensor from the rear axle's centre along x and y, m, as in a configuration.
+const SENSOR_MAX_M: f64 = 10.0;
+
+/// The place of the sensor.
+fn place(text: &str) -> Result<[f64; 2], String> {
+    let numbers = text.split(',').map(|number| super::finite(number.trim())).collect::<Result<Vec<f64>, _>>();
+    let place = numbers.ok().and_then(|numbers| <[f64; 2]>::try_from(numbers).ok());
+    let near = |place: &[f64; 2]| place.iter().all(|along| along.abs() <= SENSOR_MAX_M);
+    place.filter(near).ok_or_else(|| format!("expected x,y, each of at most {SENSOR_MAX_M} m"))
 }
 
 /// A row of what comes out.
@@ -76,7 +100,10 @@ pub fn estimate(common: &Common, command: &Estimate) -> Outcome {
         (Some(run), ..) => run::estimates(run, command.start, &common.sets)?,
         (None, Some(odometry), Some(bearings), Some(beacons)) => {
             let data = csv::Data::read(odometry, bearings, beacons)?;
-            trial::estimates(&data, common.config.as_deref(), command.start, command.hold)?
+            data.unknown_beacons(bearings, beacons)?;
+            let mount = command.sensor.map(|[x, y]| Mount { x, y });
+            let known = recorded::Known { hold: command.hold.map(Into::into), mount };
+            trial::estimates(data, common, command.start, known)?
         }
         _ => return Err("either RUN_DIR, or --odometry, --bearings and --beacons; see --help".into()),
     };
@@ -97,6 +124,9 @@ pub fn estimate(common: &Common, command: &Estimate) -> Outcome {
         (true, _) => print(summary(&outcomes))?,
         (false, Some(path)) => print(as_text(&outcomes, path))?,
         (false, None) => {}
+    }
+    if outcomes.rows.iter().all(|row| row.believed.quality < Quality::Coarse) {
+        eprintln!("the pose was never found: do the bearings, the numbers and the places of the beacons fit together?");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -143,6 +173,7 @@ fn summary(outcomes: &Outcomes) -> Value {
         summary["robot"] = json!({
             "sensor_turn": nuisances.turn, "scale": nuisances.scale, "bend": nuisances.bend,
             "track": nuisances.track, "delay": nuisances.delay,
+            "sensor_x": nuisances.place.x, "sensor_y": nuisances.place.y,
         });
     }
     summary

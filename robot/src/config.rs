@@ -160,12 +160,20 @@ pub fn migrated(path: &Path, text: &str) -> Result<String, ConfigError> {
     moves.migrate(path, text)
 }
 
-/// The table `estimator` of a file that may have others, too: for the filter without its robot.
+/// The table `estimator` of a file that may have others, too: for the filter without its robot. `sets` are overrides
+/// `estimator.key=value`.
 ///
 /// # Errors
 /// A line for each thing that is wrong.
-pub fn estimator_of(path: &Path) -> Result<Option<::estimator::filter::Config>, ConfigError> {
-    let node = read(path)?;
+pub fn estimator_of(path: &Path, sets: &[String]) -> Result<Option<::estimator::filter::Config>, ConfigError> {
+    let mut node = read(path)?;
+    let of_robot = moves::<Robot>();
+    for set in sets {
+        if !set.trim_start().starts_with("estimator.") {
+            return Err(ConfigError(vec![format!("--set {set}: expected estimator.key=value")]));
+        }
+        of_robot.set(&mut node, set, &mut Vec::new())?;
+    }
     let problems = Problems::default();
     let config = Table::root(&node, &problems).and_then(|mut root| root.optional("estimator", &()));
     let lines = problems.lines();

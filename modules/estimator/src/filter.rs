@@ -14,6 +14,7 @@ mod tests;
 
 pub use config::{Beacon, Config, ConfigError, Mount, Noise};
 pub(crate) use state::deviations;
+pub(crate) use state::{PLACE_KNOWN, PLACE_UNKNOWN};
 
 use crate::search::{self, Bearing};
 use crate::trail::Trail;
@@ -21,8 +22,9 @@ use base::listed;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
 use history::{Entry, History, Kind};
-use navitools::{Motion, Pose, wrap};
-use state::{BEND, DELAY, N, SCALE, Sight, State, Step, THETA, TRACK, TURN, X, Y};
+use navitools::{Motion, Point, Pose, wrap};
+use state::{BEND, DELAY, PLACE_X, PLACE_Y};
+use state::{SCALE, Sight, State, Step, THETA, TRACK, TURN, X, Y};
 use std::collections::VecDeque;
 
 listed! {
@@ -54,7 +56,7 @@ pub struct Estimate {
 }
 
 /// Estimated calibration parameters of the robot.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Nuisances {
     /// Mounting angle of the sensor, rad.
     pub turn: f64,
@@ -66,6 +68,33 @@ pub struct Nuisances {
     pub track: f64,
     /// Delay from a bearing's measurement to its time stamp, s.
     pub delay: f64,
+    /// Place of the sensor in the robot's frame, m.
+    pub place: Point,
+}
+
+/// Standard deviations of [`Nuisances`], in their units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "those of the parameters")]
+pub struct NuisanceDeviations {
+    pub turn: f64,
+    pub scale: f64,
+    pub bend: f64,
+    pub track: f64,
+    pub delay: f64,
+    pub place: f64,
+}
+
+/// Fit of a bearing that the estimate did not depend on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// Instant of the bearing.
+    pub at: Instant,
+    /// Index of the beacon in the map.
+    pub beacon: usize,
+    /// Measured minus expected direction, rad.
+    pub innovation: f64,
+    /// Variance of the expected direction, rad².
+    pub spread: f64,
 }
 
 /// Reason for refusing a measurement.
@@ -107,9 +136,9 @@ pub struct Counts {
 }
 
 /// Greatest plausible speed, m/s.
-const SPEED_MAX: f64 = 10.0;
+pub const SPEED_MAX: f64 = 10.0;
 /// Greatest plausible rotation, rad/s.
-const ROTATION_MAX: f64 = 20.0;
+pub const ROTATION_MAX: f64 = 20.0;
 /// Longest gap in the odometry that is bridged.
 const GAP: Duration = Duration::from_secs(2);
 /// Standard deviation of unmeasured motion, m/√s and rad/√s.
@@ -122,10 +151,10 @@ const WHILE_STANDING: u8 = 3;
 const DOUBT: f64 = 11.5;
 /// Log-likelihood ratio against the pose from which its quality is at most COARSE.
 const UNEASY: f64 = 5.75;
-/// Averaging length, in bearings, of the fraction of misfits, and the fraction from which other poses are searched for:
-/// after a displacement by little, half of the bearings may still fit.
+/// Averaging length, in bearings, of the fraction of misfits, and the fraction from which other poses are searched for,
+/// beyond twice that of the outliers: after a displacement by little, half of the bearings may still fit.
 const LOOKED_AT: f64 = 8.0;
-const MISFITS: f64 = 0.3;
+const MISFITS: f64 = 0.2;
 /// Bearings of this time decide between the pose and its rivals.
 const LATELY: Duration = Duration::from_secs(3);
 /// Consecutive fitting bearings that end a doubt.
@@ -138,12 +167,22 @@ const TAKEN_BACK: f64 = 1.0;
 const GIVEN_UP: Duration = Duration::from_secs(10);
 /// Least time between two global searches.
 const SEARCH_EVERY: Duration = Duration::from_millis(250);
+/// Number of searches in vain after which the time between two grows once more, and its greatest factor.
+const PATIENCE_STEP: u32 = 12;
+const PATIENCE_MAX: u32 = 20;
 /// Standard deviations of a pose, m and rad, from which the global search runs too.
 const VAGUE: (f64, f64) = (0.7, 0.2);
+/// Factor of the probabilities below which the search accepts a pose of a robot of which little is known.
+const UNKNOWN_STRICTNESS: f64 = 0.05;
+/// Log-likelihood ratio of bearings after a search, each as far as it is independent of the one before, that confirms
+/// its pose: until then its quality is at most COARSE.
+const CONFIRMED: f64 = 20.0;
 /// Time within which sightings of a beacon belong to the same sweep or to consecutive ones.
 const SWEEPS: Duration = Duration::from_secs(3);
 /// Two misfits of a beacon whose innovations differ by less than this, rad, are no outliers.
 const AGREE: f64 = 0.1;
+/// Least time between two bearings of a beacon that the search uses.
+const SEEN_APART: Duration = Duration::from_millis(300);
 /// Time since the last bearing for which beacons count as received.
 const SEEN_WITHIN: Duration = Duration::from_secs(3);
 /// Standard deviations of the position, m, and heading, rad, without a pose.
@@ -157,6 +196,7 @@ struct Pending {
     stamp: Instant,
     beacon: usize,
     bearing: f64,
+    withheld: bool,
 }
 
 /// Bearings of one beacon applied last.
@@ -192,12 +232,17 @@ impl Applied {
     }
 }
 
-/// The extended Kalman filter: takes motion steps and bearings, gives the pose.
+/// The filter of a robot whose sensor's place is known: `Config::place` has no effect.
+pub type Filter = Kalman<PLACE_KNOWN>;
+/// The filter of a robot whose sensor's place is known to `Config::place`, and found while it turns.
+pub type PlacingFilter = Kalman<PLACE_UNKNOWN>;
+
+/// The extended Kalman filter: takes motion steps and bearings, gives the pose. `N`: dimension of its state.
 #[derive(Debug)]
-pub struct Filter {
+pub struct Kalman<const N: usize> {
     config: Config,
-    walk: [f64; N - 3],
-    history: History,
+    walk: [f64; N],
+    history: History<N>,
     /// True if a pose is known; the calibration parameters are valid either way.
     has_pose: bool,
     started: bool,
@@ -209,6 +254,9 @@ pub struct Filter {
     against: f64,
     /// Fraction of misfits among the last bearings, 0 to 1.
     misfits: f64,
+    /// Log-likelihood ratio of the bearings for the pose since it was found, and whether it ever was [`CONFIRMED`].
+    confirmed: f64,
+    is_confirmed: bool,
     doubt: Option<Instant>,
     good: u32,
     /// Time stamp of the last bearing after which nothing contradicted the pose.
@@ -216,25 +264,28 @@ pub struct Filter {
     last_seen: Option<Instant>,
     searched: Instant,
     to_search: bool,
+    /// Number of searches since the last one that found a pose.
+    failed: u32,
     counts: Counts,
-    evidence: f64,
+    judged: Vec<Judged>,
 }
 
-impl Filter {
+impl<const N: usize> Kalman<N> {
     /// Makes a filter without a pose.
     ///
     /// # Errors
     /// The configuration is inconsistent.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
-        let prior = [config.turn, config.scale, config.bend, config.track, config.delay];
+        let Config { turn, scale, bend, track, delay, place, .. } = config;
+        let prior = [0.0, 0.0, 0.0, turn, scale, bend, track, delay, place, place];
         let mut state = State { mean: [0.0; N], cov: [[0.0; N]; N] };
-        for (place, deviation) in prior.iter().enumerate() {
-            state.cov[3 + place][3 + place] = deviation * deviation;
+        for place in 0..N {
+            state.cov[place][place] = prior[place] * prior[place];
         }
         let applied = vec![Applied::default(); config.beacons.len()];
         Ok(Self {
-            walk: prior.map(|deviation| deviation * deviation / CHANGES_IN),
+            walk: core::array::from_fn(|place| prior[place] * prior[place] / CHANGES_IN),
             history: History::new(Instant::ZERO, &state),
             has_pose: false,
             started: false,
@@ -244,14 +295,17 @@ impl Filter {
             applied,
             against: 0.0,
             misfits: 0.0,
+            confirmed: 0.0,
+            is_confirmed: false,
             doubt: None,
             good: 0,
             clean: Instant::ZERO,
             last_seen: None,
             searched: Instant::ZERO,
             to_search: false,
+            failed: 0,
             counts: Counts::default(),
-            evidence: 0.0,
+            judged: Vec::new(),
             config,
         })
     }
@@ -262,18 +316,29 @@ impl Filter {
         self.counts
     }
 
-    /// Log-likelihood of the bearings relative to uniformly distributed directions. Of two configurations over the same
-    /// data, the one with the larger value describes the robot better.
+    /// Fits of the bearings that only judged the estimate ([`Self::judge_by`]), in the order of their processing.
     #[must_use]
-    pub fn evidence(&self) -> f64 {
-        self.evidence
+    pub fn judged(&self) -> &[Judged] {
+        &self.judged
     }
 
     /// Estimated calibration parameters.
     #[must_use]
     pub fn nuisances(&self) -> Nuisances {
-        let mean = &self.history.last().state.mean;
-        Nuisances { turn: mean[TURN], scale: mean[SCALE], bend: mean[BEND], track: mean[TRACK], delay: mean[DELAY] }
+        let State { mean, .. } = &self.history.last().state;
+        let place = self.history.last().state.place(self.config.mount.into());
+        let (turn, scale, bend, track) = (mean[TURN], mean[SCALE], mean[BEND], mean[TRACK]);
+        Nuisances { turn, scale, bend, track, delay: mean[DELAY], place }
+    }
+
+    /// Standard deviations of [`Self::nuisances`]; of the place the larger one, m.
+    #[must_use]
+    pub fn nuisance_deviations(&self) -> NuisanceDeviations {
+        let State { cov, .. } = &self.history.last().state;
+        let deviation = |place: usize| libm::sqrt(cov[place][place].max(0.0));
+        let place = if N == PLACE_UNKNOWN { deviation(PLACE_X).max(deviation(PLACE_Y)) } else { 0.0 };
+        let (turn, scale, bend, track) = (deviation(TURN), deviation(SCALE), deviation(BEND), deviation(TRACK));
+        NuisanceDeviations { turn, scale, bend, track, delay: deviation(DELAY), place }
     }
 
     /// Instant of the last motion step.
@@ -346,7 +411,19 @@ impl Filter {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn bearing(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
-        let refused = self.take_bearing(stamp, id, bearing);
+        self.count_bearing(stamp, id, bearing, false)
+    }
+
+    /// Takes a bearing only to judge the estimate by it ([`Self::judged`]); the state does not depend on it.
+    ///
+    /// # Errors
+    /// The measurement is refused.
+    pub fn judge_by(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
+        self.count_bearing(stamp, id, bearing, true)
+    }
+
+    fn count_bearing(&mut self, stamp: Instant, id: i32, bearing: f64, withheld: bool) -> Result<(), Refused> {
+        let refused = self.take_bearing(stamp, id, bearing, withheld);
         match refused {
             Ok(()) => self.counts.bearings += 1,
             Err(Refused::Value) => self.counts.values += 1,
@@ -356,7 +433,7 @@ impl Filter {
         refused
     }
 
-    fn take_bearing(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
+    fn take_bearing(&mut self, stamp: Instant, id: i32, bearing: f64, withheld: bool) -> Result<(), Refused> {
         // A value of many turns is not an angle.
         if !bearing.is_finite() || bearing.abs() > 100.0 {
             return Err(Refused::Value);
@@ -373,7 +450,7 @@ impl Filter {
         if at < self.history.first_at() || at > self.at() + history::HISTORY {
             return Err(Refused::Time);
         }
-        let pending = Pending { at, stamp, beacon, bearing: wrap(bearing) };
+        let pending = Pending { at, stamp, beacon, bearing: wrap(bearing), withheld };
         if at <= self.at() {
             self.insert(pending);
         } else if self.pending.len() < WAITING {
@@ -387,7 +464,7 @@ impl Filter {
 
     /// Inserts a bearing into the history at its instant.
     fn insert(&mut self, pending: Pending) {
-        let Pending { at, stamp, beacon, bearing } = pending;
+        let Pending { at, stamp, beacon, bearing, withheld } = pending;
         if at < self.history.first_at() {
             return;
         }
@@ -396,34 +473,46 @@ impl Filter {
         let before = *self.history.before(place);
         let applied = &mut self.applied[beacon];
         let standing = step.way == Motion::default();
-        let used = !standing || applied.standing < WHILE_STANDING;
-        let mut variance = self.config.bearing * self.config.bearing;
-        // Correlated noise repeats in the next bearing of this beacon, which therefore carries less information.
-        if let Some(last) = applied.last {
-            let again = libm::exp(-at.since(last).as_secs_f64() / self.config.lasting_s);
-            variance *= 1.0 + 2.0 * self.config.lasting * again;
-        }
+        let used = !withheld && (!standing || applied.standing < WHILE_STANDING);
+        let variance = self.config.bearing * self.config.bearing;
+        // Noise that lasts repeats in the next bearing of this beacon, which therefore carries less information.
+        let apart = |last: Instant| at.since(last).max(last.since(at)).as_secs_f64();
+        let weight = applied.last.map_or(1.0, |last| self.config.independence(apart(last)));
         if used {
             applied.last = applied.last.max(Some(at));
             applied.standing = if standing { applied.standing + 1 } else { 0 };
-        } else {
+        } else if !withheld {
             self.counts.repeated += 1;
         }
         let later = if stamp >= at { stamp.since(at).as_secs_f64() } else { -at.since(stamp).as_secs_f64() };
         let place_of = self.config.beacons[beacon].at;
         let (mount, rates) = (self.config.mount.into(), step.rates());
-        let sight = Sight { number: beacon, beacon: place_of, bearing, variance, mount, rates, later };
-        let kind = Kind::Bearing { sight, fresh: true, used };
+        let sight = Sight { number: beacon, beacon: place_of, bearing, variance, weight, mount, rates, later };
+        let kind = Kind::Bearing { sight, fresh: true, used, withheld };
         self.history.insert(place, &Entry { at, kind, ..before });
-        let seen = Bearing { stamp, beacon, place: place_of, bearing };
+        if withheld {
+            return;
+        }
+        self.see(Bearing { stamp, beacon, place: place_of, bearing });
+        self.last_seen = self.last_seen.max(Some(at));
+        self.to_search = true;
+    }
+
+    /// Keeps a bearing for the global search; those of one beacon at some distance, so that they span its window.
+    fn see(&mut self, seen: Bearing) {
+        let stamp = seen.stamp;
+        let near = |other: &Bearing| {
+            other.beacon == seen.beacon && stamp.since(other.stamp).max(other.stamp.since(stamp)) < SEEN_APART
+        };
+        if self.seen.iter().any(near) {
+            return;
+        }
         let place = self.seen.partition_point(|other| other.stamp <= stamp);
         self.seen.insert(place, seen);
         let old = |seen: &Bearing| stamp.since(seen.stamp) > search::BEARING_WINDOW;
         while self.seen.len() > search::BEARINGS_MAX || self.seen.front().is_some_and(old) {
             self.seen.pop_front();
         }
-        self.last_seen = self.last_seen.max(Some(at));
-        self.to_search = true;
     }
 
     /// Processes new measurements, and runs the global search where needed.
@@ -436,7 +525,7 @@ impl Filter {
         if self.has_pose {
             self.judge(worst);
         }
-        if self.to_search && (!self.has_pose || self.doubt.is_some() || self.is_vague() || self.misfits > MISFITS) {
+        if self.to_search && (!self.has_pose || self.doubt.is_some() || self.is_vague() || self.has_misfits()) {
             self.search();
         }
         self.to_search = false;
@@ -446,12 +535,12 @@ impl Filter {
     fn work_out(&mut self) -> f64 {
         let (mut against, mut good, mut clean) = (self.against, self.good, self.clean);
         let mut worst = against;
-        let (wild, mut evidence) = (self.config.wild, self.evidence);
+        let wild = self.config.wild;
         while let Some((mut state, entry)) = self.history.next() {
             match &mut entry.kind {
                 Kind::Begin => {}
                 Kind::Way(step) => state.predict(step, &self.walk),
-                Kind::Bearing { sight, fresh, used } if self.has_pose => {
+                Kind::Bearing { sight, fresh, used, withheld } if self.has_pose => {
                     if let Some(fit) = state.fit(sight) {
                         let (own, other) = ((1.0 - wild) * fit.density(), wild / TAU);
                         let right = own / (own + other);
@@ -459,10 +548,16 @@ impl Filter {
                         if inside && *used {
                             state.update(&fit, right);
                         }
-                        if std::mem::take(fresh) {
+                        if *withheld {
+                            if std::mem::take(fresh) {
+                                let (innovation, spread) = (fit.innovation, fit.variance - sight.variance);
+                                self.judged.push(Judged { at: entry.at, beacon: sight.number, innovation, spread });
+                            }
+                        } else if std::mem::take(fresh) {
                             let likely = libm::log((own + other) * TAU);
-                            evidence += likely;
                             against = (against - likely).max(0.0);
+                            self.confirmed += sight.weight * likely;
+                            self.is_confirmed |= self.confirmed >= CONFIRMED;
                             worst = worst.max(against);
                             let fits = inside && right > 0.5;
                             good = if fits { good + 1 } else { 0 };
@@ -480,7 +575,6 @@ impl Filter {
             entry.state = state;
         }
         (self.against, self.good, self.clean) = (against, good, clean);
-        self.evidence = evidence;
         worst
     }
 
@@ -492,7 +586,7 @@ impl Filter {
             let before = self.history.before(place).state;
             let mut entries = self.history.from(place);
             let Some(Entry { kind: Kind::Bearing { sight, .. }, .. }) = entries.next() else { continue };
-            if before.fit(sight).is_none_or(|fit| fit.variance <= LEVERAGE * sight.variance) {
+            if before.fit(sight).is_none_or(|fit| fit.lasting <= LEVERAGE * sight.variance / sight.weight) {
                 continue;
             }
             let with = self.likely(before, self.history.from(place));
@@ -509,8 +603,8 @@ impl Filter {
         }
     }
 
-    /// Log-likelihood of the bearings from a state on, as in [`Self::evidence`].
-    fn likely<'a>(&self, mut state: State, entries: impl Iterator<Item = &'a Entry>) -> f64 {
+    /// Log-likelihood of the bearings from a state on, relative to uniformly distributed directions.
+    fn likely<'a>(&self, mut state: State<N>, entries: impl Iterator<Item = &'a Entry<N>>) -> f64 {
         let mut sum = 0.0;
         for entry in entries {
             match &entry.kind {
@@ -589,21 +683,40 @@ impl Filter {
         position > VAGUE.0 || heading > VAGUE.1
     }
 
+    fn has_misfits(&self) -> bool {
+        self.misfits > MISFITS + 2.0 * self.config.wild
+    }
+
     fn search(&mut self) {
         let last = *self.history.last();
-        if last.at.since(self.searched) < SEARCH_EVERY {
+        // What does not lead to a pose of an unknown robot is tried less and less often.
+        let patience = if N == PLACE_UNKNOWN { (1 + self.failed / PATIENCE_STEP).min(PATIENCE_MAX) } else { 1 };
+        if last.at.since(self.searched) < SEARCH_EVERY * patience {
             return;
         }
         self.searched = last.at;
+        self.failed += 1;
         let delay = (last.state.mean[DELAY], libm::sqrt(last.state.cov[DELAY][DELAY]));
-        let turn = last.state.mean[TURN];
+        let mut sensor = search::Sensor {
+            mount: self.config.mount.into(),
+            spread: 0.0,
+            turn: last.state.mean[TURN],
+            delay,
+            strictness: 1.0,
+        };
+        if N == PLACE_UNKNOWN {
+            sensor.strictness = UNKNOWN_STRICTNESS;
+            sensor.mount = last.state.place(sensor.mount);
+            sensor.spread = last.state.cov[PLACE_X][PLACE_X].max(last.state.cov[PLACE_Y][PLACE_Y]);
+        }
         let certain = self.has_pose && self.doubt.is_none() && !self.is_vague();
         let seen = self.seen.make_contiguous();
         // While only the misfits contradict the pose, older bearings may belong to another place.
         let (since, share) = if certain { (self.clean.max(last.at - LATELY), 0.7) } else { (Instant::ZERO, 0.6) };
         let seen = &seen[seen.partition_point(|seen| seen.stamp < since)..];
         let own = self.has_pose.then(|| last.state.pose());
-        let Some(found) = search::search(&self.config, seen, &self.trail, turn, delay, own, share) else { return };
+        let Some(found) = search::search(&self.config, seen, &self.trail, sensor, own, share) else { return };
+        self.failed = 0;
         if let Some(own) = own
             && !self.is_vague()
             && search::is_same(own, found.pose)
@@ -622,7 +735,7 @@ impl Filter {
         let mut old = self.history.last().state;
         let mut state = State { mean: old.mean, cov: [[0.0; N]; N] };
         (state.mean[X], state.mean[Y], state.mean[THETA]) = (pose.x, pose.y, pose.theta.radians());
-        // Correlations of the pose with mounting angle and delay.
+        // Correlations of the pose with mounting angle, delay and the sensor's place.
         let mut by = [[0.0; N]; 3];
         if let Some(((mean, deviation), by_delay)) = delay {
             state.mean[DELAY] = mean;
@@ -633,6 +746,11 @@ impl Filter {
             });
             by[THETA][TURN] = -1.0;
             (by[X][DELAY], by[Y][DELAY], by[THETA][DELAY]) = (by_delay[0], by_delay[1], by_delay[2]);
+            if N == PLACE_UNKNOWN {
+                let (sin, cos) = pose.theta.sin_cos();
+                (by[X][PLACE_X], by[X][PLACE_Y]) = (-cos, sin);
+                (by[Y][PLACE_X], by[Y][PLACE_Y]) = (-sin, -cos);
+            }
         }
         for row in 3..N {
             state.cov[row][3..].copy_from_slice(&old.cov[row][3..]);
@@ -656,6 +774,8 @@ impl Filter {
         self.has_pose = true;
         self.doubt = None;
         (self.against, self.misfits, self.good) = (0.0, 0.0, 0);
+        // A pose that was set by hand is believed.
+        (self.confirmed, self.is_confirmed) = (0.0, delay.is_none());
         self.clean = self.at();
     }
 
@@ -718,7 +838,7 @@ impl Filter {
             () if self.against >= UNEASY => (0.25, 0.03),
             () => (0.0, 0.0),
         };
-        if self.against >= UNEASY {
+        if self.against >= UNEASY || !self.is_confirmed {
             quality = quality.min(Quality::Coarse);
         }
         covariance[X][X] += doubtful.0;

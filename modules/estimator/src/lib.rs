@@ -37,8 +37,9 @@ mod active;
 mod estimator;
 pub mod filter;
 mod motion_source;
+pub mod recorded;
 mod search;
 mod trail;
 
 pub use estimator::{Config, Estimator, NAME};
-pub use filter::Filter;
+pub use filter::{Filter, PlacingFilter};

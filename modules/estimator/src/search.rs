@@ -18,14 +18,20 @@ pub const BEARINGS_MAX: usize = 40;
 const TRIPLE_BEARINGS: usize = 14;
 /// Candidate poses that are refined.
 const REFINED_CANDIDATES: usize = 8;
-/// Prior probability that a bearing is an outlier; deliberately too high, so that no single outlier decides.
-const OUTLIER_PRIOR: f64 = 0.1;
+/// Prior probability that a bearing is an outlier, relative to the configured one, and its bounds; deliberately too high,
+/// so that no single outlier decides.
+const OUTLIER_PRIOR_PER_WILD: f64 = 2.0;
+const OUTLIER_PRIOR_MIN: f64 = 0.1;
+const OUTLIER_PRIOR_MAX: f64 = 0.4;
+/// Greatest squared residual, in variances, that noise explains.
+const NOISE_SQUARE_MAX: f64 = 9.0;
 /// Greatest likelihood of all rivals together, relative to an accepted pose.
 const RIVAL_LIKELIHOOD_MAX: f64 = 5e-3;
 /// Least inlier probability of a vote that counts as support of a pose.
 const INLIER_PROBABILITY_MIN: f64 = 0.98;
-/// Probability that an outlier fits a given pose.
-const OUTLIER_FIT_PROBABILITY: f64 = 0.02;
+/// Least probability that an outlier fits a given pose, and its ratio to the deviation of a bearing, 1/rad.
+const OUTLIER_FIT_PROBABILITY_MIN: f64 = 0.02;
+const OUTLIER_FIT_PROBABILITY_PER_RAD: f64 = 2.0;
 /// Greatest probability that the votes of an accepted pose agree by chance.
 const CHANCE_PROBABILITY_MAX: f64 = 2e-3;
 /// Greatest position deviation, m, at which a pose counts as known without the votes of one beacon.
@@ -56,6 +62,20 @@ pub struct Bearing {
     pub bearing: f64,
 }
 
+/// What is known of the sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct Sensor {
+    /// Place in the robot frame, m, and the variance of each coordinate, m².
+    pub mount: Point,
+    pub spread: f64,
+    /// Mounting angle, rad.
+    pub turn: f64,
+    /// Delay of bearings and its standard deviation, s.
+    pub delay: (f64, f64),
+    /// Factor of the probabilities below which a pose is accepted.
+    pub strictness: f64,
+}
+
 /// A pose found by the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Fix {
@@ -80,6 +100,10 @@ struct Vote {
     direction: f64,
     /// Derivatives of both by the delay, m/s and rad/s.
     earlier: (Point, f64),
+    /// Time stamp.
+    stamp: Instant,
+    /// Information relative to a vote with independent noise, above 0 to 1.
+    weight: f64,
     /// Variance of the direction, rad², and of the position across it, m².
     variance: f64,
     position_variance: f64,
@@ -92,25 +116,26 @@ struct Hypothesis {
     delay: f64,
 }
 
-/// Searches for the pose. `seen` is ordered by time; `trail` is the odometry up to the present; `turn` is the mounting
-/// angle of the sensor, rad; `delay` the delay of bearings with its standard deviation, s. `own`, the present estimate
-/// if there is one, competes as a rival. At least the fraction `share` of all bearings must support the result.
+/// Searches for the pose. `seen` is ordered by time; `trail` is the odometry up to the present. `own`, the present
+/// estimate if there is one, competes as a rival. At least the fraction `share` of all bearings must support the result.
 pub fn search(
     config: &Config,
     seen: &[Bearing],
     trail: &Trail,
-    turn: f64,
-    delay: (f64, f64),
+    sensor: Sensor,
     own: Option<Pose>,
     share: f64,
 ) -> Option<Fix> {
+    let delay = sensor.delay;
     let mut best: Vec<Candidate> = Vec::new();
     let mut votes = Vec::with_capacity(seen.len());
     for tried in delays(delay) {
         votes.clear();
-        votes.extend(seen.iter().rev().filter_map(|seen| carry(config, seen, trail, turn, tried)));
+        votes.extend(seen.iter().rev().filter_map(|seen| carry(config, seen, trail, &sensor, tried)));
+        weigh(config, &mut votes);
         let prior = (delay.0 - tried, delay.1.max(DELAY_SIGMA_MIN));
-        for mut candidate in candidates(config, &votes, own, share, prior) {
+        let chance = CHANCE_PROBABILITY_MAX * sensor.strictness;
+        for mut candidate in candidates(config, &votes, own, (share, chance), prior) {
             candidate.delay += tried;
             match best.iter_mut().find(|other| candidate.is_same(other)) {
                 Some(other) if other.score >= candidate.score => {}
@@ -130,7 +155,7 @@ pub fn search(
     let (position, heading) = crate::filter::deviations(&given);
     let sharp = position <= POSE_DEVIATION_MAX.0 && heading <= POSE_DEVIATION_MAX.1;
     let delay = (first.delay, libm::sqrt(variance));
-    (others <= RIVAL_LIKELIHOOD_MAX && sharp && first.is_supported).then_some(Fix {
+    (others <= RIVAL_LIKELIHOOD_MAX * sensor.strictness && sharp && first.is_supported).then_some(Fix {
         pose: first.pose,
         covariance: given,
         delay,
@@ -166,7 +191,14 @@ impl Candidate {
     }
 }
 
-fn candidates(config: &Config, votes: &[Vote], own: Option<Pose>, share: f64, prior: (f64, f64)) -> Vec<Candidate> {
+/// `support`: least fraction of votes that support a pose, and greatest probability that they do so by chance.
+fn candidates(
+    config: &Config,
+    votes: &[Vote],
+    own: Option<Pose>,
+    support: (f64, f64),
+    prior: (f64, f64),
+) -> Vec<Candidate> {
     let mut rough: Vec<(f64, Pose)> = Vec::with_capacity(REFINED_CANDIDATES + 1);
     for (a, one) in votes.iter().enumerate().take(TRIPLE_BEARINGS) {
         for (b, two) in votes.iter().enumerate().take(TRIPLE_BEARINGS).skip(a + 1) {
@@ -185,7 +217,7 @@ fn candidates(config: &Config, votes: &[Vote], own: Option<Pose>, share: f64, pr
         let (guess, covariance, volume) = refine(config, votes, guess, 1.0, prior)?;
         let off = (guess.delay - prior.0) / prior.1;
         let score = score(config, votes, guess, 0.0) - 0.5 * off * off + volume;
-        let is_supported = is_supported(config, votes, guess, share, prior);
+        let is_supported = is_supported(config, votes, guess, support, prior);
         let within = guess.delay.abs() < DELAY_STEP || prior.1 < DELAY_STEP;
         within.then_some(Candidate { score, pose: guess.pose, covariance, delay: guess.delay, is_supported })
     };
@@ -194,7 +226,7 @@ fn candidates(config: &Config, votes: &[Vote], own: Option<Pose>, share: f64, pr
 }
 
 /// Carries a bearing to the trail's end; `None` when it lies outside the trail.
-fn carry(config: &Config, seen: &Bearing, trail: &Trail, turn: f64, delay: f64) -> Option<Vote> {
+fn carry(config: &Config, seen: &Bearing, trail: &Trail, known: &Sensor, delay: f64) -> Option<Vote> {
     let now = trail.last();
     let place = |delay: f64| {
         let late = Duration::from_secs_f64(delay.abs());
@@ -203,24 +235,38 @@ fn carry(config: &Config, seen: &Bearing, trail: &Trail, turn: f64, delay: f64) 
     let from = |then: TrailPose| now.pose.inverse() * then.pose;
     let then = place(delay)?;
     let own = from(then);
-    let sensor = own * Point::from(config.mount);
+    let sensor = own * known.mount;
     let earlier = place(delay + DELAY_STEP / 2.0).map_or((Point::default(), 0.0), |then| {
         let (other, per_s) = (from(then), 2.0 / DELAY_STEP);
-        let there = other * Point::from(config.mount);
+        let there = other * known.mount;
         let moved = Point { x: (there.x - sensor.x) * per_s, y: (there.y - sensor.y) * per_s };
         (moved, (other.theta - own.theta).radians() * per_s)
     });
-    // The correlated part of the bearing noise does not average out.
-    let bearing = libm::sqrt(1.0 + 2.5 * config.lasting) * config.bearing;
     Some(Vote {
         beacon: seen.beacon,
         place: seen.place,
         sensor,
-        direction: wrap(own.theta.radians() + turn + seen.bearing),
+        direction: wrap(own.theta.radians() + known.turn + seen.bearing),
         earlier,
-        variance: bearing * bearing + (now.turn - then.turn).max(0.0),
-        position_variance: (now.along - then.along).max(0.0) + 0.0025,
+        stamp: seen.stamp,
+        weight: 1.0,
+        variance: config.bearing * config.bearing + (now.turn - then.turn).max(0.0),
+        position_variance: (now.along - then.along).max(0.0) + 0.0025 + known.spread,
     })
+}
+
+/// Weighs the votes of each beacon: the part of the bearing noise that lasts does not average out.
+fn weigh(config: &Config, votes: &mut [Vote]) {
+    for beacon in 0..config.beacons.len() {
+        let (mut last, mut sum, mut count) = (None, 0.0, 0.0);
+        for vote in votes.iter().filter(|vote| vote.beacon == beacon) {
+            let apart = |last: Instant| last.since(vote.stamp).as_secs_f64();
+            sum += last.map_or(1.0, |last| config.independence(apart(last)));
+            count += 1.0;
+            last = Some(vote.stamp);
+        }
+        votes.iter_mut().filter(|vote| vote.beacon == beacon).for_each(|vote| vote.weight = sum / count);
+    }
 }
 
 /// Adds the pose of a triple to the candidates, if it is among the best and not a duplicate of a better one. `delay`:
@@ -287,9 +333,13 @@ fn agreement(config: &Config, vote: &Vote, guess: Hypothesis, inflation: f64, de
     let (residual, variance, by) = residual(vote, guess);
     let variance = variance * inflation + by[3] * by[3] * delay * delay;
     let in_range = guess.pose.point().distance(vote.place) <= config.range + 2.0;
-    let density = libm::exp(-0.5 * residual * residual / variance) / libm::sqrt(TAU * variance);
-    let own = if in_range { (1.0 - OUTLIER_PRIOR) * density * TAU } else { 0.0 };
-    (own / (own + OUTLIER_PRIOR), own + OUTLIER_PRIOR)
+    // Noise that lasts counts once, but a vote beyond it is an outlier of its own.
+    let square = residual * residual / variance;
+    let square = square - (1.0 - vote.weight) * square.min(NOISE_SQUARE_MAX);
+    let density = libm::exp(-0.5 * square) / libm::sqrt(TAU * variance);
+    let outlier = outlier_prior(config);
+    let own = if in_range { (1.0 - outlier) * density * TAU } else { 0.0 };
+    (own / (own + outlier), own + outlier)
 }
 
 /// Log-likelihood of all votes.
@@ -313,6 +363,7 @@ fn refine(
         // An inflation beyond 100 means: no weighting.
         let inlier = if inflation > 100.0 { 1.0 } else { agreement(config, vote, guess, inflation, 0.0).0 };
         let (residual, variance, by) = residual(vote, guess);
+        let inlier = inlier * vote.weight;
         for row in 0..4 {
             sum[row] += inlier * by[row] * residual / variance;
             for column in 0..4 {
@@ -330,7 +381,13 @@ fn refine(
 }
 
 /// True if enough votes, and this fraction of them, support a pose: any three bearings fit some pose.
-fn is_supported(config: &Config, votes: &[Vote], guess: Hypothesis, share: f64, prior: (f64, f64)) -> bool {
+fn is_supported(
+    config: &Config,
+    votes: &[Vote],
+    guess: Hypothesis,
+    (share, chance): (f64, f64),
+    prior: (f64, f64),
+) -> bool {
     let mut each = vec![0i32; config.beacons.len()];
     let mut half = 0;
     for vote in votes {
@@ -339,23 +396,31 @@ fn is_supported(config: &Config, votes: &[Vote], guess: Hypothesis, share: f64, 
         half += u32::from(inlier > 0.5);
     }
     f64::from(half) >= share * votes.len() as f64
-        && chance_probability(&each) + single_beacon_probability(config, votes, guess, prior, &each)
-            <= CHANCE_PROBABILITY_MAX
+        && chance_probability(config, &each) + single_beacon_probability(config, votes, guess, prior, &each) <= chance
 }
 
 /// Probability that the supporting votes, counted for each beacon, agree by chance: with the votes of two beacons
 /// correct the pose lies on a circle, the first outlier fits somewhere on it, and each further one fits only by
 /// accident.
-fn chance_probability(each: &[i32]) -> f64 {
+fn chance_probability(config: &Config, each: &[i32]) -> f64 {
     let all: i32 = each.iter().sum();
     let pairs = each.iter().enumerate().flat_map(|(place, one)| each[..place].iter().map(move |other| one + other));
-    if each.iter().filter(|count| **count > 0).count() < 3 { 1.0 } else { pairs.map(|pair| outliers(all - pair)).sum() }
+    if each.iter().filter(|count| **count > 0).count() < 3 {
+        1.0
+    } else {
+        pairs.map(|pair| outliers(config, all - pair)).sum()
+    }
 }
 
 /// Probability that this number of outliers fit, the first of them always.
-fn outliers(count: i32) -> f64 {
-    libm::pow(OUTLIER_PRIOR / (1.0 - OUTLIER_PRIOR) * OUTLIER_FIT_PROBABILITY, f64::from(count))
-        / OUTLIER_FIT_PROBABILITY
+fn outliers(config: &Config, count: i32) -> f64 {
+    let prior = outlier_prior(config);
+    let fit = (OUTLIER_FIT_PROBABILITY_PER_RAD * config.bearing).clamp(OUTLIER_FIT_PROBABILITY_MIN, 1.0);
+    libm::pow(prior / (1.0 - prior) * fit, f64::from(count)) / fit
+}
+
+fn outlier_prior(config: &Config) -> f64 {
+    (OUTLIER_PRIOR_PER_WILD * config.wild).clamp(OUTLIER_PRIOR_MIN, OUTLIER_PRIOR_MAX)
 }
 
 /// Probability that a pose rests on outliers of a single beacon, summed over the beacons without whose votes the pose
@@ -379,6 +444,7 @@ fn single_beacon_probability(
                 own = own.or((inlier > INLIER_PROBABILITY_MIN).then_some((by, variance)));
                 continue;
             }
+            let inlier = inlier * vote.weight;
             for row in 0..4 {
                 for column in 0..4 {
                     information[row][column] += inlier * by[row] * by[column] / variance;
@@ -386,7 +452,7 @@ fn single_beacon_probability(
             }
         }
         let (Some((rest, _)), Some((by, variance))) = (inverse(&information), own) else {
-            sum += outliers(each[beacon]);
+            sum += outliers(config, each[beacon]);
             continue;
         };
         let (position, _) =
@@ -394,7 +460,7 @@ fn single_beacon_probability(
         if position > LEAVE_ONE_OUT_DEVIATION_MAX {
             let spread: f64 =
                 (0..4).map(|row| (0..4).map(|column| by[row] * rest[row][column] * by[column]).sum::<f64>()).sum();
-            sum += outliers(each[beacon]) * (5.0 * libm::sqrt(spread + variance) / TAU).min(1.0);
+            sum += outliers(config, each[beacon]) * (5.0 * libm::sqrt(spread + variance) / TAU).min(1.0);
         }
     }
     sum

@@ -1,9 +1,12 @@
-//! The quick form of benches/estimator.rs: few runs, loose limits. The figures are the bench's.
+//! The quick form of benches/estimator.rs and benches/recordings.rs: few runs, loose limits. The figures are the bench's.
 #![allow(clippy::needless_range_loop, reason = "rows and columns of matrices are read best by their places")]
 
 #[allow(dead_code, reason = "the bench uses all of it")]
 #[path = "../../../benches/estimator/matrix.rs"]
 mod matrix;
+#[allow(dead_code, reason = "the bench uses all of it")]
+#[path = "../../../benches/estimator/robots.rs"]
+mod robots;
 #[allow(dead_code, reason = "the bench uses all of it")]
 #[path = "../../../benches/estimator/trial.rs"]
 mod trial;
@@ -59,4 +62,26 @@ fn a_robot_that_is_carried_away_while_it_stands_notices_too() {
             assert!(sought.found.is_some_and(|after| after < 5.0) && sought.wrong == 0.0, "seed {seed}: {sought:?}");
         }
     }
+}
+
+/// A recording of each kind, of the bench's first seed.
+#[test]
+fn of_a_robot_of_which_nothing_is_known_a_wrong_pose_is_never_fine() {
+    for kind in &robots::KINDS {
+        let outcome = robots::outcome(kind, 0);
+        let (nothing, everything) = (&outcome.nothing, &outcome.everything);
+        assert_eq!(nothing.wrong_fine, 0.0, "{}: {outcome:?}", kind.name);
+        assert!(nothing.fine > 0.5 && nothing.nees < 5.0, "{}: {outcome:?}", kind.name);
+        assert!(nothing.square < 4.0 * everything.square, "{}: {outcome:?}", kind.name);
+    }
+}
+
+#[test]
+fn the_settings_of_an_unknown_robot_are_found() {
+    let (scanner, seed) = (&robots::KINDS[2], 1);
+    let (made, outcome) = (robots::make(scanner, seed), robots::outcome(scanner, seed));
+    let config = &outcome.found.config;
+    assert!((config.bearing / robots::SIGMA - 1.0).abs() < 0.5, "{config:?}");
+    assert!((config.wild - 0.2).abs() < 0.08 && config.lasting > 0.2, "{config:?}");
+    assert!((outcome.delay - made.delay).abs() < 0.1, "{}, not {}", outcome.delay, made.delay);
 }

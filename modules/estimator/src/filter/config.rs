@@ -62,6 +62,8 @@ settings! {
         range_m as range: f64 = 15.0, 0.5..=1000.0;
         /// Deviation of the sensor's turn at the start.
         sensor_turn_rad as turn: f64 = 2f64.to_radians(), 0.0..=1.0;
+        /// Deviation of the sensor's place at the start, along x and y, m; above 0 only for a `PlacingFilter`.
+        place: f64 = unset 0.0;
         /// Deviation of the odometry's scale at the start.
         scale: f64 = 0.02, 0.0..=0.5;
         /// Deviation of the turning that wheels of unequal size make.
@@ -123,6 +125,13 @@ impl fmt::Display for ConfigError {
 impl std::error::Error for ConfigError {}
 
 impl Config {
+    /// Information of a bearing relative to one with independent noise, if the last bearing of its beacon is `apart`
+    /// seconds away: above 0 to 1. The part of the noise that lasts is a first-order process.
+    pub(crate) fn independence(&self, apart: f64) -> f64 {
+        let again = libm::exp(-apart / self.lasting_s).min(1.0 - 1e-6);
+        1.0 / (1.0 - self.lasting + self.lasting * (1.0 + again) / (1.0 - again))
+    }
+
     /// Whether a filter can be made of it.
     ///
     /// # Errors
@@ -144,6 +153,7 @@ impl Config {
             ("odometry_turn_per_m", turn_per_m),
             ("odometry_turn_per_s", turn_per_s),
             ("turn", self.turn),
+            ("place", self.place),
             ("scale", self.scale),
             ("bend", self.bend),
             ("track", self.track),

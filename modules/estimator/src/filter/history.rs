@@ -21,35 +21,37 @@ pub enum Kind {
         fresh: bool,
         /// True if it may change the state; false if only its fit is computed.
         used: bool,
+        /// True if it is withheld from the estimate, which it only judges.
+        withheld: bool,
     },
 }
 
 /// A measurement and the state after it.
 #[derive(Clone, Copy, Debug)]
-pub struct Entry {
+pub struct Entry<const N: usize> {
     pub at: Instant,
     pub kind: Kind,
-    pub state: State,
+    pub state: State<N>,
 }
 
 /// Ring of entries; never empty.
 #[derive(Debug)]
-pub struct History {
-    entries: VecDeque<Entry>,
+pub struct History<const N: usize> {
+    entries: VecDeque<Entry<N>>,
     /// Index from which states must be computed again.
     pub dirty: usize,
     /// Last motion step before the beginning.
     left: Step,
 }
 
-impl History {
-    pub fn new(at: Instant, state: &State) -> Self {
+impl<const N: usize> History<N> {
+    pub fn new(at: Instant, state: &State<N>) -> Self {
         let mut entries = VecDeque::with_capacity(128);
         entries.push_back(Entry { at, kind: Kind::Begin, state: *state });
         Self { entries, dirty: 1, left: Step::default() }
     }
 
-    pub fn last(&self) -> &Entry {
+    pub fn last(&self) -> &Entry<N> {
         &self.entries[self.entries.len() - 1]
     }
 
@@ -58,7 +60,7 @@ impl History {
     }
 
     /// Restarts the history at its end with another state.
-    pub fn restart(&mut self, state: &State) {
+    pub fn restart(&mut self, state: &State<N>) {
         self.left = self.last_step();
         let last = Entry { kind: Kind::Begin, state: *state, ..*self.last() };
         self.entries.clear();
@@ -97,19 +99,19 @@ impl History {
         place
     }
 
-    pub fn insert(&mut self, place: usize, entry: &Entry) {
+    pub fn insert(&mut self, place: usize, entry: &Entry<N>) {
         self.entries.insert(place, *entry);
         self.dirty = self.dirty.min(place);
     }
 
     /// Entry before an index.
-    pub fn before(&self, place: usize) -> &Entry {
+    pub fn before(&self, place: usize) -> &Entry<N> {
         &self.entries[place - 1]
     }
 
     /// Motion step that contains the instant at an index, or else the last one before it.
     pub fn step_at(&self, place: usize) -> Step {
-        let is_way = |entry: &Entry| if let Kind::Way(step) = entry.kind { Some(step) } else { None };
+        let is_way = |entry: &Entry<N>| if let Kind::Way(step) = entry.kind { Some(step) } else { None };
         let on = self.entries.get(place).and_then(is_way);
         on.or_else(|| self.entries.range(..place).rev().find_map(is_way)).unwrap_or(self.left)
     }
@@ -126,7 +128,7 @@ impl History {
     }
 
     /// Entries from an index on.
-    pub fn from(&self, place: usize) -> impl Iterator<Item = &Entry> {
+    pub fn from(&self, place: usize) -> impl Iterator<Item = &Entry<N>> {
         self.entries.range(place..)
     }
 
@@ -139,7 +141,7 @@ impl History {
     }
 
     /// Next entry to be processed, and the state before it.
-    pub fn next(&mut self) -> Option<(State, &mut Entry)> {
+    pub fn next(&mut self) -> Option<(State<N>, &mut Entry<N>)> {
         let place = self.dirty;
         let state = self.entries.get(place.checked_sub(1)?)?.state;
         let entry = self.entries.get_mut(place)?;

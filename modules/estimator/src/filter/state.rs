@@ -6,8 +6,9 @@
 use base::{Duration, Instant};
 use navitools::{Motion, Point, Pose, wrap};
 
-/// Dimension of the state.
-pub const N: usize = 8;
+/// Dimension of the state where the sensor's place is known, and where it is part of the state.
+pub const PLACE_KNOWN: usize = 8;
+pub const PLACE_UNKNOWN: usize = 10;
 /// Index of the position in the map, m, and of the heading, rad.
 pub const X: usize = 0;
 pub const Y: usize = 1;
@@ -22,12 +23,14 @@ pub const BEND: usize = 5;
 pub const TRACK: usize = 6;
 /// Index of the delay from a bearing's measurement to its time stamp, s.
 pub const DELAY: usize = 7;
-/// Number of calibration parameters.
-const REST: usize = N - 3;
+/// Index of the sensor's place relative to the configured one, in the robot's frame, m; only in a state of dimension
+/// [`PLACE_UNKNOWN`].
+pub const PLACE_X: usize = 8;
+pub const PLACE_Y: usize = 9;
 
 /// Mean and covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State {
+pub struct State<const N: usize> {
     pub mean: [f64; N],
     pub cov: [[f64; N]; N],
 }
@@ -72,7 +75,9 @@ pub struct Sight {
     pub bearing: f64,
     /// Variance of the direction, rad².
     pub variance: f64,
-    /// The sensor in the robot frame, m.
+    /// Information of this bearing relative to one with independent noise, above 0 to 1.
+    pub weight: f64,
+    /// The sensor in the robot frame as configured, m.
     pub mount: Point,
     /// Measured velocity at that instant, m/s and rad/s.
     pub rates: Motion,
@@ -90,16 +95,18 @@ impl Sight {
 
 /// Fit of a bearing to the state.
 #[derive(Clone, Copy, Debug)]
-pub struct Fit {
+pub struct Fit<const N: usize> {
     /// Innovation: measured minus expected direction, rad.
     pub innovation: f64,
     /// Expected variance of the innovation, rad².
     pub variance: f64,
     /// Covariance of the state with the innovation.
     cross: [f64; N],
+    /// Variance of the innovation that the update uses, rad²: noise that lasts counts once.
+    pub lasting: f64,
 }
 
-impl Fit {
+impl<const N: usize> Fit<N> {
     /// Squared Mahalanobis distance of the innovation.
     pub fn distance(&self) -> f64 {
         self.innovation * self.innovation / self.variance
@@ -111,9 +118,17 @@ impl Fit {
     }
 }
 
-impl State {
+impl<const N: usize> State<N> {
     pub fn pose(&self) -> Pose {
         Pose::new(self.mean[X], self.mean[Y], self.mean[THETA])
+    }
+
+    /// Place of the sensor in the robot's frame, m; `configured`: where it is meant to be.
+    pub fn place(&self, configured: Point) -> Point {
+        match N == PLACE_UNKNOWN {
+            true => Point { x: configured.x + self.mean[PLACE_X], y: configured.y + self.mean[PLACE_Y] },
+            false => configured,
+        }
     }
 
     /// Motion corrected by the calibration parameters.
@@ -132,8 +147,9 @@ impl State {
         deviations(&self.pose_covariance())
     }
 
-    /// Predicts the state after a motion step. `walk`: variance per second of each calibration parameter's random walk.
-    pub fn predict(&mut self, step: &Step, walk: &[f64; REST]) {
+    /// Predicts the state after a motion step. `walk`: variance per second of each parameter's random walk; that of the
+    /// pose is zero.
+    pub fn predict(&mut self, step: &Step, walk: &[f64; N]) {
         let way = self.corrected(step.way);
         let middle = self.mean[THETA] + way.rotation / 2.0;
         let (sin, cos) = libm::sincos(middle);
@@ -183,18 +199,18 @@ impl State {
                     noise[row][0] * noise[column][0] * step.along + noise[row][1] * noise[column][1] * step.turn;
             }
         }
-        for (place, variance) in walk.iter().enumerate() {
-            cov[3 + place][3 + place] += variance * step.seconds;
+        for place in 3..N {
+            cov[place][place] += walk[place] * step.seconds;
         }
     }
 
     /// Fit of a bearing; `None` for a beacon too close to have a direction.
-    pub fn fit(&self, sight: &Sight) -> Option<Fit> {
+    pub fn fit(&self, sight: &Sight) -> Option<Fit<N>> {
         let rates = self.corrected(sight.rates);
         let after = sight.later - self.mean[DELAY];
         let moved = Motion { translation: rates.translation * after, rotation: rates.rotation * after };
         let own = self.pose().along(moved);
-        let sensor = own * sight.mount;
+        let sensor = own * self.place(sight.mount);
         let (dx, dy) = (sight.beacon.x - sensor.x, sight.beacon.y - sensor.y);
         let square = dx * dx + dy * dy;
         if square < 0.04 {
@@ -211,6 +227,9 @@ impl State {
         let velocity_x = rates.translation * cos - rates.rotation * (sensor.y - own.y);
         let velocity_y = rates.translation * sin + rates.rotation * (sensor.x - own.x);
         by[DELAY] = rates.rotation - by_x * velocity_x - by_y * velocity_y;
+        if N == PLACE_UNKNOWN {
+            (by[PLACE_X], by[PLACE_Y]) = (by_x * cos + by_y * sin, by_y * cos - by_x * sin);
+        }
         let mut cross = [0.0; N];
         for (sum, row) in cross.iter_mut().zip(&self.cov) {
             *sum = row.iter().zip(&by).map(|(cov, by)| cov * by).sum();
@@ -218,14 +237,15 @@ impl State {
         let spread: f64 = cross.iter().zip(&by).map(|(cross, by)| cross * by).sum();
         // Second-order term: curvature of the direction over an uncertain position.
         let near = (self.cov[X][X] + self.cov[Y][Y]) / square;
-        let variance = spread + sight.variance + 0.5 * near * near;
-        Some(Fit { innovation: wrap(sight.bearing - expected), variance, cross })
+        let spread = spread + 0.5 * near * near;
+        let (variance, lasting) = (spread + sight.variance, spread + sight.variance / sight.weight);
+        Some(Fit { innovation: wrap(sight.bearing - expected), variance, cross, lasting })
     }
 
     /// Updates the state by a bearing that is an inlier with probability `right`: the gain is weighted by it, and the
     /// uncertainty of the association stays in the covariance (probabilistic data association with one measurement).
-    pub fn update(&mut self, fit: &Fit, right: f64) {
-        let gain = fit.cross.map(|cross| cross / fit.variance);
+    pub fn update(&mut self, fit: &Fit<N>, right: f64) {
+        let gain = fit.cross.map(|cross| cross / fit.lasting);
         for (mean, gain) in self.mean.iter_mut().zip(&gain) {
             *mean += right * fit.innovation * gain;
         }
@@ -252,12 +272,15 @@ pub fn deviations(cov: &[[f64; 3]; 3]) -> (f64, f64) {
 mod tests {
     use super::*;
 
+    const N: usize = PLACE_UNKNOWN;
+    type State = super::State<N>;
+
     fn state() -> State {
         let mut cov = [[0.0; N]; N];
         for (place, row) in cov.iter_mut().enumerate() {
             row[place] = 1e-4 * (1.0 + place as f64);
         }
-        State { mean: [3.0, 2.0, 0.4, 0.02, 0.01, -0.02, 0.03, 0.2], cov }
+        State { mean: [3.0, 2.0, 0.4, 0.02, 0.01, -0.02, 0.03, 0.2, 0.05, -0.1], cov }
     }
 
     fn sight() -> Sight {
@@ -266,6 +289,7 @@ mod tests {
             beacon: Point { x: 9.0, y: 7.0 },
             bearing: 0.3,
             variance: 1e-4,
+            weight: 1.0,
             mount: Point { x: 0.25, y: 0.1 },
             rates: Motion { translation: 0.7, rotation: 0.4 },
             later: 0.23,
@@ -288,7 +312,7 @@ mod tests {
         let step = Step { seconds: 0.25, way, along: 0.0, turn: 0.0 };
         let after = |state: &State| {
             let mut state = *state;
-            state.predict(&step, &[0.0; REST]);
+            state.predict(&step, &[0.0; N]);
             state
         };
         let rows: [[f64; N]; N] = core::array::from_fn(|row| numerically(|state| after(state).mean[row]));
@@ -332,7 +356,7 @@ mod tests {
 
     #[test]
     fn a_beacon_on_the_sensor_has_no_direction() {
-        let there = state().pose() * Point { x: 0.25, y: 0.1 };
+        let there = state().pose() * Point { x: 0.3, y: 0.0 };
         assert!(state().fit(&Sight { beacon: there, later: 0.2, ..sight() }).is_none());
     }
 }

@@ -269,3 +269,77 @@ fn a_configuration_that_cannot_be_is_refused() {
     let config = Config { beacons: vec![twice, twice], ..Config::default() };
     assert_eq!(Filter::new(config).map(|_| ()).unwrap_err(), ConfigError::Twice(3));
 }
+
+/// Drives in circles with all beacons in sight; the sensor sits at `place`.
+fn circle<const N: usize>(filter: &mut Kalman<N>, place: Point, seconds: u64) -> Pose {
+    let rates = Motion { translation: 0.5, rotation: 0.5 };
+    let (mut pose, step) = (Pose::new(10.0, 5.0, 0.0), 0.05);
+    for now in (1000..=1000 + 1000 * seconds).step_by(50) {
+        let _ = filter.odometry(ms(now), rates);
+        if now > 1000 {
+            pose = pose.along(Motion { translation: rates.translation * step, rotation: rates.rotation * step });
+        }
+        if let beacon @ 0..4 = now as usize % 500 / 50 {
+            let (_, x, y) = BEACONS[beacon];
+            let sensor = pose * place;
+            let bearing = wrap(libm::atan2(y - sensor.y, x - sensor.x) - pose.theta.radians());
+            let _ = filter.bearing(ms(now), BEACONS[beacon].0, bearing);
+        }
+    }
+    pose
+}
+
+#[test]
+fn the_place_of_the_sensor_is_found_while_the_robot_turns() {
+    let Filter { config, .. } = filter();
+    let place = Point { x: -0.2, y: 0.15 };
+    let config = Config { mount: Mount { x: 0.0, y: 0.0 }, place: 0.3, delay: 0.1, ..config };
+    let mut filter = PlacingFilter::new(config).unwrap();
+    let pose = circle(&mut filter, place, 60);
+    let (found, deviations) = (filter.nuisances().place, filter.nuisance_deviations());
+    assert!(found.distance(place) < 0.03 && deviations.place < 0.05, "{found:?} {deviations:?}");
+    let estimate = filter.estimate(ms(61_000));
+    assert!(estimate.quality == Quality::Fine && estimate.pose.point().distance(pose.point()) < 0.05, "{estimate:?}");
+}
+
+#[test]
+fn noise_that_lasts_counts_once() {
+    let Filter { config, .. } = filter();
+    let config = Config { lasting: 0.9, lasting_s: 5.0, ..config };
+    // Twenty bearings within a second say little more than one; twenty in a hundred seconds almost as much as twenty.
+    let sum = |apart: f64| (1..20).map(|_| config.independence(apart)).sum::<f64>();
+    assert!(sum(0.05) < 0.3 && sum(5.0) > 8.0, "{} {}", sum(0.05), sum(5.0));
+    assert!((Config { lasting: 0.0, ..config }.independence(0.0) - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_pose_that_was_found_is_fine_only_when_later_bearings_confirm_it() {
+    let mut filter = filter();
+    let mut coarse = 0;
+    for until in 1..200 {
+        let (from, to) = (1000 + 50 * (until - 1), 1000 + 50 * until);
+        drive(&mut filter, from + 50, to);
+        match filter.estimate(ms(to)).quality {
+            Quality::Coarse => coarse += 1,
+            Quality::Fine => break,
+            _ => assert_eq!(coarse, 0),
+        }
+        assert!(until < 199, "never FINE");
+    }
+    assert!(coarse >= 2, "FINE without a bearing after the search");
+}
+
+#[test]
+fn a_bearing_that_judges_does_not_change_the_estimate() {
+    let (mut one, mut other) = (filter(), filter());
+    drive(&mut one, 1000, 5000);
+    drive(&mut other, 1000, 5000);
+    other.judge_by(ms(4990), 1, bearing(pose(4990), 0) + 0.01).unwrap();
+    // But for the rounding of the motion step, which is split at the bearing.
+    let (own, others) = (one.estimate(ms(5000)), other.estimate(ms(5000)));
+    assert!((0..3).all(|row| (own.covariance[row][row] - others.covariance[row][row]).abs() < 1e-9), "{others:?}");
+    assert!(own.pose.point().distance(others.pose.point()) < 1e-9, "{own:?} {others:?}");
+    assert!(one.judged().is_empty());
+    let judged = other.judged();
+    assert!(judged.len() == 1 && (judged[0].innovation - 0.01).abs() < 0.005, "{judged:?}");
+}
