@@ -9,7 +9,7 @@ export function positionWords(part: DrivePart | null): string {
   if (!part || !estimate) return "Where the robot is has not been said yet.";
   const quality = QUALITIES[estimate.quality] ?? "unknown";
   if (estimate.quality === 0) return "The robot does not know where it is.";
-  const sure = part.ellipse ? `, sure to ${num(part.ellipse.long, 2, "m")} and ${deg(part.ellipse.heading, 1)}` : "";
+  const sure = part.ellipse ? `, ±${num(part.ellipse.long, 2, "m")} and ±${deg(part.ellipse.heading, 1)}` : "";
   return `At ${num(estimate.x, 2)}, ${num(estimate.y, 2, "m")}, heading ${deg(estimate.theta)}; ${quality}${sure}.`;
 }
 
