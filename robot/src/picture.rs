@@ -262,7 +262,7 @@ mod tests {
         }
         let world = svg.split("<g class=\"world\">").nth(1).unwrap().split("</g>").next().unwrap();
         assert_eq!((world.matches("<polyline").count(), world.matches("<circle").count()), (13, 6));
-        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }).unwrap();
+        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }, None).unwrap();
         assert!(part.svg().contains("·  2.0 s  ·  1.0 m"));
     }
 

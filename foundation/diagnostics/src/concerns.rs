@@ -1,7 +1,7 @@
 //! What is not well, whether or not it prevents motion: the second word of the status.
 
 use crate::Model;
-use base::Instant;
+use base::{Duration, Instant};
 use messages::common::Error;
 use messages::lowlevel::Reading;
 use messages::middlelevel::DataEstimate;
@@ -9,6 +9,8 @@ use serde::Serialize;
 
 /// Maximum number of concerns.
 const CONCERNS_MAX: usize = 20;
+/// Age from which a position, or the range finders, are not known: a short delay is no concern.
+const UNKNOWN_AFTER: Duration = Duration::from_secs(2);
 
 /// Weight of a concern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -54,19 +56,18 @@ impl Model {
 
     /// A robot that has never reported a position has no estimator, or it is a module that does not run.
     fn position_concern(&self, now: Instant) -> Option<String> {
-        self.estimate.get()?;
-        let words = match self.estimate.fresh(now).map(|estimate| estimate.quality) {
-            None => "position not known",
-            Some(DataEstimate::LOST) => "position lost",
-            Some(DataEstimate::SEARCHING) => "position lost: it is being searched",
-            Some(_) => return None,
+        let words = match self.estimate.get()?.quality {
+            _ if self.estimate.age(now) > Some(UNKNOWN_AFTER) => "position not known",
+            DataEstimate::LOST => "position lost",
+            DataEstimate::SEARCHING => "position lost: it is being searched",
+            _ => return None,
         };
         Some(words.into())
     }
 
     fn ranging_concern(&self, now: Instant) -> Option<String> {
         let all = &self.ranges.get()?.readings;
-        if self.ranges.fresh(now).is_none() {
+        if self.ranges.age(now) > Some(UNKNOWN_AFTER) {
             return Some("range finders not known".into());
         }
         let unknown = all.iter().filter(|reading| reading.status == Reading::UNKNOWN).count();
@@ -78,7 +79,6 @@ impl Model {
 mod tests {
     use super::*;
     use crate::Config;
-    use base::Duration;
     use messages::Message;
     use messages::common::{DataFaults, Fault};
     use messages::lowlevel::DataRanges;

@@ -1,7 +1,7 @@
 //! What a recorded run contains as a whole: `/api/runs/RUN/events` for its time line, `/api/runs/RUN/report.png` as a
 //! picture.
 //!
-//! For either the whole log is read: one at a time, by a thread that everything else on the computer precedes.
+//! For either the whole log is read: one at a time, by a thread that gives way to everything else on the computer.
 
 use super::app::App;
 use super::center::events;
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// Maximum length of a run that is read as a whole, bytes.
 const BYTES_MAX: u64 = 2 << 30;
 /// Nice value of the thread that reads.
-const NICE: i8 = 19;
+const NICE: i8 = 10;
 
 /// `/api/runs/{run}/events`
 pub async fn events(State(app): State<App>, Named(run): Named<String>) -> Response {

@@ -63,9 +63,10 @@ for (const profile of PROFILES) {
     const run = /\d{4}(_\d\d){5}/.exec((await begun.page.locator("a.p-download").first().getAttribute("href")) ?? "")?.[0] ?? "";
     await begun.page.getByLabel("Marker: what happens now").fill("the door opens");
     await begun.press(begun.button("Set marker"));
-    await robot.advee("fault", "psc1", "bumper", "2", "--for", "0.5");
+    await robot.advee("fault", "psc1", "bumper", "2", "--for", "1");
     await robot.release();
     await pass(1500);
+    robot.bus.forget();
     const v = await visit({ profile, path: `/?demo=${run}&at=1#/map` });
     const bar = v.page.getByRole("slider", { name: "Moment of the run" });
     const at = async () => Number(await bar.inputValue());
@@ -85,7 +86,7 @@ for (const profile of PROFILES) {
     equal(await list.count(), 0);
     const there = await at();
     await v.press(v.button("Play"));
-    await v.page.getByLabel("Speed", { exact: true }).selectOption("5");
+    await v.page.getByLabel("Speed", { exact: true }).selectOption("0.5");
     await v.page.locator(".status-word strong").filter({ hasText: "Paused" }).waitFor();
     ok((await at()) > there);
     await v.press(v.button("10 s back"));

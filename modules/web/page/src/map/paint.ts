@@ -8,6 +8,7 @@ import { mode, type Place, places, sent } from "./draft";
 import { isOn } from "./layers";
 import { fieldsOn, from, hatch, type Pose } from "./fields";
 import { trail } from "./trail";
+import { isLost } from "./words";
 
 const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
 export type Inks = Record<(typeof INKS)[number] | "ink" | "surface" | "muted", string>;
@@ -158,8 +159,9 @@ function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DriveP
   }
 }
 
-/** Where it believes itself to be. */
+/** Where it believes itself to be; null also where it is lost: nothing is drawn at a place that means nothing. */
 export function pose(drive: DrivePart | null): Pose | null {
+  if (isLost(drive)) return null;
   const { x, y, theta } = drive?.estimate.value ?? {};
   return typeof x === "number" && typeof y === "number" && typeof theta === "number" ? { x, y, theta } : null;
 }

@@ -22,12 +22,13 @@ let before = 1;
 
 /** Near enough to what was asked for, s. */
 const NEAR = 1;
+let timer: ReturnType<typeof setTimeout> | undefined;
 effect(() => {
   const [is, asked] = [playing.value, wished.peek()];
-  if (is && asked && is.rate === asked.rate && Math.abs(is.at - asked.at) < NEAR + asked.rate) wished.value = null;
+  // While a jump is not sent yet the server cannot have followed it.
+  if (timer === undefined && is && asked && is.rate === asked.rate && Math.abs(is.at - asked.at) < NEAR + asked.rate) wished.value = null;
 });
 
-let timer: ReturnType<typeof setTimeout> | undefined;
 /** Jumps; while a hand is on the bar not for each of its pixels. */
 export function jump(to: number): void {
   const length = demo.value?.seconds ?? 0;
