@@ -177,7 +177,7 @@ fn the_truth_is_told_20_times_a_second_and_the_clock_once() {
 
 #[test]
 fn people_are_told_5_times_a_second_where_there_are_some() {
-    let told = |count: usize| {
+    let told = |count: u32| {
         let mut config = config(false);
         config.world.people = crate::world::Crowd { count, ..crate::world::Crowd::default() };
         let mut bench = bench(config);

@@ -239,7 +239,7 @@ mod tests {
         show.hear(now, &message.channel_name(), &bytes);
     }
 
-    fn turn(show: &ViewPublisher, now: Instant) -> Instant {
+    fn pass(show: &ViewPublisher, now: Instant) -> Instant {
         show.turn(now, now, ExtraState::default())
     }
 
@@ -251,17 +251,17 @@ mod tests {
     #[test]
     fn a_new_viewer_gets_all_parts_and_then_each_when_due() {
         let show = ViewPublisher::new(Config::default());
-        assert_eq!(turn(&show, T0), Instant::NEVER, "no viewer");
+        assert_eq!(pass(&show, T0), Instant::NEVER, "no viewer");
         let (turns, mut progress) = show.join();
-        assert_eq!(turn(&show, T0), at(100));
+        assert_eq!(pass(&show, T0), at(100));
         assert!(turns.has_changed().unwrap());
         assert_eq!(parts(&show, &mut progress), ["drive", "sensors", "map", "system"]);
         assert!(parts(&show, &mut progress).is_empty(), "each once");
-        turn(&show, at(50));
+        pass(&show, at(50));
         assert!(parts(&show, &mut progress).is_empty(), "nothing is due");
         let mut heard = Vec::new();
         for turn in 1..=10 {
-            turn(&show, at(100 * turn));
+            pass(&show, at(100 * turn));
             heard.extend(parts(&show, &mut progress));
         }
         let count = |name: &str| heard.iter().filter(|part| *part == name).count();
@@ -269,7 +269,7 @@ mod tests {
         // A late viewer gets the current state, not the earlier one.
         let (_turns, mut late) = show.join();
         assert!(parts(&show, &mut late).is_empty());
-        turn(&show, at(1010));
+        pass(&show, at(1010));
         assert_eq!(parts(&show, &mut late).len(), 4);
         drop(turns);
         assert_eq!(show.viewers(), 1);
@@ -282,7 +282,7 @@ mod tests {
         for turn in 0..100 {
             let plan = DataPlan { timestamp: (turn / 50) as i64, x: vec![f64::NAN], y: vec![1.0] };
             say(&show, at(100 * turn), plan);
-            turn(&show, at(100 * turn));
+            pass(&show, at(100 * turn));
         }
         let news = show.news(&mut progress);
         assert_eq!(news.len(), 4, "the newest of each");
@@ -291,7 +291,7 @@ mod tests {
         let mut maps = 0;
         for turn in 100..220 {
             say(&show, at(100 * turn), DataObstacles { timestamp: (turn / 60) as i64, ..DataObstacles::default() });
-            turn(&show, at(100 * turn));
+            pass(&show, at(100 * turn));
             maps += parts(&show, &mut progress).iter().filter(|part| *part == "map").count();
         }
         // Obstacles of turns 100, 120 and 180, and the repetition after 5 s.
@@ -303,15 +303,15 @@ mod tests {
         let show = ViewPublisher::new(Config::default());
         let (_turns, mut progress) = show.join();
         show.watch(&mut progress, vec!["STRANGE".into()]);
-        turn(&show, T0);
+        pass(&show, T0);
         show.news(&mut progress);
         show.hear(at(10), "STRANGE", b"x");
-        assert_eq!(turn(&show, at(50)), at(100));
+        assert_eq!(pass(&show, at(50)), at(100));
         assert_eq!(parts(&show, &mut progress), ["message"]);
         show.leave(progress);
         show.hear(at(110), "STRANGE", b"x");
         let (_other, mut progress) = show.join();
-        turn(&show, at(150));
+        pass(&show, at(150));
         assert_eq!(parts(&show, &mut progress).len(), 4);
     }
 }
