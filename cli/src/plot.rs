@@ -33,7 +33,7 @@ pub fn plot(command: &Plot) -> Outcome {
         // What recorded inputs of the same run know of the world, its log need not.
         false => {
             let known = command.run.is_dir().then(|| inputs::header(&command.run)).flatten();
-            robot::picture::read(&command.run, &files, part, known)?
+            robot::picture::read(&command.run, &files, part, known, robot::recording::described)?
         }
     };
     if picture.is_empty() {

@@ -1,6 +1,6 @@
 //! Picture of a run from its log: files `log_NNN.mcap` with the messages of the bus, and the configuration.
 
-use crate::{config::ConfigError, recording};
+use crate::config::{ConfigError, Robot};
 use host::runs;
 use logger::read::{Filter, Messages};
 use messages::{Channel, Message};
@@ -35,12 +35,15 @@ impl Part {
     }
 }
 
+/// Reads the robot and its world from the header of a run: [`recording::described`](crate::recording::described).
+pub type Describe = fn(&Header) -> Result<(Robot, World), ConfigError>;
+
 /// PNG of a whole run, from the log in its folder.
 ///
 /// # Errors
 /// One line: the reason why there is no picture.
-pub fn png(run: &Path) -> Result<Vec<u8>, String> {
-    let picture = read(run, &runs::log_files(run), Part::WHOLE, None)?;
+pub fn png(run: &Path, describe: Describe) -> Result<Vec<u8>, String> {
+    let picture = read(run, &runs::log_files(run), Part::WHOLE, None, describe)?;
     match picture.is_empty() {
         true => Err("the run has no message of a robot".into()),
         false => picture.png(),
@@ -59,9 +62,8 @@ pub fn name(run: &Path) -> String {
 ///
 /// # Errors
 /// The configuration in the header is refused.
-pub fn open(run: &Path, header: &Header) -> Result<(Picture, Title), ConfigError> {
-    let robot = recording::config(header, &header.texts(runs::SET))?.robot;
-    let mut world = recording::world(header)?.unwrap_or_default();
+pub fn open(run: &Path, header: &Header, describe: Describe) -> Result<(Picture, Title), ConfigError> {
+    let (robot, mut world) = describe(header)?;
     if world.beacons.is_empty() {
         let beacon = |known: &settings::robot::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
         world.beacons = robot.beacons.iter().map(beacon).collect();
@@ -80,7 +82,13 @@ pub fn open(run: &Path, header: &Header) -> Result<(Picture, Title), ConfigError
 ///
 /// # Errors
 /// One line: the log has no message.
-pub fn read(run: &Path, files: &[PathBuf], part: Part, known: Option<Header>) -> Result<Picture, String> {
+pub fn read(
+    run: &Path,
+    files: &[PathBuf],
+    part: Part,
+    known: Option<Header>,
+    describe: Describe,
+) -> Result<Picture, String> {
     let mut remarks = Vec::new();
     let mut opened = Vec::new();
     let mut texts = Vec::new();
@@ -98,7 +106,7 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part, known: Option<Header>) ->
             Err(error) => remarks.push(format!("{name}: {error}")),
         }
     }
-    let (mut picture, title) = begin(run, &known.unwrap_or_else(|| runs::attached(texts)));
+    let (mut picture, title) = begin(run, &known.unwrap_or_else(|| runs::attached(texts)), describe);
     let wants = |channel: &logger::read::Channel, _: Option<&logger::read::Schema>| {
         channel.encoding == "lcm" && Channel::from_name(&channel.topic).is_some()
     };
@@ -140,8 +148,8 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part, known: Option<Header>) ->
 }
 
 /// An empty picture: with the world and the robot where they are known.
-fn begin(run: &Path, header: &Header) -> (Picture, Title) {
-    open(run, header).unwrap_or_else(|refused| {
+fn begin(run: &Path, header: &Header, describe: Describe) -> (Picture, Title) {
+    open(run, header, describe).unwrap_or_else(|refused| {
         let why = refused.0.last().map(|line| line.trim()).unwrap_or_default();
         let remarks = vec![format!("no map and no robot: {why}")];
         (Picture::new(World::default(), None), Title { run: name(run), remarks, ..Title::default() })
@@ -176,6 +184,7 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::described;
     use messages::{common, lowlevel, simulation};
     use std::borrow::Cow;
     use std::fs;
@@ -203,7 +212,7 @@ mod tests {
         }
 
         fn svg(&self) -> Result<String, String> {
-            read(&self.0, &runs::log_files(&self.0), Part::WHOLE, None).map(|picture| picture.svg())
+            read(&self.0, &runs::log_files(&self.0), Part::WHOLE, None, described).map(|picture| picture.svg())
         }
     }
 
@@ -262,7 +271,7 @@ mod tests {
         }
         let world = svg.split("<g class=\"world\">").nth(1).unwrap().split("</g>").next().unwrap();
         assert_eq!((world.matches("<polyline").count(), world.matches("<circle").count()), (13, 6));
-        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }, None).unwrap();
+        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }, None, described).unwrap();
         assert!(part.svg().contains("·  2.0 s  ·  1.0 m"));
     }
 

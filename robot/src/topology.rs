@@ -388,7 +388,7 @@ fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Op
         scene: scene::translated(robot),
         center: scene::of(robot, world, map.as_ref()).with_faults(faults),
         recorded: recording::scene,
-        picture: picture::png,
+        picture: |run| picture::png(run, recording::described),
         critical: config.critical().collect(),
         logs: log_folder(place, robot),
         run: place.run_dir.clone(),

@@ -19,7 +19,7 @@ pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
     let refused = || format!("{}: none of its {} files is a recording of inputs", run.display(), files.len());
     let header = known.ok_or_else(refused)?;
     let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
-    let (mut picture, title) = picture::open(run, &header)?;
+    let (mut picture, title) = picture::open(run, &header, robot::recording::described)?;
     let mut remarks = Vec::new();
     for path in &files {
         let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -100,7 +100,8 @@ impl Model {
             let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };
             let fault = modules.iter().find(|row| row.critical && row.state == "ERROR");
             return match fault.and_then(|row| self.errors.of(&row.module, now)) {
-                Some(error) => status(RobotStatus::Fault, joined(reason, &error.module, &error.message)),
+                // It is what the reason follows from, and mostly repeats it.
+                Some(error) => status(RobotStatus::Fault, error.message.clone()),
                 None => status(RobotStatus::Stopped, reason.to_owned()),
             };
         }
@@ -124,18 +125,6 @@ impl Model {
     fn bounding(&self, now: Instant) -> Option<&Hold> {
         let is_notice = |hold: &&Hold| hold.cause().is_some_and(messages::Hold::is_notice);
         self.motion_holds(now)?.holds.iter().find(is_notice)
-    }
-}
-
-/// A reason with the fault behind it; once, where one of them contains the other.
-fn joined(reason: &str, module: &str, fault: &str) -> String {
-    let core = |text: &str| text.split("; ").next().unwrap_or_default().to_owned();
-    if fault.contains(&core(reason)) {
-        fault.to_owned()
-    } else if reason.contains(&core(fault)) {
-        reason.to_owned()
-    } else {
-        format!("{reason} ({module}: {fault})")
     }
 }
 
