@@ -55,7 +55,6 @@ async fn answer(
     let (folder, run) = (app.center.logs.clone(), run.to_owned());
     let (tell, told) = tokio::sync::oneshot::channel();
     let work = move || {
-        let _permit = permit;
         // On Linux this applies to the calling thread only.
         let _ = sys::set_nice(NICE);
         let listed = logs::runs(&folder, None).into_iter().find(|listed| listed.run == run);
@@ -67,7 +66,8 @@ async fn answer(
             }
             Some(_) => read(folder.join(&run)).map_err(|why| (StatusCode::UNPROCESSABLE_ENTITY, why)),
         };
-        // Whoever asked may have gone.
+        // Before the answer: whoever has it may ask for the next one. Whoever asked may have gone.
+        drop(permit);
         let _ = tell.send(done);
     };
     let started = std::thread::Builder::new().name("report".into()).spawn(work);
