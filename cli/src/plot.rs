@@ -1,11 +1,11 @@
 //! `advee plot RUN`: a picture of a recorded run, from its log, or from the recorded inputs of its modules.
 
 mod inputs;
-mod log;
 
 use super::{Outcome, print};
 use ::plot::Picture;
 use host::runs;
+use robot::picture::Part;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -25,26 +25,16 @@ pub struct Plot {
     to: f64,
 }
 
-/// A part of a run: between two moments after its start, s.
-#[derive(Clone, Copy, Debug)]
-struct Part {
-    from: f64,
-    to: f64,
-}
-
-impl Part {
-    /// True if a moment is in it; both are microseconds since the UNIX epoch.
-    fn has(self, begin_us: i64, at_us: i64) -> bool {
-        (self.from..=self.to).contains(&(at_us.saturating_sub(begin_us) as f64 / 1e6))
-    }
-}
-
 pub fn plot(command: &Plot) -> Outcome {
     let part = Part { from: command.from, to: command.to };
     let files = runs::log_files(&command.run);
     let picture = match files.is_empty() {
         true => inputs::read(&command.run, part)?,
-        false => log::read(&command.run, &files, part)?,
+        // What recorded inputs of the same run know of the world, its log need not.
+        false => {
+            let known = command.run.is_dir().then(|| inputs::header(&command.run)).flatten();
+            robot::picture::read(&command.run, &files, part, known, robot::recording::described)?
+        }
     };
     if picture.is_empty() {
         return Err(format!("{}: nothing was said of a robot in that time", command.run.display()).into());

@@ -163,6 +163,7 @@ channels! {
     SimDataTruth = "SIM_DATA_TRUTH": simulation::DataTruth;
     SimCmdFault = "SIM_CMD_FAULT": simulation::CmdFault;
     SimDataClock = "SIM_DATA_CLOCK": simulation::DataClock;
+    SimDataPeople = "SIM_DATA_PEOPLE": simulation::DataPeople;
 }
 
 impl Channel {

@@ -33,6 +33,7 @@ pub mod checks;
 pub mod config;
 mod launch;
 pub mod map_file;
+pub mod picture;
 pub mod place;
 pub mod recording;
 pub mod scene;

@@ -132,6 +132,14 @@ pub fn world(header: &Header) -> Result<Option<World>, ConfigError> {
     header.text(WORLD).map(|_| parsed_world(header, &sets)).transpose()
 }
 
+/// Robot and world of a header, with its overrides.
+///
+/// # Errors
+/// The configuration in the header is refused.
+pub fn described(header: &Header) -> Result<(config::Robot, World), ConfigError> {
+    Ok((config(header, &header.texts(SET))?.robot, world(header)?.unwrap_or_default()))
+}
+
 /// Scene of a recorded robot, if its log contains the necessary files.
 #[must_use]
 pub fn scene(header: &Header) -> Option<Scene> {

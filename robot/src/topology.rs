@@ -3,6 +3,7 @@
 use crate::config::{self, CanBus, Config, ConfigError, ModuleEntry, Robot, SIMULATOR};
 use crate::launch::launcher;
 use crate::map_file;
+use crate::picture;
 use crate::place::{self, GAMEPAD_BUS, LOG_BUS, RobotLocation, W1_BUS};
 use crate::recording;
 use crate::scene;
@@ -387,6 +388,7 @@ fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Op
         scene: scene::translated(robot),
         center: scene::of(robot, world, map.as_ref()).with_faults(faults),
         recorded: recording::scene,
+        picture: |run| picture::png(run, recording::described),
         critical: config.critical().collect(),
         logs: log_folder(place, robot),
         run: place.run_dir.clone(),

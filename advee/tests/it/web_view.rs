@@ -113,8 +113,8 @@ fn each_part_has_its_shape_and_its_rate() {
     assert!((1..=10).contains(&rates[2]) && (4..=6).contains(&rates[3]), "{rates:?}");
     let drive = part(&texts, "drive");
     let of_drive = sorted([
-        "part", "status", "motion", "holds", "commands", "guard", "bound", "stop", "odometry", "estimate", "ellipse",
-        "goal", "truth", "gamepad", "holder",
+        "part", "status", "concerns", "motion", "holds", "commands", "guard", "bound", "stop", "odometry", "estimate",
+        "ellipse", "goal", "truth", "gamepad", "holder", "play",
     ]);
     assert!(drive.iter().all(|drive| keys(drive) == of_drive));
     let last = drive[drive.len() - 1];
@@ -143,6 +143,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "log",
         "clock",
         "errors",
+        "reports",
         "texts",
         "channels",
         "viewers",
@@ -305,12 +306,13 @@ fn recorded_runs_are_listed_downloaded_and_played() {
     let web = Web::beside(&robot);
     let folder = logs(&robot.run_dir);
     let mut record = |action, seconds| {
-        robot.publish(CmdLog { timestamp: 0, action, text: String::new() });
+        robot.publish(CmdLog { timestamp: 0, action, text: "here".into() });
         robot.pass(seconds);
     };
     // The run that began with the robot, a short one, and the one being written.
     record(CmdLog::STOP, 1.5);
-    record(CmdLog::START, 2.5);
+    record(CmdLog::START, 1.2);
+    record(CmdLog::MARK, 1.3);
     record(CmdLog::STOP, 1.5);
     record(CmdLog::START, 1.5);
     let runs = get(web.at, "/api/logs").unwrap();
@@ -375,6 +377,50 @@ fn recorded_runs_are_listed_downloaded_and_played() {
     let live = part(&texts, "drive").iter().filter(|drive| drive["motion"]["freshness"] == "fresh").count();
     assert!(live * 2 > said.len(), "{live} of {}", said.len());
     assert!(!part(&texts, "sensors").is_empty() && !part(&texts, "system").is_empty());
+
+    // It pauses at a position, and goes on from there, faster.
+    let position = |socket: &mut Socket| loop {
+        let text = socket.json().unwrap();
+        if let (Some(at), Some(rate)) = (text["play"]["at"].as_f64(), text["play"]["rate"].as_f64()) {
+            return (at, rate);
+        }
+    };
+    let settled = |socket: &mut Socket, rate: f64| {
+        let begin = Instant::now();
+        while position(socket).1 != rate {
+            assert!(begin.elapsed().as_secs() < 10, "it takes the rate");
+        }
+        position(socket).0
+    };
+    socket.say(r#"{"rate":0,"at":1}"#);
+    assert_eq!((settled(&mut socket, 0.0), position(&mut socket)), (1.0, (1.0, 0.0)));
+    let paused = socket.during(1.0);
+    let drive = part(&paused, "drive");
+    assert!(drive.len() >= 5 && drive.iter().all(|drive| drive["motion"]["freshness"] == "fresh"), "{}", drive.len());
+    let stamps: Vec<_> = drive.iter().map(|drive| &drive["motion"]["value"]["timestamp"]).collect();
+    assert!(stamps.windows(2).all(|pair| pair[0] == pair[1]), "{stamps:?}");
+    socket.say(r#"{"rate":0.5}"#);
+    let slow = settled(&mut socket, 0.5);
+    assert!((1.0..1.5).contains(&slow), "{slow}");
+    socket.say(r#"{"rate":20,"at":0}"#);
+    settled(&mut socket, 20.0);
+    socket.say(r#"{"rate":1}"#);
+    settled(&mut socket, 1.0);
+
+    // What happened in it, and its picture.
+    let events = get(web.at, &format!("/api/runs/{run}/events")).unwrap();
+    assert_eq!((events.status, events.header("content-type")), (200, Some("application/json")));
+    let events = events.json();
+    let marks: Vec<_> = events["events"].as_array().unwrap().iter().filter(|event| event["kind"] == "mark").collect();
+    assert!(marks.len() == 1 && marks[0]["words"] == "here" && events["left_out"] == 0, "{events}");
+    assert!((0.5..seconds).contains(&marks[0]["at"].as_f64().unwrap()), "{events} of {seconds} s");
+    let picture = get(web.at, &format!("/api/runs/{run}/report.png")).unwrap();
+    assert_eq!((picture.status, picture.header("content-type")), (200, Some("image/png")));
+    assert!(picture.body.starts_with(b"\x89PNG"));
+    for path in ["/api/runs/2001_01_01_00_00_00/events", "/api/runs/..%2fsecret/report.png", "/api/runs/secret/events"]
+    {
+        assert_eq!(get(web.at, path).unwrap().status, 404, "{path}");
+    }
 
     let why = |query: &str| match web.view(query).json() {
         Err(why) => why,

@@ -1,16 +1,13 @@
 //! A run from the recorded inputs of its modules: the outputs of each, at their own instants.
 
-use super::Part;
 use crate::Failed;
 use crate::replay::{self, FILE_MAX};
 use ::plot::{Picture, Title};
 use base::Epoch;
 use host::runs;
 use module::Action;
-use navitools::Point;
 use record::{Header, Item, Reader};
-use robot::recording;
-use simulator::world::Beacon;
+use robot::picture::{self, Part};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +19,7 @@ pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
     let refused = || format!("{}: none of its {} files is a recording of inputs", run.display(), files.len());
     let header = known.ok_or_else(refused)?;
     let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
-    let (mut picture, title) = open(run, &header)?;
+    let (mut picture, title) = picture::open(run, &header, robot::recording::described)?;
     let mut remarks = Vec::new();
     for path in &files {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -59,30 +56,6 @@ fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<Begin>), Fail
         }
     }
     Ok((known, begin))
-}
-
-/// The name of a run: of its folder.
-pub fn name(run: &Path) -> String {
-    // `.` has a name, too.
-    let run = run.canonicalize().unwrap_or_else(|_| run.into());
-    run.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// An empty picture of the run with this header.
-pub fn open(run: &Path, header: &Header) -> Result<(Picture, Title), Failed> {
-    let robot = recording::config(header, &header.texts(runs::SET))?.robot;
-    let mut world = recording::world(header)?.unwrap_or_default();
-    if world.beacons.is_empty() {
-        let beacon = |known: &settings::robot::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
-        world.beacons = robot.beacons.iter().map(beacon).collect();
-    }
-    let title = Title {
-        run: name(run),
-        robot: robot.general.name.clone(),
-        program: header.program.clone(),
-        remarks: Vec::new(),
-    };
-    Ok((Picture::new(world, Some(robot.footprint())), title))
 }
 
 /// What a module published and printed. All modules have one clock, which does not step: `epoch` tells its moments.

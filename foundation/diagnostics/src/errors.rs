@@ -39,6 +39,8 @@ pub struct ErrorGroup {
     pub severity: i8,
     /// True while the fault is active, as far as known.
     pub standing: bool,
+    /// Last message that was not a clearing one: of a cleared fault the cause.
+    pub cause: String,
     /// Last message.
     pub message: String,
     /// Time of the last change, for the order.
@@ -154,14 +156,15 @@ impl Errors {
                 last: fault.since,
                 severity: fault.severity,
                 standing: true,
+                cause: String::new(),
                 message: String::new(),
                 seen: at,
                 since: None,
             }),
         };
         (begun.standing, begun.since, begun.severity) = (true, Some(fault.since), fault.severity);
-        if begun.message != fault.message {
-            begun.message.clone_from(&fault.message);
+        if begun.message != fault.message || begun.cause != fault.message {
+            begun.say(&fault.message, false);
         }
     }
 
@@ -212,7 +215,7 @@ impl Errors {
                     (group.last, group.severity) = (error.timestamp, error.severity);
                 }
             }
-            group.message.clone_from(&error.message);
+            group.say(&error.message, over);
             group.seen = at;
             return;
         }
@@ -225,6 +228,7 @@ impl Errors {
             last: error.timestamp,
             severity: error.severity,
             standing: !over && !listed,
+            cause: if over { String::new() } else { error.message.clone() },
             message: error.message.clone(),
             seen: at,
             since: None,
@@ -286,6 +290,14 @@ impl Errors {
 }
 
 impl ErrorGroup {
+    /// Stores the message of a report.
+    fn say(&mut self, message: &str, over: bool) {
+        message.clone_into(&mut self.message);
+        if !over {
+            message.clone_into(&mut self.cause);
+        }
+    }
+
     fn is(&self, fault: &common::Fault) -> bool {
         self.number == fault.number && self.subject == fault.subject
     }

@@ -76,6 +76,8 @@ pub struct Model {
     pub obstacles: Slot<middlelevel::DataObstacles>,
     /// True pose, in a simulation.
     pub truth: Slot<simulation::DataTruth>,
+    /// True places of people, in a simulation.
+    pub people: Slot<simulation::DataPeople>,
     /// Rate of simulated time.
     pub clock: Slot<simulation::DataClock>,
     holds: BTreeMap<String, Slot<lowlevel::DataHold>>,
@@ -114,6 +116,7 @@ impl Model {
             plan: Slot::every(ms(1000)),
             obstacles: Slot::every(ms(1000)),
             truth: Slot::every(ms(100)),
+            people: Slot::every(ms(200)),
             clock: Slot::every(ms(1000)),
             holds: BTreeMap::new(),
             buses: BTreeMap::new(),
@@ -168,6 +171,7 @@ impl Model {
             Some(Message::MlDataPlan(plan)) => self.plan.put(at, plan),
             Some(Message::MlDataObstacles(obstacles)) => self.obstacles.put(at, obstacles),
             Some(Message::SimDataTruth(truth)) => self.truth.put(at, truth),
+            Some(Message::SimDataPeople(people)) => self.people.put(at, people),
             Some(Message::SimDataClock(clock)) => self.clock.put(at, clock),
             _ => {}
         }

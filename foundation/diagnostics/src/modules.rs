@@ -10,6 +10,8 @@ use serde::Serialize;
 const MODULES_MAX: usize = 200;
 /// Period of announcements.
 const ANNOUNCED: Duration = Duration::from_secs(1);
+/// Silence after which a program that no watchdog guards is no longer listed beside guarded modules: it has ended.
+const FORGOTTEN: Duration = Duration::from_secs(30);
 
 /// Module.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -92,7 +94,10 @@ impl Modules {
     pub fn rows(&self, now: Instant, processes: &[Process]) -> Vec<ModuleRow> {
         let guarded = processes.iter().take(MODULES_MAX).map(|process| self.guarded(now, process));
         let strangers = self.announced.iter().filter(|(name, _)| processes.iter().all(|p| p.module != *name));
-        let strangers = strangers.map(|(name, slot)| ModuleRow {
+        let listed = |name: &str, slot: &Slot<State>| {
+            processes.is_empty() || self.is_critical(name) || slot.age(now).is_some_and(|age| age <= FORGOTTEN)
+        };
+        let strangers = strangers.filter(|(name, slot)| listed(name, slot)).map(|(name, slot)| ModuleRow {
             module: name.clone(),
             state: slot.get().map_or("UNKNOWN", |state| state.name()),
             wanted: "",

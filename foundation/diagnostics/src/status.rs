@@ -100,7 +100,8 @@ impl Model {
             let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };
             let fault = modules.iter().find(|row| row.critical && row.state == "ERROR");
             return match fault.and_then(|row| self.errors.of(&row.module, now)) {
-                Some(error) => status(RobotStatus::Fault, format!("{reason} ({}: {})", error.module, error.message)),
+                // It is what the reason follows from, and mostly repeats it.
+                Some(error) => status(RobotStatus::Fault, error.message.clone()),
                 None => status(RobotStatus::Stopped, reason.to_owned()),
             };
         }

@@ -204,6 +204,39 @@ fn reports_of_a_fault_are_one_group_until_it_is_cleared() {
 }
 
 #[test]
+fn a_cleared_fault_shows_its_cause_beside_its_end() {
+    let mut model = model();
+    let shown = |model: &Model| {
+        let groups = model.errors.groups(T0);
+        (groups[0].standing, groups[0].cause.clone(), groups[0].message.clone())
+    };
+    say(&mut model, T0, error(0x0205, Error::ERROR, "emergency 0x8130", 1));
+    say(&mut model, T0, error(0x0205, Error::NOTICE, "fault reset", 2));
+    assert_eq!(shown(&model), (false, "emergency 0x8130".into(), "fault reset".into()));
+    // The same of a module that lists its faults.
+    let mut model = self::model();
+    let fault = Fault { message: "emergency 0x8130".into(), ..fault(0x0205, "propulsion", 1) };
+    say(&mut model, T0, list(1, "driver_canbus", &[fault]));
+    say(&mut model, T0, error(0x0205, Error::NOTICE, "fault reset", 2));
+    say(&mut model, T0, list(3, "driver_canbus", &[]));
+    assert_eq!((shown(&model).0, shown(&model).1), (false, "emergency 0x8130".into()));
+}
+
+#[test]
+fn a_fault_is_shown_once_without_the_reason_that_follows_from_it() {
+    let mut model = model();
+    let stopped = |model: &mut Model, reason: &str| {
+        say(model, T0, DataMotion { enabled: false, ..motion(0.0, reason, "") });
+        model.status(T0).reason
+    };
+    say(&mut model, T0, process(Process::RUNNING, DataState::ERROR, 0));
+    say(&mut model, T0, DataState { timestamp: 1, module: "driver_canbus".into(), state: DataState::ERROR });
+    say(&mut model, T0, error(0x0201, Error::ERROR, "propulsion drive (node 1) cannot be booted; tried again", 1));
+    let fault = "propulsion drive (node 1) cannot be booted; tried again";
+    assert_eq!(stopped(&mut model, "propulsion drive (node 1) cannot be booted"), fault);
+}
+
+#[test]
 fn a_channel_has_its_rate_and_the_table_is_bounded() {
     let mut traffic = Traffic::default();
     for n in 0..200 {
@@ -230,6 +263,10 @@ fn a_module_without_a_watchdog_is_a_stranger() {
         rows.iter().map(|row| (row.phase, row.well)).collect::<Vec<_>>(),
         [("running", false), ("stranger", true)]
     );
+    // A tool that has ended is no module that fails.
+    let later = T0 + Duration::from_secs(31);
+    say(&mut model, later, process(Process::RUNNING, DataState::ERROR, 0));
+    assert_eq!(model.modules(later).len(), 1);
     assert_eq!(exit_in_words(0x21), "a device failed (0x21)");
     assert_eq!(exit_in_words(137), "SIGKILL: killed");
     assert_eq!(exit_in_words(128 + 40), "signal 40");

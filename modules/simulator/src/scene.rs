@@ -219,6 +219,11 @@ impl Scene {
         self.cone.measure(heard, self.stretch, &mut Random::stream(self.seed, stream))
     }
 
+    /// Middles and radii of all people at a recent instant.
+    pub fn people_at(&self, at: Instant) -> impl Iterator<Item = (Point, f64)> + '_ {
+        self.people.at(self.moment(at))
+    }
+
     /// Number of people between two points at a recent instant.
     #[must_use]
     pub fn people_between(&self, at: Instant, a: Point, b: Point) -> usize {

@@ -32,6 +32,8 @@ const ROBOT: &str = "robot";
 const TRUTH: Duration = Duration::from_millis(50);
 /// Period of `SIM_DATA_CLOCK`.
 const CLOCK: Duration = Duration::from_secs(1);
+/// Period of `SIM_DATA_PEOPLE`.
+const PEOPLE: Duration = Duration::from_millis(200);
 
 /// A board of a serial bus.
 #[derive(Clone, Debug, PartialEq)]
@@ -148,6 +150,8 @@ base::deadlines! {
         Truth,
         /// `SIM_DATA_CLOCK` is published.
         Clock,
+        /// `SIM_DATA_PEOPLE` is published. Set in a world with people.
+        People,
         /// The floor rangers measure. Set in a world with drops.
         Rangers,
         /// The PAUSE line cuts the motors' feed. Set from its engagement on.
@@ -240,6 +244,9 @@ impl Simulator {
         // Without drops the floor rangers find nothing.
         if !self.scene.world().drops.is_empty() {
             self.deadlines.set(Timer::Rangers, now + RANGER_PERIOD);
+        }
+        if !self.scene.people().is_empty() {
+            self.deadlines.set(Timer::People, now);
         }
         if self.ports.is_empty() {
             out.working();
@@ -394,6 +401,9 @@ impl Simulator {
         if self.deadlines.tick(Timer::Clock, now, CLOCK) {
             out.publish(simulation::DataClock { timestamp: out.timestamp(now), rate: self.config.rate });
         }
+        if self.deadlines.tick(Timer::People, now, PEOPLE) {
+            out.publish(self.people(now, out.timestamp(now)));
+        }
         if self.deadlines.tick(Timer::Rangers, now, RANGER_PERIOD) {
             for board in boards(&mut self.lines) {
                 if let Kind::Sd1(board) = &mut board.kind {
@@ -429,6 +439,16 @@ impl Simulator {
             clearance: if clearance.is_finite() { clearance } else { f64::NAN },
             collisions: i32::try_from(body.collisions()).unwrap_or(i32::MAX),
         }
+    }
+
+    fn people(&self, now: Instant, timestamp: i64) -> simulation::DataPeople {
+        let mut people = simulation::DataPeople { timestamp, ..simulation::DataPeople::default() };
+        for (at, radius) in self.scene.people_at(now) {
+            people.x.push(at.x);
+            people.y.push(at.y);
+            people.radius.push(radius);
+        }
+        people
     }
 
     fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {

@@ -41,7 +41,8 @@ impl BusReader {
             let more = self.take(&app);
             let (now, show) = (clock::now(), &app.center.show);
             let holder = app.command_queue.holder();
-            let due = show.turn(now, ExtraState { holder: holder.as_ref(), viewers: app.viewers() });
+            let beside = ExtraState { holder: holder.as_ref(), viewers: app.viewers(), play: None };
+            let due = show.turn(now, now, beside);
             let period = if app.hub().viewers() == 0 { IDLE_POLL_PERIOD } else { POLL_PERIOD };
             if more {
                 tokio::task::yield_now().await;

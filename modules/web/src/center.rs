@@ -14,11 +14,13 @@ pub mod authority;
 pub mod command;
 pub mod command_queue;
 mod demo;
+pub mod events;
 mod inspect;
 pub mod objects;
 pub mod operator;
 pub mod pairing;
 mod parts;
+pub mod recorded;
 pub mod scene;
 pub mod session_store;
 mod sha256;
@@ -37,6 +39,8 @@ use tokio::sync::Semaphore;
 
 /// Maximum number of files downloaded at a time.
 const DOWNLOADS_MAX: usize = 8;
+/// Maximum number of runs that are read as a whole at a time.
+const READS_MAX: usize = 1;
 
 /// State shared by all of its viewers.
 pub struct Center {
@@ -48,26 +52,38 @@ pub struct Center {
     pub config: diagnostics::Config,
     /// Scene of a recorded run, from the configuration in its log.
     pub recorded: fn(&Header) -> Option<Scene>,
+    /// PNG of a recorded run, from the log in its folder.
+    pub picture: fn(&Path) -> Result<Vec<u8>, String>,
     /// The folder of recorded runs.
     pub logs: Arc<Path>,
     /// Permits for recorded runs played at once.
     pub demos: Arc<Semaphore>,
     /// Permits for files downloaded at once.
     pub downloads: Arc<Semaphore>,
+    /// Permits for runs read as a whole at once.
+    pub reads: Arc<Semaphore>,
 }
 
 impl Center {
     /// Creates the center of a robot without any message yet.
     #[must_use]
-    pub fn new(scene: Scene, recorded: fn(&Header) -> Option<Scene>, config: diagnostics::Config, logs: &Path) -> Self {
+    pub fn new(
+        scene: Scene,
+        recorded: fn(&Header) -> Option<Scene>,
+        picture: fn(&Path) -> Result<Vec<u8>, String>,
+        config: diagnostics::Config,
+        logs: &Path,
+    ) -> Self {
         Self {
             show: ViewPublisher::new(config.clone()),
             scene,
             recorded,
+            picture,
             config,
             logs: logs.into(),
             demos: Arc::new(Semaphore::new(demo::VIEWERS_MAX)),
             downloads: Arc::new(Semaphore::new(DOWNLOADS_MAX)),
+            reads: Arc::new(Semaphore::new(READS_MAX)),
         }
     }
 

@@ -39,6 +39,7 @@ mod guard;
 mod logs;
 mod module;
 mod pages;
+mod reports;
 mod request;
 mod router;
 mod server;

@@ -47,6 +47,14 @@ struct Listed {
     bytes: u64,
 }
 
+impl Run {
+    /// Length of its files, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
 /// Runs of a folder, newest first; `recording` is the one being written. Empty if the folder does not exist.
 pub fn runs(folder: &Path, recording: Option<&str>) -> Vec<Run> {
     let mut names: Vec<String> =

@@ -18,7 +18,7 @@ use record::Header;
 use std::fs;
 use std::io::IsTerminal;
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use tokio::sync::{Semaphore, watch};
@@ -54,6 +54,8 @@ pub struct Settings {
     pub center: Scene,
     /// Scene of a recorded run, from the configuration in its log.
     pub recorded: fn(&Header) -> Option<Scene>,
+    /// PNG of a recorded run, from the log in its folder; an error is one line.
+    pub picture: fn(&Path) -> Result<Vec<u8>, String>,
     /// Modules without which the robot does not move.
     pub critical: Vec<String>,
     /// The folder of recorded runs.
@@ -164,7 +166,8 @@ impl Drop for Web {
 type Started = (Server, Arc<SessionStore>, JoinHandle<()>, Option<String>);
 
 fn start(settings: &Settings) -> Result<Started, String> {
-    let Settings { robot, lcm_url, web, config, scene, center, recorded, critical, logs, run, commands } = settings;
+    let Settings { robot, lcm_url, web, config, scene, center, recorded, picture, critical, logs, run, commands } =
+        settings;
     let at = web.listen;
     let token = web.token_file.as_ref().map(|path| token(&config.join(path))).transpose()?;
     let listener = listen(at).map_err(|error| match error.kind() {
@@ -181,7 +184,7 @@ fn start(settings: &Settings) -> Result<Started, String> {
     let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
     let app = App {
         hub: Arc::new(Mutex::new(Hub::new(limits))),
-        center: Arc::new(Center::new(center.clone(), *recorded, model, logs)),
+        center: Arc::new(Center::new(center.clone(), *recorded, *picture, model, logs)),
         bus: Arc::default(),
         stats: Arc::new(Stats::default()),
         session_store: session_store.clone(),

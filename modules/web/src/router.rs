@@ -5,7 +5,7 @@ use super::center::access::Role;
 use super::center::{operator, pairing, viewer};
 use super::foxglove::endpoint;
 use super::guard::{self, Guard, Needed};
-use super::{assets, logs, pages};
+use super::{assets, logs, pages, reports};
 use axum::routing::{MethodRouter, any, get, post};
 use axum::{Router, middleware};
 use std::sync::Arc;
@@ -41,6 +41,8 @@ pub const ROUTES: &[Route] = &[
     own("/ws/view", Role::Viewer, || any(viewer::upgrade)),
     own("/api/logs", Role::Viewer, || get(logs::list)),
     own("/api/logs/{run}/{*file}", Role::Viewer, || get(logs::download)),
+    own("/api/runs/{run}/events", Role::Viewer, || get(reports::events)),
+    own("/api/runs/{run}/report.png", Role::Viewer, || get(reports::picture)),
     own("/api/me", Role::Nobody, || get(pairing::me)),
     own("/api/pair", Role::Nobody, || post(pairing::pair)),
     own("/api/unpair", Role::Operator, || post(pairing::unpair)),

@@ -47,6 +47,8 @@ refusals! {
     Viewers, viewers, "there are as many viewers as may be (web.viewers)";
     /// Too many downloads.
     Downloads, downloads, "as many files are downloaded as may be at once";
+    /// Too many runs to be read as a whole.
+    Reads, reads, "another run is being read: ask again";
     /// No WebSocket, or another protocol.
     Protocol, protocol, "a WebSocket is expected here, at /foxglove one of foxglove.sdk.v1 or foxglove.websocket.v1";
     /// No HTTP, or too slow.

@@ -176,6 +176,31 @@ fn the_truth_is_told_20_times_a_second_and_the_clock_once() {
 }
 
 #[test]
+fn people_are_told_5_times_a_second_where_there_are_some() {
+    let told = |count: u32| {
+        let mut config = config(false);
+        config.world.people = crate::world::Crowd { count, ..crate::world::Crowd::default() };
+        let mut bench = bench(config);
+        bench.done();
+        bench.pass(Duration::from_secs(2));
+        let people = bench.published().into_iter().filter_map(|message| match message {
+            Message::SimDataPeople(people) => Some(people),
+            _ => None,
+        });
+        people.collect::<Vec<_>>()
+    };
+    assert!(told(0).is_empty());
+    let told = told(3);
+    assert_eq!(told.len(), 10);
+    for people in &told {
+        assert_eq!([people.x.len(), people.y.len(), people.radius.len()], [3; 3]);
+        let inside = people.x.iter().zip(&people.y).all(|(x, y)| (0.0..20.0).contains(x) && (0.0..12.0).contains(y));
+        assert!(inside && people.radius.iter().all(|radius| (0.1..0.5).contains(radius)), "{people:?}");
+    }
+    assert_ne!(told[0].x, told[9].x, "they walk");
+}
+
+#[test]
 fn random_words_never_stop_it() {
     let mut bench = bench(config(true));
     let mut random = crate::Random::new(5);

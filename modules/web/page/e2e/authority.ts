@@ -29,7 +29,7 @@ scene("control is taken over by a slide that names who has it; the loser stops a
   await desk.driveByKey("ArrowDown", false);
   await desk.page.keyboard.up("ArrowDown");
   await robot.bus.stops();
-  await desk.button("Give it back").click();
+  await desk.button("Release control").click();
   await until("nobody has control", 5, async () => (await phone.page.locator(".chip.control").getAttribute("title"))?.includes("Nobody has control"));
 });
 

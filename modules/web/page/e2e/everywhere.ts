@@ -41,6 +41,17 @@ for (const [profile, dark] of [["desktop", false], ["desktop", true], ["phone", 
   });
 }
 
+for (const profile of PROFILES) {
+  scene(`no serious barrier in a recorded run (${profile})`, async ({ visit }) => {
+    const v = await visit({ profile, path: "/?demo=1" });
+    const line = v.page.getByRole("region", { name: "Time line" });
+    await line.waitFor();
+    await v.press(line.getByRole("button", { name: "What happened" }));
+    await v.page.getByRole("dialog", { name: "What happened" }).waitFor();
+    deepEqual(await violations(v), []);
+  });
+}
+
 scene("all that is pressed on a phone is at least 48 px", async ({ visit }) => {
   const v = await visit({ profile: "phone", as: "engineer" });
   await v.takeControl();
@@ -75,6 +86,8 @@ for (const width of [320, 390, 768, 1440, 2560]) {
       await v.page.locator(`main[aria-label="${view}"]`).waitFor();
       const [wide, main] = await v.page.evaluate(() => [document.documentElement.scrollWidth, document.querySelector("main")?.scrollWidth ?? 0]);
       ok((wide ?? 0) <= width && (main ?? 0) <= width, `${view}: ${wide}, ${main}`);
+      const high = await v.page.evaluate(() => document.documentElement.scrollHeight);
+      ok(high <= 800, `${view}: the view scrolls, not the document: ${high}`);
     }
   });
 }

@@ -55,3 +55,52 @@ for (const profile of PROFILES) {
     await v.button("Take control").first().waitFor();
   });
 }
+
+for (const profile of PROFILES) {
+  scene(`a recorded run has a time line: pause, jumps, marks, speeds, and a link to each moment (${profile})`, async ({ robot, visit }) => {
+    const begun = await visit({ as: "operator" });
+    await begun.go("Logs");
+    const run = /\d{4}(_\d\d){5}/.exec((await begun.page.locator("a.p-download").first().getAttribute("href")) ?? "")?.[0] ?? "";
+    await begun.page.getByLabel("Marker: what happens now").fill("the door opens");
+    await begun.press(begun.button("Set marker"));
+    await robot.advee("fault", "psc1", "bumper", "2", "--for", "1");
+    await robot.release();
+    await pass(1500);
+    robot.bus.forget();
+    const v = await visit({ profile, path: `/?demo=${run}&at=1#/map` });
+    const bar = v.page.getByRole("slider", { name: "Moment of the run" });
+    const at = async () => Number(await bar.inputValue());
+    await until("it plays from the moment in the address on", 20, async () => (await at()) > 1.5);
+    await v.press(v.button("Pause"));
+    await until("it pauses", 5, async () => {
+      const before = await at();
+      await pass(400);
+      return (await at()) === before;
+    });
+    await bar.fill("3");
+    await until("it has jumped, and the address with it", 5, async () => new URL(v.page.url()).searchParams.get("at") === "3");
+    await v.press(v.button("What happened"));
+    const list = v.page.getByRole("dialog", { name: "What happened" });
+    await list.getByText("the door opens").first().waitFor();
+    await v.press(list.getByRole("button", { name: /PAUSE: bumper2/ }).first());
+    equal(await list.count(), 0);
+    const there = await at();
+    await v.press(v.button("Play"));
+    await v.page.getByLabel("Speed", { exact: true }).selectOption("0.5");
+    await v.page.locator(".status-word strong").filter({ hasText: "Paused" }).waitFor();
+    ok((await at()) > there);
+    await v.press(v.button("10 s back"));
+    deepEqual(robot.bus.commands, []);
+  });
+}
+
+scene("the picture of a run is drawn on demand", async ({ robot, visit }) => {
+  await robot.advee("drive", "0.2", "0", "--for", "1");
+  const v = await visit();
+  await v.go("Logs");
+  await v.page.getByRole("button", { name: /^Report of the run/ }).first().click();
+  const picture = v.page.getByRole("dialog", { name: /^Report of/ }).getByRole("img");
+  await picture.waitFor({ timeout: 60_000 });
+  const size = await picture.evaluate(async (image: HTMLImageElement) => (await image.decode(), [image.naturalWidth, image.naturalHeight]));
+  ok((size[0] ?? 0) > 500 && (size[1] ?? 0) > 300, String(size));
+});

@@ -120,3 +120,20 @@ scene("the map has words for who does not see it", async ({ robot, visit }) => {
   ok(Math.abs(Number(words[1]) - x) < 0.5, words[0]);
   match((await v.page.locator("canvas.map-canvas").getAttribute("aria-label")) ?? "", /^Map\. At /);
 });
+
+scene("each layer of the map is on or off, and stays so; people are shown where they are", async ({ robot, visit }) => {
+  const v = await visit();
+  await v.go("Map");
+  await until("people are told", 15, () => ((robot.bus.last["SIM_DATA_PEOPLE"] as { x?: number[] } | undefined)?.x?.length ?? 0) > 0);
+  const ink = () => v.page.locator("canvas.map-canvas").evaluate((canvas: HTMLCanvasElement) => canvas.toDataURL());
+  await v.page.locator(".map-layers summary").click();
+  const people = v.page.getByRole("checkbox", { name: /^people/ });
+  ok(await people.isChecked());
+  ok(!(await v.page.getByRole("checkbox", { name: /^sonar/ }).isChecked()), "the fans of the sonars cover the plan");
+  const before = await ink();
+  await people.uncheck();
+  await until("the picture changes", 5, async () => (await ink()) !== before);
+  await v.page.reload();
+  await v.page.locator(".map-layers summary").click();
+  ok(!(await people.isChecked()), "kept on this device");
+}, ["world.people=5"]);

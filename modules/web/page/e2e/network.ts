@@ -62,7 +62,7 @@ for (const profile of PROFILES) {
     await hand.up();
     match((await v.pad.textContent()) ?? "", /Nobody has control/);
     // By a new press, after taking control anew, it drives.
-    await v.press(v.button("Understood"));
+    await v.press(v.button("OK"));
     await v.takeControl();
     const again = await v.drive(-0.8);
     await again.up();

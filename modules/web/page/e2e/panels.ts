@@ -132,11 +132,16 @@ scene("errors are grouped, with count and when they were seen, and whether they 
   await robot.fault("sd1_rear", "silent");
   await v.go("Errors");
   const row = v.page.getByRole("row").filter({ hasText: "sd1_rear" }).filter({ hasText: "driver_rs485a" }).first();
-  await row.getByText("stands").waitFor();
+  await row.getByText("active", { exact: true }).waitFor();
   await v.page.getByRole("navigation").getByText(/to look at/).first().waitFor({ state: "attached" });
+  await row.getByRole("button").click();
+  const dialog = v.page.getByRole("dialog", { name: /BoardLost|sd1_rear/ });
+  await dialog.getByText("Its reports").waitFor();
+  await dialog.getByRole("link", { name: /^Play the run .* from this report on/ }).waitFor();
+  await dialog.getByRole("button", { name: "Close" }).click();
   await robot.advee("fault", "sd1_rear", "none");
-  await row.getByText("over").waitFor();
-  await v.button("Standing only").click();
+  await row.getByText("cleared", { exact: true }).waitFor();
+  await v.button("Active only").click();
   equal(await row.count(), 0);
 });
 

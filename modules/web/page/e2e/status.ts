@@ -1,5 +1,5 @@
 // The status word with its reason, in words.
-import { match } from "node:assert/strict";
+import { equal, match } from "node:assert/strict";
 import { PROFILES } from "./support/browser";
 import { scene } from "./support/scene";
 import { until } from "./support/until";
@@ -25,3 +25,21 @@ for (const profile of PROFILES) {
     await v.shows("Ready", 30);
   });
 }
+
+scene("beside whether it may be driven the status says whether it is well, also to who comes late", async ({ robot, visit }) => {
+  const v = await visit();
+  await v.shows("Ready");
+  const second = v.page.locator(".status-second");
+  equal(await second.count(), 0);
+  await v.page.getByRole("list", { name: "Speed, position, battery" }).getByText(/^Battery \d+\u202F%/).waitFor({ state: "attached" });
+  await robot.fault("fan1", "stall");
+  await second.filter({ hasText: /fan/i }).waitFor({ timeout: 30_000 });
+  await v.shows("Ready");
+  equal(await v.page.locator(".status.tone-good").count(), 0, "ready is not green while a fan is dead");
+  const late = await visit({ profile: "phone", dark: true });
+  await late.page.locator(".status-second").filter({ hasText: /fan/i }).waitFor();
+  await late.press(late.page.locator(".status-second"));
+  await late.page.locator('main[aria-label="Errors"]').waitFor();
+  await robot.advee("fault", "fan1", "none");
+  await until("all is well", 30, async () => (await second.count()) === 0);
+});

@@ -97,6 +97,24 @@ scene("another operator's Stop is told to all; one without control does not let 
   await second.stop.click();
   await first.shows("Stopped");
   await second.shows("Stopped");
-  await second.page.locator(".stop").getByText("First has control and lets it go on.").waitFor();
+  await second.page.locator(".stop").getByText("First has control and may resume.").waitFor();
   await first.page.locator(".stop").getByRole("slider", { name: /^Resume/ }).waitFor();
+});
+
+scene("one arrow key too many after a slide drives nothing; with the pad focused it drives", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await v.takeControl();
+  const { keyboard } = v.page;
+  await keyboard.press("Escape");
+  await v.shows("Stopped");
+  await v.page.locator(".stop").getByRole("slider").focus();
+  for (let n = 0; n < 8; n += 1) await keyboard.press("ArrowRight");
+  await v.stop.waitFor();
+  await until("it is resumed", 10, () => !robot.bus.stands(HOLD.ModulePaused));
+  await keyboard.press("ArrowRight");
+  deepEqual(v.said.filter(({ type }) => type === "drive"), []);
+  await v.pad.focus();
+  await v.driveByKey("ArrowUp");
+  await keyboard.up("ArrowUp");
+  await robot.bus.stops();
 });

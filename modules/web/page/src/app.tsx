@@ -6,7 +6,8 @@ import { watchKeys } from "./shell/keys";
 import { Nav } from "./shell/nav";
 import { StatusBar } from "./shell/status";
 import { Stop, StopExplained } from "./shell/stop";
-import { me } from "./state";
+import { me, recorded } from "./state";
+import { Timeline } from "./timeline";
 import { Toasts } from "./ui";
 import { view } from "./views";
 
@@ -20,7 +21,7 @@ export function App() {
   }, [id, me.value?.robot]);
   return (
     <>
-      <div class="app">
+      <div class={recorded ? "app is-recorded" : "app"}>
         <StatusBar>
           <a class="skip" href={`#/${id}`} onClick={(event) => (event.preventDefault(), main.current?.focus())}>
             Skip to the view
@@ -34,7 +35,7 @@ export function App() {
             <View />
           </Guard>
         </main>
-        <Stop />
+        {recorded ? <Timeline /> : <Stop />}
       </div>
       <StopExplained />
       <Toasts />

@@ -3,7 +3,8 @@
 import * as command from "./connection/command";
 import * as view from "./connection/view";
 import { HOLD } from "./numbers";
-import type { Answer, Bound, Command, DataGuard, DrivePart, Field, Holder, HoldRow, Part, Range, Reading, Role, Shown } from "./protocol";
+import { events } from "./timeline/player";
+import type { Answer, Bound, Command, DataGuard, DrivePart, Field, Holder, HoldRow, Part, Range, Reading, Role, RunEvent, Shown } from "./protocol";
 import { authority, commandLink, me, receive, viewLink } from "./state";
 
 const mode = new URLSearchParams(location.search).get("fixture") ?? "";
@@ -95,6 +96,7 @@ function drivePart(): DrivePart {
   return {
     part: "drive",
     status: { word, reason: said },
+    concerns: mode === "ill" ? [{ weight: "error", words: "sd1_front does not answer" }, { weight: "warning", words: "position lost" }, { weight: "warning", words: "fan 2 does not turn" }] : mode === "search" ? [{ weight: "warning", words: "position lost: it is being searched" }] : [],
     motion: shown({
       timestamp: micros(), speed: robot.speed, steering: robot.steering, speed_target: robot.held ? 0 : robot.want.speed || robot.speed,
       steering_target: robot.steering, enabled: !robot.held && !robot.paused, homed: mode !== "unhomed", quick_stop: robot.held || robot.paused,
@@ -112,6 +114,7 @@ function drivePart(): DrivePart {
     truth: shown({ timestamp: micros(), x: robot.x, y: robot.y, theta: robot.theta, speed: robot.speed, steering: robot.steering, clearance: 1.1, collisions: 0 }, 0.05),
     gamepad: shown({ timestamp: micros(), name: "Logitech F710", connected: true, dead_man: false, speed: 0, steering: 0 }, 0.2),
     holder,
+    play: mode === "demo" ? { at: 300 + elapsed(), rate: 1 } : null,
   };
 }
 
@@ -164,10 +167,16 @@ function system(): Part {
     log: shown({ timestamp: at, recording: robot.recording, run: "2026_11_22_09_12_40", bytes: (robot.bytes += 12_000), dropped: 0, free: 21.4e9 }, 1),
     clock: shown({ timestamp: at, rate: 1 }, 1),
     errors: [
-      { module: "driver_aux", number: 0x0703, subject: "fan2", count: 14, first: at - 900e6, last: at - 2e6, severity: 2, standing: true, known: true, message: "fan2 does not turn though it is commanded to" },
-      { module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", count: 12, first: at - 3400e6, last: at - 64e6, severity: 1, standing: false, known: true, message: "sd1_rear does not answer" },
-      { module: "estimator", number: 0x0804, subject: "", count: 1, first: at - 10_000e6, last: at - 10_000e6, severity: 0, standing: false, known: true, message: "found itself by 4 beacons" },
-      { module: "driver_joydev", number: 0x0711, subject: "", count: 1, first: at - 40e6, last: at - 40e6, severity: 1, standing: true, known: false, message: "the gamepad has no dead-man button" },
+      { module: "driver_aux", number: 0x0703, subject: "fan2", cause: "fan2 does not turn though it is commanded to", count: 14, first: at - 900e6, last: at - 2e6, severity: 2, standing: true, known: true, message: "fan2 does not turn though it is commanded to" },
+      { module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", cause: "sd1_rear does not answer", count: 12, first: at - 3400e6, last: at - 64e6, severity: 1, standing: false, known: true, message: "sd1_rear answers again" },
+      { module: "estimator", number: 0x0804, subject: "", cause: "", count: 1, first: at - 10_000e6, last: at - 10_000e6, severity: 0, standing: false, known: true, message: "found itself by 4 beacons" },
+      { module: "driver_joydev", number: 0x0711, subject: "", cause: "the gamepad has no dead-man button", count: 1, first: at - 40e6, last: at - 40e6, severity: 1, standing: true, known: false, message: "the gamepad has no dead-man button" },
+    ],
+    reports: [
+      { timestamp: at - 2e6, module: "driver_aux", number: 0x0703, subject: "fan2", severity: 2, message: "fan2 does not turn though it is commanded to" },
+      { timestamp: at - 2.5e6, module: "driver_power", number: 0x0501, subject: "", severity: 1, message: "the current of the fans is low" },
+      { timestamp: at - 63e6, module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", severity: 0, message: "sd1_rear answers again" },
+      { timestamp: at - 64e6, module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", severity: 1, message: "sd1_rear does not answer" },
     ],
     texts: [
       { timestamp: at - 3e6, module: "driver_canbus", level: 1, text: "the steering is homed: the robot may be driven" },
@@ -292,6 +301,9 @@ export function begin(): void {
   }
   if (mode === "mine") setTimeout(() => said({ type: "take", id: 0, from: null }), 50);
   receive(SCENE);
+  if (mode === "demo") {
+    events.value = { left_out: 0, events: [[60, "mark", "the door opens"], [312, "error", "driver_rs485a: sd1_rear does not answer"], [700, "stop", "PAUSE: bumper2"], [900, "warning", "driver_aux: fan2 is slow"], [1500, "contact", "the robot touched something"]].map(([at, kind, words]) => ({ at, kind, words }) as RunEvent) };
+  }
   let silent = false;
   if (mode === "lost") setTimeout(() => ((silent = true), (viewLink.value = { open: false, heard: null, why: "" })), 1500);
   const every = (ms: number, run: () => void) => (run(), setInterval(() => silent || run(), ms));
@@ -305,6 +317,7 @@ export function begin(): void {
       infrareds: shown({ timestamp: micros(), irs }, 0.25),
       ranges: shown({ timestamp: micros(), readings: [...srfs.map((each) => reading(each, 0)), ...irs.map((each) => reading(each, 1))] }, 0.25),
       beacons: shown({ timestamp: micros(), beacons: BEACONS.slice(0, 4).map(([x, y], i) => ({ timestamp: micros() - i * 1e5, id: i + 1, bearing: Math.atan2(y - robot.y, x - robot.x) - robot.theta, strength: 0.4 + 0.1 * i })) }, 1),
+      people: shown({ timestamp: micros(), x: [0, 1, 2, 3, 4].map((n) => wave(20 + 3 * n, 2, 3 + 3.5 * n)), y: [0, 1, 2, 3, 4].map((n) => wave(17 + 5 * n, 2, 9 - n)), radius: [0.25, 0.3, 0.22, 0.28, 0.25] }, 0.2),
     });
   });
   every(500, () => receive(mapPart()));

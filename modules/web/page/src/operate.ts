@@ -79,7 +79,7 @@ export async function stop(): Promise<void> {
   }
 }
 
-export const resume = (): Promise<boolean> => order({ type: "resume" }, "It may go on.");
+export const resume = (): Promise<boolean> => order({ type: "resume" }, "Resumed.");
 
 // -------------------------------------------------------------------------------------------------- motion authority
 
@@ -105,7 +105,7 @@ export async function take(): Promise<void> {
 }
 export async function release(): Promise<void> {
   held = false;
-  await order({ type: "release" }, "You gave control back.");
+  await order({ type: "release" }, "Control released.");
 }
 
 /** What is wanting to drive, in words for who is not paired; null: paired. */

@@ -85,6 +85,37 @@ export interface LogFile {
   bytes: number;
 }
 
+/** What happened in a recorded run. `GET /api/runs/RUN/events` (viewer). */
+export interface RunEvents {
+  /** In order of time, at most 1000. */
+  events: RunEvent[];
+  /** Number of events that are not listed. */
+  left_out: number;
+}
+
+/** Event of a recorded run. */
+export interface RunEvent {
+  /** s after the begin of the run. */
+  at: number;
+  /** Kind. */
+  kind: EventKind;
+  /** For people. */
+  words: string;
+}
+
+/** Kind of an event. */
+export type EventKind =
+  /** A person set a mark. */
+  | "mark"
+  /** The PAUSE line was engaged, or an operator stopped the robot. */
+  | "stop"
+  /** A module cannot do its work. */
+  | "error"
+  /** A module works with restrictions. */
+  | "warning"
+  /** The simulated robot touched something. */
+  | "contact";
+
 // ---------------------------------------------------------------------------------------------------- the view
 
 /**
@@ -193,6 +224,8 @@ export interface TargetFaults {
 export interface DrivePart {
   part: "drive";
   status: Status;
+  /** What is not well, the most severe first; empty: all is well. */
+  concerns: Concern[];
   motion: Shown<DataMotion>;
   /** All causes for which the robot or its goal is held; empty: it acts. */
   holds: HoldRow[];
@@ -211,6 +244,8 @@ export interface DrivePart {
   gamepad: Shown<DataJoydev>;
   /** Holder of the motion authority among the web clients. */
   holder: Holder | null;
+  /** Position in the recorded run being played; `null` for the live robot. */
+  play: Playing | null;
 }
 
 /** Range finders and beacons: 5 Hz. */
@@ -221,6 +256,8 @@ export interface SensorsPart {
   /** All range finders, each with its own instant; `sonars` and `infrareds` are the view of 2011. */
   ranges: Shown<DataRanges>;
   beacons: Shown<DataBeacons>;
+  /** True places of people: only the simulation knows them. */
+  people: Shown<DataPeople>;
 }
 
 /** Path and obstacles: on change, at most 2 Hz, and every 5 s. */
@@ -241,6 +278,8 @@ export interface SystemPart {
   log: Shown<DataLog>;
   clock: Shown<DataClock>;
   errors: ErrorGroup[];
+  /** Single reports, the latest first, at most 100. */
+  reports: Report[];
   /** The latest first, at most 100. */
   texts: Text[];
   channels: ChannelRow[];
@@ -263,6 +302,22 @@ export interface MessagePart {
 /** Page to `/ws/view`: the channels whose messages it is sent, at most eight; replaces the list before. */
 export interface Watch {
   watch: string[];
+}
+
+/** Page to `/ws/view?demo`: how the recorded run is played on. */
+export interface Play {
+  /** s of the run per s, at most 20; 0: it pauses. */
+  rate: number;
+  /** Position to jump to, s after the begin of the run; absent: it goes on from where it is. */
+  at?: number | null;
+}
+
+/** Position in the recorded run being played. */
+export interface Playing {
+  /** s after the begin of the run. */
+  at: number;
+  /** s of the run per s; 0: it pauses. */
+  rate: number;
 }
 
 /** Value as shown: `age` in s, `null` without one; the display lets it grow older by itself. */
@@ -310,6 +365,21 @@ export type StatusWord =
   | "driving"
   /** At standstill and ready for a command. */
   | "ready";
+
+/** Condition that is not as it should be. */
+export interface Concern {
+  /** Weight. */
+  weight: Weight;
+  /** For people, without a stop: `position lost`. */
+  words: string;
+}
+
+/** Weight of a concern. */
+export type Weight =
+  /** Work is possible with restrictions. */
+  | "warning"
+  /** Something does not work. */
+  | "error";
 
 /** Cause for which a module does not act. */
 export interface HoldRow {
@@ -427,10 +497,28 @@ export interface ErrorGroup {
   severity: number;
   /** True while the fault is active, as far as known. */
   standing: boolean;
+  /** Last message that was not a clearing one: of a cleared fault the cause. */
+  cause: string;
   /** Last message. */
   message: string;
   /** False while the active faults of its module are unknown: `standing` is then the last known value. */
   known: boolean;
+}
+
+/** Report of a fault, or of its end. */
+export interface Report {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Reporting module. */
+  module: string;
+  /** Number of the fault (docs/faults.md). */
+  number: number;
+  /** Subject, such as a board or a drive; empty if there is none, or if it is unknown. */
+  subject: string;
+  /** Values of `error_t`; 0 also for the end of the fault. */
+  severity: number;
+  /** For people. */
+  message: string;
 }
 
 /** Text as shown. */
@@ -989,6 +1077,18 @@ export interface DataClock {
   timestamp: number;
   /** Simulated seconds per real second: 1 live, the achieved factor in virtual time. */
   rate: number | null;
+}
+
+/** Where the simulated people really are: `SIM_DATA_PEOPLE`, 5 Hz in a world with people. */
+export interface DataPeople {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Their middles in the world, m. */
+  x: (number | null)[];
+  /** Their middles in the world, m. */
+  y: (number | null)[];
+  /** Their radii, m. */
+  radius: (number | null)[];
 }
 
 /** True pose and motion of the simulated robot: `SIM_DATA_TRUTH`. */

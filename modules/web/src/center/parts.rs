@@ -1,13 +1,17 @@
 //! The parts of the view that are sent again and again, from the model.
 
 use super::authority::Holder;
+use super::demo::Playing;
 use base::Instant;
-use diagnostics::{Bound, ChannelRow, Ellipse, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
+use diagnostics::{
+    Bound, ChannelRow, Concern, Ellipse, HoldRow, Model, ModuleRow, Reported, Shown, ShownGroup, ShownText, Status,
+};
 use messages::{common, lowlevel, middlelevel, simulation};
 use serde::Serialize;
 
-/// Maximum number of texts in a part, the latest: it is sent once a second.
+/// Maximum number of texts, and of reports, in a part, the latest: it is sent once a second.
 const TEXTS_MAX: usize = 100;
+const REPORTS_MAX: usize = 100;
 
 /// State that is not published on the bus.
 #[derive(Clone, Copy, Debug, Default)]
@@ -16,6 +20,8 @@ pub struct ExtraState<'a> {
     pub holder: Option<&'a Holder>,
     /// Number of viewers, including those of Foxglove.
     pub viewers: usize,
+    /// Position in the recorded run being played.
+    pub play: Option<Playing>,
 }
 
 /// Motion, position and goal: 10 Hz, always. Without one for 1 s the connection is lost.
@@ -23,6 +29,8 @@ pub struct ExtraState<'a> {
 #[serde(tag = "part", rename = "drive")]
 pub struct DrivePart<'a> {
     status: Status,
+    /// What is not well, the most severe first; empty: all is well.
+    concerns: Vec<Concern>,
     motion: Shown<'a, lowlevel::DataMotion>,
     /// All causes for which the robot or its goal is held; empty: it acts.
     holds: Vec<HoldRow>,
@@ -41,6 +49,8 @@ pub struct DrivePart<'a> {
     gamepad: Shown<'a, lowlevel::DataJoydev>,
     /// Holder of the motion authority among the web clients.
     holder: Option<&'a Holder>,
+    /// Position in the recorded run being played; `null` for the live robot.
+    play: Option<Playing>,
 }
 
 impl<'a> DrivePart<'a> {
@@ -48,6 +58,7 @@ impl<'a> DrivePart<'a> {
     pub fn of(model: &'a Model, now: Instant, beside: ExtraState<'a>) -> Self {
         Self {
             status: model.status(now),
+            concerns: model.concerns(now),
             motion: model.motion.shown(now),
             holds: model.hold_rows(now),
             commands: model.commands(now).collect(),
@@ -61,6 +72,7 @@ impl<'a> DrivePart<'a> {
             truth: model.truth.shown(now),
             gamepad: model.gamepad.shown(now),
             holder: beside.holder,
+            play: beside.play,
         }
     }
 }
@@ -74,6 +86,8 @@ pub struct SensorsPart<'a> {
     /// All range finders, each with its own instant; `sonars` and `infrareds` are the view of 2011.
     ranges: Shown<'a, lowlevel::DataRanges>,
     beacons: Shown<'a, lowlevel::DataBeacons>,
+    /// True places of people: only the simulation knows them.
+    people: Shown<'a, simulation::DataPeople>,
 }
 
 impl<'a> SensorsPart<'a> {
@@ -84,6 +98,7 @@ impl<'a> SensorsPart<'a> {
             infrareds: model.infrareds.shown(now),
             ranges: model.ranges.shown(now),
             beacons: model.beacons.shown(now),
+            people: model.people.shown(now),
         }
     }
 }
@@ -116,6 +131,8 @@ pub struct SystemPart<'a> {
     log: Shown<'a, common::DataLog>,
     clock: Shown<'a, simulation::DataClock>,
     errors: Vec<ShownGroup<'a>>,
+    /// Single reports, the latest first, at most 100.
+    reports: Vec<Report<'a>>,
     /// The latest first, at most 100.
     texts: Vec<&'a ShownText>,
     channels: Vec<ChannelRow>,
@@ -135,9 +152,35 @@ impl<'a> SystemPart<'a> {
             log: model.log.shown(now),
             clock: model.clock.shown(now),
             errors: model.errors.groups(now),
+            reports: model.errors.reports().take(REPORTS_MAX).map(Report::of).collect(),
             texts: model.texts.latest().take(TEXTS_MAX).collect(),
             channels: model.traffic.rows(now),
             viewers: beside.viewers,
         }
+    }
+}
+
+/// Report of a fault, or of its end.
+#[derive(Serialize)]
+struct Report<'a> {
+    /// Microseconds since the UNIX epoch.
+    timestamp: i64,
+    /// Reporting module.
+    module: &'a str,
+    /// Number of the fault (docs/faults.md).
+    number: i32,
+    /// Subject, such as a board or a drive; empty if there is none, or if it is unknown.
+    subject: &'a str,
+    /// Values of `error_t`; 0 also for the end of the fault.
+    severity: i8,
+    /// For people.
+    message: &'a str,
+}
+
+impl<'a> Report<'a> {
+    fn of(reported: &'a Reported) -> Self {
+        let common::Error { timestamp, module, number, message, severity, .. } = &reported.error;
+        let (timestamp, number, severity) = (*timestamp, *number, *severity);
+        Self { timestamp, module, number, subject: reported.subject.as_deref().unwrap_or_default(), severity, message }
     }
 }

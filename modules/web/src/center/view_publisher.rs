@@ -99,8 +99,8 @@ impl ViewPublisher {
         inner.model.receive(at, channel, data.len(), message);
     }
 
-    /// Encodes due parts; returns the deadline of the next turn.
-    pub fn turn(&self, now: Instant, beside: ExtraState<'_>) -> Instant {
+    /// Encodes due parts with the state at the instant `at` of the model's clock; returns the deadline of the next turn.
+    pub fn turn(&self, now: Instant, at: Instant, beside: ExtraState<'_>) -> Instant {
         if self.viewers() == 0 {
             return Instant::NEVER;
         }
@@ -110,7 +110,7 @@ impl ViewPublisher {
         let Inner { model, parts, map, .. } = inner;
         for part in parts {
             if part.is_due(model, map, now) {
-                part.said = (turn, text(part.kind, model, now, beside).into());
+                part.said = (turn, text(part.kind, model, at, beside).into());
                 any = true;
             }
         }
@@ -239,6 +239,10 @@ mod tests {
         show.hear(now, &message.channel_name(), &bytes);
     }
 
+    fn pass(show: &ViewPublisher, now: Instant) -> Instant {
+        show.turn(now, now, ExtraState::default())
+    }
+
     fn parts(show: &ViewPublisher, progress: &mut ViewerProgress) -> Vec<String> {
         let part = |text: Utf8Bytes| serde_json::from_str::<Value>(&text).unwrap()["part"].as_str().unwrap().to_owned();
         show.news(progress).into_iter().map(part).collect()
@@ -247,17 +251,17 @@ mod tests {
     #[test]
     fn a_new_viewer_gets_all_parts_and_then_each_when_due() {
         let show = ViewPublisher::new(Config::default());
-        assert_eq!(show.turn(T0, ExtraState::default()), Instant::NEVER, "no viewer");
+        assert_eq!(pass(&show, T0), Instant::NEVER, "no viewer");
         let (turns, mut progress) = show.join();
-        assert_eq!(show.turn(T0, ExtraState::default()), at(100));
+        assert_eq!(pass(&show, T0), at(100));
         assert!(turns.has_changed().unwrap());
         assert_eq!(parts(&show, &mut progress), ["drive", "sensors", "map", "system"]);
         assert!(parts(&show, &mut progress).is_empty(), "each once");
-        show.turn(at(50), ExtraState::default());
+        pass(&show, at(50));
         assert!(parts(&show, &mut progress).is_empty(), "nothing is due");
         let mut heard = Vec::new();
         for turn in 1..=10 {
-            show.turn(at(100 * turn), ExtraState::default());
+            pass(&show, at(100 * turn));
             heard.extend(parts(&show, &mut progress));
         }
         let count = |name: &str| heard.iter().filter(|part| *part == name).count();
@@ -265,7 +269,7 @@ mod tests {
         // A late viewer gets the current state, not the earlier one.
         let (_turns, mut late) = show.join();
         assert!(parts(&show, &mut late).is_empty());
-        show.turn(at(1010), ExtraState::default());
+        pass(&show, at(1010));
         assert_eq!(parts(&show, &mut late).len(), 4);
         drop(turns);
         assert_eq!(show.viewers(), 1);
@@ -278,7 +282,7 @@ mod tests {
         for turn in 0..100 {
             let plan = DataPlan { timestamp: (turn / 50) as i64, x: vec![f64::NAN], y: vec![1.0] };
             say(&show, at(100 * turn), plan);
-            show.turn(at(100 * turn), ExtraState::default());
+            pass(&show, at(100 * turn));
         }
         let news = show.news(&mut progress);
         assert_eq!(news.len(), 4, "the newest of each");
@@ -287,7 +291,7 @@ mod tests {
         let mut maps = 0;
         for turn in 100..220 {
             say(&show, at(100 * turn), DataObstacles { timestamp: (turn / 60) as i64, ..DataObstacles::default() });
-            show.turn(at(100 * turn), ExtraState::default());
+            pass(&show, at(100 * turn));
             maps += parts(&show, &mut progress).iter().filter(|part| *part == "map").count();
         }
         // Obstacles of turns 100, 120 and 180, and the repetition after 5 s.
@@ -299,15 +303,15 @@ mod tests {
         let show = ViewPublisher::new(Config::default());
         let (_turns, mut progress) = show.join();
         show.watch(&mut progress, vec!["STRANGE".into()]);
-        show.turn(T0, ExtraState::default());
+        pass(&show, T0);
         show.news(&mut progress);
         show.hear(at(10), "STRANGE", b"x");
-        assert_eq!(show.turn(at(50), ExtraState::default()), at(100));
+        assert_eq!(pass(&show, at(50)), at(100));
         assert_eq!(parts(&show, &mut progress), ["message"]);
         show.leave(progress);
         show.hear(at(110), "STRANGE", b"x");
         let (_other, mut progress) = show.join();
-        show.turn(at(150), ExtraState::default());
+        pass(&show, at(150));
         assert_eq!(parts(&show, &mut progress).len(), 4);
     }
 }

@@ -18,7 +18,9 @@ use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade, close_code};
 use axum::http::{StatusCode, Uri};
 use axum::response::Response;
+use demo::{Play, Request};
 use serde::Deserialize;
+use tokio::sync::watch;
 use tokio::time::{Instant, sleep_until};
 
 /// Maximum length of a viewer's message, bytes.
@@ -72,7 +74,7 @@ fn refuse(app: &App, refusal: Refusal, code: StatusCode) -> Response {
 async fn serve(socket: WebSocket, app: &App, demo: Option<String>) {
     let mut line = Line::new(socket, app.stats.clone());
     let over = match demo {
-        None => talk(&mut line, app, &app.center.show, app.center.scene.json()).await,
+        None => talk(&mut line, app, &app.center.show, app.center.scene.json(), None).await,
         Some(run) => play(&mut line, app, &run).await,
     };
     line.close(over).await;
@@ -91,9 +93,10 @@ async fn play(line: &mut Line, app: &App, run: &str) -> EndReason {
     };
     let show = ViewPublisher::new(config.clone());
     let scene = run.scene.json();
+    let (player, requests) = watch::channel(Request::default());
     tokio::select! {
-        over = talk(line, app, &show, scene) => over,
-        over = run.play(&show, config) => over,
+        over = talk(line, app, &show, scene, Some(&player)) => over,
+        over = run.play(&show, config, requests) => over,
     }
 }
 
@@ -106,8 +109,14 @@ fn demo_of(uri: &Uri) -> Option<String> {
         .map(|(_, run)| run.into())
 }
 
-/// Serves the viewer to its end.
-async fn talk(line: &mut Line, app: &App, show: &ViewPublisher, scene: String) -> EndReason {
+/// Serves the viewer to its end. `player`: plays the recorded run that is shown.
+async fn talk(
+    line: &mut Line,
+    app: &App,
+    show: &ViewPublisher,
+    scene: String,
+    player: Option<&watch::Sender<Request>>,
+) -> EndReason {
     let (mut turns, mut place) = show.join();
     let mut end = app.end.clone();
     let mut flow = Flow::new();
@@ -117,8 +126,11 @@ async fn talk(line: &mut Line, app: &App, show: &ViewPublisher, scene: String) -
             break over;
         }
         tokio::select! {
-            said = line.hear() => match said.and_then(|said| hear(line, said, &mut flow)) {
-                Ok(Some(channels)) => show.watch(&mut place, channels),
+            said = line.hear() => match said.and_then(|said| hear(line, said, &mut flow, player.is_some())) {
+                Ok(Some(Said::Watch(Watch { watch }))) => show.watch(&mut place, watch),
+                Ok(Some(Said::Play(play))) => if let Some(player) = player {
+                    player.send_modify(|request| request.add(play));
+                },
                 Ok(None) => {}
                 Err(over) => break over,
             },
@@ -173,36 +185,52 @@ impl Flow {
 }
 
 /// Page to `/ws/view`: the channels whose messages it is sent, at most eight; replaces the list before.
-#[derive(Deserialize)]
+#[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Watch {
     watch: Vec<String>,
 }
 
-/// Parses the message of a viewer: the channels to watch from now on, if it contains them.
-fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, EndReason> {
+/// Message of a viewer.
+#[derive(Debug, PartialEq, Deserialize)]
+#[serde(untagged)]
+enum Said {
+    Watch(Watch),
+    Play(Play),
+}
+
+/// Parses the message of a viewer, who may play a recorded run or not.
+fn hear(line: &mut Line, said: Message, flow: &mut Flow, plays: bool) -> Result<Option<Said>, EndReason> {
     let asked = match said {
         Message::Pong(payload) => {
             flow.answered(&payload);
             return Ok(None);
         }
-        Message::Text(text) => watched(&text),
+        Message::Text(text) => parse(&text, plays),
         _ => Err("no text".into()),
     };
     match asked {
-        Ok(channels) => Ok(Some(channels)),
+        Ok(said) => Ok(Some(said)),
         Err(why) => line.refuse(Refusal::Malformed, &why).map(|()| None),
     }
 }
 
-fn watched(text: &str) -> Result<Vec<String>, String> {
-    let Watch { mut watch } = serde_json::from_str(text).map_err(|error| error.to_string())?;
-    watch.sort_unstable();
-    watch.dedup();
-    let is_name = |name: &String| (1..=NAME_MAX).contains(&name.len());
-    match watch.len() <= WATCHED_MAX && watch.iter().all(is_name) {
-        true => Ok(watch),
-        false => Err(format!("expected {WATCHED_MAX} channels at most, of 1 to {NAME_MAX} bytes each")),
+fn parse(text: &str, plays: bool) -> Result<Said, String> {
+    let mut said = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    let valid = match &mut said {
+        Said::Watch(Watch { watch }) => {
+            watch.sort_unstable();
+            watch.dedup();
+            let is_name = |name: &String| (1..=NAME_MAX).contains(&name.len());
+            watch.len() <= WATCHED_MAX && watch.iter().all(is_name)
+        }
+        Said::Play(play) => plays && play.is_valid(),
+    };
+    match valid {
+        true => Ok(said),
+        false => {
+            Err(format!("expected {WATCHED_MAX} channels at most, of 1 to {NAME_MAX} bytes each, or how to play a run"))
+        }
     }
 }
 
@@ -226,13 +254,20 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_may_watch_some_channels() {
-        assert_eq!(watched(r#"{"watch":["B","A","B"]}"#), Ok(vec!["A".into(), "B".into()]));
-        assert_eq!(watched(r#"{"watch":[]}"#), Ok(vec![]));
+    fn a_viewer_may_watch_some_channels_and_play_a_recorded_run() {
+        let watched = |text: &str| match parse(text, false) {
+            Ok(Said::Watch(Watch { watch })) => Some(watch),
+            _ => None,
+        };
+        assert_eq!(watched(r#"{"watch":["B","A","B"]}"#), Some(vec!["A".into(), "B".into()]));
+        assert_eq!(watched(r#"{"watch":[]}"#), Some(vec![]));
         let long = format!(r#"{{"watch":["{}"]}}"#, "x".repeat(64));
         let many = format!(r#"{{"watch":{:?}}}"#, (0..9).map(|n| n.to_string()).collect::<Vec<_>>());
         for wrong in [&long, &many, "", "[]", "{}", r#"{"watch":"A"}"#, r#"{"watch":[""]}"#, r#"{"watch":[],"x":1}"#] {
-            assert!(watched(wrong).is_err(), "{wrong}");
+            assert!(parse(wrong, true).is_err(), "{wrong}");
         }
+        let play = r#"{"rate":2,"at":31.5}"#;
+        assert!(matches!(parse(play, true), Ok(Said::Play(_))));
+        assert!(parse(play, false).is_err(), "nothing is played to who looks at the live robot");
     }
 }

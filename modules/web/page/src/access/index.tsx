@@ -161,7 +161,7 @@ function Devices() {
 }
 
 function Looks() {
-  const themes: [Theme, string][] = [["auto", "As the device"], ["light", "Light"], ["dark", "Dark"]];
+  const themes: [Theme, string][] = [["auto", "System"], ["light", "Light"], ["dark", "Dark"]];
   return (
     <Card title="Appearance" icon={Palette}>
       <div class="choice" role="group" aria-label="Colours">

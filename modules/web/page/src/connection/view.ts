@@ -8,9 +8,14 @@ const wanted = new Map<string, number>();
 /** What the server lets one page watch. */
 export const MOST_WATCHED = 8;
 
+let opened: (() => void) | undefined;
+
 const run = new URLSearchParams(location.search).get("demo");
 const socket = new Socket(run === null ? "/ws/view" : `/ws/view?demo=${encodeURIComponent(run || "1")}`, viewLink, {
-  opened: () => tell(),
+  opened: () => {
+    tell();
+    opened?.();
+  },
   heard: (frame) => isPart(frame) && receive(frame),
   closed: () => {},
 });
@@ -29,6 +34,14 @@ export function watch(channel: string): () => void {
     tell();
   };
 }
+
+/** How the recorded run is played on; `at` in s: from there. */
+export function play(rate: number, at?: number): void {
+  socket.send(at === undefined ? { rate } : { rate, at });
+}
+
+/** Called each time the socket is open. */
+export const onOpen = (call: () => void): void => void (opened = call);
 
 /** Set by a fixture, which stands in for the server. */
 export const hooks: { watching?: (channels: string[]) => void } = {};

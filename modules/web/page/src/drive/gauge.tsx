@@ -20,7 +20,7 @@ export function Gauge(props: {
       <div class="gauge-words">
         <span>{name}</span>
         <strong class="figure">{actual}</strong>
-        <small class="figure">of {commanded} commanded</small>
+        <small class="figure">(target {commanded})</small>
       </div>
       <div class="gauge-bar" aria-hidden>
         <i class="gauge-middle" />

@@ -12,6 +12,7 @@ import { type Advice, advice } from "./advice";
 import { Gauge } from "./gauge";
 import { Creep } from "./creep";
 import { Pad } from "./pad";
+import { Nearest } from "./ring";
 import { begin, commanded, endedWhy, gamepadName, PACES, pace } from "./session";
 import "./drive.css";
 
@@ -55,7 +56,7 @@ function Control() {
         <h2>
           <Hand size={18} aria-hidden /> You have control
         </h2>
-        <Button onClick={() => void release()}>Give it back</Button>
+        <Button onClick={() => void release()}>Release control</Button>
       </section>
     );
   }
@@ -159,7 +160,7 @@ function Motion() {
         stale={grey}
         mirrored
       />
-      <p class="why-not">{motion?.source ? `${motion.source} commands.` : "Nobody commands the motion."}</p>
+      <p class="why-not">{motion?.source ? `Driven by: ${commander(motion.source)}` : "Driven by: nobody"}</p>
     </Card>
   );
 }
@@ -174,6 +175,12 @@ function Bounded() {
       <ShieldAlert size={16} aria-hidden /> <span>{sentence(bound.words)}</span>
     </p>
   );
+}
+
+/** `web:Linux computer` is `Linux computer (web)`. */
+function commander(source: string): string {
+  const name = /^web:(.*)$/.exec(source)?.[1];
+  return name ? `${name} (web)` : source;
 }
 
 /** An angle of the steering, in words which side. */
@@ -195,6 +202,7 @@ function Hands() {
         ))}
       </div>
       <Pad />
+      <Nearest />
       <Creep />
       <p class="hands-said figure" role="status">
         {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : "Let go, and it stops."}

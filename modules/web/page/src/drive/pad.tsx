@@ -4,6 +4,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { clock } from "../state";
 import { ownGesture } from "../ui/gesture";
 import type { Wish } from "./hold";
+import { Ring } from "./ring";
 import { commanded, hold, letGo, shown, whyNoDrive } from "./session";
 
 /** Share of the half side around the middle that is the middle; and what is the end already. */
@@ -87,6 +88,7 @@ export function Pad() {
         <ChevronDown class="pad-down" size={30} aria-hidden />
         <ChevronLeft class="pad-left" size={30} aria-hidden />
         <ChevronRight class="pad-right" size={30} aria-hidden />
+        <Ring />
         <div ref={knob} class="pad-knob" />
         {off === null ? null : (
           <p id="pad-why" class="pad-why">

@@ -2,10 +2,11 @@
 // the hand off ends it.
 import { computed, effect, signal } from "@preact/signals";
 import { listen, send } from "../connection/command";
-import { onStop, stopped } from "../operate";
+import { onStop, sentence, stopped } from "../operate";
 import { pausedByWords } from "../holds";
 import { clock, connection, drive, fresh, roundTrip, scene, stale, TOO_SLOW, whyNot } from "../state";
 import { types } from "../shell/keys";
+import { keysRest } from "../ui/rest";
 import { type Act, CREEP_KEY, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
 import { Hold, type Source } from "./hold";
 
@@ -27,6 +28,11 @@ export const whyNoDrive = computed<string | null>(() => {
   if (stopped.value) return "The robot is stopped. Resume first.";
   const line = fresh(drive.value?.stop);
   if (line?.engaged) return `PAUSE: ${pausedByWords(drive.value)} stops the robot.`;
+  // A latched cause waits for a hand: that one may be pressed.
+  const part = drive.value;
+  if (part && (part.status.word === "fault" || part.status.word === "silent") && !part.holds.some(({ latched }) => latched)) {
+    return sentence(part.status.reason);
+  }
   return null;
 });
 
@@ -92,6 +98,10 @@ export function begin(): () => void {
     if (event.code === CREEP_KEY && !event.repeat && !types(at)) return second(true);
     if (!isDriveKey(event.code) || event.defaultPrevented || types(at)) return;
     event.preventDefault();
+    if (keysRest()) {
+      endedWhy.value = "Focus the pad, then drive with the keys.";
+      return;
+    }
     act("keys", keys.down(event.code, event.repeat));
   };
   addEventListener("keydown", down, on);

@@ -1,12 +1,13 @@
 // The canvas under the hand: drag, wheel and pinch look around; a tap places, a drag from there turns; a long press
 // begins to place a goal without the buttons.
-import { effect } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { shownTheme } from "../design/theme";
 import { drive, map, may, now, scene, sensors } from "../state";
 import { ownGesture } from "../ui/gesture";
 import { type Camera, fitted, panned, type Point, type Size, toMap, zoomed } from "./camera";
 import { begin, mode, places, put, sent, turn } from "./draft";
+import { off } from "./layers";
 import { inks, paint, pose } from "./paint";
 import { trail } from "./trail";
 
@@ -21,6 +22,9 @@ export interface Looker {
   fit(): void;
 }
 
+/** Where the mouse is on the map, m; null: nowhere. */
+export const under = signal<Point | null>(null);
+
 export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) => void; looker: { current: Looker | null }; label: string }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const live = useRef(props);
@@ -32,6 +36,8 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     let size: Size = { width: 1, height: 1 };
     let camera: Camera = { x: 0, y: 0, scale: 40 };
     let placed = false;
+    /** Somebody has looked elsewhere: what is shown stays. */
+    let looked = false;
     let colours = inks();
     let frame = 0;
 
@@ -61,10 +67,12 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     };
     live.current.looker.current = {
       zoom: (factor) => {
+        looked = true;
         camera = zoomed(camera, size, factor, [size.width / 2, size.height / 2]);
         dirty();
       },
       fit: () => {
+        looked = false;
         live.current.onFollow(false);
         fit();
       },
@@ -76,7 +84,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
       const dense = devicePixelRatio || 1;
       element.width = Math.round(size.width * dense);
       element.height = Math.round(size.height * dense);
-      if (before.width === 1) placed = false;
+      if (before.width === 1 || !looked) placed = false;
       // At once: a canvas that was resized is empty until it is drawn.
       cancelAnimationFrame(frame);
       draw();
@@ -89,7 +97,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     });
     const stopData = effect(() => {
       // Whatever is drawn.
-      [drive, sensors, map, scene, trail, places, mode, sent, now].forEach((each) => each.value);
+      [drive, sensors, map, scene, trail, places, mode, sent, off, now].forEach((each) => each.value);
       dirty();
     });
 
@@ -114,6 +122,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
         // A second finger makes it a pinch; what the first one placed goes again.
         if (doing === "turn") places.value = places.value.slice(0, -1);
         doing = "pan";
+        looked = true;
         return;
       }
       from = at;
@@ -132,7 +141,9 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
         navigator.vibrate?.(20);
       }, LONG);
     };
+    const leave = () => (under.value = null);
     const move = (event: PointerEvent) => {
+      if (event.pointerType === "mouse") under.value = toMap(camera, size, where(event));
       const before = fingers.get(event.pointerId);
       if (!before) return;
       const at = where(event);
@@ -154,6 +165,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
       if (doing === "press" && moved > TREMBLE) {
         clearTimeout(long);
         doing = "pan";
+        looked = true;
         live.current.onFollow(false);
       }
       if (doing !== "pan") return;
@@ -167,6 +179,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     };
     const wheel = (event: WheelEvent) => {
       event.preventDefault();
+      looked = true;
       const at: Point = live.current.follow ? [size.width / 2, size.height / 2] : where(event);
       camera = zoomed(camera, size, Math.exp(-event.deltaY * (event.deltaMode === 1 ? 0.05 : 0.0015)), at);
       dirty();
@@ -184,6 +197,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     element.addEventListener("pointermove", move);
     element.addEventListener("pointerup", up);
     element.addEventListener("pointercancel", up);
+    element.addEventListener("pointerleave", leave);
     element.addEventListener("wheel", wheel, { passive: false });
     element.addEventListener("keydown", key);
     return () => {

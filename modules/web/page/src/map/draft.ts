@@ -1,6 +1,8 @@
 // What is being placed on the map by hand, before it is said: a goal, a way of several, or the robot's own position.
-import { signal } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 import { order } from "../operate";
+import { drive } from "../state";
+import { follow, type Follows } from "./follow";
 
 export type Mode = "look" | "go" | "route" | "pose";
 
@@ -14,8 +16,17 @@ export interface Place {
 export const mode = signal<Mode>("look");
 export const places = signal<Place[]>([]);
 export const loop = signal(false);
-/** What was said last, shown until another is. */
+/** What was sent last, shown while it is the goal of the robot. */
 export const sent = signal<Place[]>([]);
+
+let follows: Follows = "over";
+let before: number | null = null;
+effect(() => {
+  const goal = drive.value?.goal.value ?? null;
+  if (sent.peek().length === 0) return;
+  follows = follow(follows, before, goal, performance.now() / 1000);
+  if (follows === "over") sent.value = [];
+});
 
 /** As many as a way may have. */
 const MOST = 32;
@@ -52,10 +63,14 @@ export async function confirm(): Promise<void> {
   const last = all.at(-1);
   if (!last) return;
   const posing = mode.value === "pose";
+  before = drive.value?.goal.value?.id ?? null;
   const well = posing
     ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, "The pose is sent to the robot.")
     : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, "The goal is sent to the robot.");
   if (!well) return;
-  if (!posing) sent.value = all;
+  if (!posing) {
+    follows = { since: performance.now() / 1000 };
+    sent.value = all;
+  }
   begin("look");
 }

@@ -1,19 +1,22 @@
 // The map: what the robot believes of the place and of itself, and where to send it.
-import { CircleX, Crosshair, Expand, Flag, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
+import { CircleX, Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { order } from "../operate";
-import { drive, fresh, may, scene, stale, whyNot } from "../state";
+import { order, take } from "../operate";
+import { num } from "../format";
+import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
-import { type Looker, MapCanvas } from "./canvas";
+import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, sent, undo } from "./draft";
+import { isOn, type Layer, toggle } from "./layers";
 import { goalWords, guardWords, positionWords, QUALITIES } from "./words";
 import "./map.css";
 
 export function MapView() {
-  return <MapPanel />;
+  return <MapPanel alone />;
 }
 
-export function MapPanel() {
+/** `alone`: without the drive view beside it, where control is taken. */
+export function MapPanel({ alone = false }: { alone?: boolean }) {
   const looker = useRef<Looker | null>(null);
   const [follow, setFollow] = useState(false);
   const part = drive.value;
@@ -29,10 +32,11 @@ export function MapPanel() {
           <Button icon={Expand} label="Show all" onClick={() => looker.current?.fit()} />
           <Button icon={LocateFixed} label="Follow the robot" pressed={follow} onClick={() => setFollow(!follow)} />
         </div>
-        <Legend />
+        <Layers />
+        <Under />
       </div>
       <div class="map-below">
-        {mode.value === "look" ? <Tools /> : <Draft />}
+        {mode.value === "look" ? <Tools alone={alone} /> : <Draft />}
         <div class="map-words" role="status" aria-live="off">
           <Quality />
           <p class={stale(part?.estimate) ? "is-stale" : ""}>{positionWords(part)}</p>
@@ -52,12 +56,17 @@ function Quality() {
   return <Badge tone={tones[quality] ?? "off"}>{`position ${QUALITIES[quality] ?? "not known"}`}</Badge>;
 }
 
-function Tools() {
+function Tools({ alone }: { alone: boolean }) {
   const active = [1, 3].includes(drive.value?.goal.value?.status ?? 0);
   if (!may("operator")) return null;
   const start = (next: Mode) => () => begin(next);
   return (
     <div class="map-tools">
+      {alone && !demo.value && !authority.value.yours && !holder.value ? (
+        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? null : "There is no connection"} onClick={() => void take()}>
+          Take control
+        </Button>
+      ) : null}
       <Button icon={Flag} whyNot={whyNot.value} onClick={start("go")}>
         Go to
       </Button>
@@ -132,34 +141,44 @@ function Field({ label, value, onChange }: { label: string; value: number | null
   );
 }
 
-function Legend() {
-  const rows: [string, string][] = [
-    ["robot", "robot and its uncertainty"],
-    ...(scene.value?.simulated ? ([["truth", "where it really is (simulation)"]] as [string, string][]) : []),
-    ["plan", "plan"],
-    ["obstacle", "obstacles it senses"],
-    ["sonar", "sonar; dotted: nothing within range"],
-    ...(drive.value?.bound
-      ? ([
-          ["protective", "protective field: what is in it stops the robot"],
-          ["warning", "warning field: what is in it slows it"],
-          ["occupied", "hatched: something is in the field"],
-        ] as [string, string][])
-      : []),
-    ["ir", "▽ no floor seen by infrared; dashed: not known"],
-    ["beacon", "beacon: filled when seen"],
-    ["trail", "trail"],
+/** Where the mouse is. */
+function Under() {
+  const at = under.value;
+  return at ? (
+    <p class="map-under figure" aria-hidden>
+      {num(at[0], 2)}, {num(at[1], 2, "m")}
+    </p>
+  ) : null;
+}
+
+/** What the map shows, each on or off, with what it means. */
+function Layers() {
+  const simulated = scene.value?.simulated ?? false;
+  const rows: [Layer, string, string][] = [
+    ...(simulated ? ([["people", "person", "people (simulation)"], ["truth", "truth", "true position (simulation)"]] as [Layer, string, string][]) : []),
+    ["plan", "plan", "plan"],
+    ["obstacles", "obstacle", "sensed obstacles"],
+    ...(drive.value?.bound ? ([["fields", "protective", "guard: protective field stops, dashed one slows; hatched: occupied"]] as [Layer, string, string][]) : []),
+    ["sonar", "sonar", "sonar; dotted: nothing within range, dashed: not known"],
+    ["floor", "ir", "▽ no floor seen by infrared; open: not known"],
+    ["beacons", "beacon", "beacons; filled: seen"],
+    ["trail", "trail", "trail"],
   ];
   return (
-    <details class="map-legend">
-      <summary>Legend</summary>
-      <ul>
-        {rows.map(([ink, words]) => (
-          <li key={ink}>
-            <i class={`ink-${ink}`} /> {words}
-          </li>
-        ))}
-      </ul>
+    <details class="map-layers">
+      <summary>
+        <LayersIcon size={18} aria-hidden /> Layers
+      </summary>
+      <div class="map-layer">
+        <i class="ink-robot" /> robot and its uncertainty (2σ)
+      </div>
+      {rows.map(([layer, ink, words]) => (
+        <label key={layer} class="map-layer">
+          <input type="checkbox" checked={isOn(layer)} onChange={() => toggle(layer)} />
+          <i class={`ink-${ink}`} />
+          <span>{words}</span>
+        </label>
+      ))}
     </details>
   );
 }

@@ -5,8 +5,10 @@ import type { DrivePart, MapPart, ScenePart, SensorsPart } from "../protocol";
 import { drive, fresh, map, scene, sensors, stale } from "../state";
 import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
 import { mode, type Place, places, sent } from "./draft";
+import { isOn } from "./layers";
 import { fieldsOn, from, hatch, type Pose } from "./fields";
 import { trail } from "./trail";
+import { isLost } from "./words";
 
 const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
 export type Inks = Record<(typeof INKS)[number] | "ink" | "surface" | "muted", string>;
@@ -34,17 +36,18 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
   on.fillRect(0, 0, size.width, size.height);
   on.lineJoin = on.lineCap = "round";
   grid(brush);
-  if (map.value) obstacles(brush, map.value);
+  if (map.value && isOn("obstacles")) obstacles(brush, map.value);
   if (scene.value) walls(brush, scene.value);
-  line(brush, trail.value, ink.trail, 2, [1, 5]);
-  if (map.value) plan(brush, map.value);
-  if (scene.value) beacons(brush, scene.value, drive.value, sensors.value);
+  if (sensors.value && isOn("people")) people(brush, sensors.value);
+  if (isOn("trail")) line(brush, trail.value, ink.trail, 2, [1, 5]);
+  if (map.value && isOn("plan")) plan(brush, map.value);
+  if (scene.value && isOn("beacons")) beacons(brush, scene.value, drive.value, sensors.value);
   if (scene.value && drive.value) {
-    fields(brush, drive.value);
-    if (sensors.value) cones(brush, scene.value, drive.value, sensors.value);
-    truth(brush, scene.value, drive.value);
+    if (isOn("fields")) fields(brush, drive.value);
+    if (sensors.value && isOn("sonar")) cones(brush, scene.value, drive.value, sensors.value);
+    if (isOn("truth")) truth(brush, scene.value, drive.value);
     robot(brush, scene.value, drive.value);
-    if (sensors.value) holes(brush, drive.value, sensors.value);
+    if (sensors.value && isOn("floor")) holes(brush, drive.value, sensors.value);
   }
   marks(brush);
   bar(brush);
@@ -87,7 +90,7 @@ function obstacles({ on, camera, ink, at }: Brush, part: MapPart): void {
   if (!cells) return;
   const side = Math.max(2, (cells.size ?? 0) * camera.scale);
   on.fillStyle = ink.obstacle;
-  on.globalAlpha = stale(part.obstacles) ? 0.2 : 0.5;
+  on.globalAlpha = stale(part.obstacles) ? 0.25 : 0.75;
   cells.x.forEach((x, i) => {
     const y = cells.y[i];
     if (x === null || typeof y !== "number") return;
@@ -95,6 +98,22 @@ function obstacles({ on, camera, ink, at }: Brush, part: MapPart): void {
     on.fillRect(sx - side / 2, sy - side / 2, side, side);
   });
   on.globalAlpha = 1;
+}
+
+/** Where people really are: only the simulation knows. */
+function people({ on, camera, ink, at }: Brush, sensors: SensorsPart): void {
+  const all = fresh(sensors.people);
+  if (!all) return;
+  on.lineWidth = 1.5;
+  all.x.forEach((x, n) => {
+    const [y, radius] = [all.y[n], all.radius[n]];
+    if (x === null || typeof y !== "number" || typeof radius !== "number") return;
+    on.globalAlpha = 0.45;
+    disc(on, at(x, y), Math.max(3, radius * camera.scale), ink.truth);
+    on.globalAlpha = 1;
+    on.strokeStyle = ink.truth;
+    on.stroke();
+  });
 }
 
 function plan(brush: Brush, part: MapPart): void {
@@ -140,8 +159,9 @@ function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DriveP
   }
 }
 
-/** Where it believes itself to be. */
+/** Where it believes itself to be; null also where it is lost: nothing is drawn at a place that means nothing. */
 export function pose(drive: DrivePart | null): Pose | null {
+  if (isLost(drive)) return null;
   const { x, y, theta } = drive?.estimate.value ?? {};
   return typeof x === "number" && typeof y === "number" && typeof theta === "number" ? { x, y, theta } : null;
 }

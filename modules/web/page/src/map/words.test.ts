@@ -17,7 +17,8 @@ test("a position is told with how sure it is, and not at all when the robot is l
   const estimate = { timestamp: 0, x: 1.234, y: -2, theta: Math.PI / 2, speed: 0, rotation: 0, covariance: [], quality: 3 };
   const part = (quality: number) =>
     ({ estimate: { age: 0, period: 0.05, freshness: "fresh", value: { ...estimate, quality } }, ellipse: { long: 0.1, short: 0.05, angle: 0, heading: 0.02 } }) as unknown as DrivePart;
-  equal(positionWords(part(3)), "At 1.23, −2.00 m, heading 90°; fine, sure to 0.10 m and 1.1°.");
+  equal(positionWords(part(3)), "At 1.23, −2.00 m, heading 90°; fine, ±0.10 m and ±1.1°.");
+  equal(positionWords({ ...part(1), ellipse: { long: 2000, short: 2000, angle: 0, heading: 6 } }), "The robot does not know where it is.");
   equal(positionWords(part(0)), "The robot does not know where it is.");
   equal(positionWords(null), "Where the robot is has not been said yet.");
 });

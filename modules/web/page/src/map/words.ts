@@ -4,12 +4,21 @@ import type { DataGoal, DrivePart } from "../protocol";
 
 export const QUALITIES = ["lost", "searching", "coarse", "fine"] as const;
 
+/** Semi-major axis of two standard deviations, m, from which a position that is searched means nothing. */
+const NOWHERE = 50;
+
+/** The estimate is no place: the robot is lost, or anywhere. */
+export function isLost(part: DrivePart | null): boolean {
+  const quality = part?.estimate.value?.quality ?? 0;
+  return quality === 0 || (quality === 1 && (part?.ellipse?.long ?? Infinity) > NOWHERE);
+}
+
 export function positionWords(part: DrivePart | null): string {
   const estimate = part?.estimate.value;
   if (!part || !estimate) return "Where the robot is has not been said yet.";
   const quality = QUALITIES[estimate.quality] ?? "unknown";
-  if (estimate.quality === 0) return "The robot does not know where it is.";
-  const sure = part.ellipse ? `, sure to ${num(part.ellipse.long, 2, "m")} and ${deg(part.ellipse.heading, 1)}` : "";
+  if (isLost(part)) return "The robot does not know where it is.";
+  const sure = part.ellipse ? `, ±${num(part.ellipse.long, 2, "m")} and ±${deg(part.ellipse.heading, 1)}` : "";
   return `At ${num(estimate.x, 2)}, ${num(estimate.y, 2, "m")}, heading ${deg(estimate.theta)}; ${quality}${sure}.`;
 }
 

@@ -1,5 +1,5 @@
 // How figures of machines are written; what all views share is in ../format.ts.
-import { NONE, num, time } from "../format";
+import { NONE, num, span, time } from "../format";
 
 /** A share, 0..1. */
 export function percent(value: number | null | undefined, digits = 0): string {
@@ -34,10 +34,15 @@ export function moment(microseconds: number, now = new Date()): string {
   return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${time(microseconds)}`;
 }
 
-/** s as whole minutes, as one counts what a battery lasts. */
+/** s as hours and whole minutes, as one counts what a battery lasts. */
 export function minutes(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return "not known";
-  return seconds < 60 ? "less than a minute" : count(Math.floor(seconds / 60)) + " min";
+  return seconds < 60 ? "less than a minute" : span(60 * Math.floor(seconds / 60));
+}
+
+/** `1 run`, `2 runs`. */
+export function counted(value: number, one: string, many = `${one}s`): string {
+  return `${count(value)} ${value === 1 ? one : many}`;
 }
 
 /** Any number, with as many digits as tell. */

@@ -1,7 +1,7 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
 import { count, figure, hex, milliseconds, minutes, moment, percent } from "./format";
-import { demoLink, fileLink, started } from "./logs/names";
+import { begun, demoLink, fileLink, reportLink, started } from "./logs/names";
 
 test("figures are written as people read them", () => {
   deepEqual([0.123, 1, null].map((share) => percent(share, 1)), ["12.3 %", "100.0 %", "–"]);
@@ -9,7 +9,7 @@ test("figures are written as people read them", () => {
   deepEqual([0x20, 0x8611, 0x12345].map((value) => hex(value)), ["0x0020", "0x8611", "0x12345"]);
   equal(hex(-1, 2), "0xFF");
   deepEqual([0, 999, 1234567, NaN].map(count), ["0", "999", "1\u202F234\u202F567", "–"]);
-  deepEqual([7800, 59, 0, -1, null, NaN].map(minutes), ["130 min", "less than a minute", "less than a minute", "not known", "not known", "not known"]);
+  deepEqual([7800, 59, 0, -1, null, NaN].map(minutes), ["2 h 10 min", "less than a minute", "less than a minute", "not known", "not known", "not known"]);
 });
 
 test("any number has as many digits as tell", () => {
@@ -29,4 +29,6 @@ test("a run is named by when it began, and addressed without its name doing harm
   equal(started("else"), "else");
   equal(fileLink("a b", "inputs/x?y.mcap"), "/api/logs/a%20b/inputs/x%3Fy.mcap");
   equal(demoLink("a&b"), "/?demo=a%26b#/map");
+  equal(reportLink("a/b"), "/api/runs/a%2Fb/report.png");
+  deepEqual([begun("1970_01_02_00_00_01"), begun("else")], [86401, NaN]);
 });

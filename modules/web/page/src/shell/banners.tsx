@@ -23,7 +23,7 @@ export function Banners() {
           tone="warn"
           icon={<CircleAlert size={20} aria-hidden />}
           urgent
-          action={<Button onClick={() => (lostControl.value = null)}>Understood</Button>}
+          action={<Button onClick={() => (lostControl.value = null)}>OK</Button>}
         >
           <strong>You have no control any more.</strong> {lostControl.value}
         </Banner>

@@ -1,6 +1,7 @@
 // Space and Escape stop the robot, wherever the focus is; in a field one types in, Space is a blank and Escape still stops.
 import { stop, unpaired } from "../operate";
 import { demo } from "../state";
+import { watchChoice } from "../ui/rest";
 
 export function watchKeys(): () => void {
   const key = (event: KeyboardEvent) => {
@@ -17,7 +18,9 @@ export function watchKeys(): () => void {
   };
   addEventListener("keydown", key, { capture: true });
   addEventListener("keyup", up, { capture: true });
+  const endChoice = watchChoice();
   return () => {
+    endChoice();
     removeEventListener("keydown", key, { capture: true });
     removeEventListener("keyup", up, { capture: true });
   };

@@ -1,14 +1,15 @@
-// What one must know first: the robot's state in a word and the reason in a sentence; how good the connection is; who
-// holds control.
+// What one must know first: whether the robot may be driven, in a word and with the reason; whether it is well, in a second
+// one; its speed, position and battery; how good the connection is; who holds control.
 import {
-  CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, KeyRound, type LucideIcon, OctagonPause, TriangleAlert, WifiOff,
+  BatteryMedium, CircleAlert, CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, KeyRound, LocateFixed, type LucideIcon, OctagonPause, TriangleAlert, Wifi, WifiOff,
 } from "lucide-preact";
 import type { ComponentChildren } from "preact";
 import { num } from "../format";
 import type { StatusWord } from "../protocol";
-import { authority, commandLink, connection, demo, drive, holder, me, role, roundTrip } from "../state";
+import { authority, commandLink, connection, demo, drive, fresh, holder, me, role, roundTrip, scene, system } from "../state";
 import { stopped } from "../operate";
 import type { Tone } from "../ui/badge";
+import { battery, position, second, type Second, type Vital, worse } from "./health";
 
 const WORDS: Record<StatusWord, { word: string; icon: LucideIcon; tone: Tone }> = {
   silent: { word: "No contact", icon: CircleHelp, tone: "bad" },
@@ -21,7 +22,7 @@ const WORDS: Record<StatusWord, { word: string; icon: LucideIcon; tone: Tone }> 
 };
 
 /** The status as it may be believed now: without a connection nothing is known. */
-export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: string } {
+export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: string; second?: Second | null } {
   const now = connection.value;
   if (me.value === null) return { word: "Connecting", icon: Hourglass, tone: "off", reason: "the robot does not answer yet; it is asked each second" };
   if (me.value.role === "nobody") return { word: "Not paired", icon: KeyRound, tone: "off", reason: "this device sees nothing of the robot until it is paired" };
@@ -33,34 +34,73 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
   if (now.state === "lost") {
     return { word: "Not known", icon: WifiOff, tone: "bad", reason: `no connection; ${word.toLowerCase()} at the last message` };
   }
-  if (stopped.value) return { word: WORDS.stopped.word, icon: OctagonPause, tone: "warn", reason: "an operator stopped it; it stays until an operator resumes" };
-  return { word, icon, tone, reason: said.reason };
+  const not = second(drive.value?.concerns ?? [], said.reason);
+  if (stopped.value) {
+    const reason = "an operator stopped it; it stays until an operator resumes";
+    return { word: WORDS.stopped.word, icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };
+  }
+  // A check mark says that all is well.
+  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: said.reason, second: not };
 }
 
 export function StatusBar({ children }: { children: ComponentChildren }) {
-  const { word, icon: Icon, tone, reason } = status();
+  const { word, icon: Icon, tone, reason, second } = status();
   return (
     <header class={`status tone-${tone}`}>
       {children}
       <p class="visually-hidden" role="status" aria-atomic>
         {/* What is spoken: no figure that changes ten times a second. */}
         {me.value?.robot ?? "The robot"}: {word}
+        {second ? `, ${second.words}` : ""}
         {tone === "good" ? "" : `, ${reason.replace(/[0-9.]+ (s|m\/s)\b/g, "")}`}
       </p>
       <div class="status-word">
         <Icon size={28} aria-hidden />
         <div>
-          <strong>
-            {word}
-          </strong>
+          <div class="status-words">
+            <strong>
+              {word}
+            </strong>
+            {second ? (
+              <a class={`status-second tone-${second.tone}`} href="#/errors" title={second.words}>
+                <span>{second.words}</span>
+                {second.more > 0 ? <b>+{second.more}</b> : null}
+              </a>
+            ) : null}
+          </div>
           <p title={reason}>{reason}</p>
         </div>
       </div>
+      <Vitals />
       <div class="status-side">
         <Trip />
         <Control />
       </div>
     </header>
+  );
+}
+
+/** Speed, position and battery; grey while they are not known. */
+function Vitals() {
+  const now = connection.value;
+  if (drive.value === null || now.state === "connecting") return null;
+  const motion = fresh(drive.value.motion);
+  const speed: Vital = motion === null ? { tone: "off", text: "–", title: "Speed not known" } : { tone: "off", text: num(motion.speed, 2, "m/s"), title: `Speed ${num(motion.speed, 2, "m/s")}` };
+  const rows: [string, LucideIcon, Vital][] = [
+    ["speed", Gauge, speed],
+    ...(drive.value.estimate.value ? ([["position", LocateFixed, position(fresh(drive.value.estimate), drive.value.ellipse)]] as [string, LucideIcon, Vital][]) : []),
+    ...(scene.value?.power_channels.length ? ([["battery", BatteryMedium, battery(fresh(system.value?.power))]] as [string, LucideIcon, Vital][]) : []),
+  ];
+  return (
+    <ul class="vitals" aria-label="Speed, position, battery">
+      {rows.map(([name, Icon, { tone, text, title }]) => (
+        <li key={name} class={`tone-${tone}`} title={title}>
+          <Icon size={16} aria-hidden />
+          <span aria-hidden>{text}</span>
+          <span class="visually-hidden">{title}</span>
+        </li>
+      ))}
+    </ul>
   );
 }
 
@@ -71,7 +111,7 @@ function Trip() {
   const trip = roundTrip.value;
   const tone = now.state === "lost" ? "bad" : now.state === "connecting" ? "off" : { good: "good", slow: "warn", bad: "bad" }[now.quality];
   const word = now.state === "lost" ? "Lost" : demo.value ? "Recorded" : trip === null ? "No answer yet" : { good: "", slow: "Slow", bad: "Too slow" }[now.state === "live" ? now.quality : "good"];
-  const Icon = now.state === "lost" ? WifiOff : Gauge;
+  const Icon = now.state === "lost" ? WifiOff : Wifi;
   return (
     <div class={`chip tone-${tone}`} title="Round trip of a command to the robot and back">
       <Icon size={16} aria-hidden />

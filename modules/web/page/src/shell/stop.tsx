@@ -1,8 +1,10 @@
 // Stop: always there, always in the same place. When the robot is stopped, the same place says so and lets it go on.
 import { Hand, OctagonX } from "lucide-preact";
+import { useEffect, useRef } from "preact/hooks";
 import { resume, stop, stopExplained, stopFailed, stopped, stopping, take, unpaired } from "../operate";
 import { authority, connection, demo, holder } from "../state";
 import { Button, Dialog, Slide } from "../ui";
+import { keysRest } from "../ui/rest";
 
 export function Stop() {
   if (demo.value) return null;
@@ -21,8 +23,14 @@ export function Stop() {
 
 function StopButton() {
   const viewer = unpaired.value;
+  const button = useRef<HTMLButtonElement>(null);
+  // The slide that was here had the focus, and took it along.
+  useEffect(() => {
+    if (keysRest() && document.activeElement === document.body) button.current?.focus();
+  }, []);
   return (
     <button
+      ref={button}
       type="button"
       class={`stop-button ${viewer ? "is-viewer" : ""}`}
       // Any finger, another one on the pad or not.
@@ -37,7 +45,7 @@ function StopButton() {
 }
 
 function Stopped() {
-  const whyNot = unpaired.value ? "An operator lets it go on" : null;
+  const whyNot = unpaired.value ? "An operator resumes" : null;
   return (
     <div class="stop-held">
       <p>
@@ -46,7 +54,7 @@ function Stopped() {
       {authority.value.yours || whyNot ? (
         <Slide label="Resume" tone="good" whyNot={whyNot} onConfirm={() => void resume()} />
       ) : holder.value ? (
-        <p class="stop-note">{holder.value.name} has control and lets it go on.</p>
+        <p class="stop-note">{holder.value.name} has control and may resume.</p>
       ) : (
         <Button icon={Hand} onClick={() => void take()}>
           Take control

@@ -5,7 +5,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useId, useRef } from "preact/hooks";
 import { Button } from "./button";
 
-export function Dialog(props: { title: string; open: boolean; onClose: () => void; children: ComponentChildren }) {
+export function Dialog(props: { title: string; open: boolean; onClose: () => void; wide?: boolean; children: ComponentChildren }) {
   const box = useRef<HTMLDivElement>(null);
   const id = useId();
   useEffect(() => {
@@ -19,7 +19,7 @@ export function Dialog(props: { title: string; open: boolean; onClose: () => voi
     <div class="dialog-behind" onClick={(event) => event.target === event.currentTarget && props.onClose()}>
       <div
         ref={box}
-        class="dialog"
+        class={props.wide ? "dialog is-wide" : "dialog"}
         role="dialog"
         tabIndex={-1}
         aria-labelledby={id}

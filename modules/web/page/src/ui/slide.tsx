@@ -3,6 +3,7 @@
 import { Check, ChevronsRight } from "lucide-preact";
 import { useRef, useState } from "preact/hooks";
 import { ownGesture } from "./gesture";
+import { restKeys } from "./rest";
 
 /** Of the way: from here on it counts as the end; what one key does. */
 const END = 0.95;
@@ -52,8 +53,10 @@ export function Slide(props: {
     event.preventDefault();
     event.stopPropagation();
     const next = Math.min(1, Math.max(0, way + by));
-    if (next >= END) confirm();
-    else setWay(next);
+    if (next >= END) {
+      restKeys();
+      confirm();
+    } else setWay(next);
   };
 
   return (

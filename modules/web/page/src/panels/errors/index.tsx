@@ -3,39 +3,33 @@ import { signal } from "@preact/signals";
 import { Search } from "lucide-preact";
 import type { ErrorGroup, Text } from "../../protocol";
 import { system } from "../../state";
-import { Badge, Button, Card, type Column, Empty, Table, type Tone } from "../../ui";
+import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { count, moment } from "../format";
 import { lost } from "../lacks";
 import { fault } from "./faults";
-import { about, hasAll, level, standing as is } from "./words";
+import { Details } from "./details";
+import { about, hasAll, level, severity, standing as is } from "./words";
 import "../panels.css";
-
-const SEVERITIES: readonly (readonly [Tone, string])[] = [
-  ["info", "notice"],
-  ["warn", "warning"],
-  ["bad", "error"],
-];
 
 const filter = signal("");
 const standingOnly = signal(false);
 const gravely = signal(false);
-
-function severity(group: ErrorGroup): readonly [Tone, string] {
-  return SEVERITIES[group.severity] ?? ["bad", `unknown (${group.severity})`];
-}
+/** The fault whose details are shown. */
+const opened = signal<string | null>(null);
+const key = (group: ErrorGroup): string => `${group.module} ${group.number} ${group.subject}`;
 
 function found(group: ErrorGroup, words: string[]): boolean {
-  return hasAll([group.module, about(group), group.message, severity(group)[1]], words);
+  return hasAll([group.module, about(group), group.cause, group.message, severity(group)[1]], words);
 }
 
 function Is({ group }: { group: ErrorGroup }) {
   switch (is(group)) {
     case "stands":
-      return <Badge tone={severity(group)[0]}>stands</Badge>;
+      return <Badge tone={severity(group)[0]}>active</Badge>;
     case "unknown":
       return <Badge tone="warn">not known</Badge>;
     case "over":
-      return <Badge tone="off">over</Badge>;
+      return <Badge tone="off">cleared</Badge>;
   }
 }
 
@@ -43,19 +37,19 @@ const COLUMNS: Column<ErrorGroup>[] = [
   {
     head: "What",
     title: true,
-    by: (group) => group.message,
+    by: (group) => group.cause || group.message,
     cell: (group) => (
-      <span class="p-what">
-        {group.standing && group.message ? group.message : fault(group.number).means}
+      <button type="button" class="p-link p-what" aria-haspopup="dialog" onClick={() => (opened.value = key(group))}>
+        <span>{group.cause || group.message || fault(group.number).means}</span>
         <span class="muted">
           <b>{about(group)}</b>
-          {group.standing ? `: ${fault(group.number).means}` : group.message && `, said last: ${group.message}`}
+          {group.standing || group.message === group.cause ? `: ${fault(group.number).means}` : group.message && `, cleared: ${group.message}`}
         </span>
-      </span>
+      </button>
     ),
   },
   {
-    head: "Is",
+    head: "Status",
     by: (group) => ["stands", "unknown", "over"].indexOf(is(group)),
     cell: (group) => <Is group={group} />,
   },
@@ -74,7 +68,7 @@ export function standing(): number {
 function Summary() {
   const now = standing();
   if (lost()) return <Badge tone="off">not known now</Badge>;
-  return now ? <Badge tone="bad">{`${now} standing`}</Badge> : <Badge tone="good">none stands</Badge>;
+  return now ? <Badge tone="bad">{`${now} active`}</Badge> : <Badge tone="good">none active</Badge>;
 }
 
 const TEXT_KEYS = (text: Text, place: number) => `${text.timestamp} ${text.module} ${place}`;
@@ -111,6 +105,7 @@ export function Errors() {
   const groups = system.value?.errors;
   if (!groups) return <Empty>No data yet.</Empty>;
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+  const chosen = groups.find((group) => key(group) === opened.value);
   const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
   return (
     <>
@@ -127,22 +122,23 @@ export function Errors() {
             />
           </label>
           <Button pressed={standingOnly.value} onClick={() => (standingOnly.value = !standingOnly.value)}>
-            Standing only
+            Active only
           </Button>
           <p class="muted p-grow">
-            An error <b>stands</b> until its module says that it is <b>over</b>; of a module that says nothing, or does not run, it is <b>not known</b>. What is
-            over is kept here with its count; nothing needs to be acknowledged.
+            A fault is <b>active</b> until its module reports it <b>cleared</b>; while the module does not run it is <b>not known</b>. Open a row for its reports.
+            Cleared faults stay here with their count; nothing needs to be acknowledged.
           </p>
         </div>
         <Table
           caption="Errors by kind"
           columns={COLUMNS}
           rows={rows}
-          id={(group) => `${group.module} ${group.number} ${group.subject}`}
+          id={key}
           stale={(group) => lost() || is(group) !== "stands"}
-          empty={groups.length ? "None of them matches." : "Nothing stands, and nothing has been reported since the server started."}
+          empty={groups.length ? "None of them matches." : "Nothing is active, and nothing has been reported since the server started."}
         />
       </Card>
+      {chosen ? <Details group={chosen} onClose={() => (opened.value = null)} /> : null}
       <Texts words={words} />
     </>
   );

@@ -1,5 +1,5 @@
 // What is said of faults and texts, apart from how it is shown.
-import type { ErrorGroup, Text } from "../../protocol";
+import type { ErrorGroup, Report, Text } from "../../protocol";
 import type { Tone } from "../../ui";
 import { hex } from "../format";
 import { fault } from "./faults";
@@ -16,6 +16,31 @@ export function standing(group: Pick<ErrorGroup, "standing" | "known">): Standin
 export function about(group: Pick<ErrorGroup, "number" | "subject">): string {
   const name = `${hex(group.number)} ${fault(group.number).name}`;
   return group.subject ? `${name}, ${group.subject}` : name;
+}
+
+const SEVERITIES: readonly (readonly [Tone, string])[] = [
+  ["info", "notice"],
+  ["warn", "warning"],
+  ["bad", "error"],
+];
+
+export function severity(group: Pick<ErrorGroup, "severity">): readonly [Tone, string] {
+  return SEVERITIES[group.severity] ?? ["bad", `unknown (${group.severity})`];
+}
+
+type Named = Pick<ErrorGroup, "module" | "number" | "subject">;
+
+/** Whether a report is of this fault; one whose subject is not known may be. */
+export function of(group: Named, report: Report): boolean {
+  return report.module === group.module && report.number === group.number && (report.subject === group.subject || report.subject === "");
+}
+
+/** µs around a report within which others may have the same cause. */
+const BESIDE = 2e6;
+
+/** Reports of other faults at the time of the last one of this. */
+export function beside(group: Named & Pick<ErrorGroup, "last">, reports: readonly Report[]): Report[] {
+  return reports.filter((report) => !of(group, report) && report.severity > 0 && Math.abs(report.timestamp - group.last) <= BESIDE);
 }
 
 const LEVELS: readonly (readonly [Tone, string])[] = [

@@ -6,7 +6,7 @@ import { stale, system } from "../../state";
 import { Age, Badge, Button, Card, Empty, Facts } from "../../ui";
 import { order } from "../../operate";
 import { lacks } from "../lacks";
-import { count } from "../format";
+import { counted } from "../format";
 import { started } from "./names";
 
 /** Characters of a marker, as the server takes them. */
@@ -35,10 +35,10 @@ export function RecorderCard() {
           facts={[
             { name: "State", value: value.recording ? <Badge tone="good" icon={Circle}>recording</Badge> : <Badge tone="warn">not recording</Badge> },
             { name: "Run", value: value.run ? started(value.run) : "–" },
-            { name: "Written", value: bytes(value.bytes) },
+            { name: "Written to the log", value: bytes(value.bytes) },
             {
               name: "Dropped",
-              value: value.dropped > 0 ? <Badge tone="bad">{`${count(value.dropped)} messages`}</Badge> : "none",
+              value: value.dropped > 0 ? <Badge tone="bad">{counted(value.dropped, "message")}</Badge> : "none",
             },
             { name: "Free on the disk", value: bytes(value.free) },
           ]}

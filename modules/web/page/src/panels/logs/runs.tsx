@@ -1,18 +1,22 @@
 // The runs on the robot's disk: their files to download, and each as a demo.
 import { signal } from "@preact/signals";
-import { BookOpenText, Download, MonitorPlay, RotateCw } from "lucide-preact";
+import { BookOpenText, ChartLine, Download, MonitorPlay, RotateCw } from "lucide-preact";
 import { useEffect } from "preact/hooks";
 import { bytes } from "../../format";
 import type { LogRun, Refused } from "../../protocol";
 import { demo } from "../../state";
+import { counted } from "../format";
 import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { demoLink, fileLink, started } from "./names";
+import { Report } from "./report";
 
 /** s between two looks at the disk. */
 const AGAIN = 10;
 
 const runs = signal<LogRun[] | null>(null);
 const trouble = signal<string | null>(null);
+/** The run whose picture is shown. */
+const reported = signal<string | null>(null);
 
 async function load(): Promise<void> {
   try {
@@ -46,10 +50,16 @@ const COLUMNS: Column<LogRun>[] = [
   {
     head: "Look at",
     cell: (run) => (
-      <a class="button quiet" href={demoLink(run.run)} aria-label={`Play the run ${started(run.run)} on this page`}>
-        <MonitorPlay size={20} aria-hidden />
-        <span>Play</span>
-      </a>
+      <span class="p-look">
+        <a class="button quiet" href={demoLink(run.run)} aria-label={`Play the run ${started(run.run)} on this page`}>
+          <MonitorPlay size={20} aria-hidden />
+          <span>Play</span>
+        </a>
+        <button type="button" class="button quiet" aria-label={`Report of the run ${started(run.run)}`} onClick={() => (reported.value = run.run)}>
+          <ChartLine size={20} aria-hidden />
+          <span>Report</span>
+        </button>
+      </span>
     ),
   },
   {
@@ -87,7 +97,7 @@ export function Runs() {
       flush
       aside={
         <span class="p-aside">
-          <span class="muted">{runs.value ? `${runs.value.length}, ${bytes(total)}` : ""}</span>
+          <span class="muted">{runs.value ? `${counted(runs.value.length, "run")}, ${bytes(total)}` : ""}</span>
           <Button kind="quiet" icon={RotateCw} label="Look again" onClick={() => void load()} />
         </span>
       }
@@ -102,8 +112,9 @@ export function Runs() {
       ) : trouble.value ? null : (
         <Empty>Asking the robot.</Empty>
       )}
+      {reported.value ? <Report run={reported.value} onClose={() => (reported.value = null)} /> : null}
       <p class="muted p-pad">
-        Playing shows a run on this page as if it happened now; nothing can be commanded then.
+        Playing shows a run on this page as if it happened now, with a time line; nothing can be commanded then.
         <br />
         <a class="p-help" href="/foxglove-help">
           <BookOpenText size={16} aria-hidden />

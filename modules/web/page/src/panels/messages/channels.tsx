@@ -34,7 +34,7 @@ const COLUMNS: Column<ChannelRow>[] = [
           {chosen.value === row.channel ? <ChevronRight size={14} aria-hidden /> : null}
           {row.channel}
         </span>
-        <span class="muted">{row.type || "a type that is not the robot's"}</span>
+        <span class="muted">{row.type.replace(/^\w+\./, "") || "not one of the robot's types"}</span>
       </button>
     ),
   },

@@ -5,7 +5,7 @@ import { useEffect, useState } from "preact/hooks";
 import { span } from "../../format";
 import type { MessagePart } from "../../protocol";
 import { Badge, Button, Card, Empty, toast } from "../../ui";
-import { figure } from "../format";
+import { figure, moment } from "../format";
 import { choose, chosen, latest, series, toggle } from "./store";
 import { type Field, fields, FIELDS_MAX } from "./tree";
 
@@ -97,7 +97,7 @@ function Line(props: { channel: string; field: Field; open: boolean; turn: (path
     <li class="p-leaf" style={indent}>
       <span class="p-field">{field.name}</span>
       <output class="figure" aria-live="off">
-        {written(field.value)}
+        {isTime(field) ? moment(field.value as number) : written(field.value)}
       </output>
       {canPlot ? (
         <button
@@ -119,6 +119,9 @@ function Line(props: { channel: string; field: Field; open: boolean; turn: (path
     </li>
   );
 }
+
+/** Microseconds since the UNIX epoch, by its name and its size. */
+const isTime = ({ name, value }: Field): boolean => /^(timestamp|since)$/.test(name) && typeof value === "number" && value > 1e14;
 
 /** A number with as many digits as it is worth; text in quotation marks. */
 function written(value: Field["value"]): string {

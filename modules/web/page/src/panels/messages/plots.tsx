@@ -1,12 +1,12 @@
 // The course of the chosen fields.
 import { signal } from "@preact/signals";
-import { Pause, Play, Trash2, X } from "lucide-preact";
+import { Download, Pause, Play, Trash2, X } from "lucide-preact";
 import { NONE } from "../../format";
 import { now } from "../../state";
 import { Button, Card } from "../../ui";
 import { figure } from "../format";
 import { Plot } from "../plot/plot";
-import type { Ring } from "../plot/ring";
+import { csv, type Ring } from "../plot/ring";
 import { end, LONGEST, plots, toggle } from "./store";
 
 const WINDOWS = [
@@ -30,6 +30,16 @@ function Newest({ ring }: { ring: Ring }) {
   );
 }
 
+/** All that is kept of the plotted fields, as a file. */
+function save(): void {
+  const all = plots.value;
+  const text = csv(all.map(({ channel, path }) => `${channel} ${path}`), all.map(({ ring }) => ring.from(-Infinity)));
+  const url = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+  const link = Object.assign(document.createElement("a"), { href: url, download: "plot.csv" });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+}
+
 export function Plots() {
   if (plots.value.length === 0) return null;
   return (
@@ -45,6 +55,7 @@ export function Plots() {
           >
             {frozen.value === null ? "Pause" : "Go on"}
           </Button>
+          <Button kind="quiet" icon={Download} label="Download as CSV" onClick={save} />
           <Button kind="quiet" icon={Trash2} label="End all plots" onClick={() => (plots.value = [])} />
         </span>
       }

@@ -30,10 +30,10 @@ export function ModuleDialog({ row, onClose }: { row: ModuleRow; onClose: () => 
           { name: "Process", value: row.pid ? `${phase(row)}, PID ${row.pid}` : phase(row) },
           { name: "Up", value: row.pid ? span(row.uptime) : "–" },
           { name: "Restarts", value: row.restarts },
-          { name: "Last end", value: row.last_exit || "–" },
+          { name: "Last exit", value: row.last_exit || "–" },
           { name: "CPU", value: row.pid ? percent(row.cpu, 1) : "–" },
           { name: "Memory", value: row.pid ? bytes(row.rss) : "–" },
-          { name: "Heard", value: age === null ? "never" : `${span(age)} ago` },
+          { name: "Last message", value: age === null ? "never" : `${span(age)} ago` },
           { name: "Errors", value: row.faults === null ? "not known" : row.faults === 0 ? "none stands" : `${row.faults} standing` },
         ]}
       />

@@ -28,10 +28,10 @@ const COLUMNS: Column<ModuleRow>[] = [
   { head: "PID", figure: true, by: (row) => row.pid, cell: (row) => (row.pid ? row.pid : "–") },
   { head: "Up", figure: true, by: (row) => row.uptime, cell: (row) => (row.pid ? span(row.uptime) : "–") },
   { head: "Restarts", figure: true, by: (row) => row.restarts, cell: (row) => row.restarts },
-  { head: "Last end", by: (row) => row.last_exit, cell: (row) => row.last_exit || "–" },
+  { head: "Last exit", by: (row) => row.last_exit, cell: (row) => row.last_exit || "–" },
   { head: "CPU", figure: true, by: (row) => row.cpu, cell: (row) => (row.pid ? percent(row.cpu, 1) : "–") },
   { head: "Memory", figure: true, by: (row) => row.rss, cell: (row) => (row.pid ? bytes(row.rss) : "–") },
-  { head: "Heard", figure: true, by: (row) => row.age ?? Infinity, cell: (row) => <Heard row={row} /> },
+  { head: "Last message", figure: true, by: (row) => row.age ?? Infinity, cell: (row) => <Heard row={row} /> },
 ];
 
 /** How long ago it announced itself; said in words where that is too long. */
@@ -69,10 +69,10 @@ export function Modules() {
             <Badge tone="off">not known now</Badge>
           ) : ill.length ? (
             <Badge tone="bad">
-              {ill.length} of {rows.length} not as wanted
+              {ill.length} of {rows.length} not in the wanted state
             </Badge>
           ) : (
-            <Badge tone="good">all {rows.length} as wanted</Badge>
+            <Badge tone="good">all {rows.length} in the wanted state</Badge>
           )}
           <span class="muted">
             {num(100 * cpu, 1, "%")} CPU, {bytes(rss)}

@@ -38,5 +38,5 @@ export function State({ row }: { row: ModuleRow }) {
 
 /** What a process does, in words. */
 export function phase(row: ModuleRow): string {
-  return row.phase === "stranger" ? "not guarded" : row.phase;
+  return row.phase === "stranger" ? "not supervised" : row.phase;
 }

@@ -1,6 +1,6 @@
 import { deepEqual, equal, ok } from "node:assert/strict";
 import { test } from "node:test";
-import { align, Ring, thin } from "./ring";
+import { align, csv, Ring, thin } from "./ring";
 
 test("the oldest sample makes room for the newest", () => {
   const ring = new Ring(3);
@@ -52,4 +52,9 @@ test("thinned, a course keeps its peaks and its gaps", () => {
   ok(few.values.includes(9) && few.values.includes(-9) && few.values.includes(null));
   deepEqual(few.at, [...few.at].sort((a, b) => a - b));
   deepEqual(thin({ at: [1, 2], values: [1, 2] }, 100), { at: [1, 2], values: [1, 2] });
+});
+
+test("a plot is written as comma-separated values, with nothing where a series has no sample", () => {
+  const text = csv(["A x", 'B "y", z'], [{ at: [1, 2], values: [0.5, null] }, { at: [2], values: [7] }]);
+  equal(text, 's,A x,"B ""y"", z"\n1.000000,0.5,\n2.000000,,7\n');
 });

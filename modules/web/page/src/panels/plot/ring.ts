@@ -74,6 +74,14 @@ export function align(series: readonly { at: number[]; values: (number | null)[]
   return [instants, ...columns];
 }
 
+/** The same as comma-separated values: a line for each instant, an empty cell where a series has none. */
+export function csv(names: readonly string[], series: readonly { at: number[]; values: (number | null)[] }[]): string {
+  const [at, ...columns] = align(series);
+  const cell = (text: string) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const head = ["s", ...names].map(cell).join(",");
+  return [head, ...at.map((when, n) => [when.toFixed(6), ...columns.map((column) => column[n] ?? "")].join(","))].join("\n") + "\n";
+}
+
 /** At most about so many samples, so that a long window draws as fast as a short one: of each bucket its lowest and highest. */
 export function thin(one: { at: number[]; values: (number | null)[] }, most: number): { at: number[]; values: (number | null)[] } {
   const size = one.at.length;

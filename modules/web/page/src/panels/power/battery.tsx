@@ -2,12 +2,9 @@
 import { BatteryMedium } from "lucide-preact";
 import { num } from "../../format";
 import { stale, system } from "../../state";
+import { EMPTY, LOW } from "../../shell/health";
 import { Age, Badge, Card, Empty, Facts, type Tone } from "../../ui";
 import { minutes, percent } from "../format";
-
-/** The share below which it is low, and below which it is about to be empty. */
-const LOW = 0.3;
-const EMPTY = 0.15;
 
 function judged(charge: number | null): { tone: Tone; word: string } {
   if (charge === null) return { tone: "off", word: "charge not known" };

@@ -11,23 +11,23 @@ const TEMPERATURES: Column<Temperature>[] = [
   { head: "Where", title: true, by: (row) => row.name, cell: (row) => row.name },
   { head: "Temperature", figure: true, by: (row) => row.value ?? -Infinity, cell: (row) => num(row.value, 1, "°C") },
   {
-    head: "Limit",
+    head: "Status",
     by: (row) => (row.over ? 0 : 1),
     cell: (row) => {
       if (row.value === null) return <Badge tone="warn">not measured</Badge>;
-      return row.over ? <Badge tone="bad">over</Badge> : <Badge tone="good">below</Badge>;
+      return row.over ? <Badge tone="bad">too hot</Badge> : <Badge tone="good">OK</Badge>;
     },
   },
 ];
 
 const FANS: Column<FanRow>[] = [
   { head: "Fan", title: true, by: (row) => row.name, cell: (row) => row.name },
-  { head: "Driven", figure: true, by: (row) => row.duty ?? -Infinity, cell: (row) => percent(row.duty) },
-  { head: "Turns", figure: true, by: (row) => row.rpm ?? -Infinity, cell: (row) => num(row.rpm, 0, "rpm") },
+  { head: "Duty", figure: true, by: (row) => row.duty ?? -Infinity, cell: (row) => percent(row.duty) },
+  { head: "Speed", figure: true, by: (row) => row.rpm ?? -Infinity, cell: (row) => num(row.rpm, 0, "rpm") },
   {
-    head: "Is",
+    head: "Status",
     by: (row) => (row.failed ? 0 : 1),
-    cell: (row) => (row.failed ? <Badge tone="bad">failed</Badge> : <Badge tone="good">well</Badge>),
+    cell: (row) => (row.failed ? <Badge tone="bad">failed</Badge> : <Badge tone="good">OK</Badge>),
   },
 ];
 

@@ -15,6 +15,7 @@ function part(readings: Reading[] | null, srfs: Range[] | null): SensorsPart {
     infrareds: shown<{ timestamp: number; irs: Range[] }>(null),
     ranges: shown(readings ? { timestamp: 10_000_000, readings } : null),
     beacons: shown<{ timestamp: number; beacons: [] }>(null),
+    people: shown<{ timestamp: number; x: number[]; y: number[]; radius: number[] }>(null),
   };
   receive(part);
   return part;

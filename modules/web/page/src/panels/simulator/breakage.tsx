@@ -47,7 +47,7 @@ async function finishAll(): Promise<void> {
     if (!(await order({ type: "fault", target, fault: "none", value: 0, duration: 0 }))) return;
     active.value = active.value.filter((each) => each.target !== target);
   }
-  toast("All faults are over.", "good");
+  toast("All faults ended.", "good");
 }
 
 const COLUMNS: Column<Active>[] = [

@@ -40,15 +40,15 @@ export function DriftCard() {
       <div class={stale(part.truth) || stale(part.estimate) ? "is-stale" : ""}>
         <Facts
           facts={[
-            { name: "Off by", value: off ? <b>{num(off.distance, 3, "m")}</b> : "no estimate" },
-            { name: "Heading off by", value: deg(off?.heading, 2) },
+            { name: "Position error", value: off ? <b>{num(off.distance, 3, "m")}</b> : "no estimate" },
+            { name: "Heading error", value: deg(off?.heading, 2) },
             { name: "Ahead, to the left", value: off ? `${num(off.ahead, 3)}, ${num(off.left, 3, "m")}` : "–" },
             {
-              name: "It says (2 σ)",
+              name: "Reported uncertainty (2σ)",
               value: sure ? `±${num(sure.long, 3, "m")}, ±${deg(sure.heading, 2)}` : "–",
             },
             { name: "Quality", value: estimate ? (QUALITIES[estimate.quality] ?? "unknown") : "–" },
-            { name: "It is at", value: `${num(truth.x, 2)}, ${num(truth.y, 2, "m")}, ${deg(truth.theta)}` },
+            { name: "True position", value: `${num(truth.x, 2)}, ${num(truth.y, 2, "m")}, ${deg(truth.theta)}` },
             { name: "Clearance", value: num(truth.clearance, 2, "m") },
             { name: "Contacts", value: truth.collisions > 0 ? <Badge tone="bad">{String(truth.collisions)}</Badge> : "none" },
           ]}

@@ -1,22 +1,94 @@
-//! A run as its log has it: files `log_NNN.mcap` with the messages of the bus as they were, and the configuration.
+//! Picture of a run from its log: files `log_NNN.mcap` with the messages of the bus, and the configuration.
 
-use super::{Part, inputs};
-use crate::Failed;
-use ::plot::{Picture, Title};
+use crate::config::{ConfigError, Robot};
 use host::runs;
 use logger::read::{Filter, Messages};
 use messages::{Channel, Message};
+use navitools::Point;
+use plot::{Picture, Title};
 use record::Header;
-use simulator::world::World;
+use simulator::world::{Beacon, World};
 use std::path::{Path, PathBuf};
-
 use std::sync::Arc;
 
 /// A step of the wall clock forward, µs: nothing else is silent for an hour in a log to which the watchdog alone adds
 /// ten messages a second.
 const FORWARD: i64 = 3_600_000_000;
-/// The part of a run that is asked for. What is damaged is left out, and the picture says so.
-pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed> {
+
+/// A part of a run: between two moments after its start, s.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Start.
+    pub from: f64,
+    /// End.
+    pub to: f64,
+}
+
+impl Part {
+    /// The whole run.
+    pub const WHOLE: Self = Self { from: 0.0, to: f64::INFINITY };
+
+    /// True if a moment is in it; both are microseconds since the UNIX epoch.
+    #[must_use]
+    pub fn has(self, begin_us: i64, at_us: i64) -> bool {
+        (self.from..=self.to).contains(&(at_us.saturating_sub(begin_us) as f64 / 1e6))
+    }
+}
+
+/// Reads the robot and its world from the header of a run: [`recording::described`](crate::recording::described).
+pub type Describe = fn(&Header) -> Result<(Robot, World), ConfigError>;
+
+/// PNG of a whole run, from the log in its folder.
+///
+/// # Errors
+/// One line: the reason why there is no picture.
+pub fn png(run: &Path, describe: Describe) -> Result<Vec<u8>, String> {
+    let picture = read(run, &runs::log_files(run), Part::WHOLE, None, describe)?;
+    match picture.is_empty() {
+        true => Err("the run has no message of a robot".into()),
+        false => picture.png(),
+    }
+}
+
+/// Name of a run: that of its folder.
+#[must_use]
+pub fn name(run: &Path) -> String {
+    // `.` has a name, too.
+    let run = run.canonicalize().unwrap_or_else(|_| run.into());
+    run.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Empty picture of the run with this header.
+///
+/// # Errors
+/// The configuration in the header is refused.
+pub fn open(run: &Path, header: &Header, describe: Describe) -> Result<(Picture, Title), ConfigError> {
+    let (robot, mut world) = describe(header)?;
+    if world.beacons.is_empty() {
+        let beacon = |known: &settings::robot::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
+        world.beacons = robot.beacons.iter().map(beacon).collect();
+    }
+    let title = Title {
+        run: name(run),
+        robot: robot.general.name.clone(),
+        program: header.program.clone(),
+        remarks: Vec::new(),
+    };
+    Ok((Picture::new(world, Some(robot.footprint())), title))
+}
+
+/// Picture of a part of a run; `known`: configuration that the log need not have. Damaged places are left out, and the
+/// picture says so.
+///
+/// # Errors
+/// One line: the log has no message.
+pub fn read(
+    run: &Path,
+    files: &[PathBuf],
+    part: Part,
+    known: Option<Header>,
+    describe: Describe,
+) -> Result<Picture, String> {
     let mut remarks = Vec::new();
     let mut opened = Vec::new();
     let mut texts = Vec::new();
@@ -34,9 +106,7 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed
             Err(error) => remarks.push(format!("{name}: {error}")),
         }
     }
-    // What recorded inputs of the same run know of the world, its log need not.
-    let header = if run.is_dir() { inputs::header(run) } else { None };
-    let (mut picture, title) = begin(run, header.unwrap_or_else(|| runs::attached(texts)));
+    let (mut picture, title) = begin(run, &known.unwrap_or_else(|| runs::attached(texts)), describe);
     let wants = |channel: &logger::read::Channel, _: Option<&logger::read::Schema>| {
         channel.encoding == "lcm" && Channel::from_name(&channel.topic).is_some()
     };
@@ -62,7 +132,7 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed
     }
     if clock.first.is_none() {
         let why = remarks.into_iter().next().unwrap_or_else(|| "nothing is logged".into());
-        return Err(format!("{}: no message: {why}", run.display()).into());
+        return Err(format!("{}: no message: {why}", run.display()));
     }
     let skipped = messages.skipped();
     let mut add = |count: u64, what: &str| {
@@ -78,11 +148,11 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed
 }
 
 /// An empty picture: with the world and the robot where they are known.
-fn begin(run: &Path, header: Header) -> (Picture, Title) {
-    inputs::open(run, &header).unwrap_or_else(|failed| {
-        let why = failed.why.lines().next_back().unwrap_or_default().trim().to_string();
+fn begin(run: &Path, header: &Header, describe: Describe) -> (Picture, Title) {
+    open(run, header, describe).unwrap_or_else(|refused| {
+        let why = refused.0.last().map(|line| line.trim()).unwrap_or_default();
         let remarks = vec![format!("no map and no robot: {why}")];
-        (Picture::new(World::default(), None), Title { run: inputs::name(run), remarks, ..Title::default() })
+        (Picture::new(World::default(), None), Title { run: name(run), remarks, ..Title::default() })
     })
 }
 
@@ -114,13 +184,13 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::described;
     use messages::{common, lowlevel, simulation};
     use std::borrow::Cow;
     use std::fs;
     use std::io::Cursor;
 
     const BEGIN_NS: u64 = 1_795_302_110_000_000_000;
-    const WHOLE: Part = Part { from: 0.0, to: f64::INFINITY };
 
     /// The folder of a run, removed in the end.
     struct Run(PathBuf);
@@ -142,8 +212,7 @@ mod tests {
         }
 
         fn svg(&self) -> Result<String, String> {
-            let files = runs::log_files(&self.0);
-            read(&self.0, &files, WHOLE).map(|picture| picture.svg()).map_err(|failed| failed.why)
+            read(&self.0, &runs::log_files(&self.0), Part::WHOLE, None, described).map(|picture| picture.svg())
         }
     }
 
@@ -202,7 +271,7 @@ mod tests {
         }
         let world = svg.split("<g class=\"world\">").nth(1).unwrap().split("</g>").next().unwrap();
         assert_eq!((world.matches("<polyline").count(), world.matches("<circle").count()), (13, 6));
-        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }).unwrap();
+        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }, None, described).unwrap();
         assert!(part.svg().contains("·  2.0 s  ·  1.0 m"));
     }
 

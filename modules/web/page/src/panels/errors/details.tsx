@@ -1,0 +1,73 @@
+// One fault: its cause, its reports, what else was reported at the time, and the recorded run from there on.
+import { MonitorPlay } from "lucide-preact";
+import type { ErrorGroup, Report } from "../../protocol";
+import { demo, system } from "../../state";
+import { momentLink } from "../../timeline/moments";
+import { Badge, Dialog, Facts } from "../../ui";
+import { count, moment } from "../format";
+import { begun, started } from "../logs/names";
+import { fault } from "./faults";
+import { about, beside, of, severity, standing } from "./words";
+
+/** s before a report from which on the run is played. */
+const BEFORE = 5;
+
+export function Details({ group, onClose }: { group: ErrorGroup; onClose: () => void }) {
+  const reports = system.value?.reports ?? [];
+  const own = reports.filter((report) => of(group, report));
+  const others = beside(group, reports);
+  const log = system.value?.log.value;
+  const at = log?.run ? group.last / 1e6 - begun(log.run) : NaN;
+  return (
+    <Dialog title={about(group)} open onClose={onClose}>
+      <p>
+        <b>{group.cause || group.message || fault(group.number).means}</b>
+      </p>
+      {group.message && group.message !== group.cause && group.cause ? <p>Last report: {group.message}</p> : null}
+      <p class="muted">{fault(group.number).means}</p>
+      <Facts
+        facts={[
+          { name: "Module", value: group.module },
+          { name: "Status", value: { stands: "active", unknown: "not known", over: "cleared" }[standing(group)] },
+          { name: "Severity", value: severity(group)[1] },
+          { name: "Reports", value: count(group.count) },
+          { name: "First", value: moment(group.first) },
+          { name: "Last", value: moment(group.last) },
+        ]}
+      />
+      <Reports title="Its reports" rows={own} />
+      <Reports title="Reported within 2 s of it" rows={others} named />
+      <div class="row">
+        {log?.run && !demo.value && at >= 0 ? (
+          <a class="button" href={momentLink(log.run, Math.max(0, at - BEFORE), "#/map")} aria-label={`Play the run ${started(log.run)} from this report on`}>
+            <MonitorPlay size={20} aria-hidden /> <span>Play from here</span>
+          </a>
+        ) : null}
+        <a class="button" href="#/modules" onClick={onClose}>
+          Modules
+        </a>
+      </div>
+      <p class="muted">All numbers with their meaning: docs/faults.md.</p>
+    </Dialog>
+  );
+}
+
+function Reports({ title, rows, named }: { title: string; rows: Report[]; named?: boolean }) {
+  if (rows.length === 0) return null;
+  return (
+    <>
+      <h3>{title}</h3>
+      <ol class="p-reports">
+        {rows.map((row, n) => (
+          <li key={n}>
+            <time class="figure">{moment(row.timestamp)}</time>
+            <span>
+              {row.severity === 0 ? <Badge tone="off">cleared</Badge> : null} {named ? <b>{row.module}: </b> : null}
+              {row.message}
+            </span>
+          </li>
+        ))}
+      </ol>
+    </>
+  );
+}

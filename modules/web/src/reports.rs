@@ -1,0 +1,79 @@
+//! What a recorded run contains as a whole: `/api/runs/RUN/events` for its time line, `/api/runs/RUN/report.png` as a
+//! picture.
+//!
+//! For either the whole log is read: one at a time, by a thread that gives way to everything else on the computer.
+
+use super::app::App;
+use super::center::events;
+use super::center::recorded::Recorded;
+use super::logs;
+use super::request::refused;
+use super::stats::Refusal;
+use axum::extract::{Path as Named, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use host::sys;
+use std::path::PathBuf;
+
+/// Maximum length of a run that is read as a whole, bytes.
+const BYTES_MAX: u64 = 2 << 30;
+/// Nice value of the thread that reads.
+const NICE: i8 = 10;
+
+/// `/api/runs/{run}/events`
+pub async fn events(State(app): State<App>, Named(run): Named<String>) -> Response {
+    let center = app.center.clone();
+    let read = move |folder: PathBuf| {
+        let recorded = Recorded::open(&center.logs, &name(&folder), center.recorded, &center.scene)?;
+        let events = events::of(&recorded).map_err(|error| format!("the run cannot be read: {error}"))?;
+        serde_json::to_vec(&events).map_err(|error| error.to_string())
+    };
+    answer(&app, &run, "application/json", read).await
+}
+
+/// `/api/runs/{run}/report.png`
+pub async fn picture(State(app): State<App>, Named(run): Named<String>) -> Response {
+    let picture = app.center.picture;
+    answer(&app, &run, "image/png", move |folder| picture(&folder)).await
+}
+
+fn name(folder: &std::path::Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// What `read` makes of the folder of a listed run.
+async fn answer(
+    app: &App,
+    run: &str,
+    content: &'static str,
+    read: impl FnOnce(PathBuf) -> Result<Vec<u8>, String> + Send + 'static,
+) -> Response {
+    let Ok(permit) = app.center.reads.clone().try_acquire_owned() else {
+        app.stats.refuse(Refusal::Reads, "");
+        return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Reads.name());
+    };
+    let (folder, run) = (app.center.logs.clone(), run.to_owned());
+    let (tell, told) = tokio::sync::oneshot::channel();
+    let work = move || {
+        // On Linux this applies to the calling thread only.
+        let _ = sys::set_nice(NICE);
+        let listed = logs::runs(&folder, None).into_iter().find(|listed| listed.run == run);
+        let done = match listed {
+            None => Err((StatusCode::NOT_FOUND, "there is no such run; /api/logs has all".to_owned())),
+            Some(listed) if listed.bytes() > BYTES_MAX => {
+                let why = format!("the run is longer than {} GiB; advee plot draws it", BYTES_MAX >> 30);
+                Err((StatusCode::UNPROCESSABLE_ENTITY, why))
+            }
+            Some(_) => read(folder.join(&run)).map_err(|why| (StatusCode::UNPROCESSABLE_ENTITY, why)),
+        };
+        // Before the answer: whoever has it may ask for the next one. Whoever asked may have gone.
+        drop(permit);
+        let _ = tell.send(done);
+    };
+    let started = std::thread::Builder::new().name("report".into()).spawn(work);
+    match (started, told.await) {
+        (Ok(_), Ok(Ok(bytes))) => ([(header::CONTENT_TYPE, content)], bytes).into_response(),
+        (Ok(_), Ok(Err((code, why)))) => refused(code, &why),
+        _ => refused(StatusCode::INTERNAL_SERVER_ERROR, "the run cannot be read"),
+    }
+}
