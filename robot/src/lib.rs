@@ -34,6 +34,7 @@ pub mod config;
 mod launch;
 pub mod map_file;
 pub mod place;
+pub mod preflight;
 pub mod recording;
 pub mod scene;
 mod simulated;

@@ -30,6 +30,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod concerns;
 mod errors;
 mod guard;
 mod holds;
@@ -46,6 +47,7 @@ mod texts;
 mod traffic;
 mod view;
 
+pub use concerns::{CHARGE_EMPTY, CHARGE_LOW};
 pub use errors::{ErrorGroup, Errors, Knowledge, LIST_VALID, Reported, ShownGroup};
 pub use guard::Bound;
 pub use holds::HoldRow;

@@ -72,6 +72,47 @@ fn error(number: i32, severity: i8, message: &str, timestamp: i64) -> Error {
 }
 
 #[test]
+fn a_robot_that_may_be_driven_lists_what_is_not_well() {
+    use messages::lowlevel::{DataPower, DataRanges, Reading};
+    use messages::middlelevel::DataEstimate;
+    let mut model = model();
+    assert_eq!(model.concerns(T0), [""; 0], "nothing is known, which is the status");
+    say(&mut model, T0, process(Process::RUNNING, DataState::RUN, 0));
+    say(&mut model, T0, DataEstimate { quality: DataEstimate::FINE, ..Default::default() });
+    let reading = |status| Reading { kind: Reading::SONAR, status, ..Reading::default() };
+    let ranges = |statuses: &[i8]| DataRanges {
+        readings: statuses.iter().map(|status| reading(*status)).collect(),
+        ..DataRanges::default()
+    };
+    say(&mut model, T0, ranges(&[Reading::MEASURED, Reading::SILENT]));
+    say(&mut model, T0, DataPower { charge: 0.8, ..Default::default() });
+    assert_eq!(model.concerns(T0), [""; 0]);
+
+    say(&mut model, T0, DataEstimate { quality: DataEstimate::SEARCHING, ..Default::default() });
+    say(&mut model, T0, ranges(&[Reading::MEASURED, Reading::UNKNOWN, Reading::UNKNOWN]));
+    say(&mut model, T0, DataPower { charge: 0.15, ..Default::default() });
+    let fault = |subject: &str| Fault {
+        number: base::Fault::FanFailed as i32,
+        subject: subject.into(),
+        severity: Error::WARNING,
+        since: 1,
+        message: "the fan does not turn".into(),
+    };
+    say(&mut model, T0, DataFaults { timestamp: 1, module: "driver_aux".into(), faults: vec![fault("fan1")] });
+    let concerns = ["position lost", "2 sonars do not measure", "FanFailed fan1", "battery 15 %"];
+    assert_eq!(model.concerns(T0), concerns);
+
+    let two = vec![fault("fan1"), fault("fan2")];
+    say(&mut model, T0, DataFaults { timestamp: 2, module: "driver_aux".into(), faults: two });
+    say(&mut model, T0, process(Process::RUNNING, DataState::ERROR, 0));
+    let later = T0 + Duration::from_millis(150);
+    let concerns = model.concerns(later);
+    assert_eq!(concerns[0], "position unknown", "{concerns:?}");
+    assert!(concerns[2..].starts_with(&["driver_canbus is ERROR".into()]), "{concerns:?}");
+    assert!(concerns[3].ends_with(", and 1 more"), "{concerns:?}");
+}
+
+#[test]
 fn the_status_shows_the_most_important_cause_first() {
     let mut model = model();
     let word = |model: &Model, now| {
