@@ -40,6 +40,7 @@ mod plot;
 mod port;
 mod pose;
 mod power;
+mod progress;
 mod release;
 mod replay;
 mod rs485;
@@ -295,6 +296,12 @@ fn seconds(text: &str) -> Result<std::time::Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "expected seconds".to_string())?;
     let in_range = seconds > 0.0 && seconds <= 1e9;
     in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
+}
+
+/// A number of things: `1 message`, `2 messages`.
+fn counted(number: impl Into<i128>, thing: &str) -> String {
+    let number = number.into();
+    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
 /// A whole number, decimal or 0x….

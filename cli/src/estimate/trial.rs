@@ -3,6 +3,7 @@
 use super::super::Failed;
 use super::csv::Data;
 use super::{Hold, Outcomes, Row, START};
+use crate::progress::Progress;
 use base::Instant;
 use estimator::Filter;
 use estimator::filter::{Config, Mount, Noise};
@@ -21,6 +22,32 @@ const ENOUGH: f64 = 600.0;
 struct Assumed {
     config: Config,
     hold: Hold,
+}
+
+/// Number of other robots that are tried where nothing is known ([`find_out`]).
+const TRIED: usize = 36;
+
+/// How far the work is, in rows of odometry.
+struct Work {
+    progress: Progress,
+    done: usize,
+    all: usize,
+    /// Rows of a trial.
+    each: usize,
+}
+
+impl Work {
+    fn new(data: &Data, trials: usize) -> Self {
+        let each = data.odometry.iter().take_while(|(time, _)| time - data.odometry[0].0 <= ENOUGH).count();
+        Self { progress: Progress::new("estimating"), done: 0, all: trials * each + data.odometry.len(), each }
+    }
+
+    fn add(&mut self, rows: usize) {
+        self.done += rows;
+        let share = self.done as f64 / self.all.max(1) as f64;
+        let done = self.done;
+        self.progress.show(share, |took| format!("{:.0} rows/s", done as f64 / took.as_secs_f64()));
+    }
 }
 
 pub fn estimates(
@@ -42,11 +69,12 @@ pub fn estimates(
     // What else is found out depends on it, so each has its own.
     let holds = hold.map_or_else(|| vec![Hold::Before, Hold::After], |hold| vec![hold]);
     let mut best: Option<(Assumed, f64)> = None;
+    let mut work = Work::new(data, holds.len() * if knows { 1 } else { 1 + TRIED });
     for hold in holds {
         let mut assumed = Assumed { config: config.clone(), hold };
-        let mut fits = evidence(data, &assumed, start)?;
+        let mut fits = evidence(data, &assumed, start, &mut work)?;
         if !knows {
-            find_out(data, start, &mut assumed, &mut fits)?;
+            find_out(data, start, &mut assumed, &mut fits, &mut work)?;
         }
         if best.as_ref().is_none_or(|(_, other)| fits > *other) {
             best = Some((assumed, fits));
@@ -56,6 +84,9 @@ pub fn estimates(
     let mut rows = Vec::with_capacity(data.odometry.len());
     let filter = run(data, &assumed, start, f64::INFINITY, |time, filter| {
         rows.push(Row { time, believed: filter.estimate(at(data, time)) });
+        if rows.len().is_multiple_of(4096) {
+            work.add(4096);
+        }
     })?;
     let Config { mount, bearing, lasting, odometry, turn, .. } = &assumed.config;
     let assumed = json!({
@@ -77,7 +108,13 @@ fn unknown() -> Config {
 }
 
 /// Looks one thing after the other for what the bearings fit better, coarsely and then finely.
-fn find_out(data: &Data, start: Option<[f64; 3]>, best: &mut Assumed, fits: &mut f64) -> Result<(), Failed> {
+fn find_out(
+    data: &Data,
+    start: Option<[f64; 3]>,
+    best: &mut Assumed,
+    fits: &mut f64,
+    work: &mut Work,
+) -> Result<(), Failed> {
     for step in [4.0, 2.0, std::f64::consts::SQRT_2] {
         let with = |best: &Assumed, change: &dyn Fn(&mut Config)| {
             let mut other = best.clone();
@@ -86,11 +123,11 @@ fn find_out(data: &Data, start: Option<[f64; 3]>, best: &mut Assumed, fits: &mut
         };
         for factor in [1.0 / step, step] {
             let others = vec![with(best, &|config| config.bearing *= factor)];
-            try_others(data, start, best, fits, others)?;
+            try_others(data, start, best, fits, others, work)?;
             let others = vec![with(best, &|config| config.odometry.turn_per_s *= factor)];
-            try_others(data, start, best, fits, others)?;
+            try_others(data, start, best, fits, others, work)?;
             let others = vec![with(best, &|config| config.odometry.along_per_s *= factor)];
-            try_others(data, start, best, fits, others)?;
+            try_others(data, start, best, fits, others, work)?;
         }
         let advee = Config::default();
         let others = vec![
@@ -99,7 +136,7 @@ fn find_out(data: &Data, start: Option<[f64; 3]>, best: &mut Assumed, fits: &mut
             }),
             with(best, &|config| config.lasting = if config.lasting == 0.0 { advee.lasting } else { 0.0 }),
         ];
-        try_others(data, start, best, fits, others)?;
+        try_others(data, start, best, fits, others, work)?;
         // A robot that is as it should be needs no explanation: each that is not missed is left out.
         let others = [
             with(best, &|config| (config.bend, config.track) = (0.0, 0.0)),
@@ -117,7 +154,7 @@ fn find_out(data: &Data, start: Option<[f64; 3]>, best: &mut Assumed, fits: &mut
                 ..best.config.clone()
             };
             let other = Assumed { config: both, hold: best.hold };
-            try_others(data, start, best, fits, vec![other])?;
+            try_others(data, start, best, fits, vec![other], work)?;
         }
     }
     Ok(())
@@ -129,9 +166,10 @@ fn try_others(
     best: &mut Assumed,
     fits: &mut f64,
     others: Vec<Assumed>,
+    work: &mut Work,
 ) -> Result<(), Failed> {
     for other in others {
-        let own = evidence(data, &other, start)?;
+        let own = evidence(data, &other, start, work)?;
         if own > *fits {
             (*best, *fits) = (other, own);
         }
@@ -140,7 +178,8 @@ fn try_others(
 }
 
 /// Fit of the bearings, as a log-likelihood.
-fn evidence(data: &Data, assumed: &Assumed, start: Option<[f64; 3]>) -> Result<f64, Failed> {
+fn evidence(data: &Data, assumed: &Assumed, start: Option<[f64; 3]>, work: &mut Work) -> Result<f64, Failed> {
+    work.add(work.each);
     Ok(run(data, assumed, start, ENOUGH, |_, _| ())?.evidence())
 }
 
