@@ -8,7 +8,10 @@ Prints one line per kind of frame: its count, and the last data.
 import sys
 import time
 
-import can
+try:
+    import can
+except ModuleNotFoundError as error:
+    sys.exit(f"{error}: pip install python-can msgpack; or .venv/bin/python, which make test fills")
 
 port = int(sys.argv[1]) if len(sys.argv) > 1 else 43113
 seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 2.0

@@ -15,7 +15,10 @@ import os
 import sys
 import time
 
-import lcm
+try:
+    import lcm
+except ModuleNotFoundError as error:
+    sys.exit(f"{error}: pip install lcm; or .venv/bin/python, which make test fills")
 from lowlevel import cmd_motion_t, data_motion_t, data_odo_t
 from simulation import data_truth_t
 

@@ -15,9 +15,11 @@ use sim::host::News;
 use sim::soak::{Disk, Fault, Kind, Scenario, Stage, draw, episode, shrink};
 use std::cell::RefCell;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::rc::Rc;
+use std::sync::atomic::AtomicBool;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -158,7 +160,7 @@ fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
         config::world(&place.config, place.world.as_deref(), &place.sets).unwrap(),
     );
     let disk = Disk::default();
-    let stage = Stage { scenario, world: &world, limits: &limits, seed: 1, disk: &disk };
+    let stage = Stage { scenario, world: &world, limits: &limits, seed: 1, disk: &disk, stop: &AtomicBool::new(false) };
     let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
     let keep = seen.clone();
     let outcome = episode(&stage, 0, faults, &mut |config| {
@@ -261,8 +263,25 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
         assert!(!report[key].is_null(), "{key}: {report}");
     }
     assert_eq!((report["episodes"].as_u64(), report["violations"].as_array().map(Vec::len)), (Some(3), Some(0)));
-    let (code, text, _) = advee(&["--seed", "1", "--episode", "0", "--world", "empty", "--scenario", &path]);
+    for key in ["distance_by", "contacts_by", "goals_sent", "goals_given_up"] {
+        assert!(!report[key].is_null(), "{key}: {report}");
+    }
+    let by = &report["distance_by"];
+    let sum: f64 = ["operator", "planner", "others"].iter().map(|who| by[who].as_f64().unwrap()).sum();
+    assert!((sum - report["distance"].as_f64().unwrap()).abs() < 1e-6, "{report}");
+    let episode = ["--seed", "1", "--episode", "0", "--world", "empty", "--scenario", &path];
+    let (code, text, _) = advee(&episode);
     assert!(code == Some(0) && text.contains("violations      0") && text.contains("  kill "), "{text}");
+
+    // A trace changes nothing.
+    let digest = |text: &str| text.lines().find(|line| line.starts_with("digest")).map(str::to_owned);
+    let (code, traced, _) = advee(&[&episode[..], &["--trace", "14,14.1"]].concat());
+    let at = |line: &&str| line.trim_start().split(' ').next().and_then(|at| at.parse().ok());
+    let times: Vec<f64> =
+        traced.lines().take_while(|line| line.starts_with("   1")).filter_map(|line| at(&line)).collect();
+    assert!(times.len() > 50 && times.iter().all(|at| (14.0..=14.1).contains(at)), "{traced}");
+    assert!(traced.contains(" sent ") && traced.contains(" served ") && traced.contains("LlDataMotion"), "{traced}");
+    assert_eq!((code, digest(&traced)), (Some(0), digest(&text)));
 
     write(
         "settle_s = 12\nchaos_s = 5\ncalm_s = 25\nturns = 1\n[faults.mute]\ntargets = [\"psc1\"]\nfault = \"silent\"\nper_hour = 3000\n[faults.harmless]\ntargets = [\"clock\"]\nfault = \"step\"\nper_hour = 3600\n",
@@ -281,6 +300,30 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     assert!(repeat.contains(" --episode 0 --faults "), "{repeat}");
     let once_more = again.lines().find_map(|line| line.strip_prefix("repeat: advee soak "));
     assert_eq!(once_more, Some(repeat), "the command repeats itself: {again}");
+
+    // Interrupted as soon as it runs: nothing was judged.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_advee"))
+        .args(["soak", "--config"])
+        .arg(root().join("conf/advee"))
+        .arg("--scenario")
+        .arg(root().join("scenarios/default.toml"))
+        .args(["--episode", "0", "--trace", "0,1e6"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    let mut first = String::new();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap());
+    stdout.read_line(&mut first).unwrap();
+    let pid = nix::unistd::Pid::from_raw(child.id() as i32);
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGINT).unwrap();
+    let mut text = String::new();
+    stdout.read_to_string(&mut text).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(128 + 2));
+    assert!(text.contains("robot-hours     0.00 in 0 episodes"), "{text}");
+    let why = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(why, "advee: interrupted: 0 of 1 episodes were judged\n");
 
     write("turns = 0\n[faults.x]\nfault = \"hang\"\n");
     let (code, _, complaints) = advee(&["--scenario", &path]);

@@ -3,6 +3,8 @@
 use crate::{Common, Failed, Outcome, print};
 use clap::{Args, Subcommand};
 use robot::config::{self, Config, Modules, Robot};
+use robot::place::RobotLocation;
+use robot::preflight;
 use settings::{Need, Row, Rows};
 use sim::soak::Scenario;
 use simulator::world::World;
@@ -46,7 +48,7 @@ pub struct Migrate {
 pub fn config(common: &Common, command: &Command) -> Outcome {
     let dir = |dir: &Option<PathBuf>| dir.clone().unwrap_or_else(|| common.config_dir());
     match command {
-        Command::Check(command) => check(&dir(&command.dir), &common.sets),
+        Command::Check(command) => check(common, &dir(&command.dir)),
         Command::Keys(Keys { markdown: true }) => print(page().trim_end()),
         Command::Keys(_) => print(list().trim_end()),
         Command::Migrate(command) => migrate(&dir(&command.dir), command.write),
@@ -54,13 +56,15 @@ pub fn config(common: &Common, command: &Command) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn check(dir: &Path, sets: &[String]) -> Result<(), Failed> {
+fn check(common: &Common, dir: &Path) -> Result<(), Failed> {
     let simulated = dir.join("sim.toml").exists();
     let sides: &[bool] = if simulated { &[false, true] } else { &[false] };
     // Those of the simulated robot, which comes last, have those of the robot among them.
     let mut notices = Vec::new();
     for sim in sides {
-        (_, notices) = Config::load_with_notices(dir, *sim, sets)?;
+        let config;
+        (config, notices) = Config::load_with_notices(dir, *sim, &common.sets)?;
+        preflight::check(&RobotLocation { config: dir.into(), ..common.place(*sim) }, &config, &World::default())?;
     }
     crate::notice(&notices);
     let of = if simulated { "the robot and the simulated robot" } else { "the robot" };

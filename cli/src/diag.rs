@@ -20,6 +20,7 @@ use super::bus::{interrupt, wait};
 use super::{Common, Failed, Outcome, holder, print, seconds};
 use app::{App, Setup, Tab};
 use base::{Duration, Instant};
+use clap::ArgGroup;
 use diagnostics::{Config, Model};
 use draw::Body;
 use drive::Drive;
@@ -34,6 +35,7 @@ use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Terminal};
 use robot::config::Config as Configuration;
 use robot::place::RobotLocation;
+use robot::preflight;
 use robot::topology;
 use runs::Runs;
 use serde_json::Value;
@@ -43,18 +45,19 @@ use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
+#[command(group(ArgGroup::new("printed").args(["once", "json"]).multiple(true)))]
 pub struct Diag {
     /// Print a view once and end
     #[arg(long)]
     once: bool,
-    /// A JSON object
-    #[arg(long, requires = "once")]
+    /// Print a JSON object once and end
+    #[arg(long)]
     json: bool,
-    /// Which view: overview, modules, buses, errors, messages or logs; all without it
-    #[arg(long, requires = "once", value_parser = view)]
+    /// Which view: overview, modules, buses, errors, messages or logs; printed without it: all
+    #[arg(long, value_parser = view)]
     view: Option<Tab>,
-    /// Listen for so long before, s
-    #[arg(long = "for", requires = "once", value_name = "S", default_value = "1.2", value_parser = seconds)]
+    /// Listen for so long before it is printed, s
+    #[arg(long = "for", requires = "printed", value_name = "S", default_value = "1.2", value_parser = seconds)]
     time: Duration,
     /// Send nothing
     #[arg(long)]
@@ -90,7 +93,7 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
     let critical = config.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().to_owned());
     let limits = (config.robot.limits.speed_manual_mps, config.robot.limits.steering_rad);
     let nodes = config.robot.can.iter().flat_map(|bus| &bus.driver.nodes);
-    let app = App::new(Setup {
+    let mut app = App::new(Setup {
         model: Model::new(Config { robot: config.robot.general.name.clone(), critical: critical.collect() }),
         drive: Drive::new(clock::now(), limits),
         read_only: command.read_only,
@@ -98,14 +101,16 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
         source: format!("diag:{}", std::process::id()),
         nodes: nodes.map(|node| (node.id, node.axis.name().to_owned())).collect(),
         runs: Runs::of(topology::log_folder(&place, &config.robot)),
+        faults: if place.sim { preflight::faults(&place).unwrap_or_default() } else { Vec::new() },
     });
     let bus = Bus::open(&common.lcm_url(), &[".*"])?;
-    if command.once {
+    if command.once || command.json {
         return once(app, bus, body, command);
     }
     if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
         return Err("this is no terminal; try --once".into());
     }
+    app.turn_to(command.view.unwrap_or(Tab::Overview));
     in_terminal(app, bus, body)
 }
 
@@ -158,6 +163,8 @@ fn once(mut app: App, mut bus: Bus, body: Body, command: &Diag) -> Outcome {
     app.look(now);
     if command.json {
         let mut view = serde_json::to_value(app.shown(now).0.view(now)).map_err(|error| error.to_string())?;
+        let concerns = serde_json::to_value(app.shown(now).0.concerns(now));
+        view["concerns"] = concerns.map_err(|error| error.to_string())?;
         view["runs"] = app.runs.json();
         print(harmless(&picked(view, command.view).to_string()))?;
         return Ok(ExitCode::SUCCESS);
@@ -176,6 +183,7 @@ fn picked(mut view: Value, tab: Option<Tab>) -> Value {
         Some(Tab::Overview) => &[
             "robot",
             "status",
+            "concerns",
             "motion",
             "holds",
             "commands",

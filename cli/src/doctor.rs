@@ -18,12 +18,14 @@ mod tables;
 mod tests;
 
 use super::{Common, Outcome, print};
+use crate::style::Style;
 use drivers::canbus::{self, SecondWay};
 use finding::{Finding, Level};
 use host::ports::GpioConfig;
 use host::ports::settings::CanInterface;
-use report::Style;
-use robot::config::{Config, ConfigError};
+use robot::config::{self, Config, ConfigError};
+use robot::preflight;
+use simulator::world::World;
 use std::fs;
 use std::process::ExitCode;
 
@@ -52,7 +54,12 @@ pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let capable = |capability| tables::capable(&status, capability);
     let user = user();
-    let loaded = common.load(command.sim);
+    let loaded = common.load(command.sim).and_then(|config| {
+        let place = common.place(command.sim);
+        let world = if place.sim { config::world(&place.config, None, &place.sets)? } else { World::default() };
+        preflight::check(&place, &config, &world)?;
+        Ok(config)
+    });
     let wanted = loaded
         .as_ref()
         .ok()

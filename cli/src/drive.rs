@@ -11,7 +11,7 @@ use messages::{Channel, Message};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
-#[command(allow_negative_numbers = true)]
+#[command(allow_negative_numbers = true, arg_required_else_help = true, after_help = EXAMPLES)]
 pub struct Drive {
     /// m/s, forward
     #[arg(value_parser = finite)]
@@ -26,6 +26,11 @@ pub struct Drive {
     #[arg(long)]
     creep: bool,
 }
+
+const EXAMPLES: &str = "Examples:
+  advee drive 0.3 0 --for 2     2 s straight on, at 0.3 m/s
+  advee drive 0.3 0.2           to the left, until Ctrl-C
+  advee drive -0.2 0 --for 1    backward";
 
 const PERIOD: Duration = Duration::from_millis(50);
 /// Time limit, sending zero, for the robot to get ready; homing takes its time.
@@ -140,7 +145,9 @@ impl Session {
         if self.told != reason {
             self.told = reason.into();
             if !reason.is_empty() {
-                let _ = print(format_args!("waiting: {reason}"));
+                // Only what is waited for has a limit.
+                let limit = self.release.as_ref().map(|_| format!(", at most {} s", READY.as_secs()));
+                let _ = print(format_args!("waiting{}: {reason}", limit.unwrap_or_default()));
             }
         }
     }

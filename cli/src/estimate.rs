@@ -183,5 +183,7 @@ fn as_text(outcomes: &Outcomes, path: &Path) -> String {
     let rows = &outcomes.rows;
     let known = 100.0 * (part(rows, Quality::Coarse) + part(rows, Quality::Fine));
     let found = located(rows).map_or("never located".into(), |after| format!("located after {after:.2} s"));
-    format!("{}: {} rows, {found}, {known:.1} % COARSE or FINE", path.display(), rows.len())
+    // COARSE and FINE are the qualities by which the planner drives (docs/navigation.md).
+    let known = format!("position known (COARSE or FINE) in {known:.1} % of them");
+    format!("{}: {} rows, {found}, {known}", path.display(), rows.len())
 }

@@ -2,9 +2,10 @@
 
 use super::bus::{Heard, Tool};
 use super::release::Release;
-use super::{Common, Outcome, holder, print};
+use super::{Common, Failed, Outcome, holder, print};
 use base::{Duration, Instant};
 use host::clock;
+use host::log::OneLine;
 use messages::lowlevel::DataHold;
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, Waypoint};
 use messages::{Channel, Hold, Message};
@@ -13,10 +14,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
-#[command(allow_negative_numbers = true)]
+#[command(allow_negative_numbers = true, after_help = EXAMPLES)]
 pub struct Goal {
-    /// Target, m and rad; or `cancel`: stand still
-    #[arg(required_unless_present = "route", conflicts_with = "route", value_name = "X,Y[,THETA]", value_parser = place)]
+    /// Target, m and rad; or `cancel`: stand still; without one the present goal is shown
+    #[arg(conflicts_with = "route", value_name = "X,Y[,THETA]", value_parser = place)]
     waypoints: Vec<Destination>,
     /// A way of the simulated world's, by its name
     #[arg(long, value_name = "NAME")]
@@ -40,6 +41,16 @@ pub struct Goal {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "Examples:
+  advee goal                    the present goal
+  advee goal 12,3 --wait        there, until it is reached
+  advee goal 12,3 5,6,1.57      by way of 12,3 to 5,6, heading 1.57 rad
+  advee goal --route patrol     a route of the simulated world
+  advee goal cancel             stands still";
+
+/// Status of a goal in a word, by its number.
+pub const STATUS: [&str; 6] = ["idle", "driving", "reached", "blocked", "failed", "cancelled"];
 
 /// One argument.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,6 +86,9 @@ pub fn waypoint(text: &str) -> Result<Waypoint, String> {
 }
 
 pub fn goal(common: &Common, command: &Goal) -> Outcome {
+    if command.waypoints.is_empty() && command.route.is_none() {
+        return show(common, command);
+    }
     let channels = [Channel::MlDataGoal, Channel::LlDataMotion, Channel::LlDataHold, Channel::MlDataEstimate];
     // Whatever is wrong with the goal is said before anything moves.
     let mut wanted = wanted(common, command)?;
@@ -87,6 +101,47 @@ pub fn goal(common: &Common, command: &Goal) -> Outcome {
     wanted.id = (wanted.timestamp / 1000 % 1_000_000_000) as i32;
     tool.publish(wanted.clone())?;
     answer(common, command, &mut tool, &wanted)
+}
+
+/// Shows the present goal.
+fn show(common: &Common, command: &Goal) -> Outcome {
+    let options = [
+        ("--loop", command.looped),
+        ("--tolerance", command.tolerance != 0.0),
+        ("--when-ready", command.when_ready),
+        ("--wait", command.wait),
+    ];
+    if let Some((option, _)) = options.iter().find(|(_, given)| *given) {
+        return Err(Failed { code: 2, why: format!("{option} needs a target: X,Y[,THETA] or --route NAME") });
+    }
+    let mut tool = Tool::join(common, "goal", &[Channel::MlDataGoal])?;
+    let until = clock::now() + ANSWER;
+    loop {
+        match tool.hear(until)? {
+            Heard::Message(Message::MlDataGoal(goal)) if command.json => {
+                print(serde_json::to_string(&goal).map_err(|error| error.to_string())?)?;
+                return Ok(ExitCode::SUCCESS);
+            }
+            Heard::Message(Message::MlDataGoal(goal)) => {
+                print(in_words(&goal))?;
+                return Ok(ExitCode::SUCCESS);
+            }
+            Heard::Message(_) => {}
+            Heard::Nothing => {
+                return Err(format!("no planner is heard on {}; is advee up?", common.lcm_url()).into());
+            }
+            Heard::Interrupt => return Err("interrupted".into()),
+        }
+    }
+}
+
+/// `driving, 4.7 m left: drives to waypoint 1 of 1`.
+fn in_words(goal: &DataGoal) -> String {
+    let status = usize::try_from(goal.status).ok().and_then(|place| STATUS.get(place)).unwrap_or(&"?");
+    let under_way = matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && goal.remaining.is_finite();
+    let left = if under_way { format!(", {:.1} m left", goal.remaining) } else { String::new() };
+    let message = if goal.message.is_empty() { String::new() } else { format!(": {}", OneLine(&goal.message)) };
+    format!("{status}{left}{message}")
 }
 
 fn wanted(common: &Common, command: &Goal) -> Result<CmdGoal, super::Failed> {
@@ -238,6 +293,19 @@ mod tests {
                 assert!(!is_decided(&goal, Some(&list(10, &[thinks]))));
             }
         }
+    }
+
+    #[test]
+    fn the_present_goal_is_a_sentence() {
+        let goal = DataGoal {
+            status: DataGoal::DRIVING,
+            remaining: 4.71,
+            message: "on its\nway".into(),
+            ..Default::default()
+        };
+        assert!(in_words(&goal).starts_with("driving, 4.7 m left: on its") && !in_words(&goal).contains('\n'));
+        assert_eq!(in_words(&DataGoal { remaining: f64::NAN, ..DataGoal::default() }), "idle");
+        assert_eq!(in_words(&DataGoal { status: 99, ..DataGoal::default() }), "?");
     }
 
     #[test]

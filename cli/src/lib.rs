@@ -21,13 +21,16 @@ mod bus;
 mod can;
 mod choice;
 mod commands;
+mod completion;
 mod config;
 mod diag;
 mod doctor;
 mod drive;
+mod errors;
 mod estimate;
 mod fault;
 mod goal;
+mod help;
 mod holder;
 mod home;
 mod i2c;
@@ -40,16 +43,19 @@ mod plot;
 mod port;
 mod pose;
 mod power;
+mod progress;
 mod release;
 mod replay;
 mod rs485;
 mod run;
 pub mod soak;
 mod state;
+mod style;
 mod up;
 mod web;
 
-use clap::{Args, CommandFactory, Parser};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, FromArgMatches, Parser};
 use commands::commands;
 use robot::config::{Config, ConfigError, Robot, Rs485Bus};
 use robot::place::{CHECKOUT, INSTALLED, LCM_URL, RobotLocation, in_checkout};
@@ -69,20 +75,23 @@ struct Cli {
     command: Command,
 }
 
+/// Heading of the options of all commands.
+const COMMON: &str = "Options of all commands";
+
 /// Arguments of all commands.
 #[derive(Args, Clone, Debug)]
 pub struct Common {
     /// Configuration folder [default: conf/advee in a checkout, else /opt/advee/conf]
-    #[arg(long, global = true, value_name = "DIR")]
+    #[arg(long, global = true, value_name = "DIR", help_heading = COMMON)]
     config: Option<PathBuf>,
     /// LCM bus [default: $LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0&shm=auto]
-    #[arg(long, global = true, value_name = "URL")]
+    #[arg(long, global = true, value_name = "URL", help_heading = COMMON)]
     lcm_url: Option<String>,
     /// Folder for what a running robot makes [default: run in a checkout, else /run/advee]
-    #[arg(long, global = true, value_name = "DIR")]
+    #[arg(long, global = true, value_name = "DIR", help_heading = COMMON)]
     run_dir: Option<PathBuf>,
     /// Override a key of robot.toml; may be given often
-    #[arg(long = "set", global = true, value_name = "KEY=VALUE")]
+    #[arg(long = "set", global = true, value_name = "KEY=VALUE", help_heading = COMMON)]
     sets: Vec<String>,
 }
 
@@ -100,9 +109,11 @@ commands! {
         Diag(diag::Diag) => diag::diag(common, command),
         /// Show the modules' states, or command one
         State(state::State) => state::state(common, command),
+        /// Show the active faults of all modules, and follow them
+        Errors(errors::Errors) => errors::errors(common, command),
         /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
         Drive(drive::Drive) => drive::drive(common, command),
-        /// Send the robot somewhere, or let it stand
+        /// Show the goal, send the robot somewhere, or let it stand
         Goal(goal::Goal) => goal::goal(common, command),
         /// Tell the estimator where the robot is
         Pose(pose::Pose) => pose::tell(common, command),
@@ -110,7 +121,7 @@ commands! {
         Power(power::Power) => power::power(common, command),
         /// Home the steering
         Home(home::Home) => home::home(common, command),
-        /// Inject a fault into the simulation
+        /// List what can be broken in the simulation, inject a fault, or end it
         Fault(fault::Fault) => fault::fault(common, command),
         /// Plan a drivable way on a map file
         Plan(plan::Plan) => plan::plan(common, command),
@@ -146,22 +157,34 @@ commands! {
         /// Commission chips on I2C and SMBus
         #[command(subcommand)]
         I2c(i2c::I2c) => command.run(common),
+        /// Print the completion of a shell
+        Completion(completion::Completion) => completion::completion(command),
+    }
+}
+
+impl Command {
+    /// True for tools that reach lines and servers of a simulated robot through its run folder.
+    fn is_of_a_run_folder(&self) -> bool {
+        matches!(self, Self::Can(_) | Self::Rs485(_) | Self::I2c(_) | Self::Web(_))
     }
 }
 
 /// The command line as it is defined: what manual pages and completion are made from.
 #[must_use]
 pub fn command() -> clap::Command {
-    Cli::command()
+    help::grouped(Cli::command())
 }
 
 /// Runs the executable.
 #[must_use]
 pub fn main() -> ExitCode {
-    let Cli { common, command } = match Cli::try_parse() {
+    let parsed = command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    let Cli { common, command } = match parsed {
         Ok(cli) => cli,
-        // Help and version are no errors.
-        Err(error) if !error.use_stderr() => error.exit(),
+        // Help and version are no errors. Who gives no arguments where some are needed is helped, too.
+        Err(error) if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            error.exit()
+        }
         Err(error) => {
             complain(&one_line(&error.to_string()));
             return ExitCode::from(2);
@@ -172,7 +195,8 @@ pub fn main() -> ExitCode {
     }
     command.run(&common).unwrap_or_else(|Failed { code, why }| {
         if !why.is_empty() {
-            complain(&why);
+            let elsewhere = command.is_of_a_run_folder().then(|| common.elsewhere()).flatten();
+            complain(&(why + &elsewhere.unwrap_or_default()));
         }
         ExitCode::from(code)
     })
@@ -255,6 +279,17 @@ impl Common {
         }
     }
 
+    /// End of a sentence about a failure, if no robot runs in the usual run folder but a simulated one in another.
+    fn elsewhere(&self) -> Option<String> {
+        let real = |folder: &Path| std::fs::canonicalize(folder).ok();
+        let ours = real(&self.run_dir());
+        let running: Vec<PathBuf> =
+            holder::modules().filter(|running| running.place.sim).map(|running| running.place.run_dir).collect();
+        let is_ours = |folder: &PathBuf| ours.is_some() && real(folder) == ours;
+        let other = running.first().filter(|_| self.run_dir.is_none() && !running.iter().any(is_ours))?;
+        Some(format!("; a simulated robot runs with --run-dir {}", other.display()))
+    }
+
     /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
     fn robot(&self) -> Result<(RobotLocation, Robot), Failed> {
         let is_offered = |bus: &Rs485Bus| bus.line.offered().is_some_and(|name| self.run_dir().join(name).exists());
@@ -295,6 +330,22 @@ fn seconds(text: &str) -> Result<std::time::Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "expected seconds".to_string())?;
     let in_range = seconds > 0.0 && seconds <= 1e9;
     in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
+}
+
+/// A number of things: `1 message`, `2 messages`.
+fn counted(number: impl Into<i128>, thing: &str) -> String {
+    let number = number.into();
+    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
+}
+
+/// A duration for people; s: `42 s`, `18 min`, `6 h 07 min`.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if !s.is_finite() => "-".into(),
+        s if s < 60.0 => format!("{s:.0} s"),
+        s if s < 3600.0 => format!("{:.0} min", (s / 60.0).floor()),
+        s => format!("{:.0} h {:02.0} min", (s / 3600.0).floor(), (s % 3600.0 / 60.0).floor()),
+    }
 }
 
 /// A whole number, decimal or 0x….

@@ -12,7 +12,6 @@ mod info;
 mod keys;
 mod mark;
 mod play;
-mod progress;
 mod recover;
 mod select;
 mod source;

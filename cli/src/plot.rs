@@ -18,10 +18,10 @@ pub struct Plot {
     #[arg(long, value_name = "FILE", value_parser = picture)]
     out: Option<PathBuf>,
     /// Start of the part shown, s after the start of the run
-    #[arg(long, value_name = "SECONDS", default_value = "0")]
+    #[arg(long, alias = "start", value_name = "SECONDS", default_value = "0")]
     from: f64,
     /// End of the part shown, s after the start of the run
-    #[arg(long, value_name = "SECONDS", default_value = "inf")]
+    #[arg(long, alias = "end", value_name = "SECONDS", default_value = "inf")]
     to: f64,
 }
 

@@ -1,7 +1,7 @@
 //! `advee power [CHANNEL [on|off|reboot]]`: shows the power channels, or switches one and waits until it is.
 
 use super::bus::{Heard, Tool, error_of};
-use super::{Common, Failed, Outcome, print};
+use super::{Common, Failed, Outcome, duration, print};
 use base::{Duration, Fault as Code};
 use diagnostics::orders;
 use host::clock;
@@ -56,11 +56,8 @@ fn show(power: &DataPower, only: Option<&str>, json: bool) -> Outcome {
         return Ok(ExitCode::SUCCESS);
     }
     if only.is_none() {
-        let left = if power.remaining.is_finite() {
-            format!(", {:.0} min left", power.remaining / 60.0)
-        } else {
-            String::new()
-        };
+        let left =
+            if power.remaining.is_finite() { format!(", {} left", duration(power.remaining)) } else { String::new() };
         print(format_args!("battery    {:.1} V, {:.0} %{left}", power.voltage, 100.0 * power.charge))?;
     }
     for channel in channels() {

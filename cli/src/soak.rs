@@ -1,6 +1,10 @@
 //! `advee soak`: robot-hours in virtual time, under chaos and calm, with rules that must hold.
 
+mod attend;
 mod inputs;
+mod trace;
+
+pub use attend::Progress;
 
 use super::{Common, Failed, Outcome, print};
 use base::Duration;
@@ -13,17 +17,19 @@ use serde_json::json;
 use settings::robot::Geometry;
 use sim::check::Limits;
 use sim::host::{self, Virtual};
-use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, Violation, draw, shrink};
+use sim::soak::{self, Behaviour, Disk, Fault, Goals, Report, Scenario, Shares, Stage, Touches, draw, shrink};
 use simulator::world::World;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use std::{panic, thread};
+use trace::Trace;
 
 /// What is asked for.
 #[derive(clap::Args)]
@@ -41,7 +47,7 @@ pub struct Soak {
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Episodes at once [default: as many as there are processors]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), conflicts_with = "episode")]
     jobs: Option<u16>,
     /// Only the episode of this number
     #[arg(long, value_name = "N")]
@@ -49,6 +55,9 @@ pub struct Soak {
     /// Of its faults only those of these numbers, from 0; `none` for none
     #[arg(long, value_name = "LIST", requires = "episode", value_parser = numbers)]
     faults: Option<Numbers>,
+    /// Print what the rules observe between these times of the episode, s
+    #[arg(long, value_name = "A,B", requires = "episode", conflicts_with = "json", value_parser = trace::part)]
+    trace: Option<Trace>,
     /// Machine-readable
     #[arg(long)]
     json: bool,
@@ -75,27 +84,32 @@ thread_local! {
 
 /// Fewer faults are sought with at most so many runs.
 const TRIES: u32 = 200;
+/// Exit code of a command line that is refused, and that of a signal without its number.
+const USAGE: u8 = 2;
+const SIGNALLED: u8 = 128;
 
 /// Runs the command.
 ///
 /// # Errors
 /// A file is refused, or the robot cannot be made.
 pub fn soak(common: &Common, command: &Soak) -> Outcome {
+    refuse_idle(common)?;
     let robot = Robot::load(common, command)?;
     let begun = Instant::now();
     let hook = panic::take_hook();
     tell_of_panics(robot.again.clone(), command.faults.clone());
-    let result = match command.episode {
-        Some(number) => robot.one(number, command.faults.as_ref(), &Progress::new(1, robot.scenario.episode())),
-        None => {
-            let episodes = (command.hours * 3600.0 / robot.scenario.episode().as_secs_f64()).ceil().max(1.0) as u64;
-            let jobs = command.jobs.map_or_else(processors, usize::from);
-            robot.many(episodes, jobs, &Progress::new(episodes, robot.scenario.episode()))
-        }
+    let each = robot.scenario.episode();
+    let episodes = match command.episode {
+        Some(_) => 1,
+        None => (command.hours * 3600.0 / each.as_secs_f64()).ceil().max(1.0) as u64,
     };
-    let report = result?;
+    let progress = Progress::new(episodes, each)?;
+    let report = match command.episode {
+        Some(number) => robot.one(number, command.faults.as_ref(), command.trace, &progress),
+        None => robot.many(episodes, command.jobs.map_or_else(processors, usize::from), &progress),
+    }?;
     let minimal = match (report.violations.first(), &command.faults) {
-        (Some((number, violation)), None) => Some(robot.minimal(*number, violation.rule)),
+        (Some((number, violation)), None) => robot.minimal(*number, violation.rule, &progress),
         _ => None,
     };
     panic::set_hook(hook);
@@ -105,7 +119,25 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
     } else {
         robot.show(&report, took, command.faults.as_ref(), minimal.as_ref())?;
     }
-    Ok(ExitCode::from(u8::from(!report.violations.is_empty())))
+    match progress.signal() {
+        Some(signal) if report.violations.is_empty() => {
+            let why = format!("interrupted: {} of {episodes} episodes were judged", report.episodes);
+            Err(Failed { code: SIGNALLED + signal, why })
+        }
+        _ => Ok(ExitCode::from(u8::from(!report.violations.is_empty()))),
+    }
+}
+
+/// Options of all commands that a soak does not have: it has no bus and no run folder.
+fn refuse_idle(common: &Common) -> Result<(), Failed> {
+    let given = [("--lcm-url", common.lcm_url.is_some()), ("--run-dir", common.run_dir.is_some())];
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => {
+            let why = format!("{option} has no effect: a soak has neither a bus nor a run folder");
+            Err(Failed { code: USAGE, why })
+        }
+        None => Ok(()),
+    }
 }
 
 /// A robot that can be made again and again, and what it is put through.
@@ -160,19 +192,38 @@ impl Robot {
     /// # Errors
     /// One line why it cannot be run.
     pub fn episode(&self, number: u64, faults: &[Fault]) -> Result<soak::Outcome, String> {
+        self.run(number, faults, None, &AtomicBool::new(false))
+    }
+
+    fn run(
+        &self,
+        number: u64,
+        faults: &[Fault],
+        trace: Option<Trace>,
+        stop: &AtomicBool,
+    ) -> Result<soak::Outcome, String> {
         EPISODE.set(number);
         let Self { scenario, world, limits, seed, .. } = self;
         let disk = Disk::default();
-        let stage = Stage { scenario, world, limits, seed: *seed, disk: &disk };
+        let stage = Stage { scenario, world, limits, seed: *seed, disk: &disk, stop };
         let recorded = self.modules[(number % self.modules.len() as u64) as usize].as_str();
         let inputs = Inputs::new(recorded, disk.clone());
-        let mut outcome = soak::episode(&stage, number, faults, &mut |config| machine(&self.place, config, &inputs))?;
-        outcome.violation = outcome.violation.or_else(|| inputs.violation());
+        let mut outcome = soak::episode(&stage, number, faults, &mut |config| {
+            let mut machine = machine(&self.place, config, &inputs)?;
+            if let Some(trace) = trace {
+                trace.observe(&mut machine);
+            }
+            Ok(machine)
+        })?;
+        if outcome.complete {
+            outcome.violation = outcome.violation.or_else(|| inputs.violation());
+        }
         Ok(outcome)
     }
 
     /// Runs as many episodes as asked for, so many at once. After a violation no further ones are begun, and those
-    /// after the first that has one do not count: what comes out does not depend on who ran what when.
+    /// after the first that has one do not count: what comes out does not depend on who ran what when. After an
+    /// interruption those that were judged until then count.
     ///
     /// # Errors
     /// One line why one of them cannot be run.
@@ -181,7 +232,10 @@ impl Robot {
         let work = || {
             loop {
                 let Some(number) = left.lock().unwrap_or_else(PoisonError::into_inner).next() else { return };
-                let outcome = self.episode(number, &draw(&self.scenario, self.seed, number));
+                let outcome = self.run(number, &draw(&self.scenario, self.seed, number), None, progress.stop());
+                if outcome.as_ref().is_ok_and(|outcome| !outcome.complete) {
+                    return;
+                }
                 if let Some(violation) = outcome.as_ref().ok().and_then(|outcome| outcome.violation.as_ref()) {
                     progress.found(number, violation);
                 }
@@ -189,13 +243,11 @@ impl Robot {
                     let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
                     left.end = left.end.min(number + 1);
                 }
-                let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
-                done.insert(number, outcome);
-                progress.show(done.len() as u64);
+                done.lock().unwrap_or_else(PoisonError::into_inner).insert(number, outcome);
+                progress.judged();
             }
         };
-        thread::scope(|scope| (0..jobs.max(1)).for_each(|_| drop(scope.spawn(work))));
-        progress.end();
+        progress.run(jobs, work);
         let mut report = Report::new(self.seed);
         let end = left.into_inner().unwrap_or_else(PoisonError::into_inner).end;
         let done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -205,7 +257,13 @@ impl Robot {
         Ok(report)
     }
 
-    fn one(&self, number: u64, only: Option<&Numbers>, progress: &Progress) -> Result<Report, String> {
+    fn one(
+        &self,
+        number: u64,
+        only: Option<&Numbers>,
+        trace: Option<Trace>,
+        progress: &Progress,
+    ) -> Result<Report, String> {
         let mut faults = draw(&self.scenario, self.seed, number);
         if let Some(Numbers(only)) = only {
             if let Some(none) = only.iter().find(|place| **place >= faults.len()) {
@@ -215,32 +273,47 @@ impl Robot {
             faults.sort_by_key(|fault| fault.at);
         }
         let mut report = Report::new(self.seed);
-        let outcome = self.episode(number, &faults)?;
-        if let Some(violation) = &outcome.violation {
-            progress.found(number, violation);
+        let outcomes = progress.run(1, || self.run(number, &faults, trace, progress.stop()));
+        for outcome in outcomes {
+            let outcome = outcome?;
+            if !outcome.complete {
+                continue;
+            }
+            if let Some(violation) = &outcome.violation {
+                progress.found(number, violation);
+            }
+            report.add(number, &outcome);
         }
-        report.add(number, &outcome);
         Ok(report)
     }
 
     /// The fewest faults of an episode that were found with which the same rule breaks, by their numbers. This can take
-    /// minutes: each reduction is shown.
-    fn minimal(&self, number: u64, rule: &str) -> Minimal {
+    /// minutes: each reduction is shown. `None` if it was interrupted before the first one.
+    fn minimal(&self, number: u64, rule: &str, progress: &Progress) -> Option<Minimal> {
+        progress.run(1, || self.fewest(number, rule, progress)).into_iter().next().flatten()
+    }
+
+    fn fewest(&self, number: u64, rule: &str, progress: &Progress) -> Option<Minimal> {
         let all: Vec<(usize, Fault)> = draw(&self.scenario, self.seed, number).into_iter().enumerate().collect();
         let mut runs = 0;
         let faults = shrink(&all, TRIES, |some| {
+            if progress.stop().load(Ordering::Relaxed) {
+                return false;
+            }
             let faults: Vec<Fault> = some.iter().map(|(_, fault)| fault.clone()).collect();
-            let outcome = self.episode(number, &faults);
+            let outcome = self.run(number, &faults, None, progress.stop());
             runs += 1;
             let fails = outcome.is_ok_and(|outcome| outcome.violation.is_some_and(|violation| violation.rule == rule));
             if fails {
                 let line = format!("episode {number}: {} of {} faults are enough ({runs} runs)", some.len(), all.len());
-                tell(&line);
+                progress.tell(&line);
             }
             fails
         });
         let numbers = Numbers(faults.iter().map(|(place, _)| *place).collect());
-        Minimal { command: repeat(&self.again, number, Some(&numbers)), faults, of: all.len() }
+        let interrupted = progress.signal().is_some() && faults.len() == all.len();
+        let command = repeat(&self.again, number, Some(&numbers));
+        (!interrupted).then_some(Minimal { command, faults, of: all.len() })
     }
 
     /// `only`: the faults that were asked for.
@@ -259,9 +332,18 @@ impl Robot {
             print(format_args!("  {kind:<22} {count:>6}"))?;
         }
         print(format_args!("distance        {:.2} km", figures.distance / 1000.0))?;
+        for (source, metres) in shares(figures) {
+            let percent = 100.0 * metres / figures.distance.max(1e-9);
+            print(format_args!("  {source:<22} {:>6.2} km, {percent:.0} %", metres / 1000.0))?;
+        }
         print(format_args!("stops           {}", figures.stops))?;
-        print(format_args!("contacts        {}", figures.contacts))?;
-        print(format_args!("goals           {}", figures.goals))?;
+        print(format_args!("contacts        {} by the robot", figures.contacts))?;
+        for (kind, Touches { count, fastest_mps }) in touches(figures) {
+            let fastest = if count > 0 { format!(", fastest {fastest_mps:.2} m/s") } else { String::new() };
+            print(format_args!("  {kind:<22} {count:>6}{fastest}"))?;
+        }
+        let Goals { sent, reached, given_up } = figures.goals;
+        print(format_args!("goals           {reached} reached of {sent}, {given_up} given up"))?;
         for (name, time) in worst(figures) {
             let time = time.map_or("-".into(), |time| format!("{:.1} ms", time.as_secs_f64() * 1e3));
             print(format_args!("worst, {name:<24} {time:>10}"))?;
@@ -298,10 +380,8 @@ impl Robot {
             });
             json!({ "repeat": minimal.command, "faults": faults.collect::<Vec<_>>() })
         });
-        let worst: serde_json::Map<_, _> = worst(&report.figures)
-            .map(|(name, time)| (name.replace(' ', "_"), json!(time.map(|time| time.as_secs_f64()))))
-            .into_iter()
-            .collect();
+        let seconds = |time: Option<Duration>| json!(time.map(|time| time.as_secs_f64()));
+        let worst = keyed(worst(&report.figures).map(|(name, time)| (name, seconds(time))));
         json!({
             "hours": hours,
             "seed": self.seed,
@@ -311,9 +391,15 @@ impl Robot {
             "minimal": minimal,
             "faults": report.faults,
             "distance": report.figures.distance,
+            "distance_by": keyed(shares(&report.figures).map(|(name, metres)| (name, json!(metres)))),
             "stops": report.figures.stops,
-            "goals": report.figures.goals,
+            "goals": report.figures.goals.reached,
+            "goals_sent": report.figures.goals.sent,
+            "goals_given_up": report.figures.goals.given_up,
             "contacts": report.figures.contacts,
+            "contacts_by": keyed(touches(&report.figures).map(|(name, touches)| {
+                (name, json!({ "count": touches.count, "fastest_mps": touches.fastest_mps }))
+            })),
             "worst": worst,
             "speed_factor": hours * 3600.0 / took.max(1e-9),
         })
@@ -341,53 +427,6 @@ struct Minimal {
     command: String,
     faults: Vec<(usize, Fault)>,
     of: usize,
-}
-
-/// Shows on standard error what was found, and on a terminal how far it is.
-pub struct Progress {
-    episodes: u64,
-    each: Duration,
-    tells: bool,
-    shown: bool,
-}
-
-impl Progress {
-    fn new(episodes: u64, each: Duration) -> Self {
-        Self { episodes, each, tells: true, shown: std::io::stderr().is_terminal() }
-    }
-
-    /// Shows nothing.
-    #[must_use]
-    pub fn none() -> Self {
-        Self { episodes: 0, each: Duration::ZERO, tells: false, shown: false }
-    }
-
-    /// A rule was violated: what follows until the report, other episodes and the search for fewer faults, takes long.
-    fn found(&self, number: u64, violation: &Violation) {
-        if self.tells {
-            self.end();
-            tell(&format!("episode {number}: {violation}"));
-        }
-    }
-
-    fn show(&self, done: u64) {
-        if self.shown {
-            let hours = |episodes: u64| episodes as f64 * self.each.as_secs_f64() / 3600.0;
-            let line = format!("\r{:.1} of {:.1} robot-hours", hours(done), hours(self.episodes));
-            let _ = std::io::stderr().write_all(line.as_bytes());
-        }
-    }
-
-    fn end(&self) {
-        if self.shown {
-            let _ = std::io::stderr().write_all(b"\r\x1b[K");
-        }
-    }
-}
-
-/// A line on standard error, beside the report on standard output.
-fn tell(line: &str) {
-    let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
 }
 
 fn machine(place: &RobotLocation, config: host::Config, inputs: &Inputs) -> Result<Virtual, String> {
@@ -423,6 +462,25 @@ fn worst(figures: &soak::Figures) -> [(&'static str, Option<Duration>); 6] {
     ]
 }
 
+fn shares(figures: &soak::Figures) -> [(&'static str, f64); 3] {
+    let Shares { operator, planner, others } = figures.shares;
+    [("operator", operator), ("planner", planner), ("others", others)]
+}
+
+fn touches(figures: &soak::Figures) -> [(&'static str, Touches); 3] {
+    let soak::Contacts { robot_into_wall, robot_into_person, person_into_robot } = figures.touched;
+    [
+        ("robot into wall", robot_into_wall),
+        ("robot into person", robot_into_person),
+        ("person into robot", person_into_robot),
+    ]
+}
+
+/// An object whose keys are names with `_` for spaces.
+fn keyed<const N: usize>(values: [(&str, serde_json::Value); N]) -> serde_json::Value {
+    values.into_iter().map(|(name, value)| (name.replace(' ', "_"), value)).collect::<serde_json::Map<_, _>>().into()
+}
+
 fn processors() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
@@ -443,4 +501,79 @@ fn numbers(text: &str) -> Result<Numbers, String> {
     }
     let numbers = text.split(',').map(str::parse).collect::<Result<Vec<usize>, _>>();
     numbers.map(Numbers).map_err(|_| "expected numbers with commas between, or none".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration as StdDuration;
+
+    /// A robot of short episodes in an empty world.
+    fn robot() -> Robot {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let shipped = scenario(&root.join("scenarios/default.toml")).unwrap();
+        let (settle, chaos, calm) = (12, 1, 15);
+        let seconds = Duration::from_secs;
+        let scenario = Scenario {
+            settle: seconds(settle),
+            chaos: seconds(chaos),
+            calm: seconds(calm),
+            turns: 1,
+            kinds: Vec::new(),
+            ..shipped
+        };
+        let place = RobotLocation {
+            config: root.join("conf/advee"),
+            run_dir: "/run/advee".into(),
+            lcm_url: "memq://".into(),
+            sets: Vec::new(),
+            sim: true,
+            world: Some("empty".into()),
+        };
+        Robot::new(place, scenario, 1).unwrap()
+    }
+
+    #[test]
+    fn an_interrupted_soak_keeps_the_episodes_that_were_judged() {
+        let (robot, progress) = (robot(), Progress::none());
+        let report = thread::scope(|scope| {
+            let soak = scope.spawn(|| robot.many(1_000_000, 2, &progress));
+            while progress.done() == 0 {
+                thread::sleep(StdDuration::from_millis(1));
+            }
+            progress.stop().store(true, Ordering::Relaxed);
+            soak.join().unwrap().unwrap()
+        });
+        assert!((1..1000).contains(&report.episodes), "{}", report.episodes);
+        assert_eq!(report.episodes, progress.done());
+        assert!(report.figures.distance > 0.0 && report.violations.is_empty(), "{:?}", report.violations);
+        let figures = &report.figures;
+        let all: f64 = shares(figures).iter().map(|(_, metres)| metres).sum();
+        assert!((all - figures.distance).abs() < 1e-6, "{figures:?}");
+    }
+
+    #[test]
+    fn options_without_effect_are_refused() {
+        let parse = |line: &str| crate::command().try_get_matches_from(line.split(' ')).map(drop);
+        for line in [
+            "advee soak --episode 1 --jobs 2",
+            "advee soak --episode 1 --hours 2",
+            "advee soak --faults 1",
+            "advee soak --trace 1,2",
+            "advee soak --episode 1 --trace 2,1",
+            "advee soak --episode 1 --trace 1,2 --json",
+        ] {
+            assert!(parse(line).is_err(), "{line}");
+        }
+        assert!(parse("advee soak --episode 1 --trace 1,2.5").is_ok());
+        let common = |run_dir: Option<&str>, lcm_url: Option<&str>| Common {
+            config: None,
+            lcm_url: lcm_url.map(Into::into),
+            run_dir: run_dir.map(Into::into),
+            sets: Vec::new(),
+        };
+        assert!(refuse_idle(&common(None, None)).is_ok());
+        assert_eq!(refuse_idle(&common(Some("/r"), None)).unwrap_err().code, USAGE);
+        assert!(refuse_idle(&common(None, Some("memq://"))).unwrap_err().why.starts_with("--lcm-url"));
+    }
 }

@@ -2,9 +2,10 @@
 //! an operator.
 
 use super::bus::{Heard, Tool, error_of};
-use super::{Common, Failed, Outcome, print};
+use super::style::{GREEN, RED, Style};
+use super::{Common, Failed, Outcome, duration, print};
 use base::{Duration, Fault as Code, Instant};
-use diagnostics::{Config, Model, orders};
+use diagnostics::{Config, Model, exit_in_words, orders};
 use host::clock;
 use host::log::{OneLine, TimeOfDay};
 use messages::common::{DataFaults, DataProcesses, Error, Fault, Process};
@@ -104,15 +105,27 @@ impl Row {
         }
     }
 
-    fn line(&self, module: &str) -> String {
-        let head = format!("{module:16} {:10} {:11}", self.state().name(), self.phase());
+    /// True if its process runs and it is in the state that is wanted; without a watchdog, if it has no error.
+    fn is_well(&self) -> bool {
+        match &self.process {
+            Some(process) => process.phase == Process::RUNNING && self.state() as i8 == process.wanted,
+            None => !matches!(self.state(), Value::Error | Value::Unknown),
+        }
+    }
+
+    fn line(&self, module: &str, style: Style) -> String {
+        let state = style.paint(if self.is_well() { GREEN } else { RED }, &format!("{:10}", self.state().name()));
+        let head = format!("{module:16} {state} {:11}", self.phase().to_lowercase());
         let Some(process) = &self.process else {
             return head.trim_end().into();
         };
         let wanted = Value::from_value(process.wanted).unwrap_or(Value::Unknown).name();
-        let (restarts, last) = (process.restarts, process.last_exit);
         let (cpu, rss) = (process.cpu * 100.0, process.rss as f64 / (1024.0 * 1024.0));
-        format!("{head} {wanted:9} {:7} {restarts:8} {last:9} {:8.1} {cpu:6.1} {rss:7.1}", process.pid, process.uptime)
+        let (pid, restarts, uptime) = (process.pid, process.restarts, duration(process.uptime));
+        // A process that has not ended yet has no last exit.
+        let has_ended = restarts > 0 || process.phase == Process::TERMINATED;
+        let last = if has_ended { exit_in_words(process.last_exit) } else { "-".into() };
+        format!("{head} {wanted:9} {pid:7} {restarts:8} {uptime:>11} {cpu:6.1} {rss:7.1}  {last}")
     }
 
     /// Its active faults; none: not known.
@@ -159,9 +172,10 @@ fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> O
         print(serde_json::Value::from(all))?;
         return Ok(ExitCode::SUCCESS);
     }
-    print("MODULE           STATE      PHASE       WANTED        PID RESTARTS LAST EXIT UPTIME s  CPU % RSS MiB")?;
+    let style = Style::of_stdout();
+    print("MODULE           STATE      PROCESS     WANTED        PID RESTARTS      UPTIME  CPU % RSS MiB  LAST EXIT")?;
     for (name, row) in &rows {
-        print(row.line(name))?;
+        print(row.line(name, style))?;
     }
     if module.is_none_or(|module| module == guard::NAME)
         && let Some(line) = bound_line(&model, clock::now())
@@ -226,6 +240,32 @@ fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
 mod tests {
     use super::*;
     use messages::lowlevel::{DataGuard, DataHold, Hold};
+
+    #[test]
+    fn a_row_is_in_words_and_coloured_by_whether_it_is_well() {
+        let process = Process {
+            module: "planner".into(),
+            pid: 42,
+            phase: Process::RUNNING,
+            state: Value::Run as i8,
+            wanted: Value::Run as i8,
+            uptime: 1114.5,
+            ..Process::default()
+        };
+        let mut row = Row { announced: Some(Value::Run), process: Some(process.clone()), list: None };
+        let line = row.line("planner", Style { colour: false });
+        assert_eq!(
+            line,
+            "planner          RUN        running     RUN            42        0      18 min    0.0     0.0  -"
+        );
+        assert!(row.line("planner", Style { colour: true }).contains("\x1b[32mRUN"));
+        row.process = Some(Process { restarts: 1, last_exit: 137, ..process });
+        row.announced = Some(Value::Error);
+        let line = row.line("planner", Style { colour: true });
+        assert!(line.contains("\x1b[1;31mERROR") && line.ends_with("SIGKILL: killed"), "{line}");
+        let alone = Row { announced: Some(Value::Run), ..Row::default() };
+        assert_eq!(alone.line("lights", Style { colour: false }), "lights           RUN        -");
+    }
 
     #[test]
     fn the_bound_and_its_cause_are_one_line() {

@@ -2,6 +2,7 @@
 
 mod guards;
 mod parent;
+mod welcome;
 
 use super::{Common, Failed, Outcome, neighbours, web};
 use guards::Guards;
@@ -11,9 +12,13 @@ use host::runs;
 use host::{beats, clock, processes};
 use parent::Parent;
 use robot::config::{self, Config};
+use robot::preflight;
+use robot::topology;
+use simulator::world::World;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 #[derive(clap::Args)]
 pub struct Up {
@@ -45,11 +50,16 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     let common = &common;
     // Whatever is wrong is said here, once, and nothing starts; notices are the watchdog's to publish.
     let (config, _) = common.load_with_notices(command.sim)?;
+    let world = match command.sim {
+        true => config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?,
+        false => World::default(),
+    };
+    preflight::check(&common.place(command.sim), &config, &world)?;
     host::keepers::Place::all()?;
     if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name() != ::web::NAME)) {
         return Err(format!("--http {at}: modules.toml has no module {}", ::web::NAME).into());
     }
-    let route = route(common, command, &config)?;
+    let route = route(command, &config, &world)?;
     let watchdog = watchdog(common, command)?;
     let goal = route.map(|route| goal(&watchdog, command, &route));
     // Signals are held back before there is anything to leave behind.
@@ -65,6 +75,9 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     }
     parent.log_to(run(common, &config, &log));
     parent.run_errand(goal);
+    let (run_dir, begun) = (common.run_dir(), SystemTime::now());
+    let serves = config.modules.iter().any(|module| module.name() == ::web::NAME);
+    parent.when_up(move || welcome::greet(run_dir, serves));
     let result = parent.run(&watchdog);
     let beats = beats::folder(folder.path());
     clean(&folder, &config);
@@ -74,17 +87,19 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     }
     processes::clean(folder.path());
     folder.release();
+    if result.is_ok() {
+        welcome::farewell(&log, &topology::log_folder(&common.place(command.sim), &config.robot), begun);
+    }
     result
 }
 
 /// The way that the robot drives when all is ready. A name that the world does not have is refused.
-fn route(common: &Common, command: &Up, config: &Config) -> Result<Option<String>, Failed> {
+fn route(command: &Up, config: &Config, world: &World) -> Result<Option<String>, Failed> {
     let wanted = command.goal.as_deref();
     if !command.sim {
         let named = wanted.filter(|goal| *goal != "none");
         return named.map_or(Ok(None), |goal| Err(format!("--goal {goal}: only with --sim; see advee goal").into()));
     }
-    let world = config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?;
     let has = |name: &str| world.routes.iter().any(|route| route.name == name);
     let plans = config.modules.iter().any(|module| module.name() == planner::NAME);
     match wanted {

@@ -35,6 +35,7 @@ mod launch;
 pub mod map_file;
 pub mod picture;
 pub mod place;
+pub mod preflight;
 pub mod recording;
 pub mod scene;
 mod simulated;

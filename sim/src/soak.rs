@@ -18,6 +18,7 @@ mod report;
 mod rivals;
 mod scenario;
 mod shrink;
+mod tally;
 #[cfg(test)]
 mod tests;
 
@@ -27,6 +28,7 @@ pub use figures::{Figures, Worst};
 pub use report::Report;
 pub use scenario::{Behaviour, Kind, Phase, Regression, Regressions, Scenario};
 pub use shrink::shrink;
+pub use tally::{Contacts, Goals, Shares, Touches};
 
 use crate::check::Checkers;
 use crate::host::{self, News, Virtual};
@@ -41,6 +43,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Maximum time for homing a steering that was reset, which is not counted.
 const HOMING_MAX: Duration = Duration::from_secs(30);
@@ -62,6 +65,8 @@ pub struct Stage<'a> {
     pub seed: u64,
     /// Disk of the recorders, one for each episode.
     pub disk: &'a Disk,
+    /// Set to end the episode before its time.
+    pub stop: &'a AtomicBool,
 }
 
 /// Creates the machine of an episode, on which only the supervised root process runs.
@@ -80,6 +85,8 @@ pub struct Outcome {
     pub figures: Figures,
     /// First violation of a rule.
     pub violation: Option<Violation>,
+    /// False for an episode that was ended before its time ([`Stage::stop`]): it proves nothing.
+    pub complete: bool,
 }
 
 /// Observers of an episode.
@@ -160,6 +167,7 @@ struct Episode<'a> {
     scenario: &'a Scenario,
     limits: &'a Limits,
     disk: &'a Disk,
+    stop: &'a AtomicBool,
     machine: Virtual,
     watch: Rc<RefCell<Watch>>,
     counts: BTreeMap<String, u64>,
@@ -174,8 +182,8 @@ impl<'a> Episode<'a> {
         }
         let keep = watch.clone();
         machine.observe(move |now, news| keep.borrow_mut().observe(now, news));
-        let &Stage { scenario, limits, disk, .. } = stage;
-        Self { scenario, limits, disk, machine, watch, counts: BTreeMap::new(), calm: None }
+        let &Stage { scenario, limits, disk, stop, .. } = stage;
+        Self { scenario, limits, disk, stop, machine, watch, counts: BTreeMap::new(), calm: None }
     }
 
     fn run(mut self, faults: &[Fault]) -> Outcome {
@@ -198,6 +206,7 @@ impl<'a> Episode<'a> {
             time: self.machine.now().since(Instant::ZERO),
             faults: self.counts,
             figures,
+            complete: violation.is_some() || !self.stop.load(Ordering::Relaxed),
             violation,
         }
     }
@@ -209,6 +218,9 @@ impl<'a> Episode<'a> {
             let end = Instant::ZERO + end;
             self.begin(phase);
             while self.machine.now() < end {
+                if self.stop.load(Ordering::Relaxed) {
+                    return None;
+                }
                 let next = chaos.poll_timeout().unwrap_or(Instant::NEVER).min(acts.next()).min(end);
                 self.machine.run_until(next);
                 let counts = &mut self.counts;

@@ -161,7 +161,10 @@ fn soak_and_a_module_by_itself_print_each_notice_once() {
     };
     let [path, world] = [scenario, shipped().join("../worlds/empty.toml")].map(|path| path.display().to_string());
     let soak = ["soak", "--episode", "0", "--faults", "none", "--world", &world, "--scenario", &path];
-    let soak = Outcome::of(advee(&soak).output().expect("the executable is built"));
+    // A soak refuses a bus and a run folder: it has none.
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_advee"));
+    command.current_dir(support::workspace()).arg("--config").arg(&folder).args(soak);
+    let soak = Outcome::of(command.output().expect("the executable is built"));
     assert_eq!((soak.code, soak.err.lines().count()), (Some(0), MOVED.len()), "{soak:?}");
     assert!(soak.err.lines().all(|line| line.starts_with("advee: NOTICE: ")), "{soak:?}");
 

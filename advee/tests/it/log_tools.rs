@@ -150,7 +150,12 @@ fn info_lists_times_channels_rates_attachments_and_marks() {
     let run = bench.sample("run");
     let text = bench.run(&["info", &run]).good();
     assert!(text.contains("from 2023-11-14 22:13:20.000000 to 2023-11-14 22:13:20.990000 UTC, 0.990 s"), "{text}");
-    assert!(text.contains("200 messages on 8 channels") && text.contains("attachment robot.toml, 8 B"), "{text}");
+    assert!(
+        text.contains("200 messages on 8 channels") && text.contains("\n2 attachments, 16 B; --all lists them"),
+        "{text}"
+    );
+    let all = bench.run(&["info", &run, "--all"]).good();
+    assert!(all.contains("\nattachment robot.toml, 8 B"), "{all}");
     assert!(text.contains("mark 2023-11-14 22:13:20.000060 mark 60"), "{text}");
     let row = text.lines().find(|line| line.starts_with("LL_DATA_SRFS")).unwrap();
     assert_eq!(
@@ -483,7 +488,7 @@ fn play_takes_parts_renames_and_leaves_commands_out() {
     for (args, says) in [
         (&["play", "/nowhere"][..], "No such file"),
         (&["play", &run, "--speed", "0"], "expected a factor from 0.01 to 1000"),
-        (&["play", &run, "--start", "2", "--end", "1"], "--start is after --end"),
+        (&["play", &run, "--start", "2", "--end", "1"], "--from is after --to"),
         (&["cat", &run, "--channel", "("], "channel pattern `(`"),
         (&["info", bench.folder.to_str().unwrap()], "no log there"),
         (&["export", &run, "--format", "lcm"], "--out"),

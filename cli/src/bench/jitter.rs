@@ -59,7 +59,7 @@ pub fn jitter(common: &Common, command: &Jitter) -> Outcome {
                 false => {
                     let interval = Duration::from_micros(command.interval);
                     let plan = Plan { interval, priority: command.priority, time: command.time };
-                    metronome::measure(plan, &common.lcm_url())?
+                    metronome::measure(plan)?
                 }
             }
         }

@@ -109,12 +109,15 @@ fn page_faults() -> u64 {
     getrusage(UsageWho::RUSAGE_SELF).map_or(0, |usage| (usage.minor_page_faults() + usage.major_page_faults()) as u64)
 }
 
-/// Measures until the time is over, or until Ctrl-C, on the bus like a module of the robot.
-pub fn measure(plan: Plan, lcm_url: &str) -> Result<Report, Failed> {
+/// Bus of the measurement: within this process, since a module on the robot's bus would be one of the robot's.
+const BUS: &str = "memq://";
+
+/// Measures until the time is over, or until Ctrl-C, in the host that runs the robot's modules.
+pub fn measure(plan: Plan) -> Result<Report, Failed> {
     let (module, measured) = Metronome::new(plan);
     let shell = Shell::new(ShellConfig::new("jitter"), Box::new(module));
     let host = HostConfig {
-        lcm_url: lcm_url.into(),
+        lcm_url: BUS.into(),
         ports: Vec::new(),
         raw: Vec::new(),
         policy: module::admission::Policy::default(),

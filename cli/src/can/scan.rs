@@ -4,6 +4,7 @@ use super::access::{Access, Ended, Job};
 use super::decode::state_name;
 use super::target::{Target, Where};
 use super::value;
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, print};
 use base::Duration;
 use canopen::dictionary::DataType;
@@ -11,7 +12,6 @@ use canopen::sdo::Error;
 use canopen::{Abort, NmtState};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};
-use std::io::{IsTerminal, Write, stderr};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -94,7 +94,7 @@ pub fn scan(common: &Common, command: &Scan) -> Outcome {
 /// Asks nodes, several at once, and each one thing after the other; whether it was interrupted.
 fn ask(access: &mut Access, mut waiting: VecDeque<u8>) -> Result<(BTreeMap<u8, Row>, bool), Failed> {
     let (mut rows, mut asked, all) = (BTreeMap::<u8, Row>::new(), 0, waiting.len());
-    let progress = Progress { shows: stderr().is_terminal(), all };
+    let mut progress = Progress::new("scanning");
     loop {
         while asked < access.at_once
             && let Some(node) = waiting.pop_front()
@@ -104,11 +104,9 @@ fn ask(access: &mut Access, mut waiting: VecDeque<u8>) -> Result<(BTreeMap<u8, R
             asked += 1;
         }
         if asked == 0 {
-            progress.clear();
             return Ok((rows, false));
         }
         let Some(Ended { node, result, took }) = access.next(&mut |_, _| ())? else {
-            progress.clear();
             return Ok((rows, true));
         };
         asked -= 1;
@@ -118,7 +116,9 @@ fn ask(access: &mut Access, mut waiting: VecDeque<u8>) -> Result<(BTreeMap<u8, R
             // Who was found is asked on before anybody else.
             waiting.push_front(node);
         }
-        progress.show(rows.len() - asked.min(rows.len()), rows.values().filter(|row| row.took.is_some()).count());
+        let done = rows.len() - asked.min(rows.len());
+        let found = rows.values().filter(|row| row.took.is_some()).count();
+        progress.show(done as f64 / all.max(1) as f64, |_| format!("{found} found"));
     }
 }
 
@@ -211,26 +211,4 @@ fn table(target: &Target, rows: &BTreeMap<u8, Row>) -> Vec<String> {
         }
     };
     [line("NODE", "NAME", heading)].into_iter().chain(rows.iter().map(row)).collect()
-}
-
-/// A line that shows how far it is, where someone looks on.
-struct Progress {
-    shows: bool,
-    all: usize,
-}
-
-impl Progress {
-    fn show(&self, done: usize, found: usize) {
-        if self.shows {
-            const WIDTH: usize = 32;
-            let bar = "█".repeat(done * WIDTH / self.all.max(1));
-            let _ = write!(stderr(), "\r{bar:░<WIDTH$}  {found} found \x1b[K");
-        }
-    }
-
-    fn clear(&self) {
-        if self.shows {
-            let _ = write!(stderr(), "\r\x1b[K");
-        }
-    }
 }

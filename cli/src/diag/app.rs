@@ -4,9 +4,10 @@ use super::drive::Drive;
 use super::rows;
 use super::runs::Runs;
 use super::sdo::Objects;
+use crate::fault::Offered;
 use base::listed;
 use base::{Duration, Epoch, Instant};
-use diagnostics::{Model, Status};
+use diagnostics::{Concern, Model, Status};
 use messages::Message;
 use messages::common::Error;
 use messages::lowlevel::CmdMotion;
@@ -39,7 +40,7 @@ impl Tab {
     pub const fn orders(self) -> &'static [&'static str] {
         match self {
             Self::Modules => &["as started", "trouble first", "cpu", "memory", "restarts", "name"],
-            Self::Errors => &["standing first", "latest", "count"],
+            Self::Errors => &["active first", "latest", "count"],
             Self::Messages => &["name", "rate", "bytes"],
             Self::Overview | Self::Buses | Self::Logs => &[""],
         }
@@ -81,6 +82,8 @@ pub struct Setup {
     /// The CANopen nodes and their axes.
     pub nodes: Vec<(u8, String)>,
     pub runs: Runs,
+    /// What can be broken; empty without a simulation.
+    pub faults: Offered,
 }
 
 /// The terminal's state.
@@ -105,6 +108,7 @@ pub struct App {
     pub quit: bool,
     pub nodes: Vec<(u8, String)>,
     pub runs: Runs,
+    pub faults: Offered,
     pub objects: Objects,
     /// Lines that were typed behind `:`, and which of them is shown.
     pub history: (Vec<String>, usize),
@@ -117,7 +121,7 @@ pub struct App {
 
 impl App {
     pub fn new(setup: Setup) -> Self {
-        let Setup { model, drive, read_only, epoch, source, nodes, runs } = setup;
+        let Setup { model, drive, read_only, epoch, source, nodes, runs, faults } = setup;
         Self {
             model,
             latest: BTreeMap::new(),
@@ -134,6 +138,7 @@ impl App {
             quit: false,
             nodes,
             runs,
+            faults,
             objects: Objects::default(),
             history: (Vec::new(), 0),
             said: None,
@@ -189,6 +194,11 @@ impl App {
     /// Status of the robot, frozen or not.
     pub fn status(&self, now: Instant) -> Status {
         self.model.status(now)
+    }
+
+    /// What is not well, frozen or not.
+    pub fn concerns(&self, now: Instant) -> Vec<Concern> {
+        self.model.concerns(now)
     }
 
     /// Number of modules with problems, and of active errors; now, frozen or not.

@@ -2,6 +2,7 @@
 
 use super::sdo::Object;
 use crate::can::{standard, value};
+use crate::fault::Offered;
 use crate::{goal, pose};
 use diagnostics::orders;
 use messages::Message;
@@ -33,7 +34,7 @@ pub const HELP: [(&str, &str); 11] = [
     ("state MODULE STATE", "RUN PAUSE STOP TERMINATE; * for all"),
     ("power CHANNEL on|off|reboot", "switch a power channel"),
     ("sdo NODE INDEX [SUB [VALUE [TYPE]]]", "read or write an object"),
-    ("fault TARGET FAULT [VALUE]", "simulation only"),
+    ("fault TARGET FAULT [VALUE]", "simulation only; FAULT none ends them"),
     ("mark TEXT", "a mark in the log"),
     ("log start|stop", "the recorder"),
     ("q", "quit"),
@@ -49,7 +50,7 @@ pub fn usage(line: &str) -> Option<(&'static str, &'static str)> {
 }
 
 /// The line with its last word completed as far as that is one thing only.
-pub fn complete(line: &str, modules: &[String]) -> String {
+pub fn complete(line: &str, modules: &[String], faults: &Offered) -> String {
     let (before, last) = line.rsplit_once(' ').map_or(("", line), |(before, last)| (before, last));
     let words: Vec<&str> = before.split_whitespace().collect();
     let all: Vec<&str> = match words[..] {
@@ -59,6 +60,11 @@ pub fn complete(line: &str, modules: &[String]) -> String {
         ["power"] => CHANNELS.to_vec(),
         ["power", _] => vec!["on", "off", "reboot"],
         ["log"] => vec!["start", "stop"],
+        ["fault"] => faults.iter().map(|(target, _)| target.as_str()).collect(),
+        ["fault", target] => {
+            let found = faults.iter().find(|(name, _)| name == target);
+            found.map_or_else(Vec::new, |(_, faults)| faults.clone())
+        }
         _ => Vec::new(),
     };
     let fit: Vec<&str> = all.into_iter().filter(|word| word.starts_with(last)).collect();
@@ -219,6 +225,11 @@ mod tests {
 
     #[test]
     fn tab_completes_what_is_one_thing_only() {
+        let faults: Offered = vec![
+            ("fan1".into(), vec!["stall", "none"]),
+            ("psc1".into(), vec!["bumper"]),
+            ("propulsion".into(), vec!["silent"]),
+        ];
         let modules = ["driver_canbus".to_string(), "driver_power".into(), "planner".into()];
         for (line, completed) in [
             ("st", "state "),
@@ -232,9 +243,13 @@ mod tests {
             ("log st", "log st"),
             ("log sta", "log start "),
             ("fly ", "fly "),
+            ("fault f", "fault fan1 "),
+            ("fault p", "fault p"),
+            ("fault fan1 st", "fault fan1 stall "),
+            ("fault fan2 st", "fault fan2 st"),
             ("", ""),
         ] {
-            assert_eq!(complete(line, &modules), completed, "{line}");
+            assert_eq!(complete(line, &modules, &faults), completed, "{line}");
         }
         assert_eq!(usage("state x").map(|(usage, _)| usage), Some("state MODULE STATE"));
         assert_eq!(usage(""), None);

@@ -13,7 +13,7 @@ mod overview;
 use super::app::{App, Mode, Tab};
 use super::command;
 use base::{Duration, Instant};
-use diagnostics::{Freshness, RobotStatus, Slot, Status};
+use diagnostics::{Concern, Freshness, RobotStatus, Slot, Status};
 use host::log::TimeOfDay;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
@@ -38,6 +38,8 @@ const LEAST: (u16, u16) = (40, 10);
 const STATUS_MAX: usize = 3;
 /// Maximum number of characters shown of a text.
 const TEXT_MAX: usize = 600;
+/// Maximum number of concerns in the status line.
+const CONCERNS_SHOWN: usize = 3;
 const GREY: Color = Color::DarkGray;
 
 /// Draws everything.
@@ -48,22 +50,23 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, body: Body, now: Instant) {
 
 fn draw_all(frame: &mut Frame<'_>, app: &App, body: Body, now: Instant) {
     let area = frame.area();
-    let status = app.status(now);
+    let (status, concerns) = (app.status(now), app.concerns(now));
+    let headline = || status_line(&status, &concerns);
     if area.width < LEAST.0 || area.height < LEAST.1 {
         let small = Line::from("(the terminal is too small)").dim();
         let drive = Line::from(drive_text(app, now).unwrap_or_default());
-        frame.render_widget(Paragraph::new(vec![status_line(&status), drive, small]).wrap(Wrap { trim: false }), area);
+        frame.render_widget(Paragraph::new(vec![headline(), drive, small]).wrap(Wrap { trim: false }), area);
         return;
     }
     // A reason that is longer than a line has more; words are wrapped, which costs some room.
-    let lines = match status_line(&status).width() {
+    let lines = match headline().width() {
         fits if fits <= usize::from(area.width) => 1,
         long => long.div_ceil(usize::from(area.width - 10)).min(STATUS_MAX) as u16,
     };
     let [first, tabs, view, foot] =
         Layout::vertical([Constraint::Length(lines), Constraint::Length(1), Constraint::Min(1), Constraint::Length(1)])
             .areas(area);
-    frame.render_widget(Paragraph::new(status_line(&status)).wrap(Wrap { trim: false }), first);
+    frame.render_widget(Paragraph::new(headline()).wrap(Wrap { trim: false }), first);
     draw_tabs(frame, app, tabs, now);
     match app.tab {
         _ if app.mode == Mode::Help => help::draw(frame, app, view),
@@ -92,16 +95,31 @@ pub fn is_harmful(c: char) -> bool {
         || matches!(c, '\u{ad}' | '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}')
 }
 
-/// The status is what is now, even while the rest is frozen.
-fn status_line(status: &Status) -> Line<'static> {
+/// The status is what is now, even while the rest is frozen: whether the robot may be driven, and whether it is well.
+fn status_line(status: &Status, concerns: &[Concern]) -> Line<'static> {
     let colour = match status.word {
+        RobotStatus::Driving | RobotStatus::Ready | RobotStatus::Waiting if !concerns.is_empty() => Color::Yellow,
         RobotStatus::Driving | RobotStatus::Ready => Color::Green,
         RobotStatus::Waiting => Color::Cyan,
         RobotStatus::Stopped | RobotStatus::Paused => Color::Yellow,
         RobotStatus::Fault | RobotStatus::Silent => Color::Red,
     };
     let word = Span::styled(format!(" {} ", status.word.text()), Style::new().bg(colour).fg(Color::Black).bold());
-    Line::from(vec![word, Span::raw(format!(" {}", clip(&status.reason)))])
+    let reason = Span::raw(format!(" {}", clip(&status.reason)));
+    let (shown, more) = concerns.split_at(concerns.len().min(CONCERNS_SHOWN));
+    let mut concerns = shown.iter().map(|concern| format!(" ! {}", concern.words)).collect::<String>();
+    if !more.is_empty() {
+        concerns += &format!(" ! and {} more", more.len());
+    }
+    let concerns = Span::styled(clip(&concerns), Style::new().fg(Color::Yellow));
+    match status.word {
+        // Without contact nothing is known; a fault is what matters.
+        RobotStatus::Silent | RobotStatus::Fault => Line::from(vec![word, reason]),
+        RobotStatus::Ready | RobotStatus::Driving if !concerns.content.is_empty() => {
+            Line::from(vec![word, concerns, Span::raw(" \u{b7}"), reason])
+        }
+        _ => Line::from(vec![word, reason, concerns]),
+    }
 }
 
 fn draw_tabs(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
@@ -244,12 +262,7 @@ pub(super) fn fact(name: &str, text: &str) -> Line<'static> {
 
 /// Duration for people; s.
 pub(super) fn time(seconds: f64) -> String {
-    match seconds {
-        s if !s.is_finite() => "-".into(),
-        s if s < 60.0 => format!("{s:.0} s"),
-        s if s < 3600.0 => format!("{:.0} min", (s / 60.0).floor()),
-        s => format!("{:.0} h {:02.0} min", (s / 3600.0).floor(), (s % 3600.0 / 60.0).floor()),
-    }
+    crate::duration(seconds)
 }
 
 /// Size for people; bytes.

@@ -183,7 +183,7 @@ impl App {
         if code == KeyCode::Tab {
             let (model, at) = self.shown(now);
             let modules: Vec<String> = model.modules(at).into_iter().map(|row| row.module).collect();
-            self.mode = Mode::Command(command::complete(&line, &modules));
+            self.mode = Mode::Command(command::complete(&line, &modules, &self.faults));
             return;
         }
         match typed(line, code) {

@@ -22,6 +22,7 @@ fn app(read_only: bool) -> App {
         source: "diag:1".into(),
         nodes: vec![(1, "propulsion".into()), (2, "steering".into())],
         runs: Runs::of("/nowhere".into()),
+        faults: vec![("fan1".into(), vec!["stall", "none"])],
     })
 }
 
@@ -174,6 +175,42 @@ fn nothing_of_a_hostile_bus_reaches_the_terminal() {
 }
 
 #[test]
+fn json_is_printed_once_with_or_without_that_word() {
+    let parse = |line: &str| crate::command().try_get_matches_from(line.split(' ')).map(drop);
+    for line in ["--once", "--json", "--once --json", "--json --view errors --for 2", "--view logs"] {
+        assert!(parse(&format!("advee diag {line}")).is_ok(), "{line}");
+    }
+    assert!(parse("advee diag --for 2").is_err());
+}
+
+#[test]
+fn a_robot_that_is_ready_but_not_well_says_so_in_its_first_line() {
+    let mut app = app(false);
+    let motion = DataMotion { enabled: true, homed: true, ..DataMotion::default() };
+    hear(&mut app, motion);
+    assert!(screen(&app, 80, 24).starts_with(" READY  the robot is at standstill"));
+    hear(&mut app, middlelevel::DataEstimate { quality: middlelevel::DataEstimate::SEARCHING, ..Default::default() });
+    let first = screen(&app, 80, 24);
+    assert!(first.starts_with(" READY  ! position lost \u{b7} the robot is at standstill"), "{first}");
+}
+
+#[test]
+fn a_wide_terminal_shows_errors_and_modules_beside_the_overview() {
+    let mut app = app(false);
+    let process = messages::common::Process { module: "planner".into(), ..Default::default() };
+    hear(&mut app, DataProcesses { processes: vec![process], ..Default::default() });
+    hear(
+        &mut app,
+        Error { module: "driver_aux".into(), message: "a fan fails".into(), severity: 2, ..Error::default() },
+    );
+    let wide = screen(&app, 200, 60);
+    assert!(wide.contains(" 4 errors ") && wide.contains("ACTIVE  ") && wide.contains("a fan fails"), "{wide}");
+    assert!(wide.contains(" 2 modules ") && wide.contains("! planner"), "{wide}");
+    let narrow = screen(&app, 120, 40);
+    assert!(!narrow.contains(" 4 errors ") && !narrow.contains("a fan fails"), "{narrow}");
+}
+
+#[test]
 fn the_first_line_says_why_however_small_the_screen() {
     let mut app = app(false);
     hear(&mut app, DataMotion { reason: "the steering is being homed".into(), ..DataMotion::default() });
@@ -202,7 +239,7 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     hear(&mut app, messages::lowlevel::DataHold { timestamp: 1, module: "driver_canbus".into(), holds });
     let holds = vec![hold(111, "bumper2", false, 1), hold(502, "", false, 9_000_000)];
     hear(&mut app, messages::lowlevel::DataHold { timestamp: 1, module: "planner".into(), holds });
-    let screen = screen(&app, 160, 40);
+    let screen = screen(&app, 150, 40);
     for told in [
         "stands     5.0s PAUSE is engaged by bumper2 ",
         "           1.0s web:Jana must send zero first: the robot was",
@@ -215,7 +252,7 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     // A robot, or a log, from before the numbers.
     let mut old = self::app(false);
     hear(&mut old, DataMotion { reason: "the watchdog is not heard".into(), ..DataMotion::default() });
-    let screen = self::screen(&old, 160, 40);
+    let screen = self::screen(&old, 150, 40);
     assert!(screen.contains("- the watchdog is not heard"), "{screen}");
 }
 
@@ -224,7 +261,7 @@ fn the_bound_of_the_guard_is_one_line_with_its_cause() {
     let mut app = app(false);
     hear(&mut app, DataMotion { speed: 0.3, ..DataMotion::default() });
     let line = |app: &App, millis: u64| {
-        let screen = screen_at(app, 200, 40, millis);
+        let screen = screen_at(app, 150, 40, millis);
         screen.lines().find(|line| line.contains("guard ")).map(str::to_owned)
     };
     assert_eq!(line(&app, 0), None, "a robot without a guard");
@@ -243,7 +280,7 @@ fn the_bound_of_the_guard_is_one_line_with_its_cause() {
     hear(&mut app, messages::lowlevel::DataHold { timestamp: 1, module: "driver_canbus".into(), holds });
     let told = line(&app, 0).unwrap();
     assert!(told.contains(" creeping; otherwise at most 0.32 m/s forward: sonar 3 "), "{told}");
-    assert!(screen(&app, 160, 40).contains("bounded  "), "it does not stand");
+    assert!(screen(&app, 150, 40).contains("bounded  "), "it does not stand");
     let told = line(&app, 300).unwrap();
     assert!(told.contains("!0.3s") && told.contains("the guard is not heard"), "{told}");
 }

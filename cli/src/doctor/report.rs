@@ -2,13 +2,8 @@
 
 use super::Group;
 use super::finding::{Finding, Level};
+use crate::style::Style;
 use std::fmt::Write;
-use std::io::IsTerminal;
-
-/// Style: coloured on a terminal.
-pub struct Style {
-    pub colour: bool,
-}
 
 /// Words are broken at this column; commands never.
 const WIDTH: usize = 100;
@@ -16,15 +11,6 @@ const WIDTH: usize = 100;
 const INDENT: usize = 26;
 
 impl Style {
-    pub fn of_stdout() -> Self {
-        let wanted = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
-        Self { colour: wanted && std::io::stdout().is_terminal() }
-    }
-
-    fn paint(&self, code: &str, text: &str) -> String {
-        if self.colour { format!("\x1b[{code}m{text}\x1b[0m") } else { text.into() }
-    }
-
     fn level(&self, level: Level, text: &str) -> String {
         let code = match level {
             Level::Ok => "32",

@@ -10,7 +10,7 @@ use super::machine::{self, Folder, RealTime};
 use super::network::{Interface, Listener};
 use super::probe::{Outgoing, Trip};
 use super::real_time::{self, Interrupt};
-use super::report::Style;
+use crate::style::Style;
 use ::guard::Ranging;
 use base::gpio::LineId;
 use drivers::canbus::PauseStop;

@@ -3,6 +3,7 @@
 use super::super::{Common, Failed};
 use super::csv::Data;
 use super::{Outcomes, Row, START};
+use crate::progress::Progress;
 use estimator::filter::{Config, Nuisances};
 use estimator::recorded::{self, Hold, Known, Recording, Robot, RunError};
 use navitools::Pose;
@@ -61,8 +62,14 @@ fn outcomes(
     start: Option<recorded::Start>,
     knows: bool,
 ) -> Result<Outcomes, Failed> {
-    let mut rows = Vec::with_capacity(recording.odometry.len());
-    let each = |time, believed| rows.push(Row { time, believed });
+    let mut progress = Progress::new("estimating");
+    let all = recording.odometry.len();
+    let mut rows = Vec::with_capacity(all);
+    let each = |time, believed| {
+        rows.push(Row { time, believed });
+        let done = rows.len() as f64;
+        progress.show(done / all as f64, |took| format!("{:.0} rows/s", done / took.as_secs_f64()));
+    };
     let ended = recorded::run(recording, robot, start, each).map_err(refused)?;
     let Robot { config, hold, known } = robot;
     let Config { mount, bearing, lasting, lasting_s, wild, odometry, turn, .. } = config;

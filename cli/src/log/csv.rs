@@ -3,10 +3,10 @@
 use super::cells::{Shape, Sink};
 use super::decode::Decoder;
 use super::feed::{Fed, Feed};
-use super::progress::Progress;
 use super::select::Selection;
 use super::source::{Item, Log};
 use crate::lcm::types::TypesArg;
+use crate::progress::Interruptible;
 use crate::{Failed, complain};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -175,13 +175,13 @@ impl Export<'_> {
 
     fn each(&self, what: &'static str, mut take: impl FnMut(&Item<'_>) -> Result<(), Failed>) -> Result<(), Failed> {
         let feed = Feed::start(&self.log, &self.selection)?;
-        let mut progress = Progress::new(what);
+        let mut progress = Interruptible::new(what, "tables are missing or cut")?;
         loop {
             match feed.next(Duration::from_secs(1))? {
                 Fed::Batch(batch) => {
                     (0..batch.len()).filter_map(|place| batch.get(place)).try_for_each(|item| take(&item))?;
                     let (done, all) = feed.progress();
-                    progress.tell(done, all);
+                    progress.tell(done, all)?;
                 }
                 Fed::Nothing => {}
                 Fed::End => break,

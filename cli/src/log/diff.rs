@@ -1,11 +1,11 @@
 //! `advee log diff`: two logs, channel by channel.
 
 use super::decode::Decoder;
-use super::progress::Progress;
 use super::select::{Select, Selection};
 use super::source::{Item, Items, Log};
 use crate::lcm::table::shown;
 use crate::lcm::types::TypesArg;
+use crate::progress::Progress;
 use crate::{Failed, Outcome, print};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};

@@ -1,10 +1,10 @@
 //! `advee log export`: a log, or a part of it, for other programs.
 
 use super::csv;
-use super::progress::Progress;
 use super::select::{Select, Selection};
 use super::source::{Items, Kind, Log};
 use crate::lcm::types::TypesArg;
+use crate::progress::Interruptible;
 use crate::{Failed, Outcome, complain, print};
 use lcm::eventlog;
 use logger::read::{Attachment, Metadata};
@@ -80,7 +80,7 @@ pub fn export(command: &Export) -> Outcome {
         print(json!({"messages": messages, "bytes": bytes, "seconds": seconds, "files": files}))?;
     } else {
         for (path, count) in &files {
-            print(format_args!("{}: {count} messages", path.display()))?;
+            print(format_args!("{}: {}", path.display(), crate::counted(*count, "message")))?;
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -138,7 +138,7 @@ fn told(items: &Items) {
 /// The messages of LCM as the official logger would have written them.
 fn events(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), Failed> {
     let mut items = log.items(selection)?;
-    let mut progress = Progress::new("exporting");
+    let mut progress = Interruptible::new("exporting", "nothing is written")?;
     let (new, file) = New::create(path)?;
     let mut out = eventlog::Writer::new(BufWriter::with_capacity(1 << 20, file));
     let (mut messages, mut bytes, mut others) = (0_u64, 0, 0_u64);
@@ -156,7 +156,7 @@ fn events(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), F
         }
         if messages.is_multiple_of(4096) {
             let (done, all) = items.progress();
-            progress.tell(done, all);
+            progress.tell(done, all)?;
         }
     }
     out.flush().map_err(|error| named(path, error))?;
@@ -175,7 +175,7 @@ fn events(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), F
 fn part(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), Failed> {
     let selection = selection.clone().with_twins();
     let mut items = log.items(&selection)?;
-    let mut progress = Progress::new("exporting");
+    let mut progress = Interruptible::new("exporting", "nothing is written")?;
     let failed = |error: mcap::McapError| named(path, error);
     let (new, file) = New::create(path)?;
     let profile = match &log.kind {
@@ -221,7 +221,7 @@ fn part(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), Fai
         (messages, bytes) = (messages + 1, bytes + item.data.len() as u64);
         if messages.is_multiple_of(4096) {
             let (done, all) = items.progress();
-            progress.tell(done, all);
+            progress.tell(done, all)?;
         }
     }
     out.finish().map_err(failed)?;

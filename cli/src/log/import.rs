@@ -1,10 +1,10 @@
 //! `advee log import`: an official LCM event log becomes a log as the logger writes them.
 
 use super::export::{New, options};
-use super::progress::Progress;
 use super::select::{Select, Selection};
 use super::source::{Item, Kind, Log};
 use crate::lcm::types::TypesArg;
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, complain, print};
 use logger::ros::{RobotScene, Sensor, Topic, Translator};
 use mcap::records::{MessageHeader, Metadata};

@@ -1,10 +1,10 @@
 //! `advee log info`: what a log has.
 
-use super::progress::Progress;
 use super::select::{Selection, date};
 use super::source::{Events, Kind, Log, Mcap};
 use crate::lcm::table::{aligned, shown};
-use crate::{Failed, Outcome, print};
+use crate::progress::Progress;
+use crate::{Failed, Outcome, counted, print};
 use logger::read::{Damage, Index};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -20,6 +20,9 @@ pub struct Info {
     /// Go through all of it: every check made, bytes of each channel counted
     #[arg(long)]
     check: bool,
+    /// List the attachments, too
+    #[arg(long)]
+    all: bool,
     /// JSON lines: one a channel, then {"log": …}
     #[arg(long)]
     json: bool,
@@ -49,7 +52,7 @@ pub fn info(command: &Info) -> Outcome {
         }
         print(json!({ "log": summary(&log, &rows, seconds) }))?;
     } else {
-        text(&log, &rows, seconds).iter().try_for_each(print)?;
+        text(&log, &rows, seconds, command.all).iter().try_for_each(print)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -188,13 +191,14 @@ fn file_json(file: &Mcap) -> Value {
     })
 }
 
-fn text(log: &Log, rows: &Rows, seconds: Option<f64>) -> Vec<String> {
+/// What it is, its channels, then its marks, and last what is attached.
+fn text(log: &Log, rows: &Rows, seconds: Option<f64>, all: bool) -> Vec<String> {
     let messages: u64 = rows.values().map(|row| row.messages).sum();
     let mut lines = vec![shown(&log.path.display().to_string())];
     if let (Some((start, end)), Some(seconds)) = (log.span(), seconds) {
         lines.push(format!("  from {} to {} UTC, {seconds:.3} s", date(start), date(end)));
     }
-    lines.push(format!("  {messages} messages on {} channels", rows.len()));
+    lines.push(format!("  {} on {}", counted(messages, "message"), counted(rows.len() as u64, "channel")));
     match &log.kind {
         Kind::Events(events) => {
             lines.push(format!("  LCM event log, {}", size(events.size)));
@@ -208,9 +212,6 @@ fn text(log: &Log, rows: &Rows, seconds: Option<f64>) -> Vec<String> {
         }
         Kind::Mcap(files) => {
             files.iter().for_each(|file| file_text(file, &mut lines));
-            for (time, text) in marks(files) {
-                lines.push(format!("  mark {} {}", date(time), shown(&text)));
-            }
         }
     }
     lines.push(String::new());
@@ -228,6 +229,38 @@ fn text(log: &Log, rows: &Rows, seconds: Option<f64>) -> Vec<String> {
         ]);
     }
     lines.extend(aligned(&cells, 3));
+    if let Kind::Mcap(files) = &log.kind {
+        let more = [marks_text(files), attached(files, all)];
+        for part in more.into_iter().filter(|part: &Vec<String>| !part.is_empty()) {
+            lines.push(String::new());
+            lines.extend(part);
+        }
+    }
+    lines
+}
+
+fn marks_text(files: &[Mcap]) -> Vec<String> {
+    marks(files).into_iter().map(|(time, text)| format!("mark {} {}", date(time), shown(&text))).collect()
+}
+
+/// Metadata and attachments of all files; of the attachments only number and size, unless all are wanted.
+fn attached(files: &[Mcap], all: bool) -> Vec<String> {
+    let values = |values: &BTreeMap<String, String>| {
+        values.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>().join(" ")
+    };
+    let metadata = files.iter().flat_map(|file| &file.index.metadata).filter(|metadata| metadata.name != "mark");
+    let metadata = metadata.map(|metadata| format!("{} {}", shown(&metadata.name), shown(&values(&metadata.values))));
+    let mut lines: Vec<String> = metadata.collect();
+    let attachments = || files.iter().flat_map(|file| &file.index.attachments);
+    if all {
+        let line = |attachment: &logger::read::Attachment| {
+            format!("attachment {}, {}", shown(&attachment.name), size(attachment.data_len))
+        };
+        lines.extend(attachments().map(line));
+    } else if attachments().next().is_some() {
+        let (count, bytes) = (attachments().count() as u64, attachments().map(|attachment| attachment.data_len).sum());
+        lines.push(format!("{}, {}; --all lists them", counted(count, "attachment"), size(bytes)));
+    }
     lines
 }
 
@@ -246,13 +279,6 @@ fn file_text(file: &Mcap, lines: &mut Vec<String>) {
         lines.push("    was cut off, or is being written: it has no index (advee log recover makes one)".into());
     }
     lines.extend(wrong(&index.damage).iter().map(|wrong| format!("    {wrong}")));
-    for attachment in &index.attachments {
-        lines.push(format!("    attachment {}, {}", shown(&attachment.name), size(attachment.data_len)));
-    }
-    for metadata in index.metadata.iter().filter(|metadata| metadata.name != "mark") {
-        let values: Vec<String> = metadata.values.iter().map(|(key, value)| format!("{key}={value}")).collect();
-        lines.push(format!("    {} {}", shown(&metadata.name), shown(&values.join(" "))));
-    }
 }
 
 fn size(bytes: u64) -> String {

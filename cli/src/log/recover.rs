@@ -1,7 +1,7 @@
 //! `advee log recover`: gives files that were cut off or damaged an index again.
 
-use super::progress::Progress;
 use super::source::run_files;
+use crate::progress::Progress;
 use crate::{Failed, Outcome, print};
 use logger::read::{Damage, Index};
 use logger::recover::{Report, Sealed, recover as copy, seal};

@@ -12,10 +12,10 @@ pub struct Select {
     #[arg(long = "channel", short = 'c', value_name = "PATTERN")]
     channels: Vec<String>,
     /// From this time, s after the log's start, or @ s since 1970
-    #[arg(long, value_name = "S", value_parser = when)]
+    #[arg(long = "from", alias = "start", value_name = "S", value_parser = when)]
     start: Option<When>,
     /// Up to then
-    #[arg(long, value_name = "S", value_parser = when)]
+    #[arg(long = "to", alias = "end", value_name = "S", value_parser = when)]
     end: Option<When>,
 }
 
@@ -71,7 +71,7 @@ impl Selection {
         };
         let (from, to) = (select.start.map_or(0, ns), select.end.map_or(u64::MAX, ns));
         if from > to {
-            return Err("--start is after --end".into());
+            return Err("--from is after --to".into());
         }
         let all_forms = !log.has_lcm() || select.channels.iter().any(|pattern| pattern.starts_with('/'));
         Ok(Self { from, to, patterns, all_forms, with_twins: false })

@@ -1,8 +1,8 @@
 //! A log of any kind: a run's folder, an MCAP file, an official LCM event log.
 
-use super::progress::Progress;
 use super::select::Selection;
 use crate::Failed;
+use crate::progress::Progress;
 use lcm::eventlog;
 use logger::read::{Channel, Filter, Index, MAGIC, Messages, Schema, Skipped};
 use std::collections::BTreeMap;

@@ -2,12 +2,12 @@
 
 use super::line::{Answer, Line, status_name, why};
 use super::target::{Known, Target, Where};
+use crate::progress::Progress;
 use crate::{Common, Outcome, print, whole};
 use base::Duration;
 use rs485::boards::{GET_VERSION, Version};
 use rs485::frame::Status;
 use serde_json::{Value, json};
-use std::io::{IsTerminal, Write, stderr};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -62,9 +62,11 @@ pub fn scan(common: &Common, command: &Scan) -> Outcome {
     }
     let mut line = Line::open(&target, RETRIES, timeout)?;
     let (mut rows, mut asked, mut interrupted) = (Vec::new(), 0_u32, false);
-    let progress = Progress::new(command);
+    let mut progress = Progress::new("scanning");
     for address in command.first..=command.last {
-        progress.show(address, rows.len());
+        let all = f64::from(command.last - command.first) + 1.0;
+        let share = f64::from(address - command.first) / all;
+        progress.show(share, |_| format!("{address:#04x}  {} found", rows.len()));
         let board = target.at(address);
         match look(&mut line, &board)? {
             Err(()) => {
@@ -165,32 +167,4 @@ fn table(rows: &[Row]) -> Vec<String> {
             .into()
     };
     [heading].into_iter().chain(rows.iter().map(line)).collect()
-}
-
-/// A line that shows how far it is, where someone looks on.
-struct Progress {
-    shows: bool,
-    first: u8,
-    last: u8,
-}
-
-impl Progress {
-    fn new(command: &Scan) -> Self {
-        Self { shows: stderr().is_terminal(), first: command.first, last: command.last }
-    }
-
-    fn show(&self, address: u8, found: usize) {
-        if self.shows {
-            const WIDTH: usize = 32;
-            let (done, all) = (usize::from(address - self.first), usize::from(self.last - self.first) + 1);
-            let bar = "█".repeat(done * WIDTH / all);
-            let _ = write!(stderr(), "\r{address:#04x}  {bar:░<WIDTH$}  {found} found \x1b[K");
-        }
-    }
-
-    fn clear(&self) {
-        if self.shows {
-            let _ = write!(stderr(), "\r\x1b[K");
-        }
-    }
 }

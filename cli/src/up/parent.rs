@@ -50,6 +50,8 @@ pub struct Parent {
     run: Option<PathBuf>,
     /// A command of ours that is run once, beside the watchdog.
     errand: Errand,
+    /// What is done once, as soon as all critical modules are healthy.
+    greeting: Option<Box<dyn FnOnce()>>,
 }
 
 enum Errand {
@@ -94,6 +96,7 @@ impl Parent {
             sweep: Instant::NEVER,
             run: None,
             errand: Errand::None,
+            greeting: None,
         })
     }
 
@@ -105,6 +108,11 @@ impl Parent {
     /// Runs a command of ours once, when the watchdog has started; how it fares is its own affair.
     pub fn run_errand(&mut self, args: Option<Vec<OsString>>) {
         self.errand = args.map_or(Errand::None, Errand::Wanted);
+    }
+
+    /// Does something once, as soon as the robot is up.
+    pub fn when_up(&mut self, greeting: impl FnOnce() + 'static) {
+        self.greeting = Some(Box::new(greeting));
     }
 
     /// Until the watchdog has ended in good order; `watchdog` are its arguments.
@@ -161,6 +169,11 @@ impl Parent {
             while let Some(pulse) = heard.poll() {
                 *until = now + SILENT;
                 self.guards.pulse(now, &pulse);
+                if pulse.healthy
+                    && let Some(greeting) = self.greeting.take()
+                {
+                    greeting();
+                }
             }
         }
     }

@@ -9,6 +9,10 @@ use serde::Serialize;
 
 /// Maximum number of concerns.
 const CONCERNS_MAX: usize = 20;
+/// Charge below which the battery is low, and below which it is almost empty.
+pub const CHARGE_LOW: f64 = 0.3;
+/// See [`CHARGE_LOW`].
+pub const CHARGE_EMPTY: f64 = 0.15;
 /// Age from which a position, or the range finders, are not known: a short delay is no concern.
 const UNKNOWN_AFTER: Duration = Duration::from_secs(2);
 
@@ -42,12 +46,18 @@ impl Model {
             if matches!(row.phase, "down" | "ending") && row.wanted != "TERMINATE" {
                 let weight = if row.critical { Weight::Error } else { Weight::Warning };
                 concerns.push(Concern { weight, words: format!("{} does not run", row.module) });
+            } else if row.state == "ERROR" {
+                concerns.push(warning(format!("{} is in ERROR", row.module)));
             }
         }
         let active = self.errors.groups(now).into_iter().filter(|shown| shown.standing && shown.known);
         concerns.extend(active.filter(|shown| shown.severity >= Error::WARNING).map(|shown| Concern {
             weight: if shown.severity >= Error::ERROR { Weight::Error } else { Weight::Warning },
             words: if shown.message.is_empty() { shown.about() } else { shown.message.clone() },
+        }));
+        concerns.extend(self.power.fresh(now).filter(|power| power.charge < CHARGE_LOW).map(|power| Concern {
+            weight: if power.charge < CHARGE_EMPTY { Weight::Error } else { Weight::Warning },
+            words: format!("battery {:.0} %", 100.0 * power.charge.max(0.0)),
         }));
         concerns.sort_by_key(|concern| std::cmp::Reverse(concern.weight));
         concerns.truncate(CONCERNS_MAX);
@@ -81,7 +91,7 @@ mod tests {
     use crate::Config;
     use messages::Message;
     use messages::common::{DataFaults, Fault};
-    use messages::lowlevel::DataRanges;
+    use messages::lowlevel::{DataPower, DataRanges};
 
     const T0: Instant = Instant::from_millis(10_000);
 
@@ -116,7 +126,14 @@ mod tests {
             fault(3, Error::ERROR, "a board is lost"),
         ];
         say(&mut model, DataFaults { module: "driver_aux".into(), faults, ..DataFaults::default() });
-        let told = ["a board is lost", "position lost", "2 of 3 range finders do not measure", "fan 1 stands still"];
+        say(&mut model, DataPower { charge: 0.2, ..DataPower::default() });
+        let told = [
+            "a board is lost",
+            "position lost",
+            "2 of 3 range finders do not measure",
+            "fan 1 stands still",
+            "battery 20 %",
+        ];
         assert_eq!(words(&model, T0), told);
         assert_eq!(model.concerns(T0)[0].weight, Weight::Error);
         // Faults are valid for 3 s; what was known of the position and the ranges is not known any more.

@@ -47,7 +47,7 @@ mod texts;
 mod traffic;
 mod view;
 
-pub use concerns::{Concern, Weight};
+pub use concerns::{CHARGE_EMPTY, CHARGE_LOW, Concern, Weight};
 pub use errors::{ErrorGroup, Errors, Knowledge, LIST_VALID, Reported, ShownGroup};
 pub use guard::Bound;
 pub use holds::HoldRow;

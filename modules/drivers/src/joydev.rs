@@ -119,7 +119,7 @@ impl Joydev {
         self.last_event = now;
         match (news, &mut self.device) {
             (News::Found(device), _) => self.on_found(now, device, out),
-            (News::Gone, _) => self.on_gone(now, "not connected", out),
+            (News::Gone, _) => self.on_gone(now, "no gamepad connected", out),
             (News::Axis { code, value }, Some((device, _))) => device.set_axis(code, value),
             (News::Button { code, pressed }, Some((device, mapping))) => {
                 device.set_button(code, pressed);
@@ -346,7 +346,7 @@ impl Module for Joydev {
             }
             Event::Port { port: PORT, input: Input::Gamepad(news) } => self.on_news(now, news, out),
             Event::Port { port: PORT, input: Input::Down(why) } => {
-                self.on_gone(now, &format!("not connected: {why}"), out);
+                self.on_gone(now, &format!("no gamepad connected: {why}"), out);
             }
             Event::State(state) => self.on_state(now, state, out),
             Event::Timer => self.on_timer(now, out),

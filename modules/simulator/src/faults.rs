@@ -196,6 +196,70 @@ pub const NAMES: &[&str] = &[
     "none",
 ];
 
+/// What a fault does, in words, with its value; empty for an unknown one. The same name does the same to every target,
+/// as far as the target has it.
+#[must_use]
+pub fn about(name: &str) -> &'static str {
+    match name {
+        "silent" => "neither receives nor answers",
+        "slow" => "answers VALUE s late (0: 0.03)",
+        "garbled" => "each word that it sends is wrong with probability VALUE (0: 0.1)",
+        "bad_crc" => "its answers have a wrong CRC",
+        "bad_length" => "its answers have a byte too many, and a right CRC",
+        "babble" => {
+            "sends unasked all the time; of a board, VALUE 1: words that are no frames; of a drive, VALUE: identifier"
+        }
+        "clash" => "a second node has its address, and answers too",
+        "reset" => "restarts, as after a short loss of its supply",
+        "bumper" => "the bumper switch VALUE, 1 to 8, is pressed",
+        "stop_button" => "the stop button is pressed",
+        "battery" => "the battery has VALUE V at rest, 8 to 40",
+        "power_off" => "the main switch is turned: the supply is cut in VALUE s (0: 30)",
+        "wrong" => "what it sends is damaged",
+        "hold" => "holds the bus: nobody can send there; of the gamepad: the dead-man button is held",
+        "stall" => "its fan VALUE, 1 or 2 (0: 1), is blocked",
+        "hot" => "is VALUE degrees Celsius warm (0: 90)",
+        "refuses" => "answers to every instruction that it does not know it",
+        "stuck" => "what it measures, or its level, stays as it is",
+        "wrap" => "its counters are just before they wrap",
+        "blind" => "its sonars receive no echo",
+        "crosstalk" => "a sonar receives another's pulse with probability VALUE (0: 0.1)",
+        "hidden" => "somebody stands before the beacon VALUE (0: before all)",
+        "false" => "a sighting is of something else with probability VALUE (0: 0.2)",
+        "fault" => "goes into its fault state with the emergency VALUE (0: 0x1000, generic)",
+        "reboot" => "restarts, as after a short loss of its supply",
+        "unbraked" => "does not brake, whatever is commanded; without its feed it rolls out",
+        "runaway" => "once it turns, is VALUE m/s (0: 0.3) faster than commanded",
+        "layout" => "is another version, with other PDOs; it restarts",
+        "noise" => "each bit on it is wrong with probability VALUE (0: 0.0001)",
+        "corrupt" => "each frame whose number VALUE divides (0: 10) is destroyed, and sent again",
+        "lose" => "the frame of number VALUE from now on (0: 1) is received by nobody",
+        "bus_off" => "the master's controller goes bus-off",
+        "cut" => "the master is cut off the others",
+        "loss" => "each frame is lost with probability VALUE (0: 0.05)",
+        "duplicate" => "each frame is received twice with probability VALUE (0: 0.05)",
+        "delay" => "what is sent is received VALUE s late (0: 0.01), in order",
+        "reorder" => "messages are received up to VALUE s late (0: 0.01), out of order",
+        "none" => "ends its faults",
+        "kidnap" => "the robot is carried to another place; another VALUE: to another one",
+        "put" => "put:X,Y,THETA: the robot is carried there (m, m, rad), if there is room",
+        "plug" => "it is plugged in",
+        "unplug" => "it is unplugged",
+        "release" => "its dead-man button is released",
+        "speed" => "its left stick is pushed forward by VALUE, -1 to 1",
+        "steering" => "its right stick is pushed to the left by VALUE, -1 to 1",
+        _ => "",
+    }
+}
+
+/// True for a fault that is over at once: nothing of it has to be ended.
+#[must_use]
+pub fn is_momentary(name: &str) -> bool {
+    const MOMENTARY: &[&str] =
+        &["fault", "reboot", "reset", "power_off", "lose", "wrap", "layout", "kidnap", "none", "unplug", "release"];
+    MOMENTARY.contains(&name) || name.starts_with("put:")
+}
+
 impl InjectedFault {
     /// Fault of a name; `None` if it is unknown.
     #[must_use]
@@ -299,6 +363,16 @@ mod tests {
         assert_eq!(arms.lines().filter_map(name).collect::<Vec<_>>(), NAMES);
         let works = |name: &str| [0.0, 1.0, 24.0].iter().any(|value| InjectedFault::from_name(name, *value).is_some());
         assert!(NAMES.iter().all(|name| works(name)));
+    }
+
+    #[test]
+    fn every_fault_is_described_in_a_line() {
+        for name in NAMES.iter().chain(crate::gamepad::NAMES).chain(&["kidnap", "put"]) {
+            assert!((5..110).contains(&about(name).len()), "{name}: {:?}", about(name));
+        }
+        assert_eq!(about("on fire"), "");
+        assert!(is_momentary("put:1,2,3") && is_momentary("kidnap") && !is_momentary("stall"));
+        assert!(NAMES.iter().chain(crate::gamepad::NAMES).filter(|name| is_momentary(name)).count() == 10);
     }
 
     #[test]

@@ -7,11 +7,18 @@ use std::path::{Path, PathBuf};
 /// What begins a `--set` that is of the world.
 const PREFIX: &str = "world.";
 
+/// Where a world that is missing may be: a copy of a configuration folder has none beside it.
+const WHERE: &str = "a world is a file that --world names, or in the folder worlds in or beside the configuration";
+
 /// Reads the world of a file, or of a name in the folder `worlds` in or beside the configuration `dir`; without either
 /// the hall. Those of the overrides `sets` that begin with `world.` are laid over it.
 pub fn world(dir: &Path, file: Option<&Path>, sets: &[String]) -> Result<World, ConfigError> {
     let path = place(dir, file);
-    parsed(read(&path)?, &path, sets)
+    let node = read(&path).map_err(|error| match path.exists() {
+        true => error,
+        false => ConfigError(error.0.into_iter().map(|line| format!("{line}; {WHERE}")).collect()),
+    })?;
+    parsed(node, &path, sets)
 }
 
 /// The same of a file that was read; `path` is its name in errors.

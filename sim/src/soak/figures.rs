@@ -1,10 +1,12 @@
 //! Figures of an episode: distances, counts, worst-case times.
 
+use super::operator;
+use super::tally::{Contacts, Driven, Goals, Shares};
 use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
-use messages::{Message, lowlevel, simulation};
+use messages::{Message, lowlevel};
 use module::admission::Way;
 use module::{ExitStatus, State};
 use std::collections::BTreeMap;
@@ -23,10 +25,14 @@ pub struct Figures {
     pub distance: f64,
     /// Number of motions ended by a stop: by silence, PAUSE, a fault.
     pub stops: u64,
-    /// Number of contacts of the body.
+    /// Distance by whose commands the robot drove.
+    pub shares: Shares,
+    /// Number of contacts in which the robot moved.
     pub contacts: u64,
-    /// Number of goals reached.
-    pub goals: u64,
+    /// All contacts, by who moved into whom.
+    pub touched: Contacts,
+    /// Goals of the operator.
+    pub goals: Goals,
     /// Longest times.
     pub worst: Worst,
 }
@@ -50,7 +56,9 @@ impl Figures {
         self.distance += other.distance;
         self.stops += other.stops;
         self.contacts += other.contacts;
-        self.goals += other.goals;
+        self.shares.add(&other.shares);
+        self.touched.add(&other.touched);
+        self.goals.add(&other.goals);
         let (own, other) = (&mut self.worst, &other.worst);
         own.silence_to_stop = own.silence_to_stop.max(other.silence_to_stop);
         own.rules.add(&other.rules);
@@ -76,7 +84,9 @@ pub(super) struct Meter {
     ill: Instant,
     /// Processes that are served late.
     late: Vec<u32>,
-    truth: Option<simulation::DataTruth>,
+    driven: Driven,
+    /// Last number of contacts of the simulator.
+    collisions: Option<i32>,
 }
 
 #[derive(Debug)]
@@ -97,7 +107,8 @@ impl Meter {
             down: BTreeMap::new(),
             ill: Instant::ZERO,
             late: Vec::new(),
-            truth: None,
+            driven: Driven::default(),
+            collisions: None,
         }
     }
 
@@ -107,7 +118,12 @@ impl Meter {
             News::Message { sender, message: Message::LlCmdMotion(command) } if sender.way == Way::Memory => {
                 self.on_command(now, command);
             }
-            News::Message { message: Message::SimDataTruth(truth), .. } => self.on_truth(truth),
+            News::Message { sender, message } if sender.way == Way::Memory => self.on_message(message),
+            News::Note { line, .. } => {
+                if let Ok(contact) = line.parse() {
+                    self.figures.touched.take(&contact);
+                }
+            }
             News::Fault { until, .. } => {
                 self.ill = self.ill.max(now).max(until);
                 self.down.values_mut().for_each(|down| down.alone = false);
@@ -189,12 +205,13 @@ impl Meter {
         longest(&mut self.figures.worst.calm_to_motion, waited);
     }
 
-    fn on_truth(&mut self, truth: &simulation::DataTruth) {
-        if let Some(before) = &self.truth {
-            self.figures.distance += libm::hypot(truth.x - before.x, truth.y - before.y);
-            self.figures.contacts += u64::try_from(truth.collisions - before.collisions).unwrap_or(0);
+    fn on_message(&mut self, message: &Message) {
+        self.figures.distance += self.driven.observe(message, operator::SOURCE, operator::PLANNER);
+        self.figures.shares = self.driven.shares;
+        if let Message::SimDataTruth(truth) = message {
+            let before = self.collisions.replace(truth.collisions).unwrap_or(truth.collisions);
+            self.figures.contacts += u64::try_from(truth.collisions - before).unwrap_or(0);
         }
-        self.truth = Some(truth.clone());
     }
 }
 

@@ -6,6 +6,7 @@
 //! is a planner, lets that drive, too.
 
 use super::scenario::Behaviour;
+use super::tally::Goals;
 use crate::host::News;
 use base::{Duration, Instant};
 use messages::{Hold, Message, common, lowlevel, middlelevel, simulation};
@@ -33,8 +34,8 @@ const PATHS_TRIED: u32 = 12;
 /// Power channel that feeds the motors.
 const MOTORS: &str = "motors";
 /// Source names of the operator and of the planner.
-const SOURCE: &str = "operator";
-const PLANNER: &str = "planner";
+pub(super) const SOURCE: &str = "operator";
+pub(super) const PLANNER: &str = "planner";
 /// Maximum time for which the planner drives.
 const GOAL_TIME_MAX: Duration = Duration::from_secs(60);
 
@@ -77,7 +78,7 @@ pub(super) struct Operator {
     goal: i32,
     /// What the planner says about the goal.
     answer: String,
-    reached: u64,
+    goals: Goals,
 }
 
 /// Predicate of a sentence whose subject is the operator.
@@ -111,13 +112,13 @@ impl Operator {
             tends: Instant::ZERO,
             goal: 0,
             answer: String::new(),
-            reached: 0,
+            goals: Goals::default(),
         }
     }
 
-    /// Number of goals reached.
-    pub fn goals(&self) -> u64 {
-        self.reached
+    /// Goals so far.
+    pub fn goals(&self) -> Goals {
+        self.goals
     }
 
     pub fn observe(&mut self, news: &News<'_>) {
@@ -131,9 +132,7 @@ impl Operator {
             Message::CmDataProcesses(list) => self.processes = list.clone(),
             Message::MlDataGoal(goal) if goal.id == self.goal && matches!(self.doing, Doing::Waits(_)) => {
                 self.answer.clone_from(&goal.message);
-                if goal.status == middlelevel::DataGoal::REACHED {
-                    self.reached += 1;
-                }
+                self.goals.take(goal);
                 let gives_up = [middlelevel::DataGoal::BLOCKED, middlelevel::DataGoal::FAILED];
                 self.by_hand |= gives_up.contains(&goal.status);
                 if goal.status != middlelevel::DataGoal::DRIVING && goal.status != middlelevel::DataGoal::IDLE {
@@ -276,6 +275,7 @@ impl Operator {
     fn send(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
         self.doing = Doing::Waits(now + GOAL_TIME_MAX);
         self.goal += 1;
+        self.goals.sent += 1;
         self.answer.clear();
         let waypoint = middlelevel::Waypoint { tolerance: 0.2, ..self.somewhere() };
         let waypoints = vec![waypoint];

@@ -31,11 +31,7 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     let wide = area.width >= 100;
     let cells = |group: &ShownGroup<'_>| {
         let mut cells = vec![
-            match (group.standing, group.known) {
-                (true, true) => "STANDS".into(),
-                (true, false) => "UNKNOWN".into(),
-                (false, _) => "over".to_owned(),
-            },
+            status(group).to_owned(),
             severity(group.severity).to_owned(),
             clip(&group.module),
             group.count.to_string(),
@@ -45,12 +41,7 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
         if wide {
             cells.insert(3, clip(&group.subject));
         }
-        let style = match group.severity {
-            _ if !group.standing => Style::new().fg(GREY),
-            Error::ERROR => Style::new().fg(Color::Red).bold(),
-            _ => Style::new(),
-        };
-        Row::new(cells).style(style)
+        Row::new(cells).style(style(group))
     };
     // On a narrow screen the subject stands in the marked row's lines.
     let (mut head, mut widths) = (vec!["", "severity", "module", "count", "last", "what"], vec![7, 8, 13, 5, 8]);
@@ -61,13 +52,49 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     let widths: Vec<_> = widths.into_iter().map(Constraint::Length).chain([Constraint::Min(20)]).collect();
     let standing = groups.iter().filter(|group| group.standing && group.known).count();
     let unknown = groups.iter().filter(|group| group.standing && !group.known).count();
-    let over = groups.len() - standing - unknown;
+    let cleared = groups.len() - standing - unknown;
     let unknown = if unknown > 0 { format!(", not known {unknown}") } else { String::new() };
-    let title = format!(" errors  standing {standing}{unknown}, over {over}  order: {} (o) ", app.order());
+    let title = format!(" errors  active {standing}{unknown}, cleared {cleared}  order: {} (o) ", app.order());
     let rows = groups.iter().map(cells).collect();
     table(frame, upper, Listing { title, head: &head, widths: &widths, rows, marked });
     if let Some(lines) = detail {
         pane(frame, lower, " the marked one ".into(), lines);
+    }
+}
+
+/// A line each, for a place beside another view.
+pub fn brief(app: &App, now: Instant) -> Vec<Line<'static>> {
+    let (model, at) = app.shown(now);
+    let groups = model.errors.groups(at);
+    if groups.is_empty() {
+        return none(app, model);
+    }
+    let line = |group: &ShownGroup<'_>| {
+        let text = format!(
+            "{:7} {} {:<14} {}",
+            status(group),
+            time_of_day(group.last),
+            clip(&group.module),
+            clip(&group.message)
+        );
+        Line::styled(text, style(group))
+    };
+    groups.iter().map(line).collect()
+}
+
+fn status(group: &ShownGroup<'_>) -> &'static str {
+    match (group.standing, group.known) {
+        (true, true) => "ACTIVE",
+        (true, false) => "UNKNOWN",
+        (false, _) => "cleared",
+    }
+}
+
+fn style(group: &ShownGroup<'_>) -> Style {
+    match group.severity {
+        _ if !group.standing => Style::new().fg(GREY),
+        Error::ERROR => Style::new().fg(Color::Red).bold(),
+        _ => Style::new(),
     }
 }
 
@@ -77,7 +104,7 @@ fn none(app: &App, model: &Model) -> Vec<Line<'static>> {
     if !app.filter.is_empty() {
         return vec![Line::from("none of that")];
     }
-    let mut lines = vec![Line::from("nothing stands, and nothing was reported since this began to listen")];
+    let mut lines = vec![Line::from("no fault is active, and nothing was reported since this began to listen")];
     if let Some(log) = model.log.get().filter(|log| log.recording) {
         let run = app.runs.folder().join(clip(&log.run));
         lines.push(Line::from(format!("before: advee log cat {} -c CM_EVENT_ERROR", run.display())).dim());
@@ -110,11 +137,11 @@ fn lines(model: &Model, group: &ShownGroup<'_>) -> Vec<Line<'static>> {
     if group.standing && !group.known {
         lines.push(fact(
             "not known",
-            "whether it stands: its module has not listed its faults for 3 s, or does not run",
+            "whether it is active: its module has not listed its faults for 3 s, or does not run",
         ));
     }
     lines.extend(reports.filter(of_it).take(REPORTS).map(|Reported { error: report, .. }| {
-        let severity = if report.severity == Error::NOTICE { "over" } else { severity(report.severity) };
+        let severity = if report.severity == Error::NOTICE { "cleared" } else { severity(report.severity) };
         let place = if report.file.is_empty() { String::new() } else { format!(" ({}:{})", report.file, report.line) };
         fact(&time_of_day(report.timestamp), &format!("{severity}: {}{place}", report.message))
     }));

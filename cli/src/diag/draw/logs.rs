@@ -25,8 +25,8 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
             (false, _) => "RECORDS NOTHING; :log start".into(),
             (true, run) => format!("writes {run}"),
         }),
-        line("written", &model.log, at, |log| format!("{}, {} free", size(log.bytes as f64), size(log.free as f64))),
-        line("lost", &model.log, at, |log| format!("{} messages", log.dropped)),
+        line("log file", &model.log, at, |log| format!("{}, {} free", size(log.bytes as f64), size(log.free as f64))),
+        line("lost", &model.log, at, |log| crate::counted(log.dropped, "message")),
     ];
     pane(frame, upper, " recorder   :log start  :log stop  m mark ".into(), lines);
     let runs = rows::runs(app);
@@ -63,7 +63,7 @@ fn draw_runs(frame: &mut Frame<'_>, app: &App, runs: &[&Run], marked: usize, are
     let head = ["run (UTC)", "size", "files", ""];
     let widths = [22, 9, 5].map(Constraint::Length).into_iter().chain([Constraint::Min(5)]);
     let widths: Vec<_> = widths.collect();
-    let title = format!(" {} runs in {folder} ", runs.len());
+    let title = format!(" {} in {folder} ", crate::counted(runs.len() as u64, "run"));
     table(frame, area, Listing { title, head: &head, widths: &widths, rows: runs.iter().map(cells).collect(), marked });
 }
 
@@ -82,7 +82,7 @@ fn reports(app: &App, now: Instant) -> Vec<Line<'static>> {
     let (model, _) = app.shown(now);
     let reports = model.errors.reports().map(|reported| {
         let report = &reported.error;
-        let what = if report.severity == messages::common::Error::NOTICE { "over: " } else { "report: " };
+        let what = if report.severity == messages::common::Error::NOTICE { "cleared: " } else { "report: " };
         (report.timestamp, &report.module, what, &report.message)
     });
     let texts = model.texts.latest().map(|text| {

@@ -42,7 +42,7 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
         ];
         Row::new(cells).style(if row.well { Style::new() } else { Style::new().fg(Color::Red).bold() })
     };
-    let head = ["", "module", "state", "process", "age", "up", "cpu", "memory", "again", "pid", "last end"];
+    let head = ["", "module", "state", "process", "age", "up", "cpu", "memory", "again", "pid", "last exit"];
     let widths = [1, 15, if wide { 22 } else { 13 }, 8, 5, 9, 6, 8, 5, 7].map(Constraint::Length);
     let widths: Vec<_> = widths.into_iter().chain([Constraint::Min(10)]).collect();
     // Columns without room on a narrow screen are in the marked row's details.
@@ -55,11 +55,24 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     }
 }
 
+/// A line each, for a place beside another view.
+pub fn brief(app: &App, now: Instant) -> Vec<Line<'static>> {
+    let line = |row: ModuleRow| {
+        let mark = if row.well { ' ' } else { '!' };
+        let age = age(row.age.filter(|age| age.is_finite()).map(Duration::from_secs_f64));
+        let cpu = 100.0 * row.cpu;
+        let text = format!("{mark} {:<16}{:<18}{:<9}{age} {cpu:5.1} %", clip(&row.module), state(&row), process(&row));
+        Line::styled(text, if row.well { Style::new() } else { Style::new().fg(Color::Red).bold() })
+    };
+    let (model, at) = app.shown(now);
+    model.modules(at).into_iter().map(line).collect()
+}
+
 /// State of its process; unknown without a watchdog.
 fn process(row: &ModuleRow) -> &'static str {
     match row.phase {
-        "stranger" if row.module == watchdog::NAME => "guards",
-        "stranger" => "alone",
+        "stranger" if row.module == watchdog::NAME => "-",
+        "stranger" => "no guard",
         phase => phase,
     }
 }
@@ -83,11 +96,11 @@ fn lines(model: &Model, row: &ModuleRow, now: Instant) -> Vec<Line<'static>> {
         fact(
             "process",
             &match row.phase {
-                "stranger" => "no watchdog guards it".into(),
+                "stranger" => "not supervised by a watchdog".into(),
                 phase => format!("{phase}, pid {}, up {}", row.pid, time(row.uptime)),
             },
         ),
-        fact("last end", last),
+        fact("last exit", last),
         fact("restarts", &row.restarts.to_string()),
         fact("takes", &format!("{:.1} % of a core, {}", 100.0 * row.cpu, size(row.rss as f64))),
         fact("critical", critical),
@@ -97,7 +110,7 @@ fn lines(model: &Model, row: &ModuleRow, now: Instant) -> Vec<Line<'static>> {
     }
     let errors = model.errors.groups(now).into_iter().filter(|group| group.standing && group.module == row.module);
     lines.extend(errors.take(3).map(|group| {
-        let word = if group.known { "stands" } else { "stood" };
+        let word = if group.known { "active" } else { "was active" };
         fact(word, &format!("{} since {}: {}", group.about(), time_of_day(group.last), group.message))
     }));
     lines

@@ -2,9 +2,11 @@
 
 use super::near::{self, nearest};
 use super::{Body, GREY, age, clip, line, size, time};
+use super::{errors, modules};
 use crate::diag::app::App;
+use crate::goal;
 use base::{Duration, Instant};
-use diagnostics::{Ellipse, HoldRow, Model};
+use diagnostics::{CHARGE_EMPTY, CHARGE_LOW, Ellipse, HoldRow, Model};
 use messages::Hold;
 use messages::lowlevel::{DataPower, DataTemperature, Reading};
 use ratatui::Frame;
@@ -14,17 +16,28 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph, Wrap};
 
 const QUALITY: [&str; 4] = ["LOST", "SEARCHING", "COARSE", "FINE"];
-const GOAL: [&str; 6] = ["idle", "driving", "reached", "blocked", "failed", "cancelled"];
 /// Maximum number of command sources shown.
 const SOURCES: usize = 4;
+/// Width from which errors and modules are beside the overview, columns.
+const WIDE: u16 = 160;
 /// Causes for which it stands that are listed.
 const HOLDS: usize = 8;
 
 pub fn draw(frame: &mut Frame<'_>, app: &App, body: Body, area: Rect, now: Instant) {
     let (model, at) = app.shown(now);
     let title = if app.expanded { " robot   enter: less " } else { " robot   enter: more " };
+    let (area, aside) = match area.width >= WIDE {
+        true => {
+            let [area, aside] = Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).areas(area);
+            (area, Some(aside))
+        }
+        false => (area, None),
+    };
     let left = if area.width < 100 { Constraint::Length(46) } else { Constraint::Percentage(50) };
     let [left, right] = Layout::horizontal([left, Constraint::Min(20)]).areas(area);
+    if let Some(aside) = aside {
+        draw_aside(frame, app, aside, now);
+    }
     let lines = lines(app, model, at, now);
     if app.expanded {
         let more = more(model, at);
@@ -35,6 +48,17 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, body: Body, area: Rect, now: Insta
     }
     let text = Paragraph::new(lines).wrap(Wrap { trim: false });
     frame.render_widget(text.block(Block::bordered().title(title)), left);
+}
+
+/// Errors and modules, in a line each.
+fn draw_aside(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
+    let modules = modules::brief(app, now);
+    let height = u16::try_from(modules.len() + 2).unwrap_or(u16::MAX).min(area.height / 2);
+    let [upper, lower] = Layout::vertical([Constraint::Min(3), Constraint::Length(height)]).areas(area);
+    for (area, title, lines) in [(upper, " 4 errors ", errors::brief(app, now)), (lower, " 2 modules ", modules)] {
+        // Lines are cut, so that each row stays one.
+        frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(title)), area);
+    }
 }
 
 fn word(words: &[&'static str], number: i8) -> &'static str {
@@ -76,9 +100,7 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             if s.engaged { format!("ENGAGED by {}", s.source) } else { "line is released".into() }
         }),
         sonar_line("nearest", model, at, nearest),
-        line("battery", &model.power, at, |p| {
-            format!("{:.0} %, {}, {:.1} V", 100.0 * p.charge, minutes(p.remaining), p.voltage)
-        }),
+        battery(model, at),
         line("heat", &model.temperatures, at, hottest),
         line("fans", &model.temperatures, at, fans),
         line("power", &model.power, at, switched_off),
@@ -88,7 +110,7 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
         }),
         line("goal", &model.goal, at, |g| {
             let left = if g.remaining.is_finite() { format!(" {:.1} m", g.remaining) } else { String::new() };
-            format!("{}{left}  {}", word(&GOAL, g.status), g.message)
+            format!("{}{left}  {}", word(&goal::STATUS, g.status), g.message)
         }),
         line("gamepad", &model.gamepad, at, |g| match (g.connected, g.dead_man) {
             (false, _) => "not there".into(),
@@ -96,7 +118,9 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
         }),
     ]);
     if model.truth.get().is_some() {
-        let text = |t: &messages::simulation::DataTruth| format!("{:.2} {:.2} m  {} contacts", t.x, t.y, t.collisions);
+        let text = |t: &messages::simulation::DataTruth| {
+            format!("{:.2} {:.2} m  {}", t.x, t.y, crate::counted(t.collisions, "contact"))
+        };
         lines.push(line("in truth", &model.truth, at, text));
     }
     lines
@@ -121,10 +145,22 @@ fn holds(model: &Model, at: Instant) -> Vec<Line<'static>> {
     .collect()
 }
 
+/// Coloured by the charge, beside the figure.
+fn battery(model: &Model, at: Instant) -> Line<'static> {
+    let text = line("battery", &model.power, at, |p| {
+        format!("{:.0} %, {}, {:.1} V", 100.0 * p.charge, minutes(p.remaining), p.voltage)
+    });
+    match model.power.fresh(at).map(|power| power.charge) {
+        Some(charge) if charge < CHARGE_EMPTY => text.patch_style(Style::new().fg(Color::Red).bold()),
+        Some(charge) if charge < CHARGE_LOW => text.patch_style(Style::new().fg(Color::Yellow)),
+        Some(charge) if charge.is_finite() => text.patch_style(Style::new().fg(Color::Green)),
+        _ => text,
+    }
+}
+
 fn minutes(seconds: f64) -> String {
     match seconds {
         s if !s.is_finite() => "time unknown".into(),
-        s if s < 6000.0 => format!("{:.0} min left", s / 60.0),
         s => time(s),
     }
 }
@@ -139,7 +175,7 @@ fn hottest(heard: &DataTemperature) -> String {
 
 fn fans(heard: &DataTemperature) -> String {
     let fans = heard.fans.iter().take(4).map(|fan| match fan.failed {
-        true => format!("{} STANDS", clip(&fan.name)),
+        true => format!("{} FAILED", clip(&fan.name)),
         false => format!("{:.0} rpm", fan.rpm),
     });
     let fans: Vec<String> = fans.collect();
@@ -165,7 +201,7 @@ fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
             lines.push(Line::styled(text, if t.over { over } else { super::style(&model.temperatures, at) }));
         }
         for fan in &heard.fans {
-            let failed = if fan.failed { " STANDS" } else { "" };
+            let failed = if fan.failed { " FAILED" } else { "" };
             let text = format!("  {:<12}{:>6.0} rpm {:.0} %{failed}", clip(&fan.name), fan.rpm, 100.0 * fan.duty);
             lines.push(Line::styled(text, if fan.failed { over } else { super::style(&model.temperatures, at) }));
         }

@@ -156,7 +156,7 @@ fn an_absent_gamepad_is_not_an_error() {
     let mut rig = Rig::new(config());
     rig.news(News::Gone);
     rig.news(News::Gone);
-    assert_eq!(rig.take(), "0 INIT\n0 RUN\n0 not connected");
+    assert_eq!(rig.take(), "0 INIT\n0 RUN\n0 no gamepad connected");
     let data = rig.data(ms(1000));
     assert_eq!(data.len(), 6);
     let expected = DataJoydev { timestamp: 1_000_000, ..DataJoydev::default() };
@@ -164,7 +164,7 @@ fn an_absent_gamepad_is_not_an_error() {
     let mut rig = Rig::new(config());
     rig.bench.event(Event::Port { port: PORT, input: Input::Down("/dev/input: no such folder") });
     rig.collect();
-    assert_eq!(rig.take(), "0 INIT\n0 RUN\n0 not connected: /dev/input: no such folder");
+    assert_eq!(rig.take(), "0 INIT\n0 RUN\n0 no gamepad connected: /dev/input: no such folder");
     rig.found(&pad());
     assert_eq!(rig.take(), "0 a pad: speed ABS_Y, steering ABS_RX, dead man BTN_TL, creep BTN_TR");
 }
@@ -189,7 +189,7 @@ fn unplugging_is_one_zero_at_once_and_then_nothing() {
     rig.take();
     rig.news(News::Gone);
     rig.pass(ms(1000));
-    assert_eq!(rig.take(), "70 0.000 0.000\n70 not connected");
+    assert_eq!(rig.take(), "70 0.000 0.000\n70 no gamepad connected");
     // Plugged in again with the button held.
     let mut held = pad();
     held.set_button(BTN_TL, true);
@@ -213,7 +213,7 @@ fn a_lost_port_is_an_unplugged_gamepad() {
     rig.take();
     rig.bench.event(Event::Port { port: PORT, input: Input::Down("it broke") });
     rig.pass(ms(500));
-    assert_eq!(rig.take(), "10 0.000 0.000\n10 not connected: it broke");
+    assert_eq!(rig.take(), "10 0.000 0.000\n10 no gamepad connected: it broke");
 }
 
 #[test]

@@ -165,8 +165,8 @@ impl SessionStore {
         let shown = self.codes()?;
         let [operator, engineer] = [&shown.operator, &shown.engineer].map(|code| spaced(code));
         Some(format!(
-            "to pair a device within 10 minutes: code {operator} for an operator, {engineer} for an engineer, who \
-             opens {}; later: advee web code",
+            "to pair a device within 10 minutes: operator code {operator}, engineer code {engineer}, engineer link {}; \
+             later: advee web code",
             shown.link(&shown.engineer)
         ))
     }

@@ -1,0 +1,141 @@
+//! What an operator sees and ends from the shell on the running simulated robot: faults, goals, modules.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use crate::support::{self, Robot, advee};
+use std::io::{BufRead, BufReader};
+use std::process::{Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Time limit for what the robot does by itself.
+const SOON: Duration = Duration::from_secs(30);
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+#[track_caller]
+fn good(robot: &Robot, arguments: &[&str]) -> String {
+    let output = robot.advee(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    said(&output)
+}
+
+#[track_caller]
+fn refused(robot: &Robot, arguments: &[&str]) -> String {
+    let output = robot.advee(arguments);
+    let why = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && why.lines().count() == 1, "{arguments:?}: {why}");
+    why
+}
+
+/// A robot whose modules run; homed or not.
+fn running() -> Robot {
+    let mut robot = Robot::start(&[]);
+    robot.until("all modules RUN", 30.0, |view| view.all_run());
+    robot
+}
+
+/// Repeats a command until its output is as wanted.
+#[track_caller]
+fn until(robot: &Robot, arguments: &[&str], wanted: impl Fn(&str) -> bool) -> String {
+    let begun = Instant::now();
+    loop {
+        let text = good(robot, arguments);
+        if wanted(&text) {
+            return text;
+        }
+        assert!(begun.elapsed() < SOON, "{arguments:?}: {text}");
+    }
+}
+
+#[test]
+fn a_fault_is_listed_refused_injected_followed_and_ended_from_the_shell() {
+    let mut robot = running();
+    let list = good(&robot, &["fault"]);
+    assert!(list.lines().any(|line| line.starts_with("fan1 ") && line.contains("stall")), "{list}");
+    assert!(list.contains("put:X,Y,THETA") && list.contains("advee fault none"), "{list}");
+    let one = good(&robot, &["fault", "psc1"]);
+    assert!(one.contains("psc1 bumper") && one.contains("the bumper switch VALUE, 1 to 8, is pressed"), "{one}");
+    let why = refused(&robot, &["fault", "fan2", "stall"]);
+    assert!(why.contains("there is no target fan2; there are robot, gamepad, "), "{why}");
+    let why = refused(&robot, &["fault", "fan1", "melt"]);
+    assert!(why.contains("fan1 has no fault melt; it has "), "{why}");
+    // What is refused here is not sent, and so is no report of the simulator.
+    let errors = good(&robot, &["errors", "simulator"]);
+    assert_eq!(errors, "no fault is active\n");
+
+    let mut follow = advee(&robot.url, &robot.run_dir)
+        .args(["errors", "driver_aux", "--follow"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(follow.stdout.take().unwrap()).lines().map(Result::unwrap);
+    assert_eq!(lines.next().as_deref(), Some("no fault is active"));
+    let done = good(&robot, &["fault", "fan1", "stall"]);
+    assert_eq!(done, "fan1 stall 0 until: advee fault fan1 none\n");
+    let began = lines.next().unwrap();
+    assert!(began.contains("ACTIVE") && began.contains("driver_aux") && began.contains("FanFailed"), "{began}");
+    // Whoever comes late sees it too.
+    let late = good(&robot, &["errors"]);
+    assert!(late.lines().any(|line| line.starts_with("ACTIVE ") && line.contains("FanFailed")), "{late}");
+    let json = good(&robot, &["errors", "--json"]);
+    let fault: serde_json::Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
+    assert_eq!((&fault["module"], &fault["standing"]), (&"driver_aux".into(), &true.into()));
+    let view = good(&robot, &["diag", "--json", "--view", "overview"]);
+    assert!(view.contains("\"concerns\":[") && view.contains("FanFailed"), "{view}");
+
+    assert_eq!(good(&robot, &["fault", "none"]), "all faults are ended\n");
+    assert!(lines.next().unwrap().contains("CLEARED"));
+    support::signal(follow.id() as i32, "INT");
+    assert!(follow.wait().unwrap().success());
+    until(&robot, &["errors", "driver_aux"], |text| text == "no fault is active\n");
+    assert!(refused(&robot, &["errors", "nobody"]).contains("nobody is not heard"));
+    assert_eq!(robot.stop(), 0);
+}
+
+#[test]
+fn the_goal_is_shown_and_a_measurement_is_no_module_of_the_robot() {
+    let mut robot = running();
+    let words = ["idle", "driving", "reached", "blocked", "failed", "cancelled"];
+    let goal = good(&robot, &["goal"]);
+    assert!(words.iter().any(|word| goal.starts_with(word)), "{goal}");
+    assert!(good(&robot, &["goal", "--json"]).starts_with('{'));
+    let why = refused(&robot, &["goal", "--wait"]);
+    assert!(why.contains("--wait needs a target"), "{why}");
+
+    let mut measures = robot.spawn(&["bench", "jitter"]);
+    // Modules announce themselves once a second, which is how long the table listens.
+    for _ in 0..2 {
+        let table = good(&robot, &["state"]);
+        assert!(!table.contains("jitter") && table.contains("planner"), "{table}");
+    }
+    support::signal(measures.id() as i32, "INT");
+    assert!(measures.wait().unwrap().success());
+    assert_eq!(robot.stop(), 0);
+}
+
+#[test]
+fn a_robot_that_a_driver_refuses_is_not_started() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("one-drive-{}", std::process::id()));
+    let conf = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
+    for part in ["advee", "worlds"] {
+        std::fs::create_dir_all(folder.join(part)).unwrap();
+        for entry in std::fs::read_dir(conf.join(part)).unwrap().flatten() {
+            std::fs::copy(entry.path(), folder.join(part).join(entry.file_name())).unwrap();
+        }
+    }
+    let robot = folder.join("advee/robot.toml");
+    let text = std::fs::read_to_string(&robot).unwrap();
+    let (before, after) = text.split_once("[[can.main.nodes]]\nid = 2").unwrap();
+    let after = after.split_once("\n[").unwrap().1;
+    std::fs::write(&robot, format!("{before}[{after}")).unwrap();
+    let config = folder.join("advee").display().to_string();
+    for arguments in [&["doctor", "--sim"][..], &["config", "check"], &["up", "--sim", "--headless"]] {
+        let mut command = advee("memq://", &folder.join("run"));
+        let output = command.args(arguments).args(["--config", &config]).stdin(Stdio::null()).output().unwrap();
+        let text = said(&output) + &String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success(), "{arguments:?}: {text}");
+        assert!(text.contains("robot.toml has no [can.<bus>] with an epos and an icla"), "{arguments:?}: {text}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -1,0 +1,104 @@
+//! What can be known of a robot before anything of it starts: whether each module accepts its part of the
+//! configuration, and what can be broken in the simulated one.
+
+use crate::config::{Config, ConfigError};
+use crate::place::RobotLocation;
+use crate::simulated;
+use crate::topology::{HostOptions, shell_in};
+use module::State;
+use simulator::Simulator;
+use simulator::world::World;
+
+/// Makes every module of a configuration, as its process would, and drops it: a module that refuses its part of the
+/// configuration would otherwise end at each start. Modules of other executables are not looked at. `world`: that of the
+/// simulated robot.
+///
+/// # Errors
+/// A line for each thing that a module refuses.
+pub fn check(place: &RobotLocation, config: &Config, world: &World) -> Result<(), ConfigError> {
+    let options = HostOptions { guarded: true, ..HostOptions::LIVE };
+    let own = config.modules.iter().filter(|module| module.command.is_none());
+    let refused = own
+        .filter_map(|module| shell_in(place, config, module.name(), State::Run, options, || Ok(world.clone())).err());
+    let mut lines: Vec<String> = refused.flat_map(|ConfigError(lines)| lines).collect();
+    lines.dedup();
+    if lines.is_empty() { Ok(()) } else { Err(ConfigError(lines)) }
+}
+
+/// The targets of `SIM_CMD_FAULT` of the simulated robot, each with the faults that it can have.
+///
+/// # Errors
+/// The configuration is invalid.
+pub fn faults(place: &RobotLocation) -> Result<Vec<(String, Vec<&'static str>)>, ConfigError> {
+    let config = Config::load(&place.config, true, &place.sets)?;
+    let wire_time = HostOptions::LIVE.wire_time;
+    Ok(Simulator::offered(simulated::config(World::default(), &config.robot, wire_time)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::{Path, PathBuf};
+
+    fn place(config: PathBuf, sim: bool) -> RobotLocation {
+        RobotLocation {
+            config,
+            run_dir: "/run/advee".into(),
+            lcm_url: "memq://".into(),
+            sets: Vec::new(),
+            sim,
+            world: None,
+        }
+    }
+
+    fn shipped() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee")
+    }
+
+    /// A copy of the shipped folder, with its `robot.toml` changed and the worlds beside it.
+    fn copy(name: &str, change: impl Fn(String) -> String) -> (PathBuf, PathBuf) {
+        let folder = std::env::temp_dir().join(format!("advee-preflight-{name}-{}", std::process::id()));
+        for part in ["advee", "worlds"] {
+            let from = shipped().join("..").join(part);
+            std::fs::create_dir_all(folder.join(part)).unwrap();
+            for entry in std::fs::read_dir(from).unwrap().flatten() {
+                std::fs::copy(entry.path(), folder.join(part).join(entry.file_name())).unwrap();
+            }
+        }
+        let robot = folder.join("advee/robot.toml");
+        std::fs::write(&robot, change(std::fs::read_to_string(&robot).unwrap())).unwrap();
+        (folder.clone(), folder.join("advee"))
+    }
+
+    fn problems(place: &RobotLocation) -> Vec<String> {
+        let config = Config::load(&place.config, place.sim, &place.sets).expect("its files are right by themselves");
+        check(place, &config, &World::default()).err().map_or_else(Vec::new, |ConfigError(lines)| lines)
+    }
+
+    #[test]
+    fn the_shipped_robot_and_the_simulated_one_can_be_made() {
+        for sim in [false, true] {
+            assert_eq!(problems(&place(shipped(), sim)), [""; 0]);
+        }
+    }
+
+    #[test]
+    fn a_robot_with_a_single_drive_is_refused_before_anything_starts() {
+        let (folder, config) = copy("drive", |text| {
+            let nodes: Vec<usize> = text.match_indices("[[can.main.nodes]]").map(|(at, _)| at).collect();
+            let end = nodes[1] + text[nodes[1] + 1..].find("\n[").map_or(text.len() - nodes[1], |at| at + 1);
+            text[..nodes[1]].to_owned() + &text[end..]
+        });
+        let found = problems(&place(config, true));
+        assert_eq!(found, ["driver_canbus: robot.toml has no [can.<bus>] with an epos and an icla"]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn faults_are_those_of_the_configured_boards() {
+        let faults = faults(&place(shipped(), true)).unwrap();
+        let of = |target: &str| faults.iter().find(|(name, _)| name == target).map(|(_, faults)| faults.as_slice());
+        assert!(of("fan1").unwrap().contains(&"stall") && of("robot").unwrap().contains(&"kidnap"), "{faults:?}");
+        assert!(of("fan7").is_none());
+    }
+}
