@@ -1,7 +1,7 @@
 //! What an operator sees and ends from the shell on the running simulated robot: faults, goals, modules.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use crate::support::{self, Robot, advee};
+use crate::support::{self, Robot, View, advee};
 use std::io::{BufRead, BufReader};
 use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
@@ -31,7 +31,7 @@ fn refused(robot: &Robot, arguments: &[&str]) -> String {
 /// A robot whose modules run; homed or not.
 fn running() -> Robot {
     let mut robot = Robot::start(&[]);
-    robot.until("all modules RUN", 30.0, |view| view.all_run());
+    robot.until("all modules RUN", 30.0, View::all_run);
     robot
 }
 

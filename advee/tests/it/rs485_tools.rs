@@ -131,7 +131,8 @@ fn serve(
             late.push_back((now + delay, transmit.words.to_vec()));
         }
     }
-    while let Some((_, words)) = late.pop_front_if(|(due, _)| *due <= now) {
+    while late.front().is_some_and(|(due, _)| *due <= now) {
+        let Some((_, words)) = late.pop_front() else { return };
         let _ = port.device.send(now, &ToPort::Words(words));
     }
 }
