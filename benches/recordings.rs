@@ -25,7 +25,8 @@ fn main() {
     let (seeds, from, jobs) = (number("--seeds", 25), number("--from", 0), number("--jobs", 1).max(1));
     println!("{seeds} recordings of each kind from seed {from}, {} s each\n", robots::LENGTH);
     println!(
-        "| recordings | told everything, m | told nothing / everything | NEES / 3 (5 to 95 %) | nothing / gated filter that knows | located | FINE | first pose wrong | wrong, s: FINE | COARSE | doubts | time of a recording, ms |"
+        "| recordings | told everything, m | told nothing / everything | NEES / 3 (5 to 95 %) | nothing / gated filter \
+         that knows | located | FINE | first pose wrong | wrong, s: FINE | COARSE | doubts | time of a recording, ms |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for kind in &KINDS {
@@ -64,7 +65,8 @@ fn print_row(kind: &Kind, from: u64, outcomes: &[Outcome], seconds: f64) {
     let (low, _, high) = spread(outcomes.iter().map(|o| o.nothing.nees).collect());
     let first = outcomes.iter().filter(|o| o.nothing.first_wrong).count();
     println!(
-        "| {} | {everything:.3} | {:.3} | {:.2} ({low:.2} to {high:.2}; told everything {:.2}) | {:.3} | {:.1} % | {:.1} % | {first} | {:.1} in {} | {:.1} | {:.2} | {:.0} |",
+        "| {} | {everything:.3} | {:.3} | {:.2} ({low:.2} to {high:.2}; told everything {:.2}) | {:.3} | {:.1} % \
+         | {:.1} % | {first} | {:.1} in {} | {:.1} | {:.2} | {:.0} |",
         kind.name,
         nothing / everything,
         mean(&|o| o.nothing.nees),
@@ -86,7 +88,9 @@ fn print_run(seed: u64, outcome: &Outcome) {
     let Outcome { nothing, everything, gated, found, delay } = outcome;
     let config = &found.config;
     println!(
-        "  seed {seed}: error {:.3} told {:.3} gated {:.3}, NEES/3 {:.2} told {:.2}, FINE {:.1} s wrong, COARSE {:.1} s wrong, first wrong {}, doubts {}; bearing {:.4} lasting {} {} wild {:.3} turn {:.4} along {:.4} delay {delay:.3} hold {}",
+        "  seed {seed}: error {:.3} told {:.3} gated {:.3}, NEES/3 {:.2} told {:.2}, FINE {:.1} s wrong, COARSE {:.1} s \
+         wrong, first wrong {}, doubts {}; bearing {:.4} lasting {} {} wild {:.3} turn {:.4} along {:.4} \
+         delay {delay:.3} hold {}",
         libm::sqrt(nothing.square),
         libm::sqrt(everything.square),
         libm::sqrt(*gated),

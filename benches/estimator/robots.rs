@@ -1,8 +1,8 @@
 //! Recordings of robots of all kinds, with the truth: what `advee estimate` is given by others.
 //!
-//! A seed draws the room, the beacons, the robot, its sensor and its errors: bearings of 0.0255 rad whose errors last 1 to
-//! 10 s, of a scanner or of a camera with a narrow view; the sensor up to 0.3 m off; stamps of an unknown delay; rates
-//! that hold before or after their row; no outliers, or a fifth of all bearings.
+//! A seed draws the room, the beacons, the robot, its sensor and its errors: bearings of 0.0255 rad whose errors last 1
+//! to 10 s, of a scanner or of a camera with a narrow view; the sensor up to 0.3 m off; stamps of an unknown delay;
+//! rates that hold before or after their row; no outliers, or a fifth of all bearings.
 
 use super::matrix::normalized;
 use super::truth::Random;

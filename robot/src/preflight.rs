@@ -10,8 +10,8 @@ use simulator::Simulator;
 use simulator::world::World;
 
 /// Makes every module of a configuration, as its process would, and drops it: a module that refuses its part of the
-/// configuration would otherwise end at each start. Modules of other executables are not looked at. `world`: that of the
-/// simulated robot.
+/// configuration would otherwise end at each start. Modules of other executables are not looked at. `world`: that of
+/// the simulated robot.
 ///
 /// # Errors
 /// A line for each thing that a module refuses.

@@ -65,7 +65,7 @@ fn without_a_path_it_fails_with_the_reason() {
         ("-3,-2,0", "-0.5,1,0", "the robot does not fit in at the goal"),
         ("-3,-2,0", "50,1", "the goal is outside the map, which is -4…4 by -3…3 m"),
         ("-9,-2,0", "1,1", "the start is outside the map, which is -4…4 by -3…3 m"),
-        ("-0.5,1,0", "1,1", "the robot stands in an obstacle or outside of the map"),
+        ("-0.8,0,0", "1,1", "the robot stands in an obstacle or outside of the map"),
     ] {
         let output = plan(&folder, &["--map", "room.yaml", "--start", start, "--goal", goal, "--out", "path.csv"]);
         let told: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -1,4 +1,5 @@
-//! SDO abort codes (CiA 301 v4.02, Table 20). Manufacturers have codes of their own: `drives` names those of its drives.
+//! SDO abort codes (CiA 301 v4.02, Table 20). Manufacturers have codes of their own: `drives` names those of its
+//! drives.
 
 use core::fmt;
 

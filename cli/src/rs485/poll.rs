@@ -199,7 +199,8 @@ impl Tally {
         let Self { good, refused, silent, late, damaged, last, .. } = self;
         let hz = self.polls() as f64 / took.as_secs_f64().max(1e-9);
         format!(
-            "{} polls, {hz:.1}/s; {good} good, {silent} silent ({late} late), {damaged} damaged, {refused} refused  {last}",
+            "{} polls, {hz:.1}/s; {good} good, {silent} silent ({late} late), {damaged} damaged, {refused} refused  \
+             {last}",
             self.polls()
         )
     }

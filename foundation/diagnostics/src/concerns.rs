@@ -68,8 +68,7 @@ impl Model {
     fn position_concern(&self, now: Instant) -> Option<String> {
         let words = match self.estimate.get()?.quality {
             _ if self.estimate.age(now) > Some(UNKNOWN_AFTER) => "position not known",
-            DataEstimate::LOST => "position lost",
-            DataEstimate::SEARCHING => "position lost: it is being searched",
+            DataEstimate::LOST | DataEstimate::SEARCHING => "position lost",
             _ => return None,
         };
         Some(words.into())

@@ -244,8 +244,8 @@ impl Serial {
         Ok(())
     }
 
-    /// Checks that the path does not lead to another device by now. A link that was left by a killed simulator, or by an
-    /// adapter, may have led to the device of another line when it was opened; that line cannot be opened while this
+    /// Checks that the path does not lead to another device by now. A link that was left by a killed simulator, or by
+    /// an adapter, may have led to the device of another line when it was opened; that line cannot be opened while this
     /// one holds it. A path that leads nowhere is no reason to give up a device that works.
     fn check_path(&mut self, now: Instant) -> Result<(), Lost> {
         let (Place::Terminal(config), Some(file)) = (&self.place, &self.file) else {

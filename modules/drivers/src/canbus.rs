@@ -882,8 +882,8 @@ impl Module for Canbus {
         ])
     }
 
-    /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then, and
-    /// until they are switched off.
+    /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then,
+    /// and until they are switched off.
     fn finished(&self) -> bool {
         !self.bus.is_up() || self.left
     }

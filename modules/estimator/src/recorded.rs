@@ -1,8 +1,8 @@
 //! The filter over recorded data, and what the data say of a robot of which nothing is known.
 //!
-//! Noise and conventions are found from bearings that the estimate does not depend on ([`Kalman::judge_by`]): each beacon
-//! is withheld for a third of the time, in turn. The fit of bearings that the filter has used would favour one that
-//! follows their errors.
+//! Noise and conventions are found from bearings that the estimate does not depend on ([`Kalman::judge_by`]): each
+//! beacon is withheld for a third of the time, in turn. The fit of bearings that the filter has used would favour one
+//! that follows their errors.
 
 mod find;
 mod noise;

@@ -18,8 +18,8 @@ pub const BEARINGS_MAX: usize = 40;
 const TRIPLE_BEARINGS: usize = 14;
 /// Candidate poses that are refined.
 const REFINED_CANDIDATES: usize = 8;
-/// Prior probability that a bearing is an outlier, relative to the configured one, and its bounds; deliberately too high,
-/// so that no single outlier decides.
+/// Prior probability that a bearing is an outlier, relative to the configured one, and its bounds; deliberately too
+/// high, so that no single outlier decides.
 const OUTLIER_PRIOR_PER_WILD: f64 = 2.0;
 const OUTLIER_PRIOR_MIN: f64 = 0.1;
 const OUTLIER_PRIOR_MAX: f64 = 0.4;
@@ -117,7 +117,8 @@ struct Hypothesis {
 }
 
 /// Searches for the pose. `seen` is ordered by time; `trail` is the odometry up to the present. `own`, the present
-/// estimate if there is one, competes as a rival. At least the fraction `share` of all bearings must support the result.
+/// estimate if there is one, competes as a rival. At least the fraction `share` of all bearings must support the
+/// result.
 pub fn search(
     config: &Config,
     seen: &[Bearing],

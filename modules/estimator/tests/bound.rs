@@ -1,4 +1,5 @@
-//! The quick form of benches/estimator.rs and benches/recordings.rs: few runs, loose limits. The figures are the bench's.
+//! The quick form of benches/estimator.rs and benches/recordings.rs: few runs, loose limits. The figures are the
+//! bench's.
 #![allow(clippy::needless_range_loop, reason = "rows and columns of matrices are read best by their places")]
 
 #[allow(dead_code, reason = "the bench uses all of it")]

@@ -190,8 +190,8 @@ fn a_hundred_thousand_channels_are_too_many_and_reported_once() {
     assert_eq!(rig.faults(Fault::LogCrowded), (1, 1));
 }
 
-/// What grows under a flood of channels is the index, about 25 bytes for each channel of a chunk: at 5 chunks a second and
-/// 260 channels half a megabyte in 15 s. It ends with the file.
+/// What grows under a flood of channels is the index, about 25 bytes for each channel of a chunk: at 5 chunks a second
+/// and 260 channels half a megabyte in 15 s. It ends with the file.
 #[test]
 fn a_file_ends_when_its_index_is_full_however_few_bytes_it_has() {
     let mut rig = Rig::new(config());

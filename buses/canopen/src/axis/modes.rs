@@ -10,8 +10,8 @@
 //! | ip, interpolated position | [`cyclic::Cyclic`] with [`Mode::Interpolated`] |
 //! | csp, csv, cyclic synchronous | [`cyclic::Cyclic`] |
 //!
-//! The mode itself is switched by [`switch::Switch`], and watched by [`watch::ModeWatch`]; halt, which all of them know, is
-//! [`Axis::halt`](super::Axis::halt). Left out: vl, tq, cst.
+//! The mode itself is switched by [`switch::Switch`], and watched by [`watch::ModeWatch`]; halt, which all of them
+//! know, is [`Axis::halt`](super::Axis::halt). Left out: vl, tq, cst.
 
 pub mod cyclic;
 pub mod hm;

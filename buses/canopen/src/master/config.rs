@@ -203,8 +203,8 @@ pub struct NodeConfig {
     pub stamp: Option<Stamp>,
     /// Required PDO mappings.
     pub mappings: Vec<PdoMapping>,
-    /// True if every RPDO that `mappings` does not name is switched off at each boot-up: a frame on its identifier could
-    /// move a drive, or change its mode. Default false.
+    /// True if every RPDO that `mappings` does not name is switched off at each boot-up: a frame on its identifier
+    /// could move a drive, or change its mode. Default false.
     pub only_mapped_rpdos: bool,
     /// Value of 0x1016:1, the node's time limit for the master's heartbeat; `None`: not monitored.
     pub master_limit: Option<Duration>,

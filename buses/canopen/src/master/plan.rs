@@ -150,7 +150,8 @@ impl Plan {
         self.unless(step, goals, |write, otherwise| Work::Compare { write, otherwise }, body);
     }
 
-    /// Switches off all RPDOs but those of `used`. Beyond the pre-defined ones the first that is missing ends the search.
+    /// Switches off all RPDOs but those of `used`. Beyond the pre-defined ones the first that is missing ends the
+    /// search.
     fn close(&mut self, used: &[PdoMapping]) {
         let records = (RPDO..RPDO + RPDOS_MAX).filter(|record| used.iter().all(|pdo| pdo.record != *record));
         let records: Vec<_> = records.collect();

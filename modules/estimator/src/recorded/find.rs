@@ -163,8 +163,8 @@ pub fn find_hold(recording: &Recording, robot: Robot, start: Option<Start>) -> R
     Ok(of_holds(recording, &robot, start)?.robot)
 }
 
-/// The better of both meanings of a row's rates. They, and late stamps, shift the bearings against the way alike, so that
-/// the data often cannot tell: of two that are equally good that with the smaller delay is taken.
+/// The better of both meanings of a row's rates. They, and late stamps, shift the bearings against the way alike, so
+/// that the data often cannot tell: of two that are equally good that with the smaller delay is taken.
 fn of_holds(recording: &Recording, robot: &Robot, start: Option<Start>) -> Result<Trial, RunError> {
     let [one, other] = Hold::ALL.map(|hold| Trial::new(recording, Robot { hold, ..robot.clone() }, start));
     let (one, other) = (one?, other?);

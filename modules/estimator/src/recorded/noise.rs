@@ -91,7 +91,8 @@ pub fn adapt(config: &mut Config, judged: &[Judged]) {
     (config.lasting, config.lasting_s) = (best.1 / whole, best.2);
 }
 
-/// Mean product of the errors of two bearings of a beacon, rad², by the time between them: mean time, s, product, and weight.
+/// Mean product of the errors of two bearings of a beacon, rad², by the time between them: mean time, s, product, and
+/// weight.
 fn covariances(config: &Config, judged: &[Judged]) -> Vec<(f64, f64, f64)> {
     let variance = config.bearing * config.bearing;
     let mut sums = [(0.0, 0.0, 0.0); LAGS.len()];

@@ -85,8 +85,8 @@ impl Outline {
     /// collision.
     pub fn gap(&mut self, field: &Field, pose: Pose, most: f64) -> f64 {
         let frame = field.frame();
-        // Half a diagonal is between a point and the middle of its cell, another one between the middle of an obstacle's
-        // cell and its corner.
+        // Half a diagonal is between a point and the middle of its cell, another one between the middle of an
+        // obstacle's cell and its corner.
         let diagonal = frame.resolution * core::f64::consts::SQRT_2;
         let middle = pose * self.middle;
         let free = f64::from(field.bound(middle.x, middle.y)) - diagonal - self.reach;

@@ -96,7 +96,7 @@ function drivePart(): DrivePart {
   return {
     part: "drive",
     status: { word, reason: said },
-    concerns: mode === "ill" ? [{ weight: "error", words: "sd1_front does not answer" }, { weight: "warning", words: "position lost" }, { weight: "warning", words: "fan 2 does not turn" }] : mode === "search" ? [{ weight: "warning", words: "position lost: it is being searched" }] : [],
+    concerns: mode === "ill" ? [{ weight: "error", words: "sd1_front does not answer" }, { weight: "warning", words: "position lost" }, { weight: "warning", words: "fan 2 does not turn" }] : mode === "search" ? [{ weight: "warning", words: "position lost" }] : [],
     motion: shown({
       timestamp: micros(), speed: robot.speed, steering: robot.steering, speed_target: robot.held ? 0 : robot.want.speed || robot.speed,
       steering_target: robot.steering, enabled: !robot.held && !robot.paused, homed: mode !== "unhomed", quick_stop: robot.held || robot.paused,

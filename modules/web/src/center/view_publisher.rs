@@ -99,7 +99,8 @@ impl ViewPublisher {
         inner.model.receive(at, channel, data.len(), message);
     }
 
-    /// Encodes due parts with the state at the instant `at` of the model's clock; returns the deadline of the next turn.
+    /// Encodes due parts with the state at the instant `at` of the model's clock; returns the deadline of the next
+    /// turn.
     pub fn turn(&self, now: Instant, at: Instant, beside: ExtraState<'_>) -> Instant {
         if self.viewers() == 0 {
             return Instant::NEVER;
