@@ -66,7 +66,8 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
     let tool = Tool::join(common, "drive", &[Channel::LlDataMotion, Channel::LlDataHold])?;
     let (creep, grid) = (command.creep.then(|| tool.timestamp()), Ticker::new(clock::now(), PERIOD));
     let mut session = Session { tool, grid, last: None, told: String::new(), release: Some(Release::default()), creep };
-    let ready = |motion: &DataMotion| motion.homed && motion.enabled && motion.reason.is_empty();
+    // Drives that were in fault have no torque before a motion is commanded.
+    let ready = |motion: &DataMotion| motion.homed && motion.reason.is_empty();
     match session.command(0.0, 0.0, clock::now() + READY, ready)? {
         End::Reached => {}
         End::Time => {
@@ -156,7 +157,7 @@ impl Session {
         match &self.last {
             None => format!("LL_DATA_MOTION is not heard on {}; is advee up?", common.lcm_url()),
             Some(motion) if !motion.reason.is_empty() => motion.reason.clone(),
-            Some(motion) if !motion.enabled => "the drives are not enabled".into(),
+            Some(motion) if !motion.homed => "the steering is not homed".into(),
             Some(motion) if motion.source != self.tool.source => {
                 format!("{:?} holds the motion", motion.source)
             }

@@ -123,7 +123,8 @@ pub struct Canbus {
     /// The robot still brakes by the quick stop that an objection began: nobody is served before it stands, also if
     /// the objection has ended.
     stopping: bool,
-    /// The module ends, and its drives are switched off.
+    /// The module ends: its drives are off and were told to expect no master, and they have done so.
+    leaves: bool,
     left: bool,
     ignored: Ignored,
     holds: Holds,
@@ -177,6 +178,7 @@ impl Canbus {
             state: State::Init,
             blocked: None,
             stopping: false,
+            leaves: false,
             left: false,
             ignored: Ignored::default(),
             holds: Holds::default(),
@@ -630,16 +632,21 @@ impl Canbus {
         }
     }
 
-    /// The module ends, and the robot stands: when the drives have no torque they are told to expect no master. Else
-    /// they would miss its heartbeat and be found in fault, or stay under power.
+    /// The module ends, and the robot stands: when the drives have no torque they are told to expect no master, and
+    /// awaited. Else they would miss its heartbeat and be found in fault, or stay under power, and would not answer to
+    /// who opens the bus next.
     fn leave(&mut self, now: Instant) {
         if !self.deadlines.is_set(Timer::SwitchOff) && !self.left {
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
         }
+        let late = self.deadlines.is_due(Timer::SwitchOff, now);
         let off = self.propulsion.drive.is_off() && self.steering.drive.is_off();
-        if !self.left && (off || self.deadlines.is_due(Timer::SwitchOff, now)) {
-            self.deadlines.clear(Timer::SwitchOff);
+        if !self.leaves && (off || late) {
+            self.leaves = true;
             self.master.leave(now);
+            self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
+        } else if self.leaves && (late || self.master.has_left()) {
+            self.deadlines.clear(Timer::SwitchOff);
             self.left = true;
         }
     }

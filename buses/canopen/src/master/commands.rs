@@ -115,10 +115,18 @@ impl Master {
     }
 
     /// Leaves the bus in order: the communication of each node that was started is reset, so that it does not miss the
-    /// master's heartbeat, and no node is booted any more. Disable drives first.
+    /// master's heartbeat, and no node is booted any more. Disable drives first. [`Self::has_left`] when they answer
+    /// again.
     pub fn leave(&mut self, now: Instant) {
         self.shared.outbox.at(now);
         self.peers.each(|peer| peer.leave(&mut self.shared));
+    }
+
+    /// True if each node that [`Self::leave`] has reset has booted since, and so answers to whoever comes next.
+    pub fn has_left(&mut self) -> bool {
+        let mut all = true;
+        self.peers.each(|peer| all &= peer.has_left());
+        all
     }
 
     /// Boots a node again, from its reset; false if it is not configured. Stop a drive first: its reaction to a reset

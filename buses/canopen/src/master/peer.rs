@@ -45,8 +45,8 @@ enum Phase {
     Resting {
         until: Instant,
     },
-    /// Left alone, because the master is about to end.
-    Left,
+    /// Left alone, because the master is about to end; true while the boot-up message after its reset is awaited.
+    Left(bool),
     /// Reset; its boot-up message is awaited.
     Resetting {
         until: Instant,
@@ -165,7 +165,7 @@ impl Peer {
 
     pub(super) fn state(&self) -> State {
         match self.phase {
-            Phase::Resting { .. } | Phase::Left => State::Resting,
+            Phase::Resting { .. } | Phase::Left(_) => State::Resting,
             Phase::Running { .. } => State::Operational,
             _ => State::Booting(self.step()),
         }
@@ -197,7 +197,8 @@ impl Peer {
             }
             (NmtState::Initialising, Phase::Resetting { .. }) => self.work(now, shared, 0),
             (NmtState::Initialising, Phase::Resting { .. }) if self.unsettled < UNSETTLED => self.first(now, shared),
-            (NmtState::Initialising, Phase::Resting { .. } | Phase::Left) => {}
+            (NmtState::Initialising, Phase::Left(_)) => self.phase = Phase::Left(false),
+            (NmtState::Initialising, Phase::Resting { .. }) => {}
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { until }) => {
                 let two = self.guard.is_none() && self.duplicate.beat(arrived, self.config.heartbeat);
@@ -217,7 +218,7 @@ impl Peer {
                 | Phase::Working { .. }
                 | Phase::Resetting { .. }
                 | Phase::Resting { .. }
-                | Phase::Left,
+                | Phase::Left(_),
             ) => {}
         }
     }
@@ -320,7 +321,7 @@ impl Peer {
         let phase = match self.phase {
             // The channel's own deadline comes first while a request on demand is under way.
             Phase::Resting { until } => self.channel.is_idle().then_some(until),
-            Phase::Working { .. } | Phase::Left => None,
+            Phase::Working { .. } | Phase::Left(_) => None,
             Phase::Resetting { until } | Phase::Listening { until } | Phase::Held { until } => Some(until),
             Phase::Starting { until, .. } | Phase::Running { until } => Some(until),
         };
@@ -353,13 +354,18 @@ impl Peer {
     /// is about to end. It does not boot again before [`Self::reboot`].
     pub(super) fn leave(&mut self, shared: &mut Shared) {
         self.channel.forget(shared);
-        if self.is_operational() {
+        let was_started = self.is_operational();
+        if was_started {
             shared.outbox.drop_pdos(self.id());
             shared.outbox.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
         }
         self.nmt_state = None;
         self.guard = None;
-        self.enter(Phase::Left, shared);
+        self.enter(Phase::Left(was_started), shared);
+    }
+
+    pub(super) fn has_left(&self) -> bool {
+        self.phase == Phase::Left(false)
     }
 
     pub(super) fn bus_down(&mut self, now: Instant, shared: &mut Shared) {

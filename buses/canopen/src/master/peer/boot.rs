@@ -10,7 +10,7 @@ use base::{Duration, Instant};
 impl Peer {
     pub(super) fn step(&self) -> Step {
         match self.phase {
-            Phase::Resting { .. } | Phase::Resetting { .. } | Phase::Left => Step::BootUp,
+            Phase::Resting { .. } | Phase::Resetting { .. } | Phase::Left(_) => Step::BootUp,
             Phase::Working { at, .. } => self.plan[at].0,
             Phase::Listening { .. } => Step::ErrorControl,
             Phase::Held { .. } | Phase::Starting { .. } | Phase::Running { .. } => Step::Start,

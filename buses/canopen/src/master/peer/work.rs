@@ -45,7 +45,7 @@ impl Peer {
             Phase::Working { at, stage, .. } => self.transfer(now, at, stage, shared),
             Phase::Running { .. } => self.channel.serve(now, &mut self.stats, shared),
             Phase::Resting { until } if now < until => self.channel.serve(now, &mut self.stats, shared),
-            Phase::Resting { .. } | Phase::Resetting { .. } | Phase::Left => {}
+            Phase::Resting { .. } | Phase::Resetting { .. } | Phase::Left(_) => {}
             Phase::Listening { .. } | Phase::Held { .. } | Phase::Starting { .. } => {}
         }
     }

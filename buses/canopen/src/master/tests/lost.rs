@@ -221,7 +221,9 @@ fn a_master_that_leaves_resets_the_communication_of_its_nodes_and_boots_none_aga
     let mut bus = booted();
     let from = bus.sent.len();
     bus.master.leave(bus.now);
+    assert!(!bus.master.has_left(), "they are being reset");
     bus.run(2000);
+    assert!(bus.master.has_left());
     let commands: Vec<_> =
         bus.sent[from..].iter().filter(|(_, frame)| Service::of(frame) == Some(Service::Nmt)).collect();
     let data: Vec<_> = commands.iter().map(|(_, frame)| frame.data().to_vec()).collect();
