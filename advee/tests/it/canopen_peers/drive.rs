@@ -267,7 +267,9 @@ fn our_axis_walks_a_foreign_drive_up_down_and_out_of_its_faults_without_an_illeg
         rig.turn();
     }
     assert_eq!(rig.axis.state(), Some(PowerState::SwitchOnDisabled));
+    rig.axis.release();
     rig.enable(PV);
+    rig.until("it is enabled", |rig| rig.axis.is_enabled());
     assert_eq!(rig.report(), (vec![], vec![2, 3, 4, 13, 14, 15, 2, 3, 4]));
     rig.go(Goal::Disabled);
     rig.quit();

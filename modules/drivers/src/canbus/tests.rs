@@ -583,7 +583,10 @@ fn the_end_waits_until_the_robot_stands() {
     let words: Vec<_> = robot.frames.iter().filter(|(_, frame)| frame.id() == can::Id::Standard(0x501)).collect();
     let words: Vec<_> = words[words.len() - 2..].iter().map(|(_, frame)| frame.data()[0]).collect();
     assert_eq!(words, [0x0B, 0x00]);
-    assert!(!robot.moves() && robot.ended);
+    assert!(!robot.moves());
+    // The drives are reset, and awaited.
+    robot.pass(200);
+    assert!(robot.ended);
 }
 
 #[test]
