@@ -422,6 +422,14 @@ fn recorded_runs_are_listed_downloaded_and_played() {
         assert_eq!(get(web.at, path).unwrap().status, 404, "{path}");
     }
 
+    // A viewer who goes while the run is read makes room for the next one.
+    for viewer in 0..12 {
+        let begin = Instant::now();
+        while let Err(why) = web.view("?demo=1").json() {
+            assert!(why.contains("as may be at once") && begin.elapsed().as_secs() < 10, "viewer {viewer}: {why}");
+        }
+    }
+
     let why = |query: &str| match web.view(query).json() {
         Err(why) => why,
         Ok(part) => panic!("{query}: {part}"),

@@ -162,6 +162,7 @@ fn read(run: &Recorded, to: &mpsc::Sender<(u32, Piece)>, wanted: &Mutex<Wanted>)
     loop {
         let over = match pass(run, from, to, &newest) {
             Ok(true) => Piece::Again,
+            Ok(false) if to.is_closed() => return,
             Ok(false) => {
                 from = newest();
                 continue;
