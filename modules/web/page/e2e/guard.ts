@@ -28,6 +28,8 @@ scene("before a wall the page shows the fields and the bound; a second input cre
   await v.takeControl();
   await v.text(/^Must not move forward: sonar \d+\./).waitFor();
   await v.text(/Something is in the protective and the warning field\./).waitFor();
+  // While the position is searched nothing is drawn at it.
+  await robot.advee("pose", "19.06,6,0");
   await until("the fields are on the map", 10, async () => (await pixels(v, "--map-protective")) > 50 && (await pixels(v, "--map-warning")) > 50);
   const creep = v.button("Creep");
   equal(await creep.getAttribute("aria-disabled"), "true", "no hand is on the pad");
