@@ -176,7 +176,7 @@ impl Made {
     }
 }
 
-/// Covariance of the start that is told; m², m rad, rad².
+/// Covariance of a given start; m², m rad, rad².
 const START: [[f64; 3]; 3] = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0025]];
 
 /// Errors of a run.
@@ -200,7 +200,7 @@ pub struct Errors {
 /// Result of a recording.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The filter that was told nothing, and the one that was told everything.
+    /// The filter without any settings, and the one with the true settings.
     pub nothing: Errors,
     pub everything: Errors,
     /// Mean squared error of a gated filter that knows everything, its start too, m².

@@ -75,7 +75,7 @@ fn a_fault_is_listed_refused_injected_followed_and_ended_from_the_shell() {
     assert_eq!(done, "fan1 stall 0 until: advee fault fan1 none\n");
     let began = lines.next().unwrap();
     assert!(began.contains("ACTIVE") && began.contains("driver_aux") && began.contains("FanFailed"), "{began}");
-    // Whoever comes late sees it too.
+    // A command that starts later lists it, too.
     let late = good(&robot, &["errors"]);
     assert!(late.lines().any(|line| line.starts_with("ACTIVE ") && line.contains("FanFailed")), "{late}");
     let json = good(&robot, &["errors", "--json"]);

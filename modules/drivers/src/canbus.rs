@@ -633,8 +633,8 @@ impl Canbus {
     }
 
     /// The module ends, and the robot stands: when the drives have no torque they are told to expect no master, and
-    /// awaited. Else they would miss its heartbeat and be found in fault, or stay under power, and would not answer to
-    /// who opens the bus next.
+    /// awaited. Otherwise they would miss its heartbeat and go to fault, or stay under power, and would not answer
+    /// the next master.
     fn leave(&mut self, now: Instant) {
         if !self.deadlines.is_set(Timer::SwitchOff) && !self.left {
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);

@@ -122,7 +122,7 @@ impl Master {
         self.peers.each(|peer| peer.leave(&mut self.shared));
     }
 
-    /// True if each node that [`Self::leave`] has reset has booted since, and so answers to whoever comes next.
+    /// True if each node that [`Self::leave`] has reset has booted since, and so answers requests again.
     pub fn has_left(&mut self) -> bool {
         let mut all = true;
         self.peers.each(|peer| all &= peer.has_left());

@@ -270,7 +270,7 @@ impl Peer {
         shared.events.push(Event::Pdo { node: self.id(), number, data, len: frame.dlc() });
     }
 
-    /// Length of a TPDO by the mappings that are required of the node; 0 if it is none of them.
+    /// Length of a TPDO by the mappings that are required of the node; 0 for any other PDO.
     fn mapped_len(&self, number: u8) -> usize {
         let record = 0x17FF + u16::from(number);
         let mapping = self.config.mappings.iter().find(|mapping| mapping.record == record);
