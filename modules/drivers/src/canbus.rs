@@ -625,6 +625,10 @@ impl Canbus {
                 self.master.reboot(now, drive.node);
             }
         }
+        let node = self.propulsion.drive.node;
+        if self.propulsion.drive.must_ask_lost(now, self.master.nmt_state(node).is_some()) {
+            self.read_measured(now, node);
+        }
         for (node, in_doubt) in [self.propulsion.drive.take_outdated(), self.steering.drive.take_outdated()] {
             if in_doubt {
                 self.read_measured(now, node);

@@ -30,6 +30,8 @@ const READ_AFTER: Duration = Duration::from_millis(400);
 const READ_AFTER_ORDER: Duration = Duration::from_millis(50);
 /// Age beyond which measured values count as unknown.
 const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
+/// The same of a lost drive.
+const LOST_AGE_MAX: Duration = Duration::from_millis(200);
 
 /// Period of reading the mode of operation while the drive is enabled.
 const MODE_PERIOD: Duration = Duration::from_millis(200);
@@ -202,6 +204,8 @@ base::deadlines! {
         Repeated,
         /// A quick stop is sent without knowing the drive's state. Set while it is not booted and the bus is up.
         BlindStop,
+        /// The measured values of a lost drive are read. Set while it is lost and its heartbeat is received again.
+        AskLost,
     }
 }
 
@@ -212,6 +216,8 @@ pub(super) struct Drive {
     pub(super) node: u8,
     pub(super) axis: Axis,
     booted: bool,
+    /// The power stage was on by its last statusword, also by one that was read while it was lost.
+    powered: bool,
     /// Reason why it is not booted.
     why: Absence,
     /// Error code of the last emergency since it was booted.
@@ -249,6 +255,7 @@ impl Drive {
             node,
             axis: Axis::new(config),
             booted: false,
+            powered: false,
             why: Absence::Booting,
             error_code: 0,
             inherited: false,
@@ -372,7 +379,19 @@ impl Drive {
         }
     }
 
+    /// True if the power stage was on by the last statusword.
+    pub(super) fn is_powered(&self) -> bool {
+        self.powered
+    }
+
     pub(super) fn on_statusword(&mut self, now: Instant, statusword: u16, out: &mut Actions) {
+        self.powered = matches!(
+            PowerState::decode(statusword),
+            Some(PowerState::OperationEnabled | PowerState::QuickStopActive | PowerState::FaultReactionActive)
+        );
+        if !self.booted {
+            return;
+        }
         self.axis.handle_statusword(now, statusword);
         self.drain(now, out);
     }
@@ -508,6 +527,11 @@ impl Drive {
         self.booted && now.since(self.measured) < MEASURED_AGE_MAX
     }
 
+    /// True if a measured value was received within the time in which a lost drive is asked a few times.
+    pub(super) fn is_fresh(&self, now: Instant) -> bool {
+        now.since(self.measured) < LOST_AGE_MAX
+    }
+
     /// The drive does not obey: blocks motion until it was seen stopped.
     pub(super) fn block_until_stopped(&mut self, now: Instant, why: Trouble) {
         self.set_trouble(now, why);
@@ -608,6 +632,19 @@ impl Drive {
         self.deadlines.set(Timer::BlindStop, now + BLIND_STOP_PERIOD);
         let rpdo = Service::Rpdo { node: self.node, number: rpdo };
         Some(Frame::standard(rpdo.cob_id(), &cia402::pack(controlword, 0)))
+    }
+
+    /// True if the measured values of a lost drive are to be read: its heartbeat is received again, and it may turn. Its
+    /// PDOs are event-driven, and those of a drive that keeps its speed never come.
+    pub(super) fn must_ask_lost(&mut self, now: Instant, heard: bool) -> bool {
+        if self.booted || !heard || !matches!(self.why, Absence::Lost(_)) {
+            self.deadlines.clear(Timer::AskLost);
+            return false;
+        }
+        if !self.deadlines.is_set(Timer::AskLost) {
+            self.deadlines.set(Timer::AskLost, now);
+        }
+        self.deadlines.tick(Timer::AskLost, now, READ_AFTER_ORDER) && self.pending == 0
     }
 
     /// True if nothing is pending: the command took effect, and it is not motion.

@@ -124,6 +124,9 @@ impl Propulsion {
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
+        if !self.drive.is_booted() && !self.drive.is_fresh(now) {
+            self.on_lost();
+        }
         self.drive.set_goal(now, self.goal);
         self.drive.handle_timeout(now, out);
         self.drive.expect_mode(now, Some(Mode::ProfileVelocity.code()), master);

@@ -227,8 +227,12 @@ impl Canbus {
     fn order(&self) -> Order {
         let drive = &self.propulsion.drive;
         // The controller's line cuts the feed by itself.
-        if self.around.pause.cuts_feed() || !drive.is_booted() {
+        if self.around.pause.cuts_feed() {
             return Order::None;
+        }
+        if !drive.is_booted() {
+            // A quick stop is sent all the time; whether it brakes is seen when its speed can be read again.
+            return if drive.is_powered() { Order::Stop } else { Order::None };
         }
         match (drive.axis.state(), drive.axis.goal()) {
             (Some(PowerState::FaultReactionActive), _) => Order::Stop,

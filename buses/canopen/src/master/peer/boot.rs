@@ -151,6 +151,9 @@ impl Peer {
         shared.outbox.drop_pdos(self.id());
         shared.events.push(Event::Lost { node: self.id(), reason });
         self.channel.forget(shared);
+        if matches!(reason, LostReason::Heartbeat | LostReason::Guarding) {
+            self.nmt_state = None;
+        }
         let soon = now.since(self.booted_at) < SETTLED;
         self.unsettled = if soon { self.unsettled.saturating_add(1) } else { 0 };
         let pause = match &self.config.farewell {

@@ -14,6 +14,8 @@ pub struct Fake {
     pub alive: bool,
     /// Frames that it sends are lost, except heartbeats.
     pub mute: bool,
+    /// All frames that it sends are lost.
+    pub silent: bool,
     /// Its SDO server is silent.
     pub deaf: bool,
     /// Its motor does not turn, whatever it is commanded.
@@ -36,6 +38,7 @@ impl Fake {
             power,
             alive: true,
             mute: false,
+            silent: false,
             deaf: false,
             blocked: false,
             stubborn: false,
@@ -70,7 +73,7 @@ impl Fake {
         while let Some(frame) = self.node.poll_tx() {
             let heartbeat = matches!(frame.id(), Id::Standard(id) if id & 0x780 == 0x700);
             let answer = matches!(frame.id(), Id::Standard(id) if id & 0x780 == 0x580);
-            if self.alive && (heartbeat || !self.mute) && !(answer && self.deaf) {
+            if self.alive && !self.silent && (heartbeat || !self.mute) && !(answer && self.deaf) {
                 return Some(frame);
             }
         }

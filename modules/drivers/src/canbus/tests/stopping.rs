@@ -140,6 +140,40 @@ fn a_drive_that_keeps_its_speed_to_the_last_digit_is_cut_off_its_feed_as_soon() 
     }
 }
 
+/// A drive that turned at 0.5 m/s was silent for 0.35 s, counts as lost, and sends nothing but its heartbeat.
+fn silent() -> Robot {
+    let mut robot = powered();
+    drive(&mut robot, 0.5, 500);
+    robot.epos.stubborn = true;
+    robot.epos.node.set(0x606C, 0, (0.5 * 2483.0) as i64);
+    robot.epos.silent = true;
+    drive(&mut robot, 0.5, 350);
+    assert_eq!(robot.holds()[0], (Hold::DriveLost, "propulsion"));
+    robot.epos.silent = false;
+    robot
+}
+
+#[test]
+fn a_drive_that_was_silent_and_does_not_brake_is_cut_off_its_feed_before_it_is_booted() {
+    let mut robot = silent();
+    let begin = robot.bench.now();
+    live(&mut robot, 650);
+    let (at, cut) = robot.power.first().expect("the feed is cut").clone();
+    assert_eq!((cut.device, cut.action), (3, CmdPower::OFF));
+    assert!(at.since(begin) < Duration::from_millis(600), "{:?} after its heartbeat returned", at.since(begin));
+}
+
+#[test]
+fn a_drive_that_was_silent_and_brakes_is_left_alone() {
+    let mut robot = silent();
+    for n in 0..200 {
+        let speed = (0.5 - 1.5 * f64::from(n) * 0.01).max(0.0);
+        robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
+        robot.pass(10);
+    }
+    assert_eq!(robot.power, []);
+}
+
 #[test]
 fn a_pause_that_does_not_cut_the_feed_is_watched_like_any_stop() {
     let mut robot = powered();
