@@ -614,7 +614,7 @@ impl Canbus {
             self.leave(now);
         }
         let began = self.stopping || self.blocked.is_some();
-        self.stopping = began && rolls && self.propulsion.is_quick_stopped();
+        self.stopping = began && rolls && self.propulsion.may_be_stopping();
         self.watch_speed(now, out);
         self.advance_second_way(now, out);
         for (readback, drive) in self.readbacks.iter_mut().zip([&self.propulsion.drive, &self.steering.drive]) {

@@ -157,6 +157,13 @@ impl Propulsion {
             && matches!(self.drive.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive))
     }
 
+    /// True if a quick stop is in progress, or may be: that of a drive whose state is not known yet was commanded by an
+    /// earlier process, or before it was lost.
+    pub(super) fn may_be_stopping(&self) -> bool {
+        let is_known = self.drive.is_booted() && self.drive.axis.state().is_some();
+        !is_known || self.is_quick_stopped()
+    }
+
     pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {
         self.drive.row(master, f64::NAN, self.speed)
     }

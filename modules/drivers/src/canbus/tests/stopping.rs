@@ -592,3 +592,25 @@ fn a_stop_whose_cause_ends_at_once_is_finished_by_the_quick_stop() {
     robot.drive(0.3, 200);
     assert!(robot.moves(), "{}", robot.reason());
 }
+
+#[test]
+fn a_driver_that_is_started_while_the_robot_rolls_finishes_the_stop() {
+    let mut robot = Robot::ready();
+    robot.drive(0.6, 500);
+    let Robot { mut epos, icla, .. } = robot;
+    epos.stubborn = true;
+    let mut robot = Robot::new();
+    (robot.epos, robot.icla, robot.restarts) = (epos, icla, 1);
+    // The source sends zero, as after every stop, while the robot brakes. The propulsion is booted last.
+    for n in 0..70 {
+        robot.epos.node.set(0x606C, 0, ((0.6 - 0.008 * f64::from(n)) * 2483.0) as i64);
+        robot.epos.deaf = (2..5).contains(&n);
+        robot.pass(10);
+        if n % 5 == 0 {
+            robot.command(0.0, 0.0);
+        }
+    }
+    let enabled = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] & 0x0F == 0x0F;
+    assert!(!robot.frames.iter().any(|(_, frame)| enabled(frame)), "the quick stop was given up");
+    assert_eq!(robot.holds(), [(Hold::Stopping, "")]);
+}
