@@ -41,6 +41,7 @@ pub struct Config {
     /// 100 kHz (standard mode), 400 kHz (fast) and 1 MHz (fast mode plus).
     pub hz: u32,
     /// Longest time that a line may be held low: SCL within a transfer, and either line before one. SMBus: 25 to 35 ms.
+    /// All stretching of a transfer together may take four times as long; SMBus permits 25 ms (`T_LOW:SEXT`).
     pub timeout: Duration,
     /// Time that both lines must be high before a START: zero for the only master, 50 us (SMBus `T_HIGH:MAX`) among
     /// several.
@@ -79,9 +80,13 @@ pub struct Master {
     run: Run,
     /// Time when SCL was last pulled.
     fell: Instant,
+    /// Total time for which targets have stretched the clock of the transfer.
+    stretched: Duration,
     done: Option<Outcome>,
 }
 
+/// Multiple of [`Config::timeout`] after which others have used the bus, or stretched the clock of a transfer, too long.
+const BUSY_TIMEOUTS: u32 = 4;
 /// Targets of SMBus wait so long for a clock that is low (`T_TIMEOUT:MIN`).
 const TARGETS_WAIT: Duration = Duration::from_millis(25);
 
@@ -165,6 +170,7 @@ impl Master {
             state: State::Idle,
             run: Run::default(),
             fell: Instant::ZERO,
+            stretched: Duration::ZERO,
             done: None,
         }
     }
@@ -182,6 +188,7 @@ impl Master {
             _ => return Err(RequestError::Busy),
         }
         self.run = Run::new(transfer);
+        self.stretched = Duration::ZERO;
         self.state = State::Listen { at: now, seen: Listened::nothing(now) };
         Ok(())
     }
@@ -231,7 +238,7 @@ impl Master {
             // At once: looking and pulling SDA are one moment, or another master has time to begin.
             Levels::HIGH if held >= self.config.idle => self.step(now, levels, Phase::Begin, Symbol::Start),
             // Others talk without end.
-            levels if levels != Levels::HIGH && now.since(seen.since) >= self.config.timeout.saturating_mul(4) => {
+            levels if levels != Levels::HIGH && now.since(seen.since) >= self.config.timeout.saturating_mul(BUSY_TIMEOUTS) => {
                 self.over(now, Error::Arbitration)
             }
             Levels { scl: false, .. } if held_low => self.over(now, Error::Stuck),
@@ -281,7 +288,13 @@ impl Master {
                 return self.over(now, Error::Stretched);
             }
             Phase::Look { .. } if symbol.contended(levels.sda) => return self.over(now, Error::Arbitration),
-            Phase::Look { stretched, .. } => {
+            Phase::Look { since, stretched } => {
+                if stretched {
+                    self.stretched += now.since(since);
+                    if self.stretched >= self.config.timeout.saturating_mul(BUSY_TIMEOUTS) {
+                        return self.over(now, Error::Stretched);
+                    }
+                }
                 // The set-up time of a repeated START is that of a low clock. It counts from when SCL was seen high.
                 let whole = if symbol == Symbol::Restart { low } else { high };
                 let rest = if stretched { whole } else { whole - rise };

@@ -110,6 +110,19 @@ fn a_clock_held_for_too_long_ends_the_transfer_and_the_next_one_works() {
 }
 
 #[test]
+fn clocks_held_again_and_again_end_the_transfer() {
+    let mut bench = Bench::standard();
+    bench.wire.slave.stretch = Duration::from_millis(20);
+    let begun = bench.now;
+    // Nine acknowledges would be 180 ms.
+    assert_eq!(bench.run(transfer(0x18, &[0; 8], Read::None)), Err(Error::Stretched));
+    let took = bench.now.since(begun);
+    assert!(took >= Duration::from_millis(140) && took < Duration::from_millis(170), "{took:?}");
+    bench.wire.slave.stretch = Duration::ZERO;
+    assert_eq!(bench.run(transfer(0x18, &[], QUICK)), Ok(bytes(&[])));
+}
+
+#[test]
 fn a_master_that_was_away_while_the_clock_was_low_gives_up() {
     let (mut kept, mut gave_up) = (0, 0);
     for steps in 1..100 {
