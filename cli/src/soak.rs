@@ -40,7 +40,7 @@ pub struct Soak {
     /// What all chance follows from
     #[arg(long, value_name = "S", default_value = "1")]
     seed: u64,
-    /// The simulated world: a file, or a name in conf/worlds
+    /// The simulated world: a file, or a name in conf/worlds [default: those of the scenario, in turn]
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
     /// What happens [default: scenarios/default.toml in a checkout, else beside the configuration]
@@ -140,11 +140,31 @@ fn refuse_idle(common: &Common) -> Result<(), Failed> {
     }
 }
 
+/// The robot in a world.
+struct Ground {
+    /// Name of the world.
+    name: String,
+    place: RobotLocation,
+    world: World,
+}
+
+impl Ground {
+    fn new(place: &RobotLocation, world: Option<PathBuf>) -> Result<Self, ConfigError> {
+        let place = RobotLocation { world, ..place.clone() };
+        let path = config::world_place(&place.config, place.world.as_deref());
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let world = config::world(&place.config, place.world.as_deref(), &place.sets)?;
+        // Once, so that what is wrong is told as such.
+        drop(virtual_machine(&place, host::Config::default())?);
+        Ok(Self { name, place, world })
+    }
+}
+
 /// A robot that can be made again and again, and what it is put through.
 pub struct Robot {
-    place: RobotLocation,
+    /// The robot in each world; episodes take them in turn.
+    grounds: Vec<Ground>,
     scenario: Scenario,
-    world: World,
     limits: Limits,
     seed: u64,
     /// All modules that run, which in virtual time the logger does not: one of them is recorded in each episode, in
@@ -155,21 +175,23 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// The simulated robot of the configuration in a world under a scenario.
+    /// The simulated robot of the configuration under a scenario: in the world of `place`, else in those of the scenario.
     ///
     /// # Errors
     /// What is wrong with any of the files.
     pub fn new(place: RobotLocation, scenario: Scenario, seed: u64) -> Result<Self, ConfigError> {
-        let world = config::world(&place.config, place.world.as_deref(), &place.sets)?;
+        let worlds: Vec<Option<PathBuf>> = match place.world {
+            None if !scenario.worlds.is_empty() => scenario.worlds.iter().map(|world| Some(world.into())).collect(),
+            _ => vec![place.world.clone()],
+        };
+        let grounds = worlds.into_iter().map(|world| Ground::new(&place, world)).collect::<Result<_, _>>()?;
         let limits = checks::limits(&place, scenario.restart_delay_max)?;
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
-        // Once, so that what is wrong is told as such.
-        drop(virtual_machine(&place, host::Config::default())?);
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);
         let mut modules: Vec<String> = run.map(|module| module.name().to_owned()).collect();
         modules.push(watchdog::NAME.into());
-        Ok(Self { place, scenario, world, limits, seed, modules, again: String::new() })
+        Ok(Self { grounds, scenario, limits, seed, modules, again: String::new() })
     }
 
     fn load(common: &Common, command: &Soak) -> Result<Self, Failed> {
@@ -185,6 +207,11 @@ impl Robot {
         }
         common.sets.iter().for_each(|set| option("set", set.clone()));
         Ok(Self { again, ..Self::new(place, scenario, command.seed)? })
+    }
+
+    /// The world of an episode, and the robot in it.
+    fn ground(&self, episode: u64) -> &Ground {
+        &self.grounds[(episode % self.grounds.len() as u64) as usize]
     }
 
     /// Runs one episode with some of its faults, or all.
@@ -203,13 +230,14 @@ impl Robot {
         stop: &AtomicBool,
     ) -> Result<soak::Outcome, String> {
         EPISODE.set(number);
-        let Self { scenario, world, limits, seed, .. } = self;
+        let Self { scenario, limits, seed, .. } = self;
+        let Ground { place, world, .. } = self.ground(number);
         let disk = Disk::default();
         let stage = Stage { scenario, world, limits, seed: *seed, disk: &disk, stop };
         let recorded = self.modules[(number % self.modules.len() as u64) as usize].as_str();
         let inputs = Inputs::new(recorded, disk.clone());
         let mut outcome = soak::episode(&stage, number, faults, &mut |config| {
-            let mut machine = machine(&self.place, config, &inputs)?;
+            let mut machine = machine(place, config, &inputs)?;
             if let Some(trace) = trace {
                 trace.observe(&mut machine);
             }
@@ -327,6 +355,7 @@ impl Robot {
         let hours = report.time.as_secs_f64() / 3600.0;
         let Report { episodes, figures, faults, .. } = report;
         print(format_args!("robot-hours     {hours:.2} in {episodes} episodes, seed {}", self.seed))?;
+        print(format_args!("worlds          {}", self.worlds().join(", ")))?;
         print(format_args!("faults          {}", faults.values().sum::<u64>()))?;
         for (kind, count) in faults {
             print(format_args!("  {kind:<22} {count:>6}"))?;
@@ -352,7 +381,7 @@ impl Robot {
         print(format_args!("speed factor    {:.0} ({took:.1} s)", hours * 3600.0 / took.max(1e-9)))?;
         print(format_args!("violations      {}", report.violations.len()))?;
         for (number, violation) in &report.violations {
-            print(format_args!("episode {number}: {violation}"))?;
+            print(format_args!("episode {number}, in {}: {violation}", self.ground(*number).name))?;
             if minimal.is_none() {
                 print(format_args!("repeat: {}", repeat(&self.again, *number, only)))?;
             }
@@ -367,11 +396,16 @@ impl Robot {
         Ok(())
     }
 
+    fn worlds(&self) -> Vec<&str> {
+        self.grounds.iter().map(|ground| ground.name.as_str()).collect()
+    }
+
     fn json(&self, report: &Report, minimal: Option<&Minimal>, took: f64) -> serde_json::Value {
         let hours = report.time.as_secs_f64() / 3600.0;
         let violations = report.violations.iter().map(|(number, violation)| {
             let at = violation.at.as_nanos() as f64 / 1e9;
-            json!({ "episode": number, "at": at, "rule": violation.rule, "what": violation.what })
+            let world = &self.ground(*number).name;
+            json!({ "episode": number, "world": world, "at": at, "rule": violation.rule, "what": violation.what })
         });
         let minimal = minimal.map(|minimal| {
             let faults = minimal.faults.iter().map(|(number, fault)| {
@@ -385,6 +419,7 @@ impl Robot {
         json!({
             "hours": hours,
             "seed": self.seed,
+            "worlds": self.worlds(),
             "episodes": report.episodes,
             "digest": format!("{:016x}", report.digest()),
             "violations": violations.collect::<Vec<_>>(),
@@ -510,6 +545,11 @@ mod tests {
 
     /// A robot of short episodes in an empty world.
     fn robot() -> Robot {
+        within(Some("empty".into()), &[]).unwrap()
+    }
+
+    /// The same in a world, or in those of its scenario.
+    fn within(world: Option<PathBuf>, worlds: &[&str]) -> Result<Robot, ConfigError> {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let shipped = scenario(&root.join("scenarios/default.toml")).unwrap();
         let (settle, chaos, calm) = (12, 1, 15);
@@ -520,6 +560,7 @@ mod tests {
             calm: seconds(calm),
             turns: 1,
             kinds: Vec::new(),
+            worlds: worlds.iter().map(|world| (*world).into()).collect(),
             ..shipped
         };
         let place = RobotLocation {
@@ -528,9 +569,20 @@ mod tests {
             lcm_url: "memq://".into(),
             sets: Vec::new(),
             sim: true,
-            world: Some("empty".into()),
+            world,
         };
-        Robot::new(place, scenario, 1).unwrap()
+        Robot::new(place, scenario, 1)
+    }
+
+    #[test]
+    fn episodes_take_the_worlds_of_the_scenario_in_turn_unless_one_is_given() {
+        let names = |robot: &Robot| [0, 1, 2].map(|episode| robot.ground(episode).name.clone());
+        let drawn = within(None, &["corridor", "empty"]).unwrap();
+        assert_eq!(names(&drawn), ["corridor", "empty", "corridor"]);
+        assert!(drawn.grounds[0].world != drawn.grounds[1].world);
+        assert_eq!(names(&within(Some("warehouse".into()), &["corridor", "empty"]).unwrap()), ["warehouse"; 3]);
+        assert_eq!(names(&within(None, &[]).unwrap()), ["hall"; 3]);
+        assert!(within(None, &["hall", "nowhere"]).is_err());
     }
 
     #[test]

@@ -27,6 +27,8 @@ settings! {
         lcm_jitter_s as lcm_jitter: Duration = 0.0002, 0.0..=0.1;
         /// Probability that a receiver misses a message, always.
         lcm_loss: f64 = 0.0, 0.0..=1.0;
+        /// Worlds of the episodes, in turn, unless one is given; none: the one that a simulated robot has.
+        worlds: Vec<String> = Vec::<String>::new(), Texts("a list of names in conf/worlds");
         /// Behaviour of the operator.
         operator: Behaviour = table;
         /// Possible faults, in the order of their names.
