@@ -61,14 +61,20 @@ impl StopSource {
         }
     }
 
-    /// True for a front bumper, false for a rear bumper, `None` for any other source.
+    /// True for a bumper or a floor ranger at the front, false for one at the rear, `None` for any other source.
     #[must_use]
-    pub const fn is_front_bumper(self) -> Option<bool> {
+    pub const fn is_front(self) -> Option<bool> {
         match self {
-            Self::Bumper1 | Self::Bumper2 | Self::Bumper3 | Self::Bumper4 => Some(true),
-            Self::Bumper5 | Self::Bumper6 | Self::Bumper7 | Self::Bumper8 => Some(false),
-            Self::Unknown | Self::Sd1Front | Self::Sd1Rear | Self::Button => None,
+            Self::Bumper1 | Self::Bumper2 | Self::Bumper3 | Self::Bumper4 | Self::Sd1Front => Some(true),
+            Self::Bumper5 | Self::Bumper6 | Self::Bumper7 | Self::Bumper8 | Self::Sd1Rear => Some(false),
+            Self::Unknown | Self::Button => None,
         }
+    }
+
+    /// True for the floor rangers of a board: they see no floor.
+    #[must_use]
+    pub const fn is_floor(self) -> bool {
+        matches!(self, Self::Sd1Front | Self::Sd1Rear)
     }
 
     /// Cause while the source engages the line.
@@ -99,8 +105,8 @@ mod tests {
 
     #[test]
     fn bumpers_1_to_4_are_in_front() {
-        let front = |front| StopSource::ALL.into_iter().filter(move |source| source.is_front_bumper() == Some(front));
-        assert_eq!(front(true).map(|source| source as u8).collect::<Vec<_>>(), [1, 2, 3, 4]);
-        assert_eq!(front(false).map(|source| source as u8).collect::<Vec<_>>(), [5, 6, 7, 8]);
+        let front = |front| StopSource::ALL.into_iter().filter(move |source| source.is_front() == Some(front));
+        assert_eq!(front(true).map(|source| source as u8).collect::<Vec<_>>(), [1, 2, 3, 4, 0x10]);
+        assert_eq!(front(false).map(|source| source as u8).collect::<Vec<_>>(), [5, 6, 7, 8, 0x11]);
     }
 }

@@ -117,6 +117,8 @@ impl Watch {
                 self.homed = motion.homed;
                 self.reason.clone_from(&motion.reason);
             }
+            // Somebody stands where the operator would push the robot.
+            News::Report { report, .. } if report.subject.contains(operator::PUSHES) => {}
             News::Report { report, .. } if report.fault == Code::FaultUnknown => {
                 self.unknown = Some(report.message.clone());
             }
@@ -152,7 +154,7 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
     let machine = make(config)?;
     let watch = Rc::new(RefCell::new(Watch {
         checkers: Checkers::new(stage.limits.clone()),
-        operator: Operator::new(scenario.operator, stage.world.clone(), seed),
+        operator: Operator::new(scenario.operator, stage.world, seed),
         meter: Meter::new(stage.limits.clone()),
         speed: 0.0,
         homed: false,

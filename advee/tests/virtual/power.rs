@@ -91,7 +91,7 @@ fn a_bumper_stops_the_robot_until_a_new_command() {
     assert!(stands.contains(&robot.hold()), "{}", robot.motion().reason);
     let stops = observed.borrow().stops.clone();
     let (told, stop) = stops.iter().find(|(_, stop)| stop.engaged).expect("the line is engaged");
-    assert_eq!(StopSource::from_name(&stop.source).is_front_bumper(), Some(true), "{stop:?}");
+    assert_eq!(StopSource::from_name(&stop.source).is_front(), Some(true), "{stop:?}");
     let hit = observed.borrow().truth.iter().find(|(_, truth)| truth.collisions > 0).expect("it ran into it").0;
     // The truth is published every 50 ms; the board's 7 words take 0.67 ms.
     assert!(

@@ -8,13 +8,14 @@
 //! free: a leg is often missed once, and seldom [`FREE_READINGS`] times. A sonar that is repeatedly silent where the
 //! map has a wall that faces it does not work: what it measures is unknown. A cell counts as an obstacle after two
 //! suspicions within about a second: a single crosstalk echo is not one. Cells without new echoes expire. Clothes
-//! absorb sound, so silence beyond a metre is weak evidence.
+//! absorb sound, so silence beyond a metre is weak evidence. Where a floor ranger saw no floor is an edge, which stays.
 
 use crate::config::Body;
 use crate::people::{People, Person, Reading};
 use crate::ranges::{self, Mount, SONARS_MAX, Sounding};
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
+use std::collections::VecDeque;
 use std::mem;
 
 mod hearing;
@@ -62,6 +63,10 @@ const CONFIRM_WITHIN: Duration = Duration::from_secs(1);
 const PATCH_M: f64 = 0.25;
 /// Number of patches along a side.
 const PATCHES_PER_SIDE: i32 = 32;
+/// Maximum number of cells at edges; the oldest is forgotten first.
+const EDGES_MAX: usize = 500;
+/// Number of cells, one behind the other, that a floor ranger without floor marks.
+const EDGE_CELLS: i32 = 3;
 /// Maximum number of suspected cells.
 const HITS_MAX: usize = 2000;
 /// Fastest walking speed, m/s (ISO 13855).
@@ -168,6 +173,8 @@ pub struct Obstacles {
     /// Patch, and the instant at which it was last observed free, by its coordinates modulo [`PATCHES_PER_SIDE`].
     seen: Vec<((i32, i32), Instant)>,
     echoes: Vec<Echo>,
+    /// Cells where a floor ranger saw no floor. They do not expire: an edge stays.
+    edges: VecDeque<(i32, i32)>,
     people: People,
     /// Cones of the current round; a reused buffer.
     cones: Vec<Cone>,
@@ -181,6 +188,7 @@ impl Default for Obstacles {
             index: vec![0; (SIDE_CELLS * SIDE_CELLS) as usize],
             seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES_PER_SIDE * PATCHES_PER_SIDE) as usize],
             echoes: Vec::new(),
+            edges: VecDeque::new(),
             people: People::default(),
             cones: Vec::with_capacity(SONARS_MAX),
             round: Vec::with_capacity(SONARS_MAX),
@@ -361,6 +369,21 @@ impl Obstacles {
         false
     }
 
+    /// Marks the place at which a floor ranger sees no floor, and what is behind it.
+    pub fn add_edge(&mut self, at: Pose) {
+        for number in 0..EDGE_CELLS {
+            let behind = at * Pose::new(f64::from(number) * CELL_M, 0.0, 0.0);
+            let cell = place(behind.point(), CELL_M);
+            if self.edges.contains(&cell) {
+                continue;
+            }
+            if self.edges.len() == EDGES_MAX {
+                self.edges.pop_front();
+            }
+            self.edges.push_back(cell);
+        }
+    }
+
     /// Tracked people, extrapolated to `now`.
     pub fn people(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
         self.people.around(now)
@@ -399,10 +422,11 @@ impl Obstacles {
         }
     }
 
-    /// Occupied cells.
+    /// Occupied cells, and those at edges.
     pub fn hits(&self) -> impl Iterator<Item = Hit> + '_ {
         let confirmed = self.cells.iter().filter(|cell| cell.evidence >= OBSTACLE_EVIDENCE);
-        confirmed.map(|cell| Hit { at: middle(cell.place), closing: cell.closing })
+        let edges = self.edges.iter().map(|cell| Hit { at: middle(*cell), closing: 0.0 });
+        confirmed.map(|cell| Hit { at: middle(cell.place), closing: cell.closing }).chain(edges)
     }
 
     /// True if the space at `point` was observed free within the last `age`.
@@ -512,6 +536,22 @@ mod tests {
             assert!((at.distance(Point { x: 0.75, y: 0.0 }) - 1.0).abs() < 0.06, "{at:?}");
             assert!(at.y.abs() < 0.5, "on the arc: {at:?}");
         }
+    }
+
+    #[test]
+    fn an_edge_stays_where_it_was_seen_and_takes_no_more_memory_than_its_bound() {
+        let mut bench = bench();
+        bench.0.add_edge(Pose::new(0.80, 0.32, 0.0));
+        let found: Vec<Point> = bench.0.hits().map(|hit| hit.at).collect();
+        assert_eq!(found.len(), 3);
+        assert!(found.iter().all(|at| (0.80..0.95).contains(&at.x) && (at.y - 0.325).abs() < 1e-9), "{found:?}");
+        for _ in 0..100 {
+            bench.receive([f64::NAN; 3]);
+        }
+        bench.0.add_edge(Pose::new(0.80, 0.32, 0.0));
+        assert_eq!(bench.count(), 3);
+        (0..1000).for_each(|n| bench.0.add_edge(Pose::new(f64::from(n), 0.0, 0.0)));
+        assert_eq!(bench.count(), EDGES_MAX);
     }
 
     #[test]

@@ -10,10 +10,11 @@ use crate::route::PlanningSpace;
 use crate::senses::{EstimateCheck, Senses, Wait};
 use crate::track::Motion;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
-use messages::lowlevel::CmdMotion;
+use messages::lowlevel::{CmdMotion, DataRanges};
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
 use module::{Actions, ActiveHold, Event, Holds, Module, State};
+use navitools::Pose;
 
 /// Name of the module, and the source of its motion commands.
 pub const NAME: &str = "planner";
@@ -52,6 +53,8 @@ pub struct Planner {
     zeros: u32,
     /// True if the last estimate was not a number, or its time ran backwards.
     estimate_bad: bool,
+    /// The floor rangers of a board engage PAUSE: those at the front, or at the rear.
+    edge: Option<bool>,
     /// True if the planner drove the robot in the last step.
     was_driving: bool,
     /// Causes that hold the robot, the most important one first.
@@ -75,6 +78,7 @@ impl Planner {
             command: Motion::default(),
             zeros: 0,
             estimate_bad: false,
+            edge: None,
             was_driving: false,
             waits: Vec::new(),
             holds: Holds::default(),
@@ -93,12 +97,14 @@ impl Planner {
             Message::LlEventStop(stop) => {
                 self.senses.on_stop(stop);
                 let source = StopSource::from_name(&stop.source);
-                if let Some(front) = source.is_front_bumper().filter(|_| stop.engaged) {
+                if let Some(front) = source.is_front().filter(|_| stop.engaged) {
                     self.mission.bump(front);
                 }
+                self.edge = source.is_front().filter(|_| stop.engaged && source.is_floor());
             }
             Message::LlDataRanges(ranges) => {
                 self.senses.on_ranges(at);
+                self.on_floor(at, ranges);
                 self.on_soundings(now, &ranges::of_ranges(at, ranges));
             }
             Message::LlDataSrfs(srfs) if self.senses.lacks_ranges(at) => {
@@ -150,6 +156,14 @@ impl Planner {
         let mapped = |point| space.is_mapped(point, slack);
         self.obstacles.update(now, robot, &round, |point| body.covers(point, 0.0), mapped);
         self.mission.check_ahead(now, &self.obstacles, &self.config);
+    }
+
+    /// Remembers the edge that a board's floor rangers see, as long as it engages PAUSE for it.
+    fn on_floor(&mut self, at: Instant, ranges: &DataRanges) {
+        let Some((front, robot)) = self.edge.zip(self.senses.when_fired(at)) else { return };
+        for (place, theta) in ranges::without_floor(ranges).filter(|(place, _)| (place.x > 0.0) == front) {
+            self.obstacles.add_edge(robot.pose * Pose::new(place.x, place.y, theta));
+        }
     }
 
     fn on_goal(&mut self, command: &CmdGoal, out: &mut Actions) {

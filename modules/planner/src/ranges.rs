@@ -10,6 +10,8 @@ use navitools::{Point, wrap};
 pub const READING_VALID_FOR: Duration = Duration::from_secs(1);
 /// Maximum number of sonars in a message.
 pub const SONARS_MAX: usize = 32;
+/// Distances at which a floor ranger sees the floor, m (docs/facts/boards.md 3).
+const FLOOR_M: std::ops::RangeInclusive<f64> = 0.08..=0.20;
 /// Upper bound of the beam's opening angle, rad.
 const BEAM_MAX_RAD: f64 = 3.0;
 /// Distance before an end of the body at which a beam must reach the body's width to cover that direction of travel, m.
@@ -105,6 +107,21 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
     sonars.take(SONARS_MAX).filter_map(sounding).collect()
 }
 
+/// Floor rangers of a message that see no floor: the point at which each looks, robot frame, m, and in which direction,
+/// rad. Unknown readings are none.
+pub fn without_floor(message: &DataRanges) -> impl Iterator<Item = (Point, f64)> + '_ {
+    let rangers = message.readings.iter().filter(|reading| reading.kind == Reading::INFRARED).take(SONARS_MAX);
+    let missing = |reading: &&Reading| match reading.status {
+        Reading::SILENT => true,
+        Reading::MEASURED => !FLOOR_M.contains(&reading.distance),
+        _ => false,
+    };
+    rangers.filter(missing).filter_map(|reading| {
+        let mount = Mount::of(reading.x, reading.y, reading.theta, 0.0)?;
+        Some((mount.at, mount.theta))
+    })
+}
+
 /// Readings of an `LL_DATA_SRFS` message received at `received`, which is taken as their instant, with this opening
 /// angle, rad.
 #[must_use]
@@ -182,6 +199,20 @@ mod tests {
                 (7, at(9000), Measurement::Unknown),
             ]
         );
+    }
+
+    #[test]
+    fn floor_rangers_see_an_edge_where_they_measure_no_floor() {
+        let reading = |kind, status, distance| Reading { kind, status, distance, x: 0.75, ..Default::default() };
+        let edges = |kind, status, distance| {
+            let message = DataRanges { timestamp: 0, readings: vec![reading(kind, status, distance)] };
+            without_floor(&message).count()
+        };
+        assert_eq!(edges(Reading::INFRARED, Reading::SILENT, f64::NAN), 1);
+        assert_eq!([0.07, 0.12, 0.25].map(|m| edges(Reading::INFRARED, Reading::MEASURED, m)), [1, 0, 1]);
+        assert_eq!(edges(Reading::INFRARED, Reading::MEASURED, f64::NAN), 1);
+        assert_eq!(edges(Reading::INFRARED, Reading::UNKNOWN, f64::NAN), 0);
+        assert_eq!(edges(Reading::SONAR, Reading::SILENT, f64::NAN), 0);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::*;
 use crate::config::{Behaviour, Body, Limits};
 use messages::Hold;
-use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, Reading};
+use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, EventStop, Reading};
 use messages::middlelevel::Waypoint;
 use module::bench::Bench;
 use module::{Shell, ShellConfig};
@@ -737,6 +737,36 @@ fn with_the_view_of_2011_alone_it_drives_at_the_speed_for_unobserved_space() {
     robot.goal(&[(10.0, 2.0)], false);
     robot.until(DataGoal::BLOCKED, 25.0);
     assert!(robot.nearest > 0.1, "{}", robot.nearest);
+}
+
+#[test]
+fn an_edge_without_floor_is_remembered_and_driven_around() {
+    let mut robot = Robot::new();
+    robot.goal(&[(9.0, 2.0)], false);
+    while robot.pose.x < 4.0 {
+        robot.step();
+    }
+    // Its front left corner is over an edge: the line is engaged, and the ranger sees nothing.
+    robot.stands = Some(Hold::PauseFloor);
+    let stop = |engaged| EventStop { timestamp: 0, engaged, source: "sd1_front".into() };
+    robot.bench.message(stop(true));
+    robot.pass(1.0);
+    let infrared = |y, status| Reading { kind: Reading::INFRARED, status, x: 0.75, y, ..Default::default() };
+    let readings = vec![infrared(0.3, Reading::SILENT), infrared(-0.3, Reading::UNKNOWN)];
+    robot.bench.message(DataRanges { timestamp: robot.micros(), readings });
+    let edge = (robot.pose * Pose::new(0.8, 0.3, 0.0)).point();
+    // Somebody pushes it back, and the line opens.
+    robot.pose = robot.pose * Pose::new(-0.4, 0.0, 0.0);
+    robot.pass(1.0);
+    assert!(robot.sensed.iter().any(|at| at.distance(edge) < 0.1), "{:?}", robot.sensed);
+    robot.bench.message(stop(false));
+    robot.stands = None;
+    robot.goal(&[(9.0, 2.0)], false);
+    while robot.goal.status != DataGoal::REACHED {
+        robot.step();
+        let gap = crate::ahead::gap(&BODY, robot.pose.inverse() * edge);
+        assert!(gap > 0.0 && robot.ticks < 9000, "{gap} {:?} {:?}", robot.pose, robot.goal);
+    }
 }
 
 #[test]

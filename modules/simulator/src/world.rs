@@ -298,6 +298,16 @@ impl World {
         feet.chain(self.columns.iter().map(|column| column.centre))
     }
 
+    /// The same world with a wall along each edge of a drop, for who keeps away from both.
+    #[must_use]
+    pub fn fenced(&self) -> Self {
+        let edges = self.drops.iter().flat_map(|drop| {
+            let next = drop.iter().cycle().skip(1);
+            drop.iter().zip(next).map(|(a, b)| Segment { a: *a, b: *b })
+        });
+        Self { walls: self.walls.iter().copied().chain(edges).collect(), ..self.clone() }
+    }
+
     /// True if there is floor under a point.
     #[must_use]
     pub fn floor(&self, point: Point) -> bool {

@@ -2,8 +2,8 @@
 //!
 //! Sends motion commands at 20 Hz, first zero, drives squares and random walks where there is space, stops at times, by
 //! zero or by silence, and begins again after every stop. Commands RUN to modules in PAUSE or STOP; releases the robot
-//! where a stop waits for a person: homes it, overrules a silent source of PAUSE, switches the motors on. Where there
-//! is a planner, lets that drive, too.
+//! where a stop waits for a person: homes it, overrules a silent source of PAUSE, switches the motors on, pushes it back
+//! from an edge. Where there is a planner, lets that drive, too.
 
 use super::scenario::Behaviour;
 use super::tally::Goals;
@@ -31,8 +31,14 @@ const TEND_PERIOD: Duration = Duration::from_secs(2);
 const LOOK_AHEAD_S: (f64, f64) = (1.0, 0.25);
 /// Number of legs that are compared.
 const PATHS_TRIED: u32 = 12;
+/// Way by which the robot is pushed back from an edge at a time, m.
+const PUSH_M: f64 = 0.4;
+/// Distance ahead of the body, and beside it, within which the floor rangers look, m.
+const RANGED_M: f64 = 0.15;
 /// Power channel that feeds the motors.
 const MOTORS: &str = "motors";
+/// Beginning of the simulator's command that pushes the robot.
+pub(super) const PUSHES: &str = "put:";
 /// Source names of the operator and of the planner.
 pub(super) const SOURCE: &str = "operator";
 pub(super) const PLANNER: &str = "planner";
@@ -58,6 +64,7 @@ enum Doing {
 #[derive(Debug)]
 pub(super) struct Operator {
     behaviour: Behaviour,
+    /// The world with its edges as walls: the operator sees both.
     world: World,
     random: Random,
     doing: Doing,
@@ -95,10 +102,10 @@ impl fmt::Display for Operator {
 }
 
 impl Operator {
-    pub fn new(behaviour: Behaviour, world: World, seed: u64) -> Self {
+    pub fn new(behaviour: Behaviour, world: &World, seed: u64) -> Self {
         Self {
             behaviour,
-            world,
+            world: world.fenced(),
             random: Random::stream(seed, u64::from_le_bytes(*b"operator")),
             doing: Doing::Silent(Instant::ZERO),
             square: 0,
@@ -205,6 +212,25 @@ impl Operator {
         if has(&[Hold::ToBeHomed, Hold::HomingFailed]) && !homed {
             say(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }.into());
         }
+        let floor = list.holds.iter().find(|hold| hold.code == Hold::PauseFloor.code());
+        if let Some(floor) = floor.filter(|_| self.truth.speed.abs() < STANDS_MPS) {
+            self.leave_edge(floor.subject.contains("front"), say);
+        }
+    }
+
+    /// Pushes the robot back by hand if its floor rangers look over an edge, and lets its boards look again.
+    fn leave_edge(&self, front: bool, say: &mut impl FnMut(Message)) {
+        let (rear, ahead, half_width) = self.behaviour.body;
+        let (x, away) = if front { (ahead + RANGED_M, -PUSH_M) } else { (-rear - RANGED_M, PUSH_M) };
+        let corner = |y: f64| (self.pose() * Pose::new(x, y, 0.0)).point();
+        let reach = half_width + RANGED_M;
+        if [-reach, 0.0, reach].into_iter().any(|y| !self.world.floor(corner(y))) {
+            let Pose { x, y, theta } = self.pose() * Pose::new(away, 0.0, 0.0);
+            let fault = format!("{PUSHES}{x:.3},{y:.3},{:.4}", theta.radians());
+            say(simulation::CmdFault { target: "robot".into(), fault, ..Default::default() }.into());
+        }
+        let (module, state) = ("*".into(), common::DataState::RUN);
+        say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
     }
 
     /// Stops if the robot does not follow, or comes too close to an obstacle.
