@@ -220,7 +220,9 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
     outcome.run = back.map(|at| at.saturating_duration_since(since));
     if outcome.critical {
         outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
-        if rig.stop.is_some() {
+        // A stop that a watchdog did not require has another cause, as when the guard was not heard for a moment.
+        let required = outcome.module != watchdog::NAME || back.is_none_or(|at| at - fault >= WATCHDOG_MISSED);
+        if rig.stop.is_some() && required {
             outcome.stands = rig.stood.map(|at| at.saturating_duration_since(since)).or(Some(PATIENCE));
             outcome.table = Some(table::stands_after(&outcome.module, outcome.kind));
         }
