@@ -110,6 +110,13 @@ impl Bus {
         self.lcm.udpm().is_some_and(lcm::live::Udpm::shares_memory)
     }
 
+    /// True if somebody truncated this process's file in shared memory: the others no longer know who publishes its
+    /// messages, and a new process is to take its place.
+    #[must_use]
+    pub fn is_cut_off(&self) -> bool {
+        self.lcm.udpm().is_some_and(lcm::live::Udpm::is_cut_off)
+    }
+
     /// Publishes a message on its channel.
     pub fn publish(&mut self, message: &Message) -> Result<(), String> {
         let channel = message.channel_name();

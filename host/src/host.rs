@@ -261,6 +261,10 @@ impl Host {
                 self.serve_port(index);
             }
             self.end_unsupervised();
+            if self.bus.is_cut_off() {
+                let name = self.shell.name();
+                return Err(format!("{name}: its file in shared memory was truncated: it ends, to be started again"));
+            }
         }
     }
 

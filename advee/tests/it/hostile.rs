@@ -256,3 +256,19 @@ fn bad_input_leaves_the_robot_driving_as_commanded_or_standing() {
         println!("{:10} {rounds:7} {shots:9} {stopped:8} {slowest_recovery:22.1}", format!("{attack:?}"));
     }
 }
+
+#[test]
+fn a_process_whose_station_is_truncated_is_started_again_and_the_robot_drives_on() {
+    let _turn = support::turn();
+    let mut campaign = Campaign::new();
+    for (number, process) in campaign.robot.processes().into_iter().enumerate() {
+        let size = [0, 4096, 8192][number % 3];
+        if campaign.yard.truncate(process, size) {
+            let command = std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
+            while campaign.robot.processes().contains(&process) {
+                campaign.turn();
+            }
+            campaign.recover(&format!("{size} bytes left of the station of {}", command.replace('\0', " ")));
+        }
+    }
+}

@@ -159,6 +159,13 @@ impl Yard {
         u64::from(self.can.send(&datagram).is_ok())
     }
 
+    /// Truncates the station of a process; false if it has none.
+    pub fn truncate(&self, process: u32, size: u64) -> bool {
+        let station = files(&self.stations, ".station").into_iter().find(|path| owner(path) == Some(process));
+        let file = station.and_then(|path| OpenOptions::new().write(true).open(path).ok());
+        file.is_some_and(|file| file.set_len(size).is_ok())
+    }
+
     /// Files that are not stations, and once in a round a station that is truncated.
     fn station(&mut self, robot: &Robot, random: &mut Random) -> u64 {
         self.number += 1;

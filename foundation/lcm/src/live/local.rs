@@ -57,6 +57,11 @@ impl Local {
         self.bus.publish(sequence, channel, payload, at)
     }
 
+    /// See [`Bus::is_cut`].
+    pub fn is_cut(&self) -> bool {
+        self.bus.is_cut()
+    }
+
     /// See [`Bus::moved`].
     pub fn moved(&mut self, source: SocketAddrV4) {
         self.bus.moved(source);

@@ -20,6 +20,10 @@ impl Local {
         match *self {}
     }
 
+    pub fn is_cut(&self) -> bool {
+        match *self {}
+    }
+
     pub fn moved(&mut self, _: SocketAddrV4) {
         match *self {}
     }

@@ -293,8 +293,9 @@ impl Bus {
         self.retired = true;
     }
 
-    /// True if the own part of shared memory is not shared any more.
-    fn is_cut(&self) -> bool {
+    /// True if the own part of shared memory is not shared any more: somebody truncated a file. From then on this
+    /// context publishes datagrams only.
+    pub fn is_cut(&self) -> bool {
         self.station.is_cut() || self.board.is_cut()
     }
 
