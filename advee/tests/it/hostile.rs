@@ -32,6 +32,8 @@ const FOREIGN_WAY: f64 = 0.3;
 /// Growth from which a process counts as unbounded, bytes: a log's buffer is smaller, the buffer of an announced
 /// message was larger.
 const GROWTH_MAX: u64 = 96 << 20;
+/// Time within which a robot that is commanded to stand does so, and is seen to.
+const STOPPED: Duration = Duration::from_secs(5);
 /// Time within which an operator drives again.
 const RECOVERY: Duration = Duration::from_secs(40);
 
@@ -136,6 +138,17 @@ impl Campaign {
         begin.elapsed().as_secs_f64()
     }
 
+    /// Waits until the robot stands as commanded: on a busy machine what is seen of it is late.
+    fn stop(&mut self, name: &str) {
+        let begin = Instant::now();
+        self.pass(0.5);
+        while self.robot.view.speed().abs() > 0.01 {
+            assert!(begin.elapsed() < STOPPED, "{name}: commanded to stand, it drives on");
+            self.turn();
+        }
+        self.pass(0.3);
+    }
+
     /// Deliberate act of an operator that the causes ask for.
     fn act(&mut self) {
         let timestamp = 0;
@@ -161,7 +174,7 @@ impl Campaign {
         let stands = random.chance(0.25);
         if stands {
             self.wanted = 0.0;
-            self.pass(1.5);
+            self.stop(name);
         }
         let before: BTreeSet<u32> = self.robot.processes().into_iter().collect();
         (self.way, self.excess) = (0.0, 0.0);
