@@ -134,8 +134,13 @@ fn configure(folder: &Path, settings: &str) -> PathBuf {
 
 /// Modules to be harmed, with true if critical. The simulator plays the hardware.
 fn modules(config: &Path) -> BTreeMap<String, bool> {
-    let config = robot::config::Config::load(config, true, &[]).expect("a good configuration");
-    let modules = config.modules.into_iter().map(|module| (module.guard.name, module.guard.critical));
+    // Without the web server, which a robot without a page does not run.
+    let config = robot::config::Config::load(config, true, &["web.enabled=false".into()]);
+    let modules = config
+        .expect("a good configuration")
+        .modules
+        .into_iter()
+        .map(|module| (module.guard.name, module.guard.critical));
     modules.filter(|(name, _)| name != SIMULATOR).chain([(watchdog::NAME.into(), true)]).collect()
 }
 
