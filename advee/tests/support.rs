@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use lcm::live::Lcm;
+use lcm::origin::Origin;
 use messages::{Channel, Hold, Message, common, lowlevel, simulation};
 use module::State;
 use nix::fcntl::{Flock, FlockArg};
@@ -185,6 +186,23 @@ pub fn python_types(python: &Path, build: &Path) {
     assert!(generated.status.success(), "{}", String::from_utf8_lossy(&generated.stderr));
 }
 
+/// Processes of a robot, by whether they are.
+#[derive(Default)]
+struct OwnProcesses(BTreeMap<u32, bool>);
+
+impl OwnProcesses {
+    fn knows(&mut self, origin: Origin, run_dir: &Path) -> bool {
+        let Origin::Memory(process) = origin else { return false };
+        *self.0.entry(process.pid).or_insert_with(|| is_of(process.pid, run_dir))
+    }
+}
+
+/// True if a process has the run folder in its command line.
+fn is_of(pid: u32, run_dir: &Path) -> bool {
+    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    String::from_utf8_lossy(&line).contains(&*run_dir.to_string_lossy())
+}
+
 /// Last messages received on the bus.
 #[derive(Default)]
 pub struct View {
@@ -265,6 +283,8 @@ pub struct Robot {
     pub view: View,
     pub bus: Lcm,
     up: Child,
+    /// Whose messages the view takes; everybody's without.
+    own: Option<OwnProcesses>,
     _turn: Arc<Turn>,
 }
 
@@ -299,7 +319,7 @@ impl Robot {
             .stdin(Stdio::null());
         prepare(&mut up, &run_dir);
         let up = up.spawn().expect("the executable is built");
-        Self { url, port, run_dir, view: View::default(), bus, up, _turn: turn }
+        Self { url, port, run_dir, view: View::default(), bus, up, own: None, _turn: turn }
     }
 
     /// Starts a robot without a guard, as fast as it is commanded, and waits until every module runs and the steering
@@ -359,8 +379,16 @@ impl Robot {
     fn listen(&mut self, patience: Duration) {
         self.bus.wait(patience).expect("the bus can be waited for");
         while let Some(received) = self.bus.recv().expect("the bus can be read") {
-            self.view.take(received.channel, received.payload);
+            let known = self.own.as_mut().is_none_or(|own| own.knows(received.origin, &self.run_dir));
+            if known {
+                self.view.take(received.channel, received.payload);
+            }
         }
+    }
+
+    /// From now on the view is of what the robot's processes publish in shared memory, whatever others forge.
+    pub fn believe_own(&mut self) {
+        self.own = Some(OwnProcesses::default());
     }
 
     /// Publishes one motion command as a remote operator.
@@ -402,16 +430,10 @@ impl Robot {
 
     /// Pids of processes with this robot's run folder on their command line.
     pub fn processes(&self) -> Vec<u32> {
-        let run_dir = self.run_dir.to_string_lossy().into_owned();
         let pids = std::fs::read_dir("/proc")
             .expect("/proc")
             .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
-        pids.filter(|pid: &u32| {
-            *pid != std::process::id()
-                && std::fs::read(format!("/proc/{pid}/cmdline"))
-                    .is_ok_and(|line| String::from_utf8_lossy(&line).contains(&run_dir))
-        })
-        .collect()
+        pids.filter(|pid: &u32| *pid != std::process::id() && is_of(*pid, &self.run_dir)).collect()
     }
 }
 

@@ -81,6 +81,7 @@ impl Campaign {
             excess: 0.0,
             memory: BTreeMap::new(),
         };
+        campaign.robot.believe_own();
         campaign.recover("at the start");
         campaign.memory = campaign.sizes();
         campaign
