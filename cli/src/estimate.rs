@@ -182,8 +182,9 @@ fn summary(outcomes: &Outcomes) -> Value {
 fn as_text(outcomes: &Outcomes, path: &Path) -> String {
     let rows = &outcomes.rows;
     let known = 100.0 * (part(rows, Quality::Coarse) + part(rows, Quality::Fine));
-    let found = located(rows).map_or("never located".into(), |after| format!("located after {after:.2} s"));
+    let found = located(rows)
+        .map_or("the position was never found".into(), |after| format!("position found after {after:.2} s"));
     // COARSE and FINE are the qualities by which the planner drives (docs/navigation.md).
-    let known = format!("position known (COARSE or FINE) in {known:.1} % of them");
+    let known = format!("known well enough to drive by (COARSE or FINE) in {known:.1} % of the rows");
     format!("{}: {} rows, {found}, {known}", path.display(), rows.len())
 }

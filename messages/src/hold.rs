@@ -58,7 +58,7 @@ holds! {
     PauseUnknown = 101, "the state of the PAUSE line is unknown",
         "Check that the power controller is on and that its link is plugged in.";
     /// The PAUSE line was engaged and is not any more; it remains until a deliberate act. No subject.
-    PauseLatched = 102, "PAUSE was engaged: the robot must be let go",
+    PauseLatched = 102, "PAUSE was engaged: the robot waits for an operator",
         "Clear the cause; then release the controls and press again, or send the goal again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
@@ -93,7 +93,7 @@ holds! {
     /// A drive is in its fault state; the fault is reset each second. Subject: the drive.
     DriveFault = 218, "the {} drive is in fault", "Check the errors of the {}; the fault is reset automatically.";
     /// A drive is booted, but its state was not received yet. Subject: the drive.
-    DriveUnseen = 219, "the {} drive has not told its state", "Wait some seconds.";
+    DriveUnseen = 219, "the {} drive has not reported its state", "Wait some seconds.";
     /// The steering has no reference. Subject: the axis.
     NotHomed = 221, "the {} is not homed yet", "Home it, with room at the front wheels.";
     /// The steering is being homed. Subject: the axis.
@@ -103,7 +103,7 @@ holds! {
     /// Homing failed; it is not retried automatically. Subject: the axis.
     HomingFailed = 224, "homing the {} failed", "Home it again, with room at the front wheels.";
     /// The steering has no reference, and homing moves the wheels: it waits for a release. Subject: the axis.
-    ToBeHomed = 225, "the {} is to be homed: let it",
+    ToBeHomed = 225, "the {} is to be homed: it waits for an operator",
         "Keep clear of the front wheels; then home it, send a goal, or drive by hand from zero.";
     /// An object of a drive on which the stop depends was changed; it is written again. Subject: the drive.
     DriveParameter = 231, "the {} drive does not hold its configuration",
@@ -154,10 +154,9 @@ holds! {
     /// The robot was stopped, or the source was silent, and it has not sent zero since. Subject: the source.
     NotReleased = 405, "{} must send zero first: the robot was stopped", "Release the controls, then press again.";
     /// The robot was stopped, or driven by hand, and no operator has resumed the planner since. Subject: the source.
-    PlannerLatched = 406, "{} must be let go by an operator first",
-        "Send the goal again, or let the robot go on.";
+    PlannerLatched = 406, "{} waits: an operator must resume it", "Send the goal again, or resume it.";
     /// Another source moves the robot. Subject: that source.
-    OtherSource = 407, "{} drives the robot", "Wait until {} releases the robot, then let it go on.";
+    OtherSource = 407, "{} drives the robot", "Wait until {} releases the robot, then resume.";
     /// The cause of a quick stop has ended, and the robot still brakes: it is served when it stands. No subject.
     Stopping = 408, "the robot finishes its stop", "Wait a moment: it stands within a second.";
 
@@ -180,10 +179,10 @@ holds! {
         "Check power and cable of {}. When it answers, release the controls and press again, or send the goal again.";
     /// A module without which the planner must not drive does not run. Subject: the module.
     PlannerModule = 511, "the planner may not drive: {} is not running",
-        "Wait some seconds: {} is restarted automatically. Then let the robot go on.";
+        "Wait some seconds: {} is restarted automatically. Then resume.";
     /// The estimate is missing, lost or too old for driving. No subject.
     PlannerNoEstimate = 512, "the planner has no estimate to drive by",
-        "Wait until the estimator knows the position, then let the robot go on.";
+        "Wait until the estimator knows the position, then resume.";
 
     /// The planner has no goal: nothing is wrong. No subject.
     NoGoal = 601, "there is no goal", "Send the robot to a goal.";
@@ -439,7 +438,7 @@ mod tests {
             (214, "steering", "the steering drive does not answer"),
             (217, "steering", "the steering drive does not take its target"),
             (218, "propulsion", "the propulsion drive is in fault"),
-            (219, "propulsion", "the propulsion drive has not told its state"),
+            (219, "propulsion", "the propulsion drive has not reported its state"),
             (221, "steering", "the steering is not homed yet"),
             (222, "steering", "the steering is being homed"),
             (223, "steering", "the steering is homed and turns straight"),
@@ -452,7 +451,7 @@ mod tests {
             (403, "planner", "planner is overruled by a higher priority"),
             (404, "web:Jana", "web:Jana must wait: another source of its priority moves the robot"),
             (405, "web:Jana", "web:Jana must send zero first: the robot was stopped"),
-            (406, "planner", "planner must be let go by an operator first"),
+            (406, "planner", "planner waits: an operator must resume it"),
             (511, "estimator", "the planner may not drive: estimator is not running"),
             (512, "", "the planner has no estimate to drive by"),
         ] {

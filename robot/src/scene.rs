@@ -7,7 +7,7 @@ use planner::map::Map;
 use rs485::boards::psc1;
 use simulator::world::World;
 use web::center::authority::Limits;
-use web::center::scene::{Beacon, Drive, Route, Scene, outline, rounded};
+use web::center::scene::{Beacon, Drive, Route, Scene, TemperatureLimit, outline, rounded};
 
 /// Scene of a robot, with its world if it is simulated, else with the map of its planner.
 #[must_use]
@@ -43,6 +43,7 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
         columns: columns.iter().map(|column| [column.centre.x, column.centre.y, column.radius].map(rounded)).collect(),
         routes: routes.iter().map(route).collect(),
         power_channels: robot.power.as_ref().map(|_| psc1::CHANNELS.to_vec()).unwrap_or_default(),
+        temperature_limits: temperature_limits(robot),
         drives: robot.can.iter().flat_map(drives).collect(),
         ..Scene::default()
     }
@@ -61,6 +62,15 @@ pub(crate) fn translated(robot: &Robot) -> RobotScene {
         sonar: Sensor::srf08(robot.sensors.srf08.beam_rad),
         infrared: Sensor::GP2Y0A41,
     }
+}
+
+fn temperature_limits(robot: &Robot) -> Vec<TemperatureLimit> {
+    let limit = |name: &String, celsius: f64| TemperatureLimit { name: name.clone(), celsius };
+    let chips = robot.i2c.iter().flat_map(|bus| &bus.driver.chips).flat_map(|chip| &chip.temperatures);
+    let chips = chips.map(|temperature| limit(&temperature.name, temperature.limit_c.into()));
+    let named = robot.w1.iter().flat_map(|w1| &w1.driver.sensors);
+    let named = named.filter_map(|sensor| Some(limit(&sensor.name, sensor.limit_c?)));
+    chips.chain(named).collect()
 }
 
 fn drives(bus: &CanBus) -> impl Iterator<Item = Drive> {

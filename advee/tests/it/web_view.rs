@@ -93,6 +93,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "columns",
         "routes",
         "power_channels",
+        "temperature_limits",
         "drives",
         "faults",
     ]);
@@ -100,6 +101,9 @@ fn each_part_has_its_shape_and_its_rate() {
     assert_eq!((&scene["part"], &scene["simulated"], &scene["demo"]), (&json!("scene"), &json!(true), &Value::Null));
     assert_eq!(scene["limits"], json!({ "speed": 0.6, "steering": 0.6109 }));
     assert_eq!(scene["drives"], json!([{ "name": "propulsion", "node": 1 }, { "name": "steering", "node": 2 }]));
+    let limit = |name: &str, celsius: f64| json!({ "name": name, "celsius": celsius });
+    let limits = [limit("box", 60.0), limit("drives", 75.0), limit("battery", 50.0)];
+    assert_eq!(scene["temperature_limits"], json!(limits));
     let count = |name: &str| scene[name].as_array().unwrap().len();
     assert!(count("walls") >= 4 && count("beacons") == 6 && count("routes") >= 1 && count("power_channels") == 8);
     let faults = scene["faults"].as_array().unwrap();

@@ -241,7 +241,7 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     hear(&mut app, messages::lowlevel::DataHold { timestamp: 1, module: "planner".into(), holds });
     let screen = screen(&app, 150, 40);
     for told in [
-        "stands     5.0s PAUSE is engaged by bumper2 ",
+        "held       5.0s PAUSE is engaged by bumper2 ",
         "           1.0s web:Jana must send zero first: the robot was",
         "                latched until commanded",
         "           0.0s the estimator is lost",

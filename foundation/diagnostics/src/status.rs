@@ -70,7 +70,7 @@ impl Model {
             Some(_) => {}
         }
         if let Some(stop) = self.stop.get().filter(|stop| stop.engaged) {
-            let reason = format!("the PAUSE line is engaged by {}; release it, then let the robot go on", stop.source);
+            let reason = format!("the PAUSE line is engaged by {}; release it, then resume", stop.source);
             return status(RobotStatus::Paused, reason);
         }
         let modules = self.modules(now);

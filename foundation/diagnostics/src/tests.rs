@@ -105,7 +105,7 @@ fn the_status_shows_the_most_important_cause_first() {
     let down = "driver_canbus is down: SIGSEGV: crashed; the robot does not move without it";
     assert_eq!(word(&model, T0), (RobotStatus::Fault, down.into()));
     say(&mut model, T0, EventStop { timestamp: 1, engaged: true, source: "bumper3".into() });
-    let paused = "the PAUSE line is engaged by bumper3; release it, then let the robot go on";
+    let paused = "the PAUSE line is engaged by bumper3; release it, then resume";
     assert_eq!(word(&model, T0), (RobotStatus::Paused, paused.into()));
     assert_eq!(
         word(&model, T0 + Duration::from_millis(2500)),

@@ -43,6 +43,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("modules/web/src/center/scene.rs", "Beam"),
             renamed("modules/web/src/center/scene.rs", "Beacon", "MapBeacon"),
             same("modules/web/src/center/scene.rs", "Route"),
+            same("modules/web/src/center/scene.rs", "TemperatureLimit"),
             renamed("modules/web/src/center/scene.rs", "Drive", "DriveNode"),
             renamed("modules/web/src/center/scene.rs", "Faults", "TargetFaults"),
             same("modules/web/src/center/parts.rs", "DrivePart"),

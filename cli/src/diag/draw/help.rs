@@ -8,10 +8,10 @@ use ratatui::widgets::{Block, Paragraph};
 
 const KEYS: [(&str, &str); 20] = [
     ("space, s", "STOP: zero at once, goal cancelled"),
-    ("d", "take the drive, or give it back. While it is taken zero is sent"),
-    ("", "unless an arrow is held. A terminal does not tell when it is let go:"),
+    ("d", "take control of the motion, or release it. While it is held zero is sent"),
+    ("", "unless an arrow is held. A terminal does not report its release:"),
     ("", "one press runs 0.7 s, each repeat 0.2 s more"),
-    ("arrows", "drive, once the drive is taken; else mark a row, change the view"),
+    ("arrows", "drive, while you have control; else mark a row, change the view"),
     ("+ -", "speed of the arrows"),
     ("h", "home the steering"),
     ("1..6, tab", "views"),
@@ -23,10 +23,10 @@ const KEYS: [(&str, &str); 20] = [
     (":", "a command; tab completes it, up and down: earlier ones"),
     ("m", "a mark in the log"),
     ("pgup, pgdn", "ten rows up, down"),
-    ("esc", "give the drive back, clear the filter"),
+    ("esc", "release control, clear the filter"),
     ("q, ctrl-c", "quit; the robot stops if you drove"),
     ("", ""),
-    ("ages", "stand before values; grey and a ! mean older than twice the period"),
+    ("ages", "are before values; grey and a ! mean older than twice the period"),
 ];
 
 pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect) {

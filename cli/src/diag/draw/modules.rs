@@ -72,7 +72,7 @@ pub fn brief(app: &App, now: Instant) -> Vec<Line<'static>> {
 fn process(row: &ModuleRow) -> &'static str {
     match row.phase {
         "stranger" if row.module == watchdog::NAME => "-",
-        "stranger" => "no guard",
+        "stranger" => "external",
         phase => phase,
     }
 }

@@ -36,7 +36,7 @@ pub fn nearest(sonars: &[Reading]) -> String {
         let side = if turns.is_finite() { (turns.rem_euclid(1.0) * 8.0).round() as usize % 8 } else { 0 };
         format!("{:.2} m {}", nearest.distance, SIDES[side])
     });
-    let nearest = nearest.unwrap_or_else(|| "nothing heard".into());
+    let nearest = nearest.unwrap_or_else(|| "no echo".into());
     let unknown = sonars.iter().filter(|sonar| is_unknown(sonar)).count();
     if unknown > 0 { format!("{nearest}, {unknown} NOT KNOWN") } else { nearest }
 }

@@ -132,7 +132,7 @@ fn holds(model: &Model, at: Instant) -> Vec<Line<'static>> {
     let rows = model.hold_rows(at);
     let is_notice = |row: &HoldRow| Hold::from_code(row.code).is_some_and(Hold::is_notice);
     // A bound may leave it some speed.
-    let name = if rows.iter().all(is_notice) { "bounded" } else { "stands" };
+    let name = if rows.iter().all(is_notice) { "bounded" } else { "held" };
     let rows = rows.into_iter().take(HOLDS).enumerate();
     rows.flat_map(|(n, row)| {
         let stood = newest.zip(row.since).map(|(newest, since)| u64::try_from(newest - since).unwrap_or_default());
@@ -234,7 +234,7 @@ fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
     let sources = model.commands(at).take(SOURCES);
     lines.extend(sources.map(|command| {
         let (source, speed) = (clip(&command.source), command.speed);
-        Line::from(format!("commands  {source} priority {} {speed:+.2} m/s", command.priority))
+        Line::from(format!("source    {source} priority {} {speed:+.2} m/s", command.priority))
     }));
     lines
 }

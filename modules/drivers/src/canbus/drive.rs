@@ -105,7 +105,7 @@ impl fmt::Display for Objection {
             Self::NotAnswering => f.write_str("does not answer"),
             Self::Trouble(trouble) => trouble.fmt(f),
             Self::Fault(fault) => write!(f, "is {fault}"),
-            Self::StateUnknown => f.write_str("has not told its state"),
+            Self::StateUnknown => f.write_str("has not reported its state"),
         }
     }
 }

@@ -12,7 +12,7 @@ for (const profile of PROFILES) {
     await v.page.getByLabel("Target").selectOption("psc1");
     await v.page.locator("label.field", { hasText: /^Fault/ }).locator("select").selectOption("bumper");
     await v.page.getByLabel("For").selectOption("0");
-    await v.press(v.button("Break it"));
+    await v.press(v.button("Inject fault"));
     await v.shows("Paused");
     await v.press(v.button("End bumper of psc1"));
     await robot.release();

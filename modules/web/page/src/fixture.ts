@@ -89,7 +89,7 @@ function drivePart(): DrivePart {
   const moves = Math.abs(robot.speed) > 0.01;
   const word = robot.paused ? "paused" : robot.held ? "stopped" : moves ? "driving" : "ready";
   const said = robot.paused
-    ? "the PAUSE line is engaged by bumper1; release it, then let the robot go on"
+    ? "the PAUSE line is engaged by bumper1; release it, then resume"
     : robot.held ? why : moves ? `${robot.speed.toFixed(2)} m/s; commanded by ${patrols ? "planner" : `web:${holder?.name}`}` : "the robot is at standstill without a command";
   const [gx, gy] = ROUTE[robot.goal % ROUTE.length] as [number, number];
   const quality = mode === "search" ? 1 : 3;
@@ -207,7 +207,8 @@ const SCENE: Part = {
   beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y })),
   walls: [[0, 0, 20, 0], [20, 0, 20, 12], [20, 12, 0, 12], [0, 12, 0, 0], [4, 0, 4, 2.5], [8, 0, 8, 2.5], [11, 12, 11, 9.5], [11, 9.5, 14, 9.5], [14, 9.5, 14, 12], [15, 4.5, 17, 4.5], [17, 4.5, 17, 6.5], [17, 6.5, 15, 6.5], [15, 6.5, 15, 4.5]],
   columns: [[6, 4, 0.25], [10, 4, 0.25], [14, 3, 0.25], [6, 8, 0.25], [10, 8, 0.25], [18, 9, 0.25]],
-  routes: [{ name: "patrol", points: ROUTE }], power_channels: ["host", "computer1", "computer2", "motors", "monitor", "audio", "sensors", "switch"],
+  routes: [{ name: "patrol", points: [...ROUTE, ROUTE[0] as [number, number]] }, { name: "start", points: [[3, 6]] }, { name: "upper left", points: [[3, 10]] }], power_channels: ["host", "computer1", "computer2", "motors", "monitor", "audio", "sensors", "switch"],
+  temperature_limits: [{ name: "cpu", celsius: 80 }, { name: "motor", celsius: 70 }],
   drives: [{ name: "propulsion", node: 1 }, { name: "steering", node: 2 }],
   faults: [{ target: "sd1_front", faults: ["silent", "garbled"] }, { target: "can", faults: ["drop", "off"] }, { target: "robot", faults: ["kidnap"] }, { target: "psc1", faults: ["pause", "silent"] }],
 };

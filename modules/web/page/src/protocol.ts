@@ -154,6 +154,8 @@ export interface ScenePart {
   routes: Route[];
   /** Channels of the power controller. */
   power_channels: string[];
+  /** Temperatures above which the robot reports an over-temperature. */
+  temperature_limits: TemperatureLimit[];
   /** Drives with their nodes. */
   drives: DriveNode[];
   /** Faults that can be injected in the simulation. */
@@ -202,6 +204,14 @@ export interface Route {
   name: string;
   /** Points x, y, m. */
   points: [number, number][];
+}
+
+/** Limit of a thermometer. */
+export interface TemperatureLimit {
+  /** Name of the thermometer in `LL_DATA_TEMPERATURE`. */
+  name: string;
+  /** Temperature above which it is too hot, degrees Celsius. */
+  celsius: number;
 }
 
 /** A drive on a CANopen bus. */

@@ -43,6 +43,8 @@ pub struct Scene {
     pub routes: Vec<Route>,
     /// Channels of the power controller.
     pub power_channels: Vec<&'static str>,
+    /// Temperatures above which the robot reports an over-temperature.
+    pub temperature_limits: Vec<TemperatureLimit>,
     /// Drives with their nodes.
     pub drives: Vec<Drive>,
     /// Faults that can be injected in the simulation.
@@ -89,6 +91,15 @@ pub struct Route {
     pub points: Vec<[f64; 2]>,
 }
 
+/// Limit of a thermometer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TemperatureLimit {
+    /// Name of the thermometer in `LL_DATA_TEMPERATURE`.
+    pub name: String,
+    /// Temperature above which it is too hot, degrees Celsius.
+    pub celsius: f64,
+}
+
 /// A drive on a CANopen bus.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drive {
@@ -125,6 +136,7 @@ impl Default for Scene {
             columns: Vec::new(),
             routes: Vec::new(),
             power_channels: Vec::new(),
+            temperature_limits: Vec::new(),
             drives: Vec::new(),
             faults: Vec::new(),
         }

@@ -107,7 +107,7 @@ fn ignored_sources_are_named_and_the_planner_with_its_missing_needs() {
     robot.bench.message(DataEstimate { quality: DataEstimate::FINE, ..Default::default() });
     robot.exchange();
     assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
-    assert_eq!(robot.holds.holds[0].words(), "planner must be let go by an operator first");
+    assert_eq!(robot.holds.holds[0].words(), "planner waits: an operator must resume it");
     robot.pass(300);
     // Two gamepads and the planner behind a manual source.
     robot.drive(0.0, 50);
@@ -186,8 +186,8 @@ fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
             "the steering drive does not take its target: 0.00 instead of 0.40 m/s",
         ),
         (steering(drive::Objection::NotAnswering), "the steering drive does not answer"),
-        (steering(drive::Objection::StateUnknown), "the steering drive has not told its state"),
-        (Objection::NotHomed(steering::NotHomed::Unreleased), "the steering is to be homed: let it"),
+        (steering(drive::Objection::StateUnknown), "the steering drive has not reported its state"),
+        (Objection::NotHomed(steering::NotHomed::Unreleased), "the steering is to be homed: it waits for an operator"),
         (Objection::NotHomed(steering::NotHomed::Failed(homing)), "homing the steering failed: takes too long"),
     ] {
         is_plain(objection);

@@ -20,7 +20,7 @@ export function advice(part: DrivePart, held: boolean): Advice | null {
       steps: [
         pausedBy(part.holds)?.remedy || `Release the PAUSE line at ${who}.`,
         "The status goes back to ready by itself.",
-        "Then drive by hand, or let the robot go on with what it did.",
+        "Then drive by hand, or resume what the robot did.",
       ],
       offer: null,
     };

@@ -10,7 +10,9 @@ test("a goal is told in the planner's words, else in ours", () => {
   equal(goalWords({ ...GOAL, message: "drives to waypoint 4 of 12, for ever" }), "Drives to waypoint 4 of 12, for ever, 2.0 m to go.");
   equal(goalWords({ ...GOAL, status: 2 }), "The goal is reached.");
   equal(goalWords({ ...GOAL, status: 99, remaining: null }), "The state of the goal is not known.");
-  equal(goalWords(null), "Nothing is known of a goal.");
+  equal(goalWords({ ...GOAL, status: 3, message: "driver_canbus is in PAUSE" }, true), "Waits: an operator stopped the robot.");
+  equal(goalWords({ ...GOAL, status: 2 }, true), "The goal is reached.", "nothing waits");
+  equal(goalWords(null), "No data of the planner yet.");
 });
 
 test("a position is told with how sure it is, and not at all when the robot is lost", () => {
@@ -20,7 +22,7 @@ test("a position is told with how sure it is, and not at all when the robot is l
   equal(positionWords(part(3)), "At 1.23, −2.00 m, heading 90°; fine, ±0.10 m and ±1.1°.");
   equal(positionWords({ ...part(1), ellipse: { long: 2000, short: 2000, angle: 0, heading: 6 } }), "The robot does not know where it is.");
   equal(positionWords(part(0)), "The robot does not know where it is.");
-  equal(positionWords(null), "Where the robot is has not been said yet.");
+  equal(positionWords(null), "The position of the robot is not known yet.");
 });
 
 test("what the guard permits is told with what is in its fields", () => {

@@ -13,9 +13,12 @@ export function isLost(part: DrivePart | null): boolean {
   return quality === 0 || (quality === 1 && (part?.ellipse?.long ?? Infinity) > NOWHERE);
 }
 
+/** The robot is on its way to it, or held on the way. */
+export const isActive = (goal: DataGoal): boolean => [1, 3].includes(goal.status);
+
 export function positionWords(part: DrivePart | null): string {
   const estimate = part?.estimate.value;
-  if (!part || !estimate) return "Where the robot is has not been said yet.";
+  if (!part || !estimate) return "The position of the robot is not known yet.";
   const quality = QUALITIES[estimate.quality] ?? "unknown";
   if (isLost(part)) return "The robot does not know where it is.";
   const sure = part.ellipse ? `, ±${num(part.ellipse.long, 2, "m")} and ±${deg(part.ellipse.heading, 1)}` : "";
@@ -31,10 +34,11 @@ export function guardWords(part: DrivePart | null): string {
   return `${bound.words[0]?.toUpperCase()}${bound.words.slice(1)}.${fields}`;
 }
 
-/** The planner's own words where it has some. */
-export function goalWords(goal: DataGoal | null | undefined): string {
-  if (!goal) return "Nothing is known of a goal.";
-  const left = goal.remaining === null || ![1, 3].includes(goal.status) ? "" : `, ${num(goal.remaining, 1, "m")} to go`;
+/** The planner's own words where it has some, except that it waits because an operator stopped the robot. */
+export function goalWords(goal: DataGoal | null | undefined, stopped = false): string {
+  if (goal && stopped && isActive(goal)) return "Waits: an operator stopped the robot.";
+  if (!goal) return "No data of the planner yet.";
+  const left = goal.remaining === null || !isActive(goal) ? "" : `, ${num(goal.remaining, 1, "m")} to go`;
   if (goal.message) return `${goal.message[0]?.toUpperCase()}${goal.message.slice(1)}${left}.`;
   const to = `waypoint ${goal.waypoint + 1}`;
   const words = ["No goal", `Drives to ${to}`, "The goal is reached", `Blocked on the way to ${to}`, "The goal failed", "The goal was cancelled"];

@@ -6,6 +6,11 @@ export function percent(value: number | null | undefined, digits = 0): string {
   return value === null || value === undefined ? NONE : num(100 * value, digits, "%");
 }
 
+/** A value and its limit, where it has one: `36.0 of 60 °C`. */
+export function against(value: number | null, limit: number | undefined, unit: string): string {
+  return limit === undefined ? num(value, 1, unit) : `${num(value, 1)} of ${num(limit, 0, unit)}`;
+}
+
 /** s as milliseconds, without the unit. */
 export function milliseconds(seconds: number | null | undefined): string {
   return seconds === null || seconds === undefined ? NONE : num(1e3 * seconds, 1);

@@ -1,6 +1,6 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
-import { count, figure, hex, milliseconds, minutes, moment, percent } from "./format";
+import { against, count, figure, hex, milliseconds, minutes, moment, percent } from "./format";
 import { begun, demoLink, fileLink, reportLink, started } from "./logs/names";
 
 test("figures are written as people read them", () => {
@@ -9,6 +9,7 @@ test("figures are written as people read them", () => {
   deepEqual([0x20, 0x8611, 0x12345].map((value) => hex(value)), ["0x0020", "0x8611", "0x12345"]);
   equal(hex(-1, 2), "0xFF");
   deepEqual([0, 999, 1234567, NaN].map(count), ["0", "999", "1\u202F234\u202F567", "–"]);
+  deepEqual([against(36, 60, "°C"), against(null, 60, "°C"), against(36.04, undefined, "°C")], ["36.0 of 60 °C", "– of 60 °C", "36.0 °C"]);
   deepEqual([7800, 59, 0, -1, null, NaN].map(minutes), ["2 h 10 min", "less than a minute", "less than a minute", "not known", "not known", "not known"]);
 });
 

@@ -34,7 +34,7 @@ export function ModuleDialog({ row, onClose }: { row: ModuleRow; onClose: () => 
           { name: "CPU", value: row.pid ? percent(row.cpu, 1) : "–" },
           { name: "Memory", value: row.pid ? bytes(row.rss) : "–" },
           { name: "Last message", value: age === null ? "never" : `${span(age)} ago` },
-          { name: "Errors", value: row.faults === null ? "not known" : row.faults === 0 ? "none stands" : `${row.faults} standing` },
+          { name: "Errors", value: row.faults === null ? "not known" : row.faults === 0 ? "none active" : `${row.faults} active` },
         ]}
       />
       {row.critical ? <p class="p-note">The robot does not move unless this module runs: what stops it is confirmed by a slide.</p> : null}

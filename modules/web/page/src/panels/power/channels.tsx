@@ -23,7 +23,7 @@ export function Channels() {
   const rows = shown?.value?.channels;
   const columns: Column<Channel>[] = [
     { head: "Channel", title: true, by: (row) => row.name, cell: (row) => row.name },
-    { head: "Is", by: (row) => (row.on ? 0 : 1), cell: (row) => (row.on ? <Badge tone="good">on</Badge> : <Badge tone="off">off</Badge>) },
+    { head: "Status", by: (row) => (row.on ? 0 : 1), cell: (row) => (row.on ? <Badge tone="good">on</Badge> : <Badge tone="off">off</Badge>) },
     { head: "Current", figure: true, by: (row) => row.current ?? -Infinity, cell: (row) => num(row.current, 2, "A") },
     {
       head: "Switch",

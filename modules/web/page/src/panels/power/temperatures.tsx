@@ -2,14 +2,15 @@
 import { Fan, Thermometer } from "lucide-preact";
 import { num } from "../../format";
 import type { Fan as FanRow, Temperature } from "../../protocol";
-import { stale, system } from "../../state";
+import { scene, stale, system } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Table } from "../../ui";
-import { percent } from "../format";
+import { against, percent } from "../format";
 
+const limit = (name: string): number | undefined => scene.value?.temperature_limits.find((each) => each.name === name)?.celsius;
 
 const TEMPERATURES: Column<Temperature>[] = [
   { head: "Where", title: true, by: (row) => row.name, cell: (row) => row.name },
-  { head: "Temperature", figure: true, by: (row) => row.value ?? -Infinity, cell: (row) => num(row.value, 1, "°C") },
+  { head: "Temperature", figure: true, by: (row) => row.value ?? -Infinity, cell: (row) => against(row.value, limit(row.name), "°C") },
   {
     head: "Status",
     by: (row) => (row.over ? 0 : 1),

@@ -87,7 +87,7 @@ export function GamepadCard() {
           <Facts
             facts={[
               { name: "Name", value: value.name },
-              { name: "Dead man", value: value.dead_man ? <Badge tone="warn">held: it drives</Badge> : <Badge tone="off">let go</Badge> },
+              { name: "Dead man", value: value.dead_man ? <Badge tone="warn">held: it drives</Badge> : <Badge tone="off">released</Badge> },
               { name: "Speed", value: num(value.speed, 2, "m/s") },
               { name: "Steering", value: deg(value.steering, 1) },
             ]}

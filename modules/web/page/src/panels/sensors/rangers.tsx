@@ -9,9 +9,9 @@ import { infrareds, type Sounding, type Soundings, sonars } from "./readings";
 
 const columns = (heard: (range: Sounding) => ComponentChildren): Column<Sounding>[] => [
   { head: "No.", title: true, by: (range) => range.id, cell: (range) => range.id },
-  { head: "Looks to", by: (range) => range.theta, cell: (range) => `${side(range.theta)} (${deg(range.theta)})` },
+  { head: "Direction", by: (range) => range.theta, cell: (range) => `${side(range.theta)} (${deg(range.theta)})` },
   {
-    head: "Sits at",
+    head: "Position",
     cell: (range) => (
       <>
         {num(range.x, 2)}, {num(range.y, 2, "m")}
@@ -31,7 +31,7 @@ const columns = (heard: (range: Sounding) => ComponentChildren): Column<Sounding
     cell: (range) => num(range.age, 2, "s"),
   },
   {
-    head: "Heard",
+    head: "Status",
     by: (range) => (range.known === "unknown" ? -1 : (range.distance ?? Infinity)),
     cell: heard,
   },
@@ -46,7 +46,7 @@ const INFRARED = columns((range) => FLOORS[floor(range)]);
 
 function Near({ range }: { range: Sounding }) {
   if (range.known === "unknown") return <Badge tone="bad">not known</Badge>;
-  if (range.distance === null) return <Badge tone="off">nothing</Badge>;
+  if (range.distance === null) return <Badge tone="off">no echo</Badge>;
   const how = near(range.distance);
   if (how === "close") return <Badge tone="bad">close</Badge>;
   return how === "near" ? <Badge tone="warn">near</Badge> : <Badge tone="good">clear</Badge>;

@@ -163,7 +163,7 @@ function Form({ targets }: { targets: { target: string; faults: string[] }[] }) 
         </label>
       )}
       <Button type="submit" kind="danger" icon={Bug} whyNot={whyNot} onClick={() => {}}>
-        Break it
+        Inject fault
       </Button>
       <p class="muted p-full">
         {means} {whyNot}

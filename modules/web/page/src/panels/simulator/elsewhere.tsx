@@ -57,7 +57,7 @@ export function Elsewhere() {
           Put it there
         </Button>
         <Button icon={Shuffle} whyNot={whyNot} onClick={kidnap}>
-          Anywhere
+          Random place
         </Button>
         <p class="muted p-full">
           Press on the plan and drag to where it is to look. Its wheels do not turn and no module is informed: the estimator finds out by itself. {whyNot}

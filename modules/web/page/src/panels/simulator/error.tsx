@@ -56,7 +56,7 @@ export function DriftCard() {
       </div>
       <Plot
         label="Distance of the estimate from the truth in the last 60 s"
-        series={[{ label: "off by", ring, style: 0 }]}
+        series={[{ label: "position error", ring, style: 0 }]}
         window={60}
         end={() => clock() / 1000}
         height={150}
