@@ -146,8 +146,9 @@ fn cell(text: &str) -> String {
     text.replace('|', "\\|")
 }
 
-/// The unit that a comment states after a comma, a colon or a semicolon, or begins with.
-fn unit(doc: &str) -> &'static str {
+/// The unit that a comment states after a comma, a colon or a semicolon, or begins with; empty if it states none.
+#[must_use]
+pub fn unit(doc: &str) -> &'static str {
     let parts = || doc.split([',', ';', ':', '.']).map(str::trim);
     let states = |phrase: &str| match phrase.contains([',', '.']) {
         true => doc.contains(phrase),

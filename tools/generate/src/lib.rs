@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `modules/web/page/src/protocol.ts` | the types that `web` serializes, and the message definitions |
 //! | `modules/web/page/src/numbers.ts` | `base::Fault`, `messages::Hold` |
+//! | `modules/web/page/src/units.ts` | the message definitions |
 //! | `docs/faults.md`, `docs/holds.md`: the tables | the same |
 //! | `docs/safety.md`: the hazards | `docs/safety.toml` |
 //! | `docs/messages.md` | `messages::Channel`, the message definitions, the modules' sources |
@@ -30,6 +31,7 @@ pub mod safety;
 pub mod text;
 pub mod traffic;
 pub mod typescript;
+pub mod units;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -63,6 +65,7 @@ pub fn outputs(root: &Path) -> Result<Vec<Output>, String> {
     Ok(vec![
         whole("modules/web/page/src/protocol.ts", protocol::page(root, &schema)?),
         whole("modules/web/page/src/numbers.ts", numbers::page()),
+        whole("modules/web/page/src/units.ts", units::page(&schema)?),
         table("docs/faults.md", "foundation/base/src/report.rs", &numbers::faults())?,
         table("docs/holds.md", "messages/src/hold.rs", &numbers::holds())?,
         table("docs/safety.md", safety::SOURCE, &safety::case(root)?)?,

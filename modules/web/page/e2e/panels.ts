@@ -113,10 +113,12 @@ for (const profile of PROFILES) {
     await v.go("Messages");
     await v.page.getByPlaceholder("Channel or type").fill("SIM_DATA_TRUTH");
     await v.row("SIM_DATA_TRUTH").getByText(/Hz/).waitFor();
+    deepEqual(await v.page.getByRole("rowheader", { name: /_\)$/ }).allTextContents(), ["Simulation (SIM_)"]);
     await v.press(v.row("SIM_DATA_TRUTH").getByRole("button"));
     const tree = v.page.getByRole("list", { name: "Fields of SIM_DATA_TRUTH" });
     const x = await tree.locator("li", { hasText: "x" }).locator("output").first().textContent();
     ok(Math.abs(Number(x?.replace("−", "-")) - robot.bus.truth().x) < 0.1, `${x}`);
+    equal(await tree.locator("li", { hasText: /^speed/ }).locator(".p-unit").textContent(), "m/s");
     await v.press(tree.getByRole("button", { name: "Plot x", exact: true }));
     const plot = v.page.getByRole("img", { name: "Course of SIM_DATA_TRUTH x" });
     await plot.locator("canvas").waitFor();

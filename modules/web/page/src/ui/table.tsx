@@ -28,6 +28,8 @@ export function Table<Row>(props: {
   /** Shown greyed: the row's values are stale. */
   stale?: (row: Row) => boolean;
   empty?: string;
+  /** Rows under headings: which a row belongs to, and the headings in their order. */
+  groups?: { of: (row: Row) => string; heads: readonly string[] };
 }) {
   const { caption, columns, id } = props;
   const [order, setOrder] = useState<Order | null>(props.order ?? null);
@@ -35,6 +37,8 @@ export function Table<Row>(props: {
   const rows = by && order ? sorted(props.rows, by, order.down) : props.rows;
   const turn = (head: string) => setOrder((old) => ({ head, down: old?.head === head ? !old.down : false }));
   if (rows.length === 0) return <p class="empty">{props.empty ?? "There is none."}</p>;
+  const { groups } = props;
+  const parts = groups ? groups.heads.map((head) => ({ head, rows: rows.filter((row) => groups.of(row) === head) })) : [{ head: "", rows }];
   return (
     <div class="table-scroll">
       <table>
@@ -59,24 +63,35 @@ export function Table<Row>(props: {
             })}
           </tr>
         </thead>
-        <tbody>
-          {rows.map((row) => (
-            <tr key={id(row)} class={props.stale?.(row) ? "is-stale" : ""}>
-              {columns.map((column) => {
-                const kind = `${column.figure ? "figure" : ""} ${column.title ? "title" : ""}`;
-                return column.title ? (
-                  <th key={column.head} scope="row" class={kind} data-head={column.head}>
-                    {column.cell(row)}
+        {parts.map((part) =>
+          part.rows.length === 0 ? null : (
+            <tbody key={part.head}>
+              {part.head ? (
+                <tr class="table-group">
+                  <th scope="rowgroup" colSpan={columns.length}>
+                    {part.head}
                   </th>
-                ) : (
-                  <td key={column.head} class={kind} data-head={column.head}>
-                    <div>{column.cell(row)}</div>
-                  </td>
-                );
-              })}
-            </tr>
-          ))}
-        </tbody>
+                </tr>
+              ) : null}
+              {part.rows.map((row) => (
+                <tr key={id(row)} class={props.stale?.(row) ? "is-stale" : ""}>
+                  {columns.map((column) => {
+                    const kind = `${column.figure ? "figure" : ""} ${column.title ? "title" : ""}`;
+                    return column.title ? (
+                      <th key={column.head} scope="row" class={kind} data-head={column.head}>
+                        {column.cell(row)}
+                      </th>
+                    ) : (
+                      <td key={column.head} class={kind} data-head={column.head}>
+                        <div>{column.cell(row)}</div>
+                      </td>
+                    );
+                  })}
+                </tr>
+              ))}
+            </tbody>
+          ),
+        )}
       </table>
     </div>
   );

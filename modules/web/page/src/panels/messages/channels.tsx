@@ -7,6 +7,7 @@ import { since, system } from "../../state";
 import { Card, type Column, Empty, Table, toast } from "../../ui";
 import { count } from "../format";
 import { lost } from "../lacks";
+import { GROUPS, group } from "./groups";
 import { choose, chosen } from "./store";
 
 const filter = signal("");
@@ -80,6 +81,7 @@ export function Channels() {
         rows={rows}
         id={(row) => row.channel}
         stale={quiet}
+        groups={{ of: (row) => group(row.channel), heads: GROUPS }}
         empty={all.length ? "None of them matches." : "No message has been received."}
       />
     </Card>

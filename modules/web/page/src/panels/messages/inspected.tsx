@@ -8,6 +8,7 @@ import { Badge, Button, Card, Empty, toast } from "../../ui";
 import { figure, moment } from "../format";
 import { choose, chosen, latest, series, toggle } from "./store";
 import { type Field, fields, FIELDS_MAX } from "./tree";
+import { Unit } from "./unit";
 
 /** ms between two drawings: faster nobody reads. */
 const DRAWN = 200;
@@ -69,7 +70,7 @@ function Body({ channel, part }: { channel: string; part: MessagePart }) {
       <p class="p-type muted">{part.type}</p>
       <ul class="p-tree" aria-label={`Fields of ${channel}`}>
         {lines.map((field) => (
-          <Line key={field.path} channel={channel} field={field} open={isOpen(field.path)} turn={turn} />
+          <Line key={field.path} channel={channel} type={part.type} field={field} open={isOpen(field.path)} turn={turn} />
         ))}
       </ul>
       {more ? <p class="muted p-pad">Only the first {FIELDS_MAX} lines are listed: close a branch to see those below it.</p> : null}
@@ -77,7 +78,7 @@ function Body({ channel, part }: { channel: string; part: MessagePart }) {
   );
 }
 
-function Line(props: { channel: string; field: Field; open: boolean; turn: (path: string) => void }) {
+function Line(props: { channel: string; type: string; field: Field; open: boolean; turn: (path: string) => void }) {
   const { channel, field, open } = props;
   const indent = { paddingInlineStart: `${0.75 + 1.25 * field.depth}rem` };
   if (field.size !== null) {
@@ -96,9 +97,12 @@ function Line(props: { channel: string; field: Field; open: boolean; turn: (path
   return (
     <li class="p-leaf" style={indent}>
       <span class="p-field">{field.name}</span>
-      <output class="figure" aria-live="off">
-        {isTime(field) ? moment(field.value as number) : written(field.value)}
-      </output>
+      <span class="p-value">
+        <output class="figure" aria-live="off">
+          {isTime(field) ? moment(field.value as number) : written(field.value)}
+        </output>
+        {isTime(field) ? null : <Unit type={props.type} path={field.path} />}
+      </span>
       {canPlot ? (
         <button
           type="button"

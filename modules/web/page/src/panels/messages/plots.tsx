@@ -2,12 +2,13 @@
 import { signal } from "@preact/signals";
 import { Download, Pause, Play, Trash2, X } from "lucide-preact";
 import { NONE } from "../../format";
-import { now } from "../../state";
+import { now, system } from "../../state";
 import { Button, Card } from "../../ui";
 import { figure } from "../format";
 import { Plot } from "../plot/plot";
 import { csv, type Ring } from "../plot/ring";
 import { end, LONGEST, plots, toggle } from "./store";
+import { Unit } from "./unit";
 
 const WINDOWS = [
   { seconds: 10, label: "10 s" },
@@ -53,7 +54,7 @@ export function Plots() {
             pressed={frozen.value !== null}
             onClick={() => (frozen.value = frozen.value === null ? end() : null)}
           >
-            {frozen.value === null ? "Pause" : "Go on"}
+            {frozen.value === null ? "Pause" : "Continue"}
           </Button>
           <Button kind="quiet" icon={Download} label="Download as CSV" onClick={save} />
           <Button kind="quiet" icon={Trash2} label="End all plots" onClick={() => (plots.value = [])} />
@@ -83,7 +84,10 @@ export function Plots() {
             <span>
               <b>{path}</b> <span class="muted">{channel}</span>
             </span>
-            <Newest ring={ring} />
+            <span class="p-value">
+              <Newest ring={ring} />
+              <Unit type={system.value?.channels.find((row) => row.channel === channel)?.type ?? ""} path={path} />
+            </span>
             <Button kind="quiet" icon={X} label={`End the plot of ${channel} ${path}`} onClick={() => toggle(channel, path)} />
           </li>
         ))}

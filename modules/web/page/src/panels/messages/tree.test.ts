@@ -1,6 +1,7 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
-import { at, fields, FIELDS_MAX, plotted } from "./tree";
+import { GROUPS, group } from "./groups";
+import { at, fields, FIELDS_MAX, plotted, unit } from "./tree";
 
 const MESSAGE = { timestamp: 1, srfs: [{ id: 0, valid: true }, { id: 1, valid: false }], name: "a", covariance: [[1, 2], [3, null]] };
 
@@ -37,4 +38,15 @@ test("a long message is cut, and said to be", () => {
 
 test("numbers and switches are plotted, all else is a gap", () => {
   deepEqual([1.5, true, false, null, "1", undefined, NaN].map(plotted), [1.5, 1, 0, null, null, null, null]);
+});
+
+test("a field has the unit of its definition, in each place of a list", () => {
+  equal(unit("lowlevel.data_srfs_t", "srfs[12].distance"), "m");
+  equal(unit("lowlevel.data_odo_t", "rotation"), "rad/s");
+  equal(unit("middlelevel.data_estimate_t", "covariance[1][2]"), "m², m rad, rad²");
+  for (const [type, path] of [["lowlevel.data_srfs_t", "srfs[0].id"], ["lowlevel.data_srfs_t", "constructor"], ["foreign_t", "x"], ["", ""]] as const) equal(unit(type, path), "", path);
+});
+
+test("a channel is in the group of its level", () => {
+  deepEqual(["LL_DATA_ODO", "CM_DATA_STATE", "SIM_DATA_TRUTH", "ML_DATA_GOAL", "MY_OWN"].map((channel) => GROUPS.indexOf(group(channel))), [1, 0, 3, 2, 4]);
 });

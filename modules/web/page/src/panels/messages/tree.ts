@@ -1,4 +1,5 @@
 // A message as a tree of fields, each with the way to it: "srfs[3].distance".
+import { UNITS } from "../../units";
 
 export type Leaf = number | string | boolean | null;
 
@@ -51,6 +52,11 @@ export function fields(message: Record<string, unknown>, open: (path: string) =>
 function leaf(value: unknown): Leaf {
   if (typeof value === "number" || typeof value === "string" || typeof value === "boolean") return value;
   return null;
+}
+
+/** The unit of a field of a type, as its definition states it; empty: none, or a type that is not ours. */
+export function unit(type: string, path: string): string {
+  return UNITS.get(type)?.get(path.replace(/\[\d+\]/g, "")) ?? "";
 }
 
 /** What stands at a way; undefined where the message has no such place. */
