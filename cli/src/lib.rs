@@ -44,6 +44,7 @@ mod port;
 mod pose;
 mod power;
 mod progress;
+mod qr;
 mod release;
 mod replay;
 mod rs485;

@@ -1,6 +1,7 @@
 //! What a person at the terminal of `advee up` is shown when the robot is up, and when it has ended. Nothing is shown
 //! where standard error is no terminal: there it is a log, and codes belong into none.
 
+use crate::qr;
 use host::log::Log;
 use host::runs;
 use std::fs;
@@ -54,7 +55,11 @@ fn card(server: Option<&ShownCodes>) -> String {
     let lines: Vec<String> = rows.iter().map(|(name, text)| format!(" {name:<14} {text}").trim_end().into()).collect();
     let width = lines.iter().map(|line| line.chars().count()).max().unwrap_or_default() + 1;
     let rule = "\u{2500}".repeat(width);
-    format!("{rule}\n{}\n{rule}\n", lines.join("\n"))
+    let picture = server.filter(|server| server.is_reachable()).map(|server| {
+        let head = " The operator's link for a phone:".to_owned();
+        [vec![head], qr::lines(&server.link(&server.operator), true)].concat().join("\n") + "\n"
+    });
+    format!("{rule}\n{}\n{rule}\n{}", lines.join("\n"), picture.unwrap_or_default())
 }
 
 /// Says where the run is kept that was recorded since then.
@@ -99,6 +104,11 @@ mod tests {
         let width = card.lines().next().unwrap().chars().count();
         assert!(card.lines().all(|line| line.chars().count() <= width), "{card}");
         assert!(!super::card(None).contains("http"));
+        assert!(!card.contains("for a phone"), "a phone does not reach a loopback address");
+        let reachable = ShownCodes { address: "192.168.1.7:8080".into(), ..server };
+        let card = super::card(Some(&reachable));
+        let picture = qr::lines("http://192.168.1.7:8080/#12345678", true).join("\n");
+        assert!(card.ends_with(&format!(" The operator's link for a phone:\n{picture}\n")), "{card}");
     }
 
     #[test]

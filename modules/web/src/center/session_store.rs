@@ -63,6 +63,13 @@ impl ShownCodes {
     pub fn link(&self, code: &str) -> String {
         format!("http://{}/#{code}", self.address)
     }
+
+    /// True if other devices may reach the server at its address, which is a name, or neither loopback nor `0.0.0.0`.
+    #[must_use]
+    pub fn is_reachable(&self) -> bool {
+        let here = |address: SocketAddr| address.ip().is_loopback() || address.ip().is_unspecified();
+        !self.address.parse().is_ok_and(here)
+    }
 }
 
 /// Codes and sessions, and their storage.
