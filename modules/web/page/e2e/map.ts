@@ -105,11 +105,28 @@ scene("a way of waypoints and the world's own route are said as they are", async
   await v.button("Cancel goal").click();
   await v.text(/^Cancelled/).waitFor();
   robot.bus.forget();
+  await v.button("Drive to…").click();
+  await v.page.getByRole("dialog", { name: "Drive to" }).getByText("route of 12 waypoints, repeated").waitFor();
   await v.button("patrol").click();
   const route = (await robot.bus.hears("ML_CMD_GOAL")) as { waypoints: object[]; loop: boolean };
-  ok(route.waypoints.length > 4);
+  deepEqual([route.waypoints.length, route.loop], [12, true]);
+  await v.text(/^patrol: waypoint \d+ of 12$/).waitFor();
   await v.button("Cancel goal").click();
   await v.text(/^Cancelled/).waitFor();
+});
+
+scene("a named place is driven to from the drive view of a phone, with its progress, and cancelled there", async ({ robot, visit }) => {
+  const v = await visit({ profile: "phone", as: "operator" });
+  await v.takeControl();
+  const card = v.card("Destination");
+  await v.press(card.getByRole("button", { name: "Drive to…" }));
+  await v.press(v.button("upper left"));
+  const goal = (await robot.bus.hears("ML_CMD_GOAL")) as { waypoints: { x: number; y: number }[]; loop: boolean };
+  deepEqual([goal.waypoints.map(({ x, y }) => [x, y]), goal.loop], [[[3, 10]], false]);
+  await card.getByText("upper left: waypoint 1 of 1").waitFor();
+  await v.press(card.getByRole("button", { name: "Cancel goal" }));
+  await card.getByText(/^Cancelled/).waitFor();
+  equal(await card.getByRole("progressbar").count(), 0);
 });
 
 scene("the map has words for who does not see it", async ({ robot, visit }) => {

@@ -27,7 +27,8 @@ try {
     const v = await Visit.open(browser, robot, { profile, as: "engineer", name: profile === "phone" ? "Jana's phone" : "Workshop" });
     await v.takeControl();
     await v.go("Map");
-    await v.press(v.button("patrol").first());
+    await v.press(v.button("Drive to…"));
+    await v.press(v.button("patrol"));
     await until("it is on its way", 60, async () => {
       // Where a busy machine made it stop once, the planner waits for an operator.
       if (robot.bus.stands(HOLD.PlannerLatched)) await robot.advee("state", "planner", "RUN");

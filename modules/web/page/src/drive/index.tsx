@@ -1,9 +1,10 @@
 // Driving by hand: who has control, the pad, what the robot does, and why it does not.
-import { Gamepad2, Hand, House, Keyboard, ListChecks, Move, ShieldAlert } from "lucide-preact";
+import { Flag, Gamepad2, Hand, House, Keyboard, ListChecks, Move, ShieldAlert } from "lucide-preact";
 import { useEffect, useRef } from "preact/hooks";
 import { deg, num, span } from "../format";
 import { standing } from "../holds";
 import { MapPanel } from "../map";
+import { Destination } from "../map/drive-to";
 import { order, release, resume, sentence, stopped, take } from "../operate";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import type { DrivePart } from "../protocol";
@@ -28,6 +29,10 @@ export function Drive() {
         <Why />
         {may("operator") ? <Hands /> : null}
         <Motion />
+        {/* On a wide screen the map beside has the same. */}
+        <Card title="Destination" icon={Flag} class="drive-destination">
+          <Destination />
+        </Card>
         <Homing />
       </div>
     </div>

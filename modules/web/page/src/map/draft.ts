@@ -1,7 +1,9 @@
 // What is being placed on the map by hand, before it is said: a goal, a way of several, or the robot's own position.
 import { effect, signal } from "@preact/signals";
 import { order } from "../operate";
+import type { Route } from "../protocol";
 import { drive } from "../state";
+import { waypoints } from "./destinations";
 import { follow, type Follows } from "./follow";
 
 export type Mode = "look" | "go" | "route" | "pose";
@@ -18,14 +20,22 @@ export const places = signal<Place[]>([]);
 export const loop = signal(false);
 /** What was sent last, shown while it is the goal of the robot. */
 export const sent = signal<Place[]>([]);
+/** Its name; empty for places that were placed by hand. */
+export const sentAs = signal("");
+/** The planner has it: what is reported of a goal is about what was sent. */
+export const taken = signal(false);
 
 let follows: Follows = "over";
 let before: number | null = null;
 effect(() => {
   const goal = drive.value?.goal.value ?? null;
-  if (sent.peek().length === 0) return;
+  if (sent.peek().length === 0) {
+    taken.value = false;
+    return;
+  }
   follows = follow(follows, before, goal, performance.now() / 1000);
   if (follows === "over") sent.value = [];
+  taken.value = typeof follows === "object" && "id" in follows;
 });
 
 /** As many as a way may have. */
@@ -63,14 +73,26 @@ export async function confirm(): Promise<void> {
   const last = all.at(-1);
   if (!last) return;
   const posing = mode.value === "pose";
-  before = drive.value?.goal.value?.id ?? null;
+  if (!posing) before = drive.value?.goal.value?.id ?? null;
   const well = posing
     ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, "The pose is sent to the robot.")
     : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, "The goal is sent to the robot.");
   if (!well) return;
-  if (!posing) {
-    follows = { since: performance.now() / 1000 };
-    sent.value = all;
-  }
+  if (!posing) show(all, "");
   begin("look");
+}
+
+/** Sends the robot to a named destination. */
+export async function goRoute(route: Route): Promise<void> {
+  before = drive.value?.goal.value?.id ?? null;
+  if (!(await order({ type: "route", name: route.name }, `The robot is commanded to drive to ${route.name}.`))) return;
+  show(waypoints(route).points.map(([x, y]) => ({ x, y, theta: null })), route.name);
+}
+
+/** Shows what was sent as long as it is the goal of the robot. */
+function show(all: Place[], name: string): void {
+  follows = { since: performance.now() / 1000 };
+  taken.value = false;
+  sentAs.value = name;
+  sent.value = all;
 }

@@ -1,12 +1,14 @@
 // The map: what the robot believes of the place and of itself, and where to send it.
-import { CircleX, Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
+import { Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { order, take } from "../operate";
+import { isHeld } from "../holds";
+import { take } from "../operate";
 import { num } from "../format";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
 import { type Looker, MapCanvas, under } from "./canvas";
-import { begin, change, confirm, loop, type Mode, mode, places, sent, undo } from "./draft";
+import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
+import { CancelGoal, DriveTo, Progress } from "./drive-to";
 import { isOn, type Layer, toggle } from "./layers";
 import { goalWords, guardWords, positionWords, QUALITIES } from "./words";
 import "./map.css";
@@ -20,27 +22,31 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
   const looker = useRef<Looker | null>(null);
   const [follow, setFollow] = useState(false);
   const part = drive.value;
-  const goal = part?.goal.value;
+  const goal = goalWords(part?.goal.value, isHeld(part?.holds ?? []) === true);
   useEffect(() => () => begin("look"), []);
   return (
     <section class="map" aria-label="Map">
       <div class="map-picture">
-        <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`Map. ${positionWords(part)} ${goalWords(goal)} ${guardWords(part)}`} />
-        <div class="map-zoom">
-          <Button icon={Plus} label="Nearer" onClick={() => looker.current?.zoom(1.4)} />
-          <Button icon={Minus} label="Farther" onClick={() => looker.current?.zoom(1 / 1.4)} />
-          <Button icon={Expand} label="Show all" onClick={() => looker.current?.fit()} />
-          <Button icon={LocateFixed} label="Follow the robot" pressed={follow} onClick={() => setFollow(!follow)} />
+        <div class="map-view">
+          <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`Map. ${positionWords(part)} ${goal} ${guardWords(part)}`} />
+          <Under />
         </div>
-        <Layers />
-        <Under />
+        <div class="map-look">
+          <div class="map-zoom">
+            <Button icon={Plus} label="Nearer" onClick={() => looker.current?.zoom(1.4)} />
+            <Button icon={Minus} label="Farther" onClick={() => looker.current?.zoom(1 / 1.4)} />
+            <Button icon={Expand} label="Show all" onClick={() => looker.current?.fit()} />
+            <Button icon={LocateFixed} label="Follow the robot" pressed={follow} onClick={() => setFollow(!follow)} />
+          </div>
+          <Layers />
+        </div>
       </div>
       <div class="map-below">
         {mode.value === "look" ? <Tools alone={alone} /> : <Draft />}
         <div class="map-words" role="status" aria-live="off">
           <Quality />
           <p class={stale(part?.estimate) ? "is-stale" : ""}>{positionWords(part)}</p>
-          <p>{goalWords(goal)}</p>
+          <Progress />
           <p class={stale(part?.guard) ? "is-stale" : ""}>{guardWords(part)}</p>
         </div>
       </div>
@@ -57,7 +63,6 @@ function Quality() {
 }
 
 function Tools({ alone }: { alone: boolean }) {
-  const active = [1, 3].includes(drive.value?.goal.value?.status ?? 0);
   if (!may("operator")) return null;
   const start = (next: Mode) => () => begin(next);
   return (
@@ -67,6 +72,7 @@ function Tools({ alone }: { alone: boolean }) {
           Take control
         </Button>
       ) : null}
+      <DriveTo />
       <Button icon={Flag} whyNot={whyNot.value} onClick={start("go")}>
         Go to
       </Button>
@@ -76,16 +82,7 @@ function Tools({ alone }: { alone: boolean }) {
       <Button icon={Crosshair} whyNot={whyNot.value} onClick={start("pose")}>
         Set position
       </Button>
-      {(scene.value?.routes ?? []).map(({ name }) => (
-        <Button key={name} icon={Repeat} whyNot={whyNot.value} onClick={() => void order({ type: "route", name }, `The robot is commanded to drive the route ${name}.`)}>
-          {name}
-        </Button>
-      ))}
-      {active ? (
-        <Button icon={CircleX} kind="danger" onClick={() => void order({ type: "cancel" }, "The goal is cancelled.").then((well) => well && (sent.value = []))}>
-          Cancel goal
-        </Button>
-      ) : null}
+      <CancelGoal />
     </div>
   );
 }
