@@ -1,5 +1,6 @@
 // The map under the hand: a goal by a tap and a confirmation, a route, the robot's own position.
 import { deepEqual, equal, match, ok } from "node:assert/strict";
+import type { Locator } from "playwright-core";
 import { HOLD } from "../src/numbers";
 import { PROFILES, type Visit } from "./support/browser";
 import { scene } from "./support/scene";
@@ -127,6 +128,23 @@ scene("a named place is driven to from the drive view of a phone, with its progr
   await v.press(card.getByRole("button", { name: "Cancel goal" }));
   await card.getByText(/^Cancelled/).waitFor();
   equal(await card.getByRole("progressbar").count(), 0);
+});
+
+scene("on a phone no button lies on the map, and all of them are in sight", async ({ visit }) => {
+  const v = await visit({ profile: "phone", as: "operator" });
+  await v.go("Map");
+  const box = async (what: Locator) => {
+    const found = await what.boundingBox();
+    if (!found) throw new Error("it is not to be seen");
+    return found;
+  };
+  const [canvas, main] = [await box(v.page.locator("canvas.map-canvas")), await box(v.page.locator("main"))];
+  const names = ["Nearer", "Farther", "Show all", "Follow the robot", "Take control", "Drive to…", "Go to", "Route", "Set position"];
+  for (const what of [...names.map((name) => v.page.getByRole("region", { name: "Map" }).getByRole("button", { name, exact: true })), v.page.locator(".map-layers summary")]) {
+    const { x, y, width, height } = await box(what);
+    ok(y >= canvas.y + canvas.height || y + height <= canvas.y, `${await what.textContent()} is on the map`);
+    ok(x >= 0 && x + width <= 390 && y + height <= main.y + main.height, `${await what.textContent()} is out of sight`);
+  }
 });
 
 scene("the map has words for who does not see it", async ({ robot, visit }) => {

@@ -30,6 +30,11 @@ test("all that there is fits in sight", () => {
     const [x, y] = toScreen(camera, SIZE, corner);
     ok(x >= 19.9 && x <= 380.1 && y >= 19.9 && y <= 280.1);
   }
+  const free = fitted([[0, 0], [20, 12]], SIZE, 20, 48, 40);
+  for (const corner of [[0, 0], [20, 12]] as Point[]) {
+    const [x, y] = toScreen(free, SIZE, corner);
+    ok(x >= 19.9 && x <= 332.1 && y >= 19.9 && y <= 240.1, "what is at the right and at the bottom covers nothing");
+  }
   ok(Number.isFinite(fitted([], SIZE, 20).scale));
 });
 

@@ -35,8 +35,8 @@ export function panned(camera: Camera, from: Point, to: Point): Camera {
   return { ...camera, x: camera.x - (to[0] - from[0]) / camera.scale, y: camera.y + (to[1] - from[1]) / camera.scale };
 }
 
-/** All points in sight, with `margin` pixels around and `side` more at the right. Without points: 10 m around the origin. */
-export function fitted(points: Point[], size: Size, margin: number, side = 0): Camera {
+/** All points in sight, with `margin` pixels around, `side` more at the right and `below` more at the bottom. Without points: 10 m around the origin. */
+export function fitted(points: Point[], size: Size, margin: number, side = 0, below = 0): Camera {
   let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
   for (const [x, y] of points) {
     left = Math.min(left, x);
@@ -46,9 +46,9 @@ export function fitted(points: Point[], size: Size, margin: number, side = 0): C
   }
   if (left > right) [left, right, low, high] = [-5, 5, -5, 5];
   const across = Math.max(1, size.width - 2 * margin - side) / Math.max(1, right - left);
-  const up = Math.max(1, size.height - 2 * margin) / Math.max(1, high - low);
+  const up = Math.max(1, size.height - 2 * margin - below) / Math.max(1, high - low);
   const scale = Math.min(MOST, Math.max(LEAST, Math.min(across, up)));
-  return { x: (left + right) / 2 + side / 2 / scale, y: (low + high) / 2, scale };
+  return { x: (left + right) / 2 + side / 2 / scale, y: (low + high) / 2 - below / 2 / scale, scale };
 }
 
 /** A round length that is between 60 and 150 pixels: for the scale bar. */

@@ -46,8 +46,9 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
       const points: Point[] = all ? [...all.walls.flatMap(([a, b, c, d]): Point[] => [[a, b], [c, d]]), ...all.beacons.map(({ x, y }): Point => [x, y])] : [];
       const robot = pose(drive.peek());
       if (points.length === 0 && robot) points.push([robot.x - 4, robot.y - 4], [robot.x + 4, robot.y + 4]);
-      // At the right stand the buttons.
-      camera = fitted(points, size, 26, size.width > 520 ? 48 : 0);
+      // At the right are the buttons, at the bottom the layers and the scale bar.
+      const beside = getComputedStyle(element.closest(".map-picture")?.querySelector(".map-zoom") ?? element).position === "absolute";
+      camera = fitted(points, size, 26, beside ? 58 : 0, beside ? 36 : 12);
       placed = points.length > 0;
       dirty();
     };
