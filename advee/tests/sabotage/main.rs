@@ -51,8 +51,8 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         // An axis that needs no reference is not homed.
         Bug::HomingNotRequired => &["homed", "moves"],
         Bug::StateIgnored => &["idle"],
-        // The order to stop does not reach the lost drive, so its feed is cut when it answers again; or the planner goes
-        // on then, since it met no stop.
+        // The order to stop does not reach the lost drive, so its feed is cut when it answers again; or the planner
+        // goes on then, since it met no stop.
         Bug::LostDriveIgnored => &["drives", "feed", "resumes"],
         Bug::CriticalIgnored | Bug::WatchdogNotMissed => &["critical", "stop"],
         Bug::BlindnessIgnored => &["blind"],
