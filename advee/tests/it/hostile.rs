@@ -32,6 +32,8 @@ const FOREIGN_WAY: f64 = 0.3;
 /// Growth from which a process counts as unbounded, bytes: a log's buffer is smaller, the buffer of an announced
 /// message was larger.
 const GROWTH_MAX: u64 = 96 << 20;
+/// Speed below which it stands, m/s: an attack may take a second, in which the last speed that was seen counts.
+const STOOD: f64 = 0.001;
 /// Time within which a robot that is commanded to stand does so, and is seen to.
 const STOPPED: Duration = Duration::from_secs(5);
 /// Time within which an operator drives again.
@@ -143,7 +145,7 @@ impl Campaign {
     fn stop(&mut self, name: &str) {
         let begin = Instant::now();
         self.pass(0.5);
-        while self.robot.view.speed().abs() > 0.01 {
+        while self.robot.view.speed().abs() > STOOD {
             assert!(begin.elapsed() < STOPPED, "{name}: commanded to stand, it drives on");
             self.turn();
         }
