@@ -69,6 +69,8 @@ pub const LINE_BUS: &str = "stop.gpio";
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
+/// Difference from the measured steering angle from which an angle is a motion, rad.
+const TURN_RAD: f64 = 0.02;
 const MEASURED_OBJECTS: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
 /// Drives answer within a few ms. Two requests without an answer stop the robot.
 const SDO_TIMEOUT: Duration = Duration::from_millis(250);
@@ -589,7 +591,7 @@ impl Canbus {
         match self.permitted(now) {
             Some((speed, steering)) => {
                 // After a fault, a drop or a loss every source is disarmed: this motion is a deliberate act.
-                if self.wanted(now).is_some_and(|(speed, ..)| speed != 0.0) {
+                if self.is_motion_wanted(now) {
                     self.propulsion.drive.release();
                     self.steering.drive.release();
                 }
@@ -689,6 +691,15 @@ impl Canbus {
     fn permitted(&self, now: Instant) -> Option<(f64, f64)> {
         let (speed, steering, mover) = self.wanted(now)?;
         Some((self.protection.clamped(now, speed, mover), steering))
+    }
+
+    /// True if motion is commanded. A planner that was let go may turn the wheels before it drives; of a manual source
+    /// a steering angle at zero speed is only the position of its controls.
+    fn is_motion_wanted(&self, now: Instant) -> bool {
+        self.wanted(now).is_some_and(|(speed, steering, mover)| {
+            let turns = (steering - self.steering.angle()).abs() > TURN_RAD;
+            speed != 0.0 || !mover.manual && turns
+        })
     }
 
     /// Why the robot is slower than it is commanded to be; it moves, or would.

@@ -36,6 +36,29 @@ fn arbiter_planner() -> i8 {
 }
 
 #[test]
+fn a_planner_that_was_let_go_turns_the_wheels_of_a_steering_that_was_lost() {
+    let mut robot = Robot::ready();
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 500, true);
+    robot.icla.alive = false;
+    robot.plan(0.4, 1000, true);
+    robot.icla.alive = true;
+    robot.plan(0.0, 4000, true);
+    assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
+    // It steers at standstill and drives when the wheels are there: it waits for the steering.
+    robot.goal(robot.bench.now());
+    for _ in 0..40 {
+        robot.estimate();
+        let speed = if (robot.motion().steering - 0.3).abs() < 0.02 { 0.3 } else { 0.0 };
+        let (priority, source) = (arbiter_planner(), "planner".into());
+        robot.bench.message(lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.3, priority, source });
+        robot.exchange();
+        robot.pass(50);
+    }
+    assert!(robot.moves(), "{} {:?}", robot.reason(), robot.motion());
+}
+
+#[test]
 fn a_recovered_estimate_does_not_release_the_planner() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());
