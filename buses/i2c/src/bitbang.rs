@@ -238,7 +238,10 @@ impl Master {
             // At once: looking and pulling SDA are one moment, or another master has time to begin.
             Levels::HIGH if held >= self.config.idle => self.step(now, levels, Phase::Begin, Symbol::Start),
             // Others talk without end.
-            levels if levels != Levels::HIGH && now.since(seen.since) >= self.config.timeout.saturating_mul(BUSY_TIMEOUTS) => {
+            levels
+                if levels != Levels::HIGH
+                    && now.since(seen.since) >= self.config.timeout.saturating_mul(BUSY_TIMEOUTS) =>
+            {
                 self.over(now, Error::Arbitration)
             }
             Levels { scl: false, .. } if held_low => self.over(now, Error::Stuck),

@@ -231,7 +231,8 @@ impl<K: Key> fmt::Debug for Deadlines<K> {
 /// The earliest of some deadlines: joins those of a state machine with those of its parts.
 #[must_use]
 pub fn earliest<const N: usize>(deadlines: [Option<Instant>; N]) -> Option<Instant> {
-    deadlines.into_iter().flatten().min()
+    // By reference: an array's own iterator moves all of it first, and hosts ask after every event.
+    deadlines.iter().flatten().min().copied()
 }
 
 #[cfg(test)]

@@ -527,12 +527,9 @@ impl Canbus {
     fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
         let bus = self.bus.objection().map(Objection::Bus);
         let second_master = self.deadlines.is_set(Timer::SecondMaster).then_some(Objection::SecondMaster);
-        let around = move |paused: bool| {
-            // A line that is open and latched comes last but one, because an operator's act ends it.
-            let is_pause =
-                |objection: &_| matches!(objection, surroundings::Objection::Paused(why) if *why != Paused::Latched);
-            self.around.objections(now).filter(move |objection| is_pause(objection) == paused).map(Objection::Around)
-        };
+        let pauses = self.around.pauses(now).map(Objection::Around);
+        // With a line that is open and latched last, because an operator's act ends it.
+        let around = self.around.others(now).map(Objection::Around);
         let drives = [(Axis::Propulsion, &self.propulsion.drive), (Axis::Steering, &self.steering.drive)];
         let drives = drives.into_iter().filter_map(|(axis, drive)| Some(Objection::Drive(axis, drive.objection()?)));
         let parameters = [Axis::Propulsion, Axis::Steering].into_iter().zip(&self.readbacks);
@@ -544,15 +541,17 @@ impl Canbus {
         // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
         let speed = self.stop_watch.objection();
         let guard = self.protection.objection(now).map(Objection::Guard);
-        let devices = bus.into_iter().chain(second_master).chain(speed).chain(around(true)).chain(drives);
+        let devices = bus.into_iter().chain(second_master).chain(speed).chain(pauses).chain(drives);
         let devices = devices.chain(parameters);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.
-        devices.chain(state).chain(around(false)).chain(guard).chain(refused).chain(not_homed.map(Objection::NotHomed))
+        devices.chain(state).chain(around).chain(guard).chain(refused).chain(not_homed.map(Objection::NotHomed))
     }
 
     /// All causes for which the robot does not follow its command, main one first; empty while it does.
     fn causes(&self, now: Instant) -> impl Iterator<Item = ActiveHold<'_>> + Clone {
-        let blocked = self.objections(now).next().is_some();
+        let mut objections = self.objections(now);
+        let main = objections.next();
+        let blocked = main.is_some();
         let holder = self.arbiter.current(now).map(|command| command.priority);
         let waits = blocked || holder.is_none();
         let plans =
@@ -562,7 +561,7 @@ impl Canbus {
         let stopping = (self.stopping && !blocked).then_some(ActiveHold::new(Hold::Stopping, ""));
         let nobody = (!blocked && !self.stopping && waits && ignored.clone().next().is_none())
             .then_some(ActiveHold::new(Hold::NobodyCommands, ""));
-        let objections = self.objections(now).map(|objection| self.active_hold(objection));
+        let objections = main.into_iter().chain(objections).map(|objection| self.active_hold(objection));
         let bounded = self.bounded(now).map(|(hold, subject)| ActiveHold::new(hold, subject));
         let to_planner = to_planner.map(|(hold, subject)| ActiveHold::new(hold, subject));
         objections.chain(stopping).chain(to_planner).chain(ignored).chain(nobody).chain(bounded)
@@ -588,10 +587,13 @@ impl Canbus {
             self.arbiter.on_standstill(now);
         }
         self.watch_planner(now);
-        match self.permitted(now) {
-            Some((speed, steering)) => {
+        let permitted = |(speed, steering, mover)| {
+            (self.protection.clamped(now, speed, mover), steering, self.is_motion(speed, steering, mover))
+        };
+        match self.wanted(now).map(permitted) {
+            Some((speed, steering, moves)) => {
                 // After a fault, a drop or a loss every source is disarmed: this motion is a deliberate act.
-                if self.is_motion_wanted(now) {
+                if moves {
                     self.propulsion.drive.release();
                     self.steering.drive.release();
                 }
@@ -693,13 +695,11 @@ impl Canbus {
         Some((self.protection.clamped(now, speed, mover), steering))
     }
 
-    /// True if motion is commanded. A planner that was let go may turn the wheels before it drives; of a manual source
-    /// a steering angle at zero speed is only the position of its controls.
-    fn is_motion_wanted(&self, now: Instant) -> bool {
-        self.wanted(now).is_some_and(|(speed, steering, mover)| {
-            let turns = (steering - self.steering.angle()).abs() > TURN_RAD;
-            speed != 0.0 || !mover.manual && turns
-        })
+    /// True if a command is motion. A planner that was let go may turn the wheels before it drives; of a manual source a
+    /// steering angle at zero speed is only the position of its controls.
+    fn is_motion(&self, speed: f64, steering: f64, mover: Mover<'_>) -> bool {
+        let turns = (steering - self.steering.angle()).abs() > TURN_RAD;
+        speed != 0.0 || !mover.manual && turns
     }
 
     /// Why the robot is slower than it is commanded to be; it moves, or would.

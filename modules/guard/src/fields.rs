@@ -5,9 +5,9 @@ use crate::config::{Config, Ranging, Sensor};
 use crate::kinematics::{Direction, Kinematics, Motion, Twist};
 use crate::law::{Law, SPEED_MIN};
 use crate::memory::Obstacle;
-use crate::polygon::Polygon;
+use crate::polygon::{Polygon, Turn};
 use navitools::{Point, Pose};
-use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 /// Parts of the clearance that remain beside the robot, and the speed that each permits, m/s: narrow gaps are passed
 /// slowly. Ahead, the whole clearance applies.
@@ -70,12 +70,34 @@ pub struct Fields<K> {
     speed_blind: f64,
     /// Directions that no sensor covers.
     blind: [bool; 6],
-    paths: Vec<Twist>,
-    /// Obstacles that the outline may touch in the direction at hand.
-    within: Vec<Obstacle>,
-    /// How near each of them is, of the outline at hand.
-    near: Vec<Near>,
+    buffers: Buffers,
 }
+
+/// Reused buffers.
+#[derive(Debug, Default)]
+struct Buffers {
+    /// Paths in the direction at hand.
+    paths: Vec<Twist>,
+    /// Obstacles that the outline may touch in that direction.
+    within: Vec<Obstacle>,
+    search: Search,
+}
+
+/// Buffers of the search for what ends the paths of an outline.
+#[derive(Debug, Default)]
+struct Search {
+    /// How near each obstacle is to the outline at hand.
+    near: Vec<Near>,
+    /// Obstacles that may end the path at hand, by number, and the square of the length at which they do so at the
+    /// earliest.
+    candidates: Vec<(f64, usize)>,
+}
+
+/// Free length of paths, and the number of the obstacle that ends it.
+type Nearest = (f64, Option<usize>);
+
+/// Without an obstacle.
+const ENDLESS: Nearest = (f64::INFINITY, None);
 
 /// How near an obstacle is to the robot as it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +110,36 @@ enum Near {
     Touching(Point),
     /// Nowhere: its position is not one.
     Nowhere,
+}
+
+impl Near {
+    /// Square of the length of a path before which a point is not touched; 0 where that is not known.
+    fn square_before(self, path: Twist, point: Point) -> f64 {
+        let (Self::Clear(out) | Self::Beside(_, out)) = self else { return 0.0 };
+        // Seen from the robot the point moves along the path with this speed: it is not nearer than its distance.
+        let velocity = path.at(point);
+        out * out * NOT_NEARER / (velocity.x * velocity.x + velocity.y * velocity.y)
+    }
+}
+
+/// Ring around the centre of a turn that an outline sweeps: a point that is nearer to the centre, or farther from it, is
+/// never touched.
+struct Ring {
+    center: Point,
+    /// Squares of its radii, m².
+    within: RangeInclusive<f64>,
+}
+
+impl Ring {
+    fn new(center: Point, outline: &Polygon) -> Self {
+        let (from, to) = (outline.distance(center), outline.radius(center));
+        Self { center, within: from * from..=to * to }
+    }
+
+    fn contains(&self, point: Point) -> bool {
+        let (x, y) = (point.x - self.center.x, point.y - self.center.y);
+        self.within.contains(&(x * x + y * y))
+    }
 }
 
 impl<K: Kinematics> Fields<K> {
@@ -115,9 +167,7 @@ impl<K: Kinematics> Fields<K> {
             blind: Direction::ALL.map(|direction| !covered(direction)),
             nearer: NEARER.map(|part| body.grown(|_| part * margin)),
             base,
-            paths: Vec::new(),
-            within: Vec::new(),
-            near: Vec::new(),
+            buffers: Buffers::default(),
         })
     }
 
@@ -135,15 +185,15 @@ impl<K: Kinematics> Fields<K> {
 
     /// Bound of a direction, with obstacles in the robot's frame.
     pub fn bound(&mut self, direction: Direction, motion: &Motion, obstacles: &[Obstacle]) -> Bound {
-        let (mut paths, mut near) = (std::mem::take(&mut self.paths), std::mem::take(&mut self.near));
-        let mut within = std::mem::take(&mut self.within);
+        let mut buffers = std::mem::take(&mut self.buffers);
+        let Buffers { paths, within, search } = &mut buffers;
         paths.clear();
-        self.base.reachable(direction, motion, self.reaction, &mut paths);
+        self.base.reachable(direction, motion, self.reaction, paths);
         within.clear();
-        let area = self.area(direction, motion, &paths);
+        let area = self.area(direction, motion, paths);
         within.extend(obstacles.iter().filter(|obstacle| area.may_contain(obstacle.at)));
-        let bound = self.bound_on(direction, &paths, &within, &mut near);
-        (self.paths, self.within, self.near) = (paths, within, near);
+        let bound = self.bound_on(direction, paths, within, search);
+        self.buffers = buffers;
         bound
     }
 
@@ -159,30 +209,23 @@ impl<K: Kinematics> Fields<K> {
         area
     }
 
-    fn bound_on(&self, direction: Direction, paths: &[Twist], obstacles: &[Obstacle], near: &mut Vec<Near>) -> Bound {
+    fn bound_on(&self, direction: Direction, paths: &[Twist], obstacles: &[Obstacle], search: &mut Search) -> Bound {
         let Some(usual) = paths.first() else { return Bound { speed: 0.0, free: [0.0; 2], cause: None } };
         // On the spot, the speed of the farthest corner counts.
         let scale = if direction.turns() { self.radius } else { 1.0 };
-        let outlines = &self.outlines[direction as usize];
-        let (mut all, mut stops) = ((0.0, None), 0.0);
-        for (outline, (_, most)) in outlines.iter().zip(BESIDE).rev() {
-            near.clear();
-            near.extend(obstacles.iter().map(|obstacle| self.near(outline, obstacle.at)));
-            let mut nearest = (f64::INFINITY, None);
-            for path in paths {
-                // What ended the paths of the narrower outline comes first: most others need not be solved then.
-                let first = all.1.and_then(|n: usize| near_at(obstacles, near, n));
-                let others = (0..obstacles.len()).filter_map(|n| near_at(obstacles, near, n));
-                self.nearest(outline, *path, first.into_iter().chain(others), &mut nearest);
+        let stops_within = |free: f64| self.law.stops_within((free * scale).min(self.reach));
+        let [widest, narrower @ ..] = &self.outlines[direction as usize];
+        let all = self.nearest(widest, paths, obstacles, search);
+        let mut straight = ENDLESS;
+        self.shorten(widest, *usual, obstacles, |obstacle| obstacle.approaches, search, &mut straight);
+        let mut stops = stops_within(all.0);
+        for (outline, (_, most)) in narrower.iter().zip(&BESIDE[1..]) {
+            // The narrower outlines permit no more than that.
+            if stops >= *most {
+                break;
             }
-            all = nearest;
-            stops = self.law.stops_within((all.0 * scale).min(self.reach)).min(most).max(stops);
+            stops = stops_within(self.nearest(outline, paths, obstacles, search).0).min(*most).max(stops);
         }
-        let mut straight = (f64::INFINITY, None);
-        // The outline of the last turn.
-        let approaching = (0..obstacles.len()).filter_map(|n| near_at(obstacles, near, n));
-        let approaching = approaching.filter(|(_, obstacle, _)| obstacle.approaches);
-        self.nearest(&outlines[0], *usual, approaching, &mut straight);
         let slows = self.law.slows_within(straight.0 * scale);
         let blind = if self.blind[direction as usize] { self.speed_blind } else { f64::INFINITY };
         let speed = stops.min(slows).min(blind).min(self.speed_max);
@@ -200,34 +243,49 @@ impl<K: Kinematics> Fields<K> {
         Bound { speed, free: [all.0, straight.0], cause }
     }
 
-    /// Shortens `nearest` to the free path along `path`, with the number of the obstacle that ends it.
-    fn nearest<'a>(
+    /// Free length of the paths.
+    fn nearest(&self, outline: &Polygon, paths: &[Twist], obstacles: &[Obstacle], search: &mut Search) -> Nearest {
+        search.near.clear();
+        search.near.extend(obstacles.iter().map(|obstacle| self.near(outline, obstacle.at)));
+        let mut nearest = ENDLESS;
+        paths.iter().for_each(|path| self.shorten(outline, *path, obstacles, |_| true, search, &mut nearest));
+        nearest
+    }
+
+    /// Shortens `nearest` to the free length of `path` before the obstacles that count; of equals the one before it,
+    /// then the first one.
+    fn shorten(
         &self,
         outline: &Polygon,
         path: Twist,
-        obstacles: impl Iterator<Item = (usize, &'a Obstacle, &'a Near)>,
-        nearest: &mut (f64, Option<usize>),
+        obstacles: &[Obstacle],
+        counts: impl Fn(&Obstacle) -> bool,
+        Search { near, candidates }: &mut Search,
+        nearest: &mut Nearest,
     ) {
-        // A point that is nearer to the centre than the outline, or farther from it, is never touched.
-        let ring = path.center().map(|center| (center, outline.distance(center), outline.radius(center)));
-        for (n, obstacle, near) in obstacles {
-            // Seen from the robot the point moves along the path with this speed: it is not nearer than its distance.
-            let velocity = path.at(obstacle.at);
-            let square = velocity.x * velocity.x + velocity.y * velocity.y;
-            if let Near::Clear(out) | Near::Beside(_, out) = near
-                && out * out * NOT_NEARER > square * nearest.0 * nearest.0
-            {
+        if nearest.0 <= 0.0 {
+            return;
+        }
+        candidates.clear();
+        let counting = obstacles.iter().zip(&*near).enumerate().filter(|(_, (obstacle, _))| counts(obstacle));
+        let ring = path.center().map(|center| Ring::new(center, outline));
+        let touched = counting.filter(|(_, (obstacle, near))| {
+            // What is nearer counts for another outline, which is wider in places.
+            !matches!(near, Near::Clear(_)) || ring.as_ref().is_none_or(|ring| ring.contains(obstacle.at))
+        });
+        candidates.extend(touched.map(|(n, (obstacle, near))| (near.square_before(path, obstacle.at), n)));
+        // The one that may be first is solved first: most others need not be solved then.
+        let sooner = |a: usize, b: usize| if candidates[b].0 < candidates[a].0 { b } else { a };
+        let Some(first) = (0..candidates.len()).reduce(sooner) else { return };
+        candidates.swap(0, first);
+        let before = nearest.0;
+        for (square, n) in candidates.iter().copied() {
+            if square > nearest.0 * nearest.0 {
                 continue;
             }
-            if let Some((center, from, to)) = ring.filter(|_| *near != Near::Nowhere) {
-                let (x, y) = (obstacle.at.x - center.x, obstacle.at.y - center.y);
-                let square = x * x + y * y;
-                if square < from * from || square > to * to {
-                    continue;
-                }
-            }
-            let free = self.free(outline, path, obstacle.at, *near);
-            if free < nearest.0 {
+            let free = self.free(outline, path, obstacles[n].at, near[n]);
+            let is_equal = free == nearest.0 && free < before;
+            if free < nearest.0 || is_equal && Some(n) < nearest.1 {
                 *nearest = (free, Some(n));
             }
         }
@@ -268,11 +326,10 @@ impl<K: Kinematics> Fields<K> {
     /// Outlines of the protective and the warning field at a measured motion, robot frame, and whether something is in
     /// each.
     pub fn shown(&mut self, motion: &Motion, bound: &Bound, direction: Direction) -> [(Vec<Point>, bool); 2] {
-        let mut paths = std::mem::take(&mut self.paths);
+        let paths = &mut self.buffers.paths;
         paths.clear();
-        self.base.reachable(direction, motion, 0.0, &mut paths);
+        self.base.reachable(direction, motion, 0.0, paths);
         let path = paths.first().copied().unwrap_or_default();
-        self.paths = paths;
         let speed = libm::hypot(motion.velocity.vx, motion.velocity.vy).max(SHOWN_MPS);
         let lengths = [self.law.protective(speed), self.law.warning(speed)];
         let [outline, ..] = &self.outlines[direction as usize];
@@ -310,30 +367,26 @@ impl Area {
     /// Extends the box to what a polygon covers on a length of a path: the extremes are reached by its corners, at
     /// both ends, or where their circles cross the axes.
     fn sweep(&mut self, outline: &Polygon, path: Twist, length: f64) {
-        let end = path.after(length);
+        let to_end = path.after(length).to_outer();
         for corner in outline.corners() {
             self.add(*corner);
-            self.add(end * *corner);
-            let Some(center) = path.center() else { continue };
+            self.add(to_end(*corner));
+        }
+        let Some(center) = path.center() else { return };
+        let end = Turn::by(path.omega.abs() * length);
+        for corner in outline.corners() {
             let (x, y) = (corner.x - center.x, corner.y - center.y);
-            let radius = libm::hypot(x, y);
-            let turn = path.omega.abs() * length;
             for (ahead_x, ahead_y) in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)] {
-                // Angle from the corner to the crossing, in the direction of the turn.
+                // From the corner to the crossing, in the direction of the turn.
                 let sin = (x * ahead_y - y * ahead_x) * path.omega.signum();
-                let angle = libm::atan2(sin, x * ahead_x + y * ahead_y);
-                let angle = if angle < 0.0 { angle + TAU } else { angle };
-                if angle <= turn {
+                let crossing = Turn { cos: x * ahead_x + y * ahead_y, sin };
+                if end.is_none_or(|end| crossing.order() <= end.order()) {
+                    let radius = libm::hypot(x, y);
                     self.add(Point { x: center.x + radius * ahead_x, y: center.y + radius * ahead_y });
                 }
             }
         }
     }
-}
-
-/// An obstacle by its number, and how near it is.
-fn near_at<'a>(obstacles: &'a [Obstacle], near: &'a [Near], n: usize) -> Option<(usize, &'a Obstacle, &'a Near)> {
-    Some((n, obstacles.get(n)?, near.get(n)?))
 }
 
 fn is_place(point: Point) -> bool {

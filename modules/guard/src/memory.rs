@@ -169,12 +169,12 @@ impl Cone {
                 let apart = (other.distance - heard.distance).abs() - SAME_M;
                 apart <= 0.0 || other.moved_by(heard, apart)
             };
-            let confirmed = self.readings.iter().filter(near).nth(1).is_some();
+            let is_confirmed = || self.readings.iter().filter(near).nth(1).is_some();
+            let later = self.readings.iter().skip(n + 1);
+            let are_farther = |count: usize| later.len() >= count && later.clone().rev().take(count).all(farther);
             // A single echo may be crosstalk: the robot brakes for it until the next reading. A leg in clothes returns
             // an echo now and then: after two echoes it counts until it has been missed repeatedly.
-            let refuted_by = if confirmed { settings.readings as usize } else { 1 };
-            let later = self.readings.iter().skip(n + 1);
-            if later.len() >= refuted_by && later.rev().take(refuted_by).all(farther) {
+            if are_farther(1) && (!is_confirmed() || are_farther(settings.readings as usize)) {
                 continue;
             }
             let obstacle =

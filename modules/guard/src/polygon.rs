@@ -203,14 +203,20 @@ impl Polygon {
 
 /// Angle of a turn, by multiples of its cosine and sine; ordered without computing it, since few of many are first.
 #[derive(Clone, Copy)]
-struct Turn {
-    cos: f64,
-    sin: f64,
+pub(crate) struct Turn {
+    pub cos: f64,
+    pub sin: f64,
 }
 
 impl Turn {
+    /// By an angle, rad, at least 0; `None` for a whole turn or more.
+    pub fn by(angle: f64) -> Option<Self> {
+        let (sin, cos) = libm::sincos(angle);
+        (angle < TAU).then_some(Self { cos, sin })
+    }
+
     /// Grows with the angle, from 0 to 4 for a whole turn.
-    fn order(self) -> f64 {
+    pub fn order(self) -> f64 {
         let part = self.cos / (self.cos.abs() + self.sin.abs());
         if self.sin >= 0.0 { 1.0 - part } else { 3.0 + part }
     }

@@ -36,6 +36,8 @@ const PERSON_CONTACT_M: f64 = 0.32;
 /// Distance from a person below which the speed is limited, m, and the limit, m/s.
 const PERSON_BESIDE_M: f64 = 0.40;
 const PERSON_BESIDE_SPEED_MPS: f64 = 0.2;
+/// Tolerance of a comparison of distances, m.
+const ROUNDING_M: f64 = 1e-9;
 /// Steps of the tried speeds, m/s, and times, s.
 const SPEED_STEP_MPS: f64 = 0.05;
 const TIME_STEP_S: f64 = 0.2;
@@ -68,10 +70,13 @@ impl Ahead {
         let reach = HORIZON_M + body.front + LATERAL_SLOW_M;
         let near = |hit: &Hit| hit.at.distance(here.pose.point()) < reach;
         // An obstacle that is already closer may be left behind, but not approached.
-        let inverse = here.pose.inverse();
-        let keep = |hit: &Hit| (gap(body, inverse * hit.at) - APPROACH_MAX_M).min(behaviour.margin);
+        let here_from_map = here.pose.inverse().to_outer();
+        let keep = |hit: &Hit| (gap(body, here_from_map(hit.at)) - APPROACH_MAX_M).min(behaviour.margin);
         let mut hits: Vec<(Hit, f64, bool)> =
             obstacles.hits().filter(near).map(|hit| (hit, keep(&hit), false)).collect();
+        // Farther from the body an obstacle neither stops nor slows.
+        let far = LATERAL_SLOW_M.max(behaviour.margin) + ROUNDING_M;
+        let is_far = |Point { x, y }| x < -body.rear - far || x > body.front + far || y.abs() > body.width / 2.0 + far;
         let mut found = Self::default();
         let (mut next, mut last) = (here.distance, None);
         for sample in ahead.iter().take_while(|sample| sample.distance <= here.distance + HORIZON_M) {
@@ -79,10 +84,13 @@ impl Ahead {
                 continue;
             }
             (next, last) = (sample.distance + STRIDE_M, Some(sample.forward));
-            let inverse = sample.pose.inverse();
+            let there_from_map = sample.pose.inverse().to_outer();
             let mut beside = LATERAL_SLOW_M;
             for (hit, keep, touched) in hits.iter_mut().filter(|(.., touched)| !touched) {
-                let at = inverse * hit.at;
+                let at = there_from_map(hit.at);
+                if is_far(at) {
+                    continue;
+                }
                 let gap = gap(body, at);
                 if gap <= *keep {
                     *touched = true;
@@ -229,7 +237,7 @@ impl PredictedPath {
 pub fn gap(body: &Body, at: Point) -> f64 {
     let dx = (-body.rear - at.x).max(at.x - body.front).max(0.0);
     let dy = (at.y.abs() - body.width / 2.0).max(0.0);
-    libm::hypot(dx, dy)
+    if dx == 0.0 || dy == 0.0 { dx + dy } else { libm::hypot(dx, dy) }
 }
 
 #[cfg(test)]

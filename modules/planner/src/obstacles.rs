@@ -179,6 +179,8 @@ pub struct Obstacles {
     /// Cones of the current round; a reused buffer.
     cones: Vec<Cone>,
     round: Vec<Reading>,
+    /// Points of an arc; a reused buffer.
+    arc: Vec<Point>,
 }
 
 impl Default for Obstacles {
@@ -192,6 +194,7 @@ impl Default for Obstacles {
             people: People::default(),
             cones: Vec::with_capacity(SONARS_MAX),
             round: Vec::with_capacity(SONARS_MAX),
+            arc: Vec::new(),
         }
     }
 }
@@ -221,24 +224,27 @@ impl Obstacles {
     ) {
         self.process(&round[..round.len().min(SONARS_MAX)], &mapped);
         let cones = mem::take(&mut self.cones);
-        let new = || cones.iter().filter(|cone| cone.is_new);
-        let inverse = robot.inverse();
+        let new: Vec<&Cone> = cones.iter().filter(|cone| cone.is_new).collect();
+        let robot_from_map = robot.inverse().to_outer();
+        let is_body = |point: Point| footprint(robot_from_map(point));
         let near = CELL_M * f64::from(SIDE_CELLS) / 2.0 - CELL_M;
         self.keep(|cell| {
             let at = middle(cell.place);
-            let limit = if cell.evidence < OBSTACLE_EVIDENCE { CONFIRM_WITHIN } else { CELL_LIFETIME };
-            // One reading refutes a suspicion; an obstacle stays until several found its place free.
             let is_obstacle = cell.evidence >= OBSTACLE_EVIDENCE;
-            let freed = new().map(|cone| cone.frees(at, if is_obstacle { cone.free } else { cone.quiet }));
-            let freed = freed.max().unwrap_or(0);
-            cell.evidence = cell.evidence.saturating_sub(freed);
+            let limit = if is_obstacle { CELL_LIFETIME } else { CONFIRM_WITHIN };
             let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
-            cell.evidence > 0 && now.since(cell.suspected) < limit && inside && !footprint(inverse * at)
+            if !inside || now.since(cell.suspected) >= limit || is_body(at) {
+                return false;
+            }
+            // One reading refutes a suspicion; an obstacle stays until several found its place free.
+            let freed = new.iter().map(|cone| cone.frees(at, if is_obstacle { cone.free } else { cone.quiet }));
+            cell.evidence = cell.evidence.saturating_sub(freed.max().unwrap_or(0));
+            cell.evidence > 0
         });
         self.round.clear();
-        for cone in new() {
+        for cone in new {
             self.mark_observed(cone);
-            let mapped = self.mark_arc(cone, &cones, |point| footprint(inverse * point), &mapped);
+            let mapped = self.mark_arc(cone, &cones, is_body, &mapped);
             self.round.push(Reading {
                 at: cone.at,
                 from: cone.from,
@@ -249,7 +255,7 @@ impl Obstacles {
             });
         }
         self.round.sort_by_key(|reading| reading.at);
-        self.people.update(&self.round, |point| footprint(inverse * point));
+        self.people.update(&self.round, is_body);
         self.cones = cones;
     }
 
@@ -351,22 +357,32 @@ impl Obstacles {
                 y: cone.from.y + along * cone.sin + across * cone.cos,
             }
         };
-        if (-count..=count).any(|step| mapped(point(step))) {
-            return true;
+        let mut arc = mem::take(&mut self.arc);
+        arc.clear();
+        let is_mapped = (-count..=count).map(point).any(|at| {
+            arc.push(at);
+            mapped(at)
+        });
+        if !is_mapped {
+            self.suspect(cone, cones, &arc, footprint);
         }
-        let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < CARVE_WITHIN;
+        self.arc = arc;
+        is_mapped
+    }
+
+    /// Suspects the points of an echo's arc, except for those that other cones found free.
+    fn suspect(&mut self, cone: &Cone, cones: &[Cone], arc: &[Point], footprint: impl Fn(Point) -> bool) {
+        let is_other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < CARVE_WITHIN;
+        let others: Vec<&Cone> = cones.iter().filter(is_other).collect();
         let mut last = None;
-        for step in -count..=count {
-            let at = point(step);
+        for at in arc.iter().copied() {
             let cell = place(at, CELL_M);
-            let carved = cones.iter().filter(other).any(|cone| cone.carves(at));
-            if last == Some(cell) || carved || footprint(at) {
+            if last == Some(cell) || footprint(at) || others.iter().any(|cone| cone.carves(at)) {
                 continue;
             }
             last = Some(cell);
             self.add(cone.at, cell, cone.closing);
         }
-        false
     }
 
     /// Marks the place at which a floor ranger sees no floor, and what is behind it.
@@ -441,8 +457,8 @@ impl Obstacles {
     /// measured within `age_max`, or it does not hear what the map says it must.
     #[must_use]
     pub fn is_blind(&self, now: Instant, forward: bool, body: &Body, age_max: Duration) -> bool {
-        let mut looking = self.echoes.iter().filter(|echo| echo.mount.covers(forward, body));
-        looking.any(|echo| echo.hearing.is_deaf() || echo.at.is_none_or(|at| now.since(at) >= age_max))
+        let is_unknown = |echo: &&Echo| echo.hearing.is_deaf() || echo.at.is_none_or(|at| now.since(at) >= age_max);
+        self.echoes.iter().filter(is_unknown).any(|echo| echo.mount.covers(forward, body))
     }
 }
 
@@ -460,8 +476,13 @@ fn apart(a: Instant, b: Instant) -> Duration {
 }
 
 fn place(point: Point, size: f64) -> (i32, i32) {
-    // Casts saturate: a point outside the grid is far from the robot.
-    (libm::floor(point.x / size) as i32, libm::floor(point.y / size) as i32)
+    (floor(point.x / size), floor(point.y / size))
+}
+
+/// Greatest integer that is not above a number. Casts saturate: a point outside the grid is far from the robot.
+fn floor(number: f64) -> i32 {
+    let cut = number as i32;
+    cut.saturating_sub(i32::from(number < f64::from(cut)))
 }
 
 fn middle(place: (i32, i32)) -> Point {

@@ -280,7 +280,7 @@ impl Simulator {
         let board = |board: &BoardConfig| {
             let config = slave::Config { baud: serial.baud, crc: serial.crc, ..slave::Config::new(board.address) };
             let kind = match &board.kind {
-                BoardKind::Sd1(config) => Kind::Sd1(Sd1::new(board.address, config.clone(), now)),
+                BoardKind::Sd1(config) => Kind::Sd1(Box::new(Sd1::new(board.address, config.clone(), now))),
                 BoardKind::So1 => Kind::So1(So1::new(&self.scene)),
                 BoardKind::Sbs1(config) => Kind::Sbs1(Sbs1::new(board.address, *config, now)),
                 BoardKind::Psc1(battery) => Kind::Psc1(Box::new(Psc1::new(*battery, now))),

@@ -144,6 +144,9 @@ pub struct Hit {
     pub radius: f64,
 }
 
+/// Square of a distance, relative, within which it may still be in reach, whatever the rounding.
+const ROUNDING: f64 = 1.0 + 1e-9;
+
 fn sane(point: Point) -> bool {
     libm::fabs(point.x) <= 1e4 && libm::fabs(point.y) <= 1e4
 }
@@ -280,11 +283,14 @@ impl World {
     pub(crate) fn ahead(&self, sensor: Pose, reach: f64) -> Ahead {
         let (from, (sin, cos)) = (sensor.point(), sensor.theta.sin_cos());
         let along = |point: Point| (point.x - from.x) * cos + (point.y - from.y) * sin;
-        let wall = |wall: &&Segment| {
-            (along(wall.a) >= 0.0 || along(wall.b) >= 0.0) && nearest(wall, from).distance(from) <= reach
+        let is_within = |point: Point, reach: f64| {
+            let (dx, dy) = (point.x - from.x, point.y - from.y);
+            dx * dx + dy * dy <= reach * reach * ROUNDING
         };
+        let wall =
+            |wall: &&Segment| (along(wall.a) >= 0.0 || along(wall.b) >= 0.0) && is_within(nearest(wall, from), reach);
         let column = |column: &&Column| {
-            along(column.centre) >= -column.radius && column.centre.distance(from) <= reach + column.radius
+            along(column.centre) >= -column.radius && is_within(column.centre, reach + column.radius)
         };
         Ahead {
             walls: self.walls.iter().filter(wall).copied().collect(),

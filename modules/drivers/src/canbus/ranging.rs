@@ -30,14 +30,8 @@ struct Finder {
 struct Board {
     name: String,
     finders: Vec<Finder>,
-}
-
-impl Board {
     /// Instant at which it becomes unknown; `None` while any of its range finders has never measured.
-    fn expires(&self, age_max: Duration) -> Option<Instant> {
-        let oldest = self.finders.iter().map(|finder| finder.measured).min().flatten();
-        oldest.map(|oldest| oldest + age_max)
-    }
+    expires: Option<Instant>,
 }
 
 /// All ranging boards of the robot.
@@ -61,6 +55,7 @@ impl Ranging {
                 .map(finder(Reading::SONAR))
                 .chain(board.infrareds.iter().map(finder(Reading::INFRARED)))
                 .collect(),
+            expires: None,
         };
         let boards = boards.iter().map(board).filter(|board| !board.finders.is_empty()).collect();
         Self { boards, age_max }
@@ -82,11 +77,15 @@ impl Ranging {
                 finder.measured = finder.measured.max(Some(at - Duration::from_micros(age)));
             }
         }
+        for board in &mut self.boards {
+            let oldest = board.finders.iter().map(|finder| finder.measured).min().flatten();
+            board.expires = oldest.map(|oldest| oldest + self.age_max);
+        }
     }
 
     /// Indices of the boards that do not measure at `now`.
     pub fn lost(&self, now: Instant) -> impl Iterator<Item = usize> + Clone + '_ {
-        let is_lost = move |board: &Board| board.expires(self.age_max).is_none_or(|until| now >= until);
+        let is_lost = move |board: &Board| board.expires.is_none_or(|until| now >= until);
         (0..self.boards.len()).filter(move |place| is_lost(&self.boards[*place]))
     }
 
@@ -99,7 +98,7 @@ impl Ranging {
     /// Next instant after `now` at which a board becomes unknown.
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
-        self.boards.iter().filter_map(|board| board.expires(self.age_max)).filter(|until| *until > now).min()
+        self.boards.iter().filter_map(|board| board.expires).filter(|until| *until > now).min()
     }
 }
 

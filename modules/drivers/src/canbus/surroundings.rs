@@ -158,12 +158,14 @@ impl Surroundings {
         self.deadlines.replace(Timer::Estimate, known.then_some(at + ESTIMATE_AGE_MAX));
     }
 
-    /// All objections to any motion at `now`, main one first.
-    pub fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
-        let of_pause = move |latched: bool| {
-            let reasons = self.pause.reasons(now).filter(move |paused| (*paused == Paused::Latched) == latched);
-            reasons.map(Objection::Paused)
-        };
+    /// Reasons of the PAUSE line that object to any motion at `now`, but for one that is open and latched.
+    pub fn pauses(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
+        self.pause.reasons(now).filter(|paused| *paused != Paused::Latched).map(Objection::Paused)
+    }
+
+    /// All other objections to any motion at `now`, main one first.
+    pub fn others(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
+        let latched = self.pause.reasons(now).filter(|paused| *paused == Paused::Latched).map(Objection::Paused);
         let unheard = self.is_watchdog_unheard();
         let silent = !unheard && self.deadlines.is_due(Timer::Watchdog, now);
         // An outdated list says nothing about the modules.
@@ -173,7 +175,7 @@ impl Surroundings {
         let ranging = self.ranging.lost(now).map(Objection::Ranging);
         let second_robot = self.second_robot.then_some(Objection::SecondRobot);
         // A line that is open and latched comes last: an operator's act ends it.
-        of_pause(false).chain(watchdog).chain(missing).chain(second_robot).chain(ranging).chain(of_pause(true))
+        watchdog.into_iter().chain(missing).chain(second_robot).chain(ranging).chain(latched)
     }
 
     /// Cause in `LL_DATA_HOLD` with its subject.
@@ -219,6 +221,10 @@ mod tests {
     use messages::StopSource;
 
     impl Surroundings {
+        fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
+            self.pauses(now).chain(self.others(now))
+        }
+
         fn objection(&self, now: Instant) -> Option<Objection> {
             self.objections(now).next()
         }

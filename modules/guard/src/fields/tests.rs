@@ -171,13 +171,80 @@ fn same<K: Kinematics>(fields: &mut Fields<K>, direction: Direction, motion: &Mo
     if paths.is_empty() {
         return 0;
     }
-    let whole = fields.bound_on(direction, &paths, obstacles, &mut Vec::new());
+    let whole = fields.bound_on(direction, &paths, obstacles, &mut Search::default());
     let bound = fields.bound(direction, motion, obstacles);
     assert_eq!(bound.speed, whole.speed, "{direction:?} {motion:?} {obstacles:?}");
     for (free, whole) in bound.free.into_iter().zip(whole.free) {
         assert_eq!(free.min(fields.reach), whole.min(fields.reach), "as far as a field reaches");
     }
-    obstacles.len() - fields.within.len()
+    obstacles.len() - fields.buffers.within.len()
+}
+
+/// Protective bound of all outlines, all paths and all obstacles, none of them left out: speed, m/s, free path, and
+/// number of the obstacle that ends it.
+fn in_full<K: Kinematics>(
+    fields: &Fields<K>,
+    direction: Direction,
+    paths: &[Twist],
+    seen: &[Obstacle],
+) -> (f64, Nearest) {
+    let scale = if direction.turns() { fields.radius } else { 1.0 };
+    let outlines = fields.outlines[direction as usize].iter().zip(BESIDE);
+    let nearest = outlines.map(|(outline, (_, most))| {
+        let mut nearest = ENDLESS;
+        for path in paths {
+            for (n, obstacle) in seen.iter().enumerate() {
+                let free = fields.free(outline, *path, obstacle.at, fields.near(outline, obstacle.at));
+                nearest = if free < nearest.0 { (free, Some(n)) } else { nearest };
+            }
+        }
+        (fields.law.stops_within((nearest.0 * scale).min(fields.reach)).min(most), nearest)
+    });
+    let nearest: Vec<(f64, Nearest)> = nearest.collect();
+    (nearest.iter().fold(0.0, |most, (speed, _)| f64::max(most, *speed)), nearest[0].1)
+}
+
+#[test]
+fn what_is_left_out_of_the_search_changes_nothing() {
+    let mut random = Random::new(31);
+    let (mut bounded, mut touching, mut equal) = (0, 0, 0);
+    for _ in 0..4000 {
+        let steering = if random.below(4) == 0 { 0.0 } else { between(&mut random, -0.61, 0.61) };
+        let motion = Motion { steering, ..Motion::default() };
+        let reach = if random.below(2) == 0 { 0.6 } else { 3.0 };
+        let place = |n| Obstacle {
+            sensor: n,
+            approaches: n % 3 == 0,
+            ..at(between(&mut random, -reach, reach), between(&mut random, -1.0, 1.0))
+        };
+        let mut seen: Vec<Obstacle> = (0..12).map(place).collect();
+        // Two sensors that measure the same, and two that are each other's mirror image.
+        let (first, second) = (seen[0], seen[1]);
+        seen.push(Obstacle { sensor: 20, ..first });
+        seen.push(Obstacle { sensor: 21, at: Point { x: second.at.x, y: -second.at.y }, ..second });
+        let fields = Fields::new(&config(), BASE).expect("a body");
+        for direction in [Direction::Forward, Direction::Backward] {
+            let mut paths = Vec::new();
+            fields.base.reachable(direction, &motion, fields.reaction, &mut paths);
+            let (speed, (free, by)) = in_full(&fields, direction, &paths, &seen);
+            let search = &mut Search::default();
+            let bound = fields.bound_on(direction, &paths, &seen, search);
+            assert_eq!(fields.nearest(&fields.outlines[direction as usize][0], &paths, &seen, search), (free, by));
+            assert_eq!(bound.free[0], free);
+            let usual = paths[0];
+            let outline = &fields.outlines[direction as usize][0];
+            let alone = |seen: &Obstacle| fields.free(outline, usual, seen.at, fields.near(outline, seen.at));
+            let approaching = seen.iter().filter(|seen| seen.approaches).map(alone);
+            assert_eq!(bound.free[1], approaching.fold(f64::INFINITY, f64::min));
+            let slows = fields.law.slows_within(bound.free[1]);
+            let least = speed.min(slows).min(fields.speed_max);
+            assert_eq!(bound.speed, if least < SPEED_MIN { 0.0 } else { least }, "{direction:?} {motion:?} {seen:?}");
+            bounded += u32::from(speed < 0.5);
+            touching += u32::from(free == 0.0);
+            equal += u32::from(seen.iter().filter(|seen| alone(seen) == free).nth(1).is_some());
+        }
+    }
+    assert!(bounded > 1000 && touching > 500 && equal > 200, "{bounded} {touching} {equal}");
 }
 
 #[test]

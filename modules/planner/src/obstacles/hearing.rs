@@ -47,10 +47,12 @@ impl Hearing {
 /// True if a straight wall of the map is perpendicular to a direction within the beam, in range: all rays meet it, at
 /// distances that fit one line, and the nearest ray is not at the edge of the beam.
 fn faces_wall(sonar: Pose, mapped: &impl Fn(Point) -> bool) -> bool {
+    let to_map = sonar.to_outer();
     let mut points = [Point::default(); RAYS_RAD.len()];
     for (ray, point) in RAYS_RAD.into_iter().zip(&mut points) {
-        let Some(distance) = distance(sonar, ray, mapped) else { return false };
         let (sin, cos) = libm::sincos(ray);
+        let on_ray = |distance: f64| to_map(Point { x: distance * cos, y: distance * sin });
+        let Some(distance) = distance(on_ray, mapped) else { return false };
         *point = Point { x: distance * cos, y: distance * sin };
     }
     let [_, _, _, right, left] = points;
@@ -66,11 +68,10 @@ fn faces_wall(sonar: Pose, mapped: &impl Fn(Point) -> bool) -> bool {
 }
 
 /// Distance to the first mapped point on a ray, m.
-fn distance(sonar: Pose, ray: f64, mapped: &impl Fn(Point) -> bool) -> Option<f64> {
+fn distance(on_ray: impl Fn(f64) -> Point, mapped: &impl Fn(Point) -> bool) -> Option<f64> {
     let steps = ((WALL_RANGE_M - FROM_M) / STEP_M) as i32;
-    let (sin, cos) = libm::sincos(ray);
     let along = |step: i32| FROM_M + STEP_M * f64::from(step);
-    (0..=steps).map(along).find(|d| mapped(sonar * Point { x: d * cos, y: d * sin }))
+    (0..=steps).map(along).find(|distance| mapped(on_ray(*distance)))
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ const NOISE: usize = 20;
 /// Kind of a board.
 #[derive(Debug)]
 pub(crate) enum Kind {
-    Sd1(Sd1),
+    Sd1(Box<Sd1>),
     So1(So1),
     Sbs1(Sbs1),
     Psc1(Box<Psc1>),

@@ -1,6 +1,7 @@
 //! BR-SD1: eight sonars fired in three slots of 70 ms, two floor rangers, and a hand on the PAUSE line.
 
 use crate::scene::Scene;
+use crate::sonar::Echo;
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
 use rs485::boards::sd1::{
@@ -39,6 +40,15 @@ struct Ears {
     crosstalk: (Instant, f64),
 }
 
+/// What a sonar received in a slot, by the number of the slot. A board is asked more often than a sonar fires.
+#[derive(Clone, Copy, Debug, Default)]
+struct Received {
+    /// Its own echo.
+    echo: Option<(u64, Option<Echo>)>,
+    /// Distance of the first sound, m.
+    first: Option<(u64, Option<f64>)>,
+}
+
 /// The board.
 #[derive(Debug)]
 pub struct Sd1 {
@@ -49,6 +59,7 @@ pub struct Sd1 {
     outside: [u8; IRS],
     pause: PauseSource,
     ears: Ears,
+    received: [Received; SRFS],
 }
 
 impl Sd1 {
@@ -56,7 +67,8 @@ impl Sd1 {
     #[must_use]
     pub fn new(address: u8, config: Sd1Config, start: Instant) -> Self {
         let start = start + Duration::from_millis(u64::from(address % 7) * 10);
-        Self { config, address, start, outside: [0; IRS], pause: PauseSource::None, ears: Ears::default() }
+        let (pause, ears) = (PauseSource::None, Ears::default());
+        Self { config, address, start, outside: [0; IRS], pause, ears, received: Default::default() }
     }
 
     /// Resets at `now`.
@@ -135,50 +147,82 @@ impl Sd1 {
     }
 
     /// Readings of each channel's last finished slot.
-    fn srfs(&self, now: Instant, scene: &Scene) -> Srfs {
+    fn srfs(&mut self, now: Instant, scene: &Scene) -> Srfs {
         if now < self.ears.stuck.0 {
             return self.ears.stuck.1.clone();
         }
-        let (mixed, probability) = self.ears.crosstalk;
-        let mixed = if now < mixed { probability } else { 0.0 };
+        let count = self.config.srfs.len().min(SRFS);
+        (0..count).map(|channel| self.srf(now, channel, scene)).collect()
+    }
+
+    /// Reading of a channel's last finished slot.
+    fn srf(&mut self, now: Instant, channel: usize, scene: &Scene) -> u16 {
         let slots = now.since(self.start).as_nanos() as u64 / SLOT.as_nanos() as u64;
-        let measure = |(channel, mount): (usize, &Pose)| {
-            // The latest slot before the running one that is this channel's.
-            let turn = channel as u64 % SLOTS;
-            let Some(slot) = (0..slots).rev().take(SLOTS as usize).find(|slot| slot % SLOTS == turn) else {
-                return NO_ECHO;
-            };
-            let fired = Instant::from_nanos(self.start.as_nanos() + slot * SLOT.as_nanos() as u64);
-            if now < self.ears.blind {
-                return NO_ECHO;
-            }
-            let heard = self.heard(channel, *mount, slot, fired, scene);
-            let metres = scene.reading(heard, self.stream(channel as u64, slot));
-            let mut random = scene.random(self.stream(32 + channel as u64, slot));
-            let metres = match random.chance(mixed) {
-                true => Some(metres.unwrap_or(FAR) * random.uniform()),
-                false => metres,
-            };
-            metres.map_or(NO_ECHO, |metres| libm::round(metres * 1000.0) as u16)
+        // The latest slot before the running one that is this channel's.
+        let turn = channel as u64 % SLOTS;
+        let Some(slot) = (0..slots).rev().take(SLOTS as usize).find(|slot| slot % SLOTS == turn) else {
+            return NO_ECHO;
         };
-        self.config.srfs.iter().take(SRFS).enumerate().map(measure).collect()
+        if now < self.ears.blind {
+            return NO_ECHO;
+        }
+        let heard = self.first(channel, slot, scene);
+        let metres = scene.reading(heard, self.stream(channel as u64, slot));
+        let (mixed, probability) = self.ears.crosstalk;
+        let mut random = scene.random(self.stream(32 + channel as u64, slot));
+        let metres = match now < mixed && random.chance(probability) {
+            true => Some(metres.unwrap_or(FAR) * random.uniform()),
+            false => metres,
+        };
+        metres.map_or(NO_ECHO, |metres| libm::round(metres * 1000.0) as u16)
+    }
+
+    /// Distance of the first sound that a channel received in a slot, m.
+    fn first(&mut self, channel: usize, slot: u64, scene: &Scene) -> Option<f64> {
+        match self.received[channel].first {
+            Some((known, first)) if known == slot => first,
+            _ => {
+                let first = self.heard(channel, slot, scene);
+                self.received[channel].first = Some((slot, first));
+                first
+            }
+        }
     }
 
     /// Distance of the first sound received in a slot, m: its own echo, or another's fired with it.
-    fn heard(&self, channel: usize, mount: Pose, slot: u64, fired: Instant, scene: &Scene) -> Option<f64> {
-        let echo = |channel: usize, mount: Pose| scene.echo(mount, fired, self.stream(48 + channel as u64, slot));
-        let mut first = echo(channel, mount).map(|echo| echo.distance);
-        for (other, theirs) in self.config.srfs.iter().take(SRFS).enumerate() {
+    fn heard(&mut self, channel: usize, slot: u64, scene: &Scene) -> Option<f64> {
+        let mount = self.config.srfs[channel];
+        let mut first = self.echo(channel, slot, scene).map(|echo| echo.distance);
+        for other in 0..self.config.srfs.len().min(SRFS) {
             let together = other != channel && other % SLOTS as usize == channel % SLOTS as usize;
             // Sensors that look away from each other have nothing in common.
-            if !together || libm::fabs((theirs.theta - mount.theta).radians()) > APART {
+            if !together || libm::fabs((self.config.srfs[other].theta - mount.theta).radians()) > APART {
                 continue;
             }
             let stream = self.stream(64 + 8 * channel as u64 + other as u64, slot);
-            let overheard = echo(other, *theirs).and_then(|echo| scene.overheard(mount, fired, &echo, stream));
+            let echo = self.echo(other, slot, scene);
+            let overheard = echo.and_then(|echo| scene.overheard(mount, self.fired(slot), &echo, stream));
             first = overheard.into_iter().chain(first).reduce(f64::min);
         }
         first
+    }
+
+    /// Echo of a channel's own sound in a slot.
+    fn echo(&mut self, channel: usize, slot: u64, scene: &Scene) -> Option<Echo> {
+        match self.received[channel].echo {
+            Some((known, echo)) if known == slot => echo,
+            _ => {
+                let stream = self.stream(48 + channel as u64, slot);
+                let echo = scene.echo(self.config.srfs[channel], self.fired(slot), stream);
+                self.received[channel].echo = Some((slot, echo));
+                echo
+            }
+        }
+    }
+
+    /// Instant at which a slot begins.
+    fn fired(&self, slot: u64) -> Instant {
+        Instant::from_nanos(self.start.as_nanos() + slot * SLOT.as_nanos() as u64)
     }
 
     fn irs(&self, now: Instant, scene: &Scene) -> Irs {
@@ -239,6 +283,30 @@ mod tests {
             let expected = libm::round((20.0 - 0.75 - x) * 100.0) as u16 * 10;
             assert_eq!(mm, expected, "channel {channel}, fired at {} ms of {at}", slot * 70);
         }
+    }
+
+    #[test]
+    fn a_board_that_is_asked_often_answers_as_one_that_is_asked_for_the_first_time() {
+        let mut world = World::hall(20.0, 12.0);
+        (world.people.count, world.places) = (20, vec![Point { x: 12.0, y: 6.0 }, Point { x: 14.0, y: 6.5 }]);
+        let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 3);
+        let srfs: Vec<Pose> = (0..8).map(|channel| Pose::new(0.7, 0.0, 0.3 * f64::from(channel) - 1.0)).collect();
+        let new = || Sd1::new(0x15, Sd1Config { srfs: srfs.clone(), irs: Vec::new() }, Instant::ZERO);
+        let (mut often, mut answers) = (new(), Vec::new());
+        scene.demand.speed = Some(0.4);
+        for at in (0..20_000).step_by(35) {
+            while scene.next_step() <= Instant::from_millis(at) {
+                scene.step();
+            }
+            if at == 10_000 {
+                assert!(scene.kidnap(1));
+            }
+            let answer = ask(&mut often, at, 0x01, &scene);
+            assert_eq!(answer, ask(&mut new(), at, 0x01, &scene), "at {at} ms");
+            answers.push(answer);
+        }
+        answers.dedup();
+        assert!(answers.len() > 250, "{} different ones", answers.len());
     }
 
     #[test]
