@@ -348,7 +348,7 @@ impl Checkers {
         named("idle", idle::on_set_point(now, speed, facts))?;
         named("blind", self.blind.on_set_point(now, speed, facts))?;
         named("drives", self.drives.on_set_point(now, speed, facts))?;
-        named("homed", self.homed.on_set_point(speed))?;
+        named("homed", self.homed.on_set_point(now, speed, facts))?;
         named("authority", self.authority.on_set_point(now, speed, facts))
     }
 
@@ -369,7 +369,7 @@ impl Checkers {
         named("clock", self.clock.on_message(pid, message))?;
         match message {
             Message::LlDataMotion(motion) => {
-                named("homed", self.homed.on_motion(pid, motion))?;
+                named("homed", self.homed.on_motion(now, pid, motion))?;
                 named("authority", self.authority.on_motion(now, motion, facts))
             }
             Message::SimDataTruth(truth) => {

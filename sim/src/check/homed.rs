@@ -1,30 +1,33 @@
 //! The robot is not driven before its steering is homed (docs/design.md, section 4, `LL_DATA_MOTION.homed`).
 
 use super::Verdict;
+use super::facts::Facts;
+use base::Instant;
 use messages::lowlevel;
 
 /// Last report of the driver.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// Process that reported "not homed".
-    unhomed: Option<u32>,
+    /// Process that reported "not homed", and when it began to.
+    unhomed: Option<(u32, Instant)>,
     /// Set-point since then.
     moved: Option<f64>,
 }
 
 impl Rule {
-    /// A set-point has left the wire.
-    pub fn on_set_point(&mut self, speed: f64) -> Verdict {
-        if self.unhomed.is_some() {
+    /// A set-point has left the wire. One that was queued before the first report is none.
+    pub fn on_set_point(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        if self.unhomed.is_some_and(|(_, since)| now.since(since) > facts.slack(now)) {
             self.moved = self.moved.or(Some(speed));
         }
         Ok(())
     }
 
     /// Processes the driver's report.
-    pub fn on_motion(&mut self, pid: u32, motion: &lowlevel::DataMotion) -> Verdict {
+    pub fn on_motion(&mut self, now: Instant, pid: u32, motion: &lowlevel::DataMotion) -> Verdict {
         let was = self.unhomed;
-        self.unhomed = (!motion.homed).then_some(pid);
+        let known = was.filter(|(by, _)| *by == pid);
+        self.unhomed = (!motion.homed).then(|| known.unwrap_or((pid, now)));
         let moved = self.moved.take();
         if motion.homed {
             return Ok(());

@@ -607,7 +607,9 @@ fn an_unhomed_robot_is_not_driven() {
         begin pad 0.4
         motion homed pad 0.4
         motion not_homed - 0
-        drive 0.4
+        drive 0.4                # was on its way to the wire
+        motion not_homed - 0
+        +3 drive 0.4
         motion not_homed - 0 ! homed",
     );
     check("motion not_homed - 0.1 ! homed");
