@@ -175,7 +175,8 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// The simulated robot of the configuration under a scenario: in the world of `place`, else in those of the scenario.
+    /// The simulated robot of the configuration under a scenario: in the world of `place`, else in those of the
+    /// scenario.
     ///
     /// # Errors
     /// What is wrong with any of the files.

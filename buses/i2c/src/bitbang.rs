@@ -66,9 +66,10 @@ pub enum RequestError {
 
 /// The master: one transfer at a time.
 ///
-/// [`request`](Self::request), then [`handle_timeout`](Self::handle_timeout) whenever [`poll_timeout`](Self::poll_timeout)
-/// says, until [`poll_event`](Self::poll_event) has the outcome. A late call slows the bus; one that is 25 ms late
-/// while SCL is low ends the transfer with [`Error::Stretched`], as an SMBus target may have given up.
+/// [`request`](Self::request), then [`handle_timeout`](Self::handle_timeout) whenever
+/// [`poll_timeout`](Self::poll_timeout) says, until [`poll_event`](Self::poll_event) has the outcome. A late call
+/// slows the bus; one that is 25 ms late while SCL is low ends the transfer with [`Error::Stretched`], as an SMBus
+/// target may have given up.
 #[derive(Debug)]
 pub struct Master {
     timing: Timing,
@@ -85,7 +86,8 @@ pub struct Master {
     done: Option<Outcome>,
 }
 
-/// Multiple of [`Config::timeout`] after which others have used the bus, or stretched the clock of a transfer, too long.
+/// Multiple of [`Config::timeout`] after which others have used the bus, or stretched the clock of a transfer, too
+/// long.
 const BUSY_TIMEOUTS: u32 = 4;
 /// Targets of SMBus wait so long for a clock that is low (`T_TIMEOUT:MIN`).
 const TARGETS_WAIT: Duration = Duration::from_millis(25);

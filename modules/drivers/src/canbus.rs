@@ -695,8 +695,8 @@ impl Canbus {
         Some((self.protection.clamped(now, speed, mover), steering))
     }
 
-    /// True if a command is motion. A planner that was let go may turn the wheels before it drives; of a manual source a
-    /// steering angle at zero speed is only the position of its controls.
+    /// True if a command is motion. A planner that was let go may turn the wheels before it drives; of a manual source
+    /// a steering angle at zero speed is only the position of its controls.
     fn is_motion(&self, speed: f64, steering: f64, mover: Mover<'_>) -> bool {
         let turns = (steering - self.steering.angle()).abs() > TURN_RAD;
         speed != 0.0 || !mover.manual && turns

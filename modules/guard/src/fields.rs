@@ -122,8 +122,8 @@ impl Near {
     }
 }
 
-/// Ring around the centre of a turn that an outline sweeps: a point that is nearer to the centre, or farther from it, is
-/// never touched.
+/// Ring around the centre of a turn that an outline sweeps: a point that is nearer to the centre, or farther from it,
+/// is never touched.
 struct Ring {
     center: Point,
     /// Squares of its radii, m².

@@ -2,8 +2,8 @@
 //!
 //! Sends motion commands at 20 Hz, first zero, drives squares and random walks where there is space, stops at times, by
 //! zero or by silence, and begins again after every stop. Commands RUN to modules in PAUSE or STOP; releases the robot
-//! where a stop waits for a person: homes it, overrules a silent source of PAUSE, switches the motors on, pushes it back
-//! from an edge. Where there is a planner, lets that drive, too.
+//! where a stop waits for a person: homes it, overrules a silent source of PAUSE, switches the motors on, pushes it
+//! back from an edge. Where there is a planner, lets that drive, too.
 
 use super::scenario::Behaviour;
 use super::tally::Goals;

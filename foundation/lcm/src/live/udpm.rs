@@ -398,8 +398,9 @@ impl Udpm {
         self.local.is_some()
     }
 
-    /// True if somebody truncated the file through which this context publishes in shared memory. It publishes datagrams
-    /// from then on, so receivers know neither its process nor its user; a new context is in shared memory again.
+    /// True if somebody truncated the file through which this context publishes in shared memory. It publishes
+    /// datagrams from then on, so receivers know neither its process nor its user; a new context is in shared memory
+    /// again.
     #[must_use]
     pub fn is_cut_off(&self) -> bool {
         self.local.as_ref().is_some_and(Local::is_cut)

@@ -634,8 +634,8 @@ impl Drive {
         Some(Frame::standard(rpdo.cob_id(), &cia402::pack(controlword, 0)))
     }
 
-    /// True if the measured values of a lost drive are to be read: its heartbeat is received again, and it may turn. Its
-    /// PDOs are event-driven, and those of a drive that keeps its speed never come.
+    /// True if the measured values of a lost drive are to be read: its heartbeat is received again, and it may turn.
+    /// Its PDOs are event-driven, and those of a drive that keeps its speed never come.
     pub(super) fn must_ask_lost(&mut self, now: Instant, heard: bool) -> bool {
         if self.booted || !heard || !matches!(self.why, Absence::Lost(_)) {
             self.deadlines.clear(Timer::AskLost);
