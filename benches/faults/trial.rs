@@ -220,7 +220,7 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
     outcome.run = back.map(|at| at.saturating_duration_since(since));
     if outcome.critical {
         outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
-        // A stop that a watchdog did not require has another cause, as when the guard was not heard for a moment.
+        // A stop that the watchdog's end did not require has another cause, such as a late message of the guard.
         let required = outcome.module != watchdog::NAME || back.is_none_or(|at| at - fault >= WATCHDOG_MISSED);
         if rig.stop.is_some() && required {
             outcome.stands = rig.stood.map(|at| at.saturating_duration_since(since)).or(Some(PATIENCE));

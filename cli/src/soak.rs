@@ -154,7 +154,7 @@ impl Ground {
         let path = config::world_place(&place.config, place.world.as_deref());
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let world = config::world(&place.config, place.world.as_deref(), &place.sets)?;
-        // Once, so that what is wrong is told as such.
+        // Made once here, so that a mistake in the configuration is reported as one.
         drop(virtual_machine(&place, host::Config::default())?);
         Ok(Self { name, place, world })
     }

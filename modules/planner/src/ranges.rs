@@ -108,7 +108,7 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
 }
 
 /// Floor rangers of a message that see no floor: the point at which each looks, robot frame, m, and in which direction,
-/// rad. Unknown readings are none.
+/// rad. Unknown readings do not count.
 pub fn without_floor(message: &DataRanges) -> impl Iterator<Item = (Point, f64)> + '_ {
     let rangers = message.readings.iter().filter(|reading| reading.kind == Reading::INFRARED).take(SONARS_MAX);
     let missing = |reading: &&Reading| match reading.status {

@@ -304,14 +304,18 @@ impl World {
         feet.chain(self.columns.iter().map(|column| column.centre))
     }
 
-    /// The same world with a wall along each edge of a drop, for who keeps away from both.
-    #[must_use]
-    pub fn fenced(&self) -> Self {
-        let edges = self.drops.iter().flat_map(|drop| {
+    /// Edges of the drops.
+    pub(crate) fn edges(&self) -> impl Iterator<Item = Segment> + '_ {
+        self.drops.iter().flat_map(|drop| {
             let next = drop.iter().cycle().skip(1);
             drop.iter().zip(next).map(|(a, b)| Segment { a: *a, b: *b })
-        });
-        Self { walls: self.walls.iter().copied().chain(edges).collect(), ..self.clone() }
+        })
+    }
+
+    /// The same world with a wall along each edge: for an operator who sees both.
+    #[must_use]
+    pub fn fenced(&self) -> Self {
+        Self { walls: self.walls.iter().copied().chain(self.edges()).collect(), ..self.clone() }
     }
 
     /// True if there is floor under a point.

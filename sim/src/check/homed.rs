@@ -15,7 +15,7 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// A set-point has left the wire. One that was queued before the first report is none.
+    /// A set-point has left the wire. One that was queued before the first report does not count.
     pub fn on_set_point(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         if self.unhomed.is_some_and(|(_, since)| now.since(since) > facts.slack(now)) {
             self.moved = self.moved.or(Some(speed));

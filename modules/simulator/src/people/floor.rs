@@ -41,10 +41,7 @@ impl Floor {
     pub fn new(world: &World) -> Self {
         let walls = world.walls.iter().map(|wall| (*wall, 0.0));
         let columns = world.columns.iter().map(|c| (Segment { a: c.centre, b: c.centre }, c.radius));
-        let edges = world.drops.iter().flat_map(|drop| {
-            let next = drop.iter().cycle().skip(1);
-            drop.iter().zip(next).map(|(a, b)| (Segment { a: *a, b: *b }, 0.0))
-        });
+        let edges = world.edges().map(|edge| (edge, 0.0));
         let solids: Vec<_> = walls.chain(edges).chain(columns).take(usize::from(u16::MAX)).collect();
         let corners = solids.iter().flat_map(|(wall, _)| [wall.a, wall.b]);
         let corners = corners.chain(world.places.iter().copied()).chain([world.start.point()]);
