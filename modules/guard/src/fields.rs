@@ -96,9 +96,6 @@ struct Search {
 /// Free length of paths, and the number of the obstacle that ends it.
 type Nearest = (f64, Option<usize>);
 
-/// Without an obstacle.
-const ENDLESS: Nearest = (f64::INFINITY, None);
-
 /// How near an obstacle is to the robot as it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Near {
@@ -215,8 +212,8 @@ impl<K: Kinematics> Fields<K> {
         let scale = if direction.turns() { self.radius } else { 1.0 };
         let stops_within = |free: f64| self.law.stops_within((free * scale).min(self.reach));
         let [widest, narrower @ ..] = &self.outlines[direction as usize];
-        let all = self.nearest(widest, paths, obstacles, search);
-        let mut straight = ENDLESS;
+        let all = self.nearest(widest, paths, obstacles, f64::INFINITY, search);
+        let mut straight = (f64::INFINITY, None);
         self.shorten(widest, *usual, obstacles, |obstacle| obstacle.approaches, search, &mut straight);
         let mut stops = stops_within(all.0);
         for (outline, (_, most)) in narrower.iter().zip(&BESIDE[1..]) {
@@ -224,7 +221,10 @@ impl<K: Kinematics> Fields<K> {
             if stops >= *most {
                 break;
             }
-            stops = stops_within(self.nearest(outline, paths, obstacles, search).0).min(*most).max(stops);
+            // Nor does it count what ends a path beyond the field of a speed that they do not permit.
+            let counts = self.law.protective(most + SPEED_MIN) / scale;
+            let (free, _) = self.nearest(outline, paths, obstacles, counts, search);
+            stops = stops_within(free).min(*most).max(stops);
         }
         let slows = self.law.slows_within(straight.0 * scale);
         let blind = if self.blind[direction as usize] { self.speed_blind } else { f64::INFINITY };
@@ -243,11 +243,18 @@ impl<K: Kinematics> Fields<K> {
         Bound { speed, free: [all.0, straight.0], cause }
     }
 
-    /// Free length of the paths.
-    fn nearest(&self, outline: &Polygon, paths: &[Twist], obstacles: &[Obstacle], search: &mut Search) -> Nearest {
+    /// Free length of the paths, `length` at most.
+    fn nearest(
+        &self,
+        outline: &Polygon,
+        paths: &[Twist],
+        obstacles: &[Obstacle],
+        length: f64,
+        search: &mut Search,
+    ) -> Nearest {
         search.near.clear();
         search.near.extend(obstacles.iter().map(|obstacle| self.near(outline, obstacle.at)));
-        let mut nearest = ENDLESS;
+        let mut nearest = (length, None);
         paths.iter().for_each(|path| self.shorten(outline, *path, obstacles, |_| true, search, &mut nearest));
         nearest
     }
@@ -273,7 +280,9 @@ impl<K: Kinematics> Fields<K> {
             // What is nearer counts for another outline, which is wider in places.
             !matches!(near, Near::Clear(_)) || ring.as_ref().is_none_or(|ring| ring.contains(obstacle.at))
         });
-        candidates.extend(touched.map(|(n, (obstacle, near))| (near.square_before(path, obstacle.at), n)));
+        let squares = touched.map(|(n, (obstacle, near))| (near.square_before(path, obstacle.at), n));
+        let too_far = nearest.0 * nearest.0;
+        candidates.extend(squares.filter(|(square, _)| *square <= too_far));
         // The one that may be first is solved first: most others need not be solved then.
         let sooner = |a: usize, b: usize| if candidates[b].0 < candidates[a].0 { b } else { a };
         let Some(first) = (0..candidates.len()).reduce(sooner) else { return };

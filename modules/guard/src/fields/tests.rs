@@ -191,7 +191,7 @@ fn in_full<K: Kinematics>(
     let scale = if direction.turns() { fields.radius } else { 1.0 };
     let outlines = fields.outlines[direction as usize].iter().zip(BESIDE);
     let nearest = outlines.map(|(outline, (_, most))| {
-        let mut nearest = ENDLESS;
+        let mut nearest = (f64::INFINITY, None);
         for path in paths {
             for (n, obstacle) in seen.iter().enumerate() {
                 let free = fields.free(outline, *path, obstacle.at, fields.near(outline, obstacle.at));
@@ -229,10 +229,9 @@ fn what_is_left_out_of_the_search_changes_nothing() {
             let (speed, (free, by)) = in_full(&fields, direction, &paths, &seen);
             let search = &mut Search::default();
             let bound = fields.bound_on(direction, &paths, &seen, search);
-            assert_eq!(fields.nearest(&fields.outlines[direction as usize][0], &paths, &seen, search), (free, by));
+            let (usual, outline) = (paths[0], &fields.outlines[direction as usize][0]);
+            assert_eq!(fields.nearest(outline, &paths, &seen, f64::INFINITY, search), (free, by));
             assert_eq!(bound.free[0], free);
-            let usual = paths[0];
-            let outline = &fields.outlines[direction as usize][0];
             let alone = |seen: &Obstacle| fields.free(outline, usual, seen.at, fields.near(outline, seen.at));
             let approaching = seen.iter().filter(|seen| seen.approaches).map(alone);
             assert_eq!(bound.free[1], approaching.fold(f64::INFINITY, f64::min));
