@@ -144,7 +144,7 @@ pub struct Hit {
     pub radius: f64,
 }
 
-/// Square of a distance, relative, within which it may still be in reach, whatever the rounding.
+/// Square of a distance, relative, up to which it may be within another one, whatever the rounding.
 const ROUNDING: f64 = 1.0 + 1e-9;
 
 fn sane(point: Point) -> bool {
@@ -341,6 +341,11 @@ impl World {
         };
         let corners = [(rear, -half_width), (rear, half_width), (front, half_width), (front, -half_width)];
         let mut least = f64::INFINITY;
+        let nearer = |least: f64, point: Point, corner: Point| {
+            let (dx, dy) = (point.x - corner.x, point.y - corner.y);
+            let may_be = dx * dx + dy * dy <= least * least * ROUNDING;
+            if may_be { least.min(point.distance(corner)) } else { least }
+        };
         for wall in &self.walls {
             let wall = Segment { a: inner(wall.a), b: inner(wall.b) };
             if crosses(&wall, rear, front, half_width) {
@@ -349,7 +354,7 @@ impl World {
             least = least.min(gap(wall.a)).min(gap(wall.b));
             for (x, y) in corners {
                 let corner = Point { x, y };
-                least = least.min(nearest(&wall, corner).distance(corner));
+                least = nearer(least, nearest(&wall, corner), corner);
             }
         }
         for column in &self.columns {
@@ -432,6 +437,33 @@ mod tests {
         // A wall that runs through the body without an end in it.
         assert_eq!(clearance(&world, robot(Pose::new(10.0, 0.1, 0.0))), 0.0);
         assert_eq!(World::default().clearance(Pose::default(), -0.1, 0.1, 0.1), f64::INFINITY);
+    }
+
+    #[test]
+    fn clearance_is_the_least_distance_of_all_corners_and_ends() {
+        let mut random = crate::random::Random::new(5);
+        let (rear, front, half) = (-0.15, 0.75, 0.30);
+        for _ in 0..2000 {
+            let end =
+                |random: &mut crate::random::Random| p(8.0 * random.uniform() - 4.0, 8.0 * random.uniform() - 4.0);
+            let wall = |random: &mut crate::random::Random| Segment { a: end(random), b: end(random) };
+            let world = World { walls: (0..3).map(|_| wall(&mut random)).collect(), ..World::default() };
+            let pose = Pose::new(random.uniform(), random.uniform(), 6.3 * random.uniform());
+            let clearance = world.clearance(pose, rear, front, half);
+            let to_robot = pose.inverse().to_outer();
+            let of_wall = |wall: &Segment| {
+                let wall = Segment { a: to_robot(wall.a), b: to_robot(wall.b) };
+                let corners = [p(rear, -half), p(rear, half), p(front, half), p(front, -half)];
+                let of_corners = corners.map(|corner| nearest(&wall, corner).distance(corner));
+                let of_ends = [wall.a, wall.b].map(|end| {
+                    let x = (rear - end.x).max(end.x - front).max(0.0);
+                    libm::sqrt(x * x + (end.y.abs() - half).max(0.0) * (end.y.abs() - half).max(0.0))
+                });
+                of_corners.into_iter().chain(of_ends).fold(f64::INFINITY, f64::min)
+            };
+            let least = world.walls.iter().map(of_wall).fold(f64::INFINITY, f64::min);
+            assert!(clearance == least || clearance == 0.0, "{clearance} {least} {world:?}");
+        }
     }
 
     #[test]
