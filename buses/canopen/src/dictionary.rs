@@ -133,9 +133,11 @@ impl Dictionary {
 
     /// Sets a numeric object, regardless of access rights, cut to its width. Returns true if the value has changed.
     pub fn set(&mut self, index: u16, sub: u8, value: i64) -> bool {
-        let Ok(at) = self.find(index, sub) else {
-            return false;
-        };
+        self.find(index, sub).is_ok_and(|at| self.set_at(at, value))
+    }
+
+    /// The same at a place that [`Self::find`] gave.
+    pub(crate) fn set_at(&mut self, at: usize, value: i64) -> bool {
         let slot = &mut self.slots[at];
         let value = slot.entry.data_type.wrap(value);
         core::mem::replace(&mut slot.value, value) != value

@@ -407,10 +407,10 @@ impl Node {
 
     fn apply(&mut self, number: usize) {
         let written = self.pdos.apply(number, &mut self.dictionary);
-        let keys = || written.iter().map(|at| self.dictionary.key_at(*at));
-        for key in keys() {
-            self.pdos.touch(&self.dictionary, key.0, key.1);
+        for at in &written {
+            self.pdos.touch_at(*at);
         }
+        let keys = || written.iter().map(|at| self.dictionary.key_at(*at));
         let (last, first): (heapless::Vec<_, 64>, heapless::Vec<_, 64>) =
             (keys().filter(|key| key.0 == 0x6040).collect(), keys().filter(|key| key.0 != 0x6040).collect());
         for (index, sub) in first.into_iter().chain(last) {
@@ -530,8 +530,10 @@ impl Node {
     /// Sets a number, cut to its width. When it changes, the event-driven PDOs that carry it are sent at the next
     /// [`Self::handle_timeout`].
     pub fn set(&mut self, index: u16, sub: u8, value: i64) {
-        if self.dictionary.set(index, sub, value) {
-            self.pdos.touch(&self.dictionary, index, sub);
+        if let Ok(at) = self.dictionary.find(index, sub)
+            && self.dictionary.set_at(at, value)
+        {
+            self.pdos.touch_at(at);
         }
     }
 

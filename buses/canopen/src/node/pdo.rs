@@ -198,9 +198,13 @@ impl Pdos {
 
     /// An object changed.
     pub(super) fn touch(&mut self, dictionary: &Dictionary, index: u16, sub: u8) {
-        let Ok(at) = dictionary.find(index, sub) else {
-            return;
-        };
+        if let Ok(at) = dictionary.find(index, sub) {
+            self.touch_at(at);
+        }
+    }
+
+    /// The same by its place in the dictionary.
+    pub(super) fn touch_at(&mut self, at: usize) {
         for tpdo in &mut self.tpdos {
             tpdo.changed |= tpdo.record.mapping.iter().any(|mapped| mapped.at == Some(at));
         }
