@@ -24,7 +24,8 @@ export function Drive() {
       <div class="drive-map">
         <MapPanel />
       </div>
-      <div class="drive-side">
+      {/* On a wide screen it scrolls by itself, also where nothing in it can be pressed: the keys reach it. */}
+      <div class="drive-side" tabIndex={0} role="group" aria-label="Control and state, can be scrolled">
         <Control />
         <Why />
         {may("operator") ? <Hands /> : null}
