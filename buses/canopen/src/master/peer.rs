@@ -24,6 +24,8 @@ const RESTLESS: u8 = 2;
 const SETTLED: Duration = Duration::from_secs(1);
 /// … and when that happens so often in a row, it is not booted again at once: it would only be lost again.
 const UNSETTLED: u8 = 3;
+/// A node that says after this time that it is operational, or stopped, has not heard its reset.
+const RESET_TAKES: Duration = Duration::from_millis(100);
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
 
@@ -47,8 +49,9 @@ enum Phase {
     },
     /// Left alone, because the master is about to end; true while the boot-up message after its reset is awaited.
     Left(bool),
-    /// Reset; its boot-up message is awaited.
+    /// Told to reset at `told`; its boot-up message is awaited.
     Resetting {
+        told: Instant,
         until: Instant,
     },
     /// Work `at` of the plan is under way on the SDO channel.
@@ -199,6 +202,11 @@ impl Peer {
             (NmtState::Initialising, Phase::Resting { .. }) if self.unsettled < UNSETTLED => self.first(now, shared),
             (NmtState::Initialising, Phase::Left(_)) => self.phase = Phase::Left(false),
             (NmtState::Initialising, Phase::Resting { .. }) => {}
+            (NmtState::Operational | NmtState::Stopped, Phase::Resetting { told, until })
+                if arrived.since(told) >= RESET_TAKES =>
+            {
+                self.reset(now, until, shared);
+            }
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { until }) => {
                 let two = self.guard.is_none() && self.duplicate.beat(arrived, self.config.heartbeat);
@@ -294,7 +302,7 @@ impl Peer {
             Phase::Resting { until } if until <= now && self.channel.is_idle() => {
                 self.first(now, shared);
             }
-            Phase::Resetting { until } if until <= now => self.work(now, shared, 0),
+            Phase::Resetting { until, .. } if until <= now => self.work(now, shared, 0),
             Phase::Listening { until } | Phase::Held { until } if until <= now => {
                 self.fail(now, shared, BootError::NoHeartbeat);
             }
@@ -322,7 +330,7 @@ impl Peer {
             // The channel's own deadline comes first while a request on demand is under way.
             Phase::Resting { until } => self.channel.is_idle().then_some(until),
             Phase::Working { .. } | Phase::Left(_) => None,
-            Phase::Resetting { until } | Phase::Listening { until } | Phase::Held { until } => Some(until),
+            Phase::Resetting { until, .. } | Phase::Listening { until } | Phase::Held { until } => Some(until),
             Phase::Starting { until, .. } | Phase::Running { until } => Some(until),
         };
         let emergency = self.emergencies.last.map(|_| self.emergencies.quiet_until);

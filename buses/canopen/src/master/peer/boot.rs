@@ -53,11 +53,16 @@ impl Peer {
         self.guard = None;
         self.nmt_state = None;
         if self.config.reset {
-            shared.outbox.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
-            self.enter(Phase::Resetting { until: now + self.config.boot_timeout }, shared);
+            self.reset(now, now + self.config.boot_timeout, shared);
         } else {
             self.work(now, shared, 0);
         }
+    }
+
+    /// Tells the node to reset its communication, and awaits its boot-up message.
+    pub(super) fn reset(&mut self, now: Instant, until: Instant, shared: &mut Shared) {
+        shared.outbox.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
+        self.enter(Phase::Resetting { told: now, until }, shared);
     }
 
     pub(super) fn first(&mut self, now: Instant, shared: &mut Shared) {

@@ -16,6 +16,27 @@ fn both_drives_boot_and_take_pdos() {
 }
 
 #[test]
+fn a_node_that_has_not_heard_its_reset_is_reset_again() {
+    let config = NodeConfig { device_type: Some(0x0002_0192), ..NodeConfig::new(1, "propulsion") };
+    let mut master = Master::new(MasterConfig::default(), &[config]).unwrap();
+    check(
+        &mut master,
+        "
+          0ms < 77F 05
+          0ms < 000 82 01
+         40ms > 701 05
+         50ms < 77F 05
+         90ms > 701 05                         # it may still be at it
+        100ms < 77F 05
+        140ms > 701 05
+        140ms < 000 82 01
+        145ms > 701 00
+        145ms < 601 40 00 10 00 00 00 00 00
+        ",
+    );
+}
+
+#[test]
 fn a_boot_up_on_the_wire() {
     let config = NodeConfig {
         device_type: Some(0x0002_0192),
