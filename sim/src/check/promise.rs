@@ -29,6 +29,10 @@ const STANDS_MPS: f64 = 0.1;
 const LEG_M: f64 = 0.15;
 /// Accuracy of a distance, m: age of the answer at the greatest speed, legs at a stride, the true pose.
 const SAME_M: f64 = 0.3;
+/// By this much the answer of a leg may be longer, m, beyond what the robot drives within a sweep: the uncertainty that
+/// the guard allows for. A leg that is farther away is the rear one of a stride, or the other one; nothing has answered
+/// for the body before it.
+const LONGER_M: f64 = 0.05;
 /// Number of answers that are sufficient as evidence: as many sweeps.
 const ANSWERS_MIN: usize = 3;
 /// Time for which answers are kept: more than the longest stop.
@@ -140,13 +144,15 @@ impl Rule {
 }
 
 impl Answer {
-    /// True if it is the distance of something at a point.
+    /// True if it is the distance of something at a point, or of a leg that is nearer by `leg`, m.
     fn is_of(&self, point: Point, leg: f64, beam: f64) -> bool {
         let from = self.pose.point();
         let distance = from.distance(point);
         let bearing = libm::atan2(point.y - from.y, point.x - from.x);
         let within = (self.pose.theta + -bearing).radians().abs() < beam / 2.0;
-        self.distance > 0.0 && (distance - leg - self.distance).abs() < SAME_M && (within || distance < SAME_M)
+        let longer = self.distance - (distance - leg);
+        let most = if leg > 0.0 { LONGER_M + self.speed.abs() * SWEEP.as_secs_f64() } else { SAME_M };
+        self.distance > 0.0 && longer > -SAME_M && longer < most && (within || distance < SAME_M)
     }
 }
 
