@@ -614,8 +614,11 @@ impl Canbus {
         self.arbiter.expire_holder(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
-        if ends {
+        if ends || self.leaves {
             self.leave(now);
+        } else {
+            // A drive that was lost, and took no part, has come back and turns.
+            self.deadlines.clear(Timer::SwitchOff);
         }
         let began = self.stopping || self.blocked.is_some();
         self.stopping = began && rolls && self.propulsion.may_be_stopping();

@@ -207,3 +207,18 @@ fn a_module_that_ends_leaves_its_drives_without_power_and_without_fault() {
     let states = [&robot.epos, &robot.icla].map(|drive| drive.node.nmt_state());
     assert_eq!(states, [Some(canopen::NmtState::PreOperational); 2]);
 }
+
+#[test]
+fn a_module_that_ends_does_not_wait_for_a_drive_that_tells_nothing() {
+    let mut robot = Robot::ready();
+    // Of the propulsion nothing but the heartbeat is heard, and then not even its boot-up: whether the robot still stands
+    // is not known any more while the boot-up is awaited.
+    robot.epos.mute = true;
+    robot.pass(700);
+    robot.epos.silent = true;
+    let state = State::Terminate as i8;
+    robot.bench.message(common::CmdState { module: NAME.into(), state, manual: true, ..Default::default() });
+    robot.exchange();
+    robot.pass(2000);
+    assert!(robot.ended, "it has ended");
+}
