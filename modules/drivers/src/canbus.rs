@@ -98,6 +98,9 @@ base::deadlines! {
         SecondMaster,
         /// The order to cut the motors' feed is repeated. Set until it is known to be cut.
         Cut,
+        /// The propulsion turned when it was reset, and its speed was not read since. Set until it is booted, known to
+        /// stand, or without power.
+        Unwatched,
         /// The drives are left as they are although they are not switched off. Set when the module ends and the robot
         /// stands.
         SwitchOff,
@@ -357,6 +360,9 @@ impl Canbus {
                 }
             }
             CanEvent::Lost { node, reason } => {
+                if node == self.propulsion.drive.node {
+                    self.watch_reset(now, reason);
+                }
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
                 }
@@ -391,6 +397,7 @@ impl Canbus {
                 let message = format!("another program commands the drives on {bus} ({by}): the robot stops");
                 out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
                 self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
+                self.readbacks.iter_mut().for_each(|readback| readback.on_foreign(now, by));
             }
             CanEvent::DuplicateId { node } => {
                 let (subject, name) = self.name_of(node);

@@ -1,7 +1,7 @@
 //! Drive of the rear axle: converts m/s to rpm of the motor shaft.
 
-use super::Config;
 use super::drive::{Drive, Trouble};
+use super::{Config, STANDSTILL_MPS};
 use base::Instant;
 use base::can::Frame;
 use canopen::axis::modes::Mode;
@@ -103,6 +103,11 @@ impl Propulsion {
     /// True if its speed is known to be below `limit`, m/s.
     pub(super) fn is_slower(&self, now: Instant, limit: f64) -> bool {
         self.drive.is_known(now) && self.speed.abs() < limit
+    }
+
+    /// True if it was under power when it was heard last, and not known to stand.
+    pub(super) fn may_turn(&self) -> bool {
+        self.drive.is_powered() && (self.speed.is_nan() || self.speed.abs() >= STANDSTILL_MPS)
     }
 
     /// Drives at `speed`, m/s.

@@ -1,15 +1,18 @@
 //! Objects of a drive on which its stop depends, read back while the robot runs.
 //!
 //! The boot-up writes and compares them; afterwards another program on the bus, or a fault of the drive, may change
-//! them. Each is read once in [`PERIOD`], and written again if it differs.
+//! them. Each is read once in [`PERIOD`], all of them at once when another program has asked the drive for something,
+//! and written again if it differs.
 
 use base::{Duration, Instant};
 use canopen::Master;
 use canopen::NodeConfig;
-use canopen::master::{ConfigWrite, Ticket};
+use canopen::master::{ConfigWrite, Foreign, Ticket};
 
 /// All objects of a drive are read within this time.
 const PERIOD: Duration = Duration::from_secs(10);
+/// The same, of one object, after another program has asked the drive for something: it must have been answered.
+const AFTER_FOREIGN: Duration = Duration::from_millis(5);
 
 /// News of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +33,8 @@ pub(super) struct Readback {
     ticket: Option<Ticket>,
     /// The object that `next` names was found changed.
     changed: bool,
+    /// Number of objects that another program may have changed: they are read without a pause.
+    suspect: usize,
 }
 
 impl Readback {
@@ -42,7 +47,7 @@ impl Readback {
             ConfigWrite::new(0x1016, 1, u32::from(master) << 16 | limit)
         });
         let objects = config.writes.iter().filter(matters).cloned().chain(watches).collect();
-        Self { node: config.id, objects, next: 0, due: None, ticket: None, changed: false }
+        Self { node: config.id, objects, next: 0, due: None, ticket: None, changed: false, suspect: 0 }
     }
 
     /// True while an object is known to hold another value.
@@ -50,13 +55,24 @@ impl Readback {
         self.changed
     }
 
+    /// Another program commands a drive.
+    pub(super) fn on_foreign(&mut self, now: Instant, by: Foreign) {
+        if by == (Foreign::SdoRequest { node: self.node }) && self.due.is_some() {
+            self.suspect = self.objects.len();
+            self.due = Some(now + AFTER_FOREIGN);
+        }
+    }
+
     /// Reads the next object if that is due; `running` while the drive is booted.
     pub(super) fn advance(&mut self, now: Instant, running: bool, master: &mut Master) {
         if !running || self.objects.is_empty() {
-            (self.due, self.ticket, self.changed) = (None, None, false);
+            (self.due, self.ticket, self.changed, self.suspect) = (None, None, false, 0);
             return;
         }
-        let pause = PERIOD / u32::try_from(self.objects.len()).unwrap_or(1).max(1);
+        let pause = match self.suspect {
+            0 => PERIOD / u32::try_from(self.objects.len()).unwrap_or(1).max(1),
+            _ => AFTER_FOREIGN,
+        };
         let due = *self.due.get_or_insert(now + pause);
         if now < due || self.ticket.is_some() {
             return;
@@ -80,6 +96,7 @@ impl Readback {
         let write = &self.objects[self.next];
         if data == write.value.as_slice() {
             self.next = (self.next + 1) % self.objects.len();
+            self.suspect = self.suspect.saturating_sub(1);
             return Some(std::mem::take(&mut self.changed).then_some(Found::Restored));
         }
         let (index, sub) = (write.index, write.sub);

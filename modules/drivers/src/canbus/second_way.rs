@@ -11,7 +11,7 @@ use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
 use super::{Canbus, LINE, Timer};
 use base::{Duration, Fault, Instant, Level, Severity};
 use canopen::axis::{Goal, PowerState};
-use canopen::master::Ticket;
+use canopen::master::{LostReason, Ticket};
 use messages::{Hold, lowlevel};
 use module::{Actions, Input, PortId};
 use rs485::boards::psc1;
@@ -20,6 +20,8 @@ use rs485::boards::psc1;
 const MOTORS: &str = "motors";
 /// Period of the order to cut the feed, until the power controller reports that it is cut.
 const CUT_PERIOD: Duration = Duration::from_millis(500);
+/// A drive that turned when it was reset must be read again within this time.
+const UNWATCHED_MAX: Duration = Duration::from_millis(450);
 
 /// What cuts the motors' feed.
 #[derive(Debug)]
@@ -105,6 +107,22 @@ impl Canbus {
         }
     }
 
+    /// The propulsion is lost. A drive that misses the master's heartbeat brakes by itself, and one that does not answer
+    /// was told to stop before it is reset; any other is reset while it turns, and watches nobody until it is booted.
+    pub(super) fn watch_reset(&mut self, now: Instant, reason: LostReason) {
+        if matches!(reason, LostReason::BootUp | LostReason::State(_) | LostReason::DuplicateId) {
+            self.await_speed(now);
+        }
+    }
+
+    fn await_speed(&mut self, now: Instant) {
+        if self.propulsion.may_turn() {
+            self.deadlines.set(Timer::Unwatched, now + UNWATCHED_MAX);
+        } else {
+            self.deadlines.clear(Timer::Unwatched);
+        }
+    }
+
     /// Judges the measured speed against the present order; to be called after each decision.
     pub(super) fn watch_speed(&mut self, now: Instant, out: &mut Actions) {
         let order = self.order();
@@ -118,7 +136,16 @@ impl Canbus {
         let measured = self.propulsion.take_measured();
         let target = if let Order::Drive(speed) = order { Some(speed) } else { None };
         self.propulsion.watch(now, target, measured, out);
+        if self.propulsion.drive.is_booted() || order == Order::None {
+            self.deadlines.clear(Timer::Unwatched);
+        }
+        if self.deadlines.take(Timer::Unwatched, now) {
+            self.on_not_stopping(now, "reset while it turned, the propulsion is not heard", out);
+        }
         let Some(speed) = measured else { return };
+        if self.deadlines.is_set(Timer::Unwatched) {
+            self.await_speed(now);
+        }
         match self.stop_watch.monitor.measure(now, speed) {
             None => {}
             Some(Alarm::Exceeded { measured, allowed }) if self.stop_watch.latched.is_none() => {
@@ -128,15 +155,17 @@ impl Canbus {
                 self.stop_watch.latched = Some(Hold::SpeedExceeded);
             }
             Some(Alarm::Exceeded { .. }) => {}
-            Some(Alarm::NotStopping { measured, allowed }) => self.on_not_stopping(now, measured, allowed, out),
+            Some(Alarm::NotStopping { measured, allowed }) => {
+                let what = format!("told to stop, the robot drives at {measured:.2} m/s and not below {allowed:.2}");
+                self.on_not_stopping(now, &what, out);
+            }
         }
     }
 
-    fn on_not_stopping(&mut self, now: Instant, measured: f64, allowed: f64, out: &mut Actions) {
+    fn on_not_stopping(&mut self, now: Instant, what: &str, out: &mut Actions) {
         if self.stop_watch.latched == Some(Hold::FeedCut) {
             return;
         }
-        let what = format!("told to stop, the robot drives at {measured:.2} m/s and not below {allowed:.2}");
         match &mut self.stop_watch.way {
             Way::None => {
                 out.raise(Severity::Error, Fault::StopFailed, "", format!("{what}; there is no second way to stop it"));

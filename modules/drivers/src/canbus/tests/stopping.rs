@@ -1,6 +1,7 @@
 //! The driver measures that the robot stops; if it does not, the motors' feed is cut.
 
 use super::*;
+use base::can::Frame;
 use canopen::Dictionary;
 use canopen::dictionary::{Access, DataType, Entry};
 use messages::lowlevel::{CmdPower, DataPower};
@@ -166,6 +167,41 @@ fn a_drive_that_was_silent_and_does_not_brake_is_cut_off_its_feed_before_it_is_b
 #[test]
 fn a_drive_that_was_silent_and_brakes_is_left_alone() {
     let mut robot = silent();
+    for n in 0..200 {
+        let speed = (0.5 - 1.5 * f64::from(n) * 0.01).max(0.0);
+        robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
+        robot.pass(10);
+    }
+    assert_eq!(robot.power, []);
+}
+
+/// A drive that turned at 0.5 m/s was stopped by an NMT command of another master, so it is reset.
+fn foreign_stop() -> Robot {
+    let mut robot = powered();
+    drive(&mut robot, 0.5, 500);
+    robot.epos.stubborn = true;
+    robot.epos.node.set(0x606C, 0, (0.5 * 2483.0) as i64);
+    robot.pass(100);
+    robot.bench.can(PortId(0), Frame::standard(0x701, &[0x04]));
+    robot.exchange();
+    assert_eq!(robot.holds()[0], (Hold::DriveLost, "propulsion"));
+    robot
+}
+
+#[test]
+fn a_drive_that_is_reset_while_it_turns_and_is_not_heard_is_cut_off_its_feed() {
+    let mut robot = foreign_stop();
+    robot.epos.silent = true;
+    live(&mut robot, 400);
+    assert_eq!(robot.power, []);
+    live(&mut robot, 100);
+    assert_eq!(robot.power.first().map(|(_, cut)| (cut.device, cut.action)), Some((3, CmdPower::OFF)));
+    assert_eq!(robot.holds()[0], (Hold::FeedCut, ""));
+}
+
+#[test]
+fn a_drive_that_is_reset_while_it_turns_and_brakes_is_left_alone() {
+    let mut robot = foreign_stop();
     for n in 0..200 {
         let speed = (0.5 - 1.5 * f64::from(n) * 0.01).max(0.0);
         robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
@@ -546,6 +582,18 @@ fn an_object_that_the_stop_depends_on_is_restored_within_ten_seconds() {
         assert!(robot.errors.contains(&(Fault::DriveParameter, Severity::Notice)));
         assert!(!robot.moves(), "it was stopped, and must be let go");
     }
+}
+
+#[test]
+fn what_another_program_may_have_changed_is_restored_at_once() {
+    let mut robot = Robot::ready();
+    robot.drive(0.3, 1000);
+    let right = robot.epos.node.get(0x6085, 0);
+    robot.epos.node.set(0x6085, 0, 60);
+    robot.bench.can(PortId(0), Frame::standard(0x601, &[0x23, 0x85, 0x60, 0, 0x3C, 0, 0, 0]));
+    robot.pass(100);
+    assert_eq!(robot.epos.node.get(0x6085, 0), right);
+    assert!(robot.errors.contains(&(Fault::DriveParameter, Severity::Error)));
 }
 
 #[test]
