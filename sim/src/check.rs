@@ -405,7 +405,7 @@ impl Checkers {
         self.wanted.on_command(now, &command.module, to);
         self.restarts.on_command(&command.module);
         if command.manual && !watchdog {
-            self.stopped.on_manual(now, &command.module, to);
+            self.stopped.on_manual(now, &command.module, to, &self.facts);
         }
     }
 }

@@ -53,6 +53,8 @@ pub(super) struct Rule {
     /// Time of the last order to cut, and of the last one by a person to switch on.
     cut: Option<Instant>,
     on: Instant,
+    /// That one may not have reached the driver, which then repeats its order.
+    unheard: bool,
     /// Last set-point, and the time since which it was not lowered.
     set_point: f64,
     settled: Instant,
@@ -111,10 +113,13 @@ impl Rule {
         if !by_driver {
             if command.action != lowlevel::CmdPower::OFF {
                 self.on = now;
+                self.unheard = facts.lcm_disturbed(now) == Some(now);
             }
             return Ok(());
         }
-        let repeated = self.cut.replace(now).is_some_and(|cut| now.since(cut) < REPEATED && cut > self.on);
+        let repeats = |cut| now.since(cut) < REPEATED && (cut > self.on || self.unheard);
+        let repeated = self.cut.is_some_and(repeats);
+        self.cut = Some(now);
         if repeated || is_unreached(now, facts) {
             return Ok(());
         }

@@ -28,12 +28,14 @@ struct Module {
 struct Commands {
     into: Option<Instant>,
     out: Option<Instant>,
+    /// The STOP command may not have reached the watchdog, which starts the module again in the state that it knows.
+    unheard: bool,
 }
 
 impl Commands {
-    fn on_manual(&mut self, now: Instant, to: State) {
+    fn on_manual(&mut self, now: Instant, to: State, disturbed: bool) {
         match to {
-            State::Stop => self.into = Some(now),
+            State::Stop => (self.into, self.unheard) = (Some(now), disturbed),
             State::Run | State::Pause => self.out = Some(now),
             _ => {}
         }
@@ -50,9 +52,9 @@ pub(super) struct Rule {
 
 impl Rule {
     /// Processes an operator's state command.
-    pub fn on_manual(&mut self, now: Instant, module: &str, to: State) {
+    pub fn on_manual(&mut self, now: Instant, module: &str, to: State, facts: &Facts) {
         let commands = if module == "*" { &mut self.all } else { &mut self.modules.of(module).commands };
-        commands.on_manual(now, to);
+        commands.on_manual(now, to, facts.lcm_disturbed(now) == Some(now));
     }
 
     /// Processes a change of a module's state.
@@ -65,6 +67,10 @@ impl Rule {
                 let Some(stopped) = module.stopped.take() else { return Ok(()) };
                 let into = module.commands.into.max(all.into).unwrap_or(stopped);
                 let out = module.commands.out.max(all.out);
+                let unheard = if module.commands.into >= all.into { module.commands.unheard } else { all.unheard };
+                if unheard && facts.life(name).is_some_and(|life| life.started > into) {
+                    return Ok(());
+                }
                 let disturbed = facts.lcm_disturbed(now).is_some_and(|at| now.since(at) < DISTURBED_REORDERING_MAX);
                 let order = if disturbed { DISTURBED_REORDERING_MAX } else { REORDERING_MAX };
                 if out.is_none_or(|out| out + order < into) {

@@ -760,6 +760,21 @@ fn only_an_operator_leads_out_of_stop() {
             state power {way} ! stopped"
         ));
     }
+    // The watchdog may not have heard the command: it starts the module again as it knows it.
+    check(
+        "fault lcm loss 900
+        operator power STOP
+        state power STOP
+        +100 exit power
+        +100 start power
+        state power RUN",
+    );
+    check(
+        "fault lcm loss 900
+        operator power STOP
+        state power STOP
+        +300 state power RUN ! stopped",
+    );
 }
 
 #[test]
