@@ -98,6 +98,8 @@ struct Echo {
     sonar: i32,
     /// Firing instant; `None` without a known reading.
     at: Option<Instant>,
+    /// The sender's name of the reading.
+    stamp: i64,
     /// Distance, m; `None` for silence.
     distance: Option<f64>,
     mount: Mount,
@@ -265,7 +267,7 @@ impl Obstacles {
         self.cones.retain(|cone| is_there(cone.sonar));
         self.cones.iter_mut().for_each(|cone| cone.is_new = false);
         for Fired { sounding, robot, speed } in round {
-            let Sounding { id: sonar, at, mount, measurement } = *sounding;
+            let Sounding { id: sonar, at, stamp, mount, measurement } = *sounding;
             let number = self.echoes.iter().position(|echo| echo.sonar == sonar).unwrap_or_else(|| {
                 self.echoes.push(Echo { sonar, ..Echo::default() });
                 self.echoes.len() - 1
@@ -277,7 +279,8 @@ impl Obstacles {
                 ranges::Measurement::Silent | ranges::Measurement::NoEcho => None,
                 ranges::Measurement::Unknown => continue,
             };
-            if last.at.is_some_and(|last| at <= last) {
+            // A reading that is sent again seems to be somewhat younger or older, as messages take different times.
+            if last.at.is_some_and(|fired| at <= fired || stamp == last.stamp) {
                 continue;
             }
             let dt = last.at.map_or(f64::INFINITY, |last| at.since(last).as_secs_f64());
@@ -311,7 +314,7 @@ impl Obstacles {
             }
             let [first, second, _] = last.free;
             let readings = [(at, clear_now), first, second];
-            *last = Echo { sonar, at: Some(at), distance, mount, free: readings, hearing };
+            *last = Echo { sonar, at: Some(at), stamp, distance, mount, free: readings, hearing };
             let (free, quiet) = if hearing.is_deaf() { (0.0, 0.0) } else { (last.free_range(at), clear_now) };
             let (from, echo) = (pose.point(), distance);
             let cone = Cone { sonar, at, is_new: true, from, cos, sin, half_beam, clear, echo, free, quiet, closing };
@@ -515,7 +518,8 @@ mod tests {
     fn fired(at: Instant, measured: [ranges::Measurement; 3]) -> Vec<Fired> {
         let fired = |(id, ((x, y, theta), measurement)): (usize, ((f64, f64, f64), ranges::Measurement))| {
             let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
-            Fired { sounding: Sounding { id: id as i32, at, mount, measurement }, robot: Pose::default(), speed: 0.0 }
+            let sounding = Sounding { id: id as i32, at, stamp: at.as_nanos() as i64, mount, measurement };
+            Fired { sounding, robot: Pose::default(), speed: 0.0 }
         };
         FRONT.into_iter().zip(measured).enumerate().map(fired).collect()
     }
@@ -700,7 +704,8 @@ mod tests {
             for _ in 0..FREE_READINGS {
                 bench.1 += Duration::from_millis(250);
                 let mount = Mount { at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam };
-                let sounding = Sounding { id: 0, at: bench.1, mount, measurement: ranges::Measurement::Echo(2.0) };
+                let (at, measurement) = (bench.1, ranges::Measurement::Echo(2.0));
+                let sounding = Sounding { id: 0, at, stamp: at.as_nanos() as i64, mount, measurement };
                 let fired = [Fired { sounding, robot: Pose::default(), speed: 0.0 }];
                 bench.0.update(bench.1, Pose::default(), &fired, covers, |_| false);
             }
@@ -787,6 +792,26 @@ mod tests {
         assert!(bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "the middle one is dead");
         receive(&mut bench, [1.0, 1.0, 1.0]);
         assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "it hears again");
+    }
+
+    #[test]
+    fn a_reading_that_is_sent_again_proves_nothing_more() {
+        let mut bench = bench();
+        let wall = |point: Point| point.x > 1.75;
+        bench.1 += Duration::from_millis(250);
+        let first = fired(bench.1, [f64::NAN; 3].map(echo));
+        for n in 0..20 {
+            // Each message takes a little longer than the one before.
+            let later = |one: &Fired| {
+                let at = one.sounding.at + Duration::from_micros(40 * n);
+                Fired { sounding: Sounding { at, ..one.sounding }, ..*one }
+            };
+            let again: Vec<Fired> = first.iter().map(later).collect();
+            bench.0.update(bench.1 + Duration::from_millis(n), Pose::default(), &again, covers, wall);
+        }
+        assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "one silent reading makes nobody deaf");
+        let (second, now) = (Duration::from_secs(1), bench.1);
+        assert!(!bench.0.seen_within(now, Point { x: 1.2, y: 0.0 }, second), "and frees no space");
     }
 
     #[test]

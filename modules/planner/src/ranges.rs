@@ -68,6 +68,8 @@ pub struct Sounding {
     pub id: i32,
     /// Firing instant.
     pub at: Instant,
+    /// The sender's name of the measurement, its own time: a message repeats the ones that are not new.
+    pub stamp: i64,
     /// Mounting.
     pub mount: Mount,
     /// Result.
@@ -81,9 +83,9 @@ impl Sounding {
         self.measurement != Measurement::Unknown
     }
 
-    fn of(id: i32, at: Instant, mount: Mount, measurement: Measurement) -> Self {
+    fn of(id: i32, at: Instant, stamp: i64, mount: Mount, measurement: Measurement) -> Self {
         let sane = !matches!(measurement, Measurement::Echo(distance) if !(distance > 0.0 && distance.is_finite()));
-        Self { id, at, mount, measurement: if sane { measurement } else { Measurement::Unknown } }
+        Self { id, at, stamp, mount, measurement: if sane { measurement } else { Measurement::Unknown } }
     }
 }
 
@@ -102,7 +104,7 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
             Reading::MEASURED => Measurement::Echo(reading.distance),
             _ => Measurement::Unknown,
         };
-        Some(Sounding::of(reading.id, received - age, mount, measurement))
+        Some(Sounding::of(reading.id, received - age, reading.timestamp, mount, measurement))
     };
     sonars.take(SONARS_MAX).filter_map(sounding).collect()
 }
@@ -123,13 +125,14 @@ pub fn without_floor(message: &DataRanges) -> impl Iterator<Item = (Point, f64)>
 }
 
 /// Readings of an `LL_DATA_SRFS` message received at `received`, which is taken as their instant, with this opening
-/// angle, rad.
+/// angle, rad. Whether they are new, it does not say.
 #[must_use]
 pub fn of_srfs(received: Instant, message: &DataSrfs, beam: f64) -> Vec<Sounding> {
+    let stamp = received.as_nanos() as i64;
     let sounding = |range: &messages::lowlevel::Range| {
         let mount = Mount::of(range.x, range.y, range.theta, beam)?;
         let measurement = if range.valid { Measurement::Echo(range.distance) } else { Measurement::NoEcho };
-        Some(Sounding::of(range.id, received, mount, measurement))
+        Some(Sounding::of(range.id, received, stamp, mount, measurement))
     };
     message.srfs.iter().take(SONARS_MAX).filter_map(sounding).collect()
 }

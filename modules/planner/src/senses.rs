@@ -314,7 +314,7 @@ mod tests {
     }
 
     fn fired(at: Instant, measurement: Measurement) -> [Sounding; 1] {
-        [Sounding { id: 0, at, mount: Mount::default(), measurement }]
+        [Sounding { id: 0, at, stamp: 0, mount: Mount::default(), measurement }]
     }
 
     fn ready() -> Senses {

@@ -43,7 +43,8 @@ fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
         let measurement =
             nearest.filter(within).map_or(Measurement::Silent, |(distance, _)| Measurement::Echo(distance));
         let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
-        Fired { sounding: Sounding { id, at, mount, measurement }, robot: Pose::default(), speed: 0.0 }
+        let sounding = Sounding { id, at, stamp: at.as_nanos() as i64, mount, measurement };
+        Fired { sounding, robot: Pose::default(), speed: 0.0 }
     };
     (0..16).map(sonar).collect()
 }
