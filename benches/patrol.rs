@@ -75,6 +75,8 @@ fn main() -> ExitCode {
     }
     println!("all: {all}\nwithout guard: {unguarded}");
     all.print_causes();
+    println!("without guard:");
+    unguarded.print_causes();
     let steps = Steps::of(&told.borrow());
     println!("control step: {steps}");
     let share = f64::from(all.waypoints) / f64::from(unguarded.waypoints);
