@@ -90,7 +90,9 @@ fn an_estimator_that_dies_stops_it() {
     robot.pass(20.0);
     let seen = robot.seen();
     assert!(seen.truth.speed.abs() < 0.01);
-    assert_eq!(seen.goal_holds.first(), Some(messages::Hold::PlannerLatched), "{}", seen.goal.message);
+    // Whether or not the estimator finds the robot from the beacons in sight there.
+    let waits: Vec<_> = seen.goal_holds.holds.iter().map(messages::lowlevel::Hold::cause).collect();
+    assert!(waits.contains(&Some(messages::Hold::PlannerLatched)), "{waits:?}: {}", seen.goal.message);
 }
 
 #[test]

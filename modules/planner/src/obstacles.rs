@@ -89,6 +89,8 @@ struct Cell {
     evidence: u8,
     suspected: Instant,
     closing: f64,
+    /// Its last echo was nearer than [`NEAR_M`]: also unconfirmed it counts, until two readings find nothing there.
+    near: bool,
 }
 
 /// Last reading of one sonar.
@@ -238,7 +240,7 @@ impl Obstacles {
             if !inside || now.since(cell.suspected) >= limit || is_body(at) {
                 return false;
             }
-            // One reading refutes a suspicion; an obstacle stays until several found its place free.
+            // Readings that hear nothing refute a suspicion; an obstacle stays until several found its place free.
             let freed = new.iter().map(|cone| cone.frees(at, if is_obstacle { cone.free } else { cone.quiet }));
             cell.evidence = cell.evidence.saturating_sub(freed.max().unwrap_or(0));
             cell.evidence > 0
@@ -384,7 +386,7 @@ impl Obstacles {
                 continue;
             }
             last = Some(cell);
-            self.add(cone.at, cell, cone.closing);
+            self.add(cone, cell);
         }
     }
 
@@ -408,18 +410,20 @@ impl Obstacles {
         self.people.around(now)
     }
 
-    fn add(&mut self, suspected: Instant, place: (i32, i32), closing: f64) {
+    fn add(&mut self, cone: &Cone, place: (i32, i32)) {
+        let Cone { at: suspected, closing, .. } = *cone;
+        let near = cone.echo.is_some_and(|distance| distance < NEAR_M);
         let slot = slot(place, SIDE_CELLS);
         match self.index[slot].checked_sub(1) {
             Some(number) => {
                 let cell = &mut self.cells[usize::from(number)];
                 if cell.place == place {
                     let evidence = (cell.evidence + SUSPICION_WEIGHT).min(EVIDENCE_MAX);
-                    *cell = Cell { evidence, suspected: suspected.max(cell.suspected), closing, ..*cell };
+                    *cell = Cell { evidence, suspected: suspected.max(cell.suspected), closing, near, ..*cell };
                 }
             }
             None if self.cells.len() < HITS_MAX => {
-                self.cells.push(Cell { place, evidence: SUSPICION_WEIGHT, suspected, closing });
+                self.cells.push(Cell { place, evidence: SUSPICION_WEIGHT, suspected, closing, near });
                 self.index[slot] = self.cells.len() as u16;
             }
             None => {}
@@ -441,9 +445,9 @@ impl Obstacles {
         }
     }
 
-    /// Occupied cells, and those at edges.
+    /// Occupied cells, near ones after one echo, and those at edges.
     pub fn hits(&self) -> impl Iterator<Item = Hit> + '_ {
-        let confirmed = self.cells.iter().filter(|cell| cell.evidence >= OBSTACLE_EVIDENCE);
+        let confirmed = self.cells.iter().filter(|cell| cell.evidence >= OBSTACLE_EVIDENCE || cell.near);
         let edges = self.edges.iter().map(|cell| Hit { at: middle(*cell), closing: 0.0 });
         confirmed.map(|cell| Hit { at: middle(cell.place), closing: cell.closing }).chain(edges)
     }
@@ -812,6 +816,22 @@ mod tests {
         assert!(!bench.0.is_blind(bench.1, true, &BODY, AGE_MAX), "one silent reading makes nobody deaf");
         let (second, now) = (Duration::from_secs(1), bench.1);
         assert!(!bench.0.seen_within(now, Point { x: 1.2, y: 0.0 }, second), "and frees no space");
+    }
+
+    #[test]
+    fn a_near_echo_counts_until_two_readings_miss_it_and_a_far_one_when_it_is_confirmed() {
+        let ahead = |bench: &Bench| bench.0.hits().any(|hit| hit.at.y.abs() < 0.1);
+        let mut bench = bench();
+        bench.receive([f64::NAN, 0.8, f64::NAN]);
+        assert!(ahead(&bench));
+        bench.receive([f64::NAN; 3]);
+        assert!(ahead(&bench), "a leg is missed now and then");
+        bench.receive([f64::NAN; 3]);
+        assert!(!ahead(&bench), "it was crosstalk");
+        bench.receive([f64::NAN, 1.5, f64::NAN]);
+        assert!(!ahead(&bench));
+        bench.receive([f64::NAN, 1.5, f64::NAN]);
+        assert!(ahead(&bench));
     }
 
     #[test]
