@@ -99,7 +99,7 @@ fn the_shipped_scenario_holds() {
 fn a_source_that_falls_silent_is_a_stop_without_a_guard_too() {
     let sets = ["guard.ranging=none", "guard.speed_blind_mps=2.0"].map(String::from).into();
     let place = RobotLocation { sets, ..place("hall") };
-    let robot = Robot::new(place, shipped(), 1).expect("the shipped configuration");
+    let robot = Robot::new(place, shipped(), 2).expect("the shipped configuration");
     let report = robot.many(4, 2, &Progress::none()).unwrap();
     assert_eq!(report.violations, []);
     let worst = report.figures.worst;
