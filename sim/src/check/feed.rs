@@ -35,6 +35,8 @@ const SAMPLE: Duration = Duration::from_millis(50);
 const SAMPLES: usize = 4;
 /// Interval beyond which an order to cut is a new one: it is repeated each 500 ms.
 const REPEATED: Duration = Duration::from_millis(700);
+/// Time within which orders of two senders may cross each other.
+const CROSSING_MAX: Duration = Duration::from_millis(5);
 
 /// Order to stop, the time since which it is judged, and the speed at that time, m/s.
 #[derive(Clone, Copy, Debug)]
@@ -117,7 +119,8 @@ impl Rule {
             }
             return Ok(());
         }
-        let repeats = |cut| now.since(cut) < REPEATED && (cut > self.on || self.unheard);
+        let unheard = self.unheard || now.since(self.on) < CROSSING_MAX;
+        let repeats = |cut| now.since(cut) < REPEATED && (cut > self.on || unheard);
         let repeated = self.cut.is_some_and(repeats);
         self.cut = Some(now);
         if repeated || is_unreached(now, facts) {

@@ -91,9 +91,9 @@ fn a_drive_that_brakes_as_told_keeps_its_feed() {
     check(&format!("{TOLD_TO_STOP} \n faster -0.02 5 \n cut \n +500 cut"));
     check("frame 181 27 00 \n speed 0.5 \n begin pad 0.5 \n +50 cut ! feed");
     // A person switches the motors on; the order is repeated only where the driver may not have heard that.
-    for (fault, rule) in [("", "! feed"), ("fault lcm loss 900 \n", "")] {
-        let released = format!("frame 181 40 00 \n {fault} +300 feed \n begin pad 0.0");
-        check(&format!("{TOLD_TO_STOP} \n faster -0.02 5 \n cut \n {released} \n +200 cut {rule}"));
+    for (fault, after, rule) in [("", 200, "! feed"), ("", 2, ""), ("fault lcm loss 900 \n", 200, "")] {
+        let released = format!("frame 181 40 00 \n {fault} +300 begin pad 0.0 \n feed");
+        check(&format!("{TOLD_TO_STOP} \n faster -0.02 5 \n cut \n {released} \n +{after} cut {rule}"));
     }
     // The order was sent while the bus was disturbed, and is not repeated afterwards.
     check(&format!("{DISTURBED} \n faster -0.075 5 \n cut ! feed"));
