@@ -32,7 +32,7 @@ const FOREIGN_WAY: f64 = 0.3;
 /// Growth from which a process counts as unbounded, bytes: a log's buffer is smaller, the buffer of an announced
 /// message was larger.
 const GROWTH_MAX: u64 = 96 << 20;
-/// Speed below which it stands, m/s.
+/// Speed below which it stands, m/s: an attack may take a second, in which the last speed that was seen counts.
 const STOOD: f64 = 0.001;
 /// Time within which a robot that is commanded to stand does so, and is seen to.
 const STOPPED: Duration = Duration::from_secs(5);
@@ -47,8 +47,8 @@ struct Campaign {
     commanded: Vec<(Instant, f64)>,
     next: Instant,
     wanted: f64,
-    /// Place of the body at the last look, m, and the way since the round began.
-    place: Option<(f64, f64)>,
+    /// Speed of the body at the last look, and the way since the round began.
+    last: Instant,
     way: f64,
     excess: f64,
     memory: BTreeMap<u32, u64>,
@@ -78,7 +78,7 @@ impl Campaign {
             commanded: Vec::new(),
             next: now,
             wanted: 0.0,
-            place: None,
+            last: now,
             way: 0.0,
             excess: 0.0,
             memory: BTreeMap::new(),
@@ -101,11 +101,9 @@ impl Campaign {
         self.robot.pass(0.01);
         let speed = self.robot.view.speed().abs();
         let allowed = self.commanded.iter().map(|(_, speed)| speed.abs()).fold(0.0, f64::max);
-        let place = self.robot.view.truth.as_ref().map(|truth| (truth.x, truth.y));
-        if let Some(((x, y), (from_x, from_y))) = place.zip(self.place) {
-            self.way += (x - from_x).hypot(y - from_y);
-        }
-        self.place = place;
+        let now = Instant::now();
+        self.way += speed * (now - self.last).as_secs_f64();
+        self.last = now;
         self.excess = self.excess.max(speed - allowed);
     }
 
