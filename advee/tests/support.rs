@@ -193,14 +193,21 @@ struct OwnProcesses(BTreeMap<u32, bool>);
 impl OwnProcesses {
     fn knows(&mut self, origin: Origin, run_dir: &Path) -> bool {
         let Origin::Memory(process) = origin else { return false };
-        *self.0.entry(process.pid).or_insert_with(|| is_of(process.pid, run_dir))
+        // Not a tool that plays its log.
+        let runs = |pid| is_of(pid, run_dir) && arguments(pid).split('\0').any(|argument| argument == "run");
+        *self.0.entry(process.pid).or_insert_with(|| runs(process.pid))
     }
 }
 
 /// True if a process has the run folder in its command line.
 fn is_of(pid: u32, run_dir: &Path) -> bool {
+    arguments(pid).contains(&*run_dir.to_string_lossy())
+}
+
+/// Command line of a process, its arguments separated by zeroes.
+fn arguments(pid: u32) -> String {
     let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-    String::from_utf8_lossy(&line).contains(&*run_dir.to_string_lossy())
+    String::from_utf8_lossy(&line).into_owned()
 }
 
 /// Last messages received on the bus.
