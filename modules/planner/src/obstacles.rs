@@ -8,8 +8,8 @@
 //! free: a leg is often missed once, and seldom [`FREE_READINGS`] times. A sonar that is repeatedly silent where the
 //! map has a wall that faces it does not work: what it measures is unknown. A cell counts as an obstacle after two
 //! suspicions within about a second, and within a metre at once; farther away a single crosstalk echo is not one. Cells
-//! without new echoes expire. Clothes absorb sound, so silence beyond a metre is weak evidence. Where a floor ranger saw
-//! no floor is an edge, which stays.
+//! without new echoes expire. Clothes absorb sound, so silence beyond a metre is weak evidence. Where a floor ranger
+//! saw no floor is an edge, which stays.
 
 use crate::config::Body;
 use crate::people::{People, Person, Reading};
