@@ -98,8 +98,8 @@ base::deadlines! {
         SecondMaster,
         /// The order to cut the motors' feed is repeated. Set until it is known to be cut.
         Cut,
-        /// The propulsion turned when it was reset, and its speed was not read since. Set until it is booted, known to
-        /// stand, or without power.
+        /// The propulsion may have turned when it was reset, and its speed has not been read since. Set until the drive
+        /// is booted, at standstill, or without power.
         Unwatched,
         /// The drives are left as they are although they are not switched off. Set when the module ends and the robot
         /// stands.

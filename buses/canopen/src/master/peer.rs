@@ -24,7 +24,7 @@ const RESTLESS: u8 = 2;
 const SETTLED: Duration = Duration::from_secs(1);
 /// … and when that happens so often in a row, it is not booted again at once: it would only be lost again.
 const UNSETTLED: u8 = 3;
-/// A node that says after this time that it is operational, or stopped, has not heard its reset.
+/// Time that a reset may take. A node whose heartbeat says Operational or Stopped afterwards has missed the command.
 const RESET_TAKES: Duration = Duration::from_millis(100);
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
@@ -49,9 +49,9 @@ enum Phase {
     },
     /// Left alone, because the master is about to end; true while the boot-up message after its reset is awaited.
     Left(bool),
-    /// Told to reset at `told`; its boot-up message is awaited.
+    /// The reset command was sent at `sent`; the boot-up message is awaited.
     Resetting {
-        told: Instant,
+        sent: Instant,
         until: Instant,
     },
     /// Work `at` of the plan is under way on the SDO channel.
@@ -202,12 +202,12 @@ impl Peer {
             (NmtState::Initialising, Phase::Resting { .. }) if self.unsettled < UNSETTLED => self.first(now, shared),
             (NmtState::Initialising, Phase::Left(_)) => self.phase = Phase::Left(false),
             (NmtState::Initialising, Phase::Resting { .. }) => {}
-            (NmtState::Operational | NmtState::Stopped, Phase::Resetting { told, until })
-                if arrived.since(told) >= RESET_TAKES =>
+            (NmtState::Initialising, _) => self.booted_unasked(now, shared),
+            (NmtState::Operational | NmtState::Stopped, Phase::Resetting { sent, until })
+                if arrived.since(sent) >= RESET_TAKES =>
             {
                 self.reset(now, until, shared);
             }
-            (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { until }) => {
                 let two = self.guard.is_none() && self.duplicate.beat(arrived, self.config.heartbeat);
                 // A step of the clock that stamps the frames does not shorten the node's time limit.

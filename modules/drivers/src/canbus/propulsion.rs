@@ -105,7 +105,7 @@ impl Propulsion {
         self.drive.is_known(now) && self.speed.abs() < limit
     }
 
-    /// True if it was under power when it was heard last, and not known to stand.
+    /// True if the power stage was on by the last statusword, and the drive is not known to be at standstill.
     pub(super) fn may_turn(&self) -> bool {
         self.drive.is_powered() && (self.speed.is_nan() || self.speed.abs() >= STANDSTILL_MPS)
     }

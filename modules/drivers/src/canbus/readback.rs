@@ -59,7 +59,8 @@ impl Readback {
     pub(super) fn on_foreign(&mut self, now: Instant, by: Foreign) {
         if by == (Foreign::SdoRequest { node: self.node }) && self.due.is_some() {
             self.suspect = self.objects.len();
-            self.due = Some(now + AFTER_FOREIGN);
+            // Further requests do not postpone it.
+            self.due = self.due.map(|due| due.min(now + AFTER_FOREIGN));
         }
     }
 

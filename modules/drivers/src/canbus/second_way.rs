@@ -107,9 +107,9 @@ impl Canbus {
         }
     }
 
-    /// The propulsion is lost. A drive that misses the master's heartbeat brakes by itself, and one that does not
-    /// answer was told to stop before it is reset; any other is reset while it turns, and watches nobody until it is
-    /// booted.
+    /// The propulsion is lost. A drive that misses the master's heartbeat brakes on its own, and one that does not
+    /// answer was commanded to stop before it is reset. In all other cases it is reset while it may turn, and monitors
+    /// no heartbeat until it is booted.
     pub(super) fn watch_reset(&mut self, now: Instant, reason: LostReason) {
         if matches!(reason, LostReason::BootUp | LostReason::State(_) | LostReason::DuplicateId) {
             self.await_speed(now);

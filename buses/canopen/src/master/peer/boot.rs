@@ -59,10 +59,10 @@ impl Peer {
         }
     }
 
-    /// Tells the node to reset its communication, and awaits its boot-up message.
+    /// Sends the command to reset the communication, and awaits the boot-up message.
     pub(super) fn reset(&mut self, now: Instant, until: Instant, shared: &mut Shared) {
         shared.outbox.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
-        self.enter(Phase::Resetting { told: now, until }, shared);
+        self.enter(Phase::Resetting { sent: now, until }, shared);
     }
 
     pub(super) fn first(&mut self, now: Instant, shared: &mut Shared) {

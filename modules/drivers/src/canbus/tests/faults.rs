@@ -211,8 +211,8 @@ fn a_module_that_ends_leaves_its_drives_without_power_and_without_fault() {
 #[test]
 fn a_module_that_ends_does_not_wait_for_a_drive_that_tells_nothing() {
     let mut robot = Robot::ready();
-    // Of the propulsion nothing but the heartbeat is heard, and then not even its boot-up: whether the robot still
-    // stands is not known any more while the boot-up is awaited.
+    // The propulsion sends nothing but its heartbeat, and then not even its boot-up message. While that is awaited, its
+    // last speed becomes too old to count as standstill.
     robot.epos.mute = true;
     robot.pass(700);
     robot.epos.silent = true;

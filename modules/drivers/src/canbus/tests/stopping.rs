@@ -141,6 +141,15 @@ fn a_drive_that_keeps_its_speed_to_the_last_digit_is_cut_off_its_feed_as_soon() 
     }
 }
 
+/// The propulsion brakes from 0.5 m/s, at 1.5 m/s².
+fn brake(robot: &mut Robot) {
+    for n in 0..200 {
+        let speed = (0.5 - 1.5 * f64::from(n) * 0.01).max(0.0);
+        robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
+        robot.pass(10);
+    }
+}
+
 /// A drive that turned at 0.5 m/s was silent for 0.35 s, counts as lost, and sends nothing but its heartbeat.
 fn silent() -> Robot {
     let mut robot = powered();
@@ -167,11 +176,7 @@ fn a_drive_that_was_silent_and_does_not_brake_is_cut_off_its_feed_before_it_is_b
 #[test]
 fn a_drive_that_was_silent_and_brakes_is_left_alone() {
     let mut robot = silent();
-    for n in 0..200 {
-        let speed = (0.5 - 1.5 * f64::from(n) * 0.01).max(0.0);
-        robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
-        robot.pass(10);
-    }
+    brake(&mut robot);
     assert_eq!(robot.power, []);
 }
 
@@ -202,11 +207,7 @@ fn a_drive_that_is_reset_while_it_turns_and_is_not_heard_is_cut_off_its_feed() {
 #[test]
 fn a_drive_that_is_reset_while_it_turns_and_brakes_is_left_alone() {
     let mut robot = foreign_stop();
-    for n in 0..200 {
-        let speed = (0.5 - 1.5 * f64::from(n) * 0.01).max(0.0);
-        robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
-        robot.pass(10);
-    }
+    brake(&mut robot);
     assert_eq!(robot.power, []);
 }
 
@@ -590,8 +591,11 @@ fn what_another_program_may_have_changed_is_restored_at_once() {
     robot.drive(0.3, 1000);
     let right = robot.epos.node.get(0x6085, 0);
     robot.epos.node.set(0x6085, 0, 60);
-    robot.bench.can(PortId(0), Frame::standard(0x601, &[0x23, 0x85, 0x60, 0, 0x3C, 0, 0, 0]));
-    robot.pass(100);
+    // However often it asks.
+    for _ in 0..100 {
+        robot.bench.can(PortId(0), Frame::standard(0x601, &[0x23, 0x85, 0x60, 0, 0x3C, 0, 0, 0]));
+        robot.pass(1);
+    }
     assert_eq!(robot.epos.node.get(0x6085, 0), right);
     assert!(robot.errors.contains(&(Fault::DriveParameter, Severity::Error)));
 }
