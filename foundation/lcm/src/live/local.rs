@@ -15,6 +15,8 @@ use std::time::Duration;
 
 /// Maximum number of messages taken from shared memory before the socket is served.
 const IN_A_ROW: u32 = 64;
+/// The same while a publisher has gone over to datagrams: more than a ring has records.
+const IN_A_ROW_FIRST: u32 = 1 << 18;
 /// Number of times the socket is skipped while shared memory has just run empty: after that a waiting caller relies on
 /// the descriptor for the socket.
 const PASSES: u32 = 16;
@@ -74,7 +76,8 @@ impl Local {
 
     /// Takes the next message, for [`Local::message`]; false also when it is the socket's turn.
     pub fn recv(&mut self, wants: impl FnMut(&str) -> bool, takes: impl Fn(&str, usize) -> bool) -> bool {
-        if self.in_a_row < IN_A_ROW && self.bus.recv(wants, takes) {
+        let more = self.in_a_row < IN_A_ROW || self.in_a_row < IN_A_ROW_FIRST && self.bus.is_behind();
+        if more && self.bus.recv(wants, takes) {
             self.asleep = false;
             self.in_a_row += 1;
             return true;
@@ -130,7 +133,10 @@ impl Local {
                 self.bus.self_test(from);
                 false
             }
-            Ok(datagram) => self.bus.takes(from, datagram.sequence(), at),
+            Ok(datagram) => {
+                let sequence = datagram.sequence();
+                self.bus.overtakes(from, sequence) || self.bus.takes(from, sequence, at)
+            }
             Err(_) => false,
         }
     }

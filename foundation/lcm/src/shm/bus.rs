@@ -59,6 +59,13 @@ pub struct Bus {
     /// Locked until this context leaves.
     file: Option<Flock<File>>,
     station: Station,
+    /// It subscribes to something, or did. Others read that, and the next, in the station; a context itself never does:
+    /// the station may have been truncated.
+    reads: bool,
+    /// It needs datagrams.
+    plain: bool,
+    /// Its board was truncated, so it never learns of those who come.
+    blind: bool,
     bus: SocketAddrV4,
     ttl: u8,
     /// Everybody's stations, the own one too.
@@ -66,10 +73,13 @@ pub struct Bus {
     /// The generation of `peers`.
     generation: Value,
     left: Vec<Left>,
-    /// Publishers whose files were truncated: their datagrams are accepted.
+    /// Publishers that went over to datagrams: their files were truncated, or they have retired and left.
     cut: Vec<Left>,
     /// Publishers of other users who were found dead, with the generation of that: they cannot be marked.
     found_dead: Vec<(String, Value)>,
+    /// Stations whose datagrams are accepted, since they could not be opened when they were found. They never are: what
+    /// is in their rings was received.
+    unopened: Vec<String>,
     writer: Writer,
     /// Bytes of the own ring that have memory behind them.
     reserved: usize,
@@ -106,7 +116,7 @@ struct Peer {
     bell: Option<OwnedFd>,
     /// The sleep for which its bell was rung last from here, if it is another user's and cannot be marked as woken.
     rung: Option<Value>,
-    /// Sequence number of the message that was taken last.
+    /// Sequence number up to which all was taken, from the ring or as datagrams.
     taken: Option<u32>,
     /// True if it will publish nothing more.
     ended: bool,
@@ -180,6 +190,9 @@ impl Bus {
             name,
             file: Some(file),
             station,
+            reads: false,
+            plain: false,
+            blind: false,
             bus: url.address(),
             ttl: url.ttl,
             peers: Vec::new(),
@@ -187,6 +200,7 @@ impl Bus {
             left: Vec::new(),
             cut: Vec::new(),
             found_dead: Vec::new(),
+            unopened: Vec::new(),
             writer,
             reserved: 0,
             asides: VecDeque::new(),
@@ -220,8 +234,13 @@ impl Bus {
     /// Writes a message to the ring and wakes who wants it. The result: a datagram is needed, too. Never waits.
     pub fn publish(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> bool {
         self.refresh();
-        if !self.retired && (self.write(sequence, channel, payload, at).is_err() || self.is_cut()) {
-            self.retire(sequence);
+        if !self.retired {
+            if self.write(sequence, channel, payload, at).is_err() || self.station.is_cut() {
+                self.retire(sequence);
+            } else if self.board.is_cut() {
+                // This one is in the ring.
+                self.retire(sequence.wrapping_add(1));
+            }
         }
         bell::written();
         let interest = Interest::of(channel);
@@ -233,8 +252,8 @@ impl Bus {
                 // A datagram wakes it, too.
                 deaf |= !peer.ring(&self.folder, sleep);
             }
-            // It cannot say whether it sleeps.
-            deaf |= peer.station.is_cut();
+            // The one cannot say whether it sleeps, the other has perhaps not found this ring.
+            deaf |= peer.station.is_cut() || peer.station.is_plain();
         }
         self.mirror(sequence) || deaf
     }
@@ -375,7 +394,7 @@ impl Bus {
             self.peers.iter_mut().filter_map(|peer| peer.reader.as_mut()).for_each(|reader| reader.forget(new));
         }
         *self.buckets = wanted;
-        if !self.station.reads() {
+        if !mem::replace(&mut self.reads, true) {
             self.refresh();
             for peer in &mut self.peers {
                 peer.reader = Some(Reader::from_now(peer.station.ring()));
@@ -476,7 +495,8 @@ impl Bus {
     fn bury(&mut self) {
         let peer = self.peers.swap_remove(self.turn);
         self.buried = true;
-        self.left.push(peer.leave());
+        let with = if peer.station.has_retired() { &mut self.cut } else { &mut self.left };
+        with.push(peer.leave());
     }
 
     /// Gives up the ring whose turn it is: its file was truncated. Its content is lost, and what its publisher and all
@@ -490,24 +510,38 @@ impl Bus {
 
     /// Others send datagrams from now on.
     fn be_plain(&mut self) {
+        self.plain = true;
         self.station.set_plain();
         self.tell(Listeners::Some);
     }
 
-    /// True if a datagram, received at `at`, is dropped because its publisher's ring has that message.
+    /// True if a datagram, received at `at`, is dropped: its publisher's ring has that message, or had it.
     pub fn takes(&mut self, source: SocketAddrV4, sequence: u32, at: i64) -> bool {
         // A station is shown before its first datagram is sent, so it is known now.
         self.refresh();
-        if let Some(peer) = self.peers.iter().find(|peer| peer.source == source) {
-            let cut = peer.station.is_cut();
+        if let Some(peer) = self.peers.iter_mut().find(|peer| peer.source == source) {
             return peer.reader.is_some()
-                && if cut { is_taken(peer.taken, sequence) } else { !peer.station.retired(sequence) };
+                && (!peer.station.is_cut() && !peer.station.retired(sequence) || !passes(&mut peer.taken, sequence));
         }
         // Its waiting datagrams carry messages that were read before its file was truncated.
-        if let Some(cut) = self.cut.iter().find(|cut| cut.source == source) {
-            return is_taken(cut.taken, sequence);
+        if let Some(cut) = self.cut.iter_mut().find(|cut| cut.source == source) {
+            return !passes(&mut cut.taken, sequence);
         }
         self.left.iter().any(|left| left.source == source && at < left.at.saturating_add(LATE_NS))
+    }
+
+    /// True if a publisher has retired whose ring is not yet read to its end: what is there comes before its datagrams.
+    pub fn is_behind(&self) -> bool {
+        self.peers.iter().any(Peer::is_behind)
+    }
+
+    /// True if a datagram has overtaken what its publisher wrote to its ring before it. It counts as lost then.
+    pub fn overtakes(&mut self, source: SocketAddrV4, sequence: u32) -> bool {
+        self.refresh();
+        let overtakes = |peer: &Peer| peer.source == source && peer.station.retired(sequence) && peer.is_behind();
+        let found = self.peers.iter().any(overtakes);
+        self.lost += u64::from(found);
+        found
     }
 
     /// Takes a self test from `source`: a process begins to listen, unless it has a station.
@@ -533,7 +567,7 @@ impl Bus {
     /// The caller has nothing left to do and will wait for the bell: for an edge, or (`by_level`) until it is readable.
     /// False: something has come, it must not wait.
     pub fn sleep(&mut self, by_level: bool) -> bool {
-        if mem::take(&mut self.busy) || !self.station.reads() {
+        if mem::take(&mut self.busy) || !self.reads {
             return true;
         }
         if by_level || self.empty_in == 0 {
@@ -587,7 +621,12 @@ impl Bus {
         if self.board.generation() != self.generation {
             self.scan();
         }
-        if self.board.is_cut() && !self.station.is_plain() {
+        if !self.blind && self.board.is_cut() {
+            // Once more, for those who came just before.
+            self.scan();
+            self.blind = true;
+        }
+        if !self.plain && self.is_cut() {
             self.be_plain();
         }
     }
@@ -596,7 +635,7 @@ impl Bus {
     fn scan(&mut self) {
         let generation = self.board.generation();
         let names = self.folder.stations().unwrap_or_else(|_| {
-            self.station.set_plain();
+            self.plain = true;
             self.peers.iter().map(|peer| peer.name.clone()).collect()
         });
         for peer in &mut self.peers {
@@ -606,45 +645,57 @@ impl Bus {
                 peer.source = source;
             }
         }
-        let reads = self.station.reads();
-        if !reads {
+        if !self.reads {
             self.peers.retain(|peer| !peer.ended);
         }
         // As long as its station is there it must not be taken for a new one, and read again.
         let now = realtime();
         self.left.retain(|left| now < left.at.saturating_add(LATE_NS) || names.contains(&left.name));
-        self.cut.retain(|cut| names.contains(&cut.name));
+        self.cut.retain_mut(|cut| {
+            let there = names.contains(&cut.name);
+            if there {
+                cut.at = now;
+            }
+            there || now < cut.at.saturating_add(LATE_NS)
+        });
+        self.unopened.retain(|name| names.contains(name));
         for name in names {
             let known = self.left.iter().chain(&self.cut).any(|left| left.name == name);
-            if known || self.peers.iter().any(|peer| peer.name == name) {
+            if known || self.unopened.contains(&name) || self.peers.iter().any(|peer| peer.name == name) {
                 continue;
             }
-            let opened = match self.peers.len() {
-                STATIONS_MAX => Err(io::ErrorKind::QuotaExceeded.into()),
-                _ => self.folder.station(&name).and_then(|file| Station::open(&file)),
+            let opened = match self.blind || self.peers.len() >= STATIONS_MAX {
+                true => Err(io::ErrorKind::QuotaExceeded.into()),
+                false => self.folder.station(&name).and_then(|file| Station::open(&file)),
             };
             match opened {
                 Ok(station) => {
                     let (source, ended) = (station.source(), station.ended() != 0);
                     let process = process(&name, station.uid());
-                    let reader = reads.then(Reader::from_start);
+                    let reader = self.reads.then(Reader::from_start);
                     let (bell, rung, taken) = (None, None, None);
                     self.peers.push(Peer { name, station, source, process, reader, bell, rung, taken, ended });
                 }
                 // It has left meanwhile.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                Err(_) => self.station.set_plain(),
+                Err(_) => {
+                    self.plain = true;
+                    self.unopened.push(name);
+                }
             }
         }
-        if self.station.is_plain() {
-            self.tell(Listeners::Some);
+        if self.plain {
+            self.be_plain();
         }
         self.generation = generation;
     }
 
     /// Finds who has died, and takes away what the dead left once everybody has read it.
     fn census(&mut self) {
-        self.refresh();
+        match self.blind {
+            true => self.scan(),
+            false => self.refresh(),
+        }
         let Ok(names) = self.folder.stations() else { return };
         let mut dead = Vec::new();
         for name in names.into_iter().filter(|name| *name != self.name) {
@@ -699,6 +750,12 @@ impl Bus {
 }
 
 impl Peer {
+    /// True if it has retired, and its ring is not yet read to its end.
+    fn is_behind(&self) -> bool {
+        let pending = || self.reader.as_ref().is_some_and(|reader| reader.pending(self.station.ring()));
+        self.station.has_retired() && pending() && !self.station.is_cut()
+    }
+
     fn leave(self) -> Left {
         Left { name: self.name, source: self.source, process: self.process, taken: self.taken, at: realtime() }
     }
@@ -780,9 +837,14 @@ fn fetch(folder: &Folder, (name, uid): (&str, u32), copy: &mut Copy) -> bool {
     len <= MESSAGE_MAX && folder.fetch_aside(name, uid, sequence, &mut copy.payload, len as usize).is_ok()
 }
 
-/// True if a message was taken, the latest of which is `taken`.
-fn is_taken(taken: Option<u32>, sequence: u32) -> bool {
-    taken.is_some_and(|taken| taken.wrapping_sub(sequence) < 1 << 31)
+/// True if a datagram carries nothing that was taken before. All before it count as taken then; it itself does not, as
+/// the other fragments of its message follow.
+fn passes(taken: &mut Option<u32>, sequence: u32) -> bool {
+    let new = taken.is_none_or(|taken| taken.wrapping_sub(sequence) >= 1 << 31);
+    if new {
+        *taken = Some(sequence.wrapping_sub(1));
+    }
+    new
 }
 
 fn reached(generation: Value, wanted: Value) -> bool {

@@ -194,12 +194,13 @@ impl Drop for Memory {
 }
 
 /// Makes sure that a part of a file has memory behind it. Without, the first touch of a page when `/dev/shm` is full
-/// would end the process (SIGBUS).
+/// would end the process (SIGBUS). The file keeps its length: one that was truncated stays short, so that who reads
+/// there notices.
 pub fn reserve(file: impl AsFd, from: usize, to: usize) -> io::Result<()> {
     let offset = from.try_into().map_err(io::Error::other)?;
     let len = (to - from).try_into().map_err(io::Error::other)?;
     loop {
-        match fallocate(&file, FallocateFlags::empty(), offset, len) {
+        match fallocate(&file, FallocateFlags::FALLOC_FL_KEEP_SIZE, offset, len) {
             Err(Errno::EINTR) => {}
             result => return Ok(result?),
         }

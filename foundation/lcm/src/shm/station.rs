@@ -1,5 +1,5 @@
 //! What one context shares with the others: who it is, what it wants, whether it sleeps, and the ring of what it has
-//! published. Words of a mapped file; the first page holds all but the ring's data.
+//! published. Words of a mapped file; the first page holds all but the ring's data, and the last word the layout.
 
 use super::folder::StationFile;
 use super::memory::{Access, Memory, reserve};
@@ -12,17 +12,20 @@ use std::os::unix::fs::MetadataExt;
 
 /// Changes with every change of anything in shared memory. It is part of the folder's name, so that programs with
 /// different layouts never meet there: they are plain listeners to each other.
-pub const LAYOUT: usize = 31 + size_of::<Value>();
+pub const LAYOUT: usize = 32 + size_of::<Value>();
 /// Bytes of the ring: some 20 ms of the heaviest traffic that one robot's publisher makes. Memory is behind it only as
 /// far as it was used.
 pub const RING: usize = 4 << 20;
 /// Bytes of the first page.
 pub const HEAD: usize = 4096;
+/// Bytes of a station. Its end lies behind the ring: whatever the file is truncated to, the last word goes with it, also
+/// where a page stays that is then partly zeroes.
+pub const SIZE: usize = HEAD + RING + 4096;
 /// Granularity of memory reservation, bytes.
 const PIECE: usize = 64 << 10;
 
 // Words that different processes write are in different cache lines.
-const LAYOUT_AT: usize = 0;
+const LAYOUT_AT: usize = SIZE / size_of::<Value>() - 1;
 const ADDRESS: usize = 2;
 const PORT: usize = 3;
 const INODE: usize = 4;
@@ -62,9 +65,10 @@ pub struct Station {
 impl Station {
     /// Makes one of an empty file.
     pub fn create(file: &File, source: SocketAddrV4, inode: u32) -> io::Result<Self> {
-        file.set_len((HEAD + RING) as u64)?;
+        file.set_len(SIZE as u64)?;
         reserve(file, 0, HEAD)?;
-        let (memory, uid) = (Memory::map(file, HEAD + RING, Access::Write)?, file.metadata()?.uid());
+        reserve(file, HEAD + RING, SIZE)?;
+        let (memory, uid) = (Memory::map(file, SIZE, Access::Write)?, file.metadata()?.uid());
         let station = Self { memory, uid, ours: true };
         station.set(INODE, Value::from(inode));
         station.set(LAYOUT_AT, LAYOUT as Value);
@@ -78,7 +82,7 @@ impl Station {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "too short"));
         }
         let access = if *ours { Access::Write } else { Access::Read };
-        let station = Self { memory: Memory::map(file, HEAD + RING, access)?, uid: *uid, ours: *ours };
+        let station = Self { memory: Memory::map(file, SIZE, access)?, uid: *uid, ours: *ours };
         match station.get(LAYOUT_AT) == LAYOUT as Value {
             true => Ok(station),
             false => Err(io::Error::new(io::ErrorKind::InvalidData, "another layout")),
@@ -95,14 +99,14 @@ impl Station {
         self.ours
     }
 
-    /// True if its file was found cut short, or is empty since: then nothing that is read here counts.
+    /// True if its file was truncated: then nothing that was read here counts, also just before.
     pub fn is_cut(&self) -> bool {
         self.get(LAYOUT_AT) != LAYOUT as Value || self.memory.is_cut()
     }
 
     /// True if the file of a station is as long as it was made.
     pub fn is_whole(file: &File) -> bool {
-        file.metadata().is_ok_and(|found| found.len() >= (HEAD + RING) as u64)
+        file.metadata().is_ok_and(|found| found.len() >= SIZE as u64)
     }
 
     fn word(&self, at: usize) -> &Word {
@@ -120,8 +124,8 @@ impl Station {
     /// The ring of what it publishes.
     pub fn ring(&self) -> Ring<'_> {
         let words = self.memory.words();
-        let (head, data) = words.split_at(HEAD / size_of::<Value>());
-        Ring { control: &head[CONTROL..CONTROL + ring::CONTROL], data }
+        let data = HEAD / size_of::<Value>()..(HEAD + RING) / size_of::<Value>();
+        Ring { control: &words[CONTROL..CONTROL + ring::CONTROL], data: &words[data] }
     }
 
     /// Reserves memory for the first `reach` bytes of the ring, `reserved` of which are there; gives how many are then.
@@ -154,7 +158,7 @@ impl Station {
         self.set(PLAIN, 1);
     }
 
-    /// True if it was set so.
+    /// True if it needs datagrams.
     pub fn is_plain(&self) -> bool {
         self.get(PLAIN) != 0
     }
@@ -175,9 +179,14 @@ impl Station {
         self.set(RETIRED, 1);
     }
 
+    /// True if it publishes datagrams only.
+    pub fn has_retired(&self) -> bool {
+        self.get(RETIRED) != 0
+    }
+
     /// True if a message is a datagram only.
     pub fn retired(&self, sequence: u32) -> bool {
-        self.get(RETIRED) != 0 && sequence.wrapping_sub(self.get(RETIRED_AT) as u32) < 1 << 31
+        self.has_retired() && sequence.wrapping_sub(self.get(RETIRED_AT) as u32) < 1 << 31
     }
 
     /// The folder's generation in which it left or was found dead; 0 before.

@@ -3,14 +3,14 @@
 
 use super::Bus;
 use super::ring::{CONTROL, Copy, Kind, Message, Read, Reader, Ring, Writer};
-use super::station::{HEAD, RING};
+use super::station::{HEAD, SIZE};
 use super::sync::{Value, Word};
 use crate::url::Udpm;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use std::fs;
 use std::net::{Ipv4Addr, SocketAddrV4};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU16, Ordering};
 
 /// A bus of its own, taken away with its folder.
@@ -44,6 +44,12 @@ impl Place {
         fs::read_dir(&self.root).unwrap().next().unwrap().unwrap().path()
     }
 
+    /// The station of whoever came last.
+    fn station(&self) -> PathBuf {
+        let stations = self.files().into_iter().filter(|name| name.ends_with(".station"));
+        self.folder().join(stations.max().unwrap())
+    }
+
     /// What lies in the folder but the board and its lock.
     fn files(&self) -> Vec<String> {
         // The last one takes the folder with it.
@@ -55,9 +61,7 @@ impl Place {
 
     /// Files as a context leaves them that dies: a copy of those that are there, which nobody holds a lock on.
     fn leave_dead(&self, name: &str) {
-        let stations = self.files().into_iter().filter(|name| name.ends_with(".station"));
-        let station = self.folder().join(stations.max().unwrap());
-        fs::copy(&station, self.folder().join(format!("{name}.station"))).unwrap();
+        fs::copy(self.station(), self.folder().join(format!("{name}.station"))).unwrap();
         fs::write(self.folder().join(format!("{name}.bell")), "").unwrap();
     }
 }
@@ -70,6 +74,10 @@ impl Drop for Place {
 
 fn source(number: u16) -> SocketAddrV4 {
     SocketAddrV4::new(Ipv4Addr::LOCALHOST, number)
+}
+
+fn cut(path: &Path, len: u64) {
+    fs::OpenOptions::new().write(true).open(path).unwrap().set_len(len).unwrap();
 }
 
 /// Everything until it sleeps.
@@ -410,7 +418,7 @@ fn what_is_no_station_or_of_another_layout_disturbs_nobody() {
     let mut reader = place.reader(1, None);
     let folder = place.folder();
     fs::write(folder.join("short.station"), "too short").unwrap();
-    fs::write(folder.join("other.station"), vec![0xa5; HEAD + RING]).unwrap();
+    fs::write(folder.join("other.station"), vec![0xa5; SIZE]).unwrap();
     fs::create_dir(folder.join("folder.station")).unwrap();
     let mut publisher = place.join(2);
     publisher.publish(0, "A", b"", 0);
@@ -426,7 +434,7 @@ fn a_reader_that_cannot_map_a_ring_asks_for_datagrams() {
     assert!(!publisher.publish(0, "A", b"", 0));
     // Held by a living process, and of another layout.
     let path = place.folder().join("other.station");
-    fs::write(&path, vec![0xa5; HEAD + RING]).unwrap();
+    fs::write(&path, vec![0xa5; SIZE]).unwrap();
     let file = fs::OpenOptions::new().read(true).open(&path).unwrap();
     let _lock = nix::fcntl::Flock::lock(file, nix::fcntl::FlockArg::LockExclusive).unwrap();
     publisher.moved(source(1));
@@ -445,6 +453,104 @@ fn a_bus_whose_folder_is_taken_away_goes_on_by_datagrams() {
     assert!(publisher.publish(1, "A", b"", 0) && publisher.publish(2, "A", b"", 0));
     assert_eq!(names(&mut reader), ["A", "A"]);
     assert!(reader.takes(source(1), 1, 0) && !reader.takes(source(1), 2, 0), "the ring has what came before");
+}
+
+#[test]
+fn a_reader_whose_own_station_was_cut_hears_those_who_were_there_and_those_who_come() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let own = place.station();
+    let mut publisher = place.join(2);
+    cut(&own, 0);
+    let mut newcomer = place.join(3);
+    for n in 0..3 {
+        assert!(publisher.publish(n, "A", b"", 0) && newcomer.publish(n, "B", b"", 0), "its bell cannot be rung");
+        let mut got = names(&mut reader);
+        got.sort();
+        assert_eq!(got, ["A", "B"]);
+        assert!(reader.takes(source(2), n, 0) && reader.takes(source(3), n, 0), "they are in the rings");
+    }
+}
+
+#[test]
+fn a_board_that_was_cut_makes_no_message_come_twice() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    publisher.publish(0, "A", b"", 0);
+    cut(&place.folder().join("board"), 0);
+    assert!(publisher.publish(1, "A", b"", 0) && publisher.publish(2, "A", b"", 0));
+    assert_eq!(names(&mut reader), ["A", "A"]);
+    assert!(reader.takes(source(2), 1, 0) && !reader.takes(source(2), 2, 0), "the ring had what came before");
+    // Makes a new board, which the others do not see.
+    let mut newcomer = place.join(3);
+    assert!(newcomer.publish(0, "B", b"", 0), "the reader cannot find its ring");
+    assert!(!reader.takes(source(3), 0, 0));
+    // A look around, which finds it.
+    reader.publish(0, "C", b"", 0);
+    reader.look_again();
+    reader.publish(1, "C", b"", 0);
+    assert!(!names(&mut reader).contains(&"B".to_string()), "it was received");
+    assert!(!reader.takes(source(3), 1, 0));
+}
+
+#[test]
+fn datagrams_of_a_publisher_that_has_retired_wait_for_its_ring() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    publisher.publish(0, "A", b"", 0);
+    assert!(!reader.is_behind() && !reader.overtakes(source(2), 0));
+    cut(&place.folder().join("board"), 0);
+    publisher.publish(1, "A", b"", 0);
+    publisher.publish(2, "A", b"", 0);
+    assert!(reader.overtakes(source(2), 2) && !reader.overtakes(source(2), 1), "that one is in the ring, too");
+    assert!(reader.is_behind());
+    assert_eq!(names(&mut reader), ["A", "A"]);
+    assert!(!reader.is_behind() && !reader.overtakes(source(2), 3));
+    assert_eq!(reader.take_lost(), 1);
+}
+
+#[test]
+fn late_datagrams_of_a_cut_publisher_that_has_left_are_not_taken_again() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    let station = place.station();
+    (0..3).for_each(|n| assert!(!publisher.publish(n, "A", b"", 0)));
+    assert_eq!(names(&mut reader).len(), 3);
+    cut(&station, 0);
+    assert!(publisher.publish(3, "A", b"", 0));
+    assert!(names(&mut reader).is_empty());
+    drop(publisher);
+    drop(place.join(4));
+    assert!(names(&mut reader).is_empty() && !station.exists());
+    let taken: Vec<bool> = (1..6).map(|n| !reader.takes(source(2), n, 0)).collect();
+    assert_eq!(taken, [false, false, true, true, true], "what was in the ring is dropped");
+    assert!(reader.takes(source(2), 3, 0), "an earlier one than the latest");
+}
+
+#[test]
+fn a_ring_that_was_cut_short_gives_no_torn_message() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    // Within the fourth message.
+    let (station, left) = (place.station(), (HEAD + 10_000) as u64);
+    let payload = |n: u32| vec![n as u8 + 1; 3000];
+    assert!(all(&mut reader).is_empty());
+    (0..10).for_each(|n| assert!(!publisher.publish(n, "A", &payload(n), 0)));
+    for n in 0..3 {
+        assert!(reader.recv(|_| true, |_, _| true));
+        assert_eq!(reader.message().1, payload(n));
+    }
+    cut(&station, left);
+    assert!(all(&mut reader).is_empty());
+    assert!(reader.take_lost() > 0);
+    // The ring wants to grow beyond the memory that was reserved.
+    (10..100).for_each(|n| assert!(publisher.publish(n, "A", &payload(n), 0)));
+    assert_eq!(fs::metadata(&station).unwrap().len(), left, "it is not made longer again");
+    assert!(reader.takes(source(2), 2, 0) && !reader.takes(source(2), 10, 0));
 }
 
 #[test]
