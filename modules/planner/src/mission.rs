@@ -294,7 +294,13 @@ impl Mission {
                 }
                 self.start_driving(poses, input);
             }
-            Progress::NoPath { why, forever } => self.on_no_path(input, space, why, forever && !around),
+            // People leave: the robot drives the way on the map as far as that is clear, and waits there.
+            Progress::NoPath { why, .. } if around => {
+                if !self.count_attempt(input, why) {
+                    self.begin_planning(input, space, false);
+                }
+            }
+            Progress::NoPath { why, forever } => self.on_no_path(input, space, why, forever),
         }
     }
 
@@ -531,7 +537,7 @@ impl Mission {
                 return;
             }
             // A path around may begin closer to a person than the robot is allowed to go: it backs out first.
-            if self.attempts.is_multiple_of(2) && self.back_out(input, space) {
+            if self.attempts / 2 % 2 == 1 && self.back_out(input, space) {
                 return;
             }
             return self.begin_planning(input, space, true);

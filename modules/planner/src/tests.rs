@@ -573,6 +573,25 @@ fn a_goal_behind_a_permanent_obstacle_is_given_up_with_a_reason() {
 }
 
 #[test]
+fn where_no_path_leads_around_it_waits_on_its_way() {
+    let (length, width) = (12.0, 1.6);
+    let mut map = crate::map::Map::around((0.0, 0.0), (length, width), 0.05).unwrap();
+    let corners = [(0.0, 0.0), (length, 0.0), (length, width), (0.0, width)];
+    (0..4).for_each(|n| map.wall(corners[n], corners[(n + 1) % 4]));
+    for waited in [2.0, 3.0, 4.0, 5.0] {
+        let mut robot = Robot::on(Some(map.clone()));
+        (robot.walls, robot.pose) = (Some((length, width)), Pose::new(2.0, 0.8, 0.0));
+        robot.discs = vec![disc(6.0, 0.8)];
+        robot.goal(&[(10.0, 0.8)], false);
+        robot.until(DataGoal::BLOCKED, 15.0);
+        robot.pass(waited);
+        assert_eq!((robot.hold(), robot.speed), (Some(Hold::InTheWay), 0.0), "{waited} s: {:?}", robot.goal);
+        robot.discs.clear();
+        robot.until(DataGoal::REACHED, 25.0);
+    }
+}
+
+#[test]
 fn a_loop_is_never_given_up() {
     let mut robot = Robot::on(Some(hall()));
     robot.goal(&[(10.0, 2.0), (2.0, 3.0)], true);

@@ -9,9 +9,9 @@ use navitools::{Point, Pose};
 const DEAF_AFTER: u8 = 8;
 /// Range within which a wall must return an echo, m.
 const WALL_RANGE_M: f64 = 2.0;
-/// Distance at which the search for a wall begins, and its step, m.
+/// Distance at which the search for a wall begins, and its step, m. The angle of a wall that is nearer is not known.
 const FROM_M: f64 = 0.2;
-const STEP_M: f64 = 0.1;
+const STEP_M: f64 = 0.02;
 /// Directions of the rays relative to the axis, the axis first, rad; within the specular limit of 25°.
 const RAYS_RAD: [f64; 5] = [0.0, -0.175, 0.175, -0.35, 0.35];
 /// Largest deviation of a facing wall from a straight line, m.
@@ -45,7 +45,8 @@ impl Hearing {
 }
 
 /// True if a straight wall of the map is perpendicular to a direction within the beam, in range: all rays meet it, at
-/// distances that fit one line, and the nearest ray is not at the edge of the beam.
+/// distances that fit one line, and the nearest ray is not at the edge of the beam. A wall so near that a ray begins in
+/// it is not judged.
 fn faces_wall(sonar: Pose, mapped: &impl Fn(Point) -> bool) -> bool {
     let to_map = sonar.to_outer();
     let mut points = [Point::default(); RAYS_RAD.len()];
@@ -58,7 +59,7 @@ fn faces_wall(sonar: Pose, mapped: &impl Fn(Point) -> bool) -> bool {
     let [_, _, _, right, left] = points;
     let (dx, dy) = (left.x - right.x, left.y - right.y);
     let length = libm::hypot(dx, dy);
-    if length <= STEP_M {
+    if length <= f64::EPSILON {
         return false;
     }
     let off = |at: &Point| ((at.x - right.x) * dy - (at.y - right.y) * dx).abs() / length;
@@ -71,7 +72,7 @@ fn faces_wall(sonar: Pose, mapped: &impl Fn(Point) -> bool) -> bool {
 fn distance(on_ray: impl Fn(f64) -> Point, mapped: &impl Fn(Point) -> bool) -> Option<f64> {
     let steps = ((WALL_RANGE_M - FROM_M) / STEP_M) as i32;
     let along = |step: i32| FROM_M + STEP_M * f64::from(step);
-    (0..=steps).map(along).find(|distance| mapped(on_ray(*distance)))
+    (0..=steps).map(along).find(|distance| mapped(on_ray(*distance))).filter(|distance| *distance > FROM_M)
 }
 
 #[cfg(test)]
@@ -105,5 +106,14 @@ mod tests {
         assert_eq!(deaf_after(|point| point.x > 1.0 && point.y > 0.0), None, "the edge of a wall");
         assert_eq!(deaf_after(|point| point.x > 1.0 + 2.0 * point.y.abs()), None, "a corner");
         assert_eq!(deaf_after(|point| point.x + 0.1 * point.y > 1.0), Some(8), "a little oblique");
+        // The map is widened by as much as the pose is uncertain.
+        let near = |away: f64, widened: f64| {
+            let (sin, cos) = libm::sincos(0.44);
+            deaf_after(move |point| point.x * cos + point.y * sin > away - widened)
+        };
+        for away in [0.25, 0.3, 0.4, 0.6, 1.0] {
+            assert_eq!(near(away, 0.15), None, "beyond the specular limit, {away} m away");
+        }
+        assert_eq!(deaf_after(|point| point.x > 0.35), Some(8), "a near wall");
     }
 }
