@@ -86,11 +86,13 @@ impl Chassis {
     /// Speeds and steering angles after `dt_s` seconds on the way to a [feasible](Chassis::feasible) velocity, within
     /// all limits of drives and steering.
     ///
-    /// `present` is what was commanded last, or measured. All wheels make the same part of their change of speed, so a
-    /// base that accelerates from standstill, or brakes, keeps its curvature; a steered one once its wheels point there.
-    /// All steering angles make the same part of theirs, and meanwhile each steered wheel drives with the component of
-    /// the velocity along it: slower, and not at all from 90° on, nor before a turn on the spot. Braking never waits for
-    /// the steering.
+    /// `present` is what was commanded last; measured states would add their noise to every step.
+    ///
+    /// - All wheels make the same part of their change of speed. A base that accelerates from standstill, or brakes,
+    ///   keeps its curvature; a steered one once its wheels point there.
+    /// - All steering angles make the same part of theirs. Meanwhile each steered wheel drives with the component of the
+    ///   velocity along it: slower, and not at all from 90° on, nor before a turn on the spot.
+    /// - Neither waits for the other: a base that is to drive slower brakes while it steers.
     ///
     /// A target that is not finite or beyond 1e6 is standing still; a time that is not a number above zero changes
     /// nothing.
@@ -125,8 +127,8 @@ impl Chassis {
     }
 
     /// Velocity nearest to `target` while the steering is still on its way: each steered wheel has the component along
-    /// itself, and none in the direction opposite to the one it is to have. The origin is not faster than at the target;
-    /// before a turn on the spot it rests.
+    /// itself, but never in the direction opposite to its goal. The origin is not faster than at the target; before a
+    /// turn on the spot it rests.
     fn along(&self, target: Twist, now: &[WheelState], goal: &[WheelState]) -> Twist {
         let takes_part = |wheel: &Wheel| matches!(wheel.kind, Kind::Steered(_) | Kind::Rollers { .. });
         let constraints = self.constraints(takes_part, |index| now[index].steering_rad);

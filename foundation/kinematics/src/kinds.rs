@@ -74,8 +74,8 @@ impl Chassis {
         several(2 * axles_m.len(), axles_m.iter().flat_map(pair))
     }
 
-    /// Base with a single wheel on each axle; also the model of one with a motor behind a differential gear, and one
-    /// for the linkage of both steered wheels (*Modern Robotics*, 13.3.1: car-like).
+    /// Base with a single wheel on each axle; also the model of a car with one motor for the driven axle, through a
+    /// differential gear, and one for the linkage of both steered wheels (*Modern Robotics*, 13.3.1).
     ///
     /// Wheels: fixed, steered.
     ///
@@ -96,8 +96,8 @@ impl Chassis {
         base.build(&[track_m / 2.0, -track_m / 2.0], &[0.0])
     }
 
-    /// Base with two fixed and two steered wheels, `track_m` apart on both axles. Each steered wheel has an angle of its
-    /// own, and the range that belongs to that of the single wheel in their middle.
+    /// Base with two fixed and two steered wheels, `track_m` apart on both axles. Each steered wheel has its own angle,
+    /// and the range that belongs to that of the single wheel in their middle.
     ///
     /// Wheels: fixed left, fixed right, steered left, steered right.
     ///

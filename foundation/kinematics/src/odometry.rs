@@ -47,8 +47,11 @@ impl Chassis {
         determined.then_some(estimate)
     }
 
-    /// Number of equations of the measured wheels beyond those that determine the velocity. With 0 any measurement fits,
-    /// and the residual is always zero; with 1 a wheel that lies is noticed but not named.
+    /// Number of equations of the measured wheels beyond those that determine the velocity.
+    ///
+    /// With 0 any measurement fits, and the residual is always zero: a differential base, three omni wheels. With 1 a
+    /// wheel that lies is noticed but not named: four mecanum wheels. With more the geometry decides: of two wheels on
+    /// one side of a skid-steer base it cannot be said which one lies, of three it can.
     #[must_use]
     pub fn redundancy(&self) -> usize {
         self.constraints(|wheel| wheel.measured, |_| 0.0).len() - self.motions.len()

@@ -71,7 +71,8 @@ impl Mul<f64> for Twist {
     }
 }
 
-/// Pose after a constant velocity for `dt_s` seconds: the exact arc (exponential map of SE(2); *Modern Robotics*, 13.4).
+/// Pose after a constant velocity for `dt_s` seconds: the exact arc (exponential map of SE(2), *Modern Robotics*,
+/// 13.4).
 ///
 /// The chord of the arc points halfway between the first and the last heading. With `dt_s` = 1, `twist` is a
 /// displacement, for instance from distances of wheels. Returns `pose` if the velocity or the time is not finite.

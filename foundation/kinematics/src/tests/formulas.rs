@@ -102,14 +102,14 @@ fn a_wheel_steered_at_the_rear_turns_the_other_way() {
 
 #[test]
 fn ackermann() {
-    // By hand, R = 2 m: cot of the inner and outer angle differ by track / wheelbase; atan(0.6 / 1.75), atan(0.6 / 2.25).
+    // By hand, for a radius of 2 m: atan(0.6 / 1.75), atan(0.6 / 2.25). Their cotangents differ by track / wheelbase.
     let base = Chassis::ackermann(&steered(End::Front, Driven::Fixed, STEERING), 0.5).unwrap();
     let states = base.wheel_states(Twist::new(1.0, 0.0, 0.5), &[]);
     let (inner, outer) = (states[2].steering_rad, states[3].steering_rad);
     assert!(near(inner, 0.330_297, 1e-6) && near(outer, 0.260_602, 1e-6), "{inner} {outer}");
     assert!(near(1.0 / libm::tan(outer) - 1.0 / libm::tan(inner), 0.5 / 0.6, 1e-12));
     assert!(near(states[0].speed_mps, 0.875, 1e-15) && near(states[1].speed_mps, 1.125, 1e-15), "{states:?}");
-    // The robot of docs/facts/robot.md 1.2: 35° give a radius of 0.857 m, on either side, in the middle of the rear axle.
+    // The robot of docs/facts/robot.md 1.2: 35° give a radius of 0.857 m in the middle of the rear axle.
     let stop = 35f64.to_radians();
     let steering = Steering { min_rad: -stop, max_rad: stop, rate_radps: 0.7 };
     let wide = steered(End::Front, Driven::Fixed, steering);
