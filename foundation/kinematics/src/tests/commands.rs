@@ -184,3 +184,24 @@ fn a_wheel_that_points_across_does_not_drive_yet() {
     let way = ramp(&base, &mut states, spot);
     assert!(way.iter().all(|twist| near(twist.vx, 0.0, 1e-12)), "{way:?}");
 }
+
+#[test]
+fn a_wheel_does_not_drive_against_its_goal_while_it_turns_by_more_than_90_degrees() {
+    let wide = Steering { min_rad: -1.05, max_rad: 1.05, rate_radps: 1.0 };
+    let base = Chassis::bicycle(&steered(End::Front, Driven::Steered, wide)).unwrap();
+    let turned = [WheelState::default(), WheelState { speed_mps: 0.0, steering_rad: -1.0 }];
+    let target = base.feasible(Twist::new(0.3, 0.0, 0.7)).twist;
+    let next = base.step(target, &turned, 0.02);
+    assert!(near(next[1].steering_rad, -0.98, 1e-12) && next[1].speed_mps == 0.0, "{next:?}");
+}
+
+#[test]
+fn a_wheel_about_which_the_base_turns_keeps_its_angle() {
+    let free = Kind::Steered(Steering { min_rad: -PI, max_rad: PI, rate_radps: 3.0 });
+    let base = Chassis::new(&[wheel(0.3, 0.1, 0.0, free), wheel(-0.3, 0.0, 0.0, free)]).unwrap();
+    let present = [WheelState { speed_mps: 0.0, steering_rad: 0.5 }, WheelState::default()];
+    // Its velocity is not zero, but the rounding of 0.3 - 3 · 0.1 and -0.9 + 3 · 0.3.
+    let about = Twist::new(0.3, -0.9, 3.0);
+    assert_ne!(about.at(0.3, 0.1), (0.0, 0.0));
+    assert_eq!(base.wheel_states(about, &present)[0].steering_rad, 0.5);
+}

@@ -39,6 +39,35 @@ fn judged(base: &Chassis, twist: Twist, lie: fn(f64) -> f64) -> Vec<Agreement> {
     (0..states.len()).filter(measured).map(judge).collect()
 }
 
+#[test]
+fn a_description_in_a_turned_frame_has_the_same_wheels() {
+    for (name, base) in bases() {
+        let mut random = Random::new(15);
+        let (sin, cos) = libm::sincos(0.7);
+        let turned: PerWheel<Wheel> = base
+            .wheels()
+            .iter()
+            .map(|wheel| Wheel {
+                x_m: cos * wheel.x_m - sin * wheel.y_m,
+                y_m: sin * wheel.x_m + cos * wheel.y_m,
+                direction_rad: wheel.direction_rad + 0.7,
+                ..*wheel
+            })
+            .collect();
+        let turned = Chassis::new(&turned).unwrap();
+        for _ in 0..200 {
+            let twist = base.feasible(any_twist(&mut random)).twist;
+            let in_turned = Twist::new(cos * twist.vx - sin * twist.vy, sin * twist.vx + cos * twist.vy, twist.omega);
+            let states = base.wheel_states(twist, &[]);
+            let estimate = turned.estimate(&states).unwrap();
+            assert!(equal(estimate.twist, in_turned, 1e-9) && estimate.residual_mps < 1e-9, "{name}: {estimate:?}");
+            for (one, other) in speeds(&states).iter().zip(speeds(&turned.wheel_states(in_turned, &states))) {
+                assert!(near(*one, other, 1e-9), "{name}: {twist:?}");
+            }
+        }
+    }
+}
+
 /// Three wheels on the left, one on the right.
 fn one_against_three() -> Chassis {
     let places = [(0.3, 0.4), (0.0, 0.4), (-0.3, 0.4), (0.0, -0.4)];
