@@ -90,8 +90,8 @@ impl Chassis {
     ///
     /// - All wheels make the same part of their change of speed. A base that accelerates from standstill, or brakes,
     ///   keeps its curvature; a steered one once its wheels point there.
-    /// - All steering angles make the same part of theirs. Meanwhile each steered wheel drives with the component of the
-    ///   velocity along it: slower, and not at all from 90° on, nor before a turn on the spot.
+    /// - All steering angles make the same part of theirs. Meanwhile each steered wheel drives with the component of
+    ///   the velocity along it: slower, and not at all from 90° on, nor before a turn on the spot.
     /// - Neither waits for the other: a base that is to drive slower brakes while it steers.
     ///
     /// A target that is not finite or beyond 1e6 is standing still; a time that is not a number above zero changes
