@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream, UdpSocket};
+use std::os::unix::fs::FileExt;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::Child;
@@ -196,21 +197,24 @@ impl Yard {
                 match theirs.is_empty() {
                     true => Ok(()),
                     false => OpenOptions::new().write(true).open(pick(random, &theirs)).and_then(|file| {
-                        let size = *pick(random, &[0, 100, 4096, 8192]);
+                        let size = *pick(random, &[0, 100, 4096, 8192, 1_000_000, 4096 + (4 << 20) + 4095]);
                         file.set_len(size)
                     }),
                 }
             }
             // The content of a live station under another name, mutated.
             _ => {
-                let mut bytes = vec![0; 64 << 10];
+                let (mut bytes, mut last) = (vec![0; 64 << 10], [0; 8]);
                 File::open(pick(random, &others)).and_then(|mut file| {
                     let length = file.read(&mut bytes)?;
                     bytes.truncate(length);
                     mutate(random, &mut bytes, 0);
                     let mut copy = File::create(&path)?;
                     copy.write_all(&bytes)?;
-                    copy.set_len(4096 + (4 << 20))
+                    // Its last word says that it is a station.
+                    let end = file.metadata()?.len().saturating_sub(last.len() as u64);
+                    file.read_exact_at(&mut last, end)?;
+                    copy.write_all_at(&last, end)
                 })
             }
         };
