@@ -44,6 +44,28 @@ impl SteeredWheels {
         let most = libm::fabs(speed) / libm::sqrt(k);
         Motion { translation: speed, rotation: (d / speed).clamp(-most, most) }
     }
+
+    /// Motion that wheels of unequal size add to the measured one, per metre, at this measured curvature, if they add a
+    /// rotation of 1 rad/m straight ahead.
+    ///
+    /// In a turn the hubs' distances depend less on the curvature, so the same difference of the wheels adds more
+    /// rotation. Computed for turns up to three quarters of the tightest that [`Self::motion`] can tell; beyond, as
+    /// for that turn.
+    #[must_use]
+    pub fn unequal(&self, curvature: f64) -> Motion {
+        let Ackermann { wheelbase_m: l, track_m: w } = self.geometry;
+        let tightest = 0.75 / libm::sqrt(l * l + w * w / 4.0);
+        let curvature = curvature.clamp(-tightest, tightest);
+        let (left, right) = self.geometry.hub_ratios(curvature);
+        // Derivatives of the logarithms of both ratios by the curvature.
+        let by = |side: f64, ratio: f64| {
+            (side * (1.0 + side * curvature * w / 2.0) * w / 2.0 + curvature * l * l) / ratio / ratio
+        };
+        let (left, right) = (by(-1.0, left), by(1.0, right));
+        let more = w / (right - left);
+        let translation = -more * (right + left) / 2.0;
+        Motion { translation, rotation: more + curvature * translation }
+    }
 }
 
 /// Number of ticks, of both wheels together, from which their difference determines the curvature; below it the last
@@ -156,6 +178,25 @@ mod tests {
                 assert!(libm::fabs(motion.rotation - speed * curvature) < 1e-12, "{speed} {tenth}: {motion:?}");
             }
         }
+    }
+
+    #[test]
+    fn unequal_wheels_add_more_rotation_in_a_turn() {
+        let wheels = SteeredWheels::new(0.6, 0.5);
+        for curvature in [-1.1, -0.6, -0.1, 0.0, 0.3, 0.8, 1.1] {
+            let true_way = Motion { translation: 1.0, rotation: curvature };
+            let (left, right) = wheels.geometry.hub_speeds(1.0, curvature);
+            let bend = 1e-5;
+            // The left wheel counts more, the right one less: rotation to the left is missing.
+            let measured = wheels.motion(left * (1.0 + bend * 0.25), right * (1.0 - bend * 0.25));
+            let added = wheels.unequal(curvature);
+            let (along, turn) = (true_way.translation - measured.translation, true_way.rotation - measured.rotation);
+            assert!(libm::fabs(along / bend - added.translation) < 1e-3, "{curvature}: {along} {added:?}");
+            assert!(libm::fabs(turn / bend - added.rotation) < 1e-3, "{curvature}: {turn} {added:?}");
+        }
+        assert!(libm::fabs(wheels.unequal(0.0).rotation - 1.0) < 1e-12);
+        assert!(wheels.unequal(1.07).rotation > 2.5 && wheels.unequal(50.0).rotation < 4.0);
+        assert!(wheels.unequal(f64::INFINITY).rotation.is_finite());
     }
 
     #[test]

@@ -15,6 +15,7 @@ use messages::middlelevel::{CmdEstimate, DataEstimate};
 use messages::{Channel, Message};
 use module::{Actions, Event, Module, State};
 use navitools::Pose;
+use navitools::odometry::SteeredWheels;
 
 /// The module's name.
 pub const NAME: &str = "estimator";
@@ -67,8 +68,9 @@ impl Estimator {
     /// # Errors
     /// The configuration is inconsistent.
     pub fn new(config: Config) -> Result<Self, filter::ConfigError> {
+        let wheels = Some(SteeredWheels::new(config.wheelbase_m, config.track_m));
         Ok(Self {
-            filter: Filter::new(config.filter.clone())?,
+            filter: Filter::new(filter::Config { wheels, ..config.filter.clone() })?,
             sources: MotionSources::new(config.wheelbase_m, config.track_m),
             config,
             tick: None,

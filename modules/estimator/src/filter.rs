@@ -22,6 +22,7 @@ use base::listed;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
 use history::{Entry, History, Kind};
+use navitools::odometry::SteeredWheels;
 use navitools::{Motion, Point, Pose, wrap};
 use state::{BEND, DELAY, PLACE_X, PLACE_Y};
 use state::{SCALE, Sight, State, Step, THETA, TRACK, TURN, X, Y};
@@ -353,7 +354,7 @@ impl<const N: usize> Kalman<N> {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn odometry(&mut self, at: Instant, rates: Motion) -> Result<(), Refused> {
-        self.way(at, rates, self.config.odometry)
+        self.take_way(at, rates, self.config.odometry, self.config.wheels)
     }
 
     /// Takes a velocity from a source with other noise.
@@ -361,6 +362,16 @@ impl<const N: usize> Kalman<N> {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn way(&mut self, at: Instant, rates: Motion, noise: Noise) -> Result<(), Refused> {
+        self.take_way(at, rates, noise, None)
+    }
+
+    fn take_way(
+        &mut self,
+        at: Instant,
+        rates: Motion,
+        noise: Noise,
+        wheels: Option<SteeredWheels>,
+    ) -> Result<(), Refused> {
         // Comparisons with NaN are false.
         if !(rates.translation.abs() <= SPEED_MAX && rates.rotation.abs() <= ROTATION_MAX) {
             self.counts.values += 1;
@@ -379,7 +390,7 @@ impl<const N: usize> Kalman<N> {
             return Err(Refused::Backwards);
         }
         self.counts.ways += 1;
-        self.push(at, step(at.since(self.at()), rates, noise));
+        self.push(at, step(at.since(self.at()), rates, noise, wheels));
         Ok(())
     }
 
@@ -388,7 +399,8 @@ impl<const N: usize> Kalman<N> {
         if self.started && at > self.at() {
             let seconds = at.since(self.at()).as_secs_f64();
             let variance = |rate: f64| rate * rate * seconds;
-            self.push(at, Step { seconds, way: Motion::default(), along: variance(BLIND.0), turn: variance(BLIND.1) });
+            let (along, turn) = (variance(BLIND.0), variance(BLIND.1));
+            self.push(at, Step { seconds, along, turn, ..Step::default() });
         }
     }
 
@@ -397,7 +409,7 @@ impl<const N: usize> Kalman<N> {
         if step.way != Motion::default() {
             self.applied.iter_mut().for_each(|applied| applied.standing = 0);
         }
-        self.trail.push(at, self.history.last().state.corrected(step.way), step.along, step.turn);
+        self.trail.push(at, self.history.last().state.corrected(&step), step.along, step.turn);
         self.history.push(at, step);
         while let Some(next) = self.pending.front().copied().filter(|next| next.at <= at) {
             self.pending.pop_front();
@@ -817,7 +829,7 @@ impl<const N: usize> Kalman<N> {
         if step.seconds > 0.0 && self.has_pose {
             state.predict(&step.part(ahead.as_secs_f64() / step.seconds), &self.walk);
         }
-        let motion = state.corrected(step.rates());
+        let motion = state.corrected(&step.rates());
         let heard = self.last_seen.is_some_and(|seen| now.since(seen) <= SEEN_WITHIN);
         let without = if heard { Quality::Searching } else { Quality::Lost };
         if !self.has_pose {
@@ -848,12 +860,12 @@ impl<const N: usize> Kalman<N> {
     }
 }
 
-/// Motion step of this duration at these velocities.
-fn step(time: Duration, rates: Motion, noise: Noise) -> Step {
+/// Motion step of this duration at these velocities, by these wheels if they are known.
+fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<SteeredWheels>) -> Step {
     let seconds = time.as_secs_f64();
     if time > GAP {
         let variance = |rate: f64| rate * rate * seconds * seconds;
-        return Step { seconds, way: Motion::default(), along: variance(BLIND.0), turn: variance(BLIND.1) };
+        return Step { seconds, along: variance(BLIND.0), turn: variance(BLIND.1), ..Step::default() };
     }
     let way = Motion { translation: rates.translation * seconds, rotation: rates.rotation * seconds };
     // Standing wheels add no noise.
@@ -862,6 +874,12 @@ fn step(time: Duration, rates: Motion, noise: Noise) -> Step {
     }
     let metres = way.translation.abs();
     let variance = |per_m: f64, per_s: f64| per_m * per_m * metres + per_s * per_s * seconds;
-    let along = variance(noise.along_per_m, noise.along_per_s);
-    Step { seconds, way, along, turn: variance(noise.turn_per_m, noise.turn_per_s) }
+    // What makes the wheels unequal adds more in a turn, its noise too.
+    let straight = Motion { translation: 0.0, rotation: 1.0 };
+    let turns = way.translation != 0.0;
+    let more = wheels.filter(|_| turns).map_or(straight, |wheels| wheels.unequal(way.rotation / way.translation));
+    let bend = Motion { translation: more.translation * way.translation, rotation: more.rotation * way.translation };
+    let turn = variance(noise.turn_per_m, noise.turn_per_s);
+    let along = variance(noise.along_per_m, noise.along_per_s) + more.translation * more.translation * turn;
+    Step { seconds, way, bend, along, turn: more.rotation * more.rotation * turn }
 }

@@ -1,6 +1,7 @@
 //! Configuration of the filter: the robot and its surroundings.
 
 use navitools::Point;
+use navitools::odometry::SteeredWheels;
 use settings::{Section, settings};
 use std::fmt;
 
@@ -46,6 +47,9 @@ settings! {
     pub struct Config {
         /// The beacons; each number once.
         beacons: Vec<Beacon> = unset [];
+        /// The steered wheels whose encoders are the odometry: the turn that unequal ones make depends on the curvature.
+        /// Without them it is the same in every turn.
+        wheels: Option<SteeredWheels> = unset None;
         mount: Mount = flat;
         odometry: Noise = flat;
         /// Deviation of a bearing.

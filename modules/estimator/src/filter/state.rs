@@ -40,6 +40,8 @@ pub struct State<const N: usize> {
 pub struct Step {
     pub seconds: f64,
     pub way: Motion,
+    /// Motion that a curvature of 1 rad/m by unequal wheels adds, m and rad.
+    pub bend: Motion,
     /// Variance along the direction of travel, m².
     pub along: f64,
     /// Variance of the rotation, rad².
@@ -49,18 +51,19 @@ pub struct Step {
 impl Step {
     /// The fraction `part` (0 to 1) of this step.
     pub fn part(&self, part: f64) -> Self {
+        let times = |way: Motion| Motion { translation: way.translation * part, rotation: way.rotation * part };
         Self {
             seconds: self.seconds * part,
-            way: Motion { translation: self.way.translation * part, rotation: self.way.rotation * part },
+            way: times(self.way),
+            bend: times(self.bend),
             along: self.along * part,
             turn: self.turn * part,
         }
     }
 
-    /// Velocities, m/s and rad/s; zero for a step of no duration.
-    pub fn rates(&self) -> Motion {
-        let per_s = if self.seconds > 0.0 { 1.0 / self.seconds } else { 0.0 };
-        Motion { translation: self.way.translation * per_s, rotation: self.way.rotation * per_s }
+    /// This step at the same velocities, a second long; of no duration if it has none.
+    pub fn rates(&self) -> Self {
+        self.part(if self.seconds > 0.0 { 1.0 / self.seconds } else { 0.0 })
     }
 }
 
@@ -79,8 +82,8 @@ pub struct Sight {
     pub weight: f64,
     /// The sensor in the robot frame as configured, m.
     pub mount: Point,
-    /// Measured velocity at that instant, m/s and rad/s.
-    pub rates: Motion,
+    /// Measured motion at that instant, of a second.
+    pub rates: Step,
     /// Time from the state's instant to the bearing's time stamp, s.
     pub later: f64,
 }
@@ -131,10 +134,11 @@ impl<const N: usize> State<N> {
         }
     }
 
-    /// Motion corrected by the calibration parameters.
-    pub fn corrected(&self, way: Motion) -> Motion {
-        let rotation = (1.0 + self.mean[TRACK]) * way.rotation + self.mean[BEND] * way.translation;
-        Motion { translation: (1.0 + self.mean[SCALE]) * way.translation, rotation }
+    /// Motion of a step, corrected by the calibration parameters.
+    pub fn corrected(&self, step: &Step) -> Motion {
+        let Step { way, bend, .. } = step;
+        let translation = (1.0 + self.mean[SCALE]) * way.translation + self.mean[BEND] * bend.translation;
+        Motion { translation, rotation: (1.0 + self.mean[TRACK]) * way.rotation + self.mean[BEND] * bend.rotation }
     }
 
     /// Covariance of the pose; m², m rad, rad².
@@ -150,19 +154,19 @@ impl<const N: usize> State<N> {
     /// Predicts the state after a motion step. `walk`: variance per second of each parameter's random walk; that of the
     /// pose is zero.
     pub fn predict(&mut self, step: &Step, walk: &[f64; N]) {
-        let way = self.corrected(step.way);
+        let way = self.corrected(step);
         let middle = self.mean[THETA] + way.rotation / 2.0;
         let (sin, cos) = libm::sincos(middle);
         let end = self.pose().along(way);
         (self.mean[X], self.mean[Y], self.mean[THETA]) = (end.x, end.y, end.theta.radians());
         // A rotation moves the position across the chord.
         let (across_x, across_y) = (-way.translation * sin, way.translation * cos);
-        let (d, a) = (step.way.translation, step.way.rotation);
+        let (d, a, bend) = (step.way.translation, step.way.rotation, step.bend);
         // Derivatives of x, y, θ by scale, bend and track; those by mounting angle and delay are zero.
         let rest = [
-            [d * cos, across_x * d / 2.0, across_x * a / 2.0],
-            [d * sin, across_y * d / 2.0, across_y * a / 2.0],
-            [0.0, d, a],
+            [d * cos, bend.translation * cos + across_x * bend.rotation / 2.0, across_x * a / 2.0],
+            [d * sin, bend.translation * sin + across_y * bend.rotation / 2.0, across_y * a / 2.0],
+            [0.0, bend.rotation, a],
         ];
         let cov = &mut self.cov;
         // Transition times covariance, pose rows first ...
@@ -206,7 +210,7 @@ impl<const N: usize> State<N> {
 
     /// Fit of a bearing; `None` for a beacon too close to have a direction.
     pub fn fit(&self, sight: &Sight) -> Option<Fit<N>> {
-        let rates = self.corrected(sight.rates);
+        let rates = self.corrected(&sight.rates);
         let after = sight.later - self.mean[DELAY];
         let moved = Motion { translation: rates.translation * after, rotation: rates.rotation * after };
         let own = self.pose().along(moved);
@@ -291,7 +295,12 @@ mod tests {
             variance: 1e-4,
             weight: 1.0,
             mount: Point { x: 0.25, y: 0.1 },
-            rates: Motion { translation: 0.7, rotation: 0.4 },
+            rates: Step {
+                seconds: 1.0,
+                way: Motion { translation: 0.7, rotation: 0.4 },
+                bend: Motion { translation: -0.1, rotation: 0.9 },
+                ..Step::default()
+            },
             later: 0.23,
         }
     }
@@ -309,7 +318,8 @@ mod tests {
     #[test]
     fn the_covariance_goes_along_with_the_derivatives_of_the_step() {
         let way = Motion { translation: 0.15, rotation: 0.02 };
-        let step = Step { seconds: 0.25, way, along: 0.0, turn: 0.0 };
+        let bend = Motion { translation: -0.03, rotation: 0.2 };
+        let step = Step { seconds: 0.25, way, bend, along: 0.0, turn: 0.0 };
         let after = |state: &State| {
             let mut state = *state;
             state.predict(&step, &[0.0; N]);

@@ -343,3 +343,29 @@ fn a_bearing_that_judges_does_not_change_the_estimate() {
     let judged = other.judged();
     assert!(judged.len() == 1 && (judged[0].innovation - 0.01).abs() < 0.005, "{judged:?}");
 }
+
+#[test]
+fn unequal_wheels_that_were_found_straight_ahead_are_known_in_a_turn() {
+    let wheels = SteeredWheels::new(0.6, 0.5);
+    let mut filter = Filter::new(Config { wheels: Some(wheels), ..filter().config }).unwrap();
+    let mut robot = pose(0);
+    filter.odometry(ms(1000), Motion::default()).unwrap();
+    filter.set(robot, SURE).unwrap();
+    for now in (1050..30_000).step_by(50) {
+        // Straight ahead with beacons in sight, then a turn to the left, and one to the right, without.
+        let curvature = [0.0, 1.0, -1.0][usize::from(now > 21_000) + usize::from(now > 24_150)];
+        if now > 27_300 {
+            break;
+        }
+        robot = robot.along(Motion { translation: 0.025, rotation: 0.025 * curvature });
+        let (left, right) = wheels.geometry.hub_speeds(0.5, curvature);
+        filter.odometry(ms(now), wheels.motion(left * 1.0075, right * 0.9925)).unwrap();
+        if let (0.0, beacon @ 0..4) = (curvature, now as usize % 1000 / 50) {
+            filter.bearing(ms(now), BEACONS[beacon].0, bearing(robot, beacon)).unwrap();
+        }
+        let estimate = filter.estimate(ms(now));
+        let off = (estimate.pose.theta - robot.theta).radians().abs();
+        let bound = 0.02 + 3.0 * libm::sqrt(estimate.covariance[2][2]);
+        assert!(now < 15_000 || off < bound.min(0.04), "{now}: {off} {bound} {:?}", filter.nuisances());
+    }
+}
