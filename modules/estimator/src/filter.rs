@@ -732,13 +732,33 @@ impl<const N: usize> Kalman<N> {
         if let Some(own) = own
             && !self.is_vague()
             && search::is_same(own, found.pose)
+            && self.explains(&found)
         {
             (self.doubt, self.against, self.misfits) = (None, 0.0, 0.0);
+            // What was displaced must show itself again.
+            self.applied.iter_mut().for_each(|applied| applied.misfit = None);
             return;
         }
         self.counts.doubted += u64::from(certain);
         self.begin(found.pose, &found.covariance, Some((found.delay, found.d_pose_d_delay)));
         self.counts.found += 1;
+    }
+
+    /// True if the pose lies as close to one that was found as their covariances allow. Where it does not, it is wrong
+    /// by little, and no bearing within the gate would put it right.
+    fn explains(&self, found: &search::Fix) -> bool {
+        let own = self.history.last().state;
+        let off = [
+            own.mean[X] - found.pose.x,
+            own.mean[Y] - found.pose.y,
+            wrap(own.mean[THETA] - found.pose.theta.radians()),
+        ];
+        let both = own.pose_covariance();
+        let both = core::array::from_fn(|row| core::array::from_fn(|col| both[row][col] + found.covariance[row][col]));
+        search::inverse::<3>(&both).is_some_and(|(inverse, _)| {
+            let square = (0..3).flat_map(|row| (0..3).map(move |column| (row, column)));
+            square.map(|(row, column)| off[row] * inverse[row][column] * off[column]).sum::<f64>() <= self.config.gate
+        })
     }
 
     /// Sets the pose at the last motion step. `delay`, for a pose found by bearings: the delay with its standard

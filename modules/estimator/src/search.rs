@@ -468,7 +468,7 @@ fn single_beacon_probability(
 }
 
 /// Inverse of a symmetric matrix, and minus half the logarithm of its determinant; `None` if it is (nearly) singular.
-fn inverse<const N: usize>(m: &[[f64; N]; N]) -> Option<([[f64; N]; N], f64)> {
+pub fn inverse<const N: usize>(m: &[[f64; N]; N]) -> Option<([[f64; N]; N], f64)> {
     // Gauss-Jordan elimination, scaled to a unit diagonal.
     let scale: [f64; N] = core::array::from_fn(|row| 1.0 / libm::sqrt(m[row][row]));
     let mut left: [[f64; N]; N] =

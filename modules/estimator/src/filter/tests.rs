@@ -345,6 +345,26 @@ fn a_bearing_that_judges_does_not_change_the_estimate() {
 }
 
 #[test]
+fn a_pose_that_is_wrong_by_little_is_put_right_while_the_robot_stands() {
+    let mut filter = Filter::new(Config { turn: 0.003, ..filter().config }).unwrap();
+    filter.odometry(ms(1000), Motion::default()).unwrap();
+    let Pose { x, y, .. } = pose(0);
+    let sure = [[0.003, 0.0, 0.0], [0.0, 0.003, 0.0], [0.0, 0.0, 0.0002]];
+    filter.set(Pose::new(x - 0.15, y, 0.15), sure).unwrap();
+    let mut wrong = 0;
+    for second in 1..40u64 {
+        filter.odometry(ms(second * 1000 + 500), Motion::default()).unwrap();
+        for (beacon, (id, ..)) in BEACONS.iter().enumerate() {
+            filter.bearing(ms(second * 1000 + 400), *id, bearing(pose(0), beacon)).unwrap();
+        }
+        let estimate = filter.estimate(ms(second * 1000 + 500));
+        let off = estimate.pose.point().distance(pose(0).point()) > 0.05 || estimate.pose.theta.radians().abs() > 0.02;
+        wrong += u32::from(second > 5 && (off || estimate.quality < Quality::Coarse));
+    }
+    assert_eq!((wrong, filter.counts().doubted), (0, 1), "{:?}", filter.estimate(ms(39_500)));
+}
+
+#[test]
 fn unequal_wheels_that_were_found_straight_ahead_are_known_in_a_turn() {
     let wheels = SteeredWheels::new(0.6, 0.5);
     let mut filter = Filter::new(Config { wheels: Some(wheels), ..filter().config }).unwrap();
