@@ -166,7 +166,7 @@ holds! {
     EstimateLost = 502, "the estimator is lost",
         "Set the position by hand, or move the robot to where beacons are visible.";
     /// The estimator searches for the position. No subject.
-    EstimateSearching = 503, "the estimator searches where the robot is", "Wait some seconds; keep the beacons in sight.";
+    EstimateSearching = 503, "the estimator searches where the robot is", "Keep three beacons in sight; else set the position by hand.";
     /// The estimate is too old, or not a number. No subject.
     EstimateBad = 504, "the estimate is old or no number", "Check the modules: the estimator must run.";
     /// Readings of the sonars are missing. No subject.
