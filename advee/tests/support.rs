@@ -341,12 +341,16 @@ impl Robot {
         let mut robot = Self::start_on(ttl, &[UNGUARDED, extra].concat());
         let is_ready = |view: &View| view.all_run() && view.is_homed();
         let waits = |view: &View| view.all_run() && view.causes().first() == Some(&Hold::ToBeHomed);
-        for _ in 0..3 {
+        for _ in 0..10 {
             robot.until("all modules RUN and the steering homed", 20.0, |view| is_ready(view) || waits(view));
             if is_ready(&robot.view) {
                 break;
             }
-            robot.advee(&["home"]);
+            // Refused while something else still stops the robot.
+            if !robot.advee(&["home"]).status.success() {
+                std::thread::sleep(Duration::from_millis(500));
+                robot.listen(Duration::ZERO);
+            }
         }
         robot.until("the steering homed", 20.0, is_ready);
         robot

@@ -42,6 +42,8 @@ const STRANGER: Emulated = (0x77, |instruction| match instruction {
 struct Boards {
     folder: PathBuf,
     stop: Arc<AtomicBool>,
+    /// Somebody was asked after a board had answered.
+    asked_on: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -62,7 +64,8 @@ impl Boards {
         let folder = std::env::temp_dir().join(name);
         std::fs::create_dir_all(&folder).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
-        let (stopped, link) = (stop.clone(), folder.join("line"));
+        let asked_on = Arc::new(AtomicBool::new(false));
+        let (stopped, asked, link) = (stop.clone(), asked_on.clone(), folder.join("line"));
         let offered = link.clone();
         let thread = spawn(move || {
             let mut port = Port::new("line".into(), PortConfig::Pseudo { link, baud: 115_200 });
@@ -71,8 +74,11 @@ impl Boards {
                 boards.iter().map(|(address, _)| Slave::new(slave::Config::new(*address))).collect();
             let mut chatters = clock::now();
             let mut late = VecDeque::new();
+            let mut answered = false;
             while !stopped.load(Ordering::Relaxed) {
-                serve(&mut port, &mut slaves, boards, delay, &mut late);
+                let (heard, answers) = serve(&mut port, &mut slaves, boards, delay, &mut late);
+                asked.fetch_or(answered && heard, Ordering::Relaxed);
+                answered |= answers;
                 if !chatter.is_empty() && clock::now() >= chatters {
                     chatters = clock::now() + Duration::from_millis(20);
                     let _ = port.device.send(clock::now(), &ToPort::Words(chatter.clone()));
@@ -83,7 +89,7 @@ impl Boards {
         while !offered.exists() && !thread.is_finished() {
             sleep(std::time::Duration::from_millis(1));
         }
-        Self { folder, stop, thread: Some(thread) }
+        Self { folder, stop, asked_on, thread: Some(thread) }
     }
 
     fn line(&self) -> String {
@@ -110,15 +116,18 @@ impl Drop for Boards {
     }
 }
 
+/// Whether anything was heard, and whether a board answers.
 fn serve(
     port: &mut Port,
     slaves: &mut [Slave],
     boards: &[Emulated],
     delay: Duration,
     late: &mut VecDeque<(Instant, Vec<Word>)>,
-) {
+) -> (bool, bool) {
     let now = clock::now();
+    let (mut heard, mut answers) = (false, false);
     while let Ok(Received::Input { input: Input::Words(words), .. }) = port.device.receive(now) {
+        heard = true;
         slaves.iter_mut().for_each(|slave| slave.handle_rx(now, words));
     }
     for (slave, (_, answer)) in slaves.iter_mut().zip(boards) {
@@ -128,13 +137,15 @@ fn serve(
         }
         slave.handle_timeout(now);
         if let Some(transmit) = slave.poll_tx(now) {
+            answers = true;
             late.push_back((now + delay, transmit.words.to_vec()));
         }
     }
     while late.front().is_some_and(|(due, _)| *due <= now) {
-        let Some((_, words)) = late.pop_front() else { return };
+        let Some((_, words)) = late.pop_front() else { break };
         let _ = port.device.send(now, &ToPort::Words(words));
     }
+    (heard, answers)
 }
 
 #[test]
@@ -167,7 +178,9 @@ fn scan_finds_and_identifies_the_boards_on_the_line() {
 fn an_interrupted_scan_lists_the_boards_found() {
     let boards = Boards::new(&[(0x01, SO1.1)]);
     let scan = boards.command(&["scan", "--timeout", "200"]).spawn().unwrap();
-    sleep(std::time::Duration::from_millis(700));
+    while !boards.asked_on.load(Ordering::Relaxed) {
+        sleep(std::time::Duration::from_millis(1));
+    }
     signal(scan.id() as i32, "INT");
     let told = Outcome::of(scan.wait_with_output().unwrap());
     assert!(
