@@ -101,7 +101,7 @@ impl Station {
 
     /// True if its file was truncated: then nothing that was read here counts, also just before.
     pub fn is_cut(&self) -> bool {
-        self.get(LAYOUT_AT) != LAYOUT as Value || self.memory.is_cut()
+        self.get(LAYOUT_AT) != LAYOUT as Value
     }
 
     /// True if the file of a station is as long as it was made.
