@@ -27,7 +27,10 @@ const PERSON_DISTANCE_M: f64 = 0.35;
 const PERSON_DISTANCE_PER_SIGMA: f64 = 0.2;
 /// Speed at which a person may leave the predicted path, m/s.
 const PERSON_DEVIATION_MPS: f64 = 0.05;
-/// Speed of the robot above which [`PERSON_DEVIATION_MPS`] counts, m/s.
+/// Number of echoes from which the velocity of a person is known; with fewer he may come towards the robot, as fast as
+/// it is uncertain.
+const PERSON_KNOWN_AFTER: u8 = 8;
+/// Speed of the robot above which both count, m/s.
 const PERSON_DEVIATION_FROM_MPS: f64 = 0.21;
 /// Assumed speed of an unknown person, m/s, for the range from which people are considered.
 const PERSON_SPEED_ASSUMED_MPS: f64 = 0.5;
@@ -197,6 +200,13 @@ impl PredictedPath {
         Pose::new(between(from.x, to.x), between(from.y, to.y), theta)
     }
 
+    /// Unit vector from the end of the path to its start; zero if it has no length.
+    fn backwards(&self) -> (f64, f64) {
+        let (from, to) = (self.0[PATH_STEPS - 1], self.0[0]);
+        let length = from.point().distance(to.point());
+        if length > 0.0 { ((to.x - from.x) / length, (to.y - from.y) / length) } else { (0.0, 0.0) }
+    }
+
     /// True if a robot at `speed` that brakes after its reaction time stops before it is too close to a person who is
     /// `gap` m away.
     fn is_free(&self, speed: f64, person: &Person, gap_now: f64, config: &Config) -> bool {
@@ -204,16 +214,19 @@ impl PredictedPath {
         // A person that close may be left behind; the closer, the less may the robot approach.
         let closer = APPROACH_MAX_M * ((gap_now - PERSON_CONTACT_M) / 0.2).clamp(0.0, 1.0) + 1e-3;
         let keep = (PERSON_DISTANCE_M + PERSON_DISTANCE_PER_SIGMA * person.sigma).min(gap_now - closer);
-        let deviation = if speed <= PERSON_DEVIATION_FROM_MPS {
-            0.0
+        let (deviation, comes) = if speed <= PERSON_DEVIATION_FROM_MPS {
+            (0.0, 0.0)
         } else {
-            PERSON_DEVIATION_MPS + PERSON_DISTANCE_PER_SIGMA * person.velocity_sigma
+            let is_known = person.echoes >= PERSON_KNOWN_AFTER;
+            let deviation = PERSON_DEVIATION_MPS + PERSON_DISTANCE_PER_SIGMA * person.velocity_sigma;
+            (deviation, if is_known { 0.0 } else { person.velocity_sigma })
         };
         let stands = reaction + speed / a;
         // A velocity counts as far as it exceeds its uncertainty.
         let goes = libm::hypot(person.velocity.0, person.velocity.1);
         let known = (1.0 - person.velocity_sigma / goes.max(1e-3)).max(0.0);
-        let (vx, vy) = (person.velocity.0 * known, person.velocity.1 * known);
+        let (back_x, back_y) = self.backwards();
+        let (vx, vy) = (person.velocity.0 * known + comes * back_x, person.velocity.1 * known + comes * back_y);
         let mut time = TIME_STEP_S;
         loop {
             let time_now = time.min(stands);

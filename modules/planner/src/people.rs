@@ -80,6 +80,8 @@ pub struct Person {
     pub velocity_sigma: f64,
     /// True if the track is confirmed; otherwise it may be a false alarm.
     pub confirmed: bool,
+    /// Number of echoes that belong to it, at most 255.
+    pub echoes: u8,
 }
 
 /// Position and velocity (x, y, vx, vy) with their covariance.
@@ -90,6 +92,7 @@ struct Track {
     existence: f64,
     /// True once the existence probability exceeds [`CONFIRM_ABOVE`], until it falls below [`UNCONFIRM_BELOW`].
     confirmed: bool,
+    echoes: u8,
 }
 
 /// All tracks.
@@ -202,6 +205,7 @@ impl People {
                 sigma: track.sigma(),
                 velocity_sigma,
                 confirmed: track.confirmed,
+                echoes: track.echoes,
             }
         })
     }
@@ -255,7 +259,7 @@ impl Track {
         covariance[1][0] = covariance[0][1];
         covariance[2][2] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
         covariance[3][3] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
-        Self { mean, covariance, existence: EXISTENCE_INITIAL, confirmed: false }
+        Self { mean, covariance, existence: EXISTENCE_INITIAL, confirmed: false, echoes: 1 }
     }
 
     fn at(&self) -> Point {
@@ -307,6 +311,7 @@ impl Track {
     }
 
     fn detect(&mut self, reading: &Reading, echo: &Echo) {
+        self.echoes = self.echoes.saturating_add(1);
         let (cos, sin) = reading.axis;
         let (near, wide) = noise(echo.distance, reading.spread);
         self.correct((cos, sin), echo.along, near);

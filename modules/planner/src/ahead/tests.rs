@@ -116,6 +116,14 @@ fn an_approaching_person_slows_more_than_a_standing_one_and_a_leaving_one_less()
 }
 
 #[test]
+fn a_person_who_was_just_found_is_expected_to_come() {
+    for x in [1.8, 2.0, 2.2] {
+        let [found, known] = [2, 12].map(|rounds| allowed(x, 0.0, (0.0, 0.0), rounds));
+        assert!(found < 0.8 * known, "{x}: {found} {known}");
+    }
+}
+
+#[test]
 fn a_person_about_to_cross_the_path_stops_the_robot_and_one_who_has_crossed_does_not() {
     let crosses = allowed(1.4, 0.7, (0.0, -0.9), 6);
     let crossed = allowed(1.4, 0.7, (0.0, 0.9), 6);
