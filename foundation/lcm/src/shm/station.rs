@@ -26,6 +26,8 @@ const PIECE: usize = 64 << 10;
 
 // Words that different processes write are in different cache lines.
 const LAYOUT_AT: usize = SIZE / size_of::<Value>() - 1;
+/// Its last byte is not zero, as that of a file is that was truncated by a byte.
+const MARK: Value = !(LAYOUT as Value);
 const ADDRESS: usize = 2;
 const PORT: usize = 3;
 const INODE: usize = 4;
@@ -71,7 +73,7 @@ impl Station {
         let (memory, uid) = (Memory::map(file, SIZE, Access::Write)?, file.metadata()?.uid());
         let station = Self { memory, uid, ours: true };
         station.set(INODE, Value::from(inode));
-        station.set(LAYOUT_AT, LAYOUT as Value);
+        station.set(LAYOUT_AT, MARK);
         station.set_source(source);
         Ok(station)
     }
@@ -83,7 +85,7 @@ impl Station {
         }
         let access = if *ours { Access::Write } else { Access::Read };
         let station = Self { memory: Memory::map(file, SIZE, access)?, uid: *uid, ours: *ours };
-        match station.get(LAYOUT_AT) == LAYOUT as Value {
+        match station.get(LAYOUT_AT) == MARK {
             true => Ok(station),
             false => Err(io::Error::new(io::ErrorKind::InvalidData, "another layout")),
         }
@@ -101,7 +103,7 @@ impl Station {
 
     /// True if its file was truncated: then nothing that was read here counts, also just before.
     pub fn is_cut(&self) -> bool {
-        self.get(LAYOUT_AT) != LAYOUT as Value
+        self.get(LAYOUT_AT) != MARK
     }
 
     /// True if the file of a station is as long as it was made.

@@ -554,6 +554,21 @@ fn a_ring_that_was_cut_short_gives_no_torn_message() {
 }
 
 #[test]
+fn a_station_without_its_last_byte_is_cut() {
+    for length in [0, HEAD, HEAD + 1_000_000, SIZE - 4096, SIZE - 1] {
+        let place = Place::new();
+        let mut reader = place.reader(1, None);
+        let mut publisher = place.join(2);
+        let station = place.station();
+        publisher.publish(0, "A", b"", 0);
+        assert_eq!((names(&mut reader).len(), publisher.is_cut()), (1, false));
+        cut(&station, length as u64);
+        assert!(publisher.is_cut() && !reader.is_cut(), "{length}");
+        assert!(publisher.publish(1, "A", b"", 0) && !reader.takes(source(2), 1, 0), "{length}");
+    }
+}
+
+#[test]
 fn without_memory_left_messages_go_by_datagrams_from_one_number_on() {
     let place = Place::new();
     let mounted = Mounted::tmpfs(&place.root, "300k").ok_or_else(|| "this user may not mount a file system".into());
