@@ -99,11 +99,15 @@ fn the_shipped_scenario_holds() {
 fn a_source_that_falls_silent_is_a_stop_without_a_guard_too() {
     let sets = ["guard.ranging=none", "guard.speed_blind_mps=2.0"].map(String::from).into();
     let place = RobotLocation { sets, ..place("hall") };
-    let robot = Robot::new(place, shipped(), 2).expect("the shipped configuration");
-    let report = robot.many(4, 2, &Progress::none()).unwrap();
-    assert_eq!(report.violations, []);
-    let worst = report.figures.worst;
-    assert!(worst.silence_to_stop.is_some_and(|time| time < Duration::from_millis(260)), "{worst:?}");
+    // A few episodes; in which of them a source falls silent while the robot drives depends on where it drives.
+    let silence = |seed: u64| {
+        let robot = Robot::new(place.clone(), shipped(), seed).expect("the shipped configuration");
+        let report = robot.many(4, 2, &Progress::none()).unwrap();
+        assert_eq!(report.violations, [], "seed {seed}");
+        report.figures.worst.silence_to_stop
+    };
+    let time = (2..12).find_map(silence).expect("in one of ten seeds");
+    assert!(time < Duration::from_millis(260), "{time:?}");
 }
 
 #[test]
