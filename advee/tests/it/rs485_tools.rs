@@ -177,8 +177,9 @@ fn scan_finds_and_identifies_the_boards_on_the_line() {
 #[test]
 fn an_interrupted_scan_lists_the_boards_found() {
     let boards = Boards::new(&[(0x01, SO1.1)]);
-    let scan = boards.command(&["scan", "--timeout", "200"]).spawn().unwrap();
+    let mut scan = boards.command(&["scan", "--timeout", "200"]).spawn().unwrap();
     while !boards.asked_on.load(Ordering::Relaxed) {
+        assert!(scan.try_wait().unwrap().is_none(), "it ended before");
         sleep(std::time::Duration::from_millis(1));
     }
     signal(scan.id() as i32, "INT");

@@ -105,6 +105,8 @@ pub struct Mission {
     attempts: u32,
     /// Smallest distance to the waypoint when the number of attempts was last reset, m.
     nearest: f64,
+    /// No path led around what is sensed, so one on the map is planned.
+    no_way_around: bool,
     /// Instant since which motion is commanded at standstill.
     stuck: Option<Instant>,
     /// True after a contact at the leading end: the robot backs out before it continues.
@@ -128,6 +130,7 @@ impl Default for Mission {
             stored: Vec::new(),
             attempts: 0,
             nearest: f64::INFINITY,
+            no_way_around: false,
             stuck: None,
             bumped: false,
             id: 0,
@@ -272,7 +275,7 @@ impl Mission {
         if to.is_reached(input.robot) && input.motion.speed.abs() < STANDSTILL_MPS {
             return self.reached(goal.next);
         }
-        self.track = Track::default();
+        (self.track, self.no_way_around) = (Track::default(), false);
         if around {
             space.set_obstacles(input.obstacles, input.robot, &input.config.body);
         }
@@ -298,7 +301,11 @@ impl Mission {
             Progress::NoPath { why, .. } if around => {
                 if !self.count_attempt(input, why) {
                     self.begin_planning(input, space, false);
+                    self.no_way_around = true;
                 }
+            }
+            Progress::NoPath { why, forever: false } if mem::take(&mut self.no_way_around) => {
+                self.wait_for_way(input, why);
             }
             Progress::NoPath { why, forever } => self.on_no_path(input, space, why, forever),
         }
@@ -340,8 +347,14 @@ impl Mission {
         if !self.attempts.is_multiple_of(2) && self.back_out(input, space) {
             return;
         }
-        self.state = GoalState::NoPath { to, why };
-        self.phase = Phase::Waiting { since: input.now, gone: None };
+        self.wait_for_way(input, why);
+    }
+
+    fn wait_for_way(&mut self, input: &StepInput<'_>, why: Hindrance) {
+        if let Some(goal) = &self.goal {
+            self.state = GoalState::NoPath { to: goal.next, why };
+            self.phase = Phase::Waiting { since: input.now, gone: None };
+        }
     }
 
     /// Counts an attempt. Returns true if the goal has failed with it; a loop continues with its next waypoint instead.

@@ -15,8 +15,8 @@ use std::time::Duration;
 
 /// Maximum number of messages taken from shared memory before the socket is served.
 const IN_A_ROW: u32 = 64;
-/// The same while a publisher has gone over to datagrams: more than a ring has records.
-const IN_A_ROW_FIRST: u32 = 1 << 18;
+/// The same while a publisher has gone over to datagrams, which come after what is in its ring.
+const IN_A_ROW_FIRST: u32 = 4096;
 /// Number of times the socket is skipped while shared memory has just run empty: after that a waiting caller relies on
 /// the descriptor for the socket.
 const PASSES: u32 = 16;

@@ -77,8 +77,8 @@ pub struct Bus {
     cut: Vec<Left>,
     /// Publishers of other users who were found dead, with the generation of that: they cannot be marked.
     found_dead: Vec<(String, Value)>,
-    /// Stations whose datagrams are accepted, since they could not be opened when they were found. They never are: what
-    /// is in their rings was received.
+    /// Stations whose datagrams are accepted, and whose bells cannot be rung, since they could not be opened when they
+    /// were found. They never are: what is in their rings was received, if not by then.
     unopened: Vec<String>,
     writer: Writer,
     /// Bytes of the own ring that have memory behind them.
@@ -244,7 +244,7 @@ impl Bus {
         }
         bell::written();
         let interest = Interest::of(channel);
-        let mut deaf = false;
+        let mut deaf = !self.unopened.is_empty();
         for peer in &mut self.peers {
             if let Some(sleep) = bell::asleep(peer.station.sleep())
                 && peer.station.wants(interest)
@@ -369,6 +369,12 @@ impl Bus {
     #[cfg(test)]
     pub(super) fn look_again(&self) {
         self.board.looked_at().fetch_sub(LOOK_MS, Ordering::Relaxed);
+    }
+
+    /// Looks around, as with a look at the listeners.
+    #[cfg(test)]
+    pub(super) fn look_around(&mut self) {
+        self.census();
     }
 
     /// Its word of sleep, as if no publisher had marked it as woken.

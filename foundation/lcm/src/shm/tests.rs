@@ -486,11 +486,8 @@ fn a_board_that_was_cut_makes_no_message_come_twice() {
     let mut newcomer = place.join(3);
     assert!(newcomer.publish(0, "B", b"", 0), "the reader cannot find its ring");
     assert!(!reader.takes(source(3), 0, 0));
-    // A look around, which finds it.
-    reader.publish(0, "C", b"", 0);
-    reader.look_again();
-    reader.publish(1, "C", b"", 0);
-    assert!(!names(&mut reader).contains(&"B".to_string()), "it was received");
+    reader.look_around();
+    assert!(names(&mut reader).is_empty(), "it was received");
     assert!(!reader.takes(source(3), 1, 0));
 }
 
