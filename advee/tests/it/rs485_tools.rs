@@ -116,7 +116,7 @@ impl Drop for Boards {
     }
 }
 
-/// Whether anything was heard, and whether a board answers.
+/// Passes words between the line and the boards. Returns true if words were received, and true if a board answers.
 fn serve(
     port: &mut Port,
     slaves: &mut [Slave],

@@ -297,7 +297,7 @@ impl Mission {
                 }
                 self.start_driving(poses, input);
             }
-            // People leave: the robot drives the way on the map as far as that is clear, and waits there.
+            // People leave: the robot drives the path on the map as far as that is clear, and waits there.
             Progress::NoPath { why, .. } if around => {
                 if !self.count_attempt(input, why) {
                     self.begin_planning(input, space, false);
@@ -350,6 +350,7 @@ impl Mission {
         self.wait_for_way(input, why);
     }
 
+    /// Waits without a path until the next attempt.
     fn wait_for_way(&mut self, input: &StepInput<'_>, why: Hindrance) {
         if let Some(goal) = &self.goal {
             self.state = GoalState::NoPath { to: goal.next, why };
@@ -549,7 +550,8 @@ impl Mission {
             if self.count_attempt(input, Hindrance::InTheWay) {
                 return;
             }
-            // A path around may begin closer to a person than the robot is allowed to go: it backs out first.
+            // A path around may begin closer to a person than the robot is allowed to go: it backs out first. Where none
+            // was found, two attempts were counted since the last wait.
             if self.attempts / 2 % 2 == 1 && self.back_out(input, space) {
                 return;
             }

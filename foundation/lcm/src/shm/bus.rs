@@ -77,8 +77,8 @@ pub struct Bus {
     cut: Vec<Left>,
     /// Publishers of other users who were found dead, with the generation of that: they cannot be marked.
     found_dead: Vec<(String, Value)>,
-    /// Stations whose datagrams are accepted, and whose bells cannot be rung, since they could not be opened when they
-    /// were found. They never are: what is in their rings was received, if not by then.
+    /// Stations that could not be opened when they were found: they are reached, and received, by datagrams. They are
+    /// not opened later, since the messages in their rings may have been received as datagrams.
     unopened: Vec<String>,
     writer: Writer,
     /// Bytes of the own ring that have memory behind them.

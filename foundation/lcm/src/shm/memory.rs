@@ -194,8 +194,8 @@ impl Drop for Memory {
 }
 
 /// Makes sure that a part of a file has memory behind it. Without, the first touch of a page when `/dev/shm` is full
-/// would end the process (SIGBUS). The file keeps its length: one that was truncated stays short, so that who reads
-/// there notices.
+/// would end the process (SIGBUS). The file keeps its length: one that was truncated stays short, so that its readers
+/// notice.
 pub fn reserve(file: impl AsFd, from: usize, to: usize) -> io::Result<()> {
     let offset = from.try_into().map_err(io::Error::other)?;
     let len = (to - from).try_into().map_err(io::Error::other)?;

@@ -26,7 +26,7 @@ const PIECE: usize = 64 << 10;
 
 // Words that different processes write are in different cache lines.
 const LAYOUT_AT: usize = SIZE / size_of::<Value>() - 1;
-/// Its last byte is not zero, as that of a file is that was truncated by a byte.
+/// Value of that word. No byte of it is zero: a file that lacks only its last byte reads differently.
 const MARK: Value = !(LAYOUT as Value);
 const ADDRESS: usize = 2;
 const PORT: usize = 3;

@@ -44,7 +44,7 @@ impl Place {
         fs::read_dir(&self.root).unwrap().next().unwrap().unwrap().path()
     }
 
-    /// The station of whoever came last.
+    /// File of the context that joined last.
     fn station(&self) -> PathBuf {
         let stations = self.files().into_iter().filter(|name| name.ends_with(".station"));
         self.folder().join(stations.max().unwrap())
