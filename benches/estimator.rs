@@ -21,21 +21,24 @@ fn main() {
     let seeds: u64 = seeds.unwrap_or(100);
     println!("{seeds} runs a row, hall 20 × 12 m, 0.6 m/s; error, bound: root of the mean square, m\n");
     println!(
-        "| row | bound | error | error / bound (spread over runs) | goal | NEES / 3 | worst | knowing nothing / bound | textbook EKF / bound |"
+        "| row | bound | error | error / bound (spread over runs) | goal | NEES / 3 | worst | knowing nothing / \
+         bound | textbook EKF / bound |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     for (row, goal) in rows() {
         print_row(&row, goal, seeds);
     }
     println!(
-        "\n| from nothing | fixed within 5 s of three beacons | possible | median, longest, s | first fix wrong | ever wrong | covariance too small, at most |"
+        "\n| from nothing | fixed within 5 s of three beacons | possible | median, longest, s | first fix wrong | \
+         ever wrong | covariance too small, at most |"
     );
     println!("|---|---|---|---|---|---|---|");
     for row in searches() {
         print_search(&row, seeds * 4);
     }
     println!(
-        "\n| put elsewhere after 60 s | within 3 sweeps: not FINE | not relied on | possible | median, longest, s | back within 5 s | possible | median, longest, s | ever wrong |"
+        "\n| put elsewhere after 60 s | within 3 sweeps: not FINE | not relied on | possible | median, longest, s | \
+         back within 5 s | possible | median, longest, s | ever wrong |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     for row in searches() {
@@ -148,7 +151,8 @@ fn print_kidnapping(row: &Row, how: &str, seeds: u64) {
     let (uneasy, relied) = (within(&uneasy, limit), within(&noticed, limit));
     let ((notice, latest), (median, longest)) = (spread(noticed), spread(found.clone()));
     println!(
-        "| {}, {how} | {uneasy:.1} % of {seeds} | {relied:.1} % | {:.1} % | {notice:.2}, {latest:.2} | {:.1} % | {:.1} % | {median:.2}, {longest:.2} | {wrong} |",
+        "| {}, {how} | {uneasy:.1} % of {seeds} | {relied:.1} % | {:.1} % | {notice:.2}, {latest:.2} | {:.1} % | \
+         {:.1} % | {median:.2}, {longest:.2} | {wrong} |",
         row.name,
         100.0 * four as f64 / all.len() as f64,
         within(&found, 5.0),

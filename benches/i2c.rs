@@ -165,7 +165,8 @@ fn steps() {
         .collect();
     rounds.sort_by(f64::total_cmp);
     println!(
-        "engine: {:.1} ns of CPU a step (median of {ROUNDS} rounds), {} steps a read, {allocations} allocations in 1000 reads",
+        "engine: {:.1} ns of CPU a step (median of {ROUNDS} rounds), {} steps a read, {allocations} allocations in \
+         1000 reads",
         rounds[ROUNDS / 2],
         seen.len()
     );

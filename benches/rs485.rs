@@ -140,7 +140,8 @@ fn engine(name: &str, board: u8) {
         .collect();
     rounds.sort_by(f64::total_cmp);
     println!(
-        "engine, a transaction with an {name}: {:.0} ns of CPU (median of {ROUNDS} rounds), {allocations} allocations in 1000",
+        "engine, a transaction with an {name}: {:.0} ns of CPU (median of {ROUNDS} rounds), {allocations} \
+         allocations in 1000",
         rounds[ROUNDS / 2]
     );
 }

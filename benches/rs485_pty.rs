@@ -96,7 +96,8 @@ fn main() {
         let [least, .., greatest] = &rounds[..] else { return };
         let middle = &rounds[ROUNDS / 2];
         println!(
-            "{baud:>7} Bd: {:.3} ms a poll, the wire's bound {:.3} ms: {:.1} % ({:.1} to {:.1} % in {ROUNDS} runs of {} s); median poll {:.3} ms, {:.1} %; {} polls failed",
+            "{baud:>7} Bd: {:.3} ms a poll, the wire's bound {:.3} ms: {:.1} % ({:.1} to {:.1} % in {ROUNDS} runs of \
+             {} s); median poll {:.3} ms, {:.1} %; {} polls failed",
             middle.mean_ms,
             middle.bound_ms,
             middle.share(),

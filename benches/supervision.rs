@@ -67,7 +67,8 @@ fn main() -> ExitCode {
     let used: Vec<f64> =
         pids.iter().zip(before).map(|(pid, before)| (cpu_s(*pid) - before) / SECONDS * 100.0).collect();
     println!(
-        "{MODULES} idle modules guarded: {:.2} % of a core over {SECONDS} s (advee up {:.2}, watchdog {:.2}, all modules {:.2})",
+        "{MODULES} idle modules guarded: {:.2} % of a core over {SECONDS} s (advee up {:.2}, watchdog {:.2}, all \
+         modules {:.2})",
         used.iter().sum::<f64>(),
         used[0],
         used[1],

@@ -42,7 +42,8 @@ fn main() {
         if named.is_empty() { all.to_vec() } else { named }
     };
     println!(
-        "world  robot     x real time  CPU us/s   news/s  allocations/s    way m  contacts  digest ({minutes} min, 2 runs)"
+        "world  robot     x real time  CPU us/s   news/s  allocations/s    way m  contacts  digest ({minutes} min, 2 \
+         runs)"
     );
     for world in chosen(&["empty", "hall"]) {
         for robot in chosen(&["standing", "driving", "checked"]) {

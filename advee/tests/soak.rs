@@ -258,7 +258,8 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     let write = |text: &str| std::fs::write(&file, text).unwrap();
     let path = file.display().to_string();
     write(
-        "settle_s = 12\nchaos_s = 5\ncalm_s = 15\nturns = 1\n[faults.kill]\ntargets = [\"driver_rs485b\"]\nfault = \"kill\"\nper_hour = 1500\n",
+        "settle_s = 12\nchaos_s = 5\ncalm_s = 15\nturns = 1\n[faults.kill]\ntargets = [\"driver_rs485b\"]\nfault = \
+         \"kill\"\nper_hour = 1500\n",
     );
     let (code, json, complaints) = advee(&["--hours", "0.02", "--world", "empty", "--scenario", &path, "--json"]);
     assert_eq!((code, complaints.as_str()), (Some(0), ""));
@@ -288,7 +289,8 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     assert_eq!((code, digest(&traced)), (Some(0), digest(&text)));
 
     write(
-        "settle_s = 12\nchaos_s = 5\ncalm_s = 25\nturns = 1\n[faults.mute]\ntargets = [\"psc1\"]\nfault = \"silent\"\nper_hour = 3000\n[faults.harmless]\ntargets = [\"clock\"]\nfault = \"step\"\nper_hour = 3600\n",
+        "settle_s = 12\nchaos_s = 5\ncalm_s = 25\nturns = 1\n[faults.mute]\ntargets = [\"psc1\"]\nfault = \
+         \"silent\"\nper_hour = 3000\n[faults.harmless]\ntargets = [\"clock\"]\nfault = \"step\"\nper_hour = 3600\n",
     );
     let (code, text, told) = advee(&["--hours", "0.01", "--world", "empty", "--scenario", &path]);
     assert_eq!(code, Some(1), "{text}");

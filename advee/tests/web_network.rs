@@ -275,7 +275,8 @@ fn judge(bus: &Bus, said: &BTreeMap<u64, i64>) {
     }
     let worst = |times: &[i64]| times.iter().max().copied().unwrap_or(0) as f64 / 1e3;
     println!(
-        "{passed} of {} passed on, {:.0} ms old at most; {} holds ended: zero {:.0} ms, standing {:.0} ms after the last was said",
+        "{passed} of {} passed on, {:.0} ms old at most; {} holds ended: zero {:.0} ms, standing {:.0} ms after the \
+         last was said",
         said.len(),
         latest as f64 / 1e3,
         zeros.len(),

@@ -129,7 +129,8 @@ pub fn markdown(rows: &[Row], machine: &str) -> String {
     let rounds = rows.iter().map(|row| row.round + 1).max().unwrap_or(0);
     let _ = write!(
         out,
-        "\n{machine} Medians of {rounds} interleaved rounds; {disturbed} of {} measurements disturbed by other programs.\n",
+        "\n{machine} Medians of {rounds} interleaved rounds; {disturbed} of {} measurements disturbed by other \
+         programs.\n",
         rows.len()
     );
     out

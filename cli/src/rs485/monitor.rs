@@ -260,7 +260,8 @@ impl<'a> View<'a> {
         let says = if self.dressed { cut(says, SAYS_FROM + self.width) } else { says.into() };
         let (dim, colour, plain) = if self.dressed { ("\x1b[2m", told.look.colour(), "\x1b[0m") } else { ("", "", "") };
         let line = format!(
-            "{dim}{time:>9.4}{plain}  {colour}{} {name:width$} {address:>4}  {instruction:16} {:9}{plain} {dim}{ms:>6}{plain}  {says}",
+            "{dim}{time:>9.4}{plain}  {colour}{} {name:width$} {address:>4}  {instruction:16} {:9}{plain} \
+             {dim}{ms:>6}{plain}  {says}",
             told.arrow,
             told.status,
             width = self.width,

@@ -142,10 +142,12 @@ impl CanSocket {
             Ok(()) => Err(format!("{interface}: bus-off")),
             Err(error) => Err(match error.kind() {
                 ErrorKind::PermissionDenied => format!(
-                    "{interface}: bus-off, and restarting it needs CAP_NET_ADMIN (ip link set {interface} type can restart)"
+                    "{interface}: bus-off, and restarting it needs CAP_NET_ADMIN (ip link set {interface} type can \
+                     restart)"
                 ),
                 _ => format!(
-                    "{interface}: bus-off, and its driver does not restart it ({error}): ip link set {interface} down, and up"
+                    "{interface}: bus-off, and its driver does not restart it ({error}): ip link set {interface} \
+                     down, and up"
                 ),
             }),
         }

@@ -424,7 +424,8 @@ fn the_chips_of_an_i2c_bus_can_be() {
         "[limits]",
         bus,
         &[
-            "robot.toml:12: i2c.aux.bus = \"i2c-1\": expected \"/dev/i2c-1\", \"gpio:/dev/gpiochip0:SDA:SCL\", or \"unix:PATH\"",
+            "robot.toml:12: i2c.aux.bus = \"i2c-1\": expected \"/dev/i2c-1\", \"gpio:/dev/gpiochip0:SDA:SCL\", or \
+             \"unix:PATH\"",
             "robot.toml:14: i2c.aux.chips[0].address = 120: expected an integer from 8 to 119",
             "robot.toml:15: i2c.aux.chips[1].driver = \"lm75\": expected \"max6615\"",
             "robot.toml:16: i2c.aux.chips[2].address = 24: expected one that no other chip of the bus has",
@@ -447,8 +448,10 @@ fn thermometers_have_the_names_of_the_kernel() {
         "[w1]\nsensors = [\n{ id = \"28-1\" },\n{ id = \"26-000000000001\" },\n\
          { id = \"28-000000000001\", limit_c = 200 },\n{ id = \"28-000000000001\" },\n]\n[limits]",
         &[
-            "robot.toml:13: w1.sensors[0].id = \"28-1\": expected a thermometer as the kernel names it: \"28-0316a2795bff\"",
-            "robot.toml:14: w1.sensors[1].id = \"26-000000000001\": expected a thermometer as the kernel names it: \"28-0316a2795bff\"",
+            "robot.toml:13: w1.sensors[0].id = \"28-1\": expected a thermometer as the kernel names it: \
+             \"28-0316a2795bff\"",
+            "robot.toml:14: w1.sensors[1].id = \"26-000000000001\": expected a thermometer as the kernel names it: \
+             \"28-0316a2795bff\"",
             "robot.toml:15: w1.sensors[2].limit_c = 200: expected a number from -50 to 125",
             "robot.toml:16: w1.sensors[3].id = \"28-000000000001\": expected one that no other of the sensors has",
         ],
@@ -658,7 +661,8 @@ fn a_world_is_read_as_strictly() {
             "w.toml:5: columns = 1: expected a list",
             "w.toml:6: drops[0] = 3: expected a list of corners [x, y]",
             "w.toml:6: drops[1][0] = [2 items]: expected a list of 2 numbers within ±10000",
-            "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons, people, places, routes",
+            "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons, people, places, \
+             routes",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]
     );

@@ -99,7 +99,8 @@ fn mistakes_are_reported_with_file_line_and_column() {
         ),
         (
             "package p; struct x_t { uint32_t a; }",
-            "1:25: type `p.uint32_t` is not defined: LCM has no unsigned integers, only `int8_t` to `int64_t` and `byte`",
+            "1:25: type `p.uint32_t` is not defined: LCM has no unsigned integers, only `int8_t` to `int64_t` and \
+             `byte`",
         ),
         ("struct x_t { uint8_t a; }", "1:14: type `uint8_t` is not defined: LCM has no unsigned integers, only `byte`"),
         ("struct x_t { bool a; }", "1:14: type `bool` is not defined: the type is `boolean`"),

@@ -116,7 +116,8 @@ impl Bus {
         let Health { transmit_errors, receive_errors, .. } = health;
         let name = self.name.as_str();
         let message = format!(
-            "the controller of {name} is error-passive: transmit errors {transmit_errors}, receive errors {receive_errors}"
+            "the controller of {name} is error-passive: transmit errors {transmit_errors}, receive errors \
+             {receive_errors}"
         );
         out.raise(Severity::Warning, Fault::CanPassive, name, message);
     }

@@ -464,7 +464,8 @@ const FOREIGN: &[(&str, &str)] = &[
     ("c.lcm", "package other; struct wheel_t { int64_t timestamp; string axis; }"),
     (
         "d.lcm",
-        "package other; struct late_t { wheel_t a; int8_t b[3]; int64_t timestamp; } struct soon_t { byte b[2][2]; data_odo_t o; int64_t timestamp; }",
+        "package other; struct late_t { wheel_t a; int8_t b[3]; int64_t timestamp; } struct soon_t { byte b[2][2]; \
+         data_odo_t o; int64_t timestamp; }",
     ),
 ];
 
