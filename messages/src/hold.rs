@@ -88,7 +88,7 @@ holds! {
     DriveDropped = 215, "the {} drive changed its state by itself", "Check the errors of the {}.";
     /// A drive does not reach the commanded state. Subject: the drive.
     DriveStuck = 216, "the {} drive does not reach the state that is commanded", "Check the errors of the {}.";
-    /// A drive does not acknowledge its set-point. Subject: the drive.
+    /// A drive does not acknowledge its set-point, or does not move as commanded. Subject: the drive.
     DriveNoTarget = 217, "the {} drive does not take its target", "Check the errors of the {}.";
     /// A drive is in its fault state; the fault is reset each second. Subject: the drive.
     DriveFault = 218, "the {} drive is in fault", "Check the errors of the {}; the fault is reset automatically.";

@@ -1,12 +1,14 @@
-//! Watch over an axis that is asked to move: at least a quarter of the target speed must be reached within twice the
-//! time of the ramp and a second. It finds an axis that stands, creeps, or runs the other way round, in whatever mode
-//! and for whatever reason; one that is slower for a limit of its current or voltage follows.
+//! Watches over an axis that is asked to move: at least a quarter of the target speed ([`Follow`]), or of the way to the
+//! target position ([`Reach`]), must be reached within twice the time that it takes and a second. They find an axis
+//! that stands, creeps, or runs the other way round, in whatever mode and for whatever reason, also where the drive
+//! itself has no following error or does not report it; one that is slower for a limit of its current or voltage
+//! follows.
 
 use base::{Duration, Instant};
 
-/// Part of the target speed that must be reached.
+/// Part of the target speed, or of the way to the target position, that must be reached.
 const PART: f64 = 0.25;
-/// Time allowed beyond the ramp.
+/// Time allowed beyond the ramp, or the way.
 const REACTION: Duration = Duration::from_secs(1);
 
 /// Properties of the axis, in the caller's unit of speed.
@@ -21,13 +23,13 @@ pub struct FollowConfig {
 /// An axis does not follow its target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotFollowing {
-    /// Commanded speed.
+    /// Commanded speed or position.
     pub target: f64,
-    /// Measured speed.
+    /// Measured speed or position.
     pub measured: f64,
 }
 
-/// The watch over one axis.
+/// The watch over an axis in a velocity mode.
 #[derive(Clone, Copy, Debug)]
 pub struct Follow {
     config: FollowConfig,
@@ -80,6 +82,76 @@ impl Follow {
     }
 }
 
+/// Properties of the axis, in the caller's unit of position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReachConfig {
+    /// Speed of the axis, per second.
+    pub speed: f64,
+    /// Deviations up to this are not judged: play, and the resolution of the measured position.
+    pub least: f64,
+}
+
+/// The watch over an axis in a position mode.
+#[derive(Clone, Copy, Debug)]
+pub struct Reach {
+    config: ReachConfig,
+    target: Option<f64>,
+    measured: f64,
+    watch: Option<Way>,
+}
+
+/// Way that the axis must make.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    /// Remaining way to be made towards the target.
+    left: f64,
+    until: Instant,
+}
+
+impl Reach {
+    /// An axis that is not asked to move.
+    #[must_use]
+    pub fn new(config: ReachConfig) -> Self {
+        Self { config, target: None, measured: f64::NAN, watch: None }
+    }
+
+    /// The target in force; `None` while the axis is not enabled, or does something else.
+    pub fn command(&mut self, now: Instant, target: Option<f64>) {
+        self.target = target;
+        match target {
+            None => self.watch = None,
+            Some(_) if self.watch.is_none() => self.arm(now),
+            Some(_) => {}
+        }
+    }
+
+    /// A measured position. Returns the alarm once, and again after as long a time.
+    pub fn measure(&mut self, now: Instant, position: f64) -> Option<NotFollowing> {
+        let before = core::mem::replace(&mut self.measured, position);
+        let target = self.target?;
+        let Some(way) = &mut self.watch else {
+            self.arm(now);
+            return None;
+        };
+        let made = libm::fabs(target - before) - libm::fabs(target - position);
+        way.left -= made.max(0.0);
+        let alarm = now >= way.until;
+        if way.left > 0.0 && !alarm && libm::fabs(target - position) > self.config.least {
+            return None;
+        }
+        let follows = way.left <= 0.0;
+        self.arm(now);
+        (alarm && !follows && self.watch.is_some()).then_some(NotFollowing { target, measured: position })
+    }
+
+    /// Begins with the way from here; there is none within the least deviation, or where the position is not known.
+    fn arm(&mut self, now: Instant) {
+        let way = self.target.map_or(0.0, |target| libm::fabs(target - self.measured));
+        let takes = Duration::from_secs_f64((2.0 * way / self.config.speed.max(f64::MIN_POSITIVE)).min(60.0));
+        self.watch = (way > self.config.least).then(|| Way { left: PART * way, until: now + REACTION + takes });
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,5 +193,60 @@ mod tests {
         assert_eq!(run(&mut follow, -0.05, |at| (1.2 - 0.5 * at).max(-0.05), 20.0), None);
         follow.command(Instant::NEVER, None);
         assert_eq!(follow.measure(Instant::NEVER, 0.0), None);
+    }
+
+    const STEERING: ReachConfig = ReachConfig { speed: 0.7, least: 0.03 };
+
+    /// Commands `target` and measures the position after each 10 ms, which `step` gives from target and position; the
+    /// time of the first alarm.
+    fn steer(target: impl Fn(f64) -> f64, step: impl Fn(f64, f64) -> f64, s: f64) -> Option<f64> {
+        let mut reach = Reach::new(STEERING);
+        let mut position = 0.0;
+        (0..(s * 100.0) as u32).map(|step| f64::from(step) / 100.0).find(|at| {
+            let now = Instant::ZERO + Duration::from_secs_f64(100.0 + at);
+            reach.command(now, Some(target(*at)));
+            position = step(target(*at), position);
+            reach.measure(now, position).is_some()
+        })
+    }
+
+    #[test]
+    fn an_axis_that_does_not_approach_its_position_is_told_in_its_time() {
+        // Twice the way of 0.35 rad at 0.7 rad/s, and a second.
+        for speed in [0.0, 0.0001, -0.002] {
+            let alarm = steer(|_| 0.35, |_, position| position + speed, 10.0).unwrap();
+            assert!((1.95..2.1).contains(&alarm), "{speed}: {alarm}");
+        }
+        let jammed = steer(|at| if at < 3.0 { 0.0 } else { -0.2 }, |_, position| position, 10.0).unwrap();
+        assert!((4.5..4.7).contains(&jammed), "{jammed}");
+        // Its target is never the same twice, nor where it stands.
+        let alarm = steer(|at| 0.3 + 0.1 * libm::sin(20.0 * at), |_, position| position, 10.0).unwrap();
+        assert!((1.8..2.2).contains(&alarm), "{alarm}");
+    }
+
+    #[test]
+    fn an_axis_on_its_way_follows_whatever_its_targets() {
+        let steps = |target: f64, position: f64| position + (target - position).clamp(-0.007, 0.007);
+        let slow = |target: f64, position: f64| position + (target - position).clamp(-0.0018, 0.0018);
+        for period in [0.1, 0.3, 1.0, 3.0, 10.0] {
+            let wave = |at: f64| 0.6 * libm::sin(core::f64::consts::TAU * at / period);
+            assert_eq!(steer(wave, steps, 60.0), None, "{period}");
+            let square = |at: f64| 0.6 * wave(at).signum();
+            assert_eq!(steer(square, steps, 60.0), None, "{period}");
+        }
+        assert_eq!(steer(|_| 0.6, slow, 20.0), None, "a quarter of its speed");
+        assert_eq!(steer(|_| 0.6, |target, _| target - 0.02, 20.0), None, "it has play");
+        assert_eq!(steer(|_| 0.02, |_, position| position, 20.0), None, "below the least deviation");
+    }
+
+    #[test]
+    fn a_position_that_is_not_commanded_is_not_judged() {
+        let mut reach = Reach::new(STEERING);
+        let at = |ms| Instant::from_millis(1000 + ms);
+        for step in 0..1000_u64 {
+            // An order that ends each second.
+            reach.command(at(10 * step), Some(0.4).filter(|_| step % 100 != 0));
+            assert_eq!(reach.measure(at(10 * step), 0.0), None);
+        }
     }
 }

@@ -37,6 +37,8 @@ const LOST_AGE_MAX: Duration = Duration::from_millis(200);
 const MODE_PERIOD: Duration = Duration::from_millis(200);
 /// An emergency that is repeated is reported once in this time, with the number of repetitions.
 const REPEATED_PERIOD: Duration = Duration::from_secs(10);
+/// Number of emergencies whose repetitions are counted, also where they alternate.
+const EMERGENCIES_MAX: usize = 4;
 
 /// Number of consecutive unanswered requests after which the drive counts as not answering.
 const UNANSWERED_MAX: u8 = 2;
@@ -61,8 +63,8 @@ pub(super) enum Trouble {
     Stuck { state: Option<PowerState>, goal: Goal, statusword: u16, controlword: u16, why: Why },
     /// The drive does not acknowledge its set-point.
     NoTarget,
-    /// The drive is enabled and does not move as commanded; speeds in m/s.
-    NotFollowing(NotFollowing),
+    /// The drive is enabled and does not move as commanded; with the unit of target and measured value.
+    NotFollowing(NotFollowing, &'static str),
     /// The drive is in another mode of operation. It is booted again once the robot stands.
     Mode(WrongMode),
 }
@@ -89,7 +91,7 @@ impl Objection {
             Self::NotAnswering => Hold::DriveDeaf,
             Self::Trouble(Trouble::Dropped { .. }) => Hold::DriveDropped,
             Self::Trouble(Trouble::Stuck { .. }) => Hold::DriveStuck,
-            Self::Trouble(Trouble::NoTarget | Trouble::NotFollowing(_)) => Hold::DriveNoTarget,
+            Self::Trouble(Trouble::NoTarget | Trouble::NotFollowing(..)) => Hold::DriveNoTarget,
             Self::Trouble(Trouble::Mode(_)) => Hold::DriveParameter,
             Self::Fault(_) => Hold::DriveFault,
             Self::StateUnknown => Hold::DriveUnseen,
@@ -135,8 +137,8 @@ impl fmt::Display for Trouble {
                 write!(f, ", statusword 0x{statusword:04X} ({})", StatusBits(statusword))
             }
             Self::NoTarget => f.write_str("does not take its target"),
-            Self::NotFollowing(NotFollowing { target, measured }) => {
-                write!(f, "does not take its target: {measured:.2} instead of {target:.2} m/s")
+            Self::NotFollowing(NotFollowing { target, measured }, unit) => {
+                write!(f, "does not take its target: {measured:.2} instead of {target:.2} {unit}")
             }
             Self::Mode(WrongMode { asked, shown }) => {
                 write!(f, "does not hold its configuration: its mode is {}, not {}", ModeName(shown), ModeName(asked))
@@ -179,10 +181,11 @@ impl fmt::Display for InFault {
     }
 }
 
-/// The last emergency that was reported, and how often it came since.
+/// An emergency that was reported, when, and how often it came since.
 #[derive(Clone, Copy, Debug)]
 struct Reported {
     emergency: Emergency,
+    at: Instant,
     repeated: u32,
 }
 
@@ -200,7 +203,7 @@ base::deadlines! {
         /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
         /// so.
         NotAnswering,
-        /// The repetitions of an emergency are reported. Set since the first one.
+        /// The repetitions of emergencies are reported. Set since the first one.
         Repeated,
         /// A quick stop is sent without knowing the drive's state. Set while it is not booted and the bus is up.
         BlindStop,
@@ -227,7 +230,8 @@ pub(super) struct Drive {
     trouble: Option<Trouble>,
     /// [`Fault::DriveFault`] was raised.
     alarmed: bool,
-    reported: Option<Reported>,
+    /// The last different emergencies, at most [`EMERGENCIES_MAX`].
+    reported: Vec<Reported>,
     mode: ModeWatch,
     /// Current read of the mode.
     mode_ticket: Option<Ticket>,
@@ -261,7 +265,7 @@ impl Drive {
             inherited: false,
             trouble: None,
             alarmed: false,
-            reported: None,
+            reported: Vec::new(),
             mode: ModeWatch::new(MODE_PERIOD),
             mode_ticket: None,
             deadlines: Deadlines::new(),
@@ -311,7 +315,7 @@ impl Drive {
         self.deadlines.clear_all();
         (self.trouble, self.outdated) = (None, false);
         (self.pending, self.unanswered) = (0, 0);
-        self.reported = None;
+        self.reported.clear();
         self.mode.lost();
         self.mode_ticket = None;
         self.why = Absence::Lost(reason);
@@ -328,25 +332,52 @@ impl Drive {
         if self.is_in_fault() {
             self.raise_fault(out);
         }
-        if let Some(reported) = self.reported.as_mut().filter(|reported| reported.emergency == *emergency) {
+        let known = self.reported.iter_mut().find(|reported| reported.emergency == *emergency);
+        if let Some(reported) = known.filter(|reported| now.since(reported.at) < REPEATED_PERIOD) {
             reported.repeated = reported.repeated.saturating_add(1).saturating_add(suppressed);
             if !self.deadlines.is_set(Timer::Repeated) {
-                self.deadlines.set(Timer::Repeated, now + REPEATED_PERIOD);
+                self.deadlines.set(Timer::Repeated, reported.at + REPEATED_PERIOD);
             }
             return;
         }
-        self.report_repeated(out);
-        self.reported = Some(Reported { emergency: *emergency, repeated: 0 });
+        self.remember(now, emergency, out);
         let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
         self.report_emergency(emergency, &more, out);
     }
 
-    /// Reports how often the last emergency was repeated.
-    fn report_repeated(&mut self, out: &mut Actions) {
-        self.deadlines.clear(Timer::Repeated);
-        let Some(Reported { emergency, repeated: 1.. }) = self.reported else { return };
-        let repeated = self.reported.as_mut().map_or(0, |reported| std::mem::take(&mut reported.repeated));
-        self.report_emergency(&emergency, &format!(", repeated {repeated} times"), out);
+    /// The emergency is about to be reported. It takes the place of its last report, or of the oldest one.
+    fn remember(&mut self, now: Instant, emergency: &Emergency, out: &mut Actions) {
+        self.report_repeated(now, out);
+        self.reported.retain(|reported| reported.emergency != *emergency);
+        if self.reported.len() == EMERGENCIES_MAX {
+            let oldest = self.reported.remove(0);
+            self.report_repetitions(&oldest, out);
+        }
+        self.reported.push(Reported { emergency: *emergency, at: now, repeated: 0 });
+    }
+
+    /// Reports the repetitions of emergencies whose last report is old enough.
+    fn report_repeated(&mut self, now: Instant, out: &mut Actions) {
+        let is_due = |reported: &Reported| now.since(reported.at) >= REPEATED_PERIOD;
+        let (due, mut rest): (Vec<_>, Vec<_>) = self.reported.drain(..).partition(is_due);
+        for reported in due {
+            self.report_repetitions(&reported, out);
+            if reported.repeated > 0 {
+                rest.push(Reported { at: now, repeated: 0, ..reported });
+            }
+        }
+        self.reported = rest;
+        let next = self.reported.iter().filter(|reported| reported.repeated > 0).map(|reported| reported.at).min();
+        match next {
+            Some(at) => self.deadlines.set(Timer::Repeated, at + REPEATED_PERIOD),
+            None => self.deadlines.clear(Timer::Repeated),
+        }
+    }
+
+    fn report_repetitions(&self, reported: &Reported, out: &mut Actions) {
+        if reported.repeated > 0 {
+            self.report_emergency(&reported.emergency, &format!(", repeated {} times", reported.repeated), out);
+        }
     }
 
     fn report_emergency(&self, emergency: &Emergency, more: &str, out: &mut Actions) {
@@ -592,7 +623,7 @@ impl Drive {
             self.outdated = true;
         }
         if self.deadlines.is_due(Timer::Repeated, now) {
-            self.report_repeated(out);
+            self.report_repeated(now, out);
         }
         self.axis.handle_timeout(now);
         self.drain(now, out);

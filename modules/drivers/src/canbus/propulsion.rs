@@ -90,7 +90,7 @@ impl Propulsion {
     pub(super) fn watch(&mut self, now: Instant, target: Option<f64>, measured: Option<f64>, out: &mut Actions) {
         self.follow.command(now, target);
         let Some(lag) = measured.and_then(|speed| self.follow.measure(now, speed)) else { return };
-        let why = Trouble::NotFollowing(lag);
+        let why = Trouble::NotFollowing(lag, "m/s");
         self.drive.alarm(format!("propulsion drive {why}: the robot stops"), out);
         self.drive.block_until_stopped(now, why);
     }

@@ -8,7 +8,7 @@ use base::{Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
-use canopen::axis::{Goal, Rate, Units, control};
+use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units, control};
 use canopen::drives::{cia402, icla};
 use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, NodeConfig, Payload, sdo};
@@ -25,6 +25,8 @@ const HOMING_RETRIES: u8 = 2;
 const STRAIGHT_MAX_RAD: f64 = 0.01;
 /// Speed of the search for the switch's edge, relative to the speed towards it.
 const ZERO_SEARCH_SPEED_RATIO: f64 = 0.2;
+/// Deviation from the commanded angle that is not judged, rad: the play, and the lag of the position loop.
+const REACHED_RAD: f64 = 0.03;
 /// Durations of the steering's ramps, s: to full speed, and from there to standstill in a quick stop.
 const RAMP_S: f64 = 0.1;
 const QUICK_STOP_RAMP_S: f64 = 0.05;
@@ -105,6 +107,9 @@ pub(super) struct Steering {
     setpoint: Setpoint,
     /// Measured position, counts.
     position: Option<i32>,
+    /// Measured since it was compared with the target.
+    measured: bool,
+    reach: Reach,
 }
 
 impl Steering {
@@ -121,6 +126,7 @@ impl Steering {
             timeout: config.homing_timeout,
         };
         let check = ReferenceCheck::new(homing.method, units.position(config.switch));
+        let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD });
         Self {
             drive: Drive::new("steering", config.node, icla::axis_config()),
             config,
@@ -138,6 +144,8 @@ impl Steering {
             unanswered: 0,
             setpoint: Setpoint::new(ACKNOWLEDGE_TIMEOUT),
             position: None,
+            measured: false,
+            reach,
         }
     }
 
@@ -184,6 +192,7 @@ impl Steering {
 
     pub(super) fn on_position(&mut self, now: Instant, counts: i32) {
         self.position = Some(counts);
+        self.measured = true;
         self.drive.on_measured(now);
     }
 
@@ -287,6 +296,7 @@ impl Steering {
         self.advance_homing(now, master, out);
         self.drive.expect_mode(now, self.homing.mode(), master);
         self.advance_setpoint(now, out);
+        self.watch(now, out);
         let data = self.command();
         self.drive.send(now, master, icla::PDOS.rpdo, data);
     }
@@ -382,6 +392,21 @@ impl Steering {
             (self.reference, self.released) = (Reference::Known, false);
             out.note("the steering is homed: the robot may be driven");
         }
+    }
+
+    /// Compares a measured angle with the one that the enabled drive is commanded: one that stands although it is to
+    /// steer stops the robot.
+    fn watch(&mut self, now: Instant, out: &mut Actions) {
+        let target = match (self.goal, &self.reference) {
+            (SteeringGoal::Go(angle), Reference::Known) if self.drive.axis.is_enabled() => Some(angle),
+            _ => None,
+        };
+        self.reach.command(now, target);
+        let measured = std::mem::take(&mut self.measured).then(|| self.angle());
+        let Some(lag) = measured.and_then(|angle| self.reach.measure(now, angle)) else { return };
+        let why = Trouble::NotFollowing(lag, "rad");
+        self.drive.alarm(format!("steering drive {why}: the robot stops"), out);
+        self.drive.block_until_stopped(now, why);
     }
 
     fn command(&self) -> [u8; 6] {

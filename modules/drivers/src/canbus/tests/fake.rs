@@ -127,8 +127,10 @@ impl Fake {
             }
             1 if enabled && word & 0x10 != 0 => {
                 self.bits |= status::MODE_12;
-                let target = self.get(0x607A);
-                self.node.set(0x6064, 0, target);
+                if !self.blocked {
+                    let target = self.get(0x607A);
+                    self.node.set(0x6064, 0, target);
+                }
             }
             1 => self.bits &= !status::MODE_12,
             6 if enabled && word & 0x10 != 0 && self.homing.is_none() && self.bits & status::MODE_12 == 0 => {

@@ -162,6 +162,61 @@ fn a_drive_that_stands_although_it_is_to_move_stops_the_robot() {
 }
 
 #[test]
+fn a_steering_that_stands_although_it_is_to_steer_stops_the_robot() {
+    let mut robot = Robot::ready();
+    robot.press(0.4);
+    robot.drive(0.4, 2000);
+    // It is enabled and acknowledges its targets, its motor does not turn, and it reports no following error.
+    robot.icla.blocked = true;
+    robot.errors.clear();
+    let steer = |robot: &mut Robot, ms: u32| {
+        for _ in 0..ms / 50 {
+            robot.command(0.4, 0.35);
+            robot.pass(50);
+        }
+    };
+    let begin = robot.bench.now();
+    steer(&mut robot, 1500);
+    assert_eq!((robot.hold(), robot.errors.is_empty()), (None, true), "{}", robot.reason());
+    while robot.hold().is_none() {
+        steer(&mut robot, 50);
+        assert!(robot.bench.now().since(begin) < Duration::from_millis(2500), "it is not noticed");
+    }
+    assert_eq!(robot.hold(), Some(Hold::DriveNoTarget), "{}", robot.reason());
+    assert_eq!(robot.motion().reason, "the steering drive does not take its target: 0.00 instead of 0.35 rad");
+    assert!(!robot.moves());
+    steer(&mut robot, 3000);
+    assert_eq!(reports(&robot, Fault::DriveFault), [Severity::Error, Severity::Notice]);
+    assert_eq!(robot.hold(), Some(Hold::NotReleased));
+    robot.icla.blocked = false;
+    robot.press(0.4);
+    steer(&mut robot, 5000);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn emergencies_that_alternate_are_reported_with_their_numbers() {
+    let mut robot = Robot::ready();
+    robot.errors.clear();
+    for _ in 0..20 {
+        robot.epos.node.emergency(0x3210, 0x04, [0; 5]);
+        robot.pass(200);
+        robot.epos.node.emergency(0, 0, [0; 5]);
+        robot.pass(200);
+    }
+    assert_eq!(reports(&robot, Fault::DriveEmergency), [Severity::Error, Severity::Notice]);
+    robot.pass(12_000);
+    assert_eq!(reports(&robot, Fault::DriveEmergency).len(), 4, "the others of each, in one report");
+    // Long after, it is news again; a fifth one displaces the oldest, and nothing that was counted is lost.
+    robot.pass(20_000);
+    for code in [0x3210, 0x3210, 0x4210, 0x5210, 0x6210, 0x7210] {
+        robot.epos.node.emergency(code, 0x04, [0; 5]);
+        robot.pass(500);
+    }
+    assert_eq!(reports(&robot, Fault::DriveEmergency).len(), 4 + 5 + 1);
+}
+
+#[test]
 fn an_emergency_that_is_repeated_is_reported_with_its_number() {
     let mut robot = Robot::ready();
     robot.errors.clear();

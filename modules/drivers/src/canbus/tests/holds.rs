@@ -179,11 +179,11 @@ fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
             "the steering drive does not hold its configuration: its mode is -4, not 1 (profile position)",
         ),
         (
-            steering(drive::Objection::Trouble(drive::Trouble::NotFollowing(NotFollowing {
-                target: 0.4,
-                measured: 0.0,
-            }))),
-            "the steering drive does not take its target: 0.00 instead of 0.40 m/s",
+            steering(drive::Objection::Trouble(drive::Trouble::NotFollowing(
+                NotFollowing { target: 0.4, measured: 0.0 },
+                "rad",
+            ))),
+            "the steering drive does not take its target: 0.00 instead of 0.40 rad",
         ),
         (steering(drive::Objection::NotAnswering), "the steering drive does not answer"),
         (steering(drive::Objection::StateUnknown), "the steering drive has not reported its state"),
