@@ -45,6 +45,8 @@ const DETECTION_PROBABILITY: (f64, f64) = (0.75, 0.38);
 const EXISTENCE_HALF_LIFE_S: f64 = 2.0;
 /// Tracks closer to each other than this are merged, m.
 const MERGE_DISTANCE_M: f64 = 0.30;
+/// Distance from the place where a person was first heard within which it counts as standing, m.
+const STANDS_WITHIN_M: f64 = 0.25;
 /// Position uncertainty above which a track is deleted, m.
 const SIGMA_MAX_M: f64 = 1.0;
 /// Longest gap between two rounds; all tracks are deleted after a longer one, s.
@@ -80,8 +82,8 @@ pub struct Person {
     pub velocity_sigma: f64,
     /// True if the track is confirmed; otherwise it may be a false alarm.
     pub confirmed: bool,
-    /// Number of echoes that belong to it, at most 255.
-    pub echoes: u8,
+    /// Number of its echoes since it came to the place where it stands, at most 255; few while it walks.
+    pub echoes_here: u8,
 }
 
 /// Position and velocity (x, y, vx, vy) with their covariance.
@@ -92,7 +94,9 @@ struct Track {
     existence: f64,
     /// True once the existence probability exceeds [`CONFIRM_ABOVE`], until it falls below [`UNCONFIRM_BELOW`].
     confirmed: bool,
-    echoes: u8,
+    /// Place that it has not left by more than [`STANDS_WITHIN_M`], and its echoes since then.
+    here: Point,
+    echoes_here: u8,
 }
 
 /// All tracks.
@@ -205,7 +209,7 @@ impl People {
                 sigma: track.sigma(),
                 velocity_sigma,
                 confirmed: track.confirmed,
-                echoes: track.echoes,
+                echoes_here: track.echoes_here,
             }
         })
     }
@@ -250,7 +254,8 @@ impl Track {
     fn new(reading: &Reading, distance: f64) -> Self {
         let (cos, sin) = reading.axis;
         let middle = distance + LEG_TO_MIDDLE_M;
-        let mean = [reading.from.x + middle * cos, reading.from.y + middle * sin, 0.0, 0.0];
+        let here = Point { x: reading.from.x + middle * cos, y: reading.from.y + middle * sin };
+        let mean = [here.x, here.y, 0.0, 0.0];
         let (near, wide) = noise(distance, reading.spread);
         let mut covariance = [[0.0; 4]; 4];
         covariance[0][0] = near * cos * cos + wide * sin * sin;
@@ -259,7 +264,7 @@ impl Track {
         covariance[1][0] = covariance[0][1];
         covariance[2][2] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
         covariance[3][3] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
-        Self { mean, covariance, existence: EXISTENCE_INITIAL, confirmed: false, echoes: 1 }
+        Self { mean, covariance, existence: EXISTENCE_INITIAL, confirmed: false, here, echoes_here: 1 }
     }
 
     fn at(&self) -> Point {
@@ -311,11 +316,14 @@ impl Track {
     }
 
     fn detect(&mut self, reading: &Reading, echo: &Echo) {
-        self.echoes = self.echoes.saturating_add(1);
         let (cos, sin) = reading.axis;
         let (near, wide) = noise(echo.distance, reading.spread);
         self.correct((cos, sin), echo.along, near);
         self.correct((-sin, cos), echo.across, wide);
+        if self.at().distance(self.here) > STANDS_WITHIN_M {
+            (self.here, self.echoes_here) = (self.at(), 0);
+        }
+        self.echoes_here = self.echoes_here.saturating_add(1);
         // Likelihood ratio of the echo: this person against a false alarm.
         let density = libm::exp(-echo.along * echo.along / (2.0 * echo.spread.0))
             / libm::sqrt(core::f64::consts::TAU * echo.spread.0);
@@ -401,6 +409,20 @@ mod tests {
         let wall = Reading { echo: Some(1.0), mapped: true, ..silent(now, (1.0, 0.0)) };
         people.update(&[wall; 4], |_| false);
         assert_eq!(people.around(now).count(), 0);
+    }
+
+    #[test]
+    fn echoes_of_one_place_are_counted_as_long_as_a_person_stands_there() {
+        let from = Point { x: 2.4, y: 0.0 };
+        let here = |velocity, rounds| {
+            let mut people = People::default();
+            let now = follow(&mut people, from, velocity, rounds);
+            people.around(now).find(|person| person.confirmed).unwrap().echoes_here
+        };
+        assert!(here((0.0, 0.0), 8) >= 8 && here((0.0, 0.0), 20) > here((0.0, 0.0), 8));
+        for speed in [0.4, 0.7, 1.0] {
+            assert!(here((-speed, 0.0), 8) < 6, "{speed}: {}", here((-speed, 0.0), 8));
+        }
     }
 
     #[test]

@@ -124,6 +124,13 @@ fn a_person_who_was_just_found_is_expected_to_come() {
 }
 
 #[test]
+fn a_person_who_walks_may_turn_round_however_often_heard() {
+    // Away from the robot; a standing one there does not slow it.
+    let [walks, stands] = [0.4, 0.0].map(|vx| allowed(2.3, 0.0, (vx, 0.0), 12));
+    assert!(walks < 0.8 * stands, "{walks} {stands}");
+}
+
+#[test]
 fn a_person_about_to_cross_the_path_stops_the_robot_and_one_who_has_crossed_does_not() {
     let crosses = allowed(1.4, 0.7, (0.0, -0.9), 6);
     let crossed = allowed(1.4, 0.7, (0.0, 0.9), 6);
