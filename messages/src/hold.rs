@@ -278,8 +278,8 @@ impl Hold {
         matches!(self, Self::NobodyCommands | Self::NoGoal)
     }
 
-    /// True if the module acts, but not as far as it is commanded to: a speed is bounded, or the base cannot do a part of
-    /// the motion.
+    /// True if the module acts, but not as far as it is commanded to: a speed is bounded, or the base cannot do a part
+    /// of the motion.
     #[must_use]
     pub const fn is_notice(self) -> bool {
         matches!(

@@ -1,4 +1,4 @@
-//! `LL_CMD_VELOCITY` on the whole robot: it drives the commanded circle, `LL_DATA_VELOCITY` says what the body does, and
+//! `LL_CMD_VELOCITY` on the whole robot: it drives the commanded circle, `LL_DATA_VELOCITY` is what the body does, and
 //! the guard stops it before a wall.
 
 use super::guard::{Guarded, guarded};

@@ -13,7 +13,7 @@
 //! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
-//! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too: they stop nothing | the process of the motion's driver, likewise |
+//! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too | the process of the motion's driver, likewise |
 //! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
 //! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
 //! | others | any sender |

@@ -1,4 +1,4 @@
-//! Body of the robot: from a commanded velocity to the set-points of its axes, and from what they measure to a velocity.
+//! Body of the robot: from a commanded velocity to set-points of the axes, and from what they measure to a velocity.
 //!
 //! The only part of the driver that knows the wheels. Another base is another [`Chassis`], and other axes here.
 
@@ -64,8 +64,8 @@ impl Body {
         (self.speed_max, self.rotation_max)
     }
 
-    /// Set-points for a commanded velocity that is within limits. Of a turn that is too narrow the narrowest one remains,
-    /// so that the robot does not leave the curve straight ahead; a robot that stands keeps its steering.
+    /// Set-points for a commanded velocity that is within limits. Of a turn that is too narrow the narrowest one
+    /// remains, so that the robot does not leave the curve straight ahead; a robot that stands keeps its steering.
     pub(super) fn set_points(&self, command: Twist) -> SetPoints {
         let feasible = self.chassis.feasible(command);
         let wheels = self.chassis.wheel_states(feasible.twist, &[]);
@@ -84,7 +84,7 @@ impl Body {
         if speed == 0.0 { Twist::ZERO } else { self.velocity(speed, steering).twist }
     }
 
-    /// Velocity at this speed, m/s, and steering angle, rad; NaN where it is unknown. The rotation depends on the angle,
+    /// Velocity at this speed, m/s, and steering angle, rad; NaN where it is unknown. The rotation depends on the angle;
     /// the velocity of the rear axle does not.
     pub(super) fn velocity(&self, speed: f64, steering: f64) -> Measured {
         let turned = steering.is_finite();

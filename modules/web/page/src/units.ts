@@ -162,6 +162,7 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["vx", "m/s"],
     ["vy", "m/s"],
     ["omega", "rad/s"],
+    ["vx_target", "m/s"],
     ["vy_target", "m/s"],
     ["omega_target", "rad/s"],
     ["residual", "m/s"],
