@@ -572,8 +572,8 @@ fn both_messages_of_a_source_are_its_commands() {
     );
     check("begin pad 0.4 \n velocity pad 0.3 0.1 \n +3 drive 0.4 ! fresh");
     // A rotation alone is no release.
-    check("begin pad 0.4 \n stop \n velocity pad 0 0 \n +20 velocity pad 0.3 0 \n drive 0.3");
-    check("begin pad 0.4 \n stop \n velocity pad 0 0.1 \n +20 velocity pad 0.3 0 \n drive 0.3 ! resumes");
+    check("begin pad 0.4 \n +50 stop \n +50 velocity pad 0 0 \n +20 velocity pad 0.3 0 \n drive 0.3");
+    check("begin pad 0.4 \n +50 stop \n +50 velocity pad 0 0.1 \n +20 velocity pad 0.3 0 \n drive 0.3 ! resumes");
     check("begin pad 0.4 \n velocity shell 0.4 1.5 \n +3 drive 0.4 ! refused");
     check("begin pad 0.4 \n velocity shell 0.4 NaN \n +3 drive 0.4 ! refused");
     check("begin pad 0.4 \n velocity shell 1.3 0 \n +3 drive 0.4 ! refused");
