@@ -32,10 +32,10 @@ pub struct Drive {
 }
 
 const EXAMPLES: &str = "Examples:
-  advee drive 0.3 0 --for 2     2 s straight on, at 0.3 m/s
-  advee drive 0.3 0.2           to the left, until Ctrl-C
+  advee drive 0.3 0 --for 2         2 s straight on, at 0.3 m/s
+  advee drive 0.3 0.2               to the left, until Ctrl-C
   advee drive 0.3 --rotation 0.2    to the left by 0.2 rad/s
-  advee drive -0.2 0 --for 1    backward";
+  advee drive -0.2 0 --for 1        backward";
 
 const PERIOD: Duration = Duration::from_millis(50);
 /// Time limit, sending zero, for the robot to get ready; homing takes its time.
