@@ -1,4 +1,5 @@
-//! `advee drive SPEED STEERING [--for S]`: a manual source of motion at 20 Hz, which begins and ends with zero.
+//! `advee drive SPEED STEERING [--for S]`: a manual source of motion at 20 Hz, which begins and ends with zero. With
+//! `--rotation` in place of the steering angle it commands a velocity of the body.
 //! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing.
 
 use super::bus::{Heard, Tool};
@@ -6,8 +7,8 @@ use super::release::Release;
 use super::{Common, Failed, Outcome, finite, print, seconds};
 use base::{Duration, Instant, Ticker};
 use host::clock;
-use messages::lowlevel::{CmdCreep, CmdMotion, DataMotion};
-use messages::{Channel, Message};
+use messages::lowlevel::{CmdCreep, CmdMotion, CmdVelocity, DataMotion};
+use messages::{Channel, Message, lowlevel};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -17,8 +18,11 @@ pub struct Drive {
     #[arg(value_parser = finite)]
     speed: f64,
     /// rad, to the left
-    #[arg(value_parser = finite)]
-    steering: f64,
+    #[arg(value_parser = finite, required_unless_present = "rotation")]
+    steering: Option<f64>,
+    /// Rotation to the left, rad/s, in place of STEERING
+    #[arg(long, value_name = "RADPS", value_parser = finite, conflicts_with = "steering")]
+    rotation: Option<f64>,
     /// Duration, s; without it until Ctrl-C
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<Duration>,
@@ -28,9 +32,10 @@ pub struct Drive {
 }
 
 const EXAMPLES: &str = "Examples:
-  advee drive 0.3 0 --for 2     2 s straight on, at 0.3 m/s
-  advee drive 0.3 0.2           to the left, until Ctrl-C
-  advee drive -0.2 0 --for 1    backward";
+  advee drive 0.3 0 --for 2         2 s straight on, at 0.3 m/s
+  advee drive 0.3 0.2               to the left, until Ctrl-C
+  advee drive 0.3 --rotation 0.2    to the left by 0.2 rad/s
+  advee drive -0.2 0 --for 1        backward";
 
 const PERIOD: Duration = Duration::from_millis(50);
 /// Time limit, sending zero, for the robot to get ready; homing takes its time.
@@ -42,16 +47,69 @@ const STANDS_MPS: f64 = 0.01;
 /// Less counts as not having steered.
 const STEERED_RAD: f64 = 0.01;
 
+/// What is commanded beside the speed.
+#[derive(Clone, Copy)]
+enum Turn {
+    /// rad: `LL_CMD_MOTION`.
+    Steering(f64),
+    /// rad/s: `LL_CMD_VELOCITY`.
+    Rotation(f64),
+}
+
+impl Turn {
+    fn of(command: &Drive) -> Self {
+        match command.rotation {
+            Some(rotation) => Self::Rotation(rotation),
+            None => Self::Steering(command.steering.unwrap_or(0.0)),
+        }
+    }
+
+    /// The same message without a turn.
+    fn none(self) -> Self {
+        match self {
+            Self::Steering(_) => Self::Steering(0.0),
+            Self::Rotation(_) => Self::Rotation(0.0),
+        }
+    }
+
+    /// Goes with zero speed at the end: the wheels keep their angle.
+    fn at_rest(self) -> Self {
+        match self {
+            Self::Steering(_) => self,
+            Self::Rotation(_) => Self::Rotation(0.0),
+        }
+    }
+
+    /// True if it is carried out with the steering angle `from`, rad.
+    fn is_none_from(self, from: f64) -> bool {
+        match self {
+            Self::Steering(steering) => (steering - from).abs() < STEERED_RAD,
+            Self::Rotation(rotation) => rotation == 0.0,
+        }
+    }
+
+    fn words(self) -> String {
+        match self {
+            Self::Steering(steering) => format!("{steering} rad"),
+            Self::Rotation(rotation) => format!("{rotation} rad/s"),
+        }
+    }
+}
+
 /// Commands sent, and messages received.
 struct Session {
     tool: Tool,
     grid: Ticker,
     last: Option<DataMotion>,
     told: String,
+    /// Why the robot does not do all that it is commanded to do; empty if it does.
+    bounded: String,
     /// What waits for an operator is released; absent once the robot is ready.
     release: Option<Release>,
-    /// Number of this session; set while it creeps past the guard.
-    creep: Option<i64>,
+    /// Number of this session.
+    number: i64,
+    /// It creeps past the guard.
+    creeps: bool,
 }
 
 /// Why a phase ended.
@@ -64,11 +122,20 @@ enum End {
 
 pub fn drive(common: &Common, command: &Drive) -> Outcome {
     let tool = Tool::join(common, "drive", &[Channel::LlDataMotion, Channel::LlDataHold])?;
-    let (creep, grid) = (command.creep.then(|| tool.timestamp()), Ticker::new(clock::now(), PERIOD));
-    let mut session = Session { tool, grid, last: None, told: String::new(), release: Some(Release::default()), creep };
+    let (number, grid, turn) = (tool.timestamp(), Ticker::new(clock::now(), PERIOD), Turn::of(command));
+    let mut session = Session {
+        tool,
+        grid,
+        last: None,
+        told: String::new(),
+        bounded: String::new(),
+        release: Some(Release::default()),
+        number,
+        creeps: command.creep,
+    };
     // Drives that were in fault have no torque before a motion is commanded.
     let ready = |motion: &DataMotion| motion.homed && motion.reason.is_empty();
-    match session.command(0.0, 0.0, clock::now() + READY, ready)? {
+    match session.command(0.0, turn.none(), clock::now() + READY, ready)? {
         End::Reached => {}
         End::Time => {
             return Err(format!("not ready within {} s: {}", READY.as_secs(), session.reason(common)).into());
@@ -76,17 +143,17 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         End::Interrupt => return Err("interrupted before the robot was ready".into()),
     }
     session.release = None;
-    let _ = print(format_args!("driving at {} m/s, {} rad", command.speed, command.steering));
+    let _ = print(format_args!("driving at {} m/s, {}", command.speed, turn.words()));
     let from = session.last.as_ref().map_or(0.0, |motion| motion.steering);
-    let mut moved = command.speed.abs() < STANDS_MPS && (command.steering - from).abs() < STEERED_RAD;
+    let mut moved = command.speed.abs() < STANDS_MPS && turn.is_none_from(from);
     let until = command.time.map_or(Instant::NEVER, |time| clock::now() + time);
-    session.command(command.speed, command.steering, until, |motion| {
+    session.command(command.speed, turn, until, |motion| {
         moved |= motion.speed.abs() >= STANDS_MPS || (motion.steering - from).abs() >= STEERED_RAD;
         false
     })?;
     let why_not = session.reason(common);
     let stands = |motion: &DataMotion| motion.speed.abs() < STANDS_MPS && motion.speed_target == 0.0;
-    let stood = session.command(0.0, command.steering, clock::now() + STAND, stands)?;
+    let stood = session.command(0.0, turn.at_rest(), clock::now() + STAND, stands)?;
     if !moved {
         return Err(format!("the robot did not move: {why_not}").into());
     }
@@ -104,7 +171,7 @@ impl Session {
     fn command(
         &mut self,
         speed: f64,
-        steering: f64,
+        turn: Turn,
         until: Instant,
         mut reached: impl FnMut(&DataMotion) -> bool,
     ) -> Result<End, Failed> {
@@ -115,11 +182,20 @@ impl Session {
             }
             if self.grid.due(now) {
                 let (timestamp, source) = (self.tool.timestamp(), self.tool.source.clone());
-                if let Some(session) = self.creep {
+                let (session, priority) = (self.number, CmdMotion::REMOTE);
+                if self.creeps {
                     let (source, held) = (source.clone(), speed != 0.0);
                     self.tool.publish(CmdCreep { timestamp, source, session, held })?;
                 }
-                self.tool.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source })?;
+                match turn {
+                    Turn::Steering(steering) => {
+                        self.tool.publish(CmdMotion { timestamp, speed, steering, priority, source })?;
+                    }
+                    Turn::Rotation(omega) => {
+                        let (vx, vy) = (speed, 0.0);
+                        self.tool.publish(CmdVelocity { timestamp, vx, vy, omega, priority, source, session })?;
+                    }
+                }
             }
             match self.tool.hear(self.grid.next().min(until))? {
                 Heard::Message(Message::LlDataMotion(motion)) => {
@@ -131,6 +207,9 @@ impl Session {
                     }
                 }
                 Heard::Message(Message::LlDataHold(list)) => {
+                    if list.is_of_motion() {
+                        self.bounded = list.holds.first().map_or_else(String::new, lowlevel::Hold::words);
+                    }
                     if let Some(release) = &mut self.release {
                         release.on_holds(&mut self.tool, &list)?;
                     }
@@ -161,6 +240,7 @@ impl Session {
             Some(motion) if motion.source != self.tool.source => {
                 format!("{:?} holds the motion", motion.source)
             }
+            Some(_) if !self.bounded.is_empty() => self.bounded.clone(),
             Some(_) => "no reason is known".into(),
         }
     }

@@ -19,11 +19,12 @@ const SIGNS: [Channel; 2] = [Channel::CmDataProcesses, Channel::LlDataMotion];
 
 /// Channels of a robot's own modules by which its other modules decide whether it may move, and where. Commands are not
 /// among them: who may command is configured (`[bus] commands`).
-const SAFETY: [Channel; 16] = [
+const SAFETY: [Channel; 17] = [
     Channel::CmDataProcesses,
     Channel::CmDataState,
     Channel::LlEventStop,
     Channel::LlDataMotion,
+    Channel::LlDataVelocity,
     Channel::LlDataGuard,
     Channel::LlDataHold,
     Channel::LlDataAxes,

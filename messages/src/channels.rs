@@ -53,6 +53,8 @@ macro_rules! channels {
                     | Self::LlDataOdo
                     | Self::LlCmdMotion
                     | Self::LlDataMotion
+                    | Self::LlCmdVelocity
+                    | Self::LlDataVelocity
                     | Self::LlCmdCreep
                     | Self::LlCmdHoming
                     | Self::LlCmdPower
@@ -140,6 +142,8 @@ channels! {
     LlDataActiveBeacons = "LL_DATA_ACTIVE_BEACONS": lowlevel::DataActiveBeacons;
     LlCmdMotion = "LL_CMD_MOTION": lowlevel::CmdMotion;
     LlDataMotion = "LL_DATA_MOTION": lowlevel::DataMotion;
+    LlCmdVelocity = "LL_CMD_VELOCITY": lowlevel::CmdVelocity;
+    LlDataVelocity = "LL_DATA_VELOCITY": lowlevel::DataVelocity;
     LlDataGuard = "LL_DATA_GUARD": lowlevel::DataGuard;
     LlCmdCreep = "LL_CMD_CREEP": lowlevel::CmdCreep;
     LlDataAxes = "LL_DATA_AXES": lowlevel::DataAxes;

@@ -8,7 +8,7 @@
 //! | 100 to 199 | the PAUSE line |
 //! | 200 to 299 | the CAN bus and its drives |
 //! | 300 to 399 | modules |
-//! | 400 to 499 | sources of motion commands |
+//! | 400 to 499 | sources of motion commands, and what they command |
 //! | 500 to 599 | position and sensors |
 //! | 600 to 699 | the goal |
 //! | 700 to 799 | the guard: what is sensed, or not known, around the robot |
@@ -160,6 +160,16 @@ holds! {
     /// The cause of a quick stop has ended, and the robot still brakes: it is served when it stands. No subject.
     Stopping = 408, "the robot finishes its stop", "Wait a moment: it stands within a second.";
 
+    /// A velocity to the side is commanded: the base has none, and it is left out. A notice. Subject: the source.
+    NoSideways = 411, "{} commands motion to the side, which the base cannot do",
+        "Nothing is wrong: {} must command forward speed and rotation only.";
+    /// A turn on the spot is commanded: the base cannot do it, and stands. A notice. Subject: the source.
+    NoTurnOnSpot = 412, "{} commands a turn on the spot, which the base cannot do",
+        "Nothing is wrong: {} must command a forward speed with the rotation.";
+    /// A narrower turn is commanded than the base reaches: it drives the narrowest. A notice. Subject: the source.
+    TurnTooNarrow = 413, "{} commands a narrower turn than the base can do: it turns as tightly as it can",
+        "Nothing is wrong: {} must command more speed or less rotation.";
+
     /// No estimate was received since the start. No subject.
     NoEstimate = 501, "no estimate of the position has come yet", "Wait some seconds; the estimator must run.";
     /// The estimator does not know the position. No subject.
@@ -268,12 +278,16 @@ impl Hold {
         matches!(self, Self::NobodyCommands | Self::NoGoal)
     }
 
-    /// True if the module acts, but not as far as it is commanded to: a speed is bounded.
+    /// True if the module acts, but not as far as it is commanded to: a speed is bounded, or the base cannot do a part
+    /// of the motion.
     #[must_use]
     pub const fn is_notice(self) -> bool {
         matches!(
             self,
-            Self::GuardStops
+            Self::NoSideways
+                | Self::NoTurnOnSpot
+                | Self::TurnTooNarrow
+                | Self::GuardStops
                 | Self::GuardSlows
                 | Self::GuardUnknown
                 | Self::GuardBlind
@@ -452,6 +466,9 @@ mod tests {
             (404, "web:Jana", "web:Jana must wait: another source of its priority moves the robot"),
             (405, "web:Jana", "web:Jana must send zero first: the robot was stopped"),
             (406, "planner", "planner waits: an operator must resume it"),
+            (411, "web:Jana", "web:Jana commands motion to the side, which the base cannot do"),
+            (412, "web:Jana", "web:Jana commands a turn on the spot, which the base cannot do"),
+            (413, "pad", "pad commands a narrower turn than the base can do: it turns as tightly as it can"),
             (511, "estimator", "the planner may not drive: estimator is not running"),
             (512, "", "the planner has no estimate to drive by"),
         ] {

@@ -38,6 +38,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         rpm_per_mps: 60.0 * gear / robot.geometry.wheel_circumference_m(),
         speed: robot.limits.speed_mps,
         steering_angle: robot.limits.steering_rad,
+        wheelbase: robot.geometry.wheelbase_m,
         speed_manual: robot.limits.speed_manual_mps,
         speed_autonomous: robot.limits.speed_autonomous_mps,
         quick_stop: robot.limits.quick_stop_mps2,

@@ -82,6 +82,8 @@ pub struct Limits {
     pub speed: f64,
     /// Maximum steering angle of a command, rad; a greater one is rejected.
     pub steering_angle: f64,
+    /// Rear axle to front axle, m: the tightest turn at the maximum speed is the maximum rotation of a command.
+    pub wheelbase: f64,
     /// Speed limit of manual sources, m/s.
     pub speed_manual: f64,
     /// Speed limit of the planner, m/s.

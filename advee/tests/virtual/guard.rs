@@ -3,13 +3,13 @@
 use super::*;
 use messages::simulation::{CmdFault, DataTruth};
 
-struct Guarded {
-    robot: Robot,
-    truth: Rc<RefCell<DataTruth>>,
+pub struct Guarded {
+    pub robot: Robot,
+    pub truth: Rc<RefCell<DataTruth>>,
 }
 
 /// Shipped robot with a guard, homed.
-fn guarded(seed: u64) -> Guarded {
+pub fn guarded(seed: u64) -> Guarded {
     let mut robot = Robot::at(&guarded_place(), Config { seed, ..Config::default() });
     let truth = Rc::new(RefCell::new(DataTruth::default()));
     let keep = truth.clone();

@@ -14,6 +14,7 @@ mod patrol;
 mod power;
 mod stops;
 mod storm;
+mod velocity;
 
 use base::{Duration, Instant, can};
 use messages::{Hold, Message, lowlevel};

@@ -42,6 +42,8 @@ pub struct Model {
     pub log: Slot<common::DataLog>,
     /// Motion, and the reason for a standstill.
     pub motion: Slot<lowlevel::DataMotion>,
+    /// Velocity of the body.
+    pub velocity: Slot<lowlevel::DataVelocity>,
     /// Greatest speeds that can still be stopped, with the fields: at most 4, of at most 64 corners each.
     pub guard: Slot<lowlevel::DataGuard>,
     /// PAUSE line.
@@ -82,7 +84,14 @@ pub struct Model {
     pub clock: Slot<simulation::DataClock>,
     holds: BTreeMap<String, Slot<lowlevel::DataHold>>,
     buses: BTreeMap<String, Slot<lowlevel::DataBus>>,
-    commands: BTreeMap<String, Slot<lowlevel::CmdMotion>>,
+    commands: BTreeMap<String, Slot<Commanded>>,
+}
+
+/// Last motion command of a source, of either message: a source that sends both is one.
+#[derive(Clone, Debug)]
+enum Commanded {
+    Motion(lowlevel::CmdMotion),
+    Velocity(lowlevel::CmdVelocity),
 }
 
 impl Model {
@@ -98,6 +107,7 @@ impl Model {
             processes: Slot::every(ms(100)),
             log: Slot::every(ms(1000)),
             motion: Slot::every(ms(50)),
+            velocity: Slot::every(ms(50)),
             // Sent each 50 ms, good for 150 ms.
             guard: Slot::every(ms(75)),
             stop: Slot::every(ms(500)),
@@ -144,8 +154,13 @@ impl Model {
             Some(Message::LlDataMotion(motion)) => self.motion.put(at, motion),
             Some(Message::LlCmdMotion(command)) => {
                 let source = command.source.clone();
-                put(&mut self.commands, SOURCES_MAX, source, ms(50), at, command);
+                put(&mut self.commands, SOURCES_MAX, source, ms(50), at, Commanded::Motion(command));
             }
+            Some(Message::LlCmdVelocity(command)) => {
+                let source = command.source.clone();
+                put(&mut self.commands, SOURCES_MAX, source, ms(50), at, Commanded::Velocity(command));
+            }
+            Some(Message::LlDataVelocity(velocity)) => self.velocity.put(at, velocity),
             Some(Message::LlDataGuard(guard)) => self.guard.put(at, guard::limited(guard)),
             Some(Message::LlEventStop(stop)) => self.stop.put(at, stop),
             Some(Message::LlDataOdo(odometry)) => self.odometry.put(at, odometry),
@@ -211,8 +226,23 @@ impl Model {
         self.buses.values()
     }
 
-    /// Recent motion commands, in order of their sources' names.
+    /// Recent `LL_CMD_MOTION` of the sources whose last command is one, in order of their names.
     pub fn commands(&self, now: Instant) -> impl Iterator<Item = &lowlevel::CmdMotion> {
+        self.commanded(now).filter_map(|command| match command {
+            Commanded::Motion(command) => Some(command),
+            Commanded::Velocity(_) => None,
+        })
+    }
+
+    /// Recent `LL_CMD_VELOCITY` of the sources whose last command is one, in order of their names.
+    pub fn velocity_commands(&self, now: Instant) -> impl Iterator<Item = &lowlevel::CmdVelocity> {
+        self.commanded(now).filter_map(|command| match command {
+            Commanded::Motion(_) => None,
+            Commanded::Velocity(command) => Some(command),
+        })
+    }
+
+    fn commanded(&self, now: Instant) -> impl Iterator<Item = &Commanded> {
         self.commands.values().filter_map(move |slot| slot.get().filter(|_| slot.age(now) < Some(ms(1000))))
     }
 }

@@ -530,3 +530,21 @@ fn of_the_fields_that_anybody_can_publish_only_a_few_sound_ones_are_kept() {
     };
     assert_eq!((kept(fields), kept(vec![sound; 1000])), (2, 4));
 }
+
+#[test]
+fn a_source_that_sends_both_messages_is_shown_once_by_its_newer_command() {
+    let mut model = model();
+    let motion = lowlevel::CmdMotion { speed: 0.4, priority: 1, source: "op".into(), ..Default::default() };
+    let velocity = lowlevel::CmdVelocity { vx: 0.3, priority: 1, source: "op".into(), ..Default::default() };
+    let sources = |model: &Model, now| (model.commands(now).count(), model.velocity_commands(now).count());
+    say(&mut model, T0, motion.clone());
+    assert_eq!(sources(&model, T0), (1, 0));
+    say(&mut model, T0, velocity.clone());
+    assert_eq!(model.velocity_commands(T0).next(), Some(&velocity));
+    assert_eq!(sources(&model, T0), (0, 1));
+    say(&mut model, T0, lowlevel::CmdMotion { source: "pad".into(), ..motion.clone() });
+    assert_eq!(sources(&model, T0), (1, 1));
+    say(&mut model, T0, motion);
+    assert_eq!(sources(&model, T0), (2, 0));
+    assert_eq!(sources(&model, T0 + Duration::from_secs(1)), (0, 0), "they are silent");
+}

@@ -14,10 +14,14 @@ pub struct View<'a> {
     pub status: Status,
     /// Motion.
     pub motion: Shown<'a, lowlevel::DataMotion>,
+    /// Velocity of the body.
+    pub velocity: Shown<'a, lowlevel::DataVelocity>,
     /// Causes that hold the robot, the most important first.
     pub holds: Vec<HoldRow>,
     /// Recent motion commands.
     pub commands: Vec<&'a lowlevel::CmdMotion>,
+    /// Recent motion commands of sources that command a velocity.
+    pub velocity_commands: Vec<&'a lowlevel::CmdVelocity>,
     /// Greatest speeds that can still be stopped, and the fields.
     pub guard: Shown<'a, lowlevel::DataGuard>,
     /// The bound of these that holds; `null`: the robot has no guard.
@@ -108,8 +112,10 @@ impl Model {
             robot: self.robot(),
             status: self.status(now),
             motion: self.motion.shown(now),
+            velocity: self.velocity.shown(now),
             holds: self.hold_rows(now),
             commands: self.commands(now).collect(),
+            velocity_commands: self.velocity_commands(now).collect(),
             guard: self.guard.shown(now),
             bound: self.bound(now),
             stop: self.stop.shown(now),

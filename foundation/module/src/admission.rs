@@ -13,7 +13,7 @@
 //! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
-//! | `LL_DATA_MOTION`, of a robot that stands, too: it stops nothing | the process of the motion's driver, likewise |
+//! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too | the process of the motion's driver, likewise |
 //! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
 //! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
 //! | others | any sender |
@@ -27,12 +27,13 @@ use messages::lowlevel::{DataGuard, DataRanges, Reading};
 use messages::{Channel, Message, StopSource};
 
 /// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
-pub const RELEASES: [Channel; 5] = [
+pub const RELEASES: [Channel; 6] = [
     Channel::CmDataProcesses,
     Channel::LlEventStop,
     Channel::LlDataGuard,
     Channel::LlDataRanges,
     Channel::LlDataMotion,
+    Channel::LlDataVelocity,
 ];
 
 /// Silence after which another watchdog counts as gone.
@@ -283,7 +284,7 @@ fn effect(heard: &Message) -> Effect {
         Message::LlDataGuard(_) => Effect::Frees(Witness::Guard),
         Message::LlDataRanges(ranges) if measures_nothing(ranges) => Effect::Stops,
         Message::LlDataRanges(_) => Effect::Frees(Witness::Ranging),
-        Message::LlDataMotion(_) => Effect::Frees(Witness::Motion),
+        Message::LlDataMotion(_) | Message::LlDataVelocity(_) => Effect::Frees(Witness::Motion),
         Message::CmDataProcesses(_) => Effect::SaysThatProcessesRun,
         // Sensor drivers measure in PAUSE, too: there a critical module counts as working.
         Message::CmDataState(DataState { state: DataState::RUN | DataState::PAUSE, .. }) => Effect::Works,
@@ -380,8 +381,9 @@ mod tests {
 
     #[test]
     fn who_may_command_is_configured() {
-        let commands: [Message; 8] = [
+        let commands: [Message; 9] = [
             lowlevel::CmdMotion::default().into(),
+            lowlevel::CmdVelocity::default().into(),
             lowlevel::CmdHoming::default().into(),
             lowlevel::CmdSdo::default().into(),
             lowlevel::CmdPower::default().into(),
@@ -508,7 +510,8 @@ mod tests {
 
     #[test]
     fn the_measured_motion_is_believed_from_its_driver_alone_also_a_robot_that_stands() {
-        for message in [motion(0.0), motion(0.5), motion(1e19), motion(f64::NAN)] {
+        let velocity = lowlevel::DataVelocity::default().into();
+        for message in [motion(0.0), motion(0.5), motion(1e19), motion(f64::NAN), velocity] {
             let mut admission = guarded(Commands::Network);
             let mut believed = |pid, way| admission.judge(&message, by(way, pid));
             assert_eq!(believed(MOTION, Way::Memory), Err(Refusal::NotYet), "nobody has listed it yet");

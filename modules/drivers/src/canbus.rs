@@ -13,6 +13,7 @@ pub mod protection;
 pub mod ranging;
 pub mod surroundings;
 
+mod body;
 mod bus;
 mod config;
 mod drive;
@@ -32,18 +33,20 @@ mod steering;
 mod tests;
 
 pub use config::{
-    Axis, BusConfig, Config, Drive, EposConfig, HomingRelease, Node, PauseStop, PropulsionConfig, SecondWay,
-    SteeringConfig, Stop,
+    Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, Node, PauseStop, PropulsionConfig,
+    SecondWay, SteeringConfig, Stop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use pause::Paused;
 
-use arbiter::{Arbiter, Verdict};
+use arbiter::{Arbiter, Course, Request, Verdict};
 use base::{Deadlines, Duration, Fault, Instant, Level, Severity, earliest};
+use body::{Body, Measured, SetPoints};
 use bus::Bus;
-use canopen::master::{ConfigError, Ticket};
+use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use ignored::Ignored;
+use kinematics::Twist;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::Objection;
@@ -114,6 +117,7 @@ pub struct Canbus {
     master: Master,
     propulsion: Propulsion,
     steering: Steering,
+    body: Body,
     arbiter: Arbiter,
     around: Surroundings,
     releases: Releases,
@@ -142,15 +146,23 @@ pub struct Canbus {
     now: Instant,
 }
 
+/// Set-points within the robot's limits, and the source that commands them.
+#[derive(Clone, Copy)]
+struct Wanted<'a> {
+    points: SetPoints,
+    mover: Mover<'a>,
+}
+
 impl Canbus {
     /// Creates the module.
     ///
     /// # Errors
-    /// Invalid in CANopen: node ids out of range or used twice.
+    /// Invalid in CANopen: node ids out of range or used twice. Or no base has these dimensions.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let can = PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } };
         let line = config.stop.feed_line().map(|_| PortSpec { bus: LINE_BUS.into(), line: Line::Gpio });
         let ports = std::iter::once(can).chain(line).collect();
+        let body = Body::new(&config)?;
         let propulsion = Propulsion::new(&config);
         let steering = Steering::new(&config);
         let nodes = [propulsion.node_config(), steering.node_config()];
@@ -177,6 +189,7 @@ impl Canbus {
             ports,
             propulsion,
             steering,
+            body,
             bus: Bus::new(&config.bus, config.bitrate),
             requests: Requests::default(),
             config,
@@ -206,6 +219,7 @@ impl Canbus {
         let at = at.min(now);
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
+            Message::LlCmdVelocity(command) => self.on_velocity(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(now, at, homing, out),
             Message::LlCmdSdo(request) => {
                 let owner = self.owner_of(request.node);
@@ -243,18 +257,46 @@ impl Canbus {
         let limits = &self.config.limits;
         let in_limits = command.speed.abs() <= limits.speed_mps && command.steering.abs() <= limits.steering_rad;
         if !in_limits || !arbiter::is_priority(command.priority) {
-            self.refuse(now, command, out);
+            let values = format!(
+                "speed {} m/s (at most {}), steering {} rad (at most {})",
+                command.speed, limits.speed_mps, command.steering, limits.steering_rad
+            );
+            self.refuse(now, &command.into(), &values, out);
             return;
         }
-        if self.arbiter.is_press(command) {
+        self.on_request(now, at, &command.into(), out);
+    }
+
+    fn on_velocity(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdVelocity, out: &mut Actions) {
+        if now.since(at) >= self.config.limits.command_ttl {
+            return;
+        }
+        let &lowlevel::CmdVelocity { vx, vy, omega, .. } = command;
+        if !self.body.is_in_limits(Twist::new(vx, vy, omega)) || !arbiter::is_priority(command.priority) {
+            let (speed, rotation) = self.body.limits();
+            let values = format!(
+                "{vx} m/s forward, {vy} m/s to the left (at most {speed}), {omega} rad/s (at most {rotation:.3})"
+            );
+            self.refuse(now, &command.into(), &values, out);
+            return;
+        }
+        self.on_request(now, at, &command.into(), out);
+    }
+
+    /// A command within limits.
+    fn on_request(&mut self, now: Instant, at: Instant, request: &Request<'_>, out: &mut Actions) {
+        if self.arbiter.is_outdated(at, request) {
+            return;
+        }
+        if self.arbiter.is_press(at, request) {
             self.on_act(now, at, false, out);
         }
-        let (source, verdict) = self.arbiter.command(at, command, self.blocked.is_some());
+        let (source, verdict) = self.arbiter.command(at, *request, self.blocked.is_some());
         let why = match verdict {
             Verdict::Holds => None,
             // State after the stop: a source that kept commanding during it must send zero first.
-            Verdict::Blocked if command.priority == arbiter::PLANNER => Some(Hold::PlannerLatched),
-            Verdict::Blocked => (command.speed != 0.0).then_some(Hold::NotReleased),
+            Verdict::Blocked if request.priority == arbiter::PLANNER => Some(Hold::PlannerLatched),
+            Verdict::Blocked => (!request.is_zero()).then_some(Hold::NotReleased),
             Verdict::Overruled => Some(Hold::Overruled),
             Verdict::Contested => Some(Hold::Contested),
             Verdict::NotReleased => Some(Hold::NotReleased),
@@ -262,18 +304,14 @@ impl Canbus {
         };
         if verdict == Verdict::Contested {
             self.deadlines.set(Timer::Contested, now + self.config.limits.command_ttl);
-            out.raise(Severity::Warning, Fault::MotionContested, "", Hold::Contested.words(&command.source));
+            out.raise(Severity::Warning, Fault::MotionContested, "", Hold::Contested.words(request.source));
         }
         self.ignored.put(now + self.config.limits.command_ttl, source, why);
     }
 
     /// Rejects a command that no correct source sends: the robot stops, whatever the source.
-    fn refuse(&mut self, now: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
-        let limits = &self.config.limits;
-        let message = format!(
-            "command of {} refused: speed {} m/s (at most {}), steering {} rad (at most {}), priority {}",
-            command.source, command.speed, limits.speed_mps, command.steering, limits.steering_rad, command.priority
-        );
+    fn refuse(&mut self, now: Instant, request: &Request<'_>, values: &str, out: &mut Actions) {
+        let message = format!("command of {} refused: {values}, priority {}", request.source, request.priority);
         self.deadlines.set(Timer::Refused, now + self.config.limits.command_ttl);
         out.raise(Severity::Error, Fault::MotionRefused, "", message);
     }
@@ -594,8 +632,9 @@ impl Canbus {
             self.arbiter.on_standstill(now);
         }
         self.watch_planner(now);
-        let permitted = |(speed, steering, mover)| {
-            (self.protection.clamped(now, speed, mover), steering, self.is_motion(speed, steering, mover))
+        let permitted = |wanted: Wanted<'_>| {
+            let speed = self.protection.clamped(now, wanted.points.speed, wanted.mover);
+            (speed, wanted.points.steering, self.is_motion(wanted))
         };
         match self.wanted(now).map(permitted) {
             Some((speed, steering, moves)) => {
@@ -604,7 +643,10 @@ impl Canbus {
                     self.propulsion.drive.release();
                     self.steering.drive.release();
                 }
-                self.steering.go(steering);
+                match steering {
+                    Some(steering) => self.steering.go(steering),
+                    None => self.steering.hold(),
+                }
                 // Without steering the robot must not drive.
                 self.propulsion.drive(if self.steering.is_enabled() { speed } else { 0.0 });
             }
@@ -699,27 +741,33 @@ impl Canbus {
         }
     }
 
-    /// Speed, m/s, and steering angle, rad, that are permitted now.
-    fn permitted(&self, now: Instant) -> Option<(f64, f64)> {
-        let (speed, steering, mover) = self.wanted(now)?;
-        Some((self.protection.clamped(now, speed, mover), steering))
+    /// Speed, m/s, and steering angle, rad, that are permitted now. Without a permission the robot is to stand.
+    fn permitted(&self, now: Instant) -> (f64, f64) {
+        let speed = |Wanted { points, mover }: Wanted<'_>| self.protection.clamped(now, points.speed, mover);
+        let wanted = self.wanted(now);
+        let steering = wanted.and_then(|wanted| wanted.points.steering);
+        (wanted.map_or(0.0, speed), steering.unwrap_or_else(|| self.steering.angle()))
     }
 
     /// True if a command is motion. A planner that was let go may turn the wheels before it drives; of a manual source
     /// a steering angle at zero speed is only the position of its controls.
-    fn is_motion(&self, speed: f64, steering: f64, mover: Mover<'_>) -> bool {
-        let turns = (steering - self.steering.angle()).abs() > TURN_RAD;
-        speed != 0.0 || !mover.manual && turns
+    fn is_motion(&self, Wanted { points, mover }: Wanted<'_>) -> bool {
+        let turns = |steering: f64| (steering - self.steering.angle()).abs() > TURN_RAD;
+        points.speed != 0.0 || !mover.manual && points.steering.is_some_and(turns)
     }
 
-    /// Why the robot is slower than it is commanded to be; it moves, or would.
-    fn bounded(&self, now: Instant) -> Option<(Hold, &str)> {
-        let (speed, _, mover) = self.wanted(now)?;
-        self.protection.notice(now, speed, mover)
+    /// Why the robot does not do all that it is commanded to do; it moves, or would.
+    fn bounded(&self, now: Instant) -> impl Iterator<Item = (Hold, &str)> + Clone {
+        let wanted = self.wanted(now);
+        let bound = wanted.and_then(|Wanted { points, mover }| self.protection.notice(now, points.speed, mover));
+        let left_out = wanted.into_iter().flat_map(|Wanted { points, mover }| {
+            points.left_out.into_iter().flatten().map(move |hold| (hold, mover.name))
+        });
+        bound.into_iter().chain(left_out)
     }
 
-    /// Speed, m/s, and steering angle, rad, within the robot's limits, and the source that commands them.
-    fn wanted(&self, now: Instant) -> Option<(f64, f64, Mover<'_>)> {
+    /// What the source that holds the motion wants, within the robot's limits.
+    fn wanted(&self, now: Instant) -> Option<Wanted<'_>> {
         if self.blocked.is_some() || self.stopping {
             return None;
         }
@@ -730,12 +778,18 @@ impl Canbus {
             return None;
         }
         let by_source = if planner { limits.speed_autonomous_mps } else { limits.speed_manual_mps };
-        let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
+        let SetPoints { speed, steering, left_out } = match command.course {
+            Course::Steering(steering) => {
+                SetPoints { speed: command.speed, steering: Some(steering), left_out: [None; 2] }
+            }
+            Course::Velocity { vy, omega } => self.body.set_points(Twist::new(command.speed, vy, omega)),
+        };
+        let curvature = libm::fabs(libm::tan(steering.unwrap_or(0.0)) / self.config.wheelbase);
         let by_curve =
             if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
         let bound = by_source.min(by_curve).min(self.config.stop.speed_max_mps(limits.quick_stop_mps2));
         let mover = Mover { name: self.arbiter.name(command.source), manual: !planner };
-        Some((command.speed.clamp(-bound, bound), command.steering, mover))
+        Some(Wanted { points: SetPoints { speed: speed.clamp(-bound, bound), steering, left_out }, mover })
     }
 
     /// Reports at the start that the stopping distance after PAUSE caps the speed.
@@ -789,19 +843,37 @@ impl Canbus {
     }
 
     fn publish_motion(&self, now: Instant, out: &mut Actions) {
-        let (speed_target, steering_target) = self.permitted(now).unwrap_or((0.0, self.steering.angle()));
-        let source = self.arbiter.current(now).map_or("", |command| self.arbiter.name(command.source)).into();
+        let (speed_target, steering_target) = self.permitted(now);
+        let source = self.arbiter.current(now).map_or("", |command| self.arbiter.name(command.source)).to_owned();
+        let (timestamp, enabled) = (out.timestamp(now), self.propulsion.is_enabled() && self.steering.is_enabled());
+        let quick_stop = self.propulsion.is_quick_stopped();
         out.publish(lowlevel::DataMotion {
-            timestamp: out.timestamp(now),
+            timestamp,
             speed: self.propulsion.speed(),
             steering: self.steering.angle(),
             speed_target,
             steering_target,
-            enabled: self.propulsion.is_enabled() && self.steering.is_enabled(),
+            enabled,
             homed: self.steering.is_homed(),
-            quick_stop: self.propulsion.is_quick_stopped(),
-            source,
+            quick_stop,
+            source: source.clone(),
             reason: self.reason(now),
+        });
+        let Measured { twist, residual } = self.body.velocity(self.propulsion.measured(), self.steering.angle());
+        let target = self.body.set_velocity(speed_target, steering_target);
+        out.publish(lowlevel::DataVelocity {
+            timestamp,
+            vx: twist.vx,
+            vy: twist.vy,
+            omega: twist.omega,
+            vx_target: target.vx,
+            vy_target: target.vy,
+            omega_target: target.omega,
+            residual,
+            enabled,
+            ready: self.blocked.is_none() && !self.stopping,
+            quick_stop,
+            source,
         });
     }
 
@@ -822,6 +894,7 @@ impl Module for Canbus {
     fn subscriptions(&self) -> &[Channel] {
         &[
             Channel::LlCmdMotion,
+            Channel::LlCmdVelocity,
             Channel::LlCmdHoming,
             Channel::LlCmdSdo,
             Channel::LlEventStop,

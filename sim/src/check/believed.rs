@@ -39,7 +39,7 @@ impl Believed {
             Message::CmDataProcesses(_) => is_one_of(sender, &self.watchdogs),
             Message::LlEventStop(stop) if stop.engaged => true,
             Message::LlEventStop(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
-            Message::LlDataMotion(_) => is_one_of(sender, &self.drivers),
+            Message::LlDataMotion(_) | Message::LlDataVelocity(_) => is_one_of(sender, &self.drivers),
             Message::LlEventStop(_) | Message::LlDataActiveBeacons(_) => may_command,
             Message::CmCmdState(common::CmdState { state, .. }) if *state != State::Run as i8 => true,
             Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => true,

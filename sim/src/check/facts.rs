@@ -5,7 +5,7 @@ use super::believed::Believed;
 use super::life::Life;
 use super::names::Names;
 use super::pause_line::PauseLine;
-use super::sources::{Source, Sources};
+use super::sources::{Asked, Source, Sources};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
@@ -25,8 +25,6 @@ const AFTERMATH_OF_COMMAND: Duration = Duration::from_secs(3);
 const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 /// Time to standstill from top speed without power, at 0.17 m/s².
 const COASTING_TIME: Duration = Duration::from_secs(10);
-/// Highest priority of a command.
-const PRIORITY_MAX: i8 = 3;
 /// Controlword: quick stop.
 const QUICK_STOP: u8 = 0x0B;
 
@@ -337,17 +335,18 @@ impl Facts {
     }
 
     fn on_heard(&mut self, now: Instant, at: Instant, message: &Message) {
-        match message {
+        if let Some(asked) = Asked::of(message) {
             // Older commands have expired.
-            Message::LlCmdMotion(command) if now.since(at) < self.limits.ttl => {
-                let Limits { speed, steering_angle, .. } = self.limits;
-                let allowed = command.speed.abs() <= speed && command.steering.abs() <= steering_angle;
-                if allowed && (0..=PRIORITY_MAX).contains(&command.priority) {
-                    self.sources.said(now, at, command);
-                } else {
-                    self.refused = Some(now);
-                }
+            if now.since(at) >= self.limits.ttl {
+                return;
             }
+            if asked.is_in_limits(message, &self.limits) {
+                self.sources.said(now, at, asked);
+            } else {
+                self.refused = Some(now);
+            }
+        }
+        match message {
             Message::LlEventStop(stop) => self.pause.on_report(now, at, stop),
             Message::CmDataProcesses(list) => self.on_list(now, at, list),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),

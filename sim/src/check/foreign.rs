@@ -6,7 +6,7 @@
 
 use super::Verdict;
 use super::facts::Facts;
-use super::sources::Sources;
+use super::sources::{Asked, Sources};
 use base::{Duration, Instant};
 use messages::Message;
 
@@ -26,8 +26,8 @@ impl Rule {
 
     /// A message was sent that is not accepted.
     pub fn on_message(&mut self, now: Instant, message: &Message) {
-        if let Message::LlCmdMotion(command) = message {
-            self.sources.said(now, now, command);
+        if let Some(asked) = Asked::of(message) {
+            self.sources.said(now, now, asked);
         }
     }
 

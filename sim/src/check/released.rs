@@ -88,7 +88,7 @@ impl Rule {
             Message::CmCmdState(command) => {
                 command.manual && command.state == State::Run as i8 && run_of.contains(&command.module.as_str())
             }
-            Message::LlCmdMotion(_) => {
+            Message::LlCmdMotion(_) | Message::LlCmdVelocity(_) => {
                 facts.sources.iter().any(|source| !source.is_planner() && source.begun == Some(now))
             }
             _ => false,

@@ -1,16 +1,60 @@
-//! Recent commands of each source of motion, as received by the driver.
+//! Recent commands of each source of motion, as received by the driver: of both messages.
 
+use super::Limits;
 use super::facts::DELAY_MAX;
 use base::{Duration, Instant};
-use messages::lowlevel;
+use messages::{Message, lowlevel};
 use std::collections::VecDeque;
 
 /// Maximum number of sources; a further one takes the place of the one that has been silent longest.
 const SOURCES_MAX: usize = 16;
 /// Maximum number of commands per source: 500 ms at 20 Hz are 10.
 const COMMANDS_MAX: usize = 32;
+/// Highest priority of a command.
+const PRIORITY_MAX: i8 = 3;
 /// Tolerance of a set-point due to rounding, m/s: one rpm of the motor is 0.0004.
 const ROUNDING_MPS: f64 = 0.001;
+
+/// A command of either message, as far as the rules depend on it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked<'a> {
+    pub source: &'a str,
+    pub priority: i8,
+    /// Forward, m/s.
+    pub speed: f64,
+    /// It commands to stand: of a velocity all components are 0.
+    pub zero: bool,
+}
+
+impl<'a> Asked<'a> {
+    /// The command in a message, if it is one.
+    pub fn of(message: &'a Message) -> Option<Self> {
+        match message {
+            Message::LlCmdMotion(command) => {
+                let &lowlevel::CmdMotion { speed, priority, ref source, .. } = command;
+                Some(Self { source, priority, speed, zero: speed == 0.0 })
+            }
+            Message::LlCmdVelocity(command) => {
+                let &lowlevel::CmdVelocity { vx, vy, omega, priority, ref source, .. } = command;
+                Some(Self { source, priority, speed: vx, zero: [vx, vy, omega] == [0.0; 3] })
+            }
+            _ => None,
+        }
+    }
+
+    /// True if the driver accepts the command in a message.
+    pub fn is_in_limits(&self, message: &Message, limits: &Limits) -> bool {
+        let bounded = match message {
+            Message::LlCmdVelocity(command) => {
+                let rotation = limits.speed * libm::tan(limits.steering_angle) / limits.wheelbase;
+                command.vy.abs() <= limits.speed && command.omega.abs() <= rotation
+            }
+            Message::LlCmdMotion(command) => command.steering.abs() <= limits.steering_angle,
+            _ => false,
+        };
+        bounded && self.speed.abs() <= limits.speed && (0..=PRIORITY_MAX).contains(&self.priority)
+    }
+}
 
 /// A command: reception time, service time, speed in m/s.
 #[derive(Clone, Copy, Debug)]
@@ -74,12 +118,13 @@ impl Source {
         })
     }
 
-    fn say(&mut self, now: Instant, at: Instant, speed: f64) {
+    fn say(&mut self, now: Instant, at: Instant, asked: Asked<'_>) {
+        let Asked { speed, zero, .. } = asked;
         let silent = self.said.back().is_none_or(|said| at.since(said.at) + DELAY_MAX >= self.ttl);
         if silent {
             (self.unbroken, self.resumed) = (at, now);
         }
-        if speed == 0.0 {
+        if zero {
             self.ended = self.ended.or(Some(now));
         } else if self.ended.is_some() || self.begun.is_none() {
             (self.begun, self.ended) = (Some(now), None);
@@ -106,9 +151,9 @@ impl Sources {
     }
 
     /// The driver is served a valid command that was received at `at`.
-    pub fn said(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion) {
-        let place = self.place(&command.source, command.priority);
-        self.known[place].say(now, at, command.speed);
+    pub fn said(&mut self, now: Instant, at: Instant, asked: Asked<'_>) {
+        let place = self.place(asked.source, asked.priority);
+        self.known[place].say(now, at, asked);
     }
 
     pub fn iter(&self) -> impl Iterator<Item = &Source> {

@@ -29,6 +29,7 @@ fn limits() -> Limits {
         rpm_per_mps: 1000.0,
         speed: 1.2,
         steering_angle: 0.6,
+        wheelbase: 0.6,
         speed_manual: 0.6,
         speed_autonomous: 0.8,
         quick_stop: 1.5,
@@ -195,6 +196,11 @@ impl Bench {
                 self.set_point(0x0F, number(speed).clamp(-0.6, 0.6));
             }
             ["say", source, speed] => self.served(0, motion_command(source, number(speed))),
+            ["velocity", source, vx, omega] => {
+                let lowlevel::CmdMotion { priority, source, .. } = motion_command(source, 0.0);
+                let (vx, omega) = (number(vx), number(omega));
+                self.served(0, lowlevel::CmdVelocity { vx, omega, priority, source, ..Default::default() });
+            }
             ["say", source, speed, ago] => {
                 let at = Instant::from_nanos(self.now.as_nanos() - ago.parse::<u64>().unwrap() * 1_000_000);
                 let message = &motion_command(source, number(speed)).into();
@@ -554,6 +560,23 @@ fn without_a_watchdog_nothing_moves() {
         +240 begin pad 0.4
         +3 drive 0.4 ! critical",
     );
+}
+
+#[test]
+fn both_messages_of_a_source_are_its_commands() {
+    check(
+        "begin pad 0.4
+        +50 velocity pad 0.3 0.1
+        +3 drive 0.3
+        +250 drive 0.3 ! fresh",
+    );
+    check("begin pad 0.4 \n velocity pad 0.3 0.1 \n +3 drive 0.4 ! fresh");
+    // A rotation alone is no release.
+    check("begin pad 0.4 \n +50 stop \n +50 velocity pad 0 0 \n +20 velocity pad 0.3 0 \n drive 0.3");
+    check("begin pad 0.4 \n +50 stop \n +50 velocity pad 0 0.1 \n +20 velocity pad 0.3 0 \n drive 0.3 ! resumes");
+    check("begin pad 0.4 \n velocity shell 0.4 1.5 \n +3 drive 0.4 ! refused");
+    check("begin pad 0.4 \n velocity shell 0.4 NaN \n +3 drive 0.4 ! refused");
+    check("begin pad 0.4 \n velocity shell 1.3 0 \n +3 drive 0.4 ! refused");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
-use messages::{Message, lowlevel};
+use messages::Message;
 use module::admission::Way;
 use module::{ExitStatus, State};
 use std::collections::BTreeMap;
@@ -116,7 +116,10 @@ impl Meter {
         match *news {
             News::Can { bus, pid, frame } if bus == self.limits.bus && pid != 0 => self.on_frame(now, &frame),
             News::Message { sender, message: Message::LlCmdMotion(command) } if sender.way == Way::Memory => {
-                self.on_command(now, command);
+                self.on_command(now, command.speed);
+            }
+            News::Message { sender, message: Message::LlCmdVelocity(command) } if sender.way == Way::Memory => {
+                self.on_command(now, command.vx);
             }
             News::Message { sender, message } if sender.way == Way::Memory => self.on_message(message),
             News::Note { line, .. } => {
@@ -176,8 +179,8 @@ impl Meter {
         }
     }
 
-    fn on_command(&mut self, now: Instant, command: &lowlevel::CmdMotion) {
-        self.commanded = (command.speed != 0.0).then_some(now);
+    fn on_command(&mut self, now: Instant, speed: f64) {
+        self.commanded = (speed != 0.0).then_some(now);
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {

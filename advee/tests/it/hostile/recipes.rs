@@ -70,7 +70,7 @@ pub fn forged(random: &mut Random) -> Message {
         ..Default::default()
     };
     let state = *pick(random, &[State::Run, State::Pause, State::Stop]) as i8;
-    match below(random, 10) {
+    match below(random, 11) {
         0 => lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.1, priority: 3, source: "lan".into() }.into(),
         1 => {
             // The quick stop's ramp.
@@ -91,6 +91,10 @@ pub fn forged(random: &mut Random) -> Message {
             middlelevel::CmdGoal { waypoints, ..Default::default() }.into()
         }
         8 => {
+            let (vy, omega, source) = (0.0, speed, "lan".into());
+            lowlevel::CmdVelocity { timestamp: 0, vx: speed, vy, omega, priority: 3, source, session: 1 }.into()
+        }
+        9 => {
             let covariance = [[speed; 3]; 3];
             middlelevel::CmdEstimate { timestamp: 0, x: speed, y: 1.0, theta: 1e308, covariance }.into()
         }

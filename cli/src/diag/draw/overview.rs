@@ -231,11 +231,15 @@ fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
         lines.push(head);
         lines.extend(ranges(&infrareds.readings).into_iter().map(|text| Line::styled(text, style)));
     }
-    let sources = model.commands(at).take(SOURCES);
-    lines.extend(sources.map(|command| {
+    let motions = model.commands(at).map(|command| {
         let (source, speed) = (clip(&command.source), command.speed);
-        Line::from(format!("source    {source} priority {} {speed:+.2} m/s", command.priority))
-    }));
+        format!("source    {source} priority {} {speed:+.2} m/s", command.priority)
+    });
+    let velocities = model.velocity_commands(at).map(|command| {
+        let (source, vx, omega) = (clip(&command.source), command.vx, command.omega);
+        format!("source    {source} priority {} {vx:+.2} m/s {omega:+.2} rad/s", command.priority)
+    });
+    lines.extend(motions.chain(velocities).take(SOURCES).map(Line::from));
     lines
 }
 

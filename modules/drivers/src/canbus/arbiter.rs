@@ -3,11 +3,13 @@
 //!
 //! Silence is no release: a manual source whose last command was motion, and that fell silent, was overruled or met a
 //! stop, must send zero, however long it was silent. A source that was never received before moves the robot at once.
+//! Sources are told apart by name and priority: commands of both messages are those of one source, and a session of
+//! `LL_CMD_VELOCITY` can only take a permission away.
 //!
 //! Pure policy over the sources' commands; independent of drives and bus.
 
 use base::{Duration, Instant, Key};
-use messages::lowlevel::CmdMotion;
+use messages::lowlevel::{CmdMotion, CmdVelocity};
 use std::ops::RangeInclusive;
 
 /// Maximum number of sources with a row; a further one takes the row of the one that has been silent longest, of those
@@ -43,17 +45,86 @@ impl Key for SourceId {
     }
 }
 
+/// What a command says beside the forward speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Course {
+    /// Steering angle of the equivalent single front wheel, rad; counter-clockwise: `LL_CMD_MOTION`.
+    Steering(f64),
+    /// Velocity to the left, m/s, and rotation, rad/s; counter-clockwise: `LL_CMD_VELOCITY`.
+    Velocity {
+        /// To the left.
+        vy: f64,
+        /// Rotation.
+        omega: f64,
+    },
+}
+
+impl Course {
+    /// True if it commands no motion by itself: turning the steering of a robot that stands is none.
+    fn is_zero(self) -> bool {
+        matches!(self, Self::Steering(_) | Self::Velocity { vy: 0.0, omega: 0.0 })
+    }
+
+    /// True if both are of the same message.
+    fn is_like(self, other: Self) -> bool {
+        matches!(self, Self::Steering(_)) == matches!(other, Self::Steering(_))
+    }
+}
+
+/// Command of either message.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Request<'a> {
+    /// Forward speed of the robot frame's origin, m/s.
+    pub speed: f64,
+    /// The rest of the motion.
+    pub course: Course,
+    /// 0 planner, 1 remote operator, 2 gamepad, 3 maintenance.
+    pub priority: i8,
+    /// Name of the source.
+    pub source: &'a str,
+    /// Number that the program drew at its start; `LL_CMD_MOTION` has none.
+    pub session: Option<i64>,
+}
+
+impl Request<'_> {
+    /// True if it commands no motion, be the base able to follow it or not.
+    #[must_use]
+    pub fn is_zero(&self) -> bool {
+        self.speed == 0.0 && self.course.is_zero()
+    }
+}
+
+impl<'a> From<&'a CmdMotion> for Request<'a> {
+    fn from(command: &'a CmdMotion) -> Self {
+        let &CmdMotion { speed, steering, priority, ref source, .. } = command;
+        Self { speed, course: Course::Steering(steering), priority, source, session: None }
+    }
+}
+
+impl<'a> From<&'a CmdVelocity> for Request<'a> {
+    fn from(command: &'a CmdVelocity) -> Self {
+        let &CmdVelocity { vx, vy, omega, priority, ref source, session, .. } = command;
+        Self { speed: vx, course: Course::Velocity { vy, omega }, priority, source, session: Some(session) }
+    }
+}
+
 /// Motion requested by a source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command {
-    /// Speed of the rear axle's middle, m/s.
+    /// Forward speed of the robot frame's origin, m/s.
     pub speed: f64,
-    /// Steering angle of the equivalent single front wheel, rad; counter-clockwise.
-    pub steering: f64,
+    /// The rest of the motion.
+    pub course: Course,
     /// 0 planner, 1 remote operator, 2 gamepad, 3 maintenance.
     pub priority: i8,
     /// Source of the command.
     pub source: SourceId,
+}
+
+impl Command {
+    fn is_zero(&self) -> bool {
+        self.speed == 0.0 && self.course.is_zero()
+    }
 }
 
 /// Priority of the planner; all higher ones are manual sources.
@@ -78,14 +149,47 @@ pub enum Verdict {
     Blocked,
 }
 
+/// Relation of a command to the earlier ones of its source, by their sessions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Program {
+    /// The same program, or one that does not say.
+    Same,
+    /// The program was started again: the earlier one has been silent for its time to live.
+    Again,
+    /// Another program commands under the same name.
+    Another,
+}
+
 #[derive(Debug)]
 struct Source {
     name: String,
     command: Command,
     at: Instant,
+    /// Session of its last command that had one, and the time of that command.
+    session: Option<(i64, Instant)>,
     /// True if it may move the robot: its last command was zero, or it is new, or it has moved the robot without a
     /// break since.
     armed: bool,
+}
+
+impl Source {
+    fn is_of(&self, request: &Request<'_>) -> bool {
+        self.command.priority == request.priority && self.name == request.source
+    }
+
+    /// Program that sends a command with this session, received at `at`.
+    fn program(&self, at: Instant, session: Option<i64>, ttl: Duration) -> Program {
+        match (self.session, session) {
+            (Some((before, last)), Some(session)) if before != session => {
+                if at.since(last) < ttl {
+                    Program::Another
+                } else {
+                    Program::Again
+                }
+            }
+            _ => Program::Same,
+        }
+    }
 }
 
 /// Arbiter of the motion.
@@ -118,27 +222,34 @@ impl Arbiter {
 
     /// Processes a command received at `at`; `blocked` if a stop for a fault is in force. Returns the source, so that
     /// its name need not be looked up again, and the verdict.
-    pub fn command(&mut self, at: Instant, command: &CmdMotion, blocked: bool) -> (SourceId, Verdict) {
-        let (id, new) = self.place(at, command);
-        (id, self.judge(at, id, new, command, blocked))
+    pub fn command<'a>(&mut self, at: Instant, command: impl Into<Request<'a>>, blocked: bool) -> (SourceId, Verdict) {
+        let request = command.into();
+        let (id, new) = self.place(at, &request);
+        (id, self.judge(at, id, new, &request, blocked))
     }
 
-    fn judge(&mut self, at: Instant, id: SourceId, new: bool, command: &CmdMotion, blocked: bool) -> Verdict {
-        let &CmdMotion { speed, steering, priority, .. } = command;
-        let zero = speed == 0.0;
+    fn judge(&mut self, at: Instant, id: SourceId, new: bool, request: &Request<'_>, blocked: bool) -> Verdict {
+        let &Request { speed, course, priority, session, .. } = request;
         let manual = priority > PLANNER;
         let rival = self.rival(at, id, priority);
+        let program = self.sources[id.index()].program(at, session, self.ttl);
+        if !manual && rival.is_none() && program != Program::Same {
+            // An operator has released the earlier program.
+            self.latch_planner(at);
+        }
         let source = &mut self.sources[id.index()];
-        let silent = at.since(source.at) >= self.ttl && source.command.speed != 0.0;
+        let silent = at.since(source.at) >= self.ttl && !source.command.is_zero();
         let verdict = match rival {
             Some(other) if other == priority => Verdict::Contested,
             Some(_) => Verdict::Overruled,
             None => Verdict::Holds,
         };
         let held = verdict == Verdict::Holds && !blocked;
-        source.armed = zero || (held && (new || source.armed && !silent));
+        let goes_on = source.armed && !silent && program != Program::Another;
+        source.armed = request.is_zero() || (held && (new || goes_on));
         source.at = at;
-        source.command = Command { speed, steering, priority, source: id };
+        source.command = Command { speed, course, priority, source: id };
+        source.session = session.map(|session| (session, at)).or(source.session);
         if !held {
             return if blocked { Verdict::Blocked } else { verdict };
         }
@@ -163,12 +274,19 @@ impl Arbiter {
 
     /// True for a deliberate press: a command that moves, of a manual source whose last command was zero.
     #[must_use]
-    pub fn is_press(&self, command: &CmdMotion) -> bool {
-        let &CmdMotion { speed, priority, source: ref name, .. } = command;
+    pub fn is_press(&self, at: Instant, request: &Request<'_>) -> bool {
         let zero = |source: &Source| {
-            source.command.priority == priority && source.name == *name && source.command.speed == 0.0
+            let program = source.program(at, request.session, self.ttl);
+            source.is_of(request) && source.command.is_zero() && program != Program::Another
         };
-        priority > PLANNER && speed != 0.0 && self.sources.iter().any(zero)
+        request.priority > PLANNER && !request.is_zero() && self.sources.iter().any(zero)
+    }
+
+    /// True if the source's last command, of the other message, was received later: the messages came by two ways.
+    #[must_use]
+    pub fn is_outdated(&self, at: Instant, request: &Request<'_>) -> bool {
+        let later = |source: &Source| at < source.at && !source.command.course.is_like(request.course);
+        self.sources.iter().any(|source| source.is_of(request) && later(source))
     }
 
     /// True while a manual source holds the motion.
@@ -205,7 +323,7 @@ impl Arbiter {
             && let Some(holder) = self.holder
         {
             let source = &mut self.sources[holder.index()];
-            source.armed &= source.command.speed == 0.0;
+            source.armed &= source.command.is_zero();
         }
     }
 
@@ -231,7 +349,7 @@ impl Arbiter {
         self.release_after = now;
         self.holder = None;
         for source in &mut self.sources {
-            source.armed &= source.command.speed == 0.0;
+            source.armed &= source.command.is_zero();
         }
     }
 
@@ -263,33 +381,33 @@ impl Arbiter {
 
     /// Row of a command's source, and true if the source was never received before. A source without a row takes that
     /// of the source that has been silent longest. The holder keeps its own.
-    fn place(&mut self, at: Instant, command: &CmdMotion) -> (SourceId, bool) {
-        let &CmdMotion { speed, steering, priority, source: ref name, .. } = command;
-        let same = |source: &Source| source.command.priority == priority && source.name == *name;
-        if let Some(row) = self.sources.iter().position(same) {
+    fn place(&mut self, at: Instant, request: &Request<'_>) -> (SourceId, bool) {
+        let &Request { speed, course, priority, source: name, .. } = request;
+        if let Some(row) = self.sources.iter().position(|source| source.is_of(request)) {
             return (IDS[row], false);
         }
         let new = !self.displaced.take(name, priority);
         if self.sources.len() < SOURCES_MAX {
             let source = IDS[self.sources.len()];
-            let command = Command { speed, steering, priority, source };
-            self.sources.push(Source { name: name.clone(), command, at, armed: false });
+            let command = Command { speed, course, priority, source };
+            self.sources.push(Source { name: name.into(), command, at, session: None, armed: false });
             return (source, new);
         }
         let others = IDS.into_iter().filter(|id| Some(*id) != self.holder);
         let age = |id: &SourceId| {
             let row = &self.sources[id.index()];
-            (row.command.speed != 0.0, row.at)
+            (!row.command.is_zero(), row.at)
         };
         let source = others.min_by_key(age).unwrap_or(IDS[0]);
         let row = &mut self.sources[source.index()];
-        if row.command.speed != 0.0 {
+        if !row.command.is_zero() {
             self.displaced.put(&row.name, row.command.priority);
         }
         row.at = at;
-        row.name.clone_from(name);
-        row.command = Command { speed, steering, priority, source };
-        row.armed = false;
+        row.name.clear();
+        row.name.push_str(name);
+        row.command = Command { speed, course, priority, source };
+        (row.session, row.armed) = (None, false);
         (source, new)
     }
 }
@@ -588,5 +706,137 @@ mod tests {
             bench.say(n, &format!("s{n}"), 1, 0.0);
         }
         assert_eq!(bench.0.sources.len(), SOURCES_MAX);
+    }
+
+    impl Bench {
+        fn request(&mut self, ms: u64, command: &CmdVelocity) -> Verdict {
+            self.0.command(Instant::from_millis(1000 + ms), command, false).1
+        }
+
+        /// `LL_CMD_VELOCITY` straight ahead, of a session.
+        fn say_in(&mut self, ms: u64, source: &str, priority: i8, vx: f64, session: i64) -> Verdict {
+            self.request(ms, &velocity(source, priority, vx, session))
+        }
+
+        fn is_press(&self, ms: u64, command: &CmdVelocity) -> bool {
+            self.0.is_press(Instant::from_millis(1000 + ms), &command.into())
+        }
+    }
+
+    fn velocity(source: &str, priority: i8, vx: f64, session: i64) -> CmdVelocity {
+        CmdVelocity { vx, priority, source: source.into(), session, ..CmdVelocity::default() }
+    }
+
+    #[test]
+    fn both_messages_of_a_name_are_one_source_and_the_newer_command_counts() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        assert_eq!(bench.say_in(10, "op", 1, 0.2, 7), Holds);
+        assert_eq!((bench.moves(11), bench.0.sources.len()), (Some(0.2), 1));
+        assert_eq!(bench.say(20, "op", 1, 0.3), Holds);
+        assert_eq!(bench.moves(21), Some(0.3));
+        assert_eq!(bench.say_in(30, "other", 1, 0.2, 7), Contested);
+        assert_eq!(bench.say_in(40, "pad", 2, 0.2, 7), Holds, "the higher priority");
+        assert_eq!(bench.say(50, "op", 1, 0.3), Overruled);
+        // The motion of one message is not released by silence or by the other message, but by its zero.
+        bench.0.disarm_all(Instant::from_millis(1060));
+        assert_eq!(bench.say_in(1000, "op", 1, 0.2, 7), NotReleased);
+        assert_eq!(bench.say_in(1050, "op", 1, 0.0, 7), Holds);
+        assert_eq!(bench.say(1100, "op", 1, 0.2), Holds);
+        bench.0.disarm_all(Instant::from_millis(2110));
+        assert_eq!(bench.say_in(1150, "op", 1, 0.2, 7), NotReleased);
+        assert_eq!(bench.say(1200, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say_in(1250, "op", 1, 0.2, 7), Holds);
+    }
+
+    #[test]
+    fn a_command_that_comes_by_a_slower_way_than_the_other_message_is_outdated() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(100, "op", 1, 0.0), Holds);
+        let outdated = |bench: &Bench, ms: u64, command: &CmdVelocity| {
+            bench.0.is_outdated(Instant::from_millis(1000 + ms), &command.into())
+        };
+        let command = velocity("op", 1, 0.4, 7);
+        assert_eq!([90, 100].map(|ms| outdated(&bench, ms, &command)), [true, false]);
+        assert!(
+            !outdated(&bench, 90, &velocity("op", 2, 0.4, 7)) && !outdated(&bench, 90, &velocity("pad", 1, 0.4, 7))
+        );
+        bench.request(110, &command);
+        assert!(!outdated(&bench, 105, &command), "one message comes in the order in which it was sent");
+    }
+
+    #[test]
+    fn a_rotation_alone_is_motion_whether_the_base_can_do_it_or_not() {
+        let turn = CmdVelocity { omega: 0.3, ..velocity("op", 1, 0.0, 7) };
+        let aside = CmdVelocity { vy: 0.3, ..velocity("op", 1, 0.0, 7) };
+        for command in [turn, aside] {
+            let mut bench = Bench::new();
+            assert_eq!(bench.say_in(0, "op", 1, 0.0, 7), Holds);
+            assert!(bench.is_press(10, &command));
+            assert_eq!(bench.request(10, &command), Holds);
+            bench.0.disarm_all(Instant::from_millis(1020));
+            assert_eq!(bench.request(1030, &command), NotReleased);
+            assert_eq!(bench.say_in(1040, "op", 1, 0.3, 7), NotReleased, "it was not zero");
+            assert!(!bench.is_press(1050, &command));
+        }
+    }
+
+    #[test]
+    fn a_new_session_releases_nothing() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say_in(0, "op", 1, 0.4, 1), Holds);
+        bench.0.disarm_all(Instant::from_millis(1001));
+        for session in 2..9 {
+            assert_eq!(bench.say_in(1000 * session as u64, "op", 1, 0.4, session), NotReleased, "{session}");
+        }
+        assert_eq!(bench.say_in(10_000, "op", 1, 0.0, 9), Holds);
+        assert_eq!(bench.say_in(10_050, "op", 1, 0.4, 9), Holds);
+        bench.0.disarm_all(Instant::from_millis(11_060));
+        // Its row goes to others.
+        for n in 0..9 {
+            bench.say_blocked(10_100 + n, &format!("s{n}"), 3, 0.1);
+        }
+        assert_eq!(bench.say_in(20_000, "op", 1, 0.4, 10), NotReleased);
+    }
+
+    #[test]
+    fn a_program_that_starts_again_drives_at_once_if_the_earlier_one_ended_with_zero() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say_in(0, "op", 1, 0.4, 1), Holds);
+        assert_eq!(bench.say_in(50, "op", 1, 0.0, 1), Holds);
+        assert!(!bench.is_press(299, &velocity("op", 1, 0.4, 2)));
+        assert!(bench.is_press(300, &velocity("op", 1, 0.4, 2)));
+        assert_eq!(bench.say_in(300, "op", 1, 0.4, 2), Holds);
+    }
+
+    #[test]
+    fn two_programs_under_one_name_do_not_drive() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say_in(0, "op", 1, 0.4, 1), Holds);
+        assert_eq!(bench.say_in(10, "op", 1, 0.4, 2), NotReleased, "it has not sent zero");
+        assert_eq!(bench.moves(11), None);
+        for ms in (50..1000).step_by(50) {
+            assert_eq!(bench.say_in(ms, "op", 1, 0.0, 1), Holds);
+            assert!(!bench.is_press(ms + 10, &velocity("op", 1, 0.4, 2)));
+            assert_eq!(bench.say_in(ms + 10, "op", 1, 0.4, 2), NotReleased, "the zero of another one releases nothing");
+            assert_eq!(bench.moves(ms + 11), None);
+        }
+        // Its own zero, after the other has ended.
+        assert_eq!(bench.say_in(1000, "op", 1, 0.0, 2), Holds);
+        assert_eq!(bench.say_in(1050, "op", 1, 0.4, 2), Holds);
+    }
+
+    #[test]
+    fn a_planner_that_starts_again_waits_for_an_operator() {
+        for pause in [50, 5000] {
+            let mut bench = Bench::new();
+            bench.0.release_planner(Instant::from_millis(1000));
+            assert_eq!(bench.say_in(10, "guide", 0, 0.4, 1), Holds);
+            assert_eq!(bench.say_in(60, "guide", 0, 0.4, 1), Holds);
+            assert_eq!(bench.say_in(60 + pause, "guide", 0, 0.4, 2), Latched);
+            assert_eq!(bench.moves(61 + pause), None);
+            bench.0.release_planner(Instant::from_millis(1070 + pause));
+            assert_eq!(bench.say_in(110 + pause, "guide", 0, 0.4, 2), Holds);
+        }
     }
 }

@@ -7,6 +7,7 @@ use super::requests::may_be_listed;
 use base::Duration;
 use settings::robot::{Geometry, Limits};
 use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
+use std::fmt;
 use std::path::PathBuf;
 
 settings! {
@@ -207,6 +208,38 @@ settings! {
         writable: Vec<u16> = unset Vec::new();
     }
     check SteeringConfig::check;
+}
+
+/// Error of a configuration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ConfigError {
+    /// Invalid in CANopen.
+    CanOpen(canopen::master::ConfigError),
+    /// No base has these quantities.
+    Base(kinematics::Error),
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CanOpen(error) => error.fmt(f),
+            Self::Base(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+impl From<canopen::master::ConfigError> for ConfigError {
+    fn from(error: canopen::master::ConfigError) -> Self {
+        Self::CanOpen(error)
+    }
+}
+
+impl From<kinematics::Error> for ConfigError {
+    fn from(error: kinematics::Error) -> Self {
+        Self::Base(error)
+    }
 }
 
 /// Configuration of `driver_canbus`.

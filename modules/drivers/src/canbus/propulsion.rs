@@ -148,6 +148,11 @@ impl Propulsion {
         self.drive.poll_timeout()
     }
 
+    /// Measured speed, m/s; NaN if unknown.
+    pub(super) fn measured(&self) -> f64 {
+        self.speed
+    }
+
     /// Measured speed, m/s; 0 if unknown.
     pub(super) fn speed(&self) -> f64 {
         if self.speed.is_nan() { 0.0 } else { self.speed }

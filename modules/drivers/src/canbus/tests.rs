@@ -11,6 +11,7 @@ mod layout;
 mod pause;
 mod ranging;
 mod stopping;
+mod velocity;
 
 use super::{
     Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig, SecondWay,
@@ -30,7 +31,7 @@ use settings::robot::Limits;
 
 const MS: Duration = Duration::from_millis(1);
 
-fn config() -> Config {
+pub(super) fn config() -> Config {
     Config {
         bus: "can.main".into(),
         bitrate: 1_000_000,
@@ -94,6 +95,7 @@ struct Robot {
     restarts: i32,
     frames: Vec<(Instant, can::Frame)>,
     motion: Option<lowlevel::DataMotion>,
+    velocity: Option<lowlevel::DataVelocity>,
     holds: lowlevel::DataHold,
     bus: Option<lowlevel::DataBus>,
     answers: Vec<lowlevel::DataSdo>,
@@ -126,6 +128,7 @@ impl Robot {
             restarts: 0,
             frames: Vec::new(),
             motion: None,
+            velocity: None,
             holds: lowlevel::DataHold::default(),
             bus: None,
             answers: Vec::new(),
@@ -209,6 +212,7 @@ impl Robot {
                         assert_eq!(motion.reason.is_empty(), !self.holds.holds.iter().any(stops), "{:?}", self.holds);
                         self.motion = Some(motion);
                     }
+                    Action::Publish(Message::LlDataVelocity(velocity)) => self.velocity = Some(velocity),
                     Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
                     Action::Publish(Message::LlCmdPower(order)) => self.power.push((now, order)),
@@ -276,6 +280,10 @@ impl Robot {
 
     fn motion(&self) -> &lowlevel::DataMotion {
         self.motion.as_ref().expect("20 Hz")
+    }
+
+    fn velocity(&self) -> &lowlevel::DataVelocity {
+        self.velocity.as_ref().expect("20 Hz")
     }
 
     fn reason(&self) -> String {

@@ -104,6 +104,7 @@ function drivePart(): DrivePart {
     }, 0.05),
     holds: holds(),
     commands: patrols ? [{ timestamp: micros(), speed: robot.speed, steering: robot.steering, priority: 0, source: "planner" }] : [],
+    velocity_commands: [],
     guard: shown(guard(), 0.075),
     bound: bound(),
     stop: shown({ timestamp: micros(), engaged: robot.paused, source: robot.paused ? "bumper1" : "" }, 0.5),

@@ -239,8 +239,10 @@ export interface DrivePart {
   motion: Shown<DataMotion>;
   /** All causes for which the robot or its goal is held; empty: it acts. */
   holds: HoldRow[];
-  /** The motion commands of all sources. */
+  /** The motion commands of all sources: of those that command speed and steering, */
   commands: CmdMotion[];
+  /** and of those that command a velocity. */
+  velocity_commands: CmdVelocity[];
   /** Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 4, of 64 corners. */
   guard: Shown<DataGuard>;
   /** The bound of these that holds; `null`: the robot has no guard. */
@@ -675,6 +677,33 @@ export interface CmdMotion {
   priority: number;
   /** Name of the source; of two with the same priority the first keeps control. */
   source: string;
+}
+
+/**
+ * Motion command as a velocity of the body, for any wheeled base: `LL_CMD_VELOCITY`, 20 Hz while the robot is to move.
+ * Valid for 250 ms. The rules are those of `LL_CMD_MOTION`, with the same priorities; a source that sends both is one
+ * source, and its newer command counts. What the base cannot do of it (motion to the side, a turn on the spot, a turn
+ * too narrow) is left out, and `LL_DATA_HOLD` says so; out of limits or not a number stops the robot.
+ */
+export interface CmdVelocity {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Velocity of the origin of the robot frame, forward, m/s. */
+  vx: number | null;
+  /** Velocity of that origin to the left, m/s. */
+  vy: number | null;
+  /** Rotation, counter-clockwise, rad/s. */
+  omega: number | null;
+  /** One of the constants of `cmd_motion_t`. */
+  priority: number;
+  /** Name of the source; of two with the same priority the first keeps control. */
+  source: string;
+  /**
+   * Number that the program draws at its start. It releases nothing: what a source must do before it may move the robot
+   * follows from its name and priority. A motion that follows a command of another session within its time to live is
+   * of another program under the same name: it must send zero first.
+   */
+  session: number;
 }
 
 /** Drives as CANopen nodes: `LL_DATA_AXES`, 5 Hz and on change. */

@@ -50,6 +50,12 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["timestamp", "µs"],
     ["data", "bytes"],
   ])],
+  ["lowlevel.cmd_velocity_t", new Map([
+    ["timestamp", "µs"],
+    ["vx", "m/s"],
+    ["vy", "m/s"],
+    ["omega", "rad/s"],
+  ])],
   ["lowlevel.data_active_beacons_t", new Map([
     ["timestamp", "µs"],
   ])],
@@ -150,6 +156,16 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["temperatures.value", "°C"],
     ["fans.duty", "0..1"],
     ["fans.rpm", "1/min"],
+  ])],
+  ["lowlevel.data_velocity_t", new Map([
+    ["timestamp", "µs"],
+    ["vx", "m/s"],
+    ["vy", "m/s"],
+    ["omega", "rad/s"],
+    ["vx_target", "m/s"],
+    ["vy_target", "m/s"],
+    ["omega_target", "rad/s"],
+    ["residual", "m/s"],
   ])],
   ["lowlevel.event_stop_t", new Map([
     ["timestamp", "µs"],

@@ -34,8 +34,10 @@ pub struct DrivePart<'a> {
     motion: Shown<'a, lowlevel::DataMotion>,
     /// All causes for which the robot or its goal is held; empty: it acts.
     holds: Vec<HoldRow>,
-    /// The motion commands of all sources.
+    /// The motion commands of all sources: of those that command speed and steering,
     commands: Vec<&'a lowlevel::CmdMotion>,
+    /// and of those that command a velocity.
+    velocity_commands: Vec<&'a lowlevel::CmdVelocity>,
     /// Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 4, of 64 corners.
     guard: Shown<'a, lowlevel::DataGuard>,
     /// The bound of these that holds; `null`: the robot has no guard.
@@ -62,6 +64,7 @@ impl<'a> DrivePart<'a> {
             motion: model.motion.shown(now),
             holds: model.hold_rows(now),
             commands: model.commands(now).collect(),
+            velocity_commands: model.velocity_commands(now).collect(),
             guard: model.guard.shown(now),
             bound: model.bound(now),
             stop: model.stop.shown(now),
