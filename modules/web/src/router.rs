@@ -48,6 +48,7 @@ pub const ROUTES: &[Route] = &[
     own("/api/unpair", Role::Operator, || post(pairing::unpair)),
     own("/api/devices", Role::Engineer, || get(pairing::devices)),
     own("/api/devices/forget", Role::Engineer, || post(pairing::forget)),
+    own("/api/invite", Role::Engineer, || post(pairing::invite)),
     own("/api/stop", Role::Operator, || post(operator::stop)),
     own("/ws/command", Role::Viewer, || any(operator::upgrade)),
 ];

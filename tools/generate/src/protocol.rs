@@ -27,6 +27,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("modules/web/src/request.rs", "Refused"),
             same("modules/web/src/center/access.rs", "Device"),
             same("modules/web/src/center/pairing.rs", "Forget"),
+            same("modules/web/src/center/pairing.rs", "Invite"),
             renamed("modules/web/src/logs.rs", "Run", "LogRun"),
             renamed("modules/web/src/logs.rs", "Listed", "LogFile"),
             same("modules/web/src/center/events.rs", "RunEvents"),

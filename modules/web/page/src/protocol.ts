@@ -70,6 +70,18 @@ export interface Forget {
   id: number;
 }
 
+/** `POST /api/invite` (engineer): a code that pairs one further device as an operator's. */
+export interface Invite {
+  /** Eight digits. */
+  code: string;
+  /** Time for which it pairs, s. */
+  valid_s: number;
+  /** Link that pairs at once; `None` if other devices do not reach the server. */
+  link: string | null;
+  /** The link as a QR code: one text for each row of modules, `1` for dark; without a margin. Empty without a link. */
+  picture: string[];
+}
+
 /** A run on the robot's disk. `GET /api/logs` (viewer): all, the newest first; files: `GET /api/logs/RUN/FILE`. */
 export interface LogRun {
   /** Name. */
