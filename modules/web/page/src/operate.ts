@@ -3,7 +3,7 @@ import { computed, signal } from "@preact/signals";
 import { listen, say, type Sayable } from "./connection/command";
 import { post } from "./access/pairing";
 import { isHeld } from "./holds";
-import { commandLink, drive, fresh, holder, may, role, system } from "./state";
+import { authority, commandLink, drive, fresh, holder, may, role, system, UNHELD } from "./state";
 import { toast } from "./ui/news";
 
 /** Says a command; a refusal is shown in its own words. Whether it was done. */
@@ -103,6 +103,17 @@ export async function take(): Promise<void> {
   const from = holder.value;
   await order({ type: "take", from: from?.id ?? null }, "You have control.");
 }
+
+/** Says why something may not be done. Where control is all that is missing it offers to take it, and to go on with `then`. */
+export function explain(why: string, then: () => void): void {
+  const run = async () => {
+    await take();
+    // Once the page shows what may be done now.
+    if (authority.value.yours) requestAnimationFrame(then);
+  };
+  toast(why, "warn", why === UNHELD ? { label: "Take control and continue", run: () => void run() } : undefined);
+}
+
 export async function release(): Promise<void> {
   held = false;
   await order({ type: "release" }, "Control released.");

@@ -50,8 +50,34 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
     if (sensors.value && isOn("floor")) holes(brush, drive.value, sensors.value);
   }
   marks(brush);
+  if (camera.turn === 0) figures(brush);
   bar(brush);
 }
+
+/** px between two figures at an edge, at least. */
+const APART = 56;
+
+/** The coordinates of the grid, m, along the upper and the left edge. */
+function figures({ on, camera, size, ink, at }: Brush): void {
+  const step = [1, 2, 5, 10, 20].find((metres) => metres * camera.scale >= APART) ?? 50;
+  on.font = "11px system-ui, sans-serif";
+  on.textBaseline = "middle";
+  on.fillStyle = ink.muted;
+  on.textAlign = "center";
+  const [right, up] = [size.width / camera.scale / 2, size.height / camera.scale / 2];
+  for (let x = Math.ceil((camera.x - right) / step) * step; x <= camera.x + right; x += step) {
+    const [sx] = at(x, 0);
+    if (sx > 40) on.fillText(minus(x), sx, 8);
+  }
+  on.textAlign = "start";
+  for (let y = Math.ceil((camera.y - up) / step) * step; y <= camera.y + up; y += step) {
+    const [, sy] = at(0, y);
+    // At the ends are the figures of the other edge and the scale bar.
+    if (sy > 20 && sy < size.height - 36) on.fillText(minus(y), 4, sy);
+  }
+}
+
+const minus = (figure: number): string => String(figure).replace("-", "−");
 
 function grid({ on, camera, size, ink, at }: Brush): void {
   const step = camera.scale >= 18 ? 1 : 5;
@@ -343,7 +369,7 @@ function marks(brush: Brush): void {
     });
   };
   if (places.value.length === 0) draw(sent.value, ink.goal);
-  draw(places.value, mode.value === "pose" ? ink.robot : ink.goal);
+  draw(places.value, mode.value === "pose" ? ink.robot : mode.value === "measure" ? ink.ink : ink.goal);
 }
 
 function flag({ on, at, ink }: Brush, [x, y]: Point, colour: string, label: string): void {
