@@ -31,6 +31,7 @@ pub use parts::ExtraState;
 pub use scene::Scene;
 pub use view_publisher::ViewPublisher;
 
+use crate::reports::Summaries;
 use base::Instant;
 use record::Header;
 use std::path::Path;
@@ -62,6 +63,8 @@ pub struct Center {
     pub downloads: Arc<Semaphore>,
     /// Permits for runs read as a whole at once.
     pub reads: Arc<Semaphore>,
+    /// Summaries of runs that were read.
+    pub summaries: Summaries,
 }
 
 impl Center {
@@ -84,6 +87,7 @@ impl Center {
             demos: Arc::new(Semaphore::new(demo::VIEWERS_MAX)),
             downloads: Arc::new(Semaphore::new(DOWNLOADS_MAX)),
             reads: Arc::new(Semaphore::new(READS_MAX)),
+            summaries: Summaries::default(),
         }
     }
 

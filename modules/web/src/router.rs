@@ -42,6 +42,7 @@ pub const ROUTES: &[Route] = &[
     own("/api/logs", Role::Viewer, || get(logs::list)),
     own("/api/logs/{run}/{*file}", Role::Viewer, || get(logs::download)),
     own("/api/runs/{run}/events", Role::Viewer, || get(reports::events)),
+    own("/api/runs/{run}/summary", Role::Viewer, || get(reports::summary)),
     own("/api/runs/{run}/report.png", Role::Viewer, || get(reports::picture)),
     own("/api/me", Role::Nobody, || get(pairing::me)),
     own("/api/pair", Role::Nobody, || post(pairing::pair)),

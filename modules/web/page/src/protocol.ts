@@ -105,6 +105,21 @@ export interface RunEvents {
   left_out: number;
 }
 
+/** A recorded run in figures. `GET /api/runs/RUN/summary` (viewer). */
+export interface RunSummary {
+  /** Length, s, without steps of the wall clock and long silences. */
+  seconds: number;
+  /** Distance driven forward and backward, m, by the measured speed. */
+  distance: number;
+  /** Contacts of the simulated robot; `None` for a real one. */
+  contacts: number | null;
+  /** Stops: PAUSE, and operators. */
+  stops: number;
+  /** Reports of errors, those of a kind within 5 s counted once; and of warnings. */
+  errors: number;
+  warnings: number;
+}
+
 /** Event of a recorded run. */
 export interface RunEvent {
   /** s after the begin of the run. */
