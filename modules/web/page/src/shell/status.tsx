@@ -75,6 +75,8 @@ export function StatusBar({ children }: { children: ComponentChildren }) {
       <div class="status-side">
         <Trip />
         <Control />
+        {/* On a wide screen it is above the navigation. */}
+        {me.value ? <b class="status-name">{me.value.robot}</b> : null}
       </div>
     </header>
   );
