@@ -24,6 +24,7 @@ pub mod recorded;
 pub mod scene;
 pub mod session_store;
 mod sha256;
+pub mod summaries;
 mod view_publisher;
 pub mod viewer;
 
@@ -31,11 +32,11 @@ pub use parts::ExtraState;
 pub use scene::Scene;
 pub use view_publisher::ViewPublisher;
 
-use crate::reports::Summaries;
 use base::Instant;
 use record::Header;
 use std::path::Path;
 use std::sync::Arc;
+use summaries::Summaries;
 use tokio::sync::Semaphore;
 
 /// Maximum number of files downloaded at a time.

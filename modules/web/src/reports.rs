@@ -5,8 +5,9 @@
 
 use super::app::App;
 use super::center::Center;
-use super::center::events::{self, RunEvents, RunSummary};
+use super::center::events::{self, RunEvents};
 use super::center::recorded::Recorded;
+use super::center::summaries::RunSummary;
 use super::logs;
 use super::request::refused;
 use super::stats::Refusal;
@@ -15,14 +16,10 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use host::sys;
 use serde::Serialize;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 /// Maximum length of a run that is read as a whole, bytes.
 const BYTES_MAX: u64 = 2 << 30;
-/// Maximum number of summaries that are kept.
-const SUMMARIES_MAX: usize = 1000;
 /// Nice value of the thread that reads.
 const NICE: i8 = 10;
 
@@ -53,25 +50,6 @@ fn scanned(center: &Center, folder: &Path, bytes: u64) -> Result<(RunEvents, Run
 
 fn json(what: &impl Serialize) -> Result<Vec<u8>, String> {
     serde_json::to_vec(what).map_err(|error| error.to_string())
-}
-
-/// Summaries of runs that were read, each with the length of its files then: a run that grew is read again.
-#[derive(Default)]
-pub struct Summaries(Mutex<BTreeMap<String, (u64, RunSummary)>>);
-
-impl Summaries {
-    fn get(&self, run: &str, bytes: u64) -> Option<RunSummary> {
-        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        known.get(run).filter(|(length, _)| *length == bytes).map(|(_, summary)| summary.clone())
-    }
-
-    fn keep(&self, run: String, bytes: u64, summary: RunSummary) {
-        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.len() >= SUMMARIES_MAX {
-            known.clear();
-        }
-        known.insert(run, (bytes, summary));
-    }
 }
 
 /// `/api/runs/{run}/report.png`

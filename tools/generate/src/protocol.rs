@@ -31,7 +31,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             renamed("modules/web/src/logs.rs", "Run", "LogRun"),
             renamed("modules/web/src/logs.rs", "Listed", "LogFile"),
             same("modules/web/src/center/events.rs", "RunEvents"),
-            same("modules/web/src/center/events.rs", "RunSummary"),
+            same("modules/web/src/center/summaries.rs", "RunSummary"),
             same("modules/web/src/center/events.rs", "RunEvent"),
             same("modules/web/src/center/events.rs", "EventKind"),
         ],

@@ -115,8 +115,9 @@ export interface RunSummary {
   contacts: number | null;
   /** Stops: PAUSE, and operators. */
   stops: number;
-  /** Reports of errors, those of a kind within 5 s counted once; and of warnings. */
+  /** Reports of errors, those of a kind within 5 s counted once. */
   errors: number;
+  /** Reports of warnings, counted likewise. */
   warnings: number;
 }
 

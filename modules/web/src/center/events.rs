@@ -1,6 +1,7 @@
 //! What happened in a recorded run, for its time line: marks, stops, reports and contacts.
 
 use super::recorded::Recorded;
+use super::summaries::RunSummary;
 use messages::common::{CmdLog, Error};
 use messages::{Channel, Hold, Message};
 use serde::Serialize;
@@ -27,22 +28,6 @@ pub struct RunEvents {
     pub events: Vec<RunEvent>,
     /// Number of events that are not listed.
     pub left_out: u32,
-}
-
-/// A recorded run in figures. `GET /api/runs/RUN/summary` (viewer).
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct RunSummary {
-    /// Length, s, without steps of the wall clock and long silences.
-    pub seconds: f64,
-    /// Distance driven forward and backward, m, by the measured speed.
-    pub distance: f64,
-    /// Contacts of the simulated robot; `None` for a real one.
-    pub contacts: Option<u32>,
-    /// Stops: PAUSE, and operators.
-    pub stops: u32,
-    /// Reports of errors, those of a kind within 5 s counted once; and of warnings.
-    pub errors: u32,
-    pub warnings: u32,
 }
 
 /// Event of a recorded run.
