@@ -154,7 +154,7 @@ export class Visit {
     await this.word.filter({ hasText: new RegExp(`^\\s*${word}\\s*$`) }).waitFor({ timeout: 1000 * seconds });
   }
   async live(): Promise<void> {
-    await this.page.locator(".status-side .chip .figure").waitFor();
+    await this.page.locator(".status-side .chip").getByText(/\d ms/).waitFor({ state: "attached" });
   }
 
   // ------------------------------------------------------------------------------------------------ doing
