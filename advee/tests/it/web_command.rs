@@ -148,6 +148,19 @@ fn devices_are_paired_recognized_and_unpaired() {
         (2, &json!(true), &json!("phone"))
     );
 
+    // An engineer invites an operator's device. The page is at a loopback address here, so there is no link for a phone.
+    for nobody in [&phone, ""] {
+        assert_eq!(post(at, "/api/invite", nobody, &json!({})).status, 403);
+    }
+    let invite = post(at, "/api/invite", &desk, &json!({})).json();
+    assert_eq!((&invite["link"], &invite["picture"]), (&Value::Null, &json!([])));
+    assert_eq!(invite["code"], bench.codes()["operator"], "the one that the robot shows");
+    assert!(invite["valid_s"].as_u64().unwrap() > 299);
+    let tablet = json!({ "code": invite["code"], "name": "tablet" });
+    assert_eq!(post(at, "/api/pair", "", &tablet).json()["role"], "operator");
+    assert_eq!(post(at, "/api/pair", "", &tablet).status, 403, "once");
+    assert_eq!(post(at, "/api/devices/forget", &desk, &json!({ "id": 3 })).status, 200);
+
     // After a kill it is back with its paired devices. The pairing was written within a second.
     bench.robot.pass(1.5);
     let pid = bench.robot.view.pid("web");

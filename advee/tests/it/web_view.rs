@@ -418,10 +418,15 @@ fn recorded_runs_are_listed_downloaded_and_played() {
     let marks: Vec<_> = events["events"].as_array().unwrap().iter().filter(|event| event["kind"] == "mark").collect();
     assert!(marks.len() == 1 && marks[0]["words"] == "here" && events["left_out"] == 0, "{events}");
     assert!((0.5..seconds).contains(&marks[0]["at"].as_f64().unwrap()), "{events} of {seconds} s");
+    let summary = || get(web.at, &format!("/api/runs/{run}/summary")).unwrap().json();
+    let figures = summary();
+    assert!((figures["seconds"].as_f64().unwrap() - seconds).abs() < 0.1 && figures["contacts"] == 0, "{figures}");
+    assert!(figures["distance"].as_f64().unwrap() >= 0.0 && figures["stops"].is_u64(), "{figures}");
+    assert_eq!(summary(), figures, "also where it is known");
     let picture = get(web.at, &format!("/api/runs/{run}/report.png")).unwrap();
     assert_eq!((picture.status, picture.header("content-type")), (200, Some("image/png")));
     assert!(picture.body.starts_with(b"\x89PNG"));
-    for path in ["/api/runs/2001_01_01_00_00_00/events", "/api/runs/..%2fsecret/report.png", "/api/runs/secret/events"]
+    for path in ["/api/runs/2001_01_01_00_00_00/events", "/api/runs/..%2fsecret/report.png", "/api/runs/secret/summary"]
     {
         assert_eq!(get(web.at, path).unwrap().status, 404, "{path}");
     }

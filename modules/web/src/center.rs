@@ -24,6 +24,7 @@ pub mod recorded;
 pub mod scene;
 pub mod session_store;
 mod sha256;
+pub mod summaries;
 mod view_publisher;
 pub mod viewer;
 
@@ -35,6 +36,7 @@ use base::Instant;
 use record::Header;
 use std::path::Path;
 use std::sync::Arc;
+use summaries::Summaries;
 use tokio::sync::Semaphore;
 
 /// Maximum number of files downloaded at a time.
@@ -62,6 +64,8 @@ pub struct Center {
     pub downloads: Arc<Semaphore>,
     /// Permits for runs read as a whole at once.
     pub reads: Arc<Semaphore>,
+    /// Summaries of runs that were read.
+    pub summaries: Summaries,
 }
 
 impl Center {
@@ -84,6 +88,7 @@ impl Center {
             demos: Arc::new(Semaphore::new(demo::VIEWERS_MAX)),
             downloads: Arc::new(Semaphore::new(DOWNLOADS_MAX)),
             reads: Arc::new(Semaphore::new(READS_MAX)),
+            summaries: Summaries::default(),
         }
     }
 

@@ -1,11 +1,13 @@
-//! What a recorded run contains as a whole: `/api/runs/RUN/events` for its time line, `/api/runs/RUN/report.png` as a
-//! picture.
+//! What a recorded run contains as a whole: `/api/runs/RUN/events` for its time line, `/api/runs/RUN/summary` in figures,
+//! `/api/runs/RUN/report.png` as a picture.
 //!
-//! For either the whole log is read: one at a time, by a thread that gives way to everything else on the computer.
+//! For each the whole log is read: one at a time, by a thread that gives way to everything else on the computer.
 
 use super::app::App;
-use super::center::events;
+use super::center::Center;
+use super::center::events::{self, RunEvents};
 use super::center::recorded::Recorded;
+use super::center::summaries::RunSummary;
 use super::logs;
 use super::request::refused;
 use super::stats::Refusal;
@@ -13,7 +15,8 @@ use axum::extract::{Path as Named, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use host::sys;
-use std::path::PathBuf;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
 
 /// Maximum length of a run that is read as a whole, bytes.
 const BYTES_MAX: u64 = 2 << 30;
@@ -23,30 +26,48 @@ const NICE: i8 = 10;
 /// `/api/runs/{run}/events`
 pub async fn events(State(app): State<App>, Named(run): Named<String>) -> Response {
     let center = app.center.clone();
-    let read = move |folder: PathBuf| {
-        let recorded = Recorded::open(&center.logs, &name(&folder), center.recorded, &center.scene)?;
-        let events = events::of(&recorded).map_err(|error| format!("the run cannot be read: {error}"))?;
-        serde_json::to_vec(&events).map_err(|error| error.to_string())
+    let read = move |folder: PathBuf, bytes| json(&scanned(&center, &folder, bytes)?.0);
+    answer(&app, &run, "application/json", read).await
+}
+
+/// `/api/runs/{run}/summary`
+pub async fn summary(State(app): State<App>, Named(run): Named<String>) -> Response {
+    let center = app.center.clone();
+    let read = move |folder: PathBuf, bytes| match center.summaries.get(&name(&folder), bytes) {
+        Some(known) => json(&known),
+        None => json(&scanned(&center, &folder, bytes)?.1),
     };
     answer(&app, &run, "application/json", read).await
+}
+
+/// Reads the run, and keeps its summary.
+fn scanned(center: &Center, folder: &Path, bytes: u64) -> Result<(RunEvents, RunSummary), String> {
+    let recorded = Recorded::open(&center.logs, &name(folder), center.recorded, &center.scene)?;
+    let found = events::of(&recorded).map_err(|error| format!("the run cannot be read: {error}"))?;
+    center.summaries.keep(name(folder), bytes, found.1.clone());
+    Ok(found)
+}
+
+fn json(what: &impl Serialize) -> Result<Vec<u8>, String> {
+    serde_json::to_vec(what).map_err(|error| error.to_string())
 }
 
 /// `/api/runs/{run}/report.png`
 pub async fn picture(State(app): State<App>, Named(run): Named<String>) -> Response {
     let picture = app.center.picture;
-    answer(&app, &run, "image/png", move |folder| picture(&folder)).await
+    answer(&app, &run, "image/png", move |folder, _| picture(&folder)).await
 }
 
-fn name(folder: &std::path::Path) -> String {
+fn name(folder: &Path) -> String {
     folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// What `read` makes of the folder of a listed run.
+/// What `read` makes of the folder of a listed run and the length of its files, bytes.
 async fn answer(
     app: &App,
     run: &str,
     content: &'static str,
-    read: impl FnOnce(PathBuf) -> Result<Vec<u8>, String> + Send + 'static,
+    read: impl FnOnce(PathBuf, u64) -> Result<Vec<u8>, String> + Send + 'static,
 ) -> Response {
     let Ok(permit) = app.center.reads.clone().try_acquire_owned() else {
         app.stats.refuse(Refusal::Reads, "");
@@ -64,7 +85,9 @@ async fn answer(
                 let why = format!("the run is longer than {} GiB; advee plot draws it", BYTES_MAX >> 30);
                 Err((StatusCode::UNPROCESSABLE_ENTITY, why))
             }
-            Some(_) => read(folder.join(&run)).map_err(|why| (StatusCode::UNPROCESSABLE_ENTITY, why)),
+            Some(listed) => {
+                read(folder.join(&run), listed.bytes()).map_err(|why| (StatusCode::UNPROCESSABLE_ENTITY, why))
+            }
         };
         // Before the answer: whoever has it may ask for the next one. Whoever asked may have gone.
         drop(permit);

@@ -9,10 +9,12 @@ import { pass, until } from "./support/until";
 for (const profile of PROFILES) {
   scene(`the pad drives while it is held, at 20 Hz; let go it is zero at once, then silence (${profile})`, async ({ robot, visit }) => {
     const v = await visit({ profile, as: "operator" });
-    await v.pad.getByText("Nobody has control").waitFor();
-    const early = await v.hold();
-    await early.up();
-    deepEqual(v.said, [], "without control the pad says nothing");
+    if (profile === "desktop") {
+      await v.pad.getByText("Nobody has control").waitFor();
+      const early = await v.hold();
+      await early.up();
+      deepEqual(v.said, [], "without control the pad says nothing");
+    }
     await v.takeControl();
     const hand = await v.drive();
     await v.shows("Driving");
@@ -50,6 +52,27 @@ for (const profile of PROFILES) {
     ok(Math.abs(normal / slow - 3) < 0.1, `${slow} and ${normal} m/s`);
   });
 }
+
+scene("on a phone there is the map from behind the robot until control is taken, and then the pad", async ({ visit }) => {
+  const v = await visit({ profile: "phone", as: "operator" });
+  const strip = v.page.getByRole("img", { name: /^Map from behind the robot\. At .*fine/ });
+  await strip.waitFor();
+  equal(await v.pad.isVisible(), false);
+  const box = await strip.boundingBox();
+  ok(box && box.height > 0.4 * 844 && box.y + box.height < 844 - 130, "half of the screen, and all of it above Stop");
+  // The robot in its colour is where it is drawn: on the middle line, below the middle.
+  const colour = await strip.evaluate((canvas) => {
+    const { width, height } = canvas as HTMLCanvasElement;
+    const [r, g, b] = (canvas as HTMLCanvasElement).getContext("2d")?.getImageData(width / 2 + 0.03 * width, 0.66 * height, 1, 1).data ?? [];
+    return [r, g, b];
+  });
+  deepEqual(colour, [10, 95, 180]);
+  await v.takeControl();
+  await v.pad.waitFor();
+  equal(await strip.isVisible(), false);
+  await v.press(v.button("Release control"));
+  await strip.waitFor();
+});
 
 scene("a second finger on the pad ends it, and neither drives on", async ({ robot, visit }) => {
   const v = await visit({ profile: "phone", as: "operator" });

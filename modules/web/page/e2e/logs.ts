@@ -104,3 +104,17 @@ scene("the picture of a run is drawn on demand", async ({ robot, visit }) => {
   const size = await picture.evaluate(async (image: HTMLImageElement) => (await image.decode(), [image.naturalWidth, image.naturalHeight]));
   ok((size[0] ?? 0) > 500 && (size[1] ?? 0) > 300, String(size));
 });
+
+scene("a finished run is told in figures in the list", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await robot.advee("drive", "0.3", "0", "--for", "2");
+  await v.go("Logs");
+  await v.button("Stop recording").click();
+  await v.card("Recorder").getByText("not recording", { exact: true }).waitFor();
+  const figures = v.page.locator(".p-figures").first();
+  await figures.waitFor({ timeout: 60_000 });
+  const [, metres] = /^[^,]+, ([0-9.]+) m, no contact/.exec((await figures.textContent()) ?? "") ?? [];
+  ok(Number(metres) > 0.1, (await figures.textContent()) ?? "");
+  await v.button("Start recording").click();
+  await v.card("Recorder").getByText("recording", { exact: true }).waitFor();
+});

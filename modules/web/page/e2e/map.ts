@@ -172,3 +172,33 @@ scene("each layer of the map is on or off, and stays so; people are shown where 
   await v.page.locator(".map-layers summary").click();
   ok(!(await people.isChecked()), "kept on this device");
 }, ["world.people=5"]);
+
+for (const profile of PROFILES) {
+  scene(`a distance is measured by taps, which command nothing; for who watches, too (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile });
+    await v.go("Map");
+    await v.press(v.button("Measure"));
+    const said = v.page.getByRole("group", { name: "Measure" }).getByRole("status");
+    await touch(v, [0.3, 0.3]);
+    await touch(v, [0.6, 0.3]);
+    const metres = async () => Number(/^([0-9.]+) m/.exec((await said.textContent()) ?? "")?.[1]);
+    const first = await metres();
+    ok(first > 2 && first < 20, `${first} m`);
+    match((await said.textContent()) ?? "", /to 0°/);
+    await touch(v, [0.6, 0.6]);
+    ok((await metres()) > first + 1);
+    await v.press(v.button("Take the last one back"));
+    equal(await metres(), first);
+    await v.press(v.button("Done"));
+    deepEqual([v.said, robot.bus.commands], [[], []], "nothing was commanded");
+  });
+}
+
+scene("a control that lacks control alone offers to take it, and does then what was pressed", async ({ visit }) => {
+  const v = await visit({ profile: "phone", as: "operator" });
+  await v.go("Map");
+  await v.button("Go to").click({ force: true });
+  await v.press(v.button("Take control and continue"));
+  await v.page.getByRole("form", { name: "Place on the map" }).waitFor();
+  deepEqual(v.said.map(({ type }) => type), ["take"]);
+});

@@ -1,6 +1,6 @@
 // Who may what: pairing by link and by code, watching, and who is paired.
 import { deepEqual, equal, match, ok } from "node:assert/strict";
-import { PROFILES } from "./support/browser";
+import { NAME, PROFILES } from "./support/browser";
 import { scene } from "./support/scene";
 import { until } from "./support/until";
 
@@ -69,6 +69,38 @@ for (const profile of PROFILES) {
     await v.page.getByLabel("Code from the robot's console").waitFor();
   });
 }
+
+scene("an engineer shows a phone a QR code; its link pairs the phone as an operator's", async ({ visit }) => {
+  // As a page that other devices reach: at the robot's name.
+  const v = await visit({ as: "engineer", host: NAME });
+  await v.go("This device");
+  await v.press(v.button("Show a code"));
+  const dialog = v.page.getByRole("dialog", { name: "Pair another device" });
+  const picture = dialog.getByRole("img", { name: /^QR code/ });
+  await picture.waitFor();
+  const side = Number((await picture.getAttribute("viewBox"))?.split(" ")[2]);
+  ok(side >= 29 && side <= 45, `${side} modules with the margin`);
+  ok(((await picture.locator("path").getAttribute("d")) ?? "").startsWith("M4 4h7v1h-7z"), "the first row of a corner");
+  const link = new URL((await dialog.locator(".qr-link").textContent()) ?? "");
+  equal(link.origin, v.origin);
+  const phone = await visit({ profile: "phone", path: `/${link.hash}` });
+  await phone.page.getByLabel("Name of this device").fill("New phone");
+  await phone.press(phone.button("Pair"));
+  await phone.button("Take control").waitFor();
+  await v.press(v.button("Close").first());
+  await v.row("New phone").getByText("operator", { exact: true }).waitFor();
+}, [`web.hosts=["${NAME}"]`]);
+
+scene("where a phone does not reach the page there is the code alone", async ({ robot, visit }) => {
+  const v = await visit({ profile: "phone", as: "engineer" });
+  await v.go("This device");
+  await v.press(v.button("Show a code"));
+  const dialog = v.page.getByRole("dialog", { name: "Pair another device" });
+  await dialog.getByText("A phone does not reach this address").waitFor();
+  equal(await dialog.getByRole("img").count(), 0);
+  const { operator } = await robot.codes();
+  equal(await dialog.locator(".code").textContent(), `${operator.slice(0, 4)} ${operator.slice(4)}`);
+});
 
 scene("an engineer sees who is paired, and forgets one: its page watches from then on", async ({ visit }) => {
   const phone = await visit({ profile: "phone", as: "operator", name: "Lost phone", complaints: /40[13]|WebSocket/ });

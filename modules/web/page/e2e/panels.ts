@@ -126,6 +126,15 @@ for (const profile of PROFILES) {
     const ink = () => plot.locator("canvas").evaluate((canvas: HTMLCanvasElement) => canvas.toDataURL());
     const before = await ink();
     await until("the plot goes on", 10, async () => (await ink()) !== before);
+    // A second unit has an axis of its own.
+    equal(await plot.locator(".u-axis").count(), 2, "time, and metres");
+    await v.press(tree.getByRole("button", { name: "Plot theta", exact: true }));
+    const both = v.page.getByRole("img", { name: "Course of SIM_DATA_TRUTH x, SIM_DATA_TRUTH theta" });
+    await both.locator(".u-axis").nth(2).waitFor();
+    if (profile === "desktop") {
+      await both.locator(".u-over").hover();
+      await v.page.getByText(/^Values [0-9.]+ s ago:/).waitFor();
+    }
   });
 }
 

@@ -25,6 +25,12 @@ try {
   for (const profile of ["desktop", "phone"] as Profile[]) {
     await robot.calm();
     const v = await Visit.open(browser, robot, { profile, as: "engineer", name: profile === "phone" ? "Jana's phone" : "Workshop" });
+    const save = async (file: string) => writeFile(join(FOLDER, `${file}.png`), await small(painter, await v.page.screenshot({ scale: "css" })));
+    if (profile === "phone") {
+      await v.page.getByRole("img", { name: /^Map from behind the robot\. At / }).waitFor();
+      await pass(1500);
+      await save("watching-phone");
+    }
     await v.takeControl();
     await v.go("Map");
     await v.press(v.button("Drive to…"));
@@ -49,8 +55,7 @@ try {
       for (const dark of DARK.includes(file) ? [false, true] : [false]) {
         await v.page.emulateMedia({ colorScheme: dark ? "dark" : "light" });
         await pass(500);
-        const png = await small(painter, await v.page.screenshot({ scale: "css" }));
-        await writeFile(join(FOLDER, `${file}-${profile}${dark ? "-dark" : ""}.png`), png);
+        await save(`${file}-${profile}${dark ? "-dark" : ""}`);
       }
       await v.page.emulateMedia({ colorScheme: "light" });
     }

@@ -3,7 +3,7 @@ import { computed, signal } from "@preact/signals";
 import { listen, say, type Sayable } from "./connection/command";
 import { post } from "./access/pairing";
 import { isHeld } from "./holds";
-import { commandLink, drive, fresh, holder, may, role, system } from "./state";
+import { clock, commandLink, drive, fresh, holder, may, role, system, UNHELD } from "./state";
 import { toast } from "./ui/news";
 
 /** Says a command; a refusal is shown in its own words. Whether it was done. */
@@ -86,8 +86,17 @@ export const resume = (): Promise<boolean> => order({ type: "resume" }, "Resumed
 /** Who took control from us, or why it ended; shown until it is read. */
 export const lostControl = signal<string | null>(null);
 let held = false;
+/** ms after a press of "Take control and continue" in which the robot's word that we have it may come. */
+const GRANTED = 2000;
+/** What that press continues with, and until when, ms of the page's clock. */
+let waiting: { then: () => void; until: number } | null = null;
 listen({
   authority(holds, why) {
+    if (holds && waiting) {
+      // Once the page shows what may be done now.
+      if (clock() < waiting.until) requestAnimationFrame(waiting.then);
+      waiting = null;
+    }
     if (held && !holds && why) lostControl.value = sentence(why);
     if (holds) lostControl.value = null;
     held = holds;
@@ -98,11 +107,22 @@ listen({
   },
 });
 
-/** Takes control, from exactly the one that is shown. */
-export async function take(): Promise<void> {
+/** Takes control, from exactly the one that is shown. Whether it was granted. */
+export function take(): Promise<boolean> {
   const from = holder.value;
-  await order({ type: "take", from: from?.id ?? null }, "You have control.");
+  return order({ type: "take", from: from?.id ?? null }, "You have control.");
 }
+
+/** Says why something may not be done. Where control is all that is missing it offers to take it, and to go on with `then`. */
+export function explain(why: string, then: () => void): void {
+  const run = async () => {
+    const mine = { then, until: clock() + GRANTED };
+    waiting = mine;
+    if (!(await take()) && waiting === mine) waiting = null;
+  };
+  toast(why, "warn", why === UNHELD ? { label: "Take control and continue", run: () => void run() } : undefined);
+}
+
 export async function release(): Promise<void> {
   held = false;
   await order({ type: "release" }, "Control released.");

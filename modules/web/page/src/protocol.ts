@@ -70,6 +70,18 @@ export interface Forget {
   id: number;
 }
 
+/** `POST /api/invite` (engineer): a code that pairs one further device as an operator's. */
+export interface Invite {
+  /** Eight digits. */
+  code: string;
+  /** Time for which it pairs, s. */
+  valid_s: number;
+  /** Link that pairs at once; `None` if other devices do not reach the server. */
+  link: string | null;
+  /** The link as a QR code: one text for each row of modules, `1` for dark; without a margin. Empty without a link. */
+  picture: string[];
+}
+
 /** A run on the robot's disk. `GET /api/logs` (viewer): all, the newest first; files: `GET /api/logs/RUN/FILE`. */
 export interface LogRun {
   /** Name. */
@@ -91,6 +103,22 @@ export interface RunEvents {
   events: RunEvent[];
   /** Number of events that are not listed. */
   left_out: number;
+}
+
+/** A recorded run in figures. `GET /api/runs/RUN/summary` (viewer). */
+export interface RunSummary {
+  /** Length, s, without steps of the wall clock and long silences. */
+  seconds: number;
+  /** Distance driven forward and backward, m, by the measured speed. */
+  distance: number;
+  /** Contacts of the simulated robot; `None` for a real one. */
+  contacts: number | null;
+  /** Stops: PAUSE, and operators. */
+  stops: number;
+  /** Reports of errors, those of a kind within 5 s counted once. */
+  errors: number;
+  /** Reports of warnings, counted likewise. */
+  warnings: number;
 }
 
 /** Event of a recorded run. */

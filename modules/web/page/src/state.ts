@@ -152,13 +152,16 @@ export const holder = computed<Holder | null>(() => {
   return !commandLink.value.open || (seen !== null && seen.id === told?.id) ? seen : told;
 });
 
+/** Control is all that is missing, and it is free. */
+export const UNHELD = "Nobody has control. Take control first.";
+
 /** Why nothing can be commanded now that needs the authority; null: it can. */
 export const whyNot = computed<string | null>(() => {
   if (demo.value) return "This is a recorded run: nothing can be commanded.";
   if (!may("operator")) return "You are watching. To drive, pair this device with the code from the robot's console.";
   if (connection.value.state !== "live") return "There is no connection to the robot.";
   if (!authority.value.yours) {
-    return holder.value ? `${holder.value.name} has control.` : "Nobody has control. Take control first.";
+    return holder.value ? `${holder.value.name} has control.` : UNHELD;
   }
   return null;
 });

@@ -78,7 +78,7 @@ impl Refused {
     }
 }
 
-/// Codes that pair a device, made on demand and shown only at the robot.
+/// Codes that pair a device, made on demand and shown only at the robot; an operator's also to an engineer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Codes {
     /// Code of an operator, eight digits.
@@ -94,6 +94,13 @@ pub struct Codes {
 struct Code {
     digits: String,
     until: Instant,
+}
+
+impl Code {
+    /// True if it may be shown again.
+    fn lasts(&self, now: Instant) -> bool {
+        self.until.since(now) >= CODE_LEFT_MIN
+    }
 }
 
 /// Eight digits derived from the random bytes from `at` on, different from `not`.
@@ -191,17 +198,24 @@ impl Access {
 
     /// Codes for further devices; new ones unless the present ones remain valid for some minutes.
     pub fn codes(&mut self, now: Instant, chance: &Chance) -> Codes {
-        let lasts = |code: &Code| code.until.since(now) >= CODE_LEFT_MIN;
-        let operator = self.operator.take().filter(lasts);
-        let engineer = self.engineer.take().filter(lasts);
+        let (operator, operator_valid) = self.operator_code(now, chance);
+        let engineer = self.engineer.take().filter(|code| code.lasts(now));
         let until = now + CODE_TTL;
-        let taken = engineer.as_ref().map_or("", |code| &code.digits);
-        let operator = operator.unwrap_or_else(|| Code { digits: code(chance, 0, taken), until });
-        let engineer = engineer.unwrap_or_else(|| Code { digits: code(chance, 8, &operator.digits), until });
-        let valid = operator.until.min(engineer.until).since(now);
-        let codes = Codes { operator: operator.digits.clone(), engineer: engineer.digits.clone(), valid };
-        (self.operator, self.engineer) = (Some(operator), Some(engineer));
+        let engineer = engineer.unwrap_or_else(|| Code { digits: code(chance, 8, &operator), until });
+        let valid = operator_valid.min(engineer.until.since(now));
+        let codes = Codes { operator, engineer: engineer.digits.clone(), valid };
+        self.engineer = Some(engineer);
         codes
+    }
+
+    /// Code for a further operator's device, and the time for which it pairs; a new one under the same condition.
+    pub fn operator_code(&mut self, now: Instant, chance: &Chance) -> (String, Duration) {
+        let present = self.operator.take().filter(|code| code.lasts(now));
+        let taken = self.engineer.as_ref().map_or("", |code| &code.digits);
+        let operator = present.unwrap_or_else(|| Code { digits: code(chance, 0, taken), until: now + CODE_TTL });
+        let answer = (operator.digits.clone(), operator.until.since(now));
+        self.operator = Some(operator);
+        answer
     }
 
     /// All paired devices.
@@ -410,6 +424,19 @@ mod tests {
         let (second, who) = pair(&mut access, 5, 1, &engineer, 5).unwrap();
         assert_eq!((who.role, who.device), (Role::Engineer, Some(2)));
         assert!(second != key && second.len() == 32);
+    }
+
+    #[test]
+    fn an_operators_code_by_itself_is_the_one_that_the_robot_shows() {
+        let mut access = fresh();
+        let (operator, valid) = access.operator_code(at(0), &chance(1));
+        assert_eq!(valid, CODE_TTL);
+        assert_eq!(access.operator_code(at(60), &chance(2)), (operator.clone(), Duration::from_secs(540)));
+        let shown = codes(&mut access, 120, 3);
+        assert!(shown.operator == operator && shown.engineer != operator);
+        assert_eq!(pair(&mut access, 130, 1, &operator, 4).unwrap().1.role, Role::Operator);
+        assert_ne!(access.operator_code(at(140), &chance(5)).0, operator, "it pairs once");
+        assert_eq!(codes(&mut access, 150, 6).engineer, shown.engineer);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What happened in a recorded run, for its time line: marks, stops, reports and contacts.
 
 use super::recorded::Recorded;
+use super::summaries::RunSummary;
 use messages::common::{CmdLog, Error};
 use messages::{Channel, Hold, Message};
 use serde::Serialize;
@@ -15,6 +16,10 @@ const WORDS_MAX: usize = 200;
 const AGAIN: u64 = 5_000_000_000;
 /// Maximum number of kinds of reports that are compared with each other.
 const KINDS_MAX: usize = 256;
+/// Longest time between two measurements of the motion over which its speed counts, ns.
+const GAP_MAX: u64 = 1_000_000_000;
+/// Speeds beyond this are no measurement, m/s.
+const SPEED_MAX: f64 = 20.0;
 
 /// What happened in a recorded run. `GET /api/runs/RUN/events` (viewer).
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -37,7 +42,7 @@ pub struct RunEvent {
 }
 
 /// Kind of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EventKind {
     /// A person set a mark.
@@ -56,7 +61,7 @@ pub enum EventKind {
 ///
 /// # Errors
 /// A file cannot be read.
-pub fn of(run: &Recorded) -> io::Result<RunEvents> {
+pub fn of(run: &Recorded) -> io::Result<(RunEvents, RunSummary)> {
     let wants = |topic: &str| {
         matches!(
             Channel::from_name(topic),
@@ -65,6 +70,7 @@ pub fn of(run: &Recorded) -> io::Result<RunEvents> {
                     | Channel::CmEventError
                     | Channel::LlEventStop
                     | Channel::LlDataHold
+                    | Channel::LlDataMotion
                     | Channel::SimDataTruth
             )
         )
@@ -76,7 +82,8 @@ pub fn of(run: &Recorded) -> io::Result<RunEvents> {
             scan.take(run.timeline.position(entry.message.log_time), &message);
         }
     }
-    Ok(scan.found)
+    let summary = scan.summary(run.timeline.length() as f64 / 1e9);
+    Ok((scan.found, summary))
 }
 
 #[derive(Debug)]
@@ -86,6 +93,12 @@ struct Scan {
     paused: bool,
     held: bool,
     contacts: Option<i32>,
+    /// Position and measured speed of the last motion.
+    motion: Option<(u64, f64)>,
+    /// m.
+    distance: f64,
+    /// Number of events of each kind, with those that are not listed.
+    counts: BTreeMap<EventKind, u32>,
     /// Position of the last report of each kind.
     reports: BTreeMap<(String, i32), u64>,
 }
@@ -93,7 +106,16 @@ struct Scan {
 impl Default for Scan {
     fn default() -> Self {
         let found = RunEvents { events: Vec::new(), left_out: 0 };
-        Self { found, paused: false, held: false, contacts: None, reports: BTreeMap::new() }
+        Self {
+            found,
+            paused: false,
+            held: false,
+            contacts: None,
+            motion: None,
+            distance: 0.0,
+            counts: BTreeMap::new(),
+            reports: BTreeMap::new(),
+        }
     }
 }
 
@@ -124,7 +146,32 @@ impl Scan {
                 }
                 self.contacts = Some(truth.collisions);
             }
+            Message::LlDataMotion(motion) => self.drive(at, motion.speed),
             _ => {}
+        }
+    }
+
+    /// Adds what was driven since the last measurement; nothing over a gap.
+    fn drive(&mut self, at: u64, speed: f64) {
+        let before = self.motion.replace((at, speed));
+        if let Some((begin, was)) = before
+            && at.saturating_sub(begin) <= GAP_MAX
+            && was.is_finite()
+            && was.abs() <= SPEED_MAX
+        {
+            self.distance += was.abs() * (at.saturating_sub(begin) as f64 / 1e9);
+        }
+    }
+
+    fn summary(&self, seconds: f64) -> RunSummary {
+        let count = |kind| self.counts.get(&kind).copied().unwrap_or(0);
+        RunSummary {
+            seconds,
+            distance: self.distance,
+            contacts: self.contacts.map(|_| count(EventKind::Contact)),
+            stops: count(EventKind::Stop),
+            errors: count(EventKind::Error),
+            warnings: count(EventKind::Warning),
         }
     }
 
@@ -141,6 +188,8 @@ impl Scan {
     }
 
     fn add(&mut self, at: u64, kind: EventKind, words: &str) {
+        let count = self.counts.entry(kind).or_default();
+        *count = count.saturating_add(1);
         if self.found.events.len() >= EVENTS_MAX {
             self.found.left_out = self.found.left_out.saturating_add(1);
             return;
@@ -153,7 +202,7 @@ impl Scan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::lowlevel::{DataHold, EventStop, Hold as Cause};
+    use messages::lowlevel::{DataHold, DataMotion, EventStop, Hold as Cause};
     use messages::simulation::DataTruth;
 
     const S: u64 = 1_000_000_000;
@@ -200,6 +249,20 @@ mod tests {
             (14.0, EventKind::Warning, "m: lost"),
         ];
         assert_eq!(found, wanted);
+        let summary = scan.summary(20.0);
+        let wanted = RunSummary { seconds: 20.0, distance: 0.0, contacts: Some(1), stops: 3, errors: 1, warnings: 1 };
+        assert_eq!(summary, wanted);
+        assert_eq!(Scan::default().summary(1.0).contacts, None, "nobody counts them");
+    }
+
+    #[test]
+    fn the_distance_is_driven_either_way_and_not_over_a_gap() {
+        let mut scan = Scan::default();
+        let tenth = S / 10;
+        for (at, speed) in [(0, 1.0), (1, -0.5), (2, f64::NAN), (3, 1e30), (4, 2.0), (40, 1.0), (41, 0.0), (42, 9.0)] {
+            scan.take(at * tenth, &DataMotion { speed, ..DataMotion::default() }.into());
+        }
+        assert!((scan.summary(4.2).distance - 0.25).abs() < 1e-9, "{}", scan.summary(4.2).distance);
     }
 
     #[test]
@@ -210,6 +273,7 @@ mod tests {
             scan.take(u64::try_from(number).unwrap() * S, &error.into());
         }
         assert_eq!((scan.found.events.len(), scan.found.left_out), (EVENTS_MAX, 2000));
+        assert_eq!(scan.summary(1.0).errors, 3000);
         assert!(scan.reports.len() <= KINDS_MAX && scan.found.events[0].words.len() <= WORDS_MAX);
     }
 }

@@ -1,4 +1,5 @@
-//! `/api/me`, `/api/pair`, `/api/unpair`, `/api/devices`, `/api/devices/forget`: identity and pairing of devices.
+//! `/api/me`, `/api/pair`, `/api/unpair`, `/api/devices`, `/api/devices/forget`, `/api/invite`: identity and pairing of
+//! devices.
 
 use super::access::{Refused, Role, Who};
 use crate::app::App;
@@ -12,6 +13,7 @@ use axum::http::StatusCode;
 use axum::http::header::{self, HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use host::clock;
+use qrcode::{Color, QrCode};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -51,6 +53,19 @@ struct Pair {
 #[serde(deny_unknown_fields)]
 struct Forget {
     id: u32,
+}
+
+/// `POST /api/invite` (engineer): a code that pairs one further device as an operator's.
+#[derive(Serialize)]
+struct Invite {
+    /// Eight digits.
+    code: String,
+    /// Time for which it pairs, s.
+    valid_s: u64,
+    /// Link that pairs at once; `None` if other devices do not reach the server.
+    link: Option<String>,
+    /// The link as a QR code: one text for each row of modules, `1` for dark; without a margin. Empty without a link.
+    picture: Vec<String>,
 }
 
 /// `GET /api/me`
@@ -134,6 +149,29 @@ pub async fn forget(State(app): State<App>, Extension(who): Extension<Who>, requ
     }
 }
 
+/// `POST /api/invite`
+pub async fn invite(State(app): State<App>, request: Request) -> Response {
+    let (headers, body) = split(request);
+    if let Err(refusal) = read::<serde::de::IgnoredAny>(&headers, body).await {
+        return refusal;
+    }
+    let Ok(chance) = app.session_store.chance() else {
+        return refused(StatusCode::SERVICE_UNAVAILABLE, "the robot's kernel gives no chance to make a code of");
+    };
+    let (code, valid) = app.session_store.access().operator_code(clock::now(), &chance);
+    let page = headers.get(header::ORIGIN).and_then(|origin| origin.to_str().ok());
+    let link = app.session_store.link(page, &code);
+    let picture = link.as_deref().map(picture).unwrap_or_default();
+    json(&Invite { code, valid_s: valid.as_secs(), link, picture })
+}
+
+/// Rows of a QR code; none if the text is too long for one.
+fn picture(text: &str) -> Vec<String> {
+    let Ok(code) = QrCode::new(text) else { return Vec::new() };
+    let row = |row: &[Color]| row.iter().map(|module| module.select('1', '0')).collect();
+    code.to_colors().chunks(code.width()).map(row).collect()
+}
+
 fn introduce(app: &App, who: &Who) -> Response {
     json(&Me { robot: &app.robot, version: env!("CARGO_PKG_VERSION"), role: who.role, name: &who.name })
 }
@@ -172,5 +210,22 @@ fn set_cookie(response: &mut Response, headers: &HeaderMap, port: u16, key: &str
     let cookie = format!("{name}={key}; Path=/; Max-Age={age}; HttpOnly; SameSite=Strict{secure}");
     if let Ok(value) = HeaderValue::try_from(cookie) {
         response.headers_mut().insert(header::SET_COOKIE, value);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_link_is_a_square_of_modules_with_three_corners() {
+        let rows = picture("http://192.168.100.100:8080/#12345678");
+        let size = rows.len();
+        assert!((21..=41).contains(&size) && rows.iter().all(|row| row.len() == size), "{rows:?}");
+        for (x, y) in [(0, 0), (size - 7, 0), (0, size - 7)] {
+            let corner: Vec<&str> = rows[y..y + 7].iter().map(|row| &row[x..x + 7]).collect();
+            assert_eq!(corner, ["1111111", "1000001", "1011101", "1011101", "1011101", "1000001", "1111111"]);
+        }
+        assert!(picture(&"x".repeat(4000)).is_empty());
     }
 }

@@ -6,12 +6,13 @@
 //! for the next start. A separate thread serves the files, so that neither the server nor the module waits for a disk.
 
 use super::access::{Access, Chance, Codes, IDLE_MAX, Role, Session};
+use crate::request::without_port;
 use base::Duration;
 use host::clock;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -44,7 +45,7 @@ struct StoredSession {
 }
 
 /// Answer to `advee web code`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShownCodes {
     /// Address of the server.
@@ -183,6 +184,16 @@ impl SessionStore {
         let chance = self.chance().ok()?;
         let Codes { operator, engineer, valid } = self.access().codes(clock::now(), &chance);
         Some(ShownCodes { address: self.address.clone(), operator, engineer, valid_s: valid.as_secs() })
+    }
+
+    /// Link that pairs by a code: at the page's own address, as that is where the browser that asks reached the server;
+    /// if that is a loopback address, at the server's. `None` if that is one, too: a phone does not reach it.
+    pub fn link(&self, page: Option<&str>, code: &str) -> Option<String> {
+        let server = ShownCodes { address: self.address.clone(), ..ShownCodes::default() };
+        match page.filter(|page| !is_loopback(page)) {
+            Some(page) => Some(format!("{page}/#{code}")),
+            None => server.is_reachable().then(|| server.link(code)),
+        }
     }
 
     /// Answers requests for codes.
@@ -369,6 +380,13 @@ fn write(path: &Path, text: &str) -> io::Result<()> {
     fs::rename(&fresh, path)
 }
 
+/// True for the origin of a page that only this computer reaches.
+fn is_loopback(origin: &str) -> bool {
+    let host = origin.split_once("://").map_or(origin, |(_, host)| host);
+    let name = without_port(host).trim_start_matches('[').trim_end_matches(']');
+    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -434,6 +452,25 @@ mod tests {
             assert_eq!(left, ["server-8080"], "no code is on the disk");
         });
         assert!(!run.join("web").exists());
+        fs::remove_dir_all(run).unwrap();
+    }
+
+    #[test]
+    fn a_link_leads_to_where_other_devices_reach_the_server_or_there_is_none() {
+        let run = folder("link");
+        let link = |at: &str, hosts: &[String], page| {
+            let store = SessionStore::open(&run, at.parse().unwrap(), hosts).unwrap().0;
+            store.link(page, "12345678")
+        };
+        let named = ["robot.local".to_owned()];
+        let there = Some("http://robot.local:8080/#12345678".to_owned());
+        assert_eq!(link(AT, &[], Some("https://robot.example")), Some("https://robot.example/#12345678".into()));
+        for here in ["http://127.0.0.1:8080", "http://[::1]:8080", "http://localhost:8080", "http://Localhost"] {
+            assert_eq!(link(AT, &[], Some(here)), None, "{here}");
+            assert_eq!(link("192.168.1.7:8080", &named, Some(here)), there, "through a tunnel: {here}");
+        }
+        assert_eq!(link("0.0.0.0:8080", &[], None), None);
+        assert_eq!(link("0.0.0.0:8080", &named, None), there);
         fs::remove_dir_all(run).unwrap();
     }
 

@@ -9,7 +9,11 @@ import type { Paired, Robot } from "./robot";
 const CHROMIUM = process.env["CHROMIUM"] ?? "/usr/bin/chromium";
 export const hasChromium = existsSync(CHROMIUM);
 
-export const launch = (): Promise<Browser> => chromium.launch({ executablePath: CHROMIUM, chromiumSandbox: process.getuid?.() !== 0 });
+/** A name by which the browser reaches this computer, as it would a robot elsewhere. */
+export const NAME = "robot.test";
+
+export const launch = (): Promise<Browser> =>
+  chromium.launch({ executablePath: CHROMIUM, chromiumSandbox: process.getuid?.() !== 0, args: [`--host-resolver-rules=MAP ${NAME} 127.0.0.1`] });
 
 export type Profile = "desktop" | "phone";
 export const PROFILES: Profile[] = ["desktop", "phone"];
@@ -30,6 +34,8 @@ export interface Wish {
   name?: string;
   dark?: boolean;
   path?: string;
+  /** The name in its address, which the robot must have in `web.hosts`. */
+  host?: string;
   /** Runs in the page before anything else. */
   before?: () => void;
   /** What the browser itself may complain of: a connection that a test cuts. */
@@ -69,7 +75,7 @@ export class Visit {
     const context = await browser.newContext({ ...CONTEXTS[profile], colorScheme: wish.dark ? "dark" : "light", acceptDownloads: true, locale: "en-GB" });
     if (wish.as) {
       const value = await robot.key(wish.as, wish.name ?? `${profile} ${wish.as}`);
-      await context.addCookies([{ name: `advee-${proxy.port}`, value, domain: "127.0.0.1", path: "/", httpOnly: true, sameSite: "Strict" }]);
+      await context.addCookies([{ name: `advee-${proxy.port}`, value, domain: wish.host ?? "127.0.0.1", path: "/", httpOnly: true, sameSite: "Strict" }]);
     }
     await context.addInitScript(() => {
       globalThis.seen = { csp: [] };
@@ -86,7 +92,7 @@ export class Visit {
   }
 
   get origin(): string {
-    return `http://127.0.0.1:${this.proxy.port}`;
+    return `http://${this.wish.host ?? "127.0.0.1"}:${this.proxy.port}`;
   }
 
   private watch(): void {
@@ -148,7 +154,7 @@ export class Visit {
     await this.word.filter({ hasText: new RegExp(`^\\s*${word}\\s*$`) }).waitFor({ timeout: 1000 * seconds });
   }
   async live(): Promise<void> {
-    await this.page.locator(".status-side .chip .figure").waitFor();
+    await this.page.locator(".status-side .chip").getByText(/\d ms/).waitFor({ state: "attached" });
   }
 
   // ------------------------------------------------------------------------------------------------ doing

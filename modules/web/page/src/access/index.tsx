@@ -7,6 +7,7 @@ import { sentence, unpaired } from "../operate";
 import type { Device, Role } from "../protocol";
 import { may, me, role } from "../state";
 import { Badge, Button, Card, Slide, Table, toast } from "../ui";
+import { Invite } from "./invite";
 import { code8, codeInAddress, devices, forget, pair, unpair } from "./pairing";
 import "./access.css";
 
@@ -23,6 +24,7 @@ export function Access() {
     <div class="cards">
       {unpaired.value || codeInAddress.value ? <Pairing /> : <Paired />}
       <Looks />
+      {may("engineer") ? <Invite /> : null}
       {may("engineer") ? <Devices /> : null}
     </div>
   );

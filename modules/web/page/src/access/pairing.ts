@@ -1,6 +1,6 @@
 // Pairing over HTTP: who we are, the code, the devices. The session's cookie is the browser's affair.
 import { batch, signal } from "@preact/signals";
-import type { Device, Me, Pair, Refused } from "../protocol";
+import type { Device, Invite, Me, Pair, Refused } from "../protocol";
 import { me } from "../state";
 
 /** One more with each pairing begun or ended: the sockets are then somebody else's. */
@@ -59,6 +59,9 @@ export async function forget(id: number): Promise<string | null> {
   const answer = await post<unknown>("/api/devices/forget", { id });
   return typeof answer === "string" ? answer : null;
 }
+
+/** A code for a further operator's device; in words why there is none. */
+export const invite = (): Promise<Invite | string> => post<Invite>("/api/invite", {});
 
 const get = <T>(path: string): Promise<T | string> => request<T>(path, {});
 export const post = <T>(path: string, body: object): Promise<T | string> =>

@@ -5,6 +5,7 @@ import { deg, num, span } from "../format";
 import { standing } from "../holds";
 import { MapPanel } from "../map";
 import { Destination } from "../map/drive-to";
+import { MapStrip } from "../map/strip";
 import { order, release, resume, sentence, stopped, take } from "../operate";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import type { DrivePart } from "../protocol";
@@ -20,7 +21,7 @@ import "./drive.css";
 export function Drive() {
   useEffect(begin, []);
   return (
-    <div class="drive">
+    <div class={authority.value.yours ? "drive" : "drive is-watching"}>
       <div class="drive-map">
         <MapPanel />
       </div>
@@ -28,6 +29,7 @@ export function Drive() {
       <div class="drive-side" tabIndex={0} role="group" aria-label="Control and state, can be scrolled">
         <Control />
         <Why />
+        <MapStrip />
         {may("operator") ? <Hands /> : null}
         <Motion />
         {/* On a wide screen the map beside has the same. */}

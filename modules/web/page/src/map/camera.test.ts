@@ -1,9 +1,10 @@
 import { deepEqual, ok } from "node:assert/strict";
 import { test } from "node:test";
-import { barLength, type Camera, fitted, panned, type Point, toMap, toScreen, zoomed } from "./camera";
+import { barLength, behind, type Camera, fitted, panned, type Point, toMap, toScreen, zoomed } from "./camera";
 
 const SIZE = { width: 400, height: 300 };
-const CAMERA: Camera = { x: 3, y: -2, scale: 50 };
+const CAMERA: Camera = { x: 3, y: -2, scale: 50, turn: 0 };
+const TURNED: Camera = { ...CAMERA, turn: 2.1 };
 const near = (a: Point, b: Point) => ok(Math.hypot(a[0] - b[0], a[1] - b[1]) < 1e-9, `${a} is not ${b}`);
 
 test("the map's y grows upwards", () => {
@@ -11,13 +12,27 @@ test("the map's y grows upwards", () => {
   deepEqual(toScreen(CAMERA, SIZE, [4, -1]), [250, 100]);
 });
 
-test("there and back is the same place", () => near(toMap(CAMERA, SIZE, toScreen(CAMERA, SIZE, [1.5, 7])), [1.5, 7]));
+test("there and back is the same place", () => {
+  for (const camera of [CAMERA, TURNED]) near(toMap(camera, SIZE, toScreen(camera, SIZE, [1.5, 7])), [1.5, 7]);
+});
 
 test("what is under the pointer stays there, nearer and moved", () => {
   const at: Point = [320, 40];
-  const before = toMap(CAMERA, SIZE, at);
-  near(toMap(zoomed(CAMERA, SIZE, 1.7, at), SIZE, at), before);
-  near(toMap(panned(CAMERA, at, [10, 90]), SIZE, [10, 90]), before);
+  for (const camera of [CAMERA, TURNED]) {
+    const before = toMap(camera, SIZE, at);
+    near(toMap(zoomed(camera, SIZE, 1.7, at), SIZE, at), before);
+    near(toMap(panned(camera, at, [10, 90]), SIZE, [10, 90]), before);
+  }
+});
+
+test("from behind, the robot is below the middle and its heading is up", () => {
+  for (const theta of [0, 2.5, -1.2]) {
+    const robot = { x: 4, y: 7, theta };
+    const camera = behind(robot, SIZE, 8);
+    near(toScreen(camera, SIZE, [4, 7]), [200, 210]);
+    near(toScreen(camera, SIZE, [4 + Math.cos(theta), 7 + Math.sin(theta)]), [200, 160]);
+    near(toScreen(camera, SIZE, [4 - Math.sin(theta), 7 + Math.cos(theta)]), [150, 210]);
+  }
 });
 
 test("nearer and farther have ends", () => {

@@ -34,7 +34,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     const element = canvas.current as HTMLCanvasElement;
     const on = element.getContext("2d");
     let size: Size = { width: 1, height: 1 };
-    let camera: Camera = { x: 0, y: 0, scale: 40 };
+    let camera: Camera = { x: 0, y: 0, scale: 40, turn: 0 };
     let placed = false;
     /** Somebody has looked elsewhere: what is shown stays. */
     let looked = false;

@@ -6,7 +6,8 @@ import { drive } from "../state";
 import { waypoints } from "./destinations";
 import { follow, type Follows } from "./follow";
 
-export type Mode = "look" | "go" | "route" | "pose";
+/** `measure` commands nothing. */
+export type Mode = "look" | "go" | "route" | "pose" | "measure";
 
 export interface Place {
   x: number;
@@ -46,14 +47,15 @@ export function begin(next: Mode): void {
   places.value = [];
 }
 
-/** A new place: the next of a way, else the one there is. A position needs a heading: the one it has had. */
+/** A new place: the next of a way or of a measured line, else the one there is. A position needs a heading: the one it has had. */
 export function put(x: number, y: number, heading: number): void {
   const place: Place = { x, y, theta: mode.value === "pose" ? heading : null };
-  places.value = mode.value === "route" ? [...places.value, place].slice(0, MOST) : [place];
+  places.value = mode.value === "route" || mode.value === "measure" ? [...places.value, place].slice(0, MOST) : [place];
 }
 
 /** Turns the last place towards a point. */
 export function turn(x: number, y: number): void {
+  if (mode.value === "measure") return;
   const last = places.value.at(-1);
   if (last) change({ theta: Math.atan2(y - last.y, x - last.x) });
 }

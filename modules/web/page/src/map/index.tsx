@@ -1,5 +1,5 @@
 // The map: what the robot believes of the place and of itself, and where to send it.
-import { Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
+import { Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Ruler, Undo2 } from "lucide-preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { isHeld } from "../holds";
 import { take } from "../operate";
@@ -10,7 +10,7 @@ import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
 import { CancelGoal, DriveTo, Progress } from "./drive-to";
 import { isOn, type Layer, toggle } from "./layers";
-import { goalWords, guardWords, positionWords, QUALITIES } from "./words";
+import { goalWords, guardWords, measureWords, positionWords, QUALITIES } from "./words";
 import "./map.css";
 
 export function MapView() {
@@ -36,13 +36,14 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
             <Button icon={Plus} label="Nearer" onClick={() => looker.current?.zoom(1.4)} />
             <Button icon={Minus} label="Farther" onClick={() => looker.current?.zoom(1 / 1.4)} />
             <Button icon={Expand} label="Show all" onClick={() => looker.current?.fit()} />
+            <Button icon={Ruler} label="Measure" pressed={mode.value === "measure"} onClick={() => begin(mode.value === "measure" ? "look" : "measure")} />
             <Button icon={LocateFixed} label="Follow the robot" pressed={follow} onClick={() => setFollow(!follow)} />
           </div>
           <Layers />
         </div>
       </div>
       <div class="map-below">
-        {mode.value === "look" ? <Tools alone={alone} /> : <Draft />}
+        {mode.value === "look" ? <Tools alone={alone} /> : mode.value === "measure" ? <Measure /> : <Draft />}
         <div class="map-words" role="status" aria-live="off">
           <Quality />
           <p class={stale(part?.estimate) ? "is-stale" : ""}>{positionWords(part)}</p>
@@ -87,13 +88,27 @@ function Tools({ alone }: { alone: boolean }) {
   );
 }
 
+/** A line through places that are tapped: its length. */
+function Measure() {
+  const all = places.value;
+  return (
+    <div class="map-tools" role="group" aria-label="Measure">
+      <p class="map-measured figure" role="status">
+        {measureWords(all)}
+      </p>
+      <Button icon={Undo2} label="Take the last one back" whyNot={all.length > 0 ? null : "There is none"} onClick={undo} />
+      <Button onClick={() => begin("look")}>Done</Button>
+    </div>
+  );
+}
+
 /** What is being placed, and what to do with it. */
 function Draft() {
   const all = places.value;
   const last = all.at(-1);
   const kind = mode.value;
-  const hint = { look: "", go: "Tap the map where it shall go; drag to set the heading.", route: "Tap the waypoints one after another.", pose: "Tap where the robot is; drag to where it looks." }[kind];
-  const said = { look: "", go: "Go there", route: `Drive ${all.length} waypoints`, pose: "The robot is here" }[kind];
+  const hint = { look: "", measure: "", go: "Tap the map where it shall go; drag to set the heading.", route: "Tap the waypoints one after another.", pose: "Tap where the robot is; drag to where it looks." }[kind];
+  const said = { look: "", measure: "", go: "Go there", route: `Drive ${all.length} waypoints`, pose: "The robot is here" }[kind];
   return (
     <form class="map-draft" onSubmit={(event) => (event.preventDefault(), whyNot.value === null && void confirm())} aria-label="Place on the map">
       <p>{hint}</p>
@@ -164,7 +179,7 @@ function Layers() {
   return (
     <details class="map-layers">
       <summary>
-        <LayersIcon size={18} aria-hidden /> Layers
+        <LayersIcon size={18} aria-hidden /> <span>Layers</span>
       </summary>
       <div class="map-layer">
         <i class="ink-robot" /> robot and its uncertainty (2σ)

@@ -50,25 +50,52 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
     if (sensors.value && isOn("floor")) holes(brush, drive.value, sensors.value);
   }
   marks(brush);
+  if (camera.turn === 0) figures(brush);
   bar(brush);
 }
 
+/** px between two figures at an edge, at least. */
+const APART = 56;
+
+/** The coordinates of the grid, m, along the upper and the left edge. */
+function figures({ on, camera, size, ink, at }: Brush): void {
+  const step = [1, 2, 5, 10, 20].find((metres) => metres * camera.scale >= APART) ?? 50;
+  on.font = "11px system-ui, sans-serif";
+  on.textBaseline = "middle";
+  on.fillStyle = ink.muted;
+  on.textAlign = "center";
+  const [right, up] = [size.width / camera.scale / 2, size.height / camera.scale / 2];
+  for (let x = Math.ceil((camera.x - right) / step) * step; x <= camera.x + right; x += step) {
+    const [sx] = at(x, 0);
+    if (sx > 40) on.fillText(minus(x), sx, 8);
+  }
+  on.textAlign = "start";
+  for (let y = Math.ceil((camera.y - up) / step) * step; y <= camera.y + up; y += step) {
+    const [, sy] = at(0, y);
+    // At the ends are the figures of the other edge and the scale bar.
+    if (sy > 20 && sy < size.height - 36) on.fillText(minus(y), 4, sy);
+  }
+}
+
+const minus = (figure: number): string => String(figure).replace("-", "−");
+
 function grid({ on, camera, size, ink, at }: Brush): void {
   const step = camera.scale >= 18 ? 1 : 5;
-  const across = size.width / camera.scale / 2;
-  const up = size.height / camera.scale / 2;
+  // As far as the farthest corner, whichever way it is turned.
+  const far = Math.hypot(size.width, size.height) / camera.scale / 2;
+  const [left, low] = [camera.x - far, camera.y - far];
   on.strokeStyle = ink.grid;
   on.lineWidth = 1;
   on.beginPath();
-  for (let x = Math.ceil((camera.x - across) / step) * step; x <= camera.x + across; x += step) {
-    const sx = Math.round(at(x, 0)[0]) + 0.5;
-    on.moveTo(sx, 0);
-    on.lineTo(sx, size.height);
+  // Sharp where they are not turned.
+  const pixel = ([x, y]: Point): Point => (camera.turn === 0 ? [Math.round(x) + 0.5, Math.round(y) + 0.5] : [x, y]);
+  for (let x = Math.ceil(left / step) * step; x <= left + 2 * far; x += step) {
+    on.moveTo(...pixel(at(x, low)));
+    on.lineTo(...pixel(at(x, low + 2 * far)));
   }
-  for (let y = Math.ceil((camera.y - up) / step) * step; y <= camera.y + up; y += step) {
-    const sy = Math.round(at(0, y)[1]) + 0.5;
-    on.moveTo(0, sy);
-    on.lineTo(size.width, sy);
+  for (let y = Math.ceil(low / step) * step; y <= low + 2 * far; y += step) {
+    on.moveTo(...pixel(at(left, y)));
+    on.lineTo(...pixel(at(left + 2 * far, y)));
   }
   on.stroke();
 }
@@ -179,7 +206,7 @@ function cones(brush: Brush, scene: ScenePart, drive: DrivePart, sensors: Sensor
   on.lineWidth = 1.5;
   for (const { x, y, theta, beam, known, distance } of rows ?? []) {
     const [sx, sy] = at(...from(robot, x, y));
-    const middle = -(robot.theta + theta);
+    const middle = -(robot.theta + theta + camera.turn);
     const radius = (distance ?? QUIET) * camera.scale;
     on.fillStyle = on.strokeStyle = grey ? ink.truth : known === "unknown" ? ink.ir : ink.sonar;
     if (known === "measured") {
@@ -279,7 +306,7 @@ function robot(brush: Brush, scene: ScenePart, drive: DrivePart): void {
   if (drive.ellipse) {
     const { long, short, angle } = drive.ellipse;
     on.beginPath();
-    on.ellipse(...middle, Math.min(long * camera.scale, 4000), Math.min(short * camera.scale, 4000), -angle, 0, 2 * Math.PI);
+    on.ellipse(...middle, Math.min(long * camera.scale, 4000), Math.min(short * camera.scale, 4000), -(angle + camera.turn), 0, 2 * Math.PI);
     on.fillStyle = on.strokeStyle = colour;
     on.globalAlpha = 0.14;
     on.fill();
@@ -294,7 +321,8 @@ function robot(brush: Brush, scene: ScenePart, drive: DrivePart): void {
     disc(on, middle, 8);
     on.strokeStyle = colour;
     on.lineWidth = 3;
-    stroke(on, [middle, [middle[0] + 16 * Math.cos(is.theta), middle[1] - 16 * Math.sin(is.theta)]]);
+    const shown = is.theta + camera.turn;
+    stroke(on, [middle, [middle[0] + 16 * Math.cos(shown), middle[1] - 16 * Math.sin(shown)]]);
     return;
   }
   outline(brush, scene, is);
@@ -325,22 +353,23 @@ function outline({ on, at }: Brush, scene: ScenePart, is: Pose): void {
 
 /** What was placed by hand, and what was sent last. */
 function marks(brush: Brush): void {
-  const { on, ink, at } = brush;
+  const { on, ink, at, camera } = brush;
   const draw = (all: Place[], colour: string) => {
     if (all.length > 1) line(brush, all.map(({ x, y }): Point => [x, y]), colour, 2, [6, 6]);
     all.forEach(({ x, y, theta }, i) => {
       flag(brush, [x, y], colour, all.length > 1 ? String(i + 1) : "");
       if (theta === null) return;
       const [sx, sy] = at(x, y);
-      const [tx, ty] = [sx + 44 * Math.cos(theta), sy - 44 * Math.sin(theta)];
+      const shown = theta + camera.turn;
+      const [tx, ty] = [sx + 44 * Math.cos(shown), sy - 44 * Math.sin(shown)];
       on.strokeStyle = colour;
       on.lineWidth = 3;
       stroke(on, [[sx, sy], [tx, ty]]);
-      for (const side of [2.6, -2.6]) stroke(on, [[tx, ty], [tx + 12 * Math.cos(theta + side), ty - 12 * Math.sin(theta + side)]]);
+      for (const side of [2.6, -2.6]) stroke(on, [[tx, ty], [tx + 12 * Math.cos(shown + side), ty - 12 * Math.sin(shown + side)]]);
     });
   };
   if (places.value.length === 0) draw(sent.value, ink.goal);
-  draw(places.value, mode.value === "pose" ? ink.robot : ink.goal);
+  draw(places.value, mode.value === "pose" ? ink.robot : mode.value === "measure" ? ink.ink : ink.goal);
 }
 
 function flag({ on, at, ink }: Brush, [x, y]: Point, colour: string, label: string): void {

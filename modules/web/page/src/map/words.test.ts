@@ -1,7 +1,7 @@
 import { equal } from "node:assert/strict";
 import { test } from "node:test";
 import type { DataGoal, DrivePart } from "../protocol";
-import { goalWords, guardWords, positionWords } from "./words";
+import { goalWords, guardWords, measureWords, positionWords } from "./words";
 
 const GOAL: DataGoal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
 
@@ -23,6 +23,14 @@ test("a position is told with how sure it is, and not at all when the robot is l
   equal(positionWords({ ...part(1), ellipse: { long: 2000, short: 2000, angle: 0, heading: 6 } }), "The robot does not know where it is.");
   equal(positionWords(part(0)), "The robot does not know where it is.");
   equal(positionWords(null), "The position of the robot is not known yet.");
+});
+
+test("a measured line is told with its length and where its end leads", () => {
+  const all = [{ x: 1, y: 1 }, { x: 4, y: 5 }, { x: 4, y: 3 }];
+  equal(measureWords([]), "Tap the map where to begin.");
+  equal(measureWords(all.slice(0, 1)), "Tap the next place.");
+  equal(measureWords(all.slice(0, 2)), "5.00 m, to 53°.");
+  equal(measureWords(all), "7.00 m over 2 pieces, the last of 2.00 m, to −90°.");
 });
 
 test("what the guard permits is told with what is in its fields", () => {

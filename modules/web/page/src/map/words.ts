@@ -25,6 +25,16 @@ export function positionWords(part: DrivePart | null): string {
   return `At ${num(estimate.x, 2)}, ${num(estimate.y, 2, "m")}, heading ${deg(estimate.theta)}; ${quality}${sure}.`;
 }
 
+/** Length of a line through these places, and the direction of its last piece. */
+export function measureWords(all: readonly { x: number; y: number }[]): string {
+  const pieces = all.slice(1).map(({ x, y }, n) => ({ dx: x - (all[n]?.x ?? x), dy: y - (all[n]?.y ?? y) }));
+  const last = pieces.at(-1);
+  if (!last) return all.length === 0 ? "Tap the map where to begin." : "Tap the next place.";
+  const length = pieces.reduce((sum, { dx, dy }) => sum + Math.hypot(dx, dy), 0);
+  const of = pieces.length > 1 ? ` over ${pieces.length} pieces, the last of ${num(Math.hypot(last.dx, last.dy), 2, "m")}` : "";
+  return `${num(length, 2, "m")}${of}, to ${deg(Math.atan2(last.dy, last.dx))}.`;
+}
+
 /** What the guard permits, and what is in its fields; empty for a robot without a guard. */
 export function guardWords(part: DrivePart | null): string {
   const bound = part?.bound;

@@ -75,6 +75,8 @@ export function StatusBar({ children }: { children: ComponentChildren }) {
       <div class="status-side">
         <Trip />
         <Control />
+        {/* On a wide screen it is above the navigation. */}
+        {me.value ? <b class="status-name">{me.value.robot}</b> : null}
       </div>
     </header>
   );
@@ -104,7 +106,7 @@ function Vitals() {
   );
 }
 
-/** The round trip: always there, amber over 200 ms, red over 500 ms. */
+/** The round trip: an icon while it is good, amber with its figure over 200 ms, red over 500 ms. */
 function Trip() {
   const now = connection.value;
   if (role.value === "nobody") return null;
@@ -113,11 +115,11 @@ function Trip() {
   const word = now.state === "lost" ? "Lost" : demo.value ? "Recorded" : trip === null ? "No answer yet" : { good: "", slow: "Slow", bad: "Too slow" }[now.state === "live" ? now.quality : "good"];
   const Icon = now.state === "lost" ? WifiOff : Wifi;
   return (
-    <div class={`chip tone-${tone}`} title="Round trip of a command to the robot and back">
+    <div class={`chip tone-${tone}`} title={`Round trip of a command to the robot and back${trip === null ? "" : `: ${num(trip, 0, "ms")}`}`}>
       <Icon size={16} aria-hidden />
       <span class="visually-hidden">Round trip </span>
       {word ? <b>{word}</b> : null}
-      {trip !== null && commandLink.value.open && now.state === "live" ? <span class="figure">{num(trip, 0, "ms")}</span> : null}
+      {trip !== null && commandLink.value.open && now.state === "live" ? <span class={now.quality === "good" ? "visually-hidden" : "figure"}>{num(trip, 0, "ms")}</span> : null}
     </div>
   );
 }

@@ -7,13 +7,18 @@ import { close, news } from "./news";
 export function Toasts() {
   return (
     <div class="toasts" role="status" aria-live="polite">
-      {news.value.map(({ id, tone, text }) => {
+      {news.value.map(({ id, tone, text, offer }) => {
         const Icon = TONE_ICONS[tone];
         return (
           <div key={id} class={`toast tone-${tone}`}>
             <Icon size={18} aria-hidden />
             <p>{text}</p>
             <Button kind="quiet" icon={X} label="Close" onClick={() => close(id)} />
+            {offer ? (
+              <Button class="toast-offer" onClick={() => (close(id), offer.run())}>
+                {offer.label}
+              </Button>
+            ) : null}
           </div>
         );
       })}

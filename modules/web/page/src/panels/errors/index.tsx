@@ -108,7 +108,7 @@ export function Errors() {
   const chosen = groups.find((group) => key(group) === opened.value);
   const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
   return (
-    <>
+    <div class="stack">
       <Card title="Errors" class="p-three" flush aside={<Summary />}>
         <div class="p-bar">
           <label class="p-search">
@@ -140,6 +140,6 @@ export function Errors() {
       </Card>
       {chosen ? <Details group={chosen} onClose={() => (opened.value = null)} /> : null}
       <Texts words={words} />
-    </>
+    </div>
   );
 }

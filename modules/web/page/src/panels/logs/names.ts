@@ -26,6 +26,11 @@ export function reportLink(run: string): string {
   return `/api/runs/${encodeURIComponent(run)}/report.png`;
 }
 
+/** A run in figures. */
+export function summaryLink(run: string): string {
+  return `/api/runs/${encodeURIComponent(run)}/summary`;
+}
+
 /** This page, playing a run. */
 export function demoLink(run: string): string {
   return `/?demo=${encodeURIComponent(run)}#/map`;

@@ -9,6 +9,7 @@ import { counted } from "../format";
 import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { demoLink, fileLink, started } from "./names";
 import { Report } from "./report";
+import { summaries, summarize, words } from "./summary";
 
 /** s between two looks at the disk. */
 const AGAIN = 10;
@@ -43,6 +44,7 @@ const COLUMNS: Column<LogRun>[] = [
         {started(run.run)}
         {run.recording ? <Badge tone="good">recording</Badge> : null}
         {demo.value?.run === run.run ? <Badge tone="info">playing</Badge> : null}
+        <Figures run={run.run} />
       </span>
     ),
   },
@@ -83,11 +85,18 @@ const COLUMNS: Column<LogRun>[] = [
   },
 ];
 
+function Figures({ run }: { run: string }) {
+  const summary = summaries.value.get(run);
+  return summary ? <span class="p-figures muted">{words(summary)}</span> : null;
+}
+
 export function Runs() {
   useEffect(() => {
     void load();
     const timer = setInterval(() => !document.hidden && void load(), 1000 * AGAIN);
-    return () => clearInterval(timer);
+    const gone = new AbortController();
+    void summarize(() => runs.value ?? [], gone.signal);
+    return () => (gone.abort(), clearInterval(timer));
   }, []);
   const total = runs.value?.reduce((sum, run) => sum + run.bytes, 0) ?? 0;
   return (

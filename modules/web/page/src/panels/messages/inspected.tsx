@@ -93,7 +93,8 @@ function Line(props: { channel: string; type: string; field: Field; open: boolea
     );
   }
   const isPlotted = series(channel, field.path);
-  const canPlot = typeof field.value === "number" || typeof field.value === "boolean" || isPlotted || field.value === null;
+  // A moment over time tells nothing.
+  const canPlot = !isTime(field) && (typeof field.value === "number" || typeof field.value === "boolean" || isPlotted || field.value === null);
   return (
     <li class="p-leaf" style={indent}>
       <span class="p-field">{field.name}</span>

@@ -1,14 +1,14 @@
 // The course of the chosen fields.
 import { signal } from "@preact/signals";
 import { Download, Pause, Play, Trash2, X } from "lucide-preact";
-import { NONE } from "../../format";
+import { NONE, num } from "../../format";
 import { now, system } from "../../state";
 import { Button, Card } from "../../ui";
 import { figure } from "../format";
 import { Plot } from "../plot/plot";
 import { csv, type Ring } from "../plot/ring";
 import { end, LONGEST, plots, toggle } from "./store";
-import { Unit } from "./unit";
+import { unit } from "./tree";
 
 const WINDOWS = [
   { seconds: 10, label: "10 s" },
@@ -20,10 +20,13 @@ const window = signal<number>(10);
 /** The right edge while it stands still; null: it moves. */
 const frozen = signal<number | null>(null);
 
-/** What came last; it is drawn as often as ages are. */
-function Newest({ ring }: { ring: Ring }) {
+/** s from the right edge to where the plot is pointed at; null: nowhere. */
+const pointed = signal<number | null>(null);
+
+/** The value where the plot is pointed at, else what came last; it is drawn as often as ages are. */
+function Value({ ring }: { ring: Ring }) {
   void now.value;
-  const value = ring.newest();
+  const value = pointed.value === null ? ring.newest() : ring.at((frozen.value ?? end()) + pointed.value);
   return (
     <output class="figure" aria-live="off">
       {value === null ? NONE : figure(value)}
@@ -43,6 +46,7 @@ function save(): void {
 
 export function Plots() {
   if (plots.value.length === 0) return null;
+  const unitOf = (channel: string, path: string) => unit(system.value?.channels.find((row) => row.channel === channel)?.type ?? "", path);
   return (
     <Card
       title="Plot"
@@ -70,11 +74,15 @@ export function Plots() {
       </div>
       <Plot
         label={`Course of ${plots.value.map((each) => `${each.channel} ${each.path}`).join(", ")}`}
-        series={plots.value.map(({ channel, path, ring, style }) => ({ label: `${channel} ${path}`, ring, style }))}
+        series={plots.value.map(({ channel, path, ring, style }) => ({ label: `${channel} ${path}`, ring, style, unit: unitOf(channel, path) }))}
+        onPoint={(at) => (pointed.value = at)}
         window={window.value}
         end={() => frozen.value ?? end()}
         height={280}
       />
+      <p class="p-pointed muted">
+        {pointed.value === null ? "The newest values; pointed at, those of that moment:" : `Values ${num(Math.abs(pointed.value), 2, "s")} ${frozen.value === null ? "ago" : "before the right edge"}:`}
+      </p>
       <ul class="p-list">
         {plots.value.map(({ channel, path, ring, style }) => (
           <li key={`${channel} ${path}`}>
@@ -85,8 +93,8 @@ export function Plots() {
               <b>{path}</b> <span class="muted">{channel}</span>
             </span>
             <span class="p-value">
-              <Newest ring={ring} />
-              <Unit type={system.value?.channels.find((row) => row.channel === channel)?.type ?? ""} path={path} />
+              <Value ring={ring} />
+              {unitOf(channel, path) ? <span class="p-unit">{unitOf(channel, path)}</span> : null}
             </span>
             <Button kind="quiet" icon={X} label={`End the plot of ${channel} ${path}`} onClick={() => toggle(channel, path)} />
           </li>

@@ -1,4 +1,4 @@
-// The modules and their processes: what each is, what it should be, and commands to change that.
+// The modules and their processes, those in trouble first: what each is, what it should be, and commands to change that.
 import { SlidersHorizontal } from "lucide-preact";
 import { useState } from "preact/hooks";
 import { bytes, num, span } from "../../format";
@@ -45,7 +45,8 @@ export function Modules() {
   const [chosen, choose] = useState<string | null>(null);
   const rows = system.value?.modules;
   if (!rows) return <Empty>No data yet.</Empty>;
-  const ill = rows.filter((row) => !asWanted(row) || (row.phase !== "down" && isStale(row)));
+  const isIll = (row: ModuleRow) => !asWanted(row) || (row.phase !== "down" && isStale(row));
+  const ill = rows.filter(isIll);
   const cpu = rows.reduce((sum, row) => sum + row.cpu, 0);
   const rss = rows.reduce((sum, row) => sum + row.rss, 0);
   const columns: Column<ModuleRow>[] = [
@@ -83,7 +84,7 @@ export function Modules() {
       <Table
         caption="Modules with their states and processes"
         columns={columns}
-        rows={rows}
+        rows={lost() ? rows : [...ill, ...rows.filter((row) => !isIll(row))]}
         id={(each) => each.module}
         stale={isStale}
         empty="No module is known."

@@ -4,6 +4,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { shownTheme } from "../../design/theme";
 import { figure } from "../format";
+import { axes } from "./axes";
 import { align, type Ring, thin } from "./ring";
 
 export interface Series {
@@ -11,11 +12,15 @@ export interface Series {
   ring: Ring;
   /** Which of the colours and dashes, 0 to 7. */
   style: number;
+  /** Its unit: series of a second one have an axis of their own; empty: none. */
+  unit?: string;
 }
 
 /** As many series can be told apart. */
 export const STYLES = 8;
 const DASHES: readonly number[][] = [[], [8, 4], [2, 3], [8, 3, 2, 3], [], [8, 4], [2, 3], [8, 3, 2, 3]];
+
+const FONT = "12px system-ui, sans-serif";
 
 /** ms between two drawings. */
 const DRAWN = 100;
@@ -33,16 +38,17 @@ export function Plot(props: {
   height?: number;
   /** What it shows, for who does not see it. */
   label: string;
-  unit?: string;
+  /** s from the right edge to where the mouse or a finger is, not positive; null: nowhere. */
+  onPoint?: (at: number | null) => void;
 }) {
   const host = useRef<HTMLDivElement>(null);
   const newest = useRef(props);
   newest.current = props;
-  const kinds = props.series.map(({ label, style }) => `${label}\u0000${style}`).join("\u0001");
+  const kinds = props.series.map(({ label, style, unit }) => `${label}\u0000${style}\u0000${unit ?? ""}`).join("\u0001");
   useEffect(() => {
     const element = host.current;
     if (!element) return;
-    const plot = build(element, newest.current);
+    const plot = build(element, newest.current, (at) => newest.current.onPoint?.(at));
     const draw = () => {
       if (!document.hidden) show(plot, newest.current);
     };
@@ -54,29 +60,40 @@ export function Plot(props: {
       clearInterval(timer);
       sized.disconnect();
       plot.destroy();
+      newest.current.onPoint?.(null);
     };
   }, [kinds, props.height, shownTheme.value]);
   return <div ref={host} class="p-plot" role="img" aria-label={props.label} />;
 }
 
-function build(element: HTMLElement, { series, height = 240, unit }: Parameters<typeof Plot>[0]): uPlot {
+function build(element: HTMLElement, { series, height = 240 }: Parameters<typeof Plot>[0], onPoint: (at: number | null) => void): uPlot {
   const [text, grid] = [colour("--muted"), colour("--line")];
-  const axis: uPlot.Axis = { stroke: text, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font: "12px system-ui, sans-serif" };
+  const axis: uPlot.Axis = { stroke: text, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font: FONT };
+  const { sides, left, right } = axes(series.map(({ unit = "" }) => unit));
+  const upright = (scale: string, unit: string): uPlot.Axis => ({
+    ...axis, scale, size: 56, values: (_, splits) => splits.map(figure), ...(unit ? { label: unit, labelSize: 18, labelGap: 2, labelFont: FONT } : {}),
+  });
+  // uPlot says -10 where the pointer is elsewhere.
+  const pointed = (plot: uPlot) => onPoint((plot.cursor.left ?? -1) < 0 ? null : plot.posToVal(plot.cursor.left as number, "x"));
   return new uPlot(
     {
       width: Math.max(element.clientWidth, 100),
       height,
       legend: { show: false },
       cursor: { drag: { x: false, y: false }, points: { size: 7 } },
-      scales: { x: { time: false, auto: false }, y: { range: room } },
+      hooks: { setCursor: [pointed] },
+      scales: { x: { time: false, auto: false }, left: { range: room }, right: { range: room } },
       axes: [
         { ...axis, values: (_, splits) => splits.map((at) => (at === 0 ? "now" : `${at} s`.replace("-", "−"))) },
-        { ...axis, size: 64, values: (_, splits) => splits.map((at) => figure(at) + (unit ? ` ${unit}` : "")) },
+        upright("left", left),
+        // One grid is enough.
+        ...(right === null ? [] : [{ ...upright("right", right), side: 1, grid: { show: false } } as uPlot.Axis]),
       ],
       series: [
         {},
-        ...series.map(({ label, style }) => ({
+        ...series.map(({ label, style }, n) => ({
           label,
+          scale: sides[n] as string,
           stroke: colour(`--p-series-${style % STYLES}`),
           width: 2,
           dash: DASHES[style % STYLES] as number[],

@@ -12,6 +12,12 @@ test("the oldest sample makes room for the newest", () => {
   equal(ring.newest(), 50);
 });
 
+test("at an instant the sample before it holds", () => {
+  const ring = new Ring(3);
+  for (const n of [1, 2, 3, 4]) ring.push(n, n === 3 ? null : 10 * n);
+  deepEqual([1.9, 2, 2.9, 3.5, 4, 99].map((instant) => ring.at(instant)), [null, 20, 20, null, 40, 40]);
+});
+
 test("a null is a gap", () => {
   const ring = new Ring(4);
   ring.push(1, 1);

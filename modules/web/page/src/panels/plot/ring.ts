@@ -43,6 +43,17 @@ export class Ring {
     return Number.isFinite(value) ? value : null;
   }
 
+  /** The value that held at an instant: the newest sample that is not after it; null: a gap, or none is as old. */
+  at(instant: number): number | null {
+    for (let n = 1; n <= this.#length; n++) {
+      const place = (this.#next + this.#at.length - n) % this.#at.length;
+      if ((this.#at[place] as number) > instant) continue;
+      const value = this.#values[place] as number;
+      return Number.isFinite(value) ? value : null;
+    }
+    return null;
+  }
+
   /** Samples from `since` on, the oldest first; gaps are null. */
   from(since: number): { at: number[]; values: (number | null)[] } {
     const at: number[] = [];

@@ -56,11 +56,10 @@ export function DriftCard() {
       </div>
       <Plot
         label="Distance of the estimate from the truth in the last 60 s"
-        series={[{ label: "position error", ring, style: 0 }]}
+        series={[{ label: "position error", ring, style: 0, unit: "m" }]}
         window={60}
         end={() => clock() / 1000}
         height={150}
-        unit="m"
       />
       <p class="p-legend">
         <span>
