@@ -1,7 +1,7 @@
 //! `advee diag`: the diagnostic center in a terminal, for a robot at the other end of an SSH line.
 //!
-//! - [`app`]: its state; messages in, messages out. [`keys`]: what keys do. [`drive`]: hold to run. [`command`]: what is
-//!   typed behind `:`. [`sdo`]: objects of nodes that were asked for. [`runs`]: the log folder.
+//! - [`app`]: its state; messages in, messages out. [`keys`]: what keys do. [`drive`]: hold to run. [`command`]: what
+//!   is typed behind `:`. [`sdo`]: objects of nodes that were asked for. [`runs`]: the log folder.
 //! - [`rows`]: what a view lists. [`draw`]: the screen, a function of the state.
 //! - here: the terminal, the bus, and `--once`, which prints a view as text or JSON.
 

@@ -148,7 +148,8 @@ fn devices_are_paired_recognized_and_unpaired() {
         (2, &json!(true), &json!("phone"))
     );
 
-    // An engineer invites an operator's device. The page is at a loopback address here, so there is no link for a phone.
+    // An engineer invites an operator's device. The page is at a loopback address here, so there is no link for a
+    // phone.
     for nobody in [&phone, ""] {
         assert_eq!(post(at, "/api/invite", nobody, &json!({})).status, 403);
     }

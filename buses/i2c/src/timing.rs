@@ -13,7 +13,8 @@ pub fn duration(transfer: &Transfer, outcome: &Outcome, hz: u32) -> Duration {
         Ok(read) => {
             let (writes, reads) = (!transfer.begins_with_read(), transfer.reads());
             let addresses = u64::from(writes) + u64::from(reads);
-            // START or repeated START before each address, nine clocks a byte, STOP and the time that the bus is free then.
+            // START or repeated START before each address, nine clocks a byte, STOP and the time that the bus is free
+            // then.
             addresses + 9 * (addresses + transfer.write.len() as u64 + read.len() as u64) + 2
         }
         Err(Error::NoAddress) => 1 + 9 + 2,

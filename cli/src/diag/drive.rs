@@ -2,9 +2,9 @@
 //!
 //! A terminal tells when a key goes down and, while it is held, again and again; most do not tell when it comes up. So
 //! a press runs the robot until the first repeat is due (a keyboard waits up to [`FIRST`] before it), each repeat for
-//! [`NEXT`] more; where the terminal tells of releases (the kitty protocol), that is the end at once. While the drive is
-//! taken zero is sent otherwise, so that no other source of this priority or below moves the robot; given back it ends
-//! with zeros, and then silence.
+//! [`NEXT`] more; where the terminal tells of releases (the kitty protocol), that is the end at once. While the drive
+//! is taken zero is sent otherwise, so that no other source of this priority or below moves the robot; given back it
+//! ends with zeros, and then silence.
 
 use base::{Duration, Instant, Ticker};
 

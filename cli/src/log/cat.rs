@@ -24,7 +24,8 @@ pub struct Cat {
     /// Number of messages
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// JSON lines: {"channel", "utime", "log_time", "type", "message"}, of LL_DATA_HOLD "words" too; it has no other form
+    /// JSON lines: {"channel", "utime", "log_time", "type", "message"}, of LL_DATA_HOLD "words" too; it has no other
+    /// form
     #[arg(long)]
     json: bool,
     #[command(flatten)]

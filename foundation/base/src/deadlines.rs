@@ -3,7 +3,8 @@
 use crate::{Duration, Instant};
 use core::fmt;
 
-/// The name of a deadline in a [`Deadlines`] table: a small enum without fields, made by [`deadlines!`](crate::deadlines).
+/// The name of a deadline in a [`Deadlines`] table: a small enum without fields, made by
+/// [`deadlines!`](crate::deadlines).
 pub trait Key: Copy + fmt::Debug + 'static {
     /// One [`Instant`] for each name.
     type Table: AsRef<[Instant]> + AsMut<[Instant]> + Clone + Copy;

@@ -66,8 +66,8 @@ impl HoldRow {
 }
 
 impl Model {
-    /// Causes that hold the robot: of the motion, then of the goal, each the most important first. A cause of the motion
-    /// that also holds the goal is listed once.
+    /// Causes that hold the robot: of the motion, then of the goal, each the most important first. A cause of the
+    /// motion that also holds the goal is listed once.
     #[must_use]
     pub fn hold_rows(&self, now: Instant) -> Vec<HoldRow> {
         let mut rows: Vec<HoldRow> = Vec::new();

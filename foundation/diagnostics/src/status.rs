@@ -94,8 +94,8 @@ impl Model {
                 false => status(RobotStatus::Stopped, format!("the robot is stopping: {}", motion.reason)),
             };
         }
-        // No other cause holds the motion; the drives may keep a quick stop meanwhile, or have no torque before a motion
-        // is commanded.
+        // No other cause holds the motion; the drives may keep a quick stop meanwhile, or have no torque before a
+        // motion is commanded.
         let stands = |list: &DataHold| list.is_idle() || list.holds.is_empty() && motion.speed_target == 0.0;
         let idle = motion.homed && self.motion_holds(now).is_some_and(stands);
         if !idle && (!motion.enabled || motion.quick_stop || !motion.homed) {

@@ -4,8 +4,8 @@
 //!   [`receiver`]: the three together, with the counters. Pure: no socket, no clock.
 //! - [`tcpq`], [`eventlog`]: the hub's protocol, the log format. As pure.
 //! - [`codec`]: what stands in a payload; without features the crate is this alone, `no_std` with `alloc`.
-//! - `live` (feature `live`, on by default): all of that on this machine's sockets and files; feature `shm`, on by default,
-//!   adds memory that programs of one host share.
+//! - `live` (feature `live`, on by default): all of that on this machine's sockets and files; feature `shm`, on by
+//!   default, adds memory that programs of one host share.
 //!
 //! With its default features the crate joins a bus by its URL; `memq://` is one within the process, for tests and
 //! examples, `udpm://239.255.76.67:7667` the network's:

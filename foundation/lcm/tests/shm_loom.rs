@@ -1,6 +1,6 @@
 //! The shared-memory ring and its doorbell under `loom`: every interleaving and every value that the memory model
-//! allows each load to see, of the very source files that run on the robot. `loom` has atomics of 64 bits only where pointers have
-//! as many.
+//! allows each load to see, of the very source files that run on the robot. `loom` has atomics of 64 bits only where
+//! pointers have as many.
 #![cfg(target_has_atomic = "64")]
 #![cfg(target_pointer_width = "64")]
 #![allow(dead_code, reason = "only the parts that two threads meet in are run here")]

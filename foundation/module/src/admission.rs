@@ -88,8 +88,8 @@ impl Sender {
     }
 }
 
-/// Lists of the watchdog, which come at 10 Hz or more, after which the robot has started: a module without a process then
-/// has none.
+/// Lists of the watchdog, which come at 10 Hz or more, after which the robot has started: a module without a process
+/// then has none.
 const STARTING_LISTS: u32 = 50;
 
 /// Why a message is not accepted.

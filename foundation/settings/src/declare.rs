@@ -206,13 +206,13 @@ impl<const N: usize> Given<Vec<String>> for [&str; N] {
 /// | `flat` | is none: the field is another section, whose keys stand in this table |
 /// | `unset` and an expression | is none: the field has that value until the wiring of the robot sets it |
 ///
-/// RULE says what is allowed (see [`Rule`]): a range for numbers, nothing for texts, booleans and types that were declared
-/// by this macro. A [`Duration`] is written in seconds, its key ends in `_s`. A key that is still read under an older
-/// name has that after `was`. `check PATH;` after the table names a function of the section and its [`Table`] that refuses
-/// values which do not fit each other.
+/// RULE says what is allowed (see [`Rule`]): a range for numbers, nothing for texts, booleans and types that were
+/// declared by this macro. A [`Duration`] is written in seconds, its key ends in `_s`. A key that is still read under
+/// an older name has that after `was`. `check PATH;` after the table names a function of the section and its [`Table`]
+/// that refuses values which do not fit each other.
 ///
-/// A **choice** becomes an enum of the texts that stand for its variants, a **choice `by` a key** an enum whose variants
-/// have tables: the key says which, its other keys stand beside it.
+/// A **choice** becomes an enum of the texts that stand for its variants, a **choice `by` a key** an enum whose
+/// variants have tables: the key says which, its other keys stand beside it.
 ///
 /// ```
 /// use base::Duration;

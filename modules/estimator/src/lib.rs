@@ -1,7 +1,7 @@
 //! Localization: an extended Kalman filter over odometry and beacon bearings.
 //!
-//! [`filter::Filter`] is the mathematics, useful to any robot: it takes motion steps and bearings and gives the pose, and
-//! knows no bus, message or clock. [`Estimator`] is the module around it. `docs/navigation.md` has the figures.
+//! [`filter::Filter`] is the mathematics, useful to any robot: it takes motion steps and bearings and gives the pose,
+//! and knows no bus, message or clock. [`Estimator`] is the module around it. `docs/navigation.md` has the figures.
 //!
 //! ```
 //! use base::Instant;

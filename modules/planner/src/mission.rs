@@ -550,8 +550,8 @@ impl Mission {
             if self.count_attempt(input, Hindrance::InTheWay) {
                 return;
             }
-            // A path around may begin closer to a person than the robot is allowed to go: it backs out first. Where none
-            // was found, two attempts were counted since the last wait.
+            // A path around may begin closer to a person than the robot is allowed to go: it backs out first. Where
+            // none was found, two attempts were counted since the last wait.
             if self.attempts / 2 % 2 == 1 && self.back_out(input, space) {
                 return;
             }

@@ -1,5 +1,5 @@
-//! What a recorded run contains as a whole: `/api/runs/RUN/events` for its time line, `/api/runs/RUN/summary` in figures,
-//! `/api/runs/RUN/report.png` as a picture.
+//! What a recorded run contains as a whole: `/api/runs/RUN/events` for its time line, `/api/runs/RUN/summary` in
+//! figures, `/api/runs/RUN/report.png` as a picture.
 //!
 //! For each the whole log is read: one at a time, by a thread that gives way to everything else on the computer.
 

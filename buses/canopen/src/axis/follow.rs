@@ -1,5 +1,5 @@
-//! Watches over an axis that is asked to move: at least a quarter of the target speed ([`Follow`]), or of the way to the
-//! target position ([`Reach`]), must be reached within twice the time that it takes and a second. They find an axis
+//! Watches over an axis that is asked to move: at least a quarter of the target speed ([`Follow`]), or of the way to
+//! the target position ([`Reach`]), must be reached within twice the time that it takes and a second. They find an axis
 //! that stands, creeps, or runs the other way round, in whatever mode and for whatever reason, also where the drive
 //! itself has no following error or does not report it; one that is slower for a limit of its current or voltage
 //! follows.

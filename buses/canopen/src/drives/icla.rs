@@ -2,8 +2,8 @@
 //!
 //! No manual was found: all of this is a stated assumption, that of the simulated drive (`eds/icla_sim.eds`). The
 //! master compares identity and PDO mapping with it at each boot-up and refuses to run another layout; or, where the
-//! configuration says so, changes the mapping of its PDOs to this one ([`Parameters::remap`](cia402::Parameters::remap)). Identity and modes are
-//! never forgiven.
+//! configuration says so, changes the mapping of its PDOs to this one
+//! ([`Parameters::remap`](cia402::Parameters::remap)). Identity and modes are never forgiven.
 //!
 //! Protocol  CiA 402 profile position over RPDO2 (controlword, target position),
 //!           homing by SDO ([`hm`](crate::axis::modes::hm))

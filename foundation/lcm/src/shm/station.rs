@@ -18,8 +18,8 @@ pub const LAYOUT: usize = 32 + size_of::<Value>();
 pub const RING: usize = 4 << 20;
 /// Bytes of the first page.
 pub const HEAD: usize = 4096;
-/// Bytes of a station. Its end lies behind the ring: whatever the file is truncated to, the last word goes with it, also
-/// where a page stays that is then partly zeroes.
+/// Bytes of a station. Its end lies behind the ring: whatever the file is truncated to, the last word goes with it,
+/// also where a page stays that is then partly zeroes.
 pub const SIZE: usize = HEAD + RING + 4096;
 /// Granularity of memory reservation, bytes.
 const PIECE: usize = 64 << 10;

@@ -20,8 +20,8 @@ use testing::{Found, machine_or_skip};
 /// Set in a copy of this program that runs in a network name space of its own.
 const INSIDE: &str = "ADVEE_TEST_HOST";
 
-/// Runs `body` on a host that has a loopback interface and no more; the rest of the test is to do nothing. `test` is the
-/// test's name. Skips where the machine does not permit it.
+/// Runs `body` on a host that has a loopback interface and no more; the rest of the test is to do nothing. `test` is
+/// the test's name. Skips where the machine does not permit it.
 pub fn on_a_host(test: &str, body: impl FnOnce(Host)) {
     if std::env::var_os(INSIDE).is_some() {
         let here = Host::here();

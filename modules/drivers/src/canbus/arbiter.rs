@@ -353,8 +353,8 @@ impl Arbiter {
         }
     }
 
-    /// A module without which the planner must not drive is gone: earlier releases are void, and a planner that holds the
-    /// motion loses it. Manual sources go on.
+    /// A module without which the planner must not drive is gone: earlier releases are void, and a planner that holds
+    /// the motion loses it. Manual sources go on.
     pub fn latch_planner(&mut self, now: Instant) {
         self.latched = true;
         self.release_after = self.release_after.max(now);

@@ -84,8 +84,8 @@ impl Body {
         if speed == 0.0 { Twist::ZERO } else { self.velocity(speed, steering).twist }
     }
 
-    /// Velocity at this speed, m/s, and steering angle, rad; NaN where it is unknown. The rotation depends on the angle;
-    /// the velocity of the rear axle does not.
+    /// Velocity at this speed, m/s, and steering angle, rad; NaN where it is unknown. The rotation depends on the
+    /// angle; the velocity of the rear axle does not.
     pub(super) fn velocity(&self, speed: f64, steering: f64) -> Measured {
         let turned = steering.is_finite();
         let rear = WheelState { speed_mps: speed, steering_rad: 0.0 };

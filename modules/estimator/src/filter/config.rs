@@ -47,8 +47,8 @@ settings! {
     pub struct Config {
         /// The beacons; each number once.
         beacons: Vec<Beacon> = unset [];
-        /// The steered wheels whose encoders are the odometry: the turn that unequal ones make depends on the curvature.
-        /// Without them it is the same in every turn.
+        /// The steered wheels whose encoders are the odometry: the turn that unequal ones make depends on the
+        /// curvature. Without them it is the same in every turn.
         wheels: Option<SteeredWheels> = unset None;
         mount: Mount = flat;
         odometry: Noise = flat;
