@@ -8,7 +8,7 @@ use super::matrix::normalized;
 use super::truth::Random;
 use core::f64::consts::{PI, TAU};
 use estimator::filter::{Beacon, Config, Counts, Estimate, Mount, Noise, Nuisances, Quality};
-use estimator::recorded::{Hold, Known, Recording, Robot, Start, find_out, run};
+use estimator::recorded::{Found, Hold, Known, Recording, Robot, Start, find_out, run};
 use navitools::{Angle, Motion, Point, Pose, wrap};
 
 /// Duration of a recording, s.
@@ -248,8 +248,9 @@ fn errors(made: &Made, recording: &Recording, robot: &Robot, start: Option<Start
 
 pub fn outcome(kind: &Kind, seed: u64) -> Outcome {
     let made = make(kind, seed);
-    let found = find_out(&made.recording, made.beacons.clone(), Known::default(), None).expect("a map that can be");
-    let (nothing, delay) = errors(&made, &made.recording, &found, None);
+    let Found { robot: found, start } =
+        find_out(&made.recording, made.beacons.clone(), Known::default(), None).expect("a map that can be");
+    let (nothing, delay) = errors(&made, &made.recording, &found, start);
     let known = made.known();
     let (everything, _) = errors(&made, &known, &made.robot, Some((made.truth[0].1, START)));
     Outcome { nothing, everything, gated: gated(&made, &known), found, delay }

@@ -5,7 +5,7 @@ use super::csv::Data;
 use super::{Outcomes, Row, START};
 use crate::progress::Progress;
 use estimator::filter::{Config, Nuisances};
-use estimator::recorded::{self, Hold, Known, Recording, Robot, RunError};
+use estimator::recorded::{self, Found, Hold, Known, Recording, Robot, RunError};
 use navitools::Pose;
 use robot::config;
 use serde_json::json;
@@ -18,7 +18,7 @@ pub fn estimates(data: Data, common: &Common, start: Option<[f64; 3]>, known: Kn
     });
     let configured = configured(common)?;
     let knows = configured.is_some();
-    let robot = match configured {
+    let Found { robot, start } = match configured {
         Some(config) => {
             let mount = known.mount.unwrap_or(config.mount);
             let robot = Robot {
@@ -26,10 +26,11 @@ pub fn estimates(data: Data, common: &Common, start: Option<[f64; 3]>, known: Kn
                 hold: known.hold.unwrap_or(Hold::Before),
                 known: Nuisances::default(),
             };
-            match known.hold {
+            let robot = match known.hold {
                 Some(_) => robot,
                 None => recorded::find_hold(&recording, robot, start).map_err(refused)?,
-            }
+            };
+            Found { robot, start }
         }
         None => recorded::find_out(&recording, beacons, known, start).map_err(refused)?,
     };

@@ -13,8 +13,7 @@ mod state;
 mod tests;
 
 pub use config::{Beacon, Config, ConfigError, Mount, Noise};
-pub(crate) use state::deviations;
-pub(crate) use state::{PLACE_KNOWN, PLACE_UNKNOWN};
+pub(crate) use state::{DELAY, PLACE_KNOWN, PLACE_UNKNOWN, Sight, State, THETA, X, Y, deviations};
 
 use crate::search::{self, Bearing};
 use crate::trail::Trail;
@@ -24,8 +23,7 @@ use core::f64::consts::TAU;
 use history::{Entry, History, Kind};
 use navitools::odometry::SteeredWheels;
 use navitools::{Motion, Point, Pose, wrap};
-use state::{BEND, DELAY, PLACE_X, PLACE_Y};
-use state::{SCALE, Sight, State, Step, THETA, TRACK, TURN, X, Y};
+use state::{PLACE_X, PLACE_Y, Step, TURN};
 use std::collections::VecDeque;
 
 listed! {
@@ -83,19 +81,6 @@ pub struct NuisanceDeviations {
     pub track: f64,
     pub delay: f64,
     pub place: f64,
-}
-
-/// Fit of a bearing that the estimate did not depend on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
-    /// Instant of the bearing.
-    pub at: Instant,
-    /// Index of the beacon in the map.
-    pub beacon: usize,
-    /// Measured minus expected direction, rad.
-    pub innovation: f64,
-    /// Variance of the expected direction, rad².
-    pub spread: f64,
 }
 
 /// Reason for refusing a measurement.
@@ -197,7 +182,6 @@ struct Pending {
     stamp: Instant,
     beacon: usize,
     bearing: f64,
-    withheld: bool,
 }
 
 /// Bearings of one beacon applied last.
@@ -268,7 +252,6 @@ pub struct Kalman<const N: usize> {
     /// Number of searches since the last one that found a pose.
     failed: u32,
     counts: Counts,
-    judged: Vec<Judged>,
 }
 
 impl<const N: usize> Kalman<N> {
@@ -278,15 +261,10 @@ impl<const N: usize> Kalman<N> {
     /// The configuration is inconsistent.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
-        let Config { turn, scale, bend, track, delay, place, .. } = config;
-        let prior = [0.0, 0.0, 0.0, turn, scale, bend, track, delay, place, place];
-        let mut state = State { mean: [0.0; N], cov: [[0.0; N]; N] };
-        for place in 0..N {
-            state.cov[place][place] = prior[place] * prior[place];
-        }
+        let state = State::new(&config);
         let applied = vec![Applied::default(); config.beacons.len()];
         Ok(Self {
-            walk: core::array::from_fn(|place| prior[place] * prior[place] / CHANGES_IN),
+            walk: core::array::from_fn(|place| state.cov[place][place] / CHANGES_IN),
             history: History::new(Instant::ZERO, &state),
             has_pose: false,
             started: false,
@@ -306,7 +284,6 @@ impl<const N: usize> Kalman<N> {
             to_search: false,
             failed: 0,
             counts: Counts::default(),
-            judged: Vec::new(),
             config,
         })
     }
@@ -317,29 +294,16 @@ impl<const N: usize> Kalman<N> {
         self.counts
     }
 
-    /// Fits of the bearings that only judged the estimate ([`Self::judge_by`]), in the order of their processing.
-    #[must_use]
-    pub fn judged(&self) -> &[Judged] {
-        &self.judged
-    }
-
     /// Estimated calibration parameters.
     #[must_use]
     pub fn nuisances(&self) -> Nuisances {
-        let State { mean, .. } = &self.history.last().state;
-        let place = self.history.last().state.place(self.config.mount.into());
-        let (turn, scale, bend, track) = (mean[TURN], mean[SCALE], mean[BEND], mean[TRACK]);
-        Nuisances { turn, scale, bend, track, delay: mean[DELAY], place }
+        self.history.last().state.nuisances(self.config.mount.into())
     }
 
     /// Standard deviations of [`Self::nuisances`]; of the place the larger one, m.
     #[must_use]
     pub fn nuisance_deviations(&self) -> NuisanceDeviations {
-        let State { cov, .. } = &self.history.last().state;
-        let deviation = |place: usize| libm::sqrt(cov[place][place].max(0.0));
-        let place = if N == PLACE_UNKNOWN { deviation(PLACE_X).max(deviation(PLACE_Y)) } else { 0.0 };
-        let (turn, scale, bend, track) = (deviation(TURN), deviation(SCALE), deviation(BEND), deviation(TRACK));
-        NuisanceDeviations { turn, scale, bend, track, delay: deviation(DELAY), place }
+        self.history.last().state.nuisance_deviations()
     }
 
     /// Instant of the last motion step.
@@ -423,19 +387,7 @@ impl<const N: usize> Kalman<N> {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn bearing(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
-        self.count_bearing(stamp, id, bearing, false)
-    }
-
-    /// Takes a bearing only to judge the estimate by it ([`Self::judged`]); the state does not depend on it.
-    ///
-    /// # Errors
-    /// The measurement is refused.
-    pub fn judge_by(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
-        self.count_bearing(stamp, id, bearing, true)
-    }
-
-    fn count_bearing(&mut self, stamp: Instant, id: i32, bearing: f64, withheld: bool) -> Result<(), Refused> {
-        let refused = self.take_bearing(stamp, id, bearing, withheld);
+        let refused = self.take_bearing(stamp, id, bearing);
         match refused {
             Ok(()) => self.counts.bearings += 1,
             Err(Refused::Value) => self.counts.values += 1,
@@ -445,7 +397,7 @@ impl<const N: usize> Kalman<N> {
         refused
     }
 
-    fn take_bearing(&mut self, stamp: Instant, id: i32, bearing: f64, withheld: bool) -> Result<(), Refused> {
+    fn take_bearing(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
         // A value of many turns is not an angle.
         if !bearing.is_finite() || bearing.abs() > 100.0 {
             return Err(Refused::Value);
@@ -462,7 +414,7 @@ impl<const N: usize> Kalman<N> {
         if at < self.history.first_at() || at > self.at() + history::HISTORY {
             return Err(Refused::Time);
         }
-        let pending = Pending { at, stamp, beacon, bearing: wrap(bearing), withheld };
+        let pending = Pending { at, stamp, beacon, bearing: wrap(bearing) };
         if at <= self.at() {
             self.insert(pending);
         } else if self.pending.len() < WAITING {
@@ -476,7 +428,7 @@ impl<const N: usize> Kalman<N> {
 
     /// Inserts a bearing into the history at its instant.
     fn insert(&mut self, pending: Pending) {
-        let Pending { at, stamp, beacon, bearing, withheld } = pending;
+        let Pending { at, stamp, beacon, bearing } = pending;
         if at < self.history.first_at() {
             return;
         }
@@ -485,7 +437,7 @@ impl<const N: usize> Kalman<N> {
         let before = *self.history.before(place);
         let applied = &mut self.applied[beacon];
         let standing = step.way == Motion::default();
-        let used = !withheld && (!standing || applied.standing < WHILE_STANDING);
+        let used = !standing || applied.standing < WHILE_STANDING;
         let variance = self.config.bearing * self.config.bearing;
         // Noise that lasts repeats in the next bearing of this beacon, which therefore carries less information.
         let apart = |last: Instant| at.since(last).max(last.since(at)).as_secs_f64();
@@ -493,18 +445,15 @@ impl<const N: usize> Kalman<N> {
         if used {
             applied.last = applied.last.max(Some(at));
             applied.standing = if standing { applied.standing + 1 } else { 0 };
-        } else if !withheld {
+        } else {
             self.counts.repeated += 1;
         }
         let later = if stamp >= at { stamp.since(at).as_secs_f64() } else { -at.since(stamp).as_secs_f64() };
         let place_of = self.config.beacons[beacon].at;
         let (mount, rates) = (self.config.mount.into(), step.rates());
         let sight = Sight { number: beacon, beacon: place_of, bearing, variance, weight, mount, rates, later };
-        let kind = Kind::Bearing { sight, fresh: true, used, withheld };
+        let kind = Kind::Bearing { sight, fresh: true, used };
         self.history.insert(place, &Entry { at, kind, ..before });
-        if withheld {
-            return;
-        }
         self.see(Bearing { stamp, beacon, place: place_of, bearing });
         self.last_seen = self.last_seen.max(Some(at));
         self.to_search = true;
@@ -552,7 +501,7 @@ impl<const N: usize> Kalman<N> {
             match &mut entry.kind {
                 Kind::Begin => {}
                 Kind::Way(step) => state.predict(step, &self.walk),
-                Kind::Bearing { sight, fresh, used, withheld } if self.has_pose => {
+                Kind::Bearing { sight, fresh, used } if self.has_pose => {
                     if let Some(fit) = state.fit(sight) {
                         let (own, other) = ((1.0 - wild) * fit.density(), wild / TAU);
                         let right = own / (own + other);
@@ -560,12 +509,7 @@ impl<const N: usize> Kalman<N> {
                         if inside && *used {
                             state.update(&fit, right);
                         }
-                        if *withheld {
-                            if std::mem::take(fresh) {
-                                let (innovation, spread) = (fit.innovation, fit.variance - sight.variance);
-                                self.judged.push(Judged { at: entry.at, beacon: sight.number, innovation, spread });
-                            }
-                        } else if std::mem::take(fresh) {
+                        if std::mem::take(fresh) {
                             let likely = libm::log((own + other) * TAU);
                             against = (against - likely).max(0.0);
                             self.confirmed += sight.weight * likely;
@@ -881,7 +825,7 @@ impl<const N: usize> Kalman<N> {
 }
 
 /// Motion step of this duration at these velocities, by these wheels if they are known.
-fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<SteeredWheels>) -> Step {
+pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<SteeredWheels>) -> Step {
     let seconds = time.as_secs_f64();
     if time > GAP {
         let variance = |rate: f64| rate * rate * seconds * seconds;

@@ -1,30 +1,21 @@
 //! The filter over recorded data, and what the data say of a robot of which nothing is known.
 //!
-//! Noise and conventions are found from bearings that the estimate does not depend on ([`Kalman::judge_by`]): each
-//! beacon is withheld for a third of the time, in turn. The fit of bearings that the filter has used would favour one
-//! that follows their errors.
+//! The filter on the robot counts errors of bearings that last by smaller weights. Here, where time is no matter, they are
+//! states of their own: a pass over the way back ([`noise`]) gives the likelihood of noise and conventions, the errors
+//! that the robot's measurements always have, and where the robot started.
 
 mod find;
 mod noise;
 
-pub use find::{Known, find_hold, find_out};
+pub use find::{Found, Known, find_hold, find_out};
 
 use crate::filter::{Config, ConfigError, Counts, Estimate, Kalman, Nuisances, Refused};
-use crate::filter::{Judged, NuisanceDeviations, PLACE_KNOWN, PLACE_UNKNOWN};
+use crate::filter::{NuisanceDeviations, PLACE_KNOWN, PLACE_UNKNOWN};
 use base::{Instant, listed};
 use navitools::{Motion, Pose};
 
 /// The filter's time begins this long before the first row: a bearing may be older than the first row, s.
 const BEFORE: f64 = 10.0;
-/// Period in which a beacon is withheld once, s; the part of it; and the shift from one beacon to the next.
-const WITHHELD_EVERY: f64 = 36.0;
-const WITHHELD_PART: f64 = 1.0 / 3.0;
-const WITHHELD_SHIFT: f64 = 0.382;
-/// Time at the beginning in which no beacon is withheld, s: the pose must be found.
-const BEGIN: f64 = 15.0;
-/// Time after which the estimate hardly depends on what a withheld beacon had shown, s.
-const FORGOTTEN: f64 = 4.0;
-
 /// Recorded measurements.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
@@ -32,6 +23,29 @@ pub struct Recording {
     pub odometry: Vec<(f64, Motion)>,
     /// Time stamp, s, number of the beacon, and bearing, rad, in order of time.
     pub bearings: Vec<(f64, i32, f64)>,
+}
+
+impl Recording {
+    /// The first seconds.
+    fn first(&self, seconds: f64) -> Self {
+        self.until(self.odometry.first().map_or(0.0, |(time, _)| time + seconds))
+    }
+
+    /// The part up to a time, s.
+    fn until(&self, end: f64) -> Self {
+        let rows = self.odometry.partition_point(|(time, _)| *time <= end);
+        let bearings = self.bearings.partition_point(|(stamp, ..)| *stamp <= end);
+        Self { odometry: self.odometry[..rows].to_vec(), bearings: self.bearings[..bearings].to_vec() }
+    }
+
+    /// The robot's way back, at negative times.
+    fn backwards(&self) -> Self {
+        let back = |rates: Motion| Motion { translation: -rates.translation, rotation: -rates.rotation };
+        Self {
+            odometry: self.odometry.iter().rev().map(|(time, rates)| (-time, back(*rates))).collect(),
+            bearings: self.bearings.iter().rev().map(|(stamp, id, bearing)| (-stamp, *id, *bearing)).collect(),
+        }
+    }
 }
 
 listed! {
@@ -42,6 +56,8 @@ listed! {
         Before = 0 => "before",
         /// From its time to the next row's.
         After = 1 => "after",
+        /// From half a row before its time to half a row after.
+        Between = 2 => "between",
     }
 }
 
@@ -61,6 +77,29 @@ impl Robot {
     /// Time stamp of a bearing, s, and the bearing, rad, without the known delay and mounting angle.
     fn bearing(&self, stamp: f64, bearing: f64) -> (f64, f64) {
         (stamp - self.known.delay, bearing + self.known.turn)
+    }
+
+    /// Velocities between two rows, without the known errors.
+    fn between(&self, before: Motion, after: Motion) -> Motion {
+        self.rates(match self.hold {
+            Hold::Before => after,
+            Hold::After => before,
+            Hold::Between => Motion {
+                translation: (before.translation + after.translation) / 2.0,
+                rotation: (before.rotation + after.rotation) / 2.0,
+            },
+        })
+    }
+
+    /// The robot of [`Recording::backwards`].
+    fn backwards(&self) -> Self {
+        let hold = match self.hold {
+            Hold::Before => Hold::After,
+            Hold::After => Hold::Before,
+            Hold::Between => Hold::Between,
+        };
+        let known = Nuisances { delay: -self.known.delay, ..self.known };
+        Self { hold, known, config: self.config.clone() }
     }
 
     /// Velocities without the known errors of the odometry.
@@ -95,8 +134,6 @@ pub struct Ended {
     pub nuisances: Nuisances,
     /// Their standard deviations.
     pub deviations: NuisanceDeviations,
-    /// Fits of the bearings that were withheld.
-    judged: Vec<Judged>,
 }
 
 /// Why there is no run.
@@ -119,37 +156,16 @@ pub fn run(
     start: Option<Start>,
     each: impl FnMut(f64, Estimate),
 ) -> Result<Ended, RunError> {
-    let all = |_, _| None;
     match robot.config.place > 0.0 {
-        true => replay::<PLACE_UNKNOWN>(recording, robot, start, f64::INFINITY, all, each),
-        false => replay::<PLACE_KNOWN>(recording, robot, start, f64::INFINITY, all, each),
+        true => replay::<PLACE_UNKNOWN>(recording, robot, start, each),
+        false => replay::<PLACE_KNOWN>(recording, robot, start, each),
     }
 }
 
-/// Runs the filter over the first `seconds` with beacons withheld in turn.
-fn judge(recording: &Recording, robot: &Robot, start: Option<Start>, seconds: f64) -> Result<Ended, RunError> {
-    let turn = |id, time| withheld(&robot.config, id, time);
-    match robot.config.place > 0.0 {
-        true => replay::<PLACE_UNKNOWN>(recording, robot, start, seconds, turn, |_, _| ()),
-        false => replay::<PLACE_KNOWN>(recording, robot, start, seconds, turn, |_, _| ()),
-    }
-}
-
-/// What to do with a bearing of a beacon at a time, s: `None` to use it, else whether to judge by it.
-fn withheld(config: &Config, id: i32, time: f64) -> Option<bool> {
-    let place = config.beacons.iter().position(|beacon| beacon.id == id)?;
-    let turns = time / WITHHELD_EVERY + place as f64 * WITHHELD_SHIFT;
-    let phase = turns - libm::floor(turns);
-    (phase < WITHHELD_PART && time >= BEGIN).then_some(phase * WITHHELD_EVERY >= FORGOTTEN)
-}
-
-/// Runs the filter; `turn` as [`withheld`].
 fn replay<const N: usize>(
     recording: &Recording,
     robot: &Robot,
     start: Option<Start>,
-    seconds: f64,
-    turn: impl Fn(i32, f64) -> Option<bool>,
     mut each: impl FnMut(f64, Estimate),
 ) -> Result<Ended, RunError> {
     let mut filter = Kalman::<N>::new(robot.config.clone()).map_err(RunError::Config)?;
@@ -158,12 +174,8 @@ fn replay<const N: usize>(
     let mut bearings = recording.bearings.iter().peekable();
     let mut before = Motion::default();
     for (row, (time, rates)) in recording.odometry.iter().enumerate() {
-        if time - first > seconds {
-            break;
-        }
-        let rates = robot.rates(*rates);
-        let own = if robot.hold == Hold::Before { rates } else { before };
-        before = rates;
+        let own = robot.between(before, *rates);
+        before = *rates;
         // Refusals are counted.
         let _ = filter.odometry(at(*time), own);
         if let Some((pose, covariance)) = start.filter(|_| row == 0) {
@@ -171,16 +183,12 @@ fn replay<const N: usize>(
         }
         while let Some((stamp, id, bearing)) = bearings.next_if(|(stamp, ..)| stamp <= time) {
             let (stamp, bearing) = robot.bearing(*stamp, *bearing);
-            let _ = match turn(*id, stamp - first) {
-                None => filter.bearing(at(stamp), *id, bearing),
-                Some(true) => filter.judge_by(at(stamp), *id, bearing),
-                Some(false) => Ok(()),
-            };
+            let _ = filter.bearing(at(stamp), *id, bearing);
         }
         each(*time, filter.estimate(at(*time)));
     }
-    let (counts, deviations, judged) = (filter.counts(), filter.nuisance_deviations(), filter.judged().to_vec());
-    Ok(Ended { counts, nuisances: robot.nuisances(filter.nuisances()), deviations, judged })
+    let (counts, deviations) = (filter.counts(), filter.nuisance_deviations());
+    Ok(Ended { counts, nuisances: robot.nuisances(filter.nuisances()), deviations })
 }
 
 #[cfg(test)]
@@ -204,13 +212,13 @@ mod tests {
         let far = |id: i32| Point { x: 1e7 - f64::from(id * id), y: -1e7 };
         for place in [line as fn(i32) -> Point, point, far] {
             let beacons: Vec<Beacon> = (1..=6).map(|id| Beacon { id, at: place(id) }).collect();
-            let robot = find_out(&nonsense(), beacons, Known::default(), None).unwrap();
+            let Found { robot, start } = find_out(&nonsense(), beacons, Known::default(), None).unwrap();
             let mut rows = 0;
             let each = |_, estimate: Estimate| {
                 rows += 1;
                 assert!(estimate.quality < Quality::Fine, "{estimate:?}");
             };
-            run(&nonsense(), &robot, None, each).unwrap();
+            run(&nonsense(), &robot, start, each).unwrap();
             assert_eq!(rows, 2400);
         }
     }
@@ -226,19 +234,8 @@ mod tests {
             run(&recording, &robot, start, |_, estimate| x = estimate.pose.x).unwrap();
             x
         };
-        assert!((end(Hold::Before) - 0.5).abs() < 1e-9 && (end(Hold::After) - 1.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn each_beacon_is_withheld_for_a_third_of_the_time() {
-        let at = Point { x: 0.0, y: 0.0 };
-        let config = Config { beacons: (1..=3).map(|id| Beacon { id, at }).collect(), ..Config::default() };
-        for id in 1..=3 {
-            let turns: Vec<_> = (0..3600).map(|n| withheld(&config, id, 36.0 + f64::from(n) * 0.1)).collect();
-            let (out, judged) =
-                (turns.iter().flatten().count(), turns.iter().filter(|turn| **turn == Some(true)).count());
-            assert!((1150..1250).contains(&out) && (750..850).contains(&judged), "{out} {judged}");
+        for (hold, x) in [(Hold::Before, 0.5), (Hold::After, 1.0), (Hold::Between, 0.75)] {
+            assert!((end(hold) - x).abs() < 1e-9, "{hold}: {}", end(hold));
         }
-        assert!(withheld(&config, 9, 50.0).is_none() && (1..=3).all(|id| withheld(&config, id, 10.0).is_none()));
     }
 }

@@ -21,8 +21,6 @@ pub enum Kind {
         fresh: bool,
         /// True if it may change the state; false if only its fit is computed.
         used: bool,
-        /// True if it is withheld from the estimate, which it only judges.
-        withheld: bool,
     },
 }
 

@@ -3,6 +3,8 @@
 //! Read first: docs/facts/robot.md 3.1. Beside the pose, the state holds calibration parameters of the robot; they are
 //! constant over a run and observable while the robot drives with two beacons in sight.
 
+use super::config::Config;
+use super::{NuisanceDeviations, Nuisances};
 use base::{Duration, Instant};
 use navitools::{Motion, Point, Pose, wrap};
 
@@ -23,8 +25,8 @@ pub const BEND: usize = 5;
 pub const TRACK: usize = 6;
 /// Index of the delay from a bearing's measurement to its time stamp, s.
 pub const DELAY: usize = 7;
-/// Index of the sensor's place relative to the configured one, in the robot's frame, m; only in a state of dimension
-/// [`PLACE_UNKNOWN`].
+/// Index of the sensor's place relative to the configured one, in the robot's frame, m; only in a state of at least
+/// dimension [`PLACE_UNKNOWN`].
 pub const PLACE_X: usize = 8;
 pub const PLACE_Y: usize = 9;
 
@@ -122,16 +124,40 @@ impl<const N: usize> Fit<N> {
 }
 
 impl<const N: usize> State<N> {
+    /// State without a pose, with the prior of the calibration parameters.
+    pub fn new(config: &Config) -> Self {
+        let Config { turn, scale, bend, track, delay, place, .. } = config;
+        let mut cov = [[0.0; N]; N];
+        for (at, deviation) in (TURN..N).zip([turn, scale, bend, track, delay, place, place]) {
+            cov[at][at] = deviation * deviation;
+        }
+        Self { mean: [0.0; N], cov }
+    }
+
     pub fn pose(&self) -> Pose {
         Pose::new(self.mean[X], self.mean[Y], self.mean[THETA])
     }
 
     /// Place of the sensor in the robot's frame, m; `configured`: where it is meant to be.
     pub fn place(&self, configured: Point) -> Point {
-        match N == PLACE_UNKNOWN {
+        match N >= PLACE_UNKNOWN {
             true => Point { x: configured.x + self.mean[PLACE_X], y: configured.y + self.mean[PLACE_Y] },
             false => configured,
         }
+    }
+
+    /// Calibration parameters; `configured`: place where the sensor is meant to be, m.
+    pub fn nuisances(&self, configured: Point) -> Nuisances {
+        let (turn, scale, bend, track) = (self.mean[TURN], self.mean[SCALE], self.mean[BEND], self.mean[TRACK]);
+        Nuisances { turn, scale, bend, track, delay: self.mean[DELAY], place: self.place(configured) }
+    }
+
+    /// Standard deviations of the calibration parameters; of the place the larger one, m.
+    pub fn nuisance_deviations(&self) -> NuisanceDeviations {
+        let deviation = |at: usize| libm::sqrt(self.cov[at][at].max(0.0));
+        let place = if N >= PLACE_UNKNOWN { deviation(PLACE_X).max(deviation(PLACE_Y)) } else { 0.0 };
+        let (turn, scale, bend, track) = (deviation(TURN), deviation(SCALE), deviation(BEND), deviation(TRACK));
+        NuisanceDeviations { turn, scale, bend, track, delay: deviation(DELAY), place }
     }
 
     /// Motion of a step, corrected by the calibration parameters.
@@ -210,6 +236,12 @@ impl<const N: usize> State<N> {
 
     /// Fit of a bearing; `None` for a beacon too close to have a direction.
     pub fn fit(&self, sight: &Sight) -> Option<Fit<N>> {
+        self.fit_beside(sight, None)
+    }
+
+    /// Fit of a bearing; `error`: index of an error of the bearing that is part of the state, rad.
+    #[inline]
+    pub fn fit_beside(&self, sight: &Sight, error: Option<usize>) -> Option<Fit<N>> {
         let rates = self.corrected(&sight.rates);
         let after = sight.later - self.mean[DELAY];
         let moved = Motion { translation: rates.translation * after, rotation: rates.rotation * after };
@@ -220,7 +252,8 @@ impl<const N: usize> State<N> {
         if square < 0.04 {
             return None;
         }
-        let expected = libm::atan2(dy, dx) - own.theta.radians() - self.mean[TURN];
+        let own_error = error.map_or(0.0, |error| self.mean[error]);
+        let expected = libm::atan2(dy, dx) - own.theta.radians() - self.mean[TURN] + own_error;
         let (by_x, by_y) = (dy / square, -dx / square);
         let mut by = [0.0; N];
         (by[X], by[Y]) = (by_x, by_y);
@@ -231,8 +264,11 @@ impl<const N: usize> State<N> {
         let velocity_x = rates.translation * cos - rates.rotation * (sensor.y - own.y);
         let velocity_y = rates.translation * sin + rates.rotation * (sensor.x - own.x);
         by[DELAY] = rates.rotation - by_x * velocity_x - by_y * velocity_y;
-        if N == PLACE_UNKNOWN {
+        if N >= PLACE_UNKNOWN {
             (by[PLACE_X], by[PLACE_Y]) = (by_x * cos + by_y * sin, by_y * cos - by_x * sin);
+        }
+        if let Some(error) = error {
+            by[error] = 1.0;
         }
         let mut cross = [0.0; N];
         for (sum, row) in cross.iter_mut().zip(&self.cov) {

@@ -1,180 +1,197 @@
-//! Noise of bearings, from the fit of those that the estimate did not depend on.
+//! Passes over a recording, and the noise of bearings and odometry that it shows: the most probable one.
+//!
+//! A bearing's error that lasts is a state of its own for each beacon, a first-order process. Unlike the weights of the
+//! filter that runs on the robot this tells errors that last from those of the pose, and costs several times as much.
 
-use crate::filter::{Config, Judged};
+use super::{Recording, Robot, Start};
+use crate::filter::{self, Config, DELAY, Noise, PLACE_UNKNOWN, Sight, State, THETA, X, Y};
+use base::Duration;
 use core::f64::consts::TAU;
 
-/// Upper ends of the classes of time between two bearings of a beacon, s.
-const LAGS: [f64; 6] = [0.3, 0.75, 1.5, 3.0, 5.0, 8.0];
-/// Times for which errors last that are tried, s.
-const TIMES: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
-/// Least number of bearings that say something.
-const ENOUGH: usize = 10;
-/// Bounds of the deviation of a bearing, rad, and of the part of outliers.
-const BEARING: (f64, f64) = (1e-3, 0.3);
+/// Number of beacons whose errors are part of the state at a time: those sighted last.
+const BEACONS: usize = 16;
+const N: usize = PLACE_UNKNOWN + BEACONS;
+/// Usual noise, and the standard deviation of its logarithm: the part of a bearing's error that does not last, rad; the
+/// part that lasts, rad, and its time, s; of the odometry along the path, m/√s, and of its rotation, rad/√s
+/// (docs/facts/robot.md 3.3).
+const USUAL: [f64; 5] = [0.01, 0.018, 3.0, 0.015, 0.025];
+const SPREAD: [f64; 5] = [0.8, 0.6, 0.8, 0.6, 0.6];
+/// Factors by which each is varied, one after the other.
+const FACTORS: [f64; 3] = [2.0, 1.4, 1.2];
+/// Bounds of the part of outliers.
 const WILD: (f64, f64) = (0.01, 0.35);
-/// Greatest part of the noise that lasts.
-const LASTING_MAX: f64 = 0.95;
-/// Usual part of the noise that lasts, its time, s, and the number of pairs of bearings that this counts for.
-const USUAL: (f64, f64) = (0.8, 3.0);
-const USUAL_WEIGHT: f64 = 100.0;
-/// Time for which the error of the pose lasts, s.
-const POSE_LASTS: f64 = 4.0;
-/// Rounds of expectation and maximization.
-const ROUNDS: usize = 15;
-/// Distance of bearings of a beacon that count for the likelihood, s.
-const APART: f64 = 1.0;
 
-/// Probability that a bearing is none of the outliers, and its likelihood relative to uniformly distributed directions.
-fn likelihood(config: &Config, judged: &Judged) -> (f64, f64) {
-    let variance = config.bearing * config.bearing + judged.spread;
-    let density = libm::exp(-0.5 * judged.innovation * judged.innovation / variance) / libm::sqrt(TAU * variance);
-    let own = (1.0 - config.wild) * density * TAU;
-    (own / (own + config.wild), own + config.wild)
+/// The noise of a configuration, in the order of [`USUAL`].
+fn noise_of(Config { bearing, lasting, lasting_s, odometry, .. }: &Config) -> [f64; 5] {
+    let (white, lasting) = (bearing * libm::sqrt(1.0 - lasting), bearing * libm::sqrt(*lasting));
+    [white, lasting, *lasting_s, odometry.along_per_s, odometry.turn_per_s]
 }
 
-/// Log-likelihood of bearings, of each beacon some distance apart.
-pub fn evidence(config: &Config, judged: &[Judged]) -> f64 {
-    let mut last = vec![None; config.beacons.len()];
-    let mut sum = 0.0;
-    for one in judged {
-        let last = &mut last[one.beacon];
-        if last.is_none_or(|last| one.at.since(last).as_secs_f64() >= APART) {
-            *last = Some(one.at);
-            sum += libm::log(likelihood(config, one).1);
-        }
-    }
-    sum
+fn set_noise(config: &mut Config, [white, lasting, lasting_s, along_per_s, turn_per_s]: [f64; 5]) {
+    let variance = white * white + lasting * lasting;
+    (config.bearing, config.lasting) = (libm::sqrt(variance), lasting * lasting / variance);
+    config.lasting_s = lasting_s;
+    config.odometry = Noise { along_per_s, turn_per_s, ..config.odometry };
 }
 
-/// Sets the noise of bearings: its deviation, the part of outliers, and how much of it lasts for how long.
-pub fn adapt(config: &mut Config, judged: &[Judged]) {
-    if judged.len() < ENOUGH {
-        return;
-    }
-    // Expectation and maximization, over the mixture of right bearings and outliers.
-    for _ in 0..ROUNDS {
-        let variance = config.bearing * config.bearing;
-        let (mut sum, mut right, mut weights) = (0.0, 0.0, 0.0);
-        for one in judged {
-            let inlier = likelihood(config, one).0;
-            let part = variance / (variance + one.spread);
-            let error = part * one.innovation;
-            // Where the pose is uncertain the innovation says little of the bearing.
-            let weight = inlier * part;
-            sum += weight * (error * error + part * one.spread);
-            weights += weight;
-            right += inlier;
-        }
-        config.wild = (1.0 - right / judged.len() as f64).clamp(WILD.0, WILD.1);
-        config.bearing = libm::sqrt(sum / f64::max(weights, 1e-9)).clamp(BEARING.0, BEARING.1);
-    }
-    let whole = config.bearing * config.bearing;
-    let classes = covariances(config, judged);
-    let mut best = (f64::INFINITY, 0.0, config.lasting_s);
-    for time in TIMES {
-        let (mut up, mut down) = (0.0, 0.0);
-        for (lag, product, weight) in &classes {
-            let again = libm::exp(-lag / time);
-            up += weight * again * product;
-            down += weight * again * again;
-        }
-        let lasting = (up / f64::max(down, 1e-12)).clamp(0.0, LASTING_MAX * whole);
-        let miss = |(lag, product, weight): &(f64, f64, f64)| {
-            let miss = product - lasting * libm::exp(-lag / time);
-            weight * miss * miss
-        };
-        let misses = classes.iter().map(miss).sum::<f64>();
-        if misses < best.0 {
-            best = (misses, lasting, time);
-        }
-    }
-    (config.lasting, config.lasting_s) = (best.1 / whole, best.2);
+/// A pass over a recording.
+pub struct Passed {
+    /// Log-likelihood of the bearings, relative to uniformly distributed directions, and of the noise.
+    pub evidence: f64,
+    /// Part of outliers.
+    wild: f64,
+    /// State at the end.
+    pub state: State<N>,
 }
 
-/// Mean product of the errors of two bearings of a beacon, rad², by the time between them: mean time, s, product, and
-/// weight.
-fn covariances(config: &Config, judged: &[Judged]) -> Vec<(f64, f64, f64)> {
-    let variance = config.bearing * config.bearing;
-    let mut sums = [(0.0, 0.0, 0.0); LAGS.len()];
-    let mut begin = 0.0;
-    for (sum, end) in sums.iter_mut().zip(LAGS) {
-        let lag = 0.5 * (begin + end);
-        let product = USUAL.0 * variance * libm::exp(-lag / USUAL.1);
-        *sum = (USUAL_WEIGHT * lag, USUAL_WEIGHT * product, USUAL_WEIGHT);
-        begin = end;
-    }
-    let right: Vec<f64> = judged.iter().map(|one| likelihood(config, one).0).collect();
-    for (place, one) in judged.iter().enumerate() {
-        for (other, probable) in judged[..place].iter().zip(&right).rev() {
-            let lag = one.at.since(other.at).as_secs_f64();
-            if lag >= LAGS[LAGS.len() - 1] {
-                break;
-            }
-            if other.beacon == one.beacon && lag > 0.0 {
-                let class = LAGS.iter().position(|end| lag < *end).unwrap_or(0);
-                let (own, others) = (variance + one.spread, variance + other.spread);
-                let weight = right[place] * probable * variance * variance / (own * others);
-                let sum = &mut sums[class];
-                sum.0 += weight * lag;
-                // The error of the pose lasts, too.
-                let pose = libm::sqrt(one.spread * other.spread) * libm::exp(-lag / POSE_LASTS);
-                sum.1 += weight * (one.innovation * other.innovation - pose);
-                sum.2 += weight;
+/// Sets the noise to the most probable one; returns the pass with it.
+pub fn find(recording: &Recording, robot: &mut Robot, start: Start) -> Passed {
+    let mut best = pass(recording, robot, start);
+    for factor in FACTORS {
+        robot.config.wild = best.wild.clamp(WILD.0, WILD.1);
+        best = pass(recording, robot, start);
+        for which in 0..USUAL.len() {
+            for factor in [factor, 1.0 / factor] {
+                let mut other = robot.clone();
+                let mut noise = noise_of(&robot.config);
+                noise[which] *= factor;
+                set_noise(&mut other.config, noise);
+                let passed = pass(recording, &other, start);
+                if passed.evidence > best.evidence {
+                    (*robot, best) = (other, passed);
+                    break;
+                }
             }
         }
     }
-    let means = |(lag, product, weight): &(f64, f64, f64)| (lag / weight, product / weight, *weight);
-    sums.iter().map(means).collect()
+    best
+}
+
+/// Passes over a recording from its start.
+pub fn pass(recording: &Recording, robot: &Robot, (pose, covariance): Start) -> Passed {
+    let config = &robot.config;
+    let [white, lasting, lasting_s, ..] = noise_of(config);
+    let mut state = State::<N>::new(config);
+    (state.mean[X], state.mean[Y], state.mean[THETA]) = (pose.x, pose.y, pose.theta.radians());
+    (0..3).for_each(|row| state.cov[row][..3].copy_from_slice(&covariance[row]));
+    (PLACE_UNKNOWN..N).for_each(|error| state.cov[error][error] = lasting * lasting);
+    // Beacon and time of the last sighting, s.
+    let mut last = [(usize::MAX, f64::NEG_INFINITY); BEACONS];
+    let mut bearings = recording.bearings.iter().map(|row| (robot.bearing(row.0, row.2), row.1)).peekable();
+    let (mut sum, mut outliers, mut count) = (0.0, 0.0, 0.0);
+    for rows in recording.odometry.windows(2) {
+        let ((begin, before), (end, after)) = (rows[0], rows[1]);
+        let time = Duration::from_secs_f64(end - begin);
+        let step = filter::step(time, robot.between(before, after), config.odometry, None);
+        while let Some(((stamp, bearing), id)) = bearings.next_if(|((stamp, _), _)| stamp - state.mean[DELAY] <= end) {
+            let at = config.beacons.iter().position(|beacon| beacon.id == id);
+            let Some(number) = at.filter(|_| stamp - state.mean[DELAY] >= begin) else { continue };
+            let own = last.iter().position(|(beacon, _)| *beacon == number);
+            let again = own.map_or(0.0, |own| libm::exp((last[own].1 - stamp).min(0.0) / lasting_s));
+            let oldest = || (0..BEACONS).min_by(|a, b| last[*a].1.total_cmp(&last[*b].1)).unwrap_or(0);
+            let own = own.unwrap_or_else(oldest);
+            last[own] = (number, stamp);
+            let error = PLACE_UNKNOWN + own;
+            state.mean[error] *= again;
+            (0..N).for_each(|other| {
+                state.cov[error][other] *= again;
+                state.cov[other][error] *= again;
+            });
+            state.cov[error][error] += lasting * lasting * (1.0 - again * again);
+            let sight = Sight {
+                number,
+                beacon: config.beacons[number].at,
+                bearing,
+                variance: white * white,
+                weight: 1.0,
+                mount: config.mount.into(),
+                rates: step.rates(),
+                later: stamp - begin,
+            };
+            let Some(fit) = state.fit_beside(&sight, Some(error)) else { continue };
+            let (own, other) = ((1.0 - config.wild) * fit.density(), config.wild / TAU);
+            sum += libm::log((own + other) * TAU);
+            outliers += other / (own + other);
+            count += 1.0;
+            if fit.distance() <= config.gate {
+                state.update(&fit, own / (own + other));
+            }
+        }
+        state.predict(&step, &[0.0; N]);
+    }
+    let odd = |((noise, usual), spread): ((f64, f64), f64)| {
+        let off = libm::log(noise.max(1e-9) / usual) / spread;
+        0.5 * off * off
+    };
+    let unusual: f64 = noise_of(config).into_iter().zip(USUAL).zip(SPREAD).map(odd).sum();
+    Passed { evidence: sum - unusual, wild: outliers / f64::max(count, 1.0), state }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filter::Beacon;
-    use base::Instant;
-    use navitools::Point;
+    use crate::filter::{Beacon, Nuisances};
+    use crate::recorded::Hold;
+    use navitools::{Angle, Motion, Point, Pose, wrap};
 
-    /// Fits of ten beacons at 5 Hz, whose errors are a first-order process of this time, s, and a part of outliers.
-    fn judged(lasting_s: f64, wild: f64) -> Vec<Judged> {
+    /// Three minutes in a circle among eight beacons at 4 Hz, whose errors of 0.0255 rad are a first-order process of
+    /// this time, s, and a part of outliers; the robot, and its start.
+    fn recording(lasting_s: f64, wild: f64) -> (Recording, Robot, Start) {
         let mut state = 1u64;
         let mut uniform = move || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64
         };
-        let mut errors = [0.0; 10];
-        let mut judged = Vec::new();
-        for sweep in 0..1000u64 {
-            for (beacon, error) in errors.iter_mut().enumerate() {
+        let place = |n: i32| {
+            let (sin, cos) = libm::sincos(f64::from(n) * 0.8);
+            Point { x: 6.0 * cos, y: 5.0 * sin }
+        };
+        let beacons: Vec<Beacon> = (0..8).map(|id| Beacon { id, at: place(id) }).collect();
+        let rates = Motion { translation: 0.5, rotation: 0.25 };
+        let begin = Pose { x: 2.0, y: 0.0, theta: Angle::new(1.5) };
+        let (mut pose, mut made, mut errors) = (begin, Recording::default(), [0.0; 8]);
+        for row in 0..720 {
+            let now = f64::from(row) * 0.25;
+            made.odometry.push((now, rates));
+            for (beacon, error) in beacons.iter().zip(&mut errors) {
                 let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
-                let again = libm::exp(-0.2 / lasting_s);
+                let again = libm::exp(-0.25 / lasting_s);
                 *error = again * *error + libm::sqrt(1.0 - again * again) * 0.0255 * normal;
-                let innovation = if uniform() < wild { (uniform() - 0.5) * TAU } else { *error };
-                let at = Instant::from_millis(1000 + 200 * sweep);
-                judged.push(Judged { at, beacon, innovation, spread: 1e-6 });
+                let right = libm::atan2(beacon.at.y - pose.y, beacon.at.x - pose.x) - pose.theta.radians() + *error;
+                let bearing = if uniform() < wild { uniform() * TAU } else { right };
+                made.bearings.push((now, beacon.id, wrap(bearing)));
             }
+            let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+            let noisy = Motion { rotation: rates.rotation + 0.025 * normal / 0.5, ..rates };
+            pose = pose.along(Motion { translation: noisy.translation * 0.25, rotation: noisy.rotation * 0.25 });
         }
-        judged
+        let mut config = Config { beacons, ..Config::default() };
+        config.mount.x = 0.0;
+        set_noise(&mut config, USUAL);
+        let start = (begin, [[1e-4, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-4]]);
+        (made, Robot { config, hold: Hold::After, known: Nuisances::default() }, start)
     }
 
     #[test]
-    fn noise_that_lasts_and_outliers_are_told_from_each_other() {
-        let at = Point { x: 0.0, y: 0.0 };
-        let beacons: Vec<Beacon> = (0..10).map(|id| Beacon { id, at }).collect();
-        for (lasting_s, wild) in [(1.0, 0.0), (4.0, 0.0), (4.0, 0.2)] {
-            let mut config = Config { beacons: beacons.clone(), bearing: 0.01, ..Config::default() };
-            adapt(&mut config, &judged(lasting_s, wild));
-            assert!((config.bearing / 0.0255 - 1.0).abs() < 0.15, "{lasting_s} s, {wild}: {config:?}");
-            assert!((config.wild - wild).abs() < 0.02, "{lasting_s} s, {wild}: {config:?}");
-            let sum = config.lasting * config.lasting_s / lasting_s;
-            assert!((0.6..1.7).contains(&sum), "{lasting_s} s, {wild}: {config:?}");
+    fn noise_that_lasts_outliers_and_the_way_are_told_from_each_other() {
+        for (lasting_s, wild) in [(1.5, 0.0), (6.0, 0.0), (3.0, 0.2)] {
+            let (made, mut robot, start) = recording(lasting_s, wild);
+            find(&made, &mut robot, start);
+            let config = &robot.config;
+            assert!((config.bearing / 0.0255 - 1.0).abs() < 0.2, "{lasting_s} s, {wild}: {config:?}");
+            assert!((config.wild - wild).abs() < 0.03, "{lasting_s} s, {wild}: {config:?}");
+            assert!(config.lasting > 0.8, "{lasting_s} s, {wild}: {config:?}");
+            assert!((0.6..1.7).contains(&(config.lasting_s / lasting_s)), "{lasting_s} s, {wild}: {config:?}");
+            let turn = config.odometry.turn_per_s / 0.025;
+            assert!((0.7..1.4).contains(&turn), "{lasting_s} s, {wild}: {config:?}");
         }
     }
 
     #[test]
-    fn too_few_bearings_change_nothing() {
-        let before = Config { beacons: vec![Beacon { id: 0, at: Point { x: 0.0, y: 0.0 } }], ..Config::default() };
-        let mut after = before.clone();
-        adapt(&mut after, &judged(1.0, 0.0)[..ENOUGH - 1]);
-        assert_eq!(after, before);
+    fn the_way_back_ends_where_the_robot_started() {
+        let (made, robot, start) = recording(1.5, 0.0);
+        let end = pass(&made, &robot, start).state;
+        let back = pass(&made.backwards(), &robot.backwards(), (end.pose(), end.pose_covariance())).state;
+        assert!(back.pose().point().distance(start.0.point()) < 0.1, "{:?}", back.pose());
     }
 }
