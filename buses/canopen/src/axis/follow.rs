@@ -106,6 +106,25 @@ struct Way {
     /// Remaining way to be made towards the target.
     left: f64,
     until: Instant,
+    /// The target, direction to it, and the position nearest to it so far: one that moves to and fro makes no way.
+    target: f64,
+    direction: f64,
+    reached: f64,
+}
+
+impl Way {
+    /// Takes the way made from one measured position to the next.
+    fn take(&mut self, target: f64, least: f64, before: f64, position: f64) {
+        let direction = (target - self.reached).signum();
+        if direction != self.direction || libm::fabs(target - self.target) > least {
+            (self.target, self.direction, self.reached) = (target, (target - before).signum(), before);
+        }
+        let made = (position - self.reached) * self.direction;
+        if made > 0.0 {
+            self.left -= made;
+            self.reached = position;
+        }
+    }
 }
 
 impl Reach {
@@ -133,8 +152,7 @@ impl Reach {
             self.arm(now);
             return None;
         };
-        let made = libm::fabs(target - before) - libm::fabs(target - position);
-        way.left -= made.max(0.0);
+        way.take(target, self.config.least, before, position);
         let alarm = now >= way.until;
         if way.left > 0.0 && !alarm && libm::fabs(target - position) > self.config.least {
             return None;
@@ -144,11 +162,24 @@ impl Reach {
         (alarm && !follows && self.watch.is_some()).then_some(NotFollowing { target, measured: position })
     }
 
+    /// True while the axis has a way to make: its position is to be measured often.
+    #[must_use]
+    pub fn is_under_way(&self) -> bool {
+        self.watch.is_some()
+    }
+
     /// Begins with the way from here; there is none within the least deviation, or where the position is not known.
     fn arm(&mut self, now: Instant) {
-        let way = self.target.map_or(0.0, |target| libm::fabs(target - self.measured));
+        let target = self.target.unwrap_or(self.measured);
+        let way = libm::fabs(target - self.measured);
         let takes = Duration::from_secs_f64((2.0 * way / self.config.speed.max(f64::MIN_POSITIVE)).min(60.0));
-        self.watch = (way > self.config.least).then(|| Way { left: PART * way, until: now + REACTION + takes });
+        self.watch = (way > self.config.least).then(|| Way {
+            left: PART * way,
+            until: now + REACTION + takes,
+            target,
+            direction: (target - self.measured).signum(),
+            reached: self.measured,
+        });
     }
 }
 
@@ -199,7 +230,7 @@ mod tests {
 
     /// Commands `target` and measures the position after each 10 ms, which `step` gives from target and position; the
     /// time of the first alarm.
-    fn steer(target: impl Fn(f64) -> f64, step: impl Fn(f64, f64) -> f64, s: f64) -> Option<f64> {
+    fn steer(target: impl Fn(f64) -> f64, mut step: impl FnMut(f64, f64) -> f64, s: f64) -> Option<f64> {
         let mut reach = Reach::new(STEERING);
         let mut position = 0.0;
         (0..(s * 100.0) as u32).map(|step| f64::from(step) / 100.0).find(|at| {
@@ -219,6 +250,15 @@ mod tests {
         }
         let jammed = steer(|at| if at < 3.0 { 0.0 } else { -0.2 }, |_, position| position, 10.0).unwrap();
         assert!((4.5..4.7).contains(&jammed), "{jammed}");
+        for (amplitude, period) in [(0.005, 0.2), (0.01, 0.33), (0.02, 1.0)] {
+            let mut time = 0.0;
+            let hunts = |_, _| {
+                time += 0.01;
+                amplitude * libm::sin(core::f64::consts::TAU * time / period)
+            };
+            let alarm = steer(|_| 0.3, hunts, 10.0);
+            assert!(alarm.is_some_and(|alarm| alarm < 4.0), "it is jammed and hunts by {amplitude}: {alarm:?}");
+        }
         // Its target is never the same twice, nor where it stands.
         let alarm = steer(|at| 0.3 + 0.1 * libm::sin(20.0 * at), |_, position| position, 10.0).unwrap();
         assert!((1.8..2.2).contains(&alarm), "{alarm}");

@@ -204,6 +204,8 @@ pub struct Arbiter {
     latched: bool,
     /// Releases by an operator from before this time are void: the end of the last stop, or the last manual command.
     release_after: Instant,
+    /// The last release of the planner that took effect.
+    released: Instant,
 }
 
 impl Arbiter {
@@ -217,6 +219,7 @@ impl Arbiter {
             holder: None,
             latched: true,
             release_after: Instant::ZERO,
+            released: Instant::ZERO,
         }
     }
 
@@ -233,7 +236,8 @@ impl Arbiter {
         let manual = priority > PLANNER;
         let rival = self.rival(at, id, priority);
         let program = self.sources[id.index()].program(at, session, self.ttl);
-        if !manual && rival.is_none() && program != Program::Same {
+        let released_since = program == Program::Again && self.released > self.sources[id.index()].at;
+        if !manual && rival.is_none() && program != Program::Same && !released_since {
             // An operator has released the earlier program.
             self.latch_planner(at);
         }
@@ -249,7 +253,10 @@ impl Arbiter {
         source.armed = request.is_zero() || (held && (new || goes_on));
         source.at = at;
         source.command = Command { speed, course, priority, source: id };
-        source.session = session.map(|session| (session, at)).or(source.session);
+        if manual || rival.is_none() {
+            // Another program that does not plan now is still another one when it does.
+            source.session = session.map(|session| (session, at)).or(source.session);
+        }
         if !held {
             return if blocked { Verdict::Blocked } else { verdict };
         }
@@ -366,7 +373,7 @@ impl Arbiter {
     pub fn release_planner(&mut self, at: Instant) {
         let manual = self.current(at).is_some_and(|command| command.priority > PLANNER);
         if !manual && at >= self.release_after {
-            self.latched = false;
+            (self.latched, self.released) = (false, at);
         }
     }
 
@@ -838,5 +845,28 @@ mod tests {
             bench.0.release_planner(Instant::from_millis(1070 + pause));
             assert_eq!(bench.say_in(110 + pause, "guide", 0, 0.4, 2), Holds);
         }
+    }
+
+    #[test]
+    fn a_planner_that_started_again_before_the_release_drives_by_it() {
+        let mut bench = Bench::new();
+        bench.0.release_planner(Instant::from_millis(1000));
+        assert_eq!(bench.say_in(10, "guide", 0, 0.0, 1), Holds);
+        // A new process, silent until its goal comes, which is the release.
+        bench.0.release_planner(Instant::from_millis(6000));
+        assert_eq!(bench.say_in(5020, "guide", 0, 0.4, 2), Holds);
+    }
+
+    #[test]
+    fn a_planner_that_started_again_beside_another_one_waits_for_an_operator() {
+        let mut bench = Bench::new();
+        bench.0.release_planner(Instant::from_millis(1000));
+        assert_eq!(bench.say_in(10, "guide", 0, 0.0, 1), Holds);
+        bench.0.on_standstill(Instant::from_millis(2000));
+        bench.0.release_planner(Instant::from_millis(2000));
+        assert_eq!(bench.say(1010, "planner", 0, 0.4), Holds);
+        assert_eq!(bench.say_in(1020, "guide", 0, 0.4, 2), Contested);
+        bench.0.on_standstill(Instant::from_millis(3000));
+        assert_eq!(bench.say_in(2010, "guide", 0, 0.4, 2), Latched);
     }
 }

@@ -1,8 +1,8 @@
 //! Body of the robot: from a commanded velocity to set-points of the axes, and from what they measure to a velocity.
 //!
-//! The only part of the driver that knows the wheels. Another base is another [`Chassis`], and other axes here.
+//! Another base is another [`Chassis`], and other axes here.
 
-use super::Config;
+use super::{Config, STANDSTILL_MPS};
 use kinematics::{Chassis, Driven, End, Error, Refusal, SteeredBase, Steering, Twist, WheelState};
 use messages::Hold;
 
@@ -65,9 +65,13 @@ impl Body {
     }
 
     /// Set-points for a commanded velocity that is within limits. Of a turn that is too narrow the narrowest one
-    /// remains, so that the robot does not leave the curve straight ahead; a robot that stands keeps its steering.
+    /// remains, so that the robot does not leave the curve straight ahead; a robot that stands keeps its steering. At a
+    /// speed that counts as standstill such a turn is one on the spot: the sign of noise must not turn the wheels.
     pub(super) fn set_points(&self, command: Twist) -> SetPoints {
-        let feasible = self.chassis.feasible(command);
+        let mut feasible = self.chassis.feasible(command);
+        if command.vx.abs() < STANDSTILL_MPS && feasible.refused.contains(&Refusal::TooNarrow) {
+            feasible = self.chassis.feasible(Twist { vx: 0.0, ..command });
+        }
         let wheels = self.chassis.wheel_states(feasible.twist, &[]);
         let left_out = |n| feasible.refused.get(n).copied().and_then(hold);
         let [speed, steering] = [wheels.first(), wheels.last()].map(Option::<&WheelState>::copied);
@@ -144,6 +148,10 @@ mod tests {
         assert_eq!(points(0.0, 0.1, 0.0), (0.0, None, vec![Hold::NoSideways]));
         assert_eq!(points(0.0, 0.0, 0.5), (0.0, None, vec![Hold::NoTurnOnSpot]));
         assert_eq!(points(0.0, -0.1, 0.5), (0.0, None, vec![Hold::NoSideways, Hold::NoTurnOnSpot]));
+        for noise in [0.001, -0.001, 0.019] {
+            assert_eq!(points(noise, 0.0, 0.5), (0.0, None, vec![Hold::NoTurnOnSpot]));
+            assert_eq!(points(noise, 0.0, 0.0), (noise, Some(0.0), vec![]));
+        }
         for (vx, omega, end) in [(0.1, 0.5, 0.61), (0.1, -0.5, -0.61), (-0.1, 0.5, -0.61)] {
             let (speed, steering, left_out) = points(vx, 0.0, omega);
             assert!((speed - vx).abs() < 1e-12 && (steering.unwrap() - end).abs() < 1e-9, "{vx} {omega}: {steering:?}");

@@ -189,6 +189,13 @@ struct Reported {
     repeated: u32,
 }
 
+impl Reported {
+    /// True for the same error, whatever the manufacturer's own bytes, which may count or measure.
+    fn is_of(&self, emergency: &Emergency) -> bool {
+        (self.emergency.code, self.emergency.register) == (emergency.code, emergency.register)
+    }
+}
+
 base::deadlines! {
     /// Deadlines of a drive, apart from those of its axis.
     enum Timer {
@@ -315,7 +322,9 @@ impl Drive {
         self.deadlines.clear_all();
         (self.trouble, self.outdated) = (None, false);
         (self.pending, self.unanswered) = (0, 0);
-        self.reported.clear();
+        for reported in std::mem::take(&mut self.reported) {
+            self.report_repetitions(&reported, out);
+        }
         self.mode.lost();
         self.mode_ticket = None;
         self.why = Absence::Lost(reason);
@@ -332,7 +341,7 @@ impl Drive {
         if self.is_in_fault() {
             self.raise_fault(out);
         }
-        let known = self.reported.iter_mut().find(|reported| reported.emergency == *emergency);
+        let known = self.reported.iter_mut().find(|reported| reported.is_of(emergency));
         if let Some(reported) = known.filter(|reported| now.since(reported.at) < REPEATED_PERIOD) {
             reported.repeated = reported.repeated.saturating_add(1).saturating_add(suppressed);
             if !self.deadlines.is_set(Timer::Repeated) {
@@ -348,7 +357,7 @@ impl Drive {
     /// The emergency is about to be reported. It takes the place of its last report, or of the oldest one.
     fn remember(&mut self, now: Instant, emergency: &Emergency, out: &mut Actions) {
         self.report_repeated(now, out);
-        self.reported.retain(|reported| reported.emergency != *emergency);
+        self.reported.retain(|reported| !reported.is_of(emergency));
         if self.reported.len() == EMERGENCIES_MAX {
             let oldest = self.reported.remove(0);
             self.report_repetitions(&oldest, out);

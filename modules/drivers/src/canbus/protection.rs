@@ -12,6 +12,8 @@ pub const GUARD_SILENT: Duration = Duration::from_secs(1);
 /// Speed up to which the robot counts as standing, m/s, as for the guard: its words are about the direction of travel,
 /// at standstill about the direction that is bounded more.
 const STANDSTILL_MPS: f64 = 0.02;
+/// Codes of the guard's own causes begin here (docs/holds.md).
+const GUARD_CODES: i32 = 700;
 /// Age up to which a second input counts as held.
 pub const CREEP_VALID_FOR: Duration = Duration::from_millis(250);
 
@@ -169,7 +171,7 @@ impl Protection {
 
     /// What bounds a direction, as far as the guard has said. Whoever is sent to a sensor must find the cause there.
     fn cause(&self, bound: f64, forward: bool) -> Hold {
-        let said = Hold::from_code(self.code).filter(|hold| hold.is_notice());
+        let said = Hold::from_code(self.code).filter(|hold| hold.is_notice() && self.code >= GUARD_CODES);
         let this_way = self.about_forward == Some(forward);
         match said {
             Some(Hold::GuardMotion) => Hold::GuardMotion,

@@ -402,6 +402,7 @@ impl Steering {
             _ => None,
         };
         self.reach.command(now, target);
+        self.drive.set_changing(now, self.reach.is_under_way());
         let measured = std::mem::take(&mut self.measured).then(|| self.angle());
         let Some(lag) = measured.and_then(|angle| self.reach.measure(now, angle)) else { return };
         let why = Trouble::NotFollowing(lag, "rad");

@@ -198,8 +198,9 @@ fn a_steering_that_stands_although_it_is_to_steer_stops_the_robot() {
 fn emergencies_that_alternate_are_reported_with_their_numbers() {
     let mut robot = Robot::ready();
     robot.errors.clear();
-    for _ in 0..20 {
-        robot.epos.node.emergency(0x3210, 0x04, [0; 5]);
+    for count in 0..20 {
+        // The manufacturer counts in its own bytes.
+        robot.epos.node.emergency(0x3210, 0x04, [count; 5]);
         robot.pass(200);
         robot.epos.node.emergency(0, 0, [0; 5]);
         robot.pass(200);
