@@ -24,6 +24,8 @@ pub(super) struct Asked<'a> {
     pub speed: f64,
     /// It commands to stand: of a velocity all components are 0.
     pub zero: bool,
+    /// Of `LL_CMD_VELOCITY`.
+    pub velocity: bool,
 }
 
 impl<'a> Asked<'a> {
@@ -32,11 +34,11 @@ impl<'a> Asked<'a> {
         match message {
             Message::LlCmdMotion(command) => {
                 let &lowlevel::CmdMotion { speed, priority, ref source, .. } = command;
-                Some(Self { source, priority, speed, zero: speed == 0.0 })
+                Some(Self { source, priority, speed, zero: speed == 0.0, velocity: false })
             }
             Message::LlCmdVelocity(command) => {
                 let &lowlevel::CmdVelocity { vx, vy, omega, priority, ref source, .. } = command;
-                Some(Self { source, priority, speed: vx, zero: [vx, vy, omega] == [0.0; 3] })
+                Some(Self { source, priority, speed: vx, zero: [vx, vy, omega] == [0.0; 3], velocity: true })
             }
             _ => None,
         }
@@ -56,12 +58,13 @@ impl<'a> Asked<'a> {
     }
 }
 
-/// A command: reception time, service time, speed in m/s.
+/// A command: reception time, service time, speed in m/s, and which message.
 #[derive(Clone, Copy, Debug)]
 struct ReceivedCommand {
     at: Instant,
     served: Instant,
     speed: f64,
+    velocity: bool,
 }
 
 /// A source.
@@ -119,7 +122,11 @@ impl Source {
     }
 
     fn say(&mut self, now: Instant, at: Instant, asked: Asked<'_>) {
-        let Asked { speed, zero, .. } = asked;
+        let Asked { speed, zero, velocity, .. } = asked;
+        // The newer command of either message counts.
+        if self.said.back().is_some_and(|said| at < said.at && velocity != said.velocity) {
+            return;
+        }
         let silent = self.said.back().is_none_or(|said| at.since(said.at) + DELAY_MAX >= self.ttl);
         if silent {
             (self.unbroken, self.resumed) = (at, now);
@@ -133,7 +140,7 @@ impl Source {
         {
             self.said.pop_front();
         }
-        self.said.push_back(ReceivedCommand { at, served: now, speed });
+        self.said.push_back(ReceivedCommand { at, served: now, speed, velocity });
     }
 }
 
