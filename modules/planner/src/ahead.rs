@@ -27,9 +27,6 @@ const PERSON_DISTANCE_M: f64 = 0.35;
 const PERSON_DISTANCE_PER_SIGMA: f64 = 0.2;
 /// Speed at which a person may leave the predicted path, m/s.
 const PERSON_DEVIATION_MPS: f64 = 0.05;
-/// Number of echoes at one place from which a person is known to stand; before, it may come towards the robot, as fast
-/// as its velocity is uncertain.
-const PERSON_STANDS_AFTER: u8 = 8;
 /// Speed of the robot above which both count, m/s.
 const PERSON_DEVIATION_FROM_MPS: f64 = 0.21;
 /// Assumed speed of an unknown person, m/s, for the range from which people are considered.
@@ -217,9 +214,9 @@ impl PredictedPath {
         let (deviation, comes) = if speed <= PERSON_DEVIATION_FROM_MPS {
             (0.0, 0.0)
         } else {
-            let stands = person.echoes_here >= PERSON_STANDS_AFTER;
             let deviation = PERSON_DEVIATION_MPS + PERSON_DISTANCE_PER_SIGMA * person.velocity_sigma;
-            (deviation, if stands { 0.0 } else { person.velocity_sigma })
+            // One who is not known to stand may come towards the robot, as fast as its velocity is uncertain.
+            (deviation, if person.stands { 0.0 } else { person.velocity_sigma })
         };
         let stands = reaction + speed / a;
         // A velocity counts as far as it exceeds its uncertainty.

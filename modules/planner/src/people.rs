@@ -47,6 +47,9 @@ const EXISTENCE_HALF_LIFE_S: f64 = 2.0;
 const MERGE_DISTANCE_M: f64 = 0.30;
 /// Distance from the place where a person was first heard within which it counts as standing, m.
 const STANDS_WITHIN_M: f64 = 0.25;
+/// Time, s, and number of echoes at one place from which a person is known to stand.
+const STANDS_AFTER_S: f64 = 1.5;
+const STANDS_AFTER_ECHOES: u8 = 8;
 /// Position uncertainty above which a track is deleted, m.
 const SIGMA_MAX_M: f64 = 1.0;
 /// Longest gap between two rounds; all tracks are deleted after a longer one, s.
@@ -82,8 +85,8 @@ pub struct Person {
     pub velocity_sigma: f64,
     /// True if the track is confirmed; otherwise it may be a false alarm.
     pub confirmed: bool,
-    /// Number of its echoes since it came to the place where it stands, at most 255; few while it walks.
-    pub echoes_here: u8,
+    /// True if it is known to stand: it was heard often enough for long enough at one place.
+    pub stands: bool,
 }
 
 /// Position and velocity (x, y, vx, vy) with their covariance.
@@ -94,8 +97,9 @@ struct Track {
     existence: f64,
     /// True once the existence probability exceeds [`CONFIRM_ABOVE`], until it falls below [`UNCONFIRM_BELOW`].
     confirmed: bool,
-    /// Place that it has not left by more than [`STANDS_WITHIN_M`], and its echoes since then.
+    /// Place that it has not left by more than [`STANDS_WITHIN_M`], since when, and its echoes since then.
     here: Point,
+    here_since: Instant,
     echoes_here: u8,
 }
 
@@ -209,7 +213,7 @@ impl People {
                 sigma: track.sigma(),
                 velocity_sigma,
                 confirmed: track.confirmed,
-                echoes_here: track.echoes_here,
+                stands: track.stands(self.at),
             }
         })
     }
@@ -264,11 +268,23 @@ impl Track {
         covariance[1][0] = covariance[0][1];
         covariance[2][2] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
         covariance[3][3] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
-        Self { mean, covariance, existence: EXISTENCE_INITIAL, confirmed: false, here, echoes_here: 1 }
+        Self {
+            mean,
+            covariance,
+            existence: EXISTENCE_INITIAL,
+            confirmed: false,
+            here,
+            here_since: reading.at,
+            echoes_here: 1,
+        }
     }
 
     fn at(&self) -> Point {
         Point { x: self.mean[0], y: self.mean[1] }
+    }
+
+    fn stands(&self, now: Instant) -> bool {
+        self.echoes_here >= STANDS_AFTER_ECHOES && now.since(self.here_since).as_secs_f64() >= STANDS_AFTER_S
     }
 
     fn sigma(&self) -> f64 {
@@ -321,7 +337,7 @@ impl Track {
         self.correct((cos, sin), echo.along, near);
         self.correct((-sin, cos), echo.across, wide);
         if self.at().distance(self.here) > STANDS_WITHIN_M {
-            (self.here, self.echoes_here) = (self.at(), 0);
+            (self.here, self.here_since, self.echoes_here) = (self.at(), reading.at, 0);
         }
         self.echoes_here = self.echoes_here.saturating_add(1);
         // Likelihood ratio of the echo: this person against a false alarm.
@@ -380,11 +396,16 @@ mod tests {
     }
 
     /// Four rounds per second with a person who starts at `at`.
-    fn follow(people: &mut People, at: Point, (vx, vy): (f64, f64), rounds: u64) -> Instant {
+    fn follow(people: &mut People, at: Point, velocity: (f64, f64), rounds: u64) -> Instant {
+        follow_at(people, at, velocity, 250, rounds)
+    }
+
+    /// A round every `every_ms`.
+    fn follow_at(people: &mut People, at: Point, (vx, vy): (f64, f64), every_ms: u64, rounds: u64) -> Instant {
         let mut now = Instant::from_millis(10_000);
         for n in 0..rounds {
-            now = Instant::from_millis(10_000) + Duration::from_millis(250 * n);
-            let time = 0.25 * n as f64;
+            now = Instant::from_millis(10_000) + Duration::from_millis(every_ms * n);
+            let time = every_ms as f64 / 1000.0 * n as f64;
             people.update(&round(now, Some(Point { x: at.x + vx * time, y: at.y + vy * time })), |_| false);
         }
         now
@@ -412,16 +433,17 @@ mod tests {
     }
 
     #[test]
-    fn echoes_of_one_place_are_counted_as_long_as_a_person_stands_there() {
-        let from = Point { x: 2.4, y: 0.0 };
-        let here = |velocity, rounds| {
+    fn a_person_is_known_to_stand_by_echoes_at_one_place_for_some_time() {
+        let stands = |velocity, every_ms, rounds| {
             let mut people = People::default();
-            let now = follow(&mut people, from, velocity, rounds);
-            people.around(now).find(|person| person.confirmed).unwrap().echoes_here
+            let now = follow_at(&mut people, Point { x: 2.4, y: 0.0 }, velocity, every_ms, rounds);
+            people.around(now).find(|person| person.confirmed).unwrap().stands
         };
-        assert!(here((0.0, 0.0), 8) >= 8 && here((0.0, 0.0), 20) > here((0.0, 0.0), 8));
-        for speed in [0.4, 0.7, 1.0] {
-            assert!(here((-speed, 0.0), 8) < 6, "{speed}: {}", here((-speed, 0.0), 8));
+        for (every_ms, rounds) in [(250, 8), (50, 40)] {
+            assert!(stands((0.0, 0.0), every_ms, rounds) && !stands((0.0, 0.0), every_ms, rounds / 3));
+            for speed in [0.25, 0.4, 0.7, 1.0] {
+                assert!(!stands((-speed, 0.0), every_ms, rounds), "{speed} m/s, every {every_ms} ms");
+            }
         }
     }
 

@@ -17,11 +17,15 @@ use axum::response::{IntoResponse, Response};
 use host::sys;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::time::timeout;
 
 /// Maximum length of a run that is read as a whole, bytes.
 const BYTES_MAX: u64 = 2 << 30;
 /// Nice value of the thread that reads.
 const NICE: i8 = 10;
+/// Maximum time for which a request waits while another run is read; the page asks for summaries in the background.
+const WAIT_MAX: Duration = Duration::from_secs(20);
 
 /// `/api/runs/{run}/events`
 pub async fn events(State(app): State<App>, Named(run): Named<String>) -> Response {
@@ -69,7 +73,7 @@ async fn answer(
     content: &'static str,
     read: impl FnOnce(PathBuf, u64) -> Result<Vec<u8>, String> + Send + 'static,
 ) -> Response {
-    let Ok(permit) = app.center.reads.clone().try_acquire_owned() else {
+    let Ok(Ok(permit)) = timeout(WAIT_MAX, app.center.reads.clone().acquire_owned()).await else {
         app.stats.refuse(Refusal::Reads, "");
         return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Reads.name());
     };
