@@ -1,8 +1,8 @@
 //! The filter over recorded data, and what the data say of a robot of which nothing is known.
 //!
-//! The filter on the robot counts errors of bearings that last by smaller weights. Here, where time is no matter, they are
-//! states of their own: a pass over the way back ([`noise`]) gives the likelihood of noise and conventions, the errors
-//! that the robot's measurements always have, and where the robot started.
+//! The filter on the robot counts errors of bearings that last by smaller weights. Here, where time is no matter, they
+//! are states of their own: a pass over the way back (`noise`) gives the likelihood of noise and conventions, the
+//! errors that the robot's measurements always have, and where the robot started.
 
 mod find;
 mod noise;

@@ -162,8 +162,9 @@ pub fn find_hold(recording: &Recording, robot: Robot, start: Option<Start>) -> R
 }
 
 /// The robot with the meaning of a row's rates that fits. They, and late stamps, shift the bearings against the way
-/// alike, so that the data often cannot tell. Then a meaning with which the bearings come before they are made is wrong,
-/// and one with which they are not late is right; else it is in between, where the error is half a row's way at most.
+/// alike, so that the data often cannot tell. Then a meaning with which the bearings come before they are made is
+/// wrong, and one with which they are not late is right; else it is in between, where the error is half a row's way at
+/// most.
 fn of_holds(recording: &Recording, robot: &Robot, start: Option<Start>) -> Result<Robot, RunError> {
     let with = |hold| Robot { hold, ..robot.clone() };
     let before = Trial::new(recording, &with(Hold::Before), start)?;
