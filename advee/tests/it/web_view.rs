@@ -117,8 +117,24 @@ fn each_part_has_its_shape_and_its_rate() {
     assert!((1..=10).contains(&rates[2]) && (4..=6).contains(&rates[3]), "{rates:?}");
     let drive = part(&texts, "drive");
     let of_drive = sorted([
-        "part", "status", "concerns", "motion", "holds", "commands", "guard", "bound", "stop", "odometry", "estimate",
-        "ellipse", "goal", "truth", "gamepad", "holder", "play",
+        "part",
+        "status",
+        "concerns",
+        "motion",
+        "holds",
+        "commands",
+        "velocity_commands",
+        "guard",
+        "bound",
+        "stop",
+        "odometry",
+        "estimate",
+        "ellipse",
+        "goal",
+        "truth",
+        "gamepad",
+        "holder",
+        "play",
     ]);
     assert!(drive.iter().all(|drive| keys(drive) == of_drive));
     let last = drive[drive.len() - 1];
