@@ -120,7 +120,8 @@ impl Rule {
             return Ok(());
         }
         let unheard = self.unheard || now.since(self.on) < CROSSING_MAX;
-        let repeats = |cut| now.since(cut) < REPEATED && (cut > self.on || unheard);
+        // A feed that was cut, and that somebody switched on unheard by the driver, has returned by itself for it.
+        let repeats = |cut| if cut > self.on { now.since(cut) < REPEATED } else { unheard };
         let repeated = self.cut.is_some_and(repeats);
         self.cut = Some(now);
         if repeated || is_unreached(now, facts) {
