@@ -16,7 +16,7 @@ pub(super) struct Life {
     pub late: Duration,
     /// Time at which it was last dead, hung or late.
     ill: Instant,
-    /// End of its last hang.
+    /// End of its last hang, or time at which it works off what waited at the end of a latency.
     resumed: Instant,
 }
 
@@ -40,9 +40,9 @@ impl Life {
         if self.is_well() { self.ill } else { now }
     }
 
-    /// True if it ended a hang less than `time` ago: all that waited for it is processed at once.
+    /// True if it ended a hang or a latency less than `time` ago: all that waited for it is processed at once.
     pub fn has_resumed_within(&self, now: Instant, time: Duration) -> bool {
-        self.resumed > Instant::ZERO && now.since(self.resumed) < time
+        self.resumed > Instant::ZERO && now >= self.resumed && now.since(self.resumed) < time
     }
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
@@ -60,7 +60,11 @@ impl Life {
             }
             News::Crawls { pid, late, .. } if self.pid == Some(pid) => {
                 // Pending input is served with the old latency.
-                (self.ill, self.late) = (now + self.late, late);
+                self.ill = now + self.late;
+                if late < self.late {
+                    self.resumed = self.ill;
+                }
+                self.late = late;
             }
             _ => {}
         }
