@@ -87,7 +87,7 @@ fn it_drives_the_commanded_circle_and_measures_what_the_body_does() {
             assert!((measured.vx_target - speed).abs() < 1e-3 && (measured.omega_target - speed / radius).abs() < 1e-3);
         }
     }
-    // A turn on the spot is none: it brakes, stands, and says why.
+    // It cannot turn on the spot: it brakes, stands, and says why.
     drive(&mut robot, 0.0, 0.5, 3.0);
     robot.pass(2.5);
     assert!(robot.speed().abs() < 0.001 && !robot.motion().quick_stop, "{}", robot.speed());

@@ -45,7 +45,7 @@ const DETECTION_PROBABILITY: (f64, f64) = (0.75, 0.38);
 const EXISTENCE_HALF_LIFE_S: f64 = 2.0;
 /// Tracks closer to each other than this are merged, m.
 const MERGE_DISTANCE_M: f64 = 0.30;
-/// Distance from the place where a person was first heard within which it counts as standing, m.
+/// Maximum distance of a standing person from the place of its first echo, m.
 const STANDS_WITHIN_M: f64 = 0.25;
 /// Time, s, and number of echoes at one place from which a person is known to stand.
 const STANDS_AFTER_S: f64 = 1.5;

@@ -168,7 +168,7 @@ impl Reach {
         self.watch.is_some()
     }
 
-    /// Begins with the way from here; there is none within the least deviation, or where the position is not known.
+    /// Begins with the way from here. Within the least deviation, or at an unknown position, nothing is watched.
     fn arm(&mut self, now: Instant) {
         let target = self.target.unwrap_or(self.measured);
         let way = libm::fabs(target - self.measured);

@@ -3,7 +3,7 @@
 //!
 //! Silence is no release: a manual source whose last command was motion, and that fell silent, was overruled or met a
 //! stop, must send zero, however long it was silent. A source that was never received before moves the robot at once.
-//! Sources are told apart by name and priority: commands of both messages are those of one source, and a session of
+//! A source is identified by its name and priority: commands of both messages are those of one source, and a session of
 //! `LL_CMD_VELOCITY` can only take a permission away.
 //!
 //! Pure policy over the sources' commands; independent of drives and bus.
@@ -60,7 +60,7 @@ pub enum Course {
 }
 
 impl Course {
-    /// True if it commands no motion by itself: turning the steering of a robot that stands is none.
+    /// True if it commands no motion by itself. Turning the steering of a robot that stands does not count as motion.
     fn is_zero(self) -> bool {
         matches!(self, Self::Steering(_) | Self::Velocity { vy: 0.0, omega: 0.0 })
     }
