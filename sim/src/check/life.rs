@@ -16,7 +16,7 @@ pub(super) struct Life {
     pub late: Duration,
     /// Time at which it was last dead, hung or late.
     ill: Instant,
-    /// End of its last hang, or time at which it works off what waited at the end of a latency.
+    /// End of its last hang, or time by which it has worked off what waited at the end of a latency.
     resumed: Instant,
 }
 
@@ -42,7 +42,7 @@ impl Life {
 
     /// True if it ended a hang or a latency less than `time` ago: all that waited for it is processed at once.
     pub fn has_resumed_within(&self, now: Instant, time: Duration) -> bool {
-        self.resumed > Instant::ZERO && now >= self.resumed && now.since(self.resumed) < time
+        self.resumed > Instant::ZERO && now.since(self.resumed) < time
     }
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
