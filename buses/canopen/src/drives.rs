@@ -5,6 +5,7 @@
 
 pub mod cia402;
 mod cia402_objects;
+pub mod derive;
 pub mod epos;
 mod epos_objects;
 pub mod icla;

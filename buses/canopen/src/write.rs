@@ -8,6 +8,8 @@ pub enum How {
     /// Read first, written only if different, and read back.
     #[default]
     WhereDifferent,
+    /// The same, and left out where the node has no such object.
+    WhereThere,
     /// Written at each boot-up, and read back: for objects whose writing does something.
     Always,
     /// Written at each boot-up, never read: for objects that cannot be read, or read as something else, like 0x1010.
@@ -36,6 +38,12 @@ impl ConfigWrite {
     #[must_use]
     pub fn new(index: u16, sub: u8, value: impl Into<Payload>) -> Self {
         Self { index, sub, value: value.into(), how: How::WhereDifferent }
+    }
+
+    /// A write with [`How::WhereThere`].
+    #[must_use]
+    pub fn where_there(self) -> Self {
+        Self { how: How::WhereThere, ..self }
     }
 
     /// A write with [`How::Always`].

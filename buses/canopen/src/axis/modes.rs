@@ -71,8 +71,12 @@ impl Mode {
 
     /// Value of 0x6502 with all of `modes`, for the identity check of a boot-up.
     #[must_use]
-    pub fn expect(modes: &[Self]) -> Expect {
-        let bits = modes.iter().fold(0, |bits, mode| bits | mode.bit());
+    pub const fn expect(modes: &[Self]) -> Expect {
+        let (mut bits, mut at) = (0, 0);
+        while at < modes.len() {
+            bits |= modes[at].bit();
+            at += 1;
+        }
         Expect::masked(0x6502, 0, bits, bits)
     }
 }

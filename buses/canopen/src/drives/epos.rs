@@ -5,26 +5,52 @@
 //! Silence   the drive watches the master's heartbeat (firmware 2030h and later, else refused): quick stop, then Fault
 //! Traps     no 0x605A: quick stop is kept until enabled again; Refresh and Measure Init look like Switched On
 
-use super::cia402::{self, CONTROLWORD, Parameters, Pdos, STATUSWORD};
+use super::cia402::{self, CONTROLWORD, DEVICE_TYPE, Parameters, Pdo, Quantity, RAMPS, STATUSWORD, Setting, Table};
 use super::epos_objects::OBJECTS;
-use crate::axis::AxisConfig;
 use crate::axis::modes::Mode;
-use crate::master::{ConfigWrite, Expect, NodeConfig};
+use crate::dictionary::DataType;
+use crate::master::{Expect, NodeConfig};
 use crate::{Abort, Dictionary};
+use alloc::borrow::Cow;
 
-/// Target velocity and actual velocity in rpm; TPDO4 is off until configured.
-pub const PDOS: Pdos = Pdos { rpdo: 4, target: 0x60FF_0020, tpdo: 4, value: 0x606C_0020 };
 /// Limit of the demanded velocity at most, 0x607F.
 pub const VELOCITY_MAX_RPM: u32 = 25_000;
 /// The oldest firmware whose heartbeat consumer and quick stop in velocity mode work.
 pub const FIRMWARE_MIN: u32 = 0x2030;
-/// The controlword that stops: enable, quick stop and switch on as maxon's notes have it.
-pub const QUICK_STOP: u16 = 0x000B;
 
 /// Vendor id, 0x1018:1.
 pub const VENDOR: u32 = 0x0000_00FB;
 /// 0x2003:2 of the 70/10, any revision; the product code may be an application number instead.
 const HARDWARE: u32 = 0x6410;
+
+/// The drive: target velocity and actual velocity in rpm, by RPDO4 and TPDO4, which is off until configured. It stops
+/// by 0x000B, enable, quick stop and switch on, as maxon's notes have it.
+pub static TABLE: Table = Table {
+    device_type: Some(DEVICE_TYPE),
+    identity: Cow::Borrowed(&[
+        Expect::equal(0x1018, 1, VENDOR),
+        Expect::masked(0x2003, 2, 0xFFF0, HARDWARE),
+        Expect::at_least(0x2003, 1, FIRMWARE_MIN),
+        Mode::expect(&[Mode::ProfileVelocity]),
+    ]),
+    settings: Cow::Borrowed(&[
+        Setting::mode(Mode::ProfileVelocity),
+        Setting::new(0x607F, DataType::U32, Quantity::Velocity),
+        RAMPS[0],
+        RAMPS[1],
+        RAMPS[2],
+    ]),
+    mode: Mode::ProfileVelocity,
+    rpdo: Pdo::fixed(4, &[CONTROLWORD, 0x60FF_0020]),
+    target: 0x60FF_0020,
+    tpdos: Cow::Borrowed(&[Pdo::fixed(1, &[STATUSWORD]), cia402::reporting(4, &[STATUSWORD, 0x606C_0020])]),
+    value: 0x606C_0020,
+    quick_stop: 0x000B,
+    keeps_quick_stop: true,
+    homed: 0,
+    watches_master: true,
+    guarding: None,
+};
 
 /// The defaults of the drive itself, but for its supervision.
 #[must_use]
@@ -32,7 +58,7 @@ pub fn parameters(node: u8) -> Parameters {
     let ramp = 10_000;
     Parameters {
         node,
-        velocity_rpm: VELOCITY_MAX_RPM,
+        velocity: VELOCITY_MAX_RPM,
         acceleration: ramp,
         deceleration: ramp,
         quick_stop_deceleration: ramp,
@@ -43,23 +69,7 @@ pub fn parameters(node: u8) -> Parameters {
 /// Node configuration of the drive for the master.
 #[must_use]
 pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
-    let first = [
-        ConfigWrite::new(0x6060, 0, Mode::ProfileVelocity.code()),
-        ConfigWrite::new(0x607F, 0, parameters.velocity_rpm),
-    ];
-    let identity = [
-        Expect::equal(0x1018, 1, VENDOR),
-        Expect::masked(0x2003, 2, 0xFFF0, HARDWARE),
-        Expect::at_least(0x2003, 1, FIRMWARE_MIN),
-        Mode::expect(&[Mode::ProfileVelocity]),
-    ];
-    NodeConfig { identity: identity.into(), ..PDOS.node_config(name, parameters, QUICK_STOP, &first, &[]) }
-}
-
-/// Behaviour of the axis: quick stop is kept, and left by enabling (T16).
-#[must_use]
-pub fn axis_config() -> AxisConfig {
-    AxisConfig { quick_stop: QUICK_STOP, resumes: true, ..AxisConfig::default() }
+    TABLE.node_config(name, parameters)
 }
 
 /// Name of an abort code of the manufacturer's own (Firmware Specification).
@@ -81,9 +91,9 @@ pub fn dictionary(node: u8) -> Dictionary {
         .with_rpdo(1, 0x200, &[CONTROLWORD], false)
         .with_rpdo(2, 0x300, &[CONTROLWORD, 0x6060_0008], false)
         .with_rpdo(3, 0x400, &[CONTROLWORD, 0x607A_0020], false)
-        .with_rpdo(4, 0x500, &PDOS.command(), false)
+        .with_rpdo(4, 0x500, &TABLE.rpdo.entries, false)
         .with_tpdo(1, 0x4000_0180, &[STATUSWORD], false)
         .with_tpdo(2, 0xC000_0280, &[STATUSWORD, 0x6061_0008], false)
         .with_tpdo(3, 0xC000_0380, &[STATUSWORD, 0x6064_0020], false)
-        .with_tpdo(4, 0xC000_0480, &PDOS.status(), false)
+        .with_tpdo(4, 0xC000_0480, &TABLE.tpdos[1].entries, false)
 }

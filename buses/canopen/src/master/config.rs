@@ -95,7 +95,7 @@ impl Expect {
         Self { index, sub, mask: u32::MAX, min, max: u32::MAX }
     }
 
-    pub(super) const fn holds(self, found: u32) -> bool {
+    pub(crate) const fn holds(self, found: u32) -> bool {
         let found = found & self.mask;
         self.min <= found && found <= self.max
     }

@@ -62,7 +62,7 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
         None => watched.push(ConfigWrite::new(0x1017, 0, node.heartbeat.as_millis() as u16)),
         // A node that sends its heartbeat does not let itself be guarded.
         Some(guarding) => watched.extend([
-            ConfigWrite::new(0x1017, 0, 0_u16),
+            ConfigWrite::new(0x1017, 0, 0_u16).where_there(),
             ConfigWrite::new(0x100C, 0, guarding.period.as_millis() as u16),
             ConfigWrite::new(0x100D, 0, guarding.factor),
         ]),
@@ -138,7 +138,7 @@ impl Plan {
                 step,
                 group.iter().cloned().map(|write| match write.how {
                     How::WhereDifferent => Work::Write(write.always()),
-                    How::Always | How::Blindly => Work::Write(write),
+                    How::WhereThere | How::Always | How::Blindly => Work::Write(write),
                 }),
             );
         };

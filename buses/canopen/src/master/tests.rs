@@ -14,7 +14,7 @@ mod together;
 mod troubles;
 
 use super::*;
-use crate::drives::{cia402, epos, icla};
+use crate::drives::{epos, icla};
 use crate::testing::{Bus, Engine, Random, check, parse};
 use crate::{Dictionary, Event};
 use crate::{NmtCommand, Node, Payload, sdo};

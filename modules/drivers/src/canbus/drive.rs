@@ -7,8 +7,8 @@ use canopen::axis::modes::Mode;
 use canopen::axis::modes::switch::Access;
 use canopen::axis::modes::watch::{ModeWatch, WrongMode};
 use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, NotFollowing, PowerState, StatusBits, Why};
-use canopen::drives::cia402;
 use canopen::master::{BootError, LostReason, Step, Ticket};
+use canopen::pdo::Data;
 use canopen::wire::{Emergency, Service};
 use canopen::{Master, Payload, sdo};
 use messages::{Hold, lowlevel};
@@ -243,7 +243,7 @@ pub(super) struct Drive {
     /// Current read of the mode.
     mode_ticket: Option<Ticket>,
     deadlines: Deadlines<Timer>,
-    sent: Option<[u8; 6]>,
+    sent: Option<Data>,
     changed: bool,
     /// The last known state may be outdated: the drive is to be read.
     outdated: bool,
@@ -646,22 +646,22 @@ impl Drive {
     }
 
     /// Sends the command frame if it differs from the last one, or has not taken effect.
-    pub(super) fn send(&mut self, now: Instant, master: &mut Master, rpdo: u8, data: [u8; 6]) {
+    pub(super) fn send(&mut self, now: Instant, master: &mut Master, rpdo: u8, data: Data) {
         if !self.booted {
             return;
         }
         let repeat = self.deadlines.tick(Timer::Repeat, now, REPEAT_PERIOD) && !self.is_at_rest();
-        if (self.sent != Some(data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
+        if (self.sent.as_ref() != Some(&data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
             self.sent = Some(data);
         }
     }
 
-    /// Quick stop of a drive that is not booted, by the PDO `rpdo` and its `controlword`. It may still carry out its
+    /// Quick stop of a drive that is not booted, by the PDO `rpdo` and its `data`. It may still carry out its
     /// last command: after a restart of this module, or a bus failure shorter than the drive's timeout, it receives our
     /// heartbeat again. To be called after every event, and sent before all other frames: a reset of its communication
     /// makes it deaf without stopping it. Repeated until it is booted, because a drive that is not operational ignores
     /// PDOs. The target, 0, is no new one.
-    pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool, rpdo: u8, controlword: u16) -> Option<Frame> {
+    pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool, rpdo: u8, data: &[u8]) -> Option<Frame> {
         if !bus_is_up || self.booted {
             self.deadlines.clear(Timer::BlindStop);
             return None;
@@ -671,7 +671,7 @@ impl Drive {
         }
         self.deadlines.set(Timer::BlindStop, now + BLIND_STOP_PERIOD);
         let rpdo = Service::Rpdo { node: self.node, number: rpdo };
-        Some(Frame::standard(rpdo.cob_id(), &cia402::pack(controlword, 0)))
+        Some(Frame::standard(rpdo.cob_id(), data))
     }
 
     /// True if the measured values of a lost drive are to be read: its heartbeat is received again, and it may turn.

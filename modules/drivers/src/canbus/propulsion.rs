@@ -4,9 +4,9 @@ use super::drive::{Drive, Trouble};
 use super::{Config, STANDSTILL_MPS};
 use base::Instant;
 use base::can::Frame;
-use canopen::axis::modes::Mode;
 use canopen::axis::{Follow, FollowConfig, Goal, PowerState, Units};
-use canopen::drives::{cia402, epos};
+use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::epos;
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
 use module::Actions;
@@ -16,9 +16,11 @@ const FOLLOWED_MIN_MPS: f64 = 0.05;
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
-    parameters: cia402::Parameters,
+    table: Table,
+    parameters: Parameters,
     units: Units,
-    target_rpm: i32,
+    /// Target velocity in the drive's unit.
+    target: i32,
     goal: Goal,
     /// Measured speed, m/s; NaN if unknown.
     speed: f64,
@@ -32,19 +34,21 @@ impl Propulsion {
         let own = &config.propulsion;
         // The drive's speeds are rpm and rpm/s; its position is not used.
         let units = Units::new(own.rpm_per_mps, own.rpm_per_mps, own.rpm_per_mps);
-        let parameters = cia402::Parameters {
+        let parameters = Parameters {
             // A margin above the limit of commands, for the drive's own controller.
-            velocity_rpm: units.speed(config.limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
+            velocity: units.speed(config.limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
             acceleration: units.acceleration(config.limits.acceleration_mps2),
             deceleration: units.acceleration(config.limits.deceleration_mps2),
             quick_stop_deceleration: units.acceleration(config.limits.quick_stop_mps2),
             ..epos::parameters(own.node)
         };
+        let table = epos::TABLE.clone();
         Self {
-            drive: Drive::new("propulsion", own.node, epos::axis_config()),
+            drive: Drive::new("propulsion", own.node, table.axis_config()),
+            table,
             parameters,
             units,
-            target_rpm: 0,
+            target: 0,
             goal: Goal::QuickStop,
             speed: f64::NAN,
             measured: false,
@@ -56,21 +60,23 @@ impl Propulsion {
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
-        epos::node_config("propulsion", &self.parameters)
+        self.table.node_config("propulsion", &self.parameters)
     }
 
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some(status) = epos::PDOS.unpack(number, data) else {
+        let Some(status) = self.table.unpack(number, data) else {
             return;
         };
-        if let Some(rpm) = status.value {
-            self.on_velocity(now, rpm);
+        if let Some(velocity) = status.value {
+            self.on_velocity(now, velocity);
         }
-        self.drive.on_statusword(now, status.statusword, out);
+        if let Some(statusword) = status.statusword {
+            self.drive.on_statusword(now, statusword, out);
+        }
     }
 
-    pub(super) fn on_velocity(&mut self, now: Instant, rpm: i32) {
-        self.speed = self.units.velocity_si(rpm);
+    pub(super) fn on_velocity(&mut self, now: Instant, velocity: i32) {
+        self.speed = self.units.velocity_si(velocity);
         self.measured = true;
         self.drive.on_measured(now);
     }
@@ -97,7 +103,7 @@ impl Propulsion {
 
     /// Commanded speed, m/s.
     pub(super) fn target(&self) -> f64 {
-        self.units.velocity_si(self.target_rpm)
+        self.units.velocity_si(self.target)
     }
 
     /// True if its speed is known to be below `limit`, m/s.
@@ -113,19 +119,19 @@ impl Propulsion {
     /// Drives at `speed`, m/s.
     pub(super) fn drive(&mut self, speed: f64) {
         self.goal = Goal::Enabled;
-        self.target_rpm = self.units.velocity(speed);
+        self.target = self.units.velocity(speed);
     }
 
     /// Stops by the quick stop ramp and stays stopped.
     pub(super) fn quick_stop(&mut self) {
         self.goal = Goal::QuickStop;
-        self.target_rpm = 0;
+        self.target = 0;
     }
 
     /// Takes the torque away; the drive must stand.
     pub(super) fn switch_off(&mut self) {
         self.goal = Goal::Disabled;
-        self.target_rpm = 0;
+        self.target = 0;
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
@@ -134,14 +140,15 @@ impl Propulsion {
         }
         self.drive.set_goal(now, self.goal);
         self.drive.handle_timeout(now, out);
-        self.drive.expect_mode(now, Some(Mode::ProfileVelocity.code()), master);
-        let data = cia402::pack(self.drive.axis.controlword(), self.target_rpm);
-        self.drive.send(now, master, epos::PDOS.rpdo, data);
+        self.drive.expect_mode(now, Some(self.table.mode.code()), master);
+        let data = self.table.pack(self.drive.axis.controlword(), self.target);
+        self.drive.send(now, master, self.table.rpdo.number, data);
     }
 
     /// [`Drive::blind_stop`] by the quick stop ramp.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
-        self.drive.blind_stop(now, bus_is_up, epos::PDOS.rpdo, epos::QUICK_STOP)
+        let data = self.table.pack(self.table.quick_stop, 0);
+        self.drive.blind_stop(now, bus_is_up, self.table.rpdo.number, &data)
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {

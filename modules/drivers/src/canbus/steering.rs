@@ -8,9 +8,11 @@ use base::{Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
-use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units, control};
-use canopen::drives::{cia402, icla};
+use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units};
+use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::icla;
 use canopen::master::Ticket;
+use canopen::pdo::Data;
 use canopen::{Event as CanEvent, Master, NodeConfig, Payload, sdo};
 use messages::{Hold, lowlevel};
 use module::Actions;
@@ -86,6 +88,8 @@ impl NotHomed {
 pub(super) struct Steering {
     pub(super) drive: Drive,
     config: SteeringConfig,
+    table: Table,
+    parameters: Parameters,
     units: Units,
     goal: SteeringGoal,
     reference: Reference,
@@ -116,20 +120,31 @@ impl Steering {
     pub(super) fn new(config: &Config) -> Self {
         let config = config.steering.clone();
         let units = config.units();
+        let table = icla::TABLE.clone();
+        let parameters = Parameters {
+            velocity: units.speed(config.speed),
+            acceleration: units.acceleration(config.speed / RAMP_S),
+            deceleration: units.acceleration(config.speed / RAMP_S),
+            quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
+            remap: config.remap,
+            ..icla::parameters(config.node)
+        };
         let homing = HomingConfig {
             method: config.homing_method,
             switch_speed: units.speed(config.homing_speed),
             zero_speed: units.speed(config.homing_speed * ZERO_SEARCH_SPEED_RATIO),
             acceleration: Some(units.acceleration(config.homing_speed / RAMP_S)),
             offset: Some(units.position(config.switch)),
-            mode_after: icla::PROFILE_POSITION,
+            mode_after: table.mode.code(),
             timeout: config.homing_timeout,
         };
         let check = ReferenceCheck::new(homing.method, units.position(config.switch));
         let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD });
         Self {
-            drive: Drive::new("steering", config.node, icla::axis_config()),
+            drive: Drive::new("steering", config.node, table.axis_config()),
             config,
+            table,
+            parameters,
             units,
             goal: SteeringGoal::Stop,
             reference: Reference::None,
@@ -150,16 +165,7 @@ impl Steering {
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
-        let (config, units) = (&self.config, &self.units);
-        let parameters = cia402::Parameters {
-            velocity_rpm: units.speed(config.speed),
-            acceleration: units.acceleration(config.speed / RAMP_S),
-            deceleration: units.acceleration(config.speed / RAMP_S),
-            quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
-            remap: config.remap,
-            ..icla::parameters(config.node)
-        };
-        icla::node_config("steering", &parameters)
+        self.table.node_config("steering", &self.parameters)
     }
 
     pub(super) fn on_booted(&mut self) {
@@ -176,17 +182,18 @@ impl Steering {
     }
 
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some(status) = icla::PDOS.unpack(number, data) else {
+        let Some(status) = self.table.unpack(number, data) else {
             return;
         };
         if let Some(counts) = status.value {
             self.on_position(now, counts);
         }
-        self.drive.on_statusword(now, status.statusword, out);
+        let Some(statusword) = status.statusword else { return };
+        self.drive.on_statusword(now, statusword, out);
         if self.homing.is_running() {
-            self.homing.handle_statusword(now, status.statusword);
+            self.homing.handle_statusword(now, statusword);
         } else {
-            self.setpoint.handle_statusword(now, status.statusword);
+            self.setpoint.handle_statusword(now, statusword);
         }
     }
 
@@ -280,7 +287,8 @@ impl Steering {
 
     /// [`Drive::blind_stop`] at the current angle; the drive keeps its reference.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
-        self.drive.blind_stop(now, bus_is_up, icla::PDOS.rpdo, control::QUICK_STOP)
+        let data = self.table.pack(self.table.quick_stop, 0);
+        self.drive.blind_stop(now, bus_is_up, self.table.rpdo.number, &data)
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
@@ -298,7 +306,7 @@ impl Steering {
         self.advance_setpoint(now, out);
         self.watch(now, out);
         let data = self.command();
-        self.drive.send(now, master, icla::PDOS.rpdo, data);
+        self.drive.send(now, master, self.table.rpdo.number, data);
     }
 
     /// Accepts the reference of a drive that kept it: only this process, or the bus, was gone.
@@ -309,7 +317,7 @@ impl Steering {
         let read = |index| master.sdo_read(now, self.config.node, index, 0).ok();
         let known = self.position.is_some() && self.drive.axis.state().is_some();
         let Some(same) = self.check.poll(read).filter(|_| known) else { return };
-        let homed = self.drive.axis.statusword() & icla::HOMED != 0;
+        let homed = self.drive.axis.statusword() & self.table.homed != 0;
         self.reference = if same && homed { Reference::Known } else { Reference::None };
         self.inherited |= homed && !std::mem::replace(&mut self.checked, true);
         if self.reference == Reference::Known {
@@ -410,16 +418,16 @@ impl Steering {
         self.drive.block_until_stopped(now, why);
     }
 
-    fn command(&self) -> [u8; 6] {
+    fn command(&self) -> Data {
         let position = self.position.unwrap_or(0);
         let controlword = self.drive.axis.controlword();
         if !self.drive.axis.is_enabled() {
-            cia402::pack(controlword, position)
+            self.table.pack(controlword, position)
         } else if self.homing.is_running() {
-            cia402::pack(controlword | self.homing.controlword_bits(), position)
+            self.table.pack(controlword | self.homing.controlword_bits(), position)
         } else {
             let (bits, target) = self.setpoint.command();
-            cia402::pack(controlword | bits, target)
+            self.table.pack(controlword | bits, target)
         }
     }
 

@@ -22,7 +22,7 @@ impl Peer {
         }
         let stage = match self.plan.get(at) {
             None => return self.listen(now, shared),
-            Some((_, Work::Write(ConfigWrite { how: How::WhereDifferent, .. }))) => Stage::Compare,
+            Some((_, Work::Write(ConfigWrite { how: How::WhereDifferent | How::WhereThere, .. }))) => Stage::Compare,
             Some((_, Work::Close { .. })) => Stage::Compare,
             Some((_, Work::Write(_))) => Stage::Write,
             Some(_) => Stage::Verify,
@@ -152,6 +152,11 @@ impl Peer {
             return None;
         };
         match (&self.plan[at].1, stage) {
+            (Work::Write(ConfigWrite { how: How::WhereThere, .. }), Stage::Compare)
+                if matches!(code, Abort::NO_OBJECT | Abort::NO_SUB_INDEX) =>
+            {
+                Some(Next::At(at + 1))
+            }
             // The object may be write-only; if it does not exist, the write fails.
             (Work::Write(_), Stage::Compare) => Some(Next::Stage(Stage::Write)),
             (Work::Write(_), Stage::Verify) if code == Abort::WRITE_ONLY => Some(Next::At(at + 1)),

@@ -5,11 +5,11 @@ use super::*;
 #[test]
 fn both_drives_boot_and_take_pdos() {
     let mut bus = robot(MasterConfig::default());
-    assert_eq!(bus.master.send_pdo(1, 4, &cia402::pack(0x0F, 1500)), Err(PdoError::NotOperational));
+    assert_eq!(bus.master.send_pdo(1, 4, &epos::TABLE.pack(0x0F, 1500)), Err(PdoError::NotOperational));
     bus.run_to(500, is_booted(1));
     bus.run(200);
     assert_eq!([1, 2].map(|id| bus.master.state(id)), [Some(State::Operational); 2], "{:#?}", bus.events);
-    bus.master.send_pdo(1, 4, &cia402::pack(0x0F, 1500)).unwrap();
+    bus.master.send_pdo(1, 4, &epos::TABLE.pack(0x0F, 1500)).unwrap();
     bus.run(1);
     assert_eq!(bus.nodes[0].get(0x60FF, 0), Some(1500));
     assert_eq!(bus.nodes[0].get(0x6040, 0), Some(0x0F));

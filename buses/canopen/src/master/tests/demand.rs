@@ -102,7 +102,7 @@ fn a_block_download_leaves_room_for_everything_else() {
     let is_last =
         |(_, event): &(Instant, Event)| matches!(event, Event::SdoWritten { ticket, .. } if Some(*ticket) == last);
     while !bus.events.iter().any(is_last) {
-        bus.master.send_pdo(1, 4, &cia402::pack(0x0F, 1500)).unwrap();
+        bus.master.send_pdo(1, 4, &epos::TABLE.pack(0x0F, 1500)).unwrap();
         bus.master.sdo_read(bus.now, 2, 0x6041, 0).unwrap();
         bus.run_until(bus.now + Duration::from_millis(2));
         set_points += 1;

@@ -68,7 +68,7 @@ fn a_node_that_leaves_operational_is_lost() {
 fn when_the_bus_goes_down_nothing_is_left_to_send() {
     let mut bus = booted();
     for _ in 0..5 {
-        bus.master.send_pdo(1, 4, &cia402::pack(0x0F, 1500)).unwrap();
+        bus.master.send_pdo(1, 4, &epos::TABLE.pack(0x0F, 1500)).unwrap();
     }
     bus.master.handle_bus_down(bus.now);
     assert_eq!(bus.master.poll_tx(), None);
@@ -78,8 +78,8 @@ fn when_the_bus_goes_down_nothing_is_left_to_send() {
 
     // Also when one node is lost: its set-points go, those of the other stay.
     let mut bus = booted();
-    bus.master.send_pdo(1, 4, &cia402::pack(0x0F, 1500)).unwrap();
-    bus.master.send_pdo(2, 2, &cia402::pack(0x0F, 77)).unwrap();
+    bus.master.send_pdo(1, 4, &epos::TABLE.pack(0x0F, 1500)).unwrap();
+    bus.master.send_pdo(2, 2, &icla::TABLE.pack(0x0F, 77)).unwrap();
     assert!(bus.master.reboot(bus.now, 1) && !bus.master.reboot(bus.now, 9));
     bus.run(100);
     assert_eq!((bus.nodes[0].get(0x60FF, 0), bus.nodes[1].get(0x607A, 0)), (Some(0), Some(77)));
@@ -181,7 +181,7 @@ fn an_emergency_flood_is_told_by_its_first_and_last() {
 #[test]
 fn a_drive_that_is_not_heard_is_told_to_stop_and_given_time_before_it_is_reset() {
     let mut bus = booted();
-    bus.master.send_pdo(1, 4, &cia402::pack(0x0F, 1500)).unwrap();
+    bus.master.send_pdo(1, 4, &epos::TABLE.pack(0x0F, 1500)).unwrap();
     bus.run(5);
     bus.unheard = Some(0);
     bus.run_to(400, |event| matches!(event, Event::Lost { node: 1, reason: LostReason::Heartbeat }));

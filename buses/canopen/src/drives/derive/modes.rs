@@ -1,0 +1,94 @@
+//! What a drive can do: its modes, and its homing.
+
+use super::draft::Draft;
+use super::refusal::{Reason, Refusal};
+use super::sheet::Sheet;
+use crate::axis::modes::Mode;
+use crate::axis::modes::cyclic::interpolation_period;
+use crate::dictionary::DataType;
+use alloc::vec::Vec;
+
+/// Modes of a drive in the form of 0x6502, as its sheet states them, else by the objects that it has; true if stated.
+pub(super) fn offered(sheet: Sheet<'_>) -> (u32, bool) {
+    if let Some(modes) = sheet.stated(0x6502, 0).filter(|modes| *modes != 0) {
+        return (modes as u32, true);
+    }
+    let has = |objects: &[u16]| objects.iter().all(|index| sheet.has(*index));
+    let bit = |mode: Mode, objects: &[u16]| if has(objects) { mode.bit() } else { 0 };
+    let modes = bit(Mode::ProfileVelocity, &[0x60FF, 0x606C])
+        | bit(Mode::ProfilePosition, &[0x607A, 0x6064, 0x6081])
+        | bit(Mode::CyclicPosition, &[0x607A, 0x6064, 0x60C2])
+        | bit(Mode::CyclicVelocity, &[0x60FF, 0x606C, 0x60C2])
+        | bit(Mode::Velocity, &[0x6042, 0x6044])
+        | bit(Mode::Interpolated, &[0x60C1])
+        | bit(Mode::Homing, &[0x6098]);
+    (modes, false)
+}
+
+/// Target and actual value of a mode, as in a mapping; `None`: it is not driven.
+pub(super) const fn objects(mode: Mode) -> Option<(u32, u32)> {
+    match mode {
+        Mode::ProfileVelocity | Mode::CyclicVelocity => Some((0x60FF_0020, 0x606C_0020)),
+        Mode::ProfilePosition | Mode::CyclicPosition => Some((0x607A_0020, 0x6064_0020)),
+        _ => None,
+    }
+}
+
+/// The objects of the mode that is wanted.
+pub(super) fn mode(draft: &mut Draft<'_>) -> Result<(u32, u32), Refusal> {
+    let (sheet, wanted) = (draft.sheet, draft.description.mode);
+    let (offered, stated) = offered(sheet);
+    let refusal = Refusal::new(0x6502, 0, Reason::Mode { wanted, offered });
+    let (target, value) = objects(wanted).filter(|_| wanted.is_supported(offered)).ok_or(refusal)?;
+    let homing = draft.description.homing.is_some();
+    if homing && !Mode::Homing.is_supported(offered) {
+        return Err(Refusal::new(0x6502, 0, Reason::Mode { wanted: Mode::Homing, offered }));
+    }
+    if stated || sheet.has(0x6502) {
+        let expect = if homing { Mode::expect(&[wanted, Mode::Homing]) } else { Mode::expect(&[wanted]) };
+        draft.verify(expect);
+    }
+    sheet.typed(0x6040, 0, DataType::U16)?;
+    sheet.typed(0x6041, 0, DataType::U16)?;
+    sheet.typed(0x6061, 0, DataType::I8)?;
+    for entry in [target, value] {
+        sheet.typed((entry >> 16) as u16, 0, DataType::I32)?;
+    }
+    Ok((target, value))
+}
+
+/// The period of set-points at SYNC, for the modes that have one.
+pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
+    if !matches!(draft.description.mode, Mode::CyclicVelocity | Mode::CyclicPosition) {
+        return Ok(());
+    }
+    let period = draft.description.sync.and_then(interpolation_period);
+    let (mantissa, exponent) = period.ok_or(Refusal::new(0x1006, 0, Reason::NoSync))?;
+    draft.set_where_there(0x60C2, 1, mantissa.into());
+    draft.set_where_there(0x60C2, 2, exponent.into());
+    Ok(())
+}
+
+/// The homing methods that the sheet lists (0x60E3); `None`: it lists none.
+pub(super) fn methods(sheet: Sheet<'_>) -> Option<Vec<i8>> {
+    let listed = (1..=254).filter_map(|sub| sheet.stated(0x60E3, sub));
+    let listed: Vec<i8> = listed.filter_map(|method| i8::try_from(method).ok()).collect();
+    (!listed.is_empty()).then_some(listed)
+}
+
+/// The objects of homing, where it is wanted; true if the drive has an acceleration for it.
+pub(super) fn homing(draft: &Draft<'_>) -> Result<bool, Refusal> {
+    let sheet = draft.sheet;
+    let Some(method) = draft.description.homing else {
+        return Ok(false);
+    };
+    if methods(sheet).is_some_and(|methods| !methods.contains(&method)) {
+        return Err(Refusal::new(0x60E3, 0, Reason::Method(method)));
+    }
+    let typed = |index, sub, data_type| sheet.writable(index, sub).and(sheet.typed(index, sub, data_type));
+    sheet.check(typed(0x6098, 0, DataType::I8)?, method.into())?;
+    typed(0x6099, 1, DataType::U32)?;
+    typed(0x6099, 2, DataType::U32)?;
+    typed(0x607C, 0, DataType::I32)?;
+    Ok(typed(0x609A, 0, DataType::U32).is_ok())
+}

@@ -1,0 +1,163 @@
+//! PDOs: those of the drive where they carry what is needed, else mapped anew.
+
+use super::draft::Draft;
+use super::refusal::{Reason, Refusal};
+use super::sheet::Sheet;
+use crate::axis::modes::Mode;
+use crate::dictionary::{Access, DataType};
+use crate::drives::cia402::{CONTROLWORD, INHIBIT, Pdo, Quantity, STATUSWORD, Setting, Transmission};
+use crate::pdo::{INVALID, Layout, Mapped};
+use alloc::borrow::Cow;
+use alloc::vec;
+use alloc::vec::Vec;
+
+const RPDO: u16 = 0x1400;
+const TPDO: u16 = 0x1800;
+/// PDOs of the pre-defined connection set.
+const NUMBERS: core::ops::RangeInclusive<u8> = 1..=4;
+/// Other TPDOs that are switched off, at most.
+const TPDOS_MAX: u16 = 32;
+const MODE: u16 = 0x6060;
+
+/// PDOs of a drive in use.
+pub(super) struct Pdos {
+    pub rpdo: Pdo,
+    pub tpdos: Vec<Pdo>,
+}
+
+/// A direction: first communication record, and the kinds of transmission that are wanted.
+#[derive(Clone, Copy)]
+struct Side<'a> {
+    sheet: Sheet<'a>,
+    first: u16,
+    kinds: &'static [u8],
+}
+
+/// Chooses the PDOs for target and value, entries of mappings; switches the other TPDOs off.
+pub(super) fn pdos(draft: &mut Draft<'_>, target: u32, value: u32) -> Result<Pdos, Refusal> {
+    let (sheet, mode) = (draft.sheet, draft.description.mode);
+    let kinds: &[u8] = match mode {
+        Mode::CyclicVelocity | Mode::CyclicPosition => &[1],
+        _ => &[255, 254],
+    };
+    // A mode in the RPDO would hinder homing, which changes it.
+    let takes_mode = draft.description.homing.is_none();
+    let commands = |entry: u32| {
+        let mapped = Mapped::new(entry);
+        [CONTROLWORD, target].contains(&entry) || mapped.is_dummy() || takes_mode && mapped.index == MODE
+    };
+    let receives = Side { sheet, first: RPDO, kinds };
+    let usable = |entries: &[u32]| carries(entries, &[CONTROLWORD, target]) && entries.iter().all(|e| commands(*e));
+    let rpdo = receives.as_it_is(usable).map_or_else(|| receives.anew([CONTROLWORD, target]), Ok)?;
+
+    let sends = Side { sheet, first: TPDO, kinds };
+    let both = sends.as_it_is(|entries| carries(entries, &[STATUSWORD, value]));
+    let anew = || sends.anew([STATUSWORD, value]).map(|pdo| vec![pdo]);
+    let pair = || {
+        let status = sends.as_it_is(|entries| carries(entries, &[STATUSWORD]))?;
+        Some(vec![status, sends.as_it_is(|entries| carries(entries, &[value]))?])
+    };
+    let tpdos = match both {
+        Some(pdo) => vec![pdo],
+        None => anew().or_else(|refusal| pair().ok_or(refusal))?,
+    };
+    switch_off(draft, &tpdos);
+    Ok(Pdos { rpdo, tpdos })
+}
+
+/// True if a mapping has each of these once.
+fn carries(entries: &[u32], wanted: &[u32]) -> bool {
+    wanted.iter().all(|wanted| entries.iter().filter(|entry| *entry == wanted).count() == 1)
+}
+
+impl Side<'_> {
+    fn record(&self, number: u8) -> u16 {
+        self.first + u16::from(number) - 1
+    }
+
+    /// The identifier of the pre-defined connection set.
+    fn cob_id(&self, number: u8) -> u32 {
+        let base = if self.first == RPDO { 0x100 } else { 0x80 };
+        base + 0x100 * u32::from(number) + u32::from(self.sheet.node)
+    }
+
+    /// The shortest PDO with a mapping that is usable.
+    fn as_it_is(&self, usable: impl Fn(&[u32]) -> bool) -> Option<Pdo> {
+        let pdo = |number| {
+            let entries = self.sheet.eds.pdo(self.record(number), self.sheet.node)?.entries;
+            let fits = Layout::new(&entries).is_ok() && usable(&entries);
+            fits.then(|| self.sent(number, entries).ok()).flatten()
+        };
+        NUMBERS.filter_map(pdo).min_by_key(|pdo| pdo.entries.len())
+    }
+
+    /// The first PDO whose mapping can be changed to these.
+    fn anew(&self, entries: [u32; 2]) -> Result<Pdo, Refusal> {
+        entries.into_iter().try_for_each(|entry| self.mappable(entry))?;
+        let refusal = Refusal::new(self.first | 0x200, 0, Reason::NoPdo);
+        let mut all = NUMBERS.filter(|number| self.can_be_mapped(self.record(*number)));
+        all.find_map(|number| self.sent(number, entries.to_vec()).ok()).ok_or(refusal)
+    }
+
+    fn mappable(&self, entry: u32) -> Result<(), Refusal> {
+        let Mapped { index, sub, .. } = Mapped::new(entry);
+        let object = self.sheet.need(index, sub)?;
+        let direction = match object.access {
+            Access::ReadWriteTransmit => self.first == TPDO,
+            Access::ReadWriteReceive => self.first == RPDO,
+            access if self.first == RPDO => access.writes(),
+            access => access.reads(),
+        };
+        let mappable = object.mappable && direction;
+        if mappable { Ok(()) } else { Err(Refusal::new(index, sub, Reason::NotMappable)) }
+    }
+
+    fn can_be_mapped(&self, record: u16) -> bool {
+        let map = record | 0x200;
+        let entry = |sub| self.sheet.writable(map, sub).is_ok_and(|object| object.data_type == DataType::U32);
+        let count = self.sheet.takes(map, 0, 2).is_ok_and(|object| object.data_type == DataType::U8);
+        count && entry(1) && entry(2) && self.sheet.typed(record, 1, DataType::U32).is_ok_and(|id| id.access.writes())
+    }
+
+    /// A PDO with its transmission: set where it can be, else as it is.
+    fn sent(&self, number: u8, entries: Vec<u32>) -> Result<Pdo, Refusal> {
+        let (sheet, record) = (self.sheet, self.record(number));
+        let id = sheet.typed(record, 1, DataType::U32)?;
+        let kind = sheet.typed(record, 2, DataType::U8)?;
+        let writable = id.access.writes() && kind.access.writes();
+        let taken = self.kinds.iter().find(|code| sheet.check(kind, i64::from(**code)).is_ok());
+        let transmission = match (writable, taken) {
+            (true, Some(code)) => Some(self.transmission(record, *code)),
+            _ => {
+                let is_there = sheet.stated(record, 1).is_some_and(|id| id as u32 & !(1 << 30) == self.cob_id(number));
+                let stated = sheet.stated(record, 2);
+                let sound = self.kinds.iter().any(|code| Some(i64::from(*code)) == stated);
+                if !is_there || !sound {
+                    return Err(Refusal::new(record, 2, Reason::NotWritable));
+                }
+                None
+            }
+        };
+        let adjust = writable && self.can_be_mapped(record);
+        Ok(Pdo { number, entries: Cow::Owned(entries), transmission, adjust })
+    }
+
+    fn transmission(&self, record: u16, kind: u8) -> Transmission {
+        let inhibit = self.sheet.takes(record, 3, INHIBIT.into());
+        let inhibit = inhibit.is_ok_and(|inhibit| inhibit.data_type == DataType::U16);
+        Transmission { kind, inhibit: (inhibit && self.first == TPDO && kind >= 254).then_some(INHIBIT) }
+    }
+}
+
+/// Frames that nobody reads: TPDOs that a new drive sends, or a DCF lets it send.
+fn switch_off(draft: &mut Draft<'_>, used: &[Pdo]) {
+    for record in TPDO..TPDO + TPDOS_MAX {
+        let is_used = used.iter().any(|pdo| TPDO + u16::from(pdo.number) - 1 == record);
+        let id = draft.sheet.stated(record, 1).filter(|id| *id as u32 & INVALID == 0);
+        let writable = draft.sheet.typed(record, 1, DataType::U32).is_ok_and(|id| id.access.writes());
+        if let Some(id) = id.filter(|_| writable && !is_used) {
+            let value = Quantity::Fixed(i64::from(id as u32 | INVALID));
+            draft.settings.push(Setting { index: record, sub: 1, data_type: DataType::U32, value });
+        }
+    }
+}
