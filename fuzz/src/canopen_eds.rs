@@ -1,8 +1,11 @@
 //! Electronic data sheets and configuration files of CANopen.
 
+use canopen::axis::modes::Mode;
 use canopen::dictionary::DataType;
+use canopen::drives::derive::{Description, Limits, Quirks, derive};
 use canopen::eds::{Eds, MAX_NAME, MAX_WARNINGS, address, read_concise, write_concise};
 use canopen::pdo::Layout;
+use canopen::{Master, MasterConfig};
 
 #[rustfmt::skip]
 const WORDS: [&str; 56] = [
@@ -40,6 +43,7 @@ fn check(file: &[u8]) {
     let again = read_concise(&write_concise(&writes)).expect("what was written");
     let same = again.iter().zip(&writes).all(|(a, b)| (a.index, a.sub, &a.value) == (b.index, b.sub, &b.value));
     assert!(same && again.len() == writes.len());
+    check_drive(&eds);
     for record in (0x1400..0x1404).chain(0x1800..0x1804) {
         let layout = eds.pdo(record, 5).and_then(|pdo| Layout::new(&pdo.entries).ok());
         if let Some(layout) = layout.map(|layout| layout.with_names(&eds)) {
@@ -56,11 +60,39 @@ fn check(file: &[u8]) {
     }
 }
 
+/// As a drive: refused, or one that a master takes.
+fn check_drive(eds: &Eds) {
+    for (mode, homing) in [(Mode::ProfileVelocity, None), (Mode::ProfilePosition, Some(27))] {
+        let description = Description {
+            mode,
+            per_turn: 1.0,
+            gear: None,
+            counts_per_turn: None,
+            velocity_unit: None,
+            limits: Limits { velocity: 1.0, acceleration: 1.0, deceleration: 1.0, quick_stop: 2.0 },
+            range: Some([-1.0, 1.0]),
+            homing,
+            sync: None,
+            master: 127,
+            second_way: true,
+            quirks: Quirks::default(),
+        };
+        match derive(eds, 5, &description) {
+            Err(refusal) => assert_eq!(refusal.to_string().lines().count(), 1),
+            Ok(drive) => {
+                let node = drive.table.node_config("drive", &drive.parameters);
+                assert!(Master::new(MasterConfig::default(), &[node]).is_ok());
+                assert!(drive.table.pack(u16::MAX, i32::MIN).len() <= 8);
+            }
+        }
+    }
+}
+
 // Whole bytes, so that files serve as a corpus: a byte that says what they are, then they.
 /// An EDS or DCF file, a concise DCF, or a value as text; the first byte of the input selects which.
 ///
-/// An error has one line; what is parsed can be served, named, mapped and configured; its concise form, and a value's
-/// text, parse to the same again.
+/// An error has one line; what is parsed can be served, named, mapped and configured, and driven or refused as a drive;
+/// its concise form, and a value's text, parse to the same again.
 pub fn canopen_eds(input: &[u8]) {
     let Some((what, bytes)) = input.split_first() else { return };
     match what % 4 {

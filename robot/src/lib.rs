@@ -38,5 +38,6 @@ pub mod place;
 pub mod preflight;
 pub mod recording;
 pub mod scene;
+mod sheets;
 mod simulated;
 pub mod topology;

@@ -90,7 +90,10 @@ mod tests {
             text[..nodes[1]].to_owned() + &text[end..]
         });
         let found = problems(&place(config, true));
-        assert_eq!(found, ["driver_canbus: robot.toml has no [can.<bus>] with an epos and an icla"]);
+        assert_eq!(
+            found,
+            ["driver_canbus: robot.toml has no [can.<bus>] with a drive of the propulsion and one of the steering"]
+        );
         std::fs::remove_dir_all(folder).unwrap();
     }
 

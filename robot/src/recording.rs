@@ -2,14 +2,18 @@
 //!
 //! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
-//! `sim.toml` and its world, whose beacons are the robot's map. Data sheets of drives are left out: they are checked
-//! when a module is created and do not affect its behavior.
+//! `sim.toml` and its world, whose beacons are the robot's map; of `driver_canbus` the data sheets of drives that are
+//! driven by them. Other data sheets are left out: they are checked when a module is created and do not affect its
+//! behavior.
 
 use crate::config::{self, Config, ConfigError};
 use crate::place::RobotLocation;
 use crate::scene;
+use crate::sheets;
 use crate::topology::{self, HostOptions};
 use base::Duration;
+use canopen::eds::Eds;
+use drivers::canbus;
 use host::recorder::Inputs;
 use host::runs::{MODULES, OVERRIDES, ROBOT, SET, SIM, WORLD};
 use logger::Attachment;
@@ -19,6 +23,7 @@ use settings::Node;
 use simulator::world::World;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use web::center::Scene;
 
 /// Environment variable with the folder of the run.
@@ -29,6 +34,8 @@ const SEED: &str = "seed";
 const DELAY_MAX: &str = "restart_delay_max_ns";
 const LOGS: &str = "logs";
 const GUARDED: &str = "guarded";
+/// Data sheet of a drive, before the name of its file.
+const SHEET: &str = "sheet:";
 
 /// Inputs to be recorded by a module's host, if the configuration and the run require it.
 pub fn inputs(
@@ -61,6 +68,12 @@ pub fn header(place: &RobotLocation, name: &str, wanted: State, options: HostOpt
     if place.sim {
         add(SIM, place.config.join(SIM))?;
         add(WORLD, config::world_place(&place.config, place.world.as_deref()))?;
+    }
+    if name == canbus::NAME {
+        let buses = Config::load(&place.config, place.sim, &place.sets)?.robot.can;
+        for (path, text) in buses.iter().map(|bus| sheets::texts(place, bus)).collect::<Result<Vec<_>, _>>()?.concat() {
+            texts.push((format!("{SHEET}{}", path.display()), text));
+        }
     }
     texts.extend(place.sets.iter().map(|set| (SET.to_string(), set.clone())));
     let delay_max = options.restart_delay_max.map(|delay| u64::try_from(delay.as_nanos()).unwrap_or(u64::MAX));
@@ -101,7 +114,9 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     let sets = [&header.texts(SET), sets].concat();
     let mut config = config(header, &sets)?;
     for node in config.robot.can.iter_mut().flat_map(|can| &mut can.driver.nodes) {
-        node.eds = None;
+        let path = node.eds.take();
+        let text = path.and_then(|path| header.text(&format!("{SHEET}{}", path.display())));
+        node.sheet = text.and_then(|text| Eds::parse(text.as_bytes()).ok()).map(Arc::new);
     }
     let nowhere = RobotLocation {
         config: PathBuf::new(),
@@ -191,5 +206,30 @@ mod tests {
             let refused = rebuild(&header, &["limits.command_ttl_s=9".into()]).err().unwrap().to_string();
             assert!(refused.starts_with("--set: limits.command_ttl_s = 9: expected"), "{refused}");
         }
+    }
+
+    #[test]
+    fn a_drive_by_its_sheet_is_rebuilt_without_the_file() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let folder = std::env::temp_dir().join(format!("advee-recording-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let robot = fs::read_to_string(root.join("conf/advee").join(ROBOT)).unwrap();
+        let by_sheet = robot.replace("driver = \"epos\"", "driver = \"cia402\"\neds = \"wheel.dcf\"");
+        assert_ne!(by_sheet, robot);
+        fs::write(folder.join(ROBOT), by_sheet).unwrap();
+        fs::copy(root.join("conf/advee").join(MODULES), folder.join(MODULES)).unwrap();
+        let sheet = root.join("buses/canopen/eds/others/maxon_epos4_50_15_node1.dcf");
+        fs::copy(sheet, folder.join("wheel.dcf")).unwrap();
+        let place = RobotLocation {
+            config: folder.clone(),
+            run_dir: "/run/advee".into(),
+            lcm_url: String::new(),
+            sets: Vec::new(),
+            sim: false,
+            world: None,
+        };
+        let header = header(&place, canbus::NAME, State::Run, HostOptions::LIVE).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(rebuild(&header, &[]).unwrap().name(), canbus::NAME);
     }
 }

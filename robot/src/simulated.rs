@@ -71,12 +71,13 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
 fn drives(bus: &CanBus, output: Option<canbus::OutputConfig>) -> Option<(CanConfig, f64)> {
     let (propulsion, gear) = bus.driver.propulsion()?;
     let steering = bus.driver.steering()?;
+    let canbus::SteeringDrive::Icla { gear: steering_gear, counts_per_turn, .. } = steering.drive else { return None };
     let can = CanConfig {
         bus: format!("can.{}", bus.name),
         bitrate: bus.driver.bitrate,
         propulsion,
         steering: steering.node,
-        gearing: Gearing { counts_per_turn: steering.counts_per_turn, gear: steering.gear },
+        gearing: Gearing { counts_per_turn, gear: steering_gear },
         output: output.map(|canbus::OutputConfig { node, index, subindex, bits, on, .. }| {
             simulator::boards::output::OutputConfig { node, index, sub: subindex, bits, on }
         }),

@@ -11,7 +11,6 @@ use crate::simulated;
 use ::host::ports::{GpioConfig, PortConfig};
 use ::host::{HostConfig, beats};
 use base::Duration;
-use canopen::eds::Eds;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
 use logger::ros::{Sensor, Translator};
@@ -185,6 +184,9 @@ pub(crate) fn shell_in(
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
+            if robot.can.iter().flat_map(|bus| &bus.driver.nodes).any(|node| node.drive.by_sheet().is_some()) {
+                return refused("simulator: it has no drive for driver \"cia402\", only \"epos\" and \"icla\"".into());
+            }
             let usual = simulated::config(world.unwrap_or_default(), robot, options.wire_time);
             Box::new(simulator::Simulator::new(simulator::Config { seed: options.seed.unwrap_or(usual.seed), ..usual }))
         }
@@ -446,9 +448,14 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
 /// `driver_canbus`: the CAN bus that both drives are on.
 fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
+    let mut buses = robot.can.clone();
+    buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
     let usual = |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), &robot.geometry, robot.limits);
-    let Some((bus, usual)) = robot.can.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
-        return refused("driver_canbus: robot.toml has no [can.<bus>] with an epos and an icla".into());
+    let Some((bus, usual)) = buses.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
+        return refused(
+            "driver_canbus: robot.toml has no [can.<bus>] with a drive of the propulsion and one of the steering"
+                .into(),
+        );
     };
     let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
     let config = canbus::Config {
@@ -462,8 +469,8 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
         protection: protection(&robot.guard),
         ..usual
     };
-    let driver = canbus::Canbus::new(config).or_else(|error| refused(format!("driver_canbus: {error}")))?;
-    check_sheets(place, bus, &driver)?;
+    let driver = canbus::Canbus::new(config).or_else(|error| refused(sheets::named(place, bus, &error)))?;
+    sheets::check(place, bus, &driver)?;
     Ok(driver)
 }
 
@@ -505,26 +512,13 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
     }))
 }
 
-/// A data sheet that the configuration names must be one of a device that the driver can set up.
-fn check_sheets(place: &RobotLocation, bus: &CanBus, driver: &canbus::Canbus) -> Result<(), ConfigError> {
-    for node in &bus.driver.nodes {
-        let (Some(path), Some(setup)) = (&node.eds, driver.nodes().find(|setup| setup.id == node.id)) else { continue };
-        let path = place.config.join(path);
-        let named = |why: String| ConfigError(vec![format!("{}: {why}", path.display())]);
-        let file = std::fs::read(&path).map_err(|error| named(error.to_string()))?;
-        let sheet = Eds::parse(&file).map_err(|error| named(error.to_string()))?;
-        if let Some(objection) = sheet.objection(setup) {
-            return Err(named(format!("not the sheet of a drive for the {}: {objection}", setup.name)));
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use ::host::ports::{GamepadPlace, TerminalConfig};
     use base::gpio::LineId;
+    use drivers::canbus::{Cia402Config, Drive, SecondWay, VelocityUnit};
+    use settings::Section as _;
 
     fn shipped(sim: bool) -> RobotLocation {
         RobotLocation {
@@ -560,6 +554,53 @@ mod tests {
         let refused = with("epos_sim.eds").unwrap_err();
         assert!(refused.ends_with("not the sheet of a drive for the steering: it has no object 0x605A:0"), "{refused}");
         assert!(with("no.eds").unwrap_err().contains("no.eds: "));
+    }
+
+    /// The shipped robot, with the propulsion by this sheet.
+    fn by_sheet(sheet: &str, keys: Cia402Config, second_way: SecondWay) -> (RobotLocation, Config) {
+        let place = shipped(false);
+        let mut config = Config::load(&place.config, false, &[]).unwrap();
+        let node = &mut config.robot.can[0].driver.nodes[0];
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../buses/canopen/eds");
+        (node.drive, node.eds) = (Drive::Cia402(keys), Some(folder.join(sheet)));
+        config.robot.stop.second_way = second_way;
+        (place, config)
+    }
+
+    #[test]
+    fn a_drive_by_its_sheet_is_made_or_refused_with_file_line_object_and_reason() {
+        let made = |sheet: &str, keys: &Cia402Config, second_way| {
+            let (place, config) = by_sheet(sheet, keys.clone(), second_way);
+            let made = shell(&place, &config, canbus::NAME, State::Run, HostOptions::LIVE);
+            made.map(|_| ()).map_err(|error| error.to_string())
+        };
+        let stated = Cia402Config { gear: Some(26.0), ..Cia402Config::usual() };
+        let rpm = Cia402Config { velocity_unit: VelocityUnit::Rpm, ..stated.clone() };
+        assert_eq!(made("others/maxon_epos4_50_15_node1.dcf", &stated, SecondWay::None), Ok(()));
+        assert_eq!(made("epos_sim.eds", &rpm, SecondWay::Power), Ok(()));
+        let why = made("epos_sim.eds", &rpm, SecondWay::None).unwrap_err();
+        let words =
+            "epos_sim.eds: the propulsion drive is refused: 0x605A:0 (quick stop option): the drive has no such object";
+        assert!(why.ends_with(words), "{why}");
+        let fast = Cia402Config { gear: Some(260.0), ..rpm };
+        let why = made("epos_sim.eds", &fast, SecondWay::Power).unwrap_err();
+        let sheet =
+            std::fs::read_to_string(shipped(false).config.join("../../buses/canopen/eds/epos_sim.eds")).unwrap();
+        let line = sheet.lines().position(|line| line == "[607F]").unwrap() + 1;
+        let words =
+            format!("epos_sim.eds:{line}: the propulsion drive is refused: 0x607F:0 (greatest velocity): it takes");
+        assert!(why.contains(&words), "{why}");
+        assert!(made("no.eds", &stated, SecondWay::Power).unwrap_err().contains("no.eds: "));
+    }
+
+    #[test]
+    fn the_simulator_refuses_a_robot_whose_drives_it_does_not_have() {
+        let keys = Cia402Config { gear: Some(26.0), ..Cia402Config::usual() };
+        let (place, config) = by_sheet("others/maxon_epos4_50_15_node1.dcf", keys, SecondWay::Power);
+        let place = RobotLocation { sim: true, ..place };
+        let made = shell_in(&place, &config, SIMULATOR, State::Run, HostOptions::LIVE, || Ok(World::default()));
+        let why = made.err().unwrap().to_string();
+        assert!(why.contains("it has no drive for driver \"cia402\""), "{why}");
     }
 
     #[test]

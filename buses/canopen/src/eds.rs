@@ -103,6 +103,8 @@ pub struct Group {
 /// One object: an index and a sub-index that can be read or written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Object {
+    /// The line of its section, or of the one that describes its array; from 1.
+    pub line: u32,
     /// The index.
     pub index: u16,
     /// The sub-index.
@@ -134,7 +136,7 @@ pub struct Object {
 }
 
 /// An EDS or a DCF.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Eds {
     device: Device,
     groups: Vec<Group>,

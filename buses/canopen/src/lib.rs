@@ -1,5 +1,5 @@
 //! CANopen: the master of CiA 301 with the boot-up of CiA 302-2, the node side that emulated drives are made of, the
-//! axis of CiA 402, and the two drives of the robot.
+//! axis of CiA 402, the two drives of the robot, and any other one by its data sheet.
 //!
 //! Everything here is sans-IO: it reads no clock and owns no port. After any call drain `poll_tx` and `poll_event`
 //! and arm one timer at `poll_timeout`. Read [`wire`] first, then [`Master`] or [`Node`].

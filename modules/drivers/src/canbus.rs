@@ -3,7 +3,7 @@
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
 //! here, which turns both into the goals of the two axes. Anything but a clear permission is a quick stop.
 //!
-//! Device    EPOS 70/10 and IclA N065; facts in `canopen::drives`
+//! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; or any drive of CiA 402 by its data sheet
 //! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
 //! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself. The same after 2 s
 //!           if the drive sends heartbeats but does not answer
@@ -15,6 +15,7 @@ pub mod surroundings;
 
 mod body;
 mod bus;
+mod cia402;
 mod config;
 mod drive;
 mod feed_output;
@@ -32,9 +33,10 @@ mod steering;
 #[cfg(test)]
 mod tests;
 
+pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
-    Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, Node, PauseStop, PropulsionConfig,
-    SecondWay, SteeringConfig, Stop,
+    Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
+    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use pause::Paused;
@@ -157,14 +159,15 @@ impl Canbus {
     /// Creates the module.
     ///
     /// # Errors
-    /// Invalid in CANopen: node ids out of range or used twice. Or no base has these dimensions.
+    /// Invalid in CANopen: node ids out of range or used twice. No base has these dimensions. Or a drive cannot be
+    /// driven by its data sheet.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let can = PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } };
         let line = config.stop.feed_line().map(|_| PortSpec { bus: LINE_BUS.into(), line: Line::Gpio });
         let ports = std::iter::once(can).chain(line).collect();
         let body = Body::new(&config)?;
-        let propulsion = Propulsion::new(&config);
-        let steering = Steering::new(&config);
+        let propulsion = Propulsion::new(&config)?;
+        let steering = Steering::new(&config)?;
         let nodes = [propulsion.node_config(), steering.node_config()];
         let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
         let master = MasterConfig { id, bit_rate, sync, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
@@ -802,6 +805,16 @@ impl Canbus {
         }
     }
 
+    /// Reports at the start what a drive lacks to stop by itself.
+    fn report_reservations(&self, out: &mut Actions) {
+        for drive in [&self.propulsion.drive, &self.steering.drive] {
+            for lack in &drive.reservations {
+                let name = drive.name;
+                out.say(Level::Warning, format!("the {name} drive relies on the second way to stop: {lack}"));
+            }
+        }
+    }
+
     fn expire(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Refused, now) {
             out.clear(Fault::MotionRefused, "", "commands are within limits again");
@@ -924,6 +937,7 @@ impl Module for Canbus {
                 self.bus.start(now);
                 self.start_second_way(now, out);
                 self.report_cap(out);
+                self.report_reservations(out);
                 if let Some(warning) = self.protection.warning() {
                     out.say(Level::Warning, warning);
                 }

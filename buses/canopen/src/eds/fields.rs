@@ -233,6 +233,7 @@ pub(super) fn object(fields: &Fields<'_>, (index, sub): (u16, u8), notes: &mut N
     let flags = fields.number(Key::Flags, notes).unwrap_or(0);
     let parameter = fields.get(Key::Parameter).map(|line| parameter(line, data_type, is_known, notes));
     Ok(Object {
+        line: fields.number,
         index,
         sub,
         name: fields.name(Key::Name, notes),

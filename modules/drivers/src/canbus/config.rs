@@ -1,14 +1,18 @@
 //! Settings of the CAN bus and its drives; SI units.
 
+use super::cia402::{Cia402, Cia402Config};
 use super::feed_output::{GpioConfig, OutputConfig};
 use super::protection;
 use super::ranging::RangingBoard;
 use super::requests::may_be_listed;
 use base::Duration;
+use canopen::drives::derive::Refusal;
+use canopen::eds::Eds;
 use settings::robot::{Geometry, Limits};
 use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
 use std::fmt;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 settings! {
     /// Keys of `[can.<name>]` for the driver.
@@ -40,9 +44,11 @@ settings! {
         /// Indices of objects that `LL_CMD_SDO` may write while the robot stands, beside the error history: none that
         /// moves or supervises the drive or on which its stop depends, and none of the maker's.
         writable: Vec<u16> = Vec::new(), 0x6000..=0x9FFF;
-        /// Electronic data sheet, beside `robot.toml`: it must agree with the driver, and names objects in `advee can`.
-        /// Absent: the sheet that is built in.
+        /// Electronic data sheet, beside `robot.toml`: `cia402` drives by it; it must agree with another driver,
+        /// and names objects in `advee can`. Absent: the sheet that is built in.
         eds: Option<PathBuf> = None, Blank;
+        /// The sheet of a drive that is driven by it.
+        sheet: Option<Arc<Eds>> = unset None;
         drive: Drive = flat;
     }
     check Node::check;
@@ -167,7 +173,9 @@ settings! {
         /// maxon EPOS 70/10, for the propulsion.
         Epos(EposConfig) = "epos",
         /// Berger Lahr IclA, for the steering.
-        Icla(SteeringConfig) = "icla",
+        Icla(IclaConfig) = "icla",
+        /// Any drive of CiA 402, by its data sheet (`docs/adding-a-drive.md`).
+        Cia402(Cia402Config) = "cia402",
     }
 }
 
@@ -182,11 +190,9 @@ settings! {
 }
 
 settings! {
-    /// The steering drive: an IclA N065 in profile position mode.
+    /// An IclA N065.
     #[derive(Clone, Debug, PartialEq)]
-    pub struct SteeringConfig {
-        /// Node id, 1..=127.
-        node: u8 = unset 0;
+    pub struct IclaConfig {
         /// Motor turns per turn of the equivalent single front wheel, not 0; negative when counts fall
         /// counter-clockwise.
         gear: f64 = required, -10_000.0..=10_000.0;
@@ -200,14 +206,10 @@ settings! {
         homing_speed_radps as homing_speed: f64 = required, 0.001..=10.0;
         /// Longest homing.
         homing_timeout_s as homing_timeout: Duration = 15.0, 1.0..=120.0;
-        /// Speed of the steering, rad/s.
-        speed: f64 = unset 0.0;
         /// Maps the PDOs of a drive that has others; else such a drive is refused.
         remap: bool = false;
-        /// Objects that engineers may write.
-        writable: Vec<u16> = unset Vec::new();
     }
-    check SteeringConfig::check;
+    check IclaConfig::check;
 }
 
 /// Error of a configuration.
@@ -217,6 +219,15 @@ pub enum ConfigError {
     CanOpen(canopen::master::ConfigError),
     /// No base has these quantities.
     Base(kinematics::Error),
+    /// The data sheet of a drive was not read.
+    NoSheet(Axis),
+    /// A drive cannot be driven by its data sheet.
+    Drive {
+        /// What it should move.
+        axis: Axis,
+        /// Why not.
+        refusal: Refusal,
+    },
 }
 
 impl fmt::Display for ConfigError {
@@ -224,6 +235,8 @@ impl fmt::Display for ConfigError {
         match self {
             Self::CanOpen(error) => error.fmt(f),
             Self::Base(error) => error.fmt(f),
+            Self::NoSheet(axis) => write!(f, "the data sheet of the {} drive was not read", axis.name()),
+            Self::Drive { axis, refusal } => write!(f, "the {} drive is refused: {refusal}", axis.name()),
         }
     }
 }
@@ -281,15 +294,69 @@ pub struct Config {
     pub steering: SteeringConfig,
 }
 
-/// The propulsion drive: an EPOS 70/10 in profile velocity mode.
+/// The propulsion drive, in profile velocity mode.
 #[derive(Clone, Debug)]
 pub struct PropulsionConfig {
     /// Node id, 1..=127.
     pub node: u8,
-    /// Motor speed at 1 m/s, rpm; negative when the motor is mounted the other way round.
-    pub rpm_per_mps: f64,
+    /// Which one.
+    pub drive: PropulsionDrive,
     /// Objects that engineers may write.
     pub writable: Vec<u16>,
+}
+
+/// Kind of a propulsion drive.
+#[derive(Clone, Debug)]
+pub enum PropulsionDrive {
+    /// An EPOS 70/10.
+    Epos {
+        /// Motor speed at 1 m/s, rpm; negative when the motor is mounted the other way round.
+        rpm_per_mps: f64,
+    },
+    /// Any drive of CiA 402.
+    Cia402 {
+        /// Its sheet and keys.
+        drive: Cia402,
+        /// Circumference of the wheel, m.
+        circumference: f64,
+    },
+}
+
+/// The steering drive, in profile position mode.
+#[derive(Clone, Debug)]
+pub struct SteeringConfig {
+    /// Node id, 1..=127.
+    pub node: u8,
+    /// Which one.
+    pub drive: SteeringDrive,
+    /// Angle at which the homing switch closes, rad.
+    pub switch: f64,
+    /// CiA 402 homing method.
+    pub homing_method: i8,
+    /// Speed towards the switch, rad/s.
+    pub homing_speed: f64,
+    /// Longest homing.
+    pub homing_timeout: Duration,
+    /// Speed of the steering, rad/s.
+    pub speed: f64,
+    /// Objects that engineers may write.
+    pub writable: Vec<u16>,
+}
+
+/// Kind of a steering drive.
+#[derive(Clone, Debug)]
+pub enum SteeringDrive {
+    /// An IclA N065.
+    Icla {
+        /// Motor turns per turn of the equivalent single front wheel.
+        gear: f64,
+        /// Position counts per turn of the motor.
+        counts_per_turn: f64,
+        /// Maps the PDOs of a drive that has others.
+        remap: bool,
+    },
+    /// Any drive of CiA 402.
+    Cia402(Cia402),
 }
 
 impl BusConfig {
@@ -303,27 +370,55 @@ impl BusConfig {
         table.unique("nodes", "axis", &axes, "one that no other node has");
     }
 
-    fn writable(&self, axis: Axis) -> Vec<u16> {
-        self.nodes.iter().find(|node| node.axis == axis).map_or_else(Vec::new, |node| node.writable.clone())
+    fn node(&self, axis: Axis) -> Option<&Node> {
+        self.nodes.iter().find(|node| node.axis == axis)
     }
 
-    /// The drive of the propulsion: node id and gear.
+    /// An EPOS of the propulsion: node id and gear.
     #[must_use]
     pub fn propulsion(&self) -> Option<(u8, f64)> {
-        self.nodes.iter().find_map(|node| match &node.drive {
+        let node = self.node(Axis::Propulsion)?;
+        match &node.drive {
             Drive::Epos(epos) => Some((node.id, epos.gear)),
-            Drive::Icla(_) => None,
-        })
+            Drive::Icla(_) | Drive::Cia402(_) => None,
+        }
     }
 
-    /// The drive of the steering.
+    fn propulsion_drive(&self, circumference: f64) -> Option<PropulsionConfig> {
+        let node = self.node(Axis::Propulsion)?;
+        let drive = match &node.drive {
+            Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
+            Drive::Cia402(keys) => PropulsionDrive::Cia402 { drive: node.by_sheet(keys), circumference },
+            Drive::Icla(_) => return None,
+        };
+        Some(PropulsionConfig { node: node.id, drive, writable: node.writable.clone() })
+    }
+
+    /// The drive of the steering, without the speed.
     #[must_use]
     pub fn steering(&self) -> Option<SteeringConfig> {
-        self.nodes.iter().find_map(|node| match &node.drive {
+        let node = self.node(Axis::Steering)?;
+        let steering = |drive, switch, homing_method, homing_speed, homing_timeout| SteeringConfig {
+            node: node.id,
+            drive,
+            switch,
+            homing_method,
+            homing_speed,
+            homing_timeout,
+            speed: 0.0,
+            writable: node.writable.clone(),
+        };
+        Some(match &node.drive {
             Drive::Icla(icla) => {
-                Some(SteeringConfig { node: node.id, writable: node.writable.clone(), ..icla.clone() })
+                let &IclaConfig { gear, counts_per_turn, remap, .. } = icla;
+                let drive = SteeringDrive::Icla { gear, counts_per_turn, remap };
+                steering(drive, icla.switch, icla.homing_method, icla.homing_speed, icla.homing_timeout)
             }
-            Drive::Epos(_) => None,
+            Drive::Cia402(keys) => {
+                let drive = SteeringDrive::Cia402(node.by_sheet(keys));
+                steering(drive, keys.switch?, keys.homing_method, keys.homing_speed?, keys.homing_timeout)
+            }
+            Drive::Epos(_) => return None,
         })
     }
 
@@ -331,7 +426,7 @@ impl BusConfig {
     /// to be set.
     #[must_use]
     pub fn driver(&self, bus: String, geometry: &Geometry, limits: Limits) -> Option<Config> {
-        let (node, gear) = self.propulsion()?;
+        let propulsion = self.propulsion_drive(geometry.wheel_circumference_m())?;
         let steering = SteeringConfig { speed: limits.steering_rate_radps, ..self.steering()? };
         Some(Config {
             bus,
@@ -348,11 +443,7 @@ impl BusConfig {
             guarded: false,
             homing_release: self.homing_release,
             stop: Stop::usual(),
-            propulsion: PropulsionConfig {
-                node,
-                rpm_per_mps: 60.0 * gear / geometry.wheel_circumference_m(),
-                writable: self.writable(Axis::Propulsion),
-            },
+            propulsion,
             protection: protection::Config::default(),
             steering,
         })
@@ -361,9 +452,13 @@ impl BusConfig {
 
 impl Node {
     fn check(&self, table: &Table<'_>) {
-        let (moves, expected) = match self.drive {
+        let (moves, expected) = match &self.drive {
             Drive::Epos(_) => (Axis::Propulsion, r#""propulsion", which is all that this driver can move"#),
             Drive::Icla(_) => (Axis::Steering, r#""steering", which is all that this driver can move"#),
+            Drive::Cia402(keys) => {
+                keys.check_axis(self.axis, table);
+                (self.axis, "")
+            }
         };
         if self.axis != moves {
             table.refuse("axis", expected);
@@ -374,13 +469,30 @@ impl Node {
     }
 }
 
+impl Node {
+    fn by_sheet(&self, keys: &Cia402Config) -> Cia402 {
+        Cia402 { keys: keys.clone(), sheet: self.sheet.clone() }
+    }
+}
+
+impl Drive {
+    /// The keys of a drive that is driven by its data sheet.
+    #[must_use]
+    pub fn by_sheet(&self) -> Option<&Cia402Config> {
+        match self {
+            Self::Cia402(keys) => Some(keys),
+            Self::Epos(_) | Self::Icla(_) => None,
+        }
+    }
+}
+
 impl EposConfig {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
     }
 }
 
-impl SteeringConfig {
+impl IclaConfig {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
     }

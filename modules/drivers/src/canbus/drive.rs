@@ -7,6 +7,7 @@ use canopen::axis::modes::Mode;
 use canopen::axis::modes::switch::Access;
 use canopen::axis::modes::watch::{ModeWatch, WrongMode};
 use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, NotFollowing, PowerState, StatusBits, Why};
+use canopen::drives::derive::Refusal;
 use canopen::master::{BootError, LostReason, Step, Ticket};
 use canopen::pdo::Data;
 use canopen::wire::{Emergency, Service};
@@ -225,6 +226,8 @@ pub(super) struct Drive {
     pub(super) name: &'static str,
     pub(super) node: u8,
     pub(super) axis: Axis,
+    /// What it lacks to stop by itself.
+    pub(super) reservations: Vec<Refusal>,
     booted: bool,
     /// The power stage was on by its last statusword, also by one that was read while it was lost.
     powered: bool,
@@ -260,11 +263,12 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    pub(super) fn new(name: &'static str, node: u8, config: AxisConfig) -> Self {
+    pub(super) fn new(name: &'static str, node: u8, config: AxisConfig, reservations: Vec<Refusal>) -> Self {
         Self {
             name,
             node,
             axis: Axis::new(config),
+            reservations,
             booted: false,
             powered: false,
             why: Absence::Booting,

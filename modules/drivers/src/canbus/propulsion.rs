@@ -1,15 +1,19 @@
-//! Drive of the rear axle: converts m/s to rpm of the motor shaft.
+//! Drive of the rear axle: converts m/s to the drive's unit.
 
+use super::cia402::Wanted;
 use super::drive::{Drive, Trouble};
-use super::{Config, STANDSTILL_MPS};
+use super::{Config, ConfigError, PropulsionDrive, STANDSTILL_MPS};
 use base::Instant;
 use base::can::Frame;
+use canopen::axis::modes::Mode;
 use canopen::axis::{Follow, FollowConfig, Goal, PowerState, Units};
 use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::derive::{self, Derived};
 use canopen::drives::epos;
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
 use module::Actions;
+use settings::robot::Limits;
 
 /// Targets below this are not compared with the measured speed, m/s: four units of its resolution.
 const FOLLOWED_MIN_MPS: f64 = 0.05;
@@ -30,21 +34,33 @@ pub(super) struct Propulsion {
 }
 
 impl Propulsion {
-    pub(super) fn new(config: &Config) -> Self {
-        let own = &config.propulsion;
-        // The drive's speeds are rpm and rpm/s; its position is not used.
-        let units = Units::new(own.rpm_per_mps, own.rpm_per_mps, own.rpm_per_mps);
-        let parameters = Parameters {
-            // A margin above the limit of commands, for the drive's own controller.
-            velocity: units.speed(config.limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
-            acceleration: units.acceleration(config.limits.acceleration_mps2),
-            deceleration: units.acceleration(config.limits.deceleration_mps2),
-            quick_stop_deceleration: units.acceleration(config.limits.quick_stop_mps2),
-            ..epos::parameters(own.node)
+    pub(super) fn new(config: &Config) -> Result<Self, ConfigError> {
+        let (own, limits) = (&config.propulsion, &config.limits);
+        let (table, parameters, units, reservations) = match &own.drive {
+            PropulsionDrive::Epos { rpm_per_mps } => {
+                let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
+                (epos::TABLE.clone(), parameters, units, Vec::new())
+            }
+            PropulsionDrive::Cia402 { drive, circumference } => {
+                let wanted = Wanted {
+                    axis: super::Axis::Propulsion,
+                    node: own.node,
+                    mode: Mode::ProfileVelocity,
+                    per_turn: *circumference,
+                    limits: derive::Limits {
+                        velocity: limits.speed_mps,
+                        acceleration: limits.acceleration_mps2,
+                        deceleration: limits.deceleration_mps2,
+                        quick_stop: limits.quick_stop_mps2,
+                    },
+                    range: None,
+                };
+                let Derived { table, parameters, units, reservations, .. } = drive.derive(&wanted, config)?;
+                (table, parameters, units, reservations)
+            }
         };
-        let table = epos::TABLE.clone();
-        Self {
-            drive: Drive::new("propulsion", own.node, table.axis_config()),
+        Ok(Self {
+            drive: Drive::new("propulsion", own.node, table.axis_config(), reservations),
             table,
             parameters,
             units,
@@ -53,10 +69,10 @@ impl Propulsion {
             speed: f64::NAN,
             measured: false,
             follow: Follow::new(FollowConfig {
-                ramp: config.limits.acceleration_mps2.min(config.limits.deceleration_mps2),
+                ramp: limits.acceleration_mps2.min(limits.deceleration_mps2),
                 least: FOLLOWED_MIN_MPS,
             }),
-        }
+        })
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
@@ -184,4 +200,18 @@ impl Propulsion {
     pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {
         self.drive.row(master, f64::NAN, self.speed)
     }
+}
+
+/// Values and units of an EPOS. Its speeds are rpm and rpm/s; its position is not used.
+fn epos(node: u8, rpm_per_mps: f64, limits: &Limits) -> (Parameters, Units) {
+    let units = Units::new(rpm_per_mps, rpm_per_mps, rpm_per_mps);
+    let parameters = Parameters {
+        // A margin above the limit of commands, for the drive's own controller.
+        velocity: units.speed(limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
+        acceleration: units.acceleration(limits.acceleration_mps2),
+        deceleration: units.acceleration(limits.deceleration_mps2),
+        quick_stop_deceleration: units.acceleration(limits.quick_stop_mps2),
+        ..epos::parameters(node)
+    };
+    (parameters, units)
 }

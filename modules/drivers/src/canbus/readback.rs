@@ -41,11 +41,16 @@ impl Readback {
     /// `master`: node id whose heartbeat the drive watches.
     pub(super) fn new(config: &NodeConfig, master: u8) -> Self {
         // Modes and PDOs are changed by the driver, and checked by what the drive does.
-        let matters = |write: &&ConfigWrite| matches!(write.index, 0x6007 | 0x605A..=0x605E | 0x607F..=0x6086);
+        let matters = |write: &&ConfigWrite| matches!(write.index, 0x1029 | 0x6007 | 0x605A..=0x605E | 0x607F..=0x6086);
         let watches = config.master_limit.map(|limit| {
             let limit = u32::try_from(limit.as_millis()).unwrap_or(u32::MAX) & 0xFFFF;
             ConfigWrite::new(0x1016, 1, u32::from(master) << 16 | limit)
         });
+        let guarded = config.guarding.map(|guarding| {
+            let period = u16::try_from(guarding.period.as_millis()).unwrap_or(u16::MAX);
+            [ConfigWrite::new(0x100C, 0, period), ConfigWrite::new(0x100D, 0, guarding.factor)]
+        });
+        let watches = watches.into_iter().chain(guarded.into_iter().flatten());
         let objects = config.writes.iter().filter(matters).cloned().chain(watches).collect();
         Self { node: config.id, objects, next: 0, due: None, ticket: None, changed: false, suspect: 0 }
     }

@@ -1,21 +1,25 @@
 //! Drive of the front wheels' steering: converts rad to counts; homed to its switch before any motion.
 
+use super::cia402::{Cia402, Wanted};
 use super::drive::{Drive, Trouble};
 use super::reference::ReferenceCheck;
-use super::{Config, SteeringConfig};
+use super::{Config, ConfigError, SteeringConfig, SteeringDrive};
 use base::can::Frame;
 use base::{Duration, Fault, Instant, Severity, earliest};
+use canopen::axis::modes::Mode;
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
 use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units};
 use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::derive::{self, Refusal};
 use canopen::drives::icla;
 use canopen::master::Ticket;
 use canopen::pdo::Data;
 use canopen::{Event as CanEvent, Master, NodeConfig, Payload, sdo};
 use messages::{Hold, lowlevel};
 use module::Actions;
+use std::f64::consts::TAU;
 
 /// Timeout of a set-point's acknowledgement, after which its edge is repeated.
 const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_millis(100);
@@ -32,6 +36,9 @@ const REACHED_RAD: f64 = 0.03;
 /// Durations of the steering's ramps, s: to full speed, and from there to standstill in a quick stop.
 const RAMP_S: f64 = 0.1;
 const QUICK_STOP_RAMP_S: f64 = 0.05;
+
+/// The drive's own limits of its position, relative to the outermost angle.
+const RANGE_MARGIN: f64 = 1.1;
 
 /// Goal of the steering.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,31 +124,26 @@ pub(super) struct Steering {
 }
 
 impl Steering {
-    pub(super) fn new(config: &Config) -> Self {
-        let config = config.steering.clone();
-        let units = config.units();
-        let table = icla::TABLE.clone();
-        let parameters = Parameters {
-            velocity: units.speed(config.speed),
-            acceleration: units.acceleration(config.speed / RAMP_S),
-            deceleration: units.acceleration(config.speed / RAMP_S),
-            quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
-            remap: config.remap,
-            ..icla::parameters(config.node)
+    pub(super) fn new(config: &Config) -> Result<Self, ConfigError> {
+        let own = &config.steering;
+        let Built { table, parameters, units, acceleration, reservations } = match &own.drive {
+            SteeringDrive::Icla { gear, counts_per_turn, remap } => icla(own, *gear, *counts_per_turn, *remap),
+            SteeringDrive::Cia402(drive) => by_sheet(drive, config)?,
         };
+        let config = own.clone();
         let homing = HomingConfig {
             method: config.homing_method,
             switch_speed: units.speed(config.homing_speed),
             zero_speed: units.speed(config.homing_speed * ZERO_SEARCH_SPEED_RATIO),
-            acceleration: Some(units.acceleration(config.homing_speed / RAMP_S)),
+            acceleration: acceleration.then(|| units.acceleration(config.homing_speed / RAMP_S)),
             offset: Some(units.position(config.switch)),
             mode_after: table.mode.code(),
             timeout: config.homing_timeout,
         };
         let check = ReferenceCheck::new(homing.method, units.position(config.switch));
         let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD });
-        Self {
-            drive: Drive::new("steering", config.node, table.axis_config()),
+        Ok(Self {
+            drive: Drive::new("steering", config.node, table.axis_config(), reservations),
             config,
             table,
             parameters,
@@ -161,7 +163,7 @@ impl Steering {
             position: None,
             measured: false,
             reach,
-        }
+        })
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
@@ -470,8 +472,52 @@ impl Steering {
     }
 }
 
-impl SteeringConfig {
-    fn units(&self) -> Units {
-        Units::rotary(self.counts_per_turn, self.gear, Rate::MotorRpm)
-    }
+/// What a steering is made of.
+struct Built {
+    table: Table,
+    parameters: Parameters,
+    units: Units,
+    /// Homing has an acceleration of its own.
+    acceleration: bool,
+    reservations: Vec<Refusal>,
+}
+
+fn icla(config: &SteeringConfig, gear: f64, counts_per_turn: f64, remap: bool) -> Built {
+    let units = Units::rotary(counts_per_turn, gear, Rate::MotorRpm);
+    let parameters = Parameters {
+        velocity: units.speed(config.speed),
+        acceleration: units.acceleration(config.speed / RAMP_S),
+        deceleration: units.acceleration(config.speed / RAMP_S),
+        quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
+        remap,
+        ..icla::parameters(config.node)
+    };
+    Built { table: icla::TABLE.clone(), parameters, units, acceleration: true, reservations: Vec::new() }
+}
+
+fn by_sheet(drive: &Cia402, config: &Config) -> Result<Built, ConfigError> {
+    let own = &config.steering;
+    // Commands stay within the limit; homing ends at the switch.
+    let end = config.limits.steering_rad.max(own.switch.abs()) * RANGE_MARGIN;
+    let wanted = Wanted {
+        axis: super::Axis::Steering,
+        node: own.node,
+        mode: Mode::ProfilePosition,
+        per_turn: TAU,
+        limits: derive::Limits {
+            velocity: own.speed,
+            acceleration: own.speed / RAMP_S,
+            deceleration: own.speed / RAMP_S,
+            quick_stop: own.speed / QUICK_STOP_RAMP_S,
+        },
+        range: Some([-end, end]),
+    };
+    let derived = drive.derive(&wanted, config)?;
+    Ok(Built {
+        table: derived.table,
+        parameters: derived.parameters,
+        units: derived.units,
+        acceleration: derived.homing_acceleration,
+        reservations: derived.reservations,
+    })
 }

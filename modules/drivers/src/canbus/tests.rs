@@ -1,6 +1,7 @@
 //! The module with fake drives in virtual time: every rule about permission to move, and every cause of a stop.
 
 mod bus;
+mod cia402;
 mod fake;
 mod faults;
 mod guard;
@@ -14,8 +15,8 @@ mod stopping;
 mod velocity;
 
 use super::{
-    Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig, SecondWay,
-    SteeringConfig, Stop,
+    Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig, PropulsionDrive,
+    SecondWay, SteeringConfig, SteeringDrive, Stop,
 };
 use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};
@@ -60,17 +61,19 @@ pub(super) fn config() -> Config {
         stop: Stop { pause: PauseStop::Brake, ..Stop::usual() },
         // As fast as its limits, whatever is sensed.
         protection: super::protection::Config { speed_blind: f64::INFINITY, ..Default::default() },
-        propulsion: PropulsionConfig { node: 1, rpm_per_mps: 2483.0, writable: vec![0x6065] },
+        propulsion: PropulsionConfig {
+            node: 1,
+            drive: PropulsionDrive::Epos { rpm_per_mps: 2483.0 },
+            writable: vec![0x6065],
+        },
         steering: SteeringConfig {
             node: 2,
-            counts_per_turn: 4096.0,
-            gear: 180.0,
+            drive: SteeringDrive::Icla { counts_per_turn: 4096.0, gear: 180.0, remap: false },
             switch: -0.628,
             homing_method: 27,
             homing_speed: 0.17,
             homing_timeout: Duration::from_secs(15),
             speed: 0.7,
-            remap: false,
             writable: Vec::new(),
         },
     }

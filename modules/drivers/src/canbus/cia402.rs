@@ -1,0 +1,176 @@
+//! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
+
+use super::config::{ConfigError, SecondWay, Stop};
+use super::{Axis, Config};
+use base::Duration;
+use canopen::axis::modes::Mode;
+use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, derive};
+use canopen::eds::Eds;
+use canopen::master::Expect;
+use settings::{Table, settings};
+use std::sync::Arc;
+
+settings! {
+    /// A CiA 402 drive by its data sheet, `eds`; what is absent here must be stated there.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Cia402Config {
+        /// Motor turns per turn of the wheel, or of the equivalent single front wheel, not 0; negative when they turn
+        /// in opposite directions. Absent: 0x6091.
+        gear: Option<f64> = optional, -10_000.0..=10_000.0;
+        /// Position counts per turn of the motor. Absent: 0x6092, or 0x608F.
+        counts_per_turn: Option<u32> = optional, 1..=1_000_000_000;
+        /// Unit of the drive's velocities; of its ramps, per second. `"stated"`: by the data sheet, which has 0x60A9;
+        /// or counts/s, where it has 0x608F or 0x6092.
+        velocity_unit: VelocityUnit = VelocityUnit::Stated;
+        /// Vendor id, 0x1018:1. Where neither this nor `product` is given both must be as in the data sheet.
+        vendor: Option<u32> = optional, 1..=4_294_967_295;
+        /// Product code, 0x1018:2.
+        product: Option<u32> = optional, 0..=4_294_967_295;
+        /// Controlword that stops.
+        quick_stop_word: u16 = 2, 2..=0x0B;
+        /// The drive stays in Quick Stop Active although no option code (0x605A) says so.
+        keeps_quick_stop: bool = false;
+        /// Indices of objects that the drive lacks, or that cannot be written, and without which it stops nevertheless,
+        /// by its manual: 0x605A, 0x605E, 0x6007, 0x1016, 0x6081 to 0x6085.
+        stops_without: Vec<u16> = Vec::new(), 0x1000..=0x9FFF;
+        /// Bit of the statusword that says that the position counts from home. Absent: after each boot-up the drive is
+        /// homed again.
+        homed_bit: Option<u8> = optional, 8..=15;
+        /// Angle at which the homing switch closes; only of a steering.
+        switch_rad as switch: Option<f64> = optional, -2.0..=2.0;
+        /// Homing method, a number of CiA 402 or one of the maker's; only of a steering.
+        homing_method: i8 = 27, -128..=127;
+        /// Speed towards the switch; only of a steering.
+        homing_speed_radps as homing_speed: Option<f64> = optional, 0.001..=10.0;
+        /// Longest homing; only of a steering.
+        homing_timeout_s as homing_timeout: Duration = 15.0, 1.0..=120.0;
+    }
+    check Cia402Config::check;
+}
+
+settings! {
+    /// Unit of a drive's velocities.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum VelocityUnit {
+        /// The one that the data sheet states.
+        Stated = "stated",
+        /// Turns of the motor per minute.
+        Rpm = "rpm",
+        /// A tenth of it.
+        TenthRpm = "0.1 rpm",
+        /// A thousandth of it.
+        MilliRpm = "0.001 rpm",
+        /// Position counts per second.
+        CountsPerSecond = "counts/s",
+    }
+}
+
+/// Objects without which a drive may stop by its manual.
+const STOPPING: [u16; 9] = [0x605A, 0x605E, 0x6007, 0x1016, 0x6081, 0x6082, 0x6083, 0x6084, 0x6085];
+
+/// A drive: its data sheet, and what a person says of it.
+#[derive(Clone, Debug)]
+pub struct Cia402 {
+    /// The keys.
+    pub keys: Cia402Config,
+    /// The sheet, to be read by who may open files.
+    pub sheet: Option<Arc<Eds>>,
+}
+
+/// What an axis asks of its drive.
+pub(super) struct Wanted {
+    pub axis: Axis,
+    pub node: u8,
+    pub mode: Mode,
+    /// What a turn of the output is, m or rad.
+    pub per_turn: f64,
+    pub limits: Limits,
+    /// Least and greatest position.
+    pub range: Option<[f64; 2]>,
+}
+
+impl Cia402Config {
+    fn check(&self, table: &Table<'_>) {
+        if self.gear == Some(0.0) {
+            table.refuse("gear", "a number that is not 0");
+        }
+        if self.quick_stop_word & 0x86 != 0x02 {
+            table.refuse("quick_stop_word", "a controlword with bit 1 set, bits 2 and 7 clear");
+        }
+        if !self.stops_without.iter().all(|index| STOPPING.contains(index)) {
+            table.refuse("stops_without", "indices of objects by which a drive stops");
+        }
+    }
+
+    /// What only one of the axes needs.
+    pub(super) fn check_axis(&self, axis: Axis, table: &Table<'_>) {
+        if !table.has("eds") {
+            table.refuse_missing("eds", "the data sheet of the drive");
+        }
+        if axis == Axis::Steering {
+            if !table.has("switch_rad") {
+                table.refuse_missing("switch_rad", "the angle at which the homing switch closes");
+            }
+            if !table.has("homing_speed_radps") {
+                table.refuse_missing("homing_speed_radps", "the speed towards the homing switch");
+            }
+        }
+    }
+
+    fn quirks(&self) -> Quirks {
+        let identity = [(1, self.vendor), (2, self.product)];
+        let identity = identity.into_iter().filter_map(|(sub, value)| Some(Expect::equal(0x1018, sub, value?)));
+        Quirks {
+            quick_stop: Some(self.quick_stop_word),
+            keeps_quick_stop: self.keeps_quick_stop,
+            homed: self.homed_bit.map_or(0, |bit| 1 << bit),
+            vouched: self.stops_without.clone(),
+            identity: identity.collect(),
+        }
+    }
+}
+
+impl VelocityUnit {
+    const fn unit(self) -> Option<derive::VelocityUnit> {
+        Some(match self {
+            Self::Stated => return None,
+            Self::Rpm => derive::VelocityUnit::Rpm,
+            Self::TenthRpm => derive::VelocityUnit::TenthRpm,
+            Self::MilliRpm => derive::VelocityUnit::MilliRpm,
+            Self::CountsPerSecond => derive::VelocityUnit::CountsPerSecond,
+        })
+    }
+}
+
+impl Cia402 {
+    /// The drive of an axis.
+    pub(super) fn derive(&self, wanted: &Wanted, config: &Config) -> Result<Derived, ConfigError> {
+        let axis = wanted.axis;
+        let sheet = self.sheet.as_deref().ok_or(ConfigError::NoSheet(axis))?;
+        let homes = wanted.axis == Axis::Steering;
+        let description = Description {
+            mode: wanted.mode,
+            per_turn: wanted.per_turn,
+            gear: self.keys.gear,
+            counts_per_turn: self.keys.counts_per_turn,
+            velocity_unit: self.keys.velocity_unit.unit(),
+            limits: wanted.limits,
+            range: wanted.range,
+            homing: homes.then_some(self.keys.homing_method),
+            sync: config.sync,
+            master: config.node_id,
+            second_way: has_second_way(&config.stop, config.has_pause_line),
+            quirks: self.keys.quirks(),
+        };
+        derive(sheet, wanted.node, &description).map_err(|refusal| ConfigError::Drive { axis, refusal })
+    }
+}
+
+/// True if something else than the drive stops the motors.
+fn has_second_way(stop: &Stop, has_power: bool) -> bool {
+    match stop.second_way {
+        SecondWay::Power => has_power,
+        SecondWay::Canopen | SecondWay::Gpio => true,
+        SecondWay::None => false,
+    }
+}

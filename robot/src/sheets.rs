@@ -1,0 +1,65 @@
+//! Data sheets of drives, which lie beside `robot.toml`.
+
+use crate::config::{CanBus, ConfigError};
+use crate::place::RobotLocation;
+use canopen::eds::Eds;
+use drivers::canbus::{self, Canbus};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+fn error(path: &Path, why: impl std::fmt::Display) -> ConfigError {
+    ConfigError(vec![format!("{}: {why}", path.display())])
+}
+
+fn load(path: &Path) -> Result<Eds, ConfigError> {
+    let file = std::fs::read(path).map_err(|why| error(path, why))?;
+    Eds::parse(&file).map_err(|why| error(path, why))
+}
+
+/// Reads the sheets of the drives that are driven by them, unless a recording has brought them.
+pub(crate) fn read(place: &RobotLocation, bus: &mut CanBus) -> Result<(), ConfigError> {
+    for node in bus.driver.nodes.iter_mut().filter(|node| node.drive.by_sheet().is_some() && node.sheet.is_none()) {
+        let Some(path) = &node.eds else { continue };
+        node.sheet = Some(Arc::new(load(&place.config.join(path))?));
+    }
+    Ok(())
+}
+
+/// The text of each sheet by which a drive of the bus is driven, and its file.
+pub(crate) fn texts(place: &RobotLocation, bus: &CanBus) -> Result<Vec<(PathBuf, String)>, ConfigError> {
+    let driven = bus.driver.nodes.iter().filter(|node| node.drive.by_sheet().is_some());
+    let text = |path: &PathBuf| {
+        let full = place.config.join(path);
+        let file = std::fs::read(&full).map_err(|why| error(&full, why))?;
+        // Letters of another code are in names and comments alone, by which nothing is driven.
+        Ok((path.clone(), String::from_utf8_lossy(&file).into_owned()))
+    };
+    driven.filter_map(|node| node.eds.as_ref()).map(text).collect()
+}
+
+/// What is wrong with a configuration of the driver; where it is an object of a data sheet, with file and line.
+pub(crate) fn named(place: &RobotLocation, bus: &CanBus, why: &canbus::ConfigError) -> String {
+    let canbus::ConfigError::Drive { axis, refusal } = why else {
+        return format!("driver_canbus: {why}");
+    };
+    let node = bus.driver.nodes.iter().find(|node| node.axis == *axis);
+    let Some(path) = node.and_then(|node| node.eds.as_ref()) else {
+        return format!("driver_canbus: {why}");
+    };
+    let sheet = node.and_then(|node| node.sheet.as_ref());
+    let line =
+        sheet.and_then(|sheet| sheet.object(refusal.index, refusal.sub)).map(|object| format!(":{}", object.line));
+    format!("{}{}: {why}", place.config.join(path).display(), line.unwrap_or_default())
+}
+
+/// A data sheet that the configuration names must be one of a device that the driver can set up.
+pub(crate) fn check(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Result<(), ConfigError> {
+    for node in bus.driver.nodes.iter().filter(|node| node.drive.by_sheet().is_none()) {
+        let (Some(path), Some(setup)) = (&node.eds, driver.nodes().find(|setup| setup.id == node.id)) else { continue };
+        let path = place.config.join(path);
+        if let Some(objection) = load(&path)?.objection(setup) {
+            return Err(error(&path, format!("not the sheet of a drive for the {}: {objection}", setup.name)));
+        }
+    }
+    Ok(())
+}
