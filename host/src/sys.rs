@@ -20,7 +20,7 @@ const PSEUDO_TERMINALS: std::ops::RangeInclusive<u64> = 136..=143;
 
 /// Locks a terminal against being opened by others until it is closed. `TIOCEXCL` does not stop root, so an advisory
 /// lock is taken too; `WouldBlock` if another process holds it. A pseudo-terminal gets the advisory lock alone:
-/// `TIOCEXCL` would outlive its last close for as long as the other end is open, and then only root could open it again.
+/// `TIOCEXCL` outlives its last close for as long as the other end is open, and then only root could open it again.
 pub fn take_exclusively(terminal: BorrowedFd<'_>) -> io::Result<()> {
     // SAFETY: plain numbers; the descriptor is open for as long as it is borrowed.
     check(unsafe { libc::flock(terminal.as_raw_fd(), libc::LOCK_EX | libc::LOCK_NB) })?;
