@@ -1,4 +1,5 @@
-//! Motor controllers without CANopen: [`odrive`] (CAN Simple), with its emulated device.
+//! Motor controllers without CANopen: [`odrive`] (CAN Simple) and [`roboclaw`] (packet serial), each with its emulated
+//! device.
 //!
 //! Everything here is sans-IO: it reads no clock and owns no port. The [`Engine`] is the same for all devices; a
 //! protocol decides what is on the wire. No motion leaves before the device is identified, its command time limit is
@@ -45,6 +46,7 @@ mod engine;
 mod event;
 pub mod motor;
 pub mod odrive;
+pub mod roboclaw;
 mod setpoint;
 
 pub use config::{Axis, Config, ConfigError, FEEDBACK_WITHIN_MAX, TIME_LIMIT_MAX, Timing};
