@@ -1,6 +1,7 @@
 //! What a motor controller reports: progress of its start-up, refusals, losses, measurements.
 
 use base::{Duration, Instant, listed};
+use core::fmt::{self, Write};
 use heapless::Vec;
 
 listed! {
@@ -37,6 +38,21 @@ pub enum State {
 
 /// Model and firmware as text: of at most 48 bytes, as the device sent them.
 pub type Text = Vec<u8, 48>;
+
+/// A text for operators; what has no room is left out.
+pub(crate) fn text(arguments: fmt::Arguments<'_>) -> Text {
+    struct Cut(Text);
+    impl Write for Cut {
+        fn write_str(&mut self, text: &str) -> fmt::Result {
+            text.bytes().for_each(|byte| _ = self.0.push(byte));
+            Ok(())
+        }
+    }
+    let mut cut = Cut(Text::new());
+    // It cannot fail.
+    let _ = cut.write_fmt(arguments);
+    cut.0
+}
 
 /// Why a start-up failed. Start-ups go on at a calm rate.
 #[derive(Clone, Debug, PartialEq)]

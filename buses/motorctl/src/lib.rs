@@ -1,5 +1,5 @@
-//! Motor controllers without CANopen: [`odrive`] (CAN Simple) and [`roboclaw`] (packet serial), each with its emulated
-//! device.
+//! Motor controllers without CANopen: [`odrive`] (CAN Simple), [`roboclaw`] (packet serial) and [`vesc`] (CAN and
+//! UART), each with its emulated device.
 //!
 //! Everything here is sans-IO: it reads no clock and owns no port. The [`Engine`] is the same for all devices; a
 //! protocol decides what is on the wire. No motion leaves before the device is identified, its command time limit is
@@ -48,6 +48,7 @@ pub mod motor;
 pub mod odrive;
 pub mod roboclaw;
 mod setpoint;
+pub mod vesc;
 
 pub use config::{Axis, Config, ConfigError, FEEDBACK_WITHIN_MAX, TIME_LIMIT_MAX, Timing};
 pub use engine::{Engine, STANDSTILL_RADPS};

@@ -11,10 +11,9 @@ use super::wire::{Version, error};
 use super::{Device, Endpoints};
 use crate::config::Timing;
 use crate::engine::{Progress, Protocol, Setpoint, Shared};
-use crate::event::{LostReason, Reaction, Refusal, Step, Text};
+use crate::event::{LostReason, Reaction, Refusal, Step, text};
 use base::can::Frame;
 use base::{Duration, Instant, Queue};
-use core::fmt::Write;
 
 /// Time limit of a step that waits for an answer.
 const ANSWER_WITHIN: Duration = Duration::from_millis(500);
@@ -225,7 +224,9 @@ impl CanSimple {
                 self.enter(now, Wait::Standstill)
             }
             Phase::Waiting { wait: Wait::Version, .. } => {
-                Progress::Refused(Step::Identity, Refusal::Identity { found: text(version) })
+                let ([h0, h1, h2], [f0, f1, f2]) = (version.hardware, version.firmware);
+                let found = text(format_args!("hardware {h0}.{h1}.{h2}, firmware {f0}.{f1}.{f2}"));
+                Progress::Refused(Step::Identity, Refusal::Identity { found })
             }
             _ => Progress::Pending,
         }
@@ -290,22 +291,6 @@ fn endpoint(endpoints: Endpoints, parameter: Parameter) -> u16 {
     }
 }
 
-/// For operators: "hardware 4.4.58, firmware 0.6.10".
-fn text(version: Version) -> Text {
-    struct Cut(Text);
-    impl Write for Cut {
-        fn write_str(&mut self, text: &str) -> core::fmt::Result {
-            text.bytes().for_each(|byte| _ = self.0.push(byte));
-            Ok(())
-        }
-    }
-    let ([h0, h1, h2], [f0, f1, f2]) = (version.hardware, version.firmware);
-    let mut cut = Cut(Text::new());
-    // It cannot fail: what has no room is left out.
-    let _ = write!(cut, "hardware {h0}.{h1}.{h2}, firmware {f0}.{f1}.{f2}");
-    cut.0
-}
-
 impl Protocol<1> for CanSimple {
     type Rx = Frame;
     type Tx = Frame;
@@ -360,6 +345,8 @@ impl Protocol<1> for CanSimple {
     }
 
     fn send(&mut self, _: Instant, setpoint: &Setpoint<1>, shared: &Shared<1>) {
+        // Of a bus that takes nothing, only the newest setpoint may wait.
+        self.frames.clear();
         let turns_per_s = setpoint.velocity_radps[0] * shared.axes[0].turns_per_rad();
         self.push(Command::SetInputVel(turns_per_s as f32));
         let Phase::Ready { periods, measurement, .. } = &mut self.phase else { return };

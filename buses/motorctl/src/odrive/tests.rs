@@ -198,6 +198,19 @@ fn a_caller_that_falls_silent_stops_the_axis() {
 }
 
 #[test]
+fn of_a_bus_that_takes_nothing_only_the_newest_setpoint_waits() {
+    let mut bench = Bench::driving(4.0);
+    bench.engine.quick_stop();
+    for _ in 0..60 {
+        bench.now += ms(1);
+        bench.engine.handle_timeout(bench.now);
+    }
+    let frames: Vec<Frame> = core::iter::from_fn(|| bench.engine.poll_tx(bench.now)).collect();
+    let velocities = frames.iter().filter(|frame| **frame == Command::SetInputVel(0.0).frame(3)).count();
+    assert_eq!(velocities, 1, "{frames:?}");
+}
+
+#[test]
 fn commands_out_of_range_or_before_the_start_are_refused() {
     let mut bench = Bench::new();
     assert_eq!(bench.engine.command(bench.now, [0.0]), Err(CommandError::NotReady));
