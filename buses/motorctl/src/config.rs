@@ -10,7 +10,7 @@ pub const TIME_LIMIT_MAX: Duration = Duration::from_millis(200);
 pub const FEEDBACK_WITHIN_MAX: Duration = Duration::from_millis(100);
 
 /// Periods of commands within one command time limit, at least: one lost command must not stop the robot.
-const PERIODS_MIN: u32 = 4;
+pub(crate) const PERIODS_MIN: u32 = 4;
 
 /// Times of an engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -199,7 +199,8 @@ impl<P: Protocol<N>, const N: usize> Engine<P, N> {
         self.life = Life::Off;
     }
 
-    /// Begins the start-up again, in any state. Axes that turn are stopped first.
+    /// Begins the start-up again, in any state. Setpoints end at once, and the command time limit of the device acts
+    /// unless the start-up comes first: an axis that turns is to be stopped before.
     pub fn restart(&mut self, now: Instant) {
         self.protocol.reset();
         self.setpoints.zero();

@@ -64,7 +64,8 @@ pub enum Refusal {
         /// As the device sent it.
         found: Text,
     },
-    /// The command time limit is not the one that was set, or is not within the limit. Zero: it is off.
+    /// The command time limit is not the one that was set, is above the limit, or is too short for the period. Zero: it
+    /// is off.
     TimeLimit {
         /// As it was read back.
         found: Duration,

@@ -251,15 +251,12 @@ impl CanSimple {
     }
 
     fn cause(&mut self, now: Instant, errors: u32) -> Progress {
-        match self.phase {
-            Phase::Waiting { wait: Wait::Cause { acted_after }, .. } => {
-                if errors & error::WATCHDOG_TIMER_EXPIRED != 0 {
-                    self.enter(now, Wait::Enabled { acted_after })
-                } else {
-                    Progress::Refused(Step::Silence, Refusal::Fault { errors })
-                }
-            }
-            _ => Progress::Pending,
+        let Phase::Waiting { wait: Wait::Cause { acted_after }, .. } = self.phase else { return Progress::Pending };
+        match errors {
+            // Sent before the axis was disarmed.
+            0 => Progress::Pending,
+            _ if errors & error::WATCHDOG_TIMER_EXPIRED != 0 => self.enter(now, Wait::Enabled { acted_after }),
+            _ => Progress::Refused(Step::Silence, Refusal::Fault { errors }),
         }
     }
 

@@ -332,6 +332,28 @@ fn a_disarm_for_another_reason_is_no_proof() {
 }
 
 #[test]
+fn an_answer_from_before_the_disarm_is_not_taken_for_the_cause() {
+    let mut bench = Bench::new();
+    while bench.sent.last().is_none_or(|(_, frame)| *frame != Command::GetError.frame(3)) {
+        bench.now += ms(1);
+        bench.engine.handle_timeout(bench.now);
+        bench.drive.handle_timeout(bench.now);
+        while let Some(frame) = bench.engine.poll_tx(bench.now) {
+            bench.sent.push((bench.now, frame));
+            if frame != Command::GetError.frame(3) {
+                bench.drive.handle_rx(bench.now, &frame);
+            }
+        }
+        while let Some(frame) = bench.drive.poll_tx() {
+            bench.engine.handle_rx(bench.now, &frame);
+        }
+    }
+    bench.engine.handle_rx(bench.now, &Message::Errors { active: 0, disarm: 0 }.frame(3));
+    bench.pass(ms(400));
+    assert_eq!(bench.engine.state(), State::Ready, "{:?}", bench.events);
+}
+
+#[test]
 fn over_current_and_a_reversed_encoder_are_lost_with_their_error() {
     let mut bench = Bench::driving(2.0);
     bench.drive.raise(error::CURRENT_LIMIT_VIOLATION);

@@ -6,7 +6,7 @@
 
 use super::payload::{Answer, MOTOR_CONTROLLER, Request, Values};
 use super::{Device, Link};
-use crate::config::Timing;
+use crate::config::{PERIODS_MIN, Timing};
 use crate::engine::{Progress, Protocol, Setpoint, Shared};
 use crate::event::{LostReason, Reaction, Refusal, Step, text};
 use base::{Duration, Instant};
@@ -178,7 +178,8 @@ impl<L: Link> Commands<L> {
         }
         self.identified = true;
         (self.limit, self.brake_current_a) = (Duration::from_millis(timeout_ms.into()), brake_current_a.into());
-        if self.limit.is_zero() || self.limit > self.timing.time_limit {
+        // A limit of zero is none; one that is too short would act between two commands.
+        if self.limit < self.timing.period * PERIODS_MIN || self.limit > self.timing.time_limit {
             return Progress::Refused(Step::TimeLimit, Refusal::TimeLimit { found: self.limit });
         }
         self.enter(now, Wait::Standstill)

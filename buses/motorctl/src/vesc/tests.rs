@@ -232,8 +232,8 @@ on_both! {
         }
     }
 
-    fn a_time_limit_that_is_off_or_too_long_is_refused(L) {
-        for timeout_ms in [0, 201, 1000, u32::MAX] {
+    fn a_time_limit_that_is_off_or_too_long_or_shorter_than_four_periods_is_refused(L) {
+        for timeout_ms in [0, 79, 201, 1000, u32::MAX] {
             let mut bench = Bench::<L>::new();
             bench.board.timeout_ms = timeout_ms;
             bench.pass(STARTED);
