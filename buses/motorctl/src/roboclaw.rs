@@ -58,7 +58,8 @@ impl RoboClaw {
             return Err(ConfigError::TimeLimit);
         }
         let counts = device.counts_per_turn.iter().all(|counts| counts.is_finite() && *counts > 0.0);
-        if !wire::ADDRESSES.contains(&device.address) || device.baud == 0 || !counts {
+        let is_named = !device.model.is_empty();
+        if !wire::ADDRESSES.contains(&device.address) || device.baud == 0 || !counts || !is_named {
             return Err(ConfigError::Device);
         }
         Ok(Self::with(PacketSerial::new(device, config.timing), config))

@@ -177,8 +177,9 @@ impl PacketSerial {
     ) -> Progress {
         match (request, answer) {
             (_, Answer::Version(text)) => {
+                // Not empty, by the check of the configuration.
                 let model = self.device.model.as_bytes();
-                if !text.windows(model.len().max(1)).any(|part| part == model) {
+                if !text.windows(model.len()).any(|part| part == model) {
                     return Progress::Refused(Step::Identity, Refusal::Identity { found: text.clone() });
                 }
                 self.identified = true;

@@ -306,6 +306,7 @@ fn wrong_figures_of_the_device_are_refused() {
         Device { address: 0x7F, ..DEVICE },
         Device { address: 0x88, ..DEVICE },
         Device { baud: 0, ..DEVICE },
+        Device { model: "", ..DEVICE },
         Device { counts_per_turn: [4096.0, f64::NAN], ..DEVICE },
     ] {
         assert_eq!(new(&config(), device), Err(ConfigError::Device));
