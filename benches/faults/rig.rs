@@ -40,6 +40,8 @@ pub struct Rig {
     /// Homing was interrupted, and waits for an operator's release; when it is sent.
     to_be_homed: bool,
     release: Instant,
+    /// Since [`Rig::mark`]: the driver of the drives has stopped the robot because it did not hear the watchdog.
+    pub missed_watchdog: bool,
     reason: String,
     speed: f64,
     /// Speed commanded by the operator, and the time of the next command.
@@ -114,6 +116,7 @@ impl Rig {
             homed: false,
             to_be_homed: false,
             release: now,
+            missed_watchdog: false,
             reason: String::new(),
             speed: 0.0,
             wanted: 0.0,
@@ -134,7 +137,7 @@ impl Rig {
         self.turn();
         self.marked = Instant::now();
         (self.stop, self.slowest, self.announced, self.turn) = (None, Duration::ZERO, None, self.marked);
-        (self.stood, self.moved) = (None, None);
+        (self.stood, self.moved, self.missed_watchdog) = (None, None, false);
         self.marked
     }
 
@@ -255,6 +258,7 @@ impl Rig {
                 Ok(Message::LlDataMotion(motion)) => (self.homed, self.reason) = (motion.homed, motion.reason),
                 Ok(Message::LlDataHold(list)) if list.is_of_motion() => {
                     self.to_be_homed = list.has(Hold::ToBeHomed);
+                    self.missed_watchdog |= list.has(Hold::WatchdogSilent);
                 }
                 Ok(Message::CmDataProcesses(list)) => {
                     self.processes =

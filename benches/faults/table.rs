@@ -5,16 +5,19 @@ use crate::support;
 use drivers::canbus;
 use std::time::Duration;
 
-/// Time after such a fault of a module on which the motion depends.
-pub fn stands_after(module: &str, kind: Kind) -> Duration {
-    let event = match (module, kind) {
-        (canbus::NAME, Kind::Killed | Kind::Memory) => "`driver_canbus` itself dies",
-        (canbus::NAME, _) => "`driver_canbus` itself hangs",
-        (watchdog::NAME, _) => "the watchdog dies",
-        (_, Kind::Killed | Kind::Memory) => "a critical module's process dies",
-        _ => "a critical module hangs",
+/// Time after such a fault of a module on which the motion depends. A process that has taken all memory ends `dying`
+/// after its first missed heartbeat, when the kernel has taken the memory back: until then it hangs, then it is dead.
+pub fn stands_after(module: &str, kind: Kind, dying: Duration) -> Duration {
+    let (dies, hangs) = match module {
+        canbus::NAME => ("`driver_canbus` itself dies", "`driver_canbus` itself hangs"),
+        watchdog::NAME => return figure("the watchdog dies"),
+        _ => ("a critical module's process dies", "a critical module hangs"),
     };
-    figure(event)
+    match kind {
+        Kind::Killed => figure(dies),
+        Kind::Memory => figure(hangs).min(figure(dies) + dying),
+        _ => figure(hangs),
+    }
 }
 
 /// Last figure in seconds of the row of an event.

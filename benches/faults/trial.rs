@@ -108,21 +108,23 @@ struct Vital {
     last: Instant,
     /// Longest time between two.
     pause: Duration,
+    /// Last time at which a thread of the process was there.
+    alive: Instant,
 }
 
 impl Vital {
     fn new(rig: &Rig, module: &str, pid: i32, now: Instant) -> Self {
         let page = beats::folder(&rig.run_dir).ok().map(|folder| folder.join(module)).filter(|page| page.exists());
-        Self { page, pid, count: None, last: now, pause: Duration::ZERO }
+        Self { page, pid, count: None, last: now, pause: Duration::ZERO, alive: now }
     }
 
     fn look(&mut self) {
         let now = Instant::now();
+        if self.lives() {
+            self.alive = now;
+        }
         let Some(page) = &self.page else {
-            let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).unwrap_or_default();
-            if stat.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with('Z')) {
-                self.last = now;
-            }
+            self.last = self.alive;
             return;
         };
         let bytes = fs::read(page).unwrap_or_default();
@@ -137,6 +139,14 @@ impl Vital {
 }
 
 impl Vital {
+    /// False once all threads have ended, and what they held is free. A first thread that has ended waits for the rest.
+    fn lives(&self) -> bool {
+        let process = PathBuf::from(format!("/proc/{}", self.pid));
+        let stat = fs::read_to_string(process.join("stat")).unwrap_or_default();
+        let runs = stat.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with('Z'));
+        runs || fs::read_dir(process.join("task")).is_ok_and(|threads| threads.count() > 1)
+    }
+
     /// Instant of the first missed heartbeat.
     fn missed(&self) -> Instant {
         let period = if self.page.is_some() { beats::PERIOD } else { Duration::ZERO };
@@ -220,11 +230,13 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
     outcome.run = back.map(|at| at.saturating_duration_since(since));
     if outcome.critical {
         outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
-        // A stop that the watchdog's end did not require has another cause, such as a late message of the guard.
-        let required = outcome.module != watchdog::NAME || back.is_none_or(|at| at - fault >= WATCHDOG_MISSED);
+        // A stop for which nobody missed the watchdog has another cause, such as a late message of the guard, to which
+        // the robot brakes slower.
+        let required = outcome.module != watchdog::NAME || back.is_none() || rig.missed_watchdog;
         if rig.stop.is_some() && required {
+            let dying = vital.alive.saturating_duration_since(since);
             outcome.stands = rig.stood.map(|at| at.saturating_duration_since(since)).or(Some(PATIENCE));
-            outcome.table = Some(table::stands_after(&outcome.module, outcome.kind));
+            outcome.table = Some(table::stands_after(&outcome.module, outcome.kind, dying));
         }
     }
     if back.is_some() {

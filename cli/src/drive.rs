@@ -1,5 +1,7 @@
 //! `advee drive SPEED STEERING [--for S]`: a manual source of motion at 20 Hz, which begins and ends with zero. With
-//! `--rotation` in place of the steering angle it commands a velocity of the body.
+//! `--rotation` in place of the steering angle it commands a velocity of the body. It begins with its speed once
+//! `driver_canbus` carries out its zero: motion of a source that must still wait for another one would not move the
+//! robot, and then the source would have to send zero again.
 //! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing.
 
 use super::bus::{Heard, Tool};
@@ -8,7 +10,7 @@ use super::{Common, Failed, Outcome, finite, print, seconds};
 use base::{Duration, Instant, Ticker};
 use host::clock;
 use messages::lowlevel::{CmdCreep, CmdMotion, CmdVelocity, DataMotion};
-use messages::{Channel, Message, lowlevel};
+use messages::{Channel, Hold, Message, lowlevel};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -134,7 +136,8 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         creeps: command.creep,
     };
     // Drives that were in fault have no torque before a motion is commanded.
-    let ready = |motion: &DataMotion| motion.homed && motion.reason.is_empty();
+    let source = session.tool.source.clone();
+    let ready = |motion: &DataMotion| motion.homed && motion.reason.is_empty() && motion.source == source;
     match session.command(0.0, turn.none(), clock::now() + READY, ready)? {
         End::Reached => {}
         End::Time => {
@@ -199,7 +202,7 @@ impl Session {
             }
             match self.tool.hear(self.grid.next().min(until))? {
                 Heard::Message(Message::LlDataMotion(motion)) => {
-                    self.tell(&motion.reason);
+                    self.tell(self.waits_for(&motion).unwrap_or_else(|| motion.reason.clone()));
                     let end = reached(&motion);
                     self.last = Some(motion);
                     if end {
@@ -220,15 +223,22 @@ impl Session {
         }
     }
 
+    /// Who drives the robot while this source must wait. The first message may be from before its first zero.
+    fn waits_for(&self, motion: &DataMotion) -> Option<String> {
+        let before = self.last.as_ref().filter(|_| self.release.is_some() && motion.reason.is_empty())?;
+        let other = motion.source != self.tool.source && motion.source == before.source;
+        other.then(|| Hold::OtherSource.words(&motion.source))
+    }
+
     /// Prints a reason when it is another one. That nobody reads it must not end the driving halfway.
-    fn tell(&mut self, reason: &str) {
+    fn tell(&mut self, reason: String) {
         if self.told != reason {
-            self.told = reason.into();
             if !reason.is_empty() {
                 // Only what is waited for has a limit.
                 let limit = self.release.as_ref().map(|_| format!(", at most {} s", READY.as_secs()));
                 let _ = print(format_args!("waiting{}: {reason}", limit.unwrap_or_default()));
             }
+            self.told = reason;
         }
     }
 

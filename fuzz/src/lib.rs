@@ -40,6 +40,7 @@ targets! {
     logs,
     messages,
     modules,
+    motorctl_engines,
     plan,
     ros,
     rs485_engines,

@@ -5,6 +5,7 @@ use super::limits::PreparedLimits;
 use nix::errno::Errno;
 use nix::libc;
 use nix::sys::epoll::{Epoll, EpollEvent};
+use nix::sys::stat::{fstat, major};
 use std::fmt;
 use std::io;
 use std::mem;
@@ -14,13 +15,34 @@ use std::process::Command;
 use std::ptr;
 use std::time::Duration;
 
+/// Major numbers of the ends of pseudo-terminals that look like serial ports (`linux/major.h`).
+const PSEUDO_TERMINALS: std::ops::RangeInclusive<u64> = 136..=143;
+
 /// Locks a terminal against being opened by others until it is closed. `TIOCEXCL` does not stop root, so an advisory
-/// lock is taken too; `WouldBlock` if another process holds it.
+/// lock is taken too; `WouldBlock` if another process holds it. A pseudo-terminal gets the advisory lock alone:
+/// `TIOCEXCL` outlives its last close for as long as the other end is open, and then only root could open it again.
 pub fn take_exclusively(terminal: BorrowedFd<'_>) -> io::Result<()> {
     // SAFETY: plain numbers; the descriptor is open for as long as it is borrowed.
     check(unsafe { libc::flock(terminal.as_raw_fd(), libc::LOCK_EX | libc::LOCK_NB) })?;
+    if is_pseudo_terminal(terminal) {
+        return Ok(());
+    }
     // SAFETY: TIOCEXCL takes no argument; the descriptor is open for as long as it is borrowed.
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCEXCL) })
+}
+
+/// True if only root can open this terminal now: `TIOCEXCL` is in force.
+#[cfg(test)]
+pub fn is_for_root_alone(terminal: BorrowedFd<'_>) -> io::Result<bool> {
+    let mut exclusive: libc::c_int = 0;
+    // SAFETY: the kernel fills a live int.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCGEXCL, &raw mut exclusive) })?;
+    Ok(exclusive != 0)
+}
+
+/// True for the end of a pseudo-terminal that looks like a serial port.
+pub fn is_pseudo_terminal(terminal: BorrowedFd<'_>) -> bool {
+    fstat(terminal).is_ok_and(|state| PSEUDO_TERMINALS.contains(&major(state.st_rdev)))
 }
 
 /// Number of columns of a terminal; `None` if it is not a terminal.

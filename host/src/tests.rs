@@ -3,13 +3,14 @@
 mod scribe;
 
 use super::ports::{Device, Port, PortConfig, PortState, Received, TerminalConfig};
-use super::{HostConfig, bus, clock, run};
+use super::{HostConfig, bus, clock, run, sys};
 use base::serial::Word;
 use base::{Duration, Instant, can};
 use messages::{Channel, Message, common, lowlevel};
 use module::{Actions, Event, Input, Line, Module, Output, PortId, PortSpec, Shell, ShellConfig};
 use nix::sys::signal::{Signal, raise};
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex};
@@ -334,6 +335,9 @@ fn a_terminal_is_exclusive_even_for_root() {
     first.device.open().unwrap();
     let mut second = Port::new("a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
     assert_eq!(second.device.open(), Err(format!("{}: another process holds it", link.display())));
+    // Whoever held it, it opens again, for others than root too.
+    let held = std::fs::File::open(&link).unwrap();
+    assert!(!sys::is_for_root_alone(held.as_fd()).unwrap());
     first.device.close();
     assert_eq!(second.device.open(), Ok(()));
 }

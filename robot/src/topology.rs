@@ -503,7 +503,7 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
     };
     Ok(planner::Planner::new(planner::Config {
         body: (&robot.geometry).into(),
-        limits: (&robot.limits).into(),
+        limits: planner::Limits::new(&robot.limits, &robot.planner.behaviour),
         behaviour: robot.planner.behaviour,
         law: robot.planner.behaviour.law(robot.guard.law(robot.limits.deceleration_mps2, robot.power_lost_mps2())),
         sonar_beam: robot.sensors.srf08.beam_rad,

@@ -4,6 +4,8 @@ use crate::support::{self, Robot};
 use base::Fault;
 use messages::{Hold, lowlevel};
 use module::State;
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
 
 const MOVES: f64 = 0.05;
 
@@ -35,6 +37,29 @@ fn it_drives_as_commanded_and_ctrl_c_leaves_nothing() {
         assert_eq!(robot.stop(), 0);
         assert!(robot.processes().is_empty(), "processes left over: {:?}", robot.processes());
         assert!(!robot.run_dir.exists(), "the run folder is left over");
+    });
+}
+
+#[test]
+fn a_second_command_to_drive_waits_for_the_first_one_and_drives_at_once_after_its_end() {
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let mut first = robot.spawn(&["drive", "0.3", "0"]);
+        robot.until("the robot moves", 5.0, |view| view.speed() > MOVES);
+        let mut second = support::advee(&robot.url, &robot.run_dir);
+        second.args(["drive", "0.3", "0", "--for", "1"]).stdout(Stdio::piped());
+        let mut second = second.spawn().unwrap();
+        let mut lines = BufReader::new(second.stdout.take().unwrap()).lines().map(Result::unwrap);
+        let waiting = lines.next().unwrap();
+        let end = format!(":{} drives the robot", first.id());
+        assert!(waiting.starts_with("waiting, at most 20 s: drive@") && waiting.ends_with(&end), "{waiting}");
+        support::signal(first.id() as i32, "INT");
+        assert!(first.wait().unwrap().success());
+        assert_eq!(lines.collect::<Vec<_>>(), ["driving at 0.3 m/s, 0 rad", "the robot stands"]);
+        assert!(second.wait().unwrap().success());
+        // The last zero of the second one is still valid.
+        let third = robot.advee(&["drive", "0.3", "0", "--for", "1"]);
+        assert!(third.status.success(), "{}", String::from_utf8_lossy(&third.stderr));
     });
 }
 

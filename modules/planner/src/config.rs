@@ -75,10 +75,13 @@ impl From<&robot::Geometry> for Body {
     }
 }
 
-impl From<&robot::Limits> for Limits {
-    fn from(limits: &robot::Limits) -> Self {
+impl Limits {
+    /// What the robot may do, with the greatest speed at which the planner drives it.
+    #[must_use]
+    pub fn new(limits: &robot::Limits, behaviour: &Behaviour) -> Self {
+        let speed = limits.speed_autonomous_mps;
         Self {
-            speed: limits.speed_autonomous_mps,
+            speed: behaviour.speed.map_or(speed, |own| own.min(speed)),
             steering: limits.steering_rad,
             steering_rate: limits.steering_rate_radps,
             acceleration: limits.acceleration_mps2,
@@ -103,6 +106,8 @@ settings! {
     /// Behaviour among people and things.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Behaviour {
+        /// Greatest speed forwards. Absent: `speed_autonomous_mps`.
+        speed_mps as speed: Option<f64> = optional, 0.01..=10.0;
         /// Speed backwards.
         speed_reverse_mps as speed_reverse: f64 = 0.3, 0.01..=2.0;
         /// Speed through space that was not seen within the last second.
@@ -135,5 +140,30 @@ impl Behaviour {
 impl Default for Behaviour {
     fn default() -> Self {
         Self::usual()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_planner_may_drive_slower_than_the_robot_but_not_faster() {
+        let limits = robot::Limits {
+            speed_mps: 1.2,
+            speed_manual_mps: 0.6,
+            speed_autonomous_mps: 0.8,
+            lateral_acceleration_mps2: 0.8,
+            steering_rad: 0.6,
+            acceleration_mps2: 0.5,
+            deceleration_mps2: 0.8,
+            quick_stop_mps2: 1.5,
+            steering_rate_radps: 0.7,
+            command_ttl: base::Duration::from_millis(250),
+        };
+        for (own, speed) in [(None, 0.8), (Some(0.5), 0.5), (Some(2.0), 0.8)] {
+            let behaviour = Behaviour { speed: own, ..Behaviour::usual() };
+            assert_eq!(Limits::new(&limits, &behaviour).speed, speed);
+        }
     }
 }

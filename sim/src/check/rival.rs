@@ -24,8 +24,9 @@ impl Rule {
         if facts.is_command(frame) {
             let undisturbed = facts.driver.ill(now);
             let known = |(first, last): &(Instant, Instant)| now.since(*last) < STANDS_MIN && *first > undisturbed;
-            let first = self.commands.filter(known).filter(|_| !facts.is_disturbed(now));
-            self.commands = Some((first.map_or(now, |(first, _)| first), now));
+            let first = self.commands.filter(known).map_or(now, |(first, _)| first);
+            // What is sent on a disturbed bus may reach nobody.
+            self.commands = Some((first, now)).filter(|_| !facts.is_disturbed(now));
         }
     }
 

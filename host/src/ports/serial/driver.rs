@@ -7,14 +7,12 @@
 //! | `ftdi_sio` | kept, even if refused (only in the kernel log) | parity on the wire; errors by USB packet | no |
 //! | a UART of the serial core with a direction pin | kept | parity on the wire | yes |
 
+use crate::sys;
 use nix::sys::stat::{fstat, major, minor};
 use std::fmt;
 use std::fs;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
-
-/// Major numbers of the other ends of pseudo-terminals (`linux/major.h`).
-const PSEUDO: std::ops::RangeInclusive<u64> = 136..=143;
 
 /// Major number of terminals of USB adapters (`linux/usb/serial.h`).
 const USB_SERIAL: u64 = 188;
@@ -38,13 +36,13 @@ impl Driver {
 
     /// Queries the kernel.
     pub fn of(terminal: BorrowedFd<'_>) -> Self {
+        if sys::is_pseudo_terminal(terminal) {
+            return Self::Pseudo;
+        }
         let Ok(state) = fstat(terminal) else {
             return Self::Unknown;
         };
         let (major, minor) = (major(state.st_rdev), minor(state.st_rdev));
-        if PSEUDO.contains(&major) {
-            return Self::Pseudo;
-        }
         let device = Path::new("/sys/dev/char").join(format!("{major}:{minor}")).join("device");
         Self::of_device(&device).map_or(Self::Unknown, Self::Named)
     }
