@@ -7,6 +7,7 @@ use crate::picture;
 use crate::place::{self, GAMEPAD_BUS, LOG_BUS, RobotLocation, W1_BUS};
 use crate::recording;
 use crate::scene;
+use crate::sheets;
 use crate::simulated;
 use ::host::ports::{GpioConfig, PortConfig};
 use ::host::{HostConfig, beats};
