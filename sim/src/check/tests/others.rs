@@ -72,5 +72,5 @@ fn another_master_stops_the_robot() {
     // To other nodes, and on a bus that loses frames.
     check("begin pad 0.4 \n other 000 02 09 \n other 609 40 \n +3 drive 0.4");
     check("begin pad 0.4 \n fault can loss 300 \n other 501 0F 00 64 00 00 00 \n +3 drive 0.4");
-    check("begin pad 0.4 \n fault can loss 100 \n other 501 0F 00 64 00 00 00 \n +300 drive 0.4");
+    check("begin pad 0.4 \n fault can loss 100 \n other 501 0F 00 64 00 00 00 \n +300 say pad 0.4 \n drive 0.4");
 }
