@@ -1,5 +1,5 @@
 //! The robot's two drives, as thin tables over [`Master`](crate::Master), [`axis`](crate::axis) and [`cia402`]; the
-//! table of any other drive out of its data sheet is [`derive`]'s.
+//! table of any other drive out of its data sheet is [`mod@derive`]'s.
 //!
 //! Both drives also offer the dictionary of their simulated twin: driver and twin read one table. A drive that needs
 //! code is another file here: `docs/adding-a-drive.md`.
