@@ -453,10 +453,7 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
     let usual = |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), &robot.geometry, robot.limits);
     let Some((bus, usual)) = buses.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
-        return refused(
-            "driver_canbus: robot.toml has no [can.<bus>] with a drive of the propulsion and one of the steering"
-                .into(),
-        );
+        return refused("driver_canbus: robot.toml has no [can.<bus>] with both axes".into());
     };
     let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
     let config = canbus::Config {

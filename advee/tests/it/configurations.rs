@@ -42,6 +42,7 @@ fn shipped_as_in_0_1(sim: bool) -> Config {
     ]
     .map(String::from);
     let mut config = Config::load(&shipped(), sim, &sets).expect("the shipped configuration");
+    config.robot.planner.behaviour.speed = None;
     let boards = config.robot.rs485.iter_mut().flat_map(|bus| &mut bus.driver.nodes);
     boards.filter(|board| board.name.starts_with("sd1_")).for_each(|board| board.rate_hz = 4.0);
     config

@@ -136,10 +136,7 @@ fn a_robot_that_a_driver_refuses_is_not_started() {
         let output = command.args(arguments).args(["--config", &config]).stdin(Stdio::null()).output().unwrap();
         let text = said(&output) + &String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success(), "{arguments:?}: {text}");
-        assert!(
-            text.contains("robot.toml has no [can.<bus>] with a drive of the propulsion and one of the steering"),
-            "{arguments:?}: {text}"
-        );
+        assert!(text.contains("robot.toml has no [can.<bus>] with both axes"), "{arguments:?}: {text}");
     }
     std::fs::remove_dir_all(&folder).unwrap();
 }

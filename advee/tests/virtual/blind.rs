@@ -35,7 +35,7 @@ fn hand(robot: &mut Patrol, speed: f64, seconds: f64) {
 #[test]
 fn a_patrol_among_visitors_stands_within_a_second_of_the_loss_of_a_board() {
     for (seed, boards) in [(1, &["sd1_front"][..]), (2, &["sd1_rear"]), (3, &["sd1_front", "sd1_rear"])] {
-        let mut robot = Patrol::new("hall", None, seed, None);
+        let mut robot = Patrol::with("hall", None, seed, None, &["planner.speed_mps=0.8"]);
         robot.go();
         let fast = (0..1200).any(|_| {
             robot.patrol(0.1);
