@@ -54,7 +54,9 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         // The order to stop does not reach the lost drive, so its feed is cut when it answers again; or the planner
         // goes on then, since it met no stop.
         Bug::LostDriveIgnored => &["drives", "feed", "resumes"],
-        Bug::CriticalIgnored | Bug::WatchdogNotMissed => &["critical", "stop"],
+        // The steering keeps turning, too.
+        Bug::CriticalIgnored => &["critical", "stop", "released"],
+        Bug::WatchdogNotMissed => &["critical", "stop"],
         Bug::BlindnessIgnored => &["blind"],
         Bug::EchoesIgnored => &["promise"],
         Bug::WatchdogDeaf => &["stop", "wanted", "moves"],
