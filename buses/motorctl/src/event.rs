@@ -8,7 +8,7 @@ listed! {
     /// A step of the start-up, in their order.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
     pub enum Step {
-        /// The device is heard, or answers.
+        /// The device sends messages or answers.
         Contact => "contact",
         /// Model and firmware are those expected.
         Identity => "identity",

@@ -110,7 +110,7 @@ impl Rig {
         self.axis.set_goal(self.now, goal);
     }
 
-    /// Lets so many ms pass.
+    /// Advances the time by this number of milliseconds.
     pub fn run(&mut self, millis: u32) {
         for _ in 0..millis {
             self.now += MS;

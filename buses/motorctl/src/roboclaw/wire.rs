@@ -210,7 +210,7 @@ impl Request {
 pub enum Asked {
     /// Not complete.
     More,
-    /// A request of so many bytes.
+    /// A complete request for this device.
     Request(Request),
     /// Not a request for this device, or one that it does not know.
     Unknown,

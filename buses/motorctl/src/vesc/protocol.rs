@@ -178,7 +178,7 @@ impl<L: Link> Commands<L> {
         }
         self.identified = true;
         (self.limit, self.brake_current_a) = (Duration::from_millis(timeout_ms.into()), brake_current_a.into());
-        // A limit of zero is none; one that is too short would act between two commands.
+        // Zero disables the timeout; one that is too short would act between two commands.
         if self.limit < self.timing.period * PERIODS_MIN || self.limit > self.timing.time_limit {
             return Progress::Refused(Step::TimeLimit, Refusal::TimeLimit { found: self.limit });
         }

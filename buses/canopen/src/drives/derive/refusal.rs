@@ -25,7 +25,7 @@ pub enum Reason {
     NotWritable,
     /// Its data type is not that of CiA 402.
     Type,
-    /// The drive does not have this mode, or it is none that is driven.
+    /// The drive does not support this mode, or this master does not.
     Mode {
         /// The mode that is wanted.
         wanted: Mode,
