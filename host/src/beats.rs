@@ -16,9 +16,10 @@ use std::sync::Arc;
 
 /// Environment variable with the path of the module's page.
 pub const VARIABLE: &str = "ADVEE_BEATS";
-/// Period of a thread's heartbeat; it may come up to `EARLY_MAX` earlier if the thread is awake.
+/// Period of a thread's heartbeat; it may come up to `EARLY_MAX` earlier if the thread is awake: 10 ms, and the jitter
+/// of a thread with that period, so that this one always takes its heartbeats along.
 pub const PERIOD: Duration = Duration::from_millis(50);
-const EARLY_MAX: Duration = Duration::from_millis(10);
+const EARLY_MAX: Duration = Duration::from_micros(10_500);
 /// Period at which the watchdog shows that it reads a page.
 const SHOW_PERIOD: Duration = Duration::from_millis(500);
 
@@ -68,7 +69,7 @@ impl HeartbeatPage {
     /// The watchdog that reads this page; `None` if none has written it.
     #[must_use]
     pub fn watchdog(&self) -> Option<Process> {
-        watchdog_of(&self.file, self.uid)
+        reader_of(&self.file, self.uid).1
     }
 
     pub(crate) fn at(path: &Path) -> io::Result<Self> {
@@ -113,19 +114,27 @@ impl HeartbeatPage {
     }
 }
 
-fn watchdog_of(page: &File, uid: u32) -> Option<Process> {
-    let mut pid = [0; 4];
-    page.read_exact_at(&mut pid, WATCHDOG_OFFSET).ok()?;
-    Some(Process { pid: u32::from_le_bytes(pid), uid }).filter(|process| process.pid != 0)
+/// The watchdog's counter and its process.
+fn reader_of(page: &File, uid: u32) -> (u32, Option<Process>) {
+    let mut words = [0; 8];
+    if page.read_exact_at(&mut words, READER_OFFSET).is_err() {
+        return (0, None);
+    }
+    let [a, b, c, d, pid @ ..] = words;
+    let process = Process { pid: u32::from_le_bytes(pid), uid };
+    (u32::from_le_bytes([a, b, c, d]), Some(process).filter(|process| process.pid != 0))
 }
 
 impl Heartbeat {
     /// Increments the counter if that is due; true if it did. The loop that does the work calls it at least every
     /// [`PERIOD`].
+    ///
+    /// A thread that is awake for its work takes the heartbeat along. Those of idle threads, of all processes, come at
+    /// the same moments: to wake up together costs half of what it costs to wake up one by one.
     pub fn beat(&mut self, now: Instant) -> bool {
         let due = self.next <= now + EARLY_MAX;
         if due {
-            self.next = now + PERIOD;
+            self.next = if now < self.next { now + PERIOD } else { Instant::ZERO.next_on_grid(now, PERIOD) };
             self.count = self.count.wrapping_add(1);
             // A failed write is a missing heartbeat, which the watchdog detects.
             let _ = self.file.write_all_at(&self.count.to_le_bytes(), self.place);
@@ -133,20 +142,11 @@ impl Heartbeat {
         due
     }
 
-    /// Counter that the watchdog increments while it reads this page; 0 if it cannot be read.
+    /// Counter that the watchdog increments while it reads this page, 0 if it cannot be read, and that watchdog, `None`
+    /// if none has written it.
     #[must_use]
-    pub fn reader(&self) -> u32 {
-        let mut count = [0; 4];
-        match self.file.read_exact_at(&mut count, READER_OFFSET) {
-            Ok(()) => u32::from_le_bytes(count),
-            Err(_) => 0,
-        }
-    }
-
-    /// The watchdog that reads this page; `None` if none has written it.
-    #[must_use]
-    pub fn watchdog(&self) -> Option<Process> {
-        watchdog_of(&self.file, self.uid)
+    pub fn reader(&self) -> (u32, Option<Process>) {
+        reader_of(&self.file, self.uid)
     }
 
     /// Deadline of the next heartbeat.
@@ -413,17 +413,50 @@ mod tests {
     }
 
     #[test]
+    fn idle_threads_beat_at_the_same_moments() {
+        let dir = Dir::new("together");
+        let (_page, mut beats) = pair(&dir);
+        for start in [0, 7, 33, 49] {
+            let mut beat = beats.thread(at(start), "main").unwrap();
+            let mut last = at(start);
+            for _ in 0..4 {
+                let now = beat.next();
+                assert!(beat.beat(now) && now.since(last) <= PERIOD && beat.next() > now);
+                last = now;
+            }
+            assert_eq!(last.as_nanos() % PERIOD.as_nanos() as u64, 0, "{start}");
+        }
+    }
+
+    #[test]
+    fn a_thread_with_work_each_10_ms_never_wakes_for_its_heartbeat() {
+        let dir = Dir::new("work");
+        let (_page, mut beats) = pair(&dir);
+        for (start, lateness) in [(3, 0), (9, 70), (0, 450)] {
+            let mut beat = beats.thread(at(start), "main").unwrap();
+            // Late by another time at each turn, us.
+            let turn = |n: u64| Instant::from_nanos(((start + 10 * n) * 1000 + n * 37 % (lateness + 1)) * 1000);
+            for n in 1..200 {
+                beat.beat(turn(n));
+                assert!(beat.next() > turn(n + 1), "{start} {n}: {:?}", beat.next());
+            }
+        }
+    }
+
+    #[test]
     fn a_module_sees_whether_its_page_is_read() {
         let dir = Dir::new("read");
         let (mut page, mut beats) = pair(&dir);
         let beat = beats.thread(at(0), "main").unwrap();
-        assert_eq!(beat.reader(), 0);
+        let me = beats.watchdog();
+        assert_eq!(me.map(|process| process.pid), Some(std::process::id()));
+        assert_eq!(beat.reader(), (0, me));
         for ms in (0..1000).step_by(20) {
             page.show(at(ms));
         }
-        assert_eq!(beat.reader(), 2);
+        assert_eq!(beat.reader(), (2, me));
         PageReader::open(&dir.0.join("module")).unwrap().show(at(5000));
-        assert_eq!(beat.reader(), 3, "the next watchdog continues");
+        assert_eq!(beat.reader(), (3, me), "the next watchdog continues");
     }
 
     #[test]

@@ -227,9 +227,6 @@ impl Host {
         for line in mem::take(&mut self.notices) {
             self.say(Level::Info, &format!("NOTICE: {line}"));
         }
-        if let (Some(processes), Some(due)) = (&mut self.processes, self.shell.poll_timeout()) {
-            processes.align(clock::now(), due);
-        }
         let mut ready = [EpollEvent::empty(); 16];
         loop {
             self.serve_time();
@@ -379,7 +376,7 @@ impl Host {
     /// Reads the watchdog's counter in the heartbeat page.
     fn check_watchdog(&mut self, now: Instant) {
         if let (Some(beat), Some(_)) = (&self.beat, self.watchdog_seen) {
-            let (reader, watchdog) = (beat.reader(), beat.watchdog());
+            let (reader, watchdog) = beat.reader();
             if mem::replace(&mut self.reader, reader) != reader {
                 if let Some(watchdog) = watchdog {
                     self.admission.set_watchdog(watchdog);
@@ -464,7 +461,7 @@ impl Host {
         }
         let sender = self.bus.sender();
         match (self.admission.judge(message, sender), self.beat.as_ref()) {
-            (Err(Refusal::SecondRobot), Some(beat)) => match beat.watchdog() {
+            (Err(Refusal::SecondRobot), Some(beat)) => match beat.reader().1 {
                 Some(watchdog) if sender.process == Some(watchdog) => {
                     self.admission.set_watchdog(watchdog);
                     self.admission.judge(message, sender)

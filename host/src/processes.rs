@@ -229,7 +229,8 @@ impl Processes {
             ends,
             usage: Ticker::new(now + USAGE_PERIOD, USAGE_PERIOD),
             beats,
-            looks: Ticker::new(now + HEARTBEAT_CHECK_PERIOD, HEARTBEAT_CHECK_PERIOD),
+            // With the watchdog's other periods, which saves wake-ups.
+            looks: Ticker::new(Instant::ZERO.next_on_grid(now, HEARTBEAT_CHECK_PERIOD), HEARTBEAT_CHECK_PERIOD),
             punctuality: Punctuality::new(now),
             unread: None,
             reads: Ticker::new(now + LINES_PERIOD, LINES_PERIOD),
@@ -578,12 +579,6 @@ impl Processes {
                 }
             }
         }
-    }
-
-    /// Aligns the checks with another periodic deadline, which saves wake-ups.
-    pub fn align(&mut self, now: Instant, due: Instant) {
-        let ahead = due.since(now).as_nanos() % HEARTBEAT_CHECK_PERIOD.as_nanos();
-        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_CHECK_PERIOD);
     }
 
     /// Deadline of the next check or measurement.

@@ -48,8 +48,9 @@ impl Instant {
     }
 
     /// The first moment after `now` that lies a whole number of periods (each at least 1 ns) after this one, which
-    /// has come.
-    pub(crate) fn next_on_grid(self, now: Self, period: Duration) -> Self {
+    /// has come. What idle processes do at the same moments of the machine's clock, it wakes up for once.
+    #[must_use]
+    pub fn next_on_grid(self, now: Self, period: Duration) -> Self {
         let period = nanos(period).max(1);
         let missed = now.since(self).as_nanos() as u64 / period;
         Self(self.0.saturating_add(period.saturating_mul(missed.saturating_add(1))))

@@ -201,7 +201,8 @@ impl Shell {
         }
         match event {
             Event::Start => {
-                self.deadlines.set(Timer::Announce, now + ANNOUNCE_PERIOD);
+                // At full seconds of the machine's clock: idle modules wake up together, and the receivers once for all.
+                self.deadlines.set(Timer::Announce, Instant::ZERO.next_on_grid(now, ANNOUNCE_PERIOD));
                 out.push(Action::State(self.state));
                 self.announce(now, out);
                 self.list_due = true;

@@ -92,6 +92,19 @@ fn the_state_is_announced_each_second_and_at_every_change() {
 }
 
 #[test]
+fn modules_announce_themselves_together_whenever_they_started() {
+    for start in [0, 300, 999, 1000] {
+        let mut shell = bench(State::Run).shell;
+        let mut out = Actions::default();
+        shell.handle(Instant::from_millis(5000 + start), Event::Start, &mut out);
+        let next = shell.poll_timeout().unwrap();
+        assert_eq!(next, Instant::from_millis(if start < 1000 { 6000 } else { 7000 }), "started at {start} ms");
+        shell.handle(next, Event::Timer, &mut out);
+        assert_eq!(shell.poll_timeout(), Some(next + Duration::from_secs(1)));
+    }
+}
+
+#[test]
 fn a_module_that_is_ready_goes_to_the_wanted_state() {
     for wanted in [State::Run, State::Pause, State::Stop] {
         let mut bench = bench(wanted);

@@ -194,9 +194,12 @@ impl Watchdog {
             let message = format!("{name} ended while no watchdog was running");
             out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), message);
         }
-        self.deadlines.set(Timer::Publish, now + PUBLISH_PERIOD);
-        self.deadlines.set(Timer::Lists, now + LISTS_PERIOD);
-        self.deadlines.set(Timer::Check, now + CHECK_PERIOD);
+        // When idle modules are awake too, and the host for its own checks.
+        for (timer, period) in
+            [(Timer::Publish, PUBLISH_PERIOD), (Timer::Lists, LISTS_PERIOD), (Timer::Check, CHECK_PERIOD)]
+        {
+            self.deadlines.set(timer, Instant::ZERO.next_on_grid(now, period));
+        }
     }
 
     fn on_message(&mut self, now: Instant, message: &Message, out: &mut Actions) {
