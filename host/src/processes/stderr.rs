@@ -99,6 +99,10 @@ impl Stderr {
         let end = self.file.metadata()?.len();
         // The process itself may truncate the file.
         self.read = self.read.min(end);
+        // Nearly always: one system call.
+        if self.read == end && self.read < EMPTIED {
+            return Ok(0);
+        }
         let mut skipped = 0;
         if end - self.read > BEHIND_MAX {
             skipped = end - self.read - TURN as u64;

@@ -156,6 +156,12 @@ fn the_load_of_a_process_is_measured() {
 }
 
 #[test]
+fn heartbeats_are_checked_when_the_watchdog_is_awake_anyway() {
+    let processes = Processes::new(Instant::from_millis(5007), launch("/bin/true", Vec::new(), None), None).unwrap();
+    assert_eq!(processes.looks.next(), Instant::from_millis(5020));
+}
+
+#[test]
 fn a_missing_command_is_reported() {
     let launch = launch("/nonexistent/module", Vec::new(), None);
     let mut processes = Processes::new(clock::now(), launch, None).unwrap();

@@ -21,6 +21,14 @@ fn bench() -> Bench {
     Bench::new(Shell::new(config, Box::new(Watchdog::new(Config { modules, ..Config::default() }))))
 }
 
+#[test]
+fn its_periods_begin_with_those_of_the_machines_clock() {
+    use module::Module;
+    let mut watchdog = Watchdog::new(Config::default());
+    watchdog.handle(Instant::from_millis(5007), Event::Start, &mut Actions::default());
+    assert_eq!(watchdog.poll_timeout(), Some(Instant::from_millis(5100)));
+}
+
 /// Runs a transcript: `>` is an input, `<` an action or report of the watchdog; the number is milliseconds.
 #[track_caller]
 fn check(transcript: &str) {
