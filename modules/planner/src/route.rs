@@ -17,7 +17,7 @@ const WORK_AROUND_MAX: u32 = 20_000;
 /// Factor on the minimum turning radius in planning, as a reserve for corrections.
 const RADIUS_FACTOR: f64 = 1.08;
 /// Margin on all sides from mapped and sensed obstacles, m: the accuracy of the pose and of path following.
-const MARGIN_M: f64 = 0.08;
+const MARGIN_M: f64 = 0.12;
 /// Margin where no path has the whole one, m: by this the guard widens the outline at any speed (`guard.uncertainty_m`
 /// by default), so that it does not let the robot pass between nearer obstacles.
 const MARGIN_LEAST_M: f64 = 0.05;
