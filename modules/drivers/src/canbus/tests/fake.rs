@@ -20,7 +20,7 @@ pub struct Fake {
     pub deaf: bool,
     /// Its motor does not turn, whatever it is commanded.
     pub blocked: bool,
-    /// Ignores its controlword.
+    /// Ignores its controlword, and the silence of the master.
     pub stubborn: bool,
     /// Number of homings begun.
     pub homings: u32,
@@ -104,7 +104,7 @@ impl Fake {
                     self.node.set(0x6061, 0, mode);
                     self.bits &= !(status::MODE_12 | status::TARGET_REACHED);
                 }
-                NodeEvent::HeartbeatLost { .. } => self.fault(now, 0x8130),
+                NodeEvent::HeartbeatLost { .. } if !self.stubborn => self.fault(now, 0x8130),
                 _ => {}
             }
         }
