@@ -76,7 +76,7 @@ holds! {
         "Check cable, termination and bit rate of {}, and that the drives have power.";
     /// Another CANopen master is on the bus. Subject: the bus.
     SecondMaster = 203, "another master commands the drives", "End the other program that commands the drives on {}.";
-    /// A drive is booting. Subject: `propulsion` or `steering`.
+    /// A drive is booting. Subject: its axis, such as `propulsion` or `steering`.
     DriveBooting = 211, "the {} drive is being booted", "Wait some seconds.";
     /// A step of a drive's boot-up failed; it is retried each second. Subject: the drive.
     DriveBootFailed = 212, "the {} drive cannot be booted", "Check the errors, and type and power of the {}.";

@@ -19,7 +19,7 @@ use module::admission::Policy;
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::Point;
 use record::{Recorder, Sink};
-use settings::robot::Beacon;
+use settings::robot::{Beacon, Geometry};
 use sim::host::{self, Virtual};
 use simulator::world::World;
 use std::path::{Path, PathBuf};
@@ -451,9 +451,11 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
     let robot = &config.robot;
     let mut buses = robot.can.clone();
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
-    let usual = |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), &robot.geometry, robot.limits);
+    let usual =
+        |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), robot.base, &robot.geometry, robot.limits);
     let Some((bus, usual)) = buses.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
-        return refused("driver_canbus: robot.toml has no [can.<bus>] with both axes".into());
+        let axes = robot.axes().join(", ");
+        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with a drive for each axis: {axes}"));
     };
     let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
     let config = canbus::Config {
@@ -464,7 +466,7 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
         ranging_age_max: robot.sensors.age_max,
         guarded,
         stop: robot.stop.clone(),
-        protection: protection(&robot.guard),
+        protection: protection(&robot.guard, &robot.geometry),
         ..usual
     };
     let driver = canbus::Canbus::new(config).or_else(|error| refused(sheets::named(place, bus, &error)))?;
@@ -473,9 +475,10 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
 }
 
 /// What `driver_canbus` applies of the table `[guard]`.
-fn protection(guard: &guard::Settings) -> canbus::protection::Config {
+fn protection(guard: &guard::Settings, geometry: &Geometry) -> canbus::protection::Config {
     let guard::Settings { ranging, speed_blind, creep, .. } = *guard;
-    canbus::protection::Config { guarded: ranging != guard::Ranging::None, speed_blind, creep }
+    let (guarded, reach) = (ranging != guard::Ranging::None, geometry.reach_m());
+    canbus::protection::Config { guarded, speed_blind, creep, reach }
 }
 
 /// `guard`: the robot's outline and its sonars.

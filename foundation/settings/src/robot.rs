@@ -5,6 +5,7 @@
 
 use crate::settings;
 use base::Duration;
+use kinematics::Chassis;
 
 settings! {
     /// `[geometry]`: measures of the robot.
@@ -50,8 +51,70 @@ settings! {
         lateral_acceleration_mps2: f64 = required, 0.01..=20.0;
         /// Rate of the steering angle.
         steering_rate_radps: f64 = required, 0.01..=20.0;
+        /// Rotation of a base without steering, either way; a command beyond it is refused and stops the robot. That of
+        /// a steered base follows from speed and steering angle.
+        rotation_radps: f64 = 1.0, 0.01..=20.0;
         /// Validity of a motion command.
         command_ttl_s as command_ttl: Duration = 0.25, 0.05..=1.0;
+    }
+}
+
+settings! {
+    /// `[base]`: a base that does not steer; the robot's frame has its origin in the middle of the wheels. Absent: a
+    /// driven rear axle and steered front wheels, by `[geometry]`.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Base {
+        layout: Layout = flat;
+    }
+}
+
+settings! {
+    /// Wheels of a base that does not steer, each with a drive of its own.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub enum Layout by kind {
+        /// Two wheels on one axle, or two rows of wheels or tracks with one drive each. Axes `left`, `right`.
+        Differential(Differential) = "differential",
+        /// Two axles of two wheels that are dragged sideways in turns. Axes `front_left`, `front_right`, `rear_left`,
+        /// `rear_right`.
+        SkidSteer(Rectangle) = "skid-steer",
+        /// Four mecanum wheels, whose rollers seen from above form an X. Axes as of `"skid-steer"`.
+        Mecanum(Rectangle) = "mecanum",
+        /// Omni wheels evenly on a circle, each rolling along it counter-clockwise. Axes `wheel_1` and so on.
+        Omni(Circle) = "omni",
+    }
+}
+
+settings! {
+    /// Place of the wheels of a differential base.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Differential {
+        /// Distance of the left and the right wheels. Of rows of wheels: the effective one, by which the difference of
+        /// both sides' ways has to be divided to get the angle that the robot has turned by.
+        track_m: f64 = required, 0.05..=5.0;
+    }
+}
+
+settings! {
+    /// Places of four wheels.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Rectangle {
+        /// Rear wheels to front wheels.
+        wheelbase_m: f64 = required, 0.05..=5.0;
+        /// Distance of the left and the right wheels; of a skid-steer base the effective one.
+        track_m: f64 = required, 0.05..=5.0;
+    }
+}
+
+settings! {
+    /// Places of wheels on a circle.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Circle {
+        /// Radius of the circle.
+        radius_m: f64 = required, 0.05..=5.0;
+        /// Number of wheels.
+        wheels: u8 = 3, 3..=6;
+        /// Direction from the origin to the first wheel.
+        first_rad: f64 = 0.0, -6.3..=6.3;
     }
 }
 
@@ -75,10 +138,55 @@ impl Geometry {
         self.length_m - self.rear_overhang_m
     }
 
+    /// Distance of the farthest corner of the outline from the origin, m.
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        self.front_m().max(self.rear_overhang_m).hypot(self.width_m / 2.0)
+    }
+
     /// Distance driven in one turn of a wheel, m.
     #[must_use]
     pub fn wheel_circumference_m(&self) -> f64 {
         2.0 * std::f64::consts::PI * self.wheel_radius_m
+    }
+}
+
+/// Axes of four wheels.
+const FOUR: [&str; 4] = ["front_left", "front_right", "rear_left", "rear_right"];
+/// Axes of wheels on a circle.
+const CIRCLE: [&str; 6] = ["wheel_1", "wheel_2", "wheel_3", "wheel_4", "wheel_5", "wheel_6"];
+
+impl Base {
+    /// Names of the axes, one for each wheel, in the order of the wheels of [`Base::chassis`].
+    #[must_use]
+    pub fn axes(&self) -> &'static [&'static str] {
+        match &self.layout {
+            Layout::Differential(_) => &["left", "right"],
+            Layout::SkidSteer(_) | Layout::Mecanum(_) => &FOUR,
+            Layout::Omni(circle) => CIRCLE.get(..usize::from(circle.wheels)).unwrap_or(&CIRCLE),
+        }
+    }
+
+    /// Kinematics of the base.
+    ///
+    /// # Errors
+    /// The first quantity that no base has.
+    pub fn chassis(&self, limits: &Limits) -> Result<Chassis, kinematics::Error> {
+        let wheel = kinematics::Limits {
+            speed_mps: limits.speed_mps,
+            acceleration_mps2: limits.acceleration_mps2,
+            deceleration_mps2: limits.deceleration_mps2,
+        };
+        match self.layout {
+            Layout::Differential(Differential { track_m }) => Chassis::differential(track_m, wheel),
+            Layout::SkidSteer(Rectangle { wheelbase_m, track_m }) => {
+                Chassis::skid_steer(track_m, &[wheelbase_m / 2.0, -wheelbase_m / 2.0], wheel)
+            }
+            Layout::Mecanum(Rectangle { wheelbase_m, track_m }) => Chassis::mecanum(wheelbase_m, track_m, wheel),
+            Layout::Omni(Circle { radius_m, wheels, first_rad }) => {
+                Chassis::omni(radius_m, usize::from(wheels), first_rad, wheel)
+            }
+        }
     }
 }
 

@@ -32,6 +32,7 @@ mod speed_monitor;
 mod steering;
 #[cfg(test)]
 mod tests;
+mod wheels;
 
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
@@ -42,13 +43,14 @@ pub use feed_output::{GpioConfig, OutputConfig};
 pub use pause::Paused;
 
 use arbiter::{Arbiter, Course, Request, Verdict};
+use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Level, Severity, earliest};
-use body::{Body, Measured, SetPoints};
+use body::{Body, Caps, Measured, SetPoints};
 use bus::Bus;
 use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use ignored::Ignored;
-use kinematics::Twist;
+use kinematics::{PerWheel, Twist};
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::Objection;
@@ -61,6 +63,7 @@ use requests::{NodeOwner, Requests};
 use second_way::StopWatch;
 use steering::Steering;
 use surroundings::Surroundings;
+use wheels::Wheels;
 
 /// Name of the module.
 pub const NAME: &str = "driver_canbus";
@@ -103,9 +106,6 @@ base::deadlines! {
         SecondMaster,
         /// The order to cut the motors' feed is repeated. Set until it is known to be cut.
         Cut,
-        /// The propulsion may have turned when it was reset, and its speed has not been read since. Set until the drive
-        /// is booted, at standstill, or without power.
-        Unwatched,
         /// The drives are left as they are although they are not switched off. Set when the module ends and the robot
         /// stands.
         SwitchOff,
@@ -117,14 +117,15 @@ pub struct Canbus {
     config: Config,
     ports: Vec<PortSpec>,
     master: Master,
-    propulsion: Propulsion,
-    steering: Steering,
+    wheels: Wheels,
+    steering: Option<Steering>,
     body: Body,
     arbiter: Arbiter,
     around: Surroundings,
     releases: Releases,
     stop_watch: StopWatch,
-    readbacks: [Readback; 2],
+    /// Of the wheels' drives, then of the steering's.
+    readbacks: Vec<Readback>,
     protection: Protection,
     bus: Bus,
     requests: Requests,
@@ -166,15 +167,15 @@ impl Canbus {
         let line = config.stop.feed_line().map(|_| PortSpec { bus: LINE_BUS.into(), line: Line::Gpio });
         let ports = std::iter::once(can).chain(line).collect();
         let body = Body::new(&config)?;
-        let propulsion = Propulsion::new(&config)?;
-        let steering = Steering::new(&config)?;
-        let nodes = [propulsion.node_config(), steering.node_config()];
+        let wheels = Wheels::new(&config)?;
+        let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
+        let nodes: Vec<NodeConfig> =
+            wheels.node_configs().chain(steering.as_ref().map(Steering::node_config)).collect();
         let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
         let master = MasterConfig { id, bit_rate, sync, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
-        let readbacks = nodes.each_ref().map(|node| Readback::new(node, id));
-        let (limits, has_power) = (&config.limits, config.has_pause_line);
-        let stop_watch = StopWatch::new(limits.deceleration_mps2, limits.quick_stop_mps2, &config.stop, has_power);
+        let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
+        let stop_watch = StopWatch::new(&config.stop, config.has_pause_line);
         Ok(Self {
             master,
             arbiter: Arbiter::new(config.limits.command_ttl),
@@ -190,7 +191,7 @@ impl Canbus {
             releases: Releases::new(config.homing_release == HomingRelease::Start),
             protection: Protection::new(config.protection),
             ports,
-            propulsion,
+            wheels,
             steering,
             body,
             bus: Bus::new(&config.bus, config.bitrate),
@@ -213,8 +214,43 @@ impl Canbus {
 
     /// Configuration of each drive's node.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeConfig> {
-        let ids = [self.propulsion.drive.node, self.steering.drive.node];
-        ids.into_iter().filter_map(|id| self.master.config(id))
+        self.drives().filter_map(|drive| self.master.config(drive.node))
+    }
+
+    /// The wheels' drives, then the steering's.
+    fn drives(&self) -> impl Iterator<Item = &drive::Drive> + Clone {
+        self.wheels.iter().map(|wheel| &wheel.drive).chain(self.steering.iter().map(|steering| &steering.drive))
+    }
+
+    fn drives_mut(&mut self) -> impl Iterator<Item = &mut drive::Drive> {
+        let wheels = self.wheels.iter_mut().map(|wheel| &mut wheel.drive);
+        wheels.chain(self.steering.iter_mut().map(|steering| &mut steering.drive))
+    }
+
+    /// What the drives move, in the same order.
+    fn axes(&self) -> impl Iterator<Item = Axis> + Clone {
+        self.wheels.axes().chain(self.steering.iter().map(|_| Axis::Steering))
+    }
+
+    /// The steering, if this node is its drive.
+    fn steering_at(&mut self, node: u8) -> Option<&mut Steering> {
+        self.steering.as_mut().filter(|steering| steering.drive.node == node)
+    }
+
+    /// Measured angle of the steering, rad; 0 without one.
+    fn angle(&self) -> f64 {
+        self.steering.as_ref().map_or(0.0, Steering::angle)
+    }
+
+    /// Measured velocity.
+    fn measured(&self) -> Measured {
+        self.body.velocity(&self.wheels.measured(), self.angle())
+    }
+
+    /// Measured speed forward, m/s; 0 if unknown.
+    fn speed(&self) -> f64 {
+        let speed = self.measured().twist.vx;
+        if speed.is_nan() { 0.0 } else { speed }
     }
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
@@ -232,12 +268,13 @@ impl Canbus {
                 self.around.on_processes(at, list);
                 self.protection.on_watchdog(at);
                 // An earlier process may have been commanded by a source that still commands.
-                if self.around.is_restarted() || self.steering.is_inherited() {
+                let inherited = self.steering.as_ref().is_some_and(Steering::is_inherited);
+                if self.around.is_restarted() || inherited {
                     self.arbiter.trust_no_new_source();
                 }
             }
             Message::LlDataGuard(guard) => {
-                self.protection.on_speed(self.propulsion.speed());
+                self.protection.on_speed(self.speed());
                 self.protection.on_guard(at, guard);
             }
             Message::LlCmdCreep(creep) => self.protection.on_creep(at, creep),
@@ -349,9 +386,9 @@ impl Canbus {
     /// A node that is not booted does not move, so its objects may be written for repair. Those of the node that feeds
     /// the motors may not.
     fn owner_of(&self, node: i32) -> NodeOwner {
-        let ours = [(&self.propulsion.drive, &self.config.propulsion.writable)];
-        let ours = ours.into_iter().chain([(&self.steering.drive, &self.config.steering.writable)]);
-        match ours.into_iter().find(|(drive, _)| i32::from(drive.node) == node) {
+        let wheels = self.config.wheels.iter().map(|wheel| &wheel.writable);
+        let writable = wheels.chain(self.config.steering.iter().map(|steering| &steering.writable));
+        match self.drives().zip(writable).find(|(drive, _)| i32::from(drive.node) == node) {
             Some((drive, writable)) => {
                 NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing(), writable: writable.clone() }
             }
@@ -374,7 +411,7 @@ impl Canbus {
         while let Some(event) = self.master.poll_event() {
             self.on_can_event(now, event, out);
         }
-        let working = self.propulsion.drive.is_booted() && self.steering.drive.is_booted();
+        let working = self.drives().all(drive::Drive::is_booted);
         // The module is starting until its first success; pending conditions have been reported.
         if working != self.working.unwrap_or(false) {
             self.working = Some(working);
@@ -390,8 +427,8 @@ impl Canbus {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_booted(now, out);
                 }
-                if node == self.steering.drive.node {
-                    self.steering.on_booted();
+                if let Some(steering) = self.steering_at(node) {
+                    steering.on_booted();
                 }
                 self.read_measured(now, node);
             }
@@ -401,16 +438,14 @@ impl Canbus {
                 }
             }
             CanEvent::Lost { node, reason } => {
-                if node == self.propulsion.drive.node {
-                    self.watch_reset(now, reason);
-                }
+                self.watch_reset(now, node, reason);
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
                 }
-                if node == self.steering.drive.node {
-                    self.steering.on_lost();
-                } else if node == self.propulsion.drive.node {
-                    self.propulsion.on_lost();
+                if let Some(steering) = self.steering_at(node) {
+                    steering.on_lost();
+                } else if let Some(wheel) = self.wheels.of_mut(node) {
+                    wheel.on_lost();
                 }
             }
             CanEvent::Emergency { node, emergency, suppressed } => {
@@ -420,10 +455,10 @@ impl Canbus {
             }
             CanEvent::Pdo { node, number, data, len } => {
                 let data = &data[..usize::from(len).min(data.len())];
-                if node == self.propulsion.drive.node {
-                    self.propulsion.on_pdo(now, number, data, out);
-                } else if node == self.steering.drive.node {
-                    self.steering.on_pdo(now, number, data, out);
+                if let Some(wheel) = self.wheels.of_mut(node) {
+                    wheel.on_pdo(now, number, data, out);
+                } else if let Some(steering) = self.steering_at(node) {
+                    steering.on_pdo(now, number, data, out);
                 }
             }
             CanEvent::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
@@ -482,8 +517,7 @@ impl Canbus {
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
             || self.on_read_back(now, ticket, result.ok(), out)
-            || self.propulsion.drive.on_mode(now, ticket, result)
-            || self.steering.drive.on_mode(now, ticket, result)
+            || self.drives_mut().any(|drive| drive.on_mode(now, ticket, result))
         {
             return;
         }
@@ -499,14 +533,15 @@ impl Canbus {
                     drive.on_answer(now, Some(error), out);
                 }
             }
-            _ => self.steering.on_sdo(now, event),
+            _ => self.steering.iter_mut().for_each(|steering| steering.on_sdo(now, event)),
         }
     }
 
     /// A transfer of the objects that are read back has ended; false if it is another transfer.
     fn on_read_back(&mut self, now: Instant, ticket: Ticket, data: Option<&[u8]>, out: &mut Actions) -> bool {
-        let names = [self.propulsion.drive.name, self.steering.drive.name];
-        for (readback, name) in self.readbacks.iter_mut().zip(names) {
+        let axes = self.wheels.axes().chain(self.steering.iter().map(|_| Axis::Steering));
+        for (readback, axis) in self.readbacks.iter_mut().zip(axes) {
+            let name = axis.name();
             let Some(found) = readback.on_sdo(now, ticket, data, &mut self.master) else { continue };
             match found {
                 Some(Found::Changed { index, sub }) => {
@@ -528,7 +563,7 @@ impl Canbus {
     /// Reads the state of a drive: event-driven PDOs report changes only, and the first ones may have been sent before
     /// the node counted as started.
     fn read_measured(&mut self, now: Instant, node: u8) {
-        let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
+        let measured = if self.wheels.place(node).is_some() { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
             // The queue of a freshly booted node has room for all of them.
             if self.master.sdo_read(now, node, index, 0).is_ok()
@@ -541,8 +576,16 @@ impl Canbus {
 
     fn on_measured(&mut self, now: Instant, node: u8, index: u16, data: &[u8], out: &mut Actions) {
         match (index, data) {
-            (VELOCITY, &[a, b, c, d]) => self.propulsion.on_velocity(now, i32::from_le_bytes([a, b, c, d])),
-            (POSITION, &[a, b, c, d]) => self.steering.on_position(now, i32::from_le_bytes([a, b, c, d])),
+            (VELOCITY, &[a, b, c, d]) => {
+                if let Some(wheel) = self.wheels.of_mut(node) {
+                    wheel.on_velocity(now, i32::from_le_bytes([a, b, c, d]));
+                }
+            }
+            (POSITION, &[a, b, c, d]) => {
+                if let Some(steering) = self.steering_at(node) {
+                    steering.on_position(now, i32::from_le_bytes([a, b, c, d]));
+                }
+            }
             (STATUSWORD, &[low, high]) => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_statusword(now, u16::from_le_bytes([low, high]), out);
@@ -554,8 +597,7 @@ impl Canbus {
 
     /// Name of a node as the subject of reports, and for people.
     fn name_of(&self, node: u8) -> (String, String) {
-        let drives = [&self.propulsion.drive, &self.steering.drive];
-        match (drives.into_iter().find(|drive| drive.node == node), node) {
+        match (self.drives().find(|drive| drive.node == node), node) {
             (Some(drive), _) => (drive.name.into(), format!("{} drive (node {node})", drive.name)),
             (None, 0) => (self.config.bus.clone(), "somebody".into()),
             (None, _) => (format!("node {node}"), format!("node {node}")),
@@ -563,12 +605,12 @@ impl Canbus {
     }
 
     fn drive_mut(&mut self, node: u8) -> Option<&mut drive::Drive> {
-        [&mut self.propulsion.drive, &mut self.steering.drive].into_iter().find(|drive| drive.node == node)
+        self.drives_mut().find(|drive| drive.node == node)
     }
 
     /// True if the robot is known to stand.
     fn is_standing(&self) -> bool {
-        self.propulsion.is_slower(self.now, STANDSTILL_MPS)
+        self.wheels.are_slower(self.now, STANDSTILL_MPS)
     }
 
     /// All objections to any motion, in the order in which an engineer would check them.
@@ -578,14 +620,14 @@ impl Canbus {
         let pauses = self.around.pauses(now).map(Objection::Around);
         // With a line that is open and latched last, because an operator's act ends it.
         let around = self.around.others(now).map(Objection::Around);
-        let drives = [(Axis::Propulsion, &self.propulsion.drive), (Axis::Steering, &self.steering.drive)];
-        let drives = drives.into_iter().filter_map(|(axis, drive)| Some(Objection::Drive(axis, drive.objection()?)));
-        let parameters = [Axis::Propulsion, Axis::Steering].into_iter().zip(&self.readbacks);
+        let drives = self.axes().zip(self.drives());
+        let drives = drives.filter_map(|(axis, drive)| Some(Objection::Drive(axis, drive.objection()?)));
+        let parameters = self.axes().zip(&self.readbacks);
         let parameters = parameters.filter(|(_, readback)| readback.is_changed());
         let parameters = parameters.map(|(axis, _)| Objection::Parameter(axis));
         let state = self.state.hold().map(Objection::State);
         let refused = self.deadlines.is_set(Timer::Refused).then_some(Objection::Refused);
-        let not_homed = self.steering.why_not_homed();
+        let not_homed = self.steering.as_ref().and_then(Steering::why_not_homed);
         // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
         let speed = self.stop_watch.objection();
         let guard = self.protection.objection(now).map(Objection::Guard);
@@ -630,42 +672,44 @@ impl Canbus {
         }
         let rolls = !self.is_standing();
         let pause = &self.around.pause;
-        self.propulsion.drive.hold_fault_reset(pause.is_engaged() || pause.is_latched() && rolls);
+        let holds = pause.is_engaged() || pause.is_latched() && rolls;
+        self.wheels.iter_mut().for_each(|wheel| wheel.drive.hold_fault_reset(holds));
         if !rolls {
             self.arbiter.on_standstill(now);
         }
         self.watch_planner(now);
         let permitted = |wanted: Wanted<'_>| {
-            let speed = self.protection.clamped(now, wanted.points.speed, wanted.mover);
-            (speed, wanted.points.steering, self.is_motion(wanted))
+            let velocity = self.protection.clamped(now, wanted.points.velocity, wanted.mover);
+            (velocity, wanted.points.steering, self.is_motion(wanted))
         };
         match self.wanted(now).map(permitted) {
-            Some((speed, steering, moves)) => {
+            Some((velocity, steering, moves)) => {
                 // After a fault, a drop or a loss every source is disarmed: this motion is a deliberate act.
                 if moves {
-                    self.propulsion.drive.release();
-                    self.steering.drive.release();
+                    self.drives_mut().for_each(drive::Drive::release);
                 }
-                match steering {
-                    Some(steering) => self.steering.go(steering),
-                    None => self.steering.hold(),
+                match (&mut self.steering, steering) {
+                    (Some(own), Some(steering)) => own.go(steering),
+                    (Some(own), None) => own.hold(),
+                    (None, _) => {}
                 }
-                // Without steering the robot must not drive.
-                self.propulsion.drive(if self.steering.is_enabled() { speed } else { 0.0 });
+                self.drive(now, velocity);
             }
             None => {
-                self.propulsion.quick_stop();
+                self.wheels.quick_stop();
+                self.body.stand();
                 self.decide_steering();
             }
         }
-        let ends = self.state == State::Terminate && (!rolls || !self.propulsion.drive.is_booted());
+        let gone = self.wheels.are_slower_or_absent(now, STANDSTILL_MPS);
+        let ends = self.state == State::Terminate && gone;
         if ends {
-            self.propulsion.switch_off();
-            self.steering.switch_off();
+            self.wheels.switch_off();
+            self.steering.iter_mut().for_each(Steering::switch_off);
         }
         self.arbiter.expire_holder(now);
-        self.propulsion.advance(now, &mut self.master, out);
-        self.steering.advance(now, &mut self.master, out);
+        self.wheels.iter_mut().for_each(|wheel| wheel.advance(now, &mut self.master, out));
+        self.steering.iter_mut().for_each(|steering| steering.advance(now, &mut self.master, out));
         if ends || self.leaves {
             self.leave(now);
         } else {
@@ -673,26 +717,40 @@ impl Canbus {
             self.deadlines.clear(Timer::SwitchOff);
         }
         let began = self.stopping || self.blocked.is_some();
-        self.stopping = began && rolls && self.propulsion.may_be_stopping();
+        self.stopping = began && rolls && self.wheels.may_be_stopping();
         self.watch_speed(now, out);
         self.advance_second_way(now, out);
-        for (readback, drive) in self.readbacks.iter_mut().zip([&self.propulsion.drive, &self.steering.drive]) {
-            readback.advance(now, drive.is_booted(), &mut self.master);
+        let booted: PerWheel<bool> = self.drives().map(drive::Drive::is_booted).collect();
+        for (readback, booted) in self.readbacks.iter_mut().zip(booted) {
+            readback.advance(now, booted, &mut self.master);
         }
-        for drive in [&mut self.propulsion.drive, &mut self.steering.drive] {
+        let wheels = self.wheels.iter_mut().map(|wheel| &mut wheel.drive);
+        for drive in wheels.chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             if drive.must_reboot(now, !rolls) {
                 self.master.reboot(now, drive.node);
             }
         }
-        let node = self.propulsion.drive.node;
-        if self.propulsion.drive.must_ask_lost(now, self.master.nmt_state(node).is_some()) {
+        let ask = |wheel: &mut Propulsion| {
+            let node = wheel.drive.node;
+            wheel.drive.must_ask_lost(now, self.master.nmt_state(node).is_some()).then_some(node)
+        };
+        let mut nodes: Vec<u8> = self.wheels.iter_mut().filter_map(ask).collect();
+        let outdated = self.drives_mut().map(drive::Drive::take_outdated);
+        nodes.extend(outdated.filter_map(|(node, in_doubt)| in_doubt.then_some(node)));
+        for node in nodes {
             self.read_measured(now, node);
         }
-        for (node, in_doubt) in [self.propulsion.drive.take_outdated(), self.steering.drive.take_outdated()] {
-            if in_doubt {
-                self.read_measured(now, node);
-            }
-        }
+    }
+
+    /// Drives at a velocity, unless a drive does not follow: without steering, or with a wheel that does not turn, the
+    /// robot must not drive.
+    fn drive(&mut self, now: Instant, velocity: Twist) {
+        let enabled = match &self.steering {
+            Some(steering) => steering.is_enabled(),
+            None => self.wheels.are_enabled(),
+        };
+        let speeds = self.body.speeds(now, if enabled { velocity } else { Twist::ZERO }, enabled);
+        self.wheels.drive(&speeds);
     }
 
     /// The module ends, and the robot stands: when the drives have no torque they are told to expect no master, and
@@ -703,7 +761,7 @@ impl Canbus {
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
         }
         let late = self.deadlines.is_due(Timer::SwitchOff, now);
-        let off = self.propulsion.drive.is_off() && self.steering.drive.is_off();
+        let off = self.drives().all(drive::Drive::is_off);
         if !self.leaves && (off || late) {
             self.leaves = true;
             self.master.leave(now);
@@ -736,33 +794,35 @@ impl Canbus {
     /// Goal of the steering while no source moves the robot: it is homed if that is the only objection, holds its angle
     /// without a command, and stops where it is if something is wrong.
     fn decide_steering(&mut self) {
+        let may_home = self.may_home();
+        let Some(steering) = &mut self.steering else { return };
         match &self.blocked {
-            None => self.steering.hold(),
+            None => steering.hold(),
             // Last in the list: there is no other objection to motion.
-            Some(_) if self.may_home() => self.steering.home(),
-            Some(_) => self.steering.quick_stop(),
+            Some(_) if may_home => steering.home(),
+            Some(_) => steering.quick_stop(),
         }
     }
 
-    /// Speed, m/s, and steering angle, rad, that are permitted now. Without a permission the robot is to stand.
-    fn permitted(&self, now: Instant) -> (f64, f64) {
-        let speed = |Wanted { points, mover }: Wanted<'_>| self.protection.clamped(now, points.speed, mover);
+    /// Velocity, and steering angle, rad, that are permitted now. Without a permission the robot is to stand.
+    fn permitted(&self, now: Instant) -> (Twist, f64) {
+        let velocity = |Wanted { points, mover }: Wanted<'_>| self.protection.clamped(now, points.velocity, mover);
         let wanted = self.wanted(now);
         let steering = wanted.and_then(|wanted| wanted.points.steering);
-        (wanted.map_or(0.0, speed), steering.unwrap_or_else(|| self.steering.angle()))
+        (wanted.map_or(Twist::ZERO, velocity), steering.unwrap_or_else(|| self.angle()))
     }
 
     /// True if a command is motion. A planner that was let go may turn the wheels before it drives; of a manual source
     /// a steering angle at zero speed is only the position of its controls.
     fn is_motion(&self, Wanted { points, mover }: Wanted<'_>) -> bool {
-        let turns = |steering: f64| (steering - self.steering.angle()).abs() > TURN_RAD;
-        points.speed != 0.0 || !mover.manual && points.steering.is_some_and(turns)
+        let turns = |steering: f64| (steering - self.angle()).abs() > TURN_RAD;
+        points.velocity != Twist::ZERO || !mover.manual && points.steering.is_some_and(turns)
     }
 
     /// Why the robot does not do all that it is commanded to do; it moves, or would.
     fn bounded(&self, now: Instant) -> impl Iterator<Item = (Hold, &str)> + Clone {
         let wanted = self.wanted(now);
-        let bound = wanted.and_then(|Wanted { points, mover }| self.protection.notice(now, points.speed, mover));
+        let bound = wanted.and_then(|Wanted { points, mover }| self.protection.notice(now, points.velocity, mover));
         let left_out = wanted.into_iter().flat_map(|Wanted { points, mover }| {
             points.left_out.into_iter().flatten().map(move |hold| (hold, mover.name))
         });
@@ -781,18 +841,13 @@ impl Canbus {
             return None;
         }
         let by_source = if planner { limits.speed_autonomous_mps } else { limits.speed_manual_mps };
-        let SetPoints { speed, steering, left_out } = match command.course {
-            Course::Steering(steering) => {
-                SetPoints { speed: command.speed, steering: Some(steering), left_out: [None; 2] }
-            }
+        let points = match command.course {
+            Course::Steering(steering) => self.body.by_steering(command.speed, steering),
             Course::Velocity { vy, omega } => self.body.set_points(Twist::new(command.speed, vy, omega)),
         };
-        let curvature = libm::fabs(libm::tan(steering.unwrap_or(0.0)) / self.config.wheelbase);
-        let by_curve =
-            if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration_mps2 / curvature) } else { by_source };
-        let bound = by_source.min(by_curve).min(self.config.stop.speed_max_mps(limits.quick_stop_mps2));
-        let mover = Mover { name: self.arbiter.name(command.source), manual: !planner };
-        Some(Wanted { points: SetPoints { speed: speed.clamp(-bound, bound), steering, left_out }, mover })
+        let speed = by_source.min(self.config.stop.speed_max_mps(limits.quick_stop_mps2));
+        let points = self.body.capped(points, Caps { speed, lateral: limits.lateral_acceleration_mps2 });
+        Some(Wanted { points, mover: Mover { name: self.arbiter.name(command.source), manual: !planner } })
     }
 
     /// Reports at the start that the stopping distance after PAUSE caps the speed.
@@ -807,7 +862,7 @@ impl Canbus {
 
     /// Reports at the start what a drive lacks to stop by itself.
     fn report_reservations(&self, out: &mut Actions) {
-        for drive in [&self.propulsion.drive, &self.steering.drive] {
+        for drive in self.drives() {
             for lack in &drive.reservations {
                 let name = drive.name;
                 out.say(Level::Warning, format!("the {name} drive relies on the second way to stop: {lack}"));
@@ -856,24 +911,32 @@ impl Canbus {
     }
 
     fn publish_motion(&self, now: Instant, out: &mut Actions) {
-        let (speed_target, steering_target) = self.permitted(now);
+        let (velocity_target, steering_target) = self.permitted(now);
         let source = self.arbiter.current(now).map_or("", |command| self.arbiter.name(command.source)).to_owned();
-        let (timestamp, enabled) = (out.timestamp(now), self.propulsion.is_enabled() && self.steering.is_enabled());
-        let quick_stop = self.propulsion.is_quick_stopped();
+        let (timestamp, quick_stop) = (out.timestamp(now), self.wheels.are_quick_stopped());
+        let enabled = self.wheels.are_enabled() && self.steering.as_ref().is_none_or(Steering::is_enabled);
+        let Measured { twist, residual } = self.measured();
+        let (steering, steering_target) = match &self.steering {
+            Some(steering) => (steering.angle(), steering_target),
+            // That of the base with the same curve.
+            None => {
+                let target = self.body.equivalent_steering(velocity_target, 0.0);
+                (self.body.equivalent_steering(twist, target), target)
+            }
+        };
         out.publish(lowlevel::DataMotion {
             timestamp,
-            speed: self.propulsion.speed(),
-            steering: self.steering.angle(),
-            speed_target,
+            speed: self.speed(),
+            steering,
+            speed_target: velocity_target.vx,
             steering_target,
             enabled,
-            homed: self.steering.is_homed(),
+            homed: self.steering.as_ref().is_none_or(Steering::is_homed),
             quick_stop,
             source: source.clone(),
             reason: self.reason(now),
         });
-        let Measured { twist, residual } = self.body.velocity(self.propulsion.measured(), self.steering.angle());
-        let target = self.body.set_velocity(speed_target, steering_target);
+        let target = self.body.set_velocity(velocity_target, steering_target);
         out.publish(lowlevel::DataVelocity {
             timestamp,
             vx: twist.vx,
@@ -891,14 +954,15 @@ impl Canbus {
     }
 
     fn publish_axes(&self, now: Instant, out: &mut Actions) {
-        let axes = vec![self.propulsion.row(&self.master), self.steering.row(&self.master)];
+        let wheels = self.wheels.iter().map(|wheel| wheel.row(&self.master));
+        let axes = wheels.chain(self.steering.iter().map(|steering| steering.row(&self.master))).collect();
         out.publish(lowlevel::DataAxes { timestamp: out.timestamp(now), axes });
     }
 
     fn publish_bus(&mut self, now: Instant, out: &mut Actions) {
         let mut message = self.bus.message(out.timestamp(now));
-        let drives = [&self.propulsion.drive, &self.steering.drive];
-        message.nodes = drives.map(|drive| bus::node(drive.name, drive.node, &mut self.master)).into();
+        let drives: Vec<_> = self.drives().map(|drive| (drive.name, drive.node)).collect();
+        message.nodes = drives.into_iter().map(|(name, node)| bus::node(name, node, &mut self.master)).collect();
         out.publish(message);
     }
 }
@@ -959,8 +1023,10 @@ impl Module for Canbus {
         self.decide(now, out);
         self.on_master(now, out);
         let bus_is_up = self.bus.is_up();
-        let blind_stops = [self.propulsion.blind_stop(now, bus_is_up), self.steering.blind_stop(now, bus_is_up)];
-        for frame in blind_stops.into_iter().flatten().chain(std::iter::from_fn(|| self.master.poll_tx())) {
+        let wheels = self.wheels.iter_mut().filter_map(|wheel| wheel.blind_stop(now, bus_is_up));
+        let steering = self.steering.iter_mut().filter_map(|steering| steering.blind_stop(now, bus_is_up));
+        let blind_stops: Vec<Frame> = wheels.chain(steering).collect();
+        for frame in blind_stops.into_iter().chain(std::iter::from_fn(|| self.master.poll_tx())) {
             self.bus.count_frame(&frame);
             out.send_can(CAN, frame);
         }
@@ -972,7 +1038,8 @@ impl Module for Canbus {
             self.publish_motion(now, out);
         }
         let due = self.deadlines.tick(Timer::Axes, now, AXES_PERIOD);
-        if due | self.propulsion.drive.take_changed() | self.steering.drive.take_changed() {
+        let changed = self.drives_mut().fold(false, |changed, drive| changed | drive.take_changed());
+        if due | changed {
             self.publish_axes(now, out);
         }
     }
@@ -993,8 +1060,9 @@ impl Module for Canbus {
             self.bus.poll_timeout(),
             self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
             self.stop_watch.poll_timeout(),
-            self.propulsion.poll_timeout(),
-            self.steering.poll_timeout(),
+            self.wheels.iter().filter_map(Propulsion::poll_timeout).min(),
+            self.steering.as_ref().and_then(Steering::poll_timeout),
+            self.body.poll_timeout(),
             self.arbiter.poll_timeout(self.now),
             self.around.poll_timeout(self.now),
             self.protection.poll_timeout(self.now),

@@ -13,7 +13,7 @@ use estimator::filter;
 use host::ports::settings::{CanPort, GamepadPort, I2cPort, SerialPort, W1Port};
 use module::admission::Commands;
 use navitools::Point;
-use settings::robot::{Beacon, Geometry, Limits};
+use settings::robot::{Base, Beacon, Geometry, Limits};
 use settings::{Bytes, Choice, Table, settings};
 use std::path::PathBuf;
 use web::settings::Web;
@@ -29,6 +29,8 @@ settings! {
         bus: BusSettings = table;
         /// Measures.
         geometry: Geometry = required;
+        /// Wheels of a base without steering.
+        base: Option<Base> = optional;
         /// Bounds of motion.
         limits: Limits = required;
         /// How the robot comes to a stand.
@@ -238,7 +240,14 @@ impl Robot {
         })
     }
 
+    /// Axes of its base, each of which has a drive.
+    #[must_use]
+    pub fn axes(&self) -> &'static [&'static str] {
+        self.base.as_ref().map_or(&["propulsion", "steering"], Base::axes)
+    }
+
     fn check(&self, table: &Table<'_>) {
+        self.check_axes(table);
         self.check_rangers(table, "srfs", &self.srfs, 7);
         self.check_rangers(table, "irs", &self.irs, 1);
         let ids: Vec<u8> = self.beacons.iter().map(|beacon| beacon.id).collect();
@@ -258,6 +267,20 @@ impl Robot {
                 Some([Node { kind: Kind::Psc1, .. }]) => {}
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
+            }
+        }
+    }
+
+    /// A drive on a CAN bus moves an axis that the base has.
+    fn check_axes(&self, table: &Table<'_>) {
+        let axes = self.axes();
+        for bus in &self.can {
+            let Some(table) = table.below("can").and_then(|buses| buses.below(&bus.name)) else { continue };
+            let others = bus.driver.nodes.iter().enumerate().filter(|(_, node)| !axes.contains(&node.axis.name()));
+            for (n, _) in others {
+                if let Some(item) = table.item("nodes", n) {
+                    item.refuse("axis", format_args!("an axis of the base: {}", axes.join(", ")));
+                }
             }
         }
     }

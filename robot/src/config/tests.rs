@@ -73,6 +73,51 @@ fn refused(from: &str, to: &str, lines: &[&str]) {
     assert_eq!(found, lines);
 }
 
+/// The drives of a base without steering in place of the small robot's.
+fn based(base: &str, nodes: &[&str]) -> String {
+    let (head, rest) = ROBOT.split_once("nodes = [\n").unwrap();
+    let (_, rest) = rest.split_once("]\n").unwrap();
+    format!("{head}nodes = [{}]\n[base]\n{base}\n{rest}", nodes.join(", "))
+}
+
+#[test]
+fn a_base_names_the_axes_of_its_drives() {
+    let epos = |id: usize, axis: &str| format!("{{ id = {id}, driver = \"epos\", axis = \"{axis}\", gear = 26 }}");
+    for (base, axes) in [
+        ("kind = \"differential\"\ntrack_m = 0.42", &["left", "right"][..]),
+        (
+            "kind = \"mecanum\"\ntrack_m = 0.4\nwheelbase_m = 0.5",
+            &["front_left", "front_right", "rear_left", "rear_right"],
+        ),
+        (
+            "kind = \"skid-steer\"\ntrack_m = 0.6\nwheelbase_m = 0.5",
+            &["front_left", "front_right", "rear_left", "rear_right"],
+        ),
+        ("kind = \"omni\"\nradius_m = 0.2", &["wheel_1", "wheel_2", "wheel_3"]),
+        ("kind = \"omni\"\nradius_m = 0.2\nwheels = 4", &["wheel_1", "wheel_2", "wheel_3", "wheel_4"]),
+    ] {
+        let nodes: Vec<String> = axes.iter().enumerate().map(|(n, axis)| epos(n + 1, axis)).collect();
+        let nodes: Vec<&str> = nodes.iter().map(String::as_str).collect();
+        let robot = load(&based(base, &nodes), "", &[], MODULES).unwrap().robot;
+        assert_eq!(robot.axes(), axes);
+        assert!(robot.base.unwrap().chassis(&robot.limits).is_ok(), "{base}");
+        let driver = robot.can[0].driver.driver("can.main".into(), robot.base, &robot.geometry, robot.limits).unwrap();
+        assert_eq!((driver.wheels.len(), driver.steering.is_none()), (axes.len(), true));
+        let missing = &nodes[1..];
+        let robot = load(&based(base, missing), "", &[], MODULES).unwrap().robot;
+        let without = robot.can[0].driver.driver("can.main".into(), robot.base, &robot.geometry, robot.limits);
+        assert!(without.is_none(), "a wheel without a drive");
+    }
+    let wrong = based("kind = \"differential\"\ntrack_m = 0.42", &[&epos(1, "left"), &epos(2, "propulsion")]);
+    let line = wrong.lines().position(|line| line.starts_with("nodes")).unwrap() + 1;
+    let expected = format!(
+        "robot.toml:{line}: can.main.nodes[1].axis = \"propulsion\": expected an axis of the base: left, right"
+    );
+    assert_eq!(load(&wrong, "", &[], MODULES).unwrap_err(), [expected]);
+    let both = based("kind = \"differential\"\ntrack_m = 0.42", &[&epos(1, "left"), &epos(2, "left")]);
+    assert_eq!(load(&both, "", &[], MODULES).unwrap_err().len(), 1, "two drives on one wheel");
+}
+
 #[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
     use base::gamepad::{ABS_RY, BTN_TL, BTN_TR, BTN_WEST};
@@ -191,8 +236,8 @@ fn an_unknown_table_is_refused() {
     refused(
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
-        &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, limits, stop, can, rs485, i2c, \
-           w1, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web"],
+        &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
+           i2c, w1, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web"],
     );
 }
 
@@ -285,7 +330,7 @@ fn a_drive_moves_the_axis_that_its_driver_can() {
         to,
         &[
             "robot.toml:24: can.main.nodes[0].axis = \"steering\": \
-             expected \"propulsion\", which is all that this driver can move",
+             expected \"propulsion\" or a wheel: this driver cannot steer",
             "robot.toml:25: can.main.nodes[1].axis = \"propulsion\": \
              expected \"steering\", which is all that this driver can move",
         ],

@@ -1,17 +1,23 @@
-//! Body of the robot: from a commanded velocity to set-points of the axes, and from what they measure to a velocity.
+//! Body of the robot: from a command to set-points of the axes, and from what they measure to a velocity.
 //!
-//! Another base is another [`Chassis`], and other axes here.
+//! A base that steers has one driven axle and one steering angle; any other one has a drive for each wheel.
 
 use super::{Config, STANDSTILL_MPS};
-use kinematics::{Chassis, Driven, End, Error, Refusal, SteeredBase, Steering, Twist, WheelState};
+use base::{Duration, Instant};
+use kinematics::{Chassis, Driven, End, Error, PerWheel, Refusal, SteeredBase, Steering, Twist, WheelState};
 use messages::Hold;
 
-/// Set-points of the axes.
+/// Period of the set-points of several wheels, which accelerate together.
+const STEP: Duration = Duration::from_millis(20);
+/// Deviation of a set-point that is rounding, m/s.
+const REACHED_MPS: f64 = 1e-9;
+
+/// What the body is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SetPoints {
-    /// Speed of the rear axle's middle, m/s.
-    pub speed: f64,
-    /// Angle of the equivalent single front wheel, rad; `None`: as it is.
+    /// Velocity. Of a base that steers only the speed of the rear axle's middle: it turns by its steering.
+    pub velocity: Twist,
+    /// Angle of the equivalent single front wheel, rad; `None`: as it is, or nothing steers.
     pub steering: Option<f64>,
     /// What the base cannot do of the command, and therefore leaves out.
     pub left_out: [Option<Hold>; 2],
@@ -24,33 +30,60 @@ pub(super) struct Measured {
     pub residual: f64,
 }
 
-/// A driven rear axle and steered front wheels.
+/// Bounds of a source, whatever is sensed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Caps {
+    /// m/s.
+    pub speed: f64,
+    /// Lateral acceleration, m/s².
+    pub lateral: f64,
+}
+
+/// Kinematics of the robot.
 pub(super) struct Body {
     chassis: Chassis,
-    /// Greatest speed, m/s, and rotation, rad/s, of a command: the tightest turn at that speed.
+    steers: bool,
+    /// m; without steering that of the equivalent base of `LL_CMD_MOTION`.
+    wheelbase: f64,
+    /// Greatest angle of the equivalent single front wheel, rad.
+    steering_max: f64,
+    /// Greatest speed, m/s, and rotation, rad/s, of a command.
     speed_max: f64,
     rotation_max: f64,
+    /// The guard's fields are those of a base that steers.
+    guarded: bool,
+    /// Last set-points of wheels that accelerate together, and when they were made.
+    present: PerWheel<WheelState>,
+    at: Instant,
+    /// The next ones. Set until the commanded velocity is reached.
+    due: Option<Instant>,
 }
 
 impl Body {
     /// # Errors
     /// No base has these quantities.
     pub(super) fn new(config: &Config) -> Result<Self, Error> {
-        let (limits, wheelbase_m) = (&config.limits, config.wheelbase);
-        let angle = limits.steering_rad;
-        let chassis = Chassis::bicycle(&SteeredBase {
-            wheelbase_m,
-            end: End::Front,
-            driven: Driven::Fixed,
-            steering: Steering { min_rad: -angle, max_rad: angle, rate_radps: limits.steering_rate_radps },
-            limits: kinematics::Limits {
-                speed_mps: limits.speed_mps,
-                acceleration_mps2: limits.acceleration_mps2,
-                deceleration_mps2: limits.deceleration_mps2,
-            },
-        })?;
-        let rotation_max = limits.speed_mps * libm::tan(angle) / wheelbase_m;
-        Ok(Self { chassis, speed_max: limits.speed_mps, rotation_max })
+        let (limits, wheelbase) = (&config.limits, config.wheelbase);
+        let chassis = match &config.base {
+            Some(base) => base.chassis(limits)?,
+            None => steered(config)?,
+        };
+        let steers = config.base.is_none();
+        // That of the tightest turn at full speed.
+        let by_steering = limits.speed_mps * libm::tan(limits.steering_rad) / wheelbase;
+        let present = chassis.standing();
+        Ok(Self {
+            chassis,
+            steers,
+            wheelbase,
+            steering_max: limits.steering_rad,
+            speed_max: limits.speed_mps,
+            rotation_max: if steers { by_steering } else { limits.rotation_radps },
+            guarded: config.protection.guarded,
+            present,
+            at: Instant::ZERO,
+            due: None,
+        })
     }
 
     /// True if no component exceeds what any motion of the robot has; false if one is not a number.
@@ -64,6 +97,15 @@ impl Body {
         (self.speed_max, self.rotation_max)
     }
 
+    /// Set-points for a speed and a steering angle that are within limits. A base without steering follows the curve
+    /// on which a base that steers would drive.
+    pub(super) fn by_steering(&self, speed: f64, steering: f64) -> SetPoints {
+        if !self.steers {
+            return self.set_points(Twist::new(speed, 0.0, speed * libm::tan(steering) / self.wheelbase));
+        }
+        SetPoints { velocity: Twist::new(speed, 0.0, 0.0), steering: Some(steering), left_out: [None; 2] }
+    }
+
     /// Set-points for a commanded velocity that is within limits. Of a turn that is too narrow the narrowest one
     /// remains, so that the robot does not leave the curve straight ahead; a robot that stands keeps its steering. At a
     /// speed that counts as standstill such a turn is one on the spot: the sign of noise must not turn the wheels.
@@ -72,25 +114,121 @@ impl Body {
         if command.vx.abs() < STANDSTILL_MPS && feasible.refused.contains(&Refusal::TooNarrow) {
             feasible = self.chassis.feasible(Twist { vx: 0.0, ..command });
         }
-        let wheels = self.chassis.wheel_states(feasible.twist, &[]);
         let left_out = |n| feasible.refused.get(n).copied().and_then(hold);
+        let left_out = [left_out(0), left_out(1)];
+        if !self.steers {
+            return self.sensed(SetPoints { velocity: feasible.twist, steering: None, left_out });
+        }
+        let wheels = self.chassis.wheel_states(feasible.twist, &[]);
         let [speed, steering] = [wheels.first(), wheels.last()].map(Option::<&WheelState>::copied);
         let moves = feasible.twist != Twist::ZERO;
         SetPoints {
-            speed: speed.map_or(0.0, |rear| rear.speed_mps),
+            velocity: Twist::new(speed.map_or(0.0, |rear| rear.speed_mps), 0.0, 0.0),
             steering: steering.filter(|_| moves).map(|front| front.steering_rad),
-            left_out: [left_out(0), left_out(1)],
+            left_out,
         }
     }
 
-    /// Velocity at these set-points; a robot that is to stand has none, wherever its wheels point.
-    pub(super) fn set_velocity(&self, speed: f64, steering: f64) -> Twist {
-        if speed == 0.0 { Twist::ZERO } else { self.velocity(speed, steering).twist }
+    /// What the fields of the guard cover: driving on the curves of a base that steers, sideways motion and turns on
+    /// the spot each by itself. Without a guard all of it.
+    fn sensed(&self, points: SetPoints) -> SetPoints {
+        let Twist { vx, vy, omega } = points.velocity;
+        if !self.guarded || vy == 0.0 && vx == 0.0 {
+            return points;
+        }
+        let mut left_out = points.left_out.into_iter().flatten();
+        let first = left_out.next();
+        let slow = vx.abs() < STANDSTILL_MPS;
+        if vy != 0.0 && (!slow || omega != 0.0) {
+            let rest = self.sensed(SetPoints { velocity: Twist::new(vx, 0.0, omega), ..points });
+            return SetPoints { left_out: [Some(Hold::NoSideways), rest.left_out[0].or(first)], ..rest };
+        }
+        let narrowest = vx.abs() * libm::tan(self.steering_max) / self.wheelbase;
+        match omega.abs() > narrowest {
+            true if slow => SetPoints { velocity: Twist::new(0.0, vy, omega), ..points },
+            true => SetPoints {
+                velocity: Twist::new(vx, vy, narrowest.copysign(omega)),
+                left_out: [Some(Hold::TurnTooNarrow), first],
+                ..points
+            },
+            false => points,
+        }
     }
 
-    /// Velocity at this speed, m/s, and steering angle, rad; NaN where it is unknown. The rotation depends on the
-    /// angle; the velocity of the rear axle does not.
-    pub(super) fn velocity(&self, speed: f64, steering: f64) -> Measured {
+    /// Set-points within bounds. A base that steers keeps its angle, any other one its direction and its curve.
+    pub(super) fn capped(&self, points: SetPoints, caps: Caps) -> SetPoints {
+        let Twist { vx, vy, omega } = points.velocity;
+        if self.steers {
+            let curvature = libm::fabs(libm::tan(points.steering.unwrap_or(0.0)) / self.wheelbase);
+            let by_curve = if curvature > 0.0 { libm::sqrt(caps.lateral / curvature) } else { caps.speed };
+            let bound = caps.speed.min(by_curve);
+            return SetPoints { velocity: Twist::new(vx.clamp(-bound, bound), vy, omega), ..points };
+        }
+        let part = |most: f64, wanted: f64| if wanted > most { most / wanted } else { 1.0 };
+        let speed = libm::hypot(vx, vy);
+        let lateral = libm::sqrt(part(caps.lateral, speed * omega.abs()));
+        let kept = part(caps.speed, speed).min(part(self.rotation_max, omega.abs())).min(lateral);
+        SetPoints { velocity: self.chassis.within_speed(points.velocity * kept), ..points }
+    }
+
+    /// Speeds of the wheels, m/s, on the way to a velocity: several accelerate together, so that the robot keeps its
+    /// curve. `enabled`: the drives follow; else they stand, and begin there.
+    pub(super) fn speeds(&mut self, now: Instant, velocity: Twist, enabled: bool) -> PerWheel<f64> {
+        if self.steers {
+            return [velocity.vx].into_iter().collect();
+        }
+        if !enabled {
+            (self.present, self.due) = (self.chassis.standing(), None);
+        } else if self.due.is_none_or(|due| due <= now) {
+            // After a pause a step is one step.
+            let dt = now.since(self.at).min(STEP);
+            self.present = self.chassis.step(velocity, &self.present, dt.as_secs_f64());
+            self.at = now;
+        }
+        let goal = self.chassis.wheel_states(velocity, &[]);
+        let away = self.present.iter().zip(&goal).any(|(is, goal)| (is.speed_mps - goal.speed_mps).abs() > REACHED_MPS);
+        self.due = (enabled && away).then(|| self.due.filter(|due| *due > now).unwrap_or(now + STEP));
+        self.present.iter().map(|wheel| wheel.speed_mps).collect()
+    }
+
+    /// The robot is stopped: the next motion begins at standstill.
+    pub(super) fn stand(&mut self) {
+        (self.present, self.due) = (self.chassis.standing(), None);
+    }
+
+    /// When the next set-points are due.
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// Velocity at these set-points; a robot that is to stand has none, wherever its wheels point.
+    pub(super) fn set_velocity(&self, velocity: Twist, steering: f64) -> Twist {
+        match velocity.vx {
+            _ if !self.steers => velocity,
+            0.0 => Twist::ZERO,
+            speed => self.by_angle(speed, steering).twist,
+        }
+    }
+
+    /// Velocity that the wheels measure; of a base that steers with this angle, rad. NaN where it is unknown.
+    pub(super) fn velocity(&self, wheels: &[WheelState], steering: f64) -> Measured {
+        if self.steers {
+            return self.by_angle(wheels.first().map_or(f64::NAN, |wheel| wheel.speed_mps), steering);
+        }
+        let unknown = Measured { twist: Twist::new(f64::NAN, f64::NAN, f64::NAN), residual: f64::NAN };
+        let estimate = self.chassis.estimate(wheels);
+        estimate.map_or(unknown, |estimate| Measured { twist: estimate.twist, residual: estimate.residual_mps })
+    }
+
+    /// Angle of the equivalent single front wheel at a velocity of a base without steering, rad; `otherwise` while it
+    /// does not drive forward or backward.
+    pub(super) fn equivalent_steering(&self, Twist { vx, omega, .. }: Twist, otherwise: f64) -> f64 {
+        if vx.abs() < STANDSTILL_MPS { otherwise } else { libm::atan(omega * self.wheelbase / vx) }
+    }
+
+    /// Velocity at this speed, m/s, and steering angle, rad. The rotation depends on the angle; the velocity of the
+    /// rear axle does not.
+    fn by_angle(&self, speed: f64, steering: f64) -> Measured {
         let turned = steering.is_finite();
         let rear = WheelState { speed_mps: speed, steering_rad: 0.0 };
         let front = WheelState { speed_mps: f64::NAN, steering_rad: if turned { steering } else { 0.0 } };
@@ -101,6 +239,23 @@ impl Body {
             None => Measured { twist: unknown, residual: f64::NAN },
         }
     }
+}
+
+/// A driven rear axle and steered front wheels.
+fn steered(config: &Config) -> Result<Chassis, Error> {
+    let limits = &config.limits;
+    let angle = limits.steering_rad;
+    Chassis::bicycle(&SteeredBase {
+        wheelbase_m: config.wheelbase,
+        end: End::Front,
+        driven: Driven::Fixed,
+        steering: Steering { min_rad: -angle, max_rad: angle, rate_radps: limits.steering_rate_radps },
+        limits: kinematics::Limits {
+            speed_mps: limits.speed_mps,
+            acceleration_mps2: limits.acceleration_mps2,
+            deceleration_mps2: limits.deceleration_mps2,
+        },
+    })
 }
 
 /// Cause in `LL_DATA_HOLD`.
@@ -123,9 +278,13 @@ mod tests {
         Body::new(&config()).expect("a base")
     }
 
+    fn at(speed_mps: f64) -> WheelState {
+        WheelState { speed_mps, steering_rad: 0.0 }
+    }
+
     fn points(vx: f64, vy: f64, omega: f64) -> (f64, Option<f64>, Vec<Hold>) {
-        let SetPoints { speed, steering, left_out } = body().set_points(Twist::new(vx, vy, omega));
-        (speed, steering, left_out.into_iter().flatten().collect())
+        let SetPoints { velocity, steering, left_out } = body().set_points(Twist::new(vx, vy, omega));
+        (velocity.vx, steering, left_out.into_iter().flatten().collect())
     }
 
     #[test]
@@ -136,7 +295,7 @@ mod tests {
             let (speed, found, left_out) = points(vx, 0.0, omega);
             assert!((speed - vx).abs() < 1e-12 && (found.unwrap() - steering).abs() < 1e-12, "{vx} {omega}: {found:?}");
             assert_eq!(left_out, []);
-            let Measured { twist, residual } = body().velocity(speed, steering);
+            let Measured { twist, residual } = body().velocity(&[at(speed)], steering);
             assert!((twist - Twist::new(vx, 0.0, omega)).at(1.0, 1.0).0.abs() < 1e-12 && residual < 1e-12, "{twist:?}");
         }
         assert_eq!(points(0.0, 0.0, 0.0), (0.0, None, vec![]), "the steering stays as it is");
@@ -179,9 +338,9 @@ mod tests {
 
     #[test]
     fn what_is_not_measured_is_not_a_number() {
-        let Measured { twist, residual } = body().velocity(0.4, f64::NAN);
+        let Measured { twist, residual } = body().velocity(&[at(0.4)], f64::NAN);
         assert!(twist.vx == 0.4 && twist.vy == 0.0 && twist.omega.is_nan() && residual.is_nan(), "{twist:?}");
-        let Measured { twist, residual } = body().velocity(f64::NAN, 0.1);
+        let Measured { twist, residual } = body().velocity(&[at(f64::NAN)], 0.1);
         assert!([twist.vx, twist.vy, twist.omega, residual].into_iter().all(f64::is_nan), "{twist:?}");
     }
 }

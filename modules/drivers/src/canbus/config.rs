@@ -8,7 +8,7 @@ use super::requests::may_be_listed;
 use base::Duration;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
-use settings::robot::{Geometry, Limits};
+use settings::robot::{Base, Geometry, Limits};
 use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
 use std::fmt;
 use std::path::PathBuf;
@@ -62,6 +62,30 @@ settings! {
         Propulsion = "propulsion",
         /// The front wheels' angle.
         Steering = "steering",
+        /// The left wheel of a differential base.
+        Left = "left",
+        /// The right one.
+        Right = "right",
+        /// A wheel of a base with four.
+        FrontLeft = "front_left",
+        /// Another one.
+        FrontRight = "front_right",
+        /// Another one.
+        RearLeft = "rear_left",
+        /// Another one.
+        RearRight = "rear_right",
+        /// A wheel of an omni base.
+        Wheel1 = "wheel_1",
+        /// The next one counter-clockwise.
+        Wheel2 = "wheel_2",
+        /// The next one.
+        Wheel3 = "wheel_3",
+        /// The next one.
+        Wheel4 = "wheel_4",
+        /// The next one.
+        Wheel5 = "wheel_5",
+        /// The next one.
+        Wheel6 = "wheel_6",
     }
 }
 
@@ -170,7 +194,7 @@ settings! {
     /// CANopen drives with a driver.
     #[derive(Clone, Debug, PartialEq)]
     pub enum Drive by driver {
-        /// maxon EPOS 70/10, for the propulsion.
+        /// maxon EPOS 70/10, for a driven wheel.
         Epos(EposConfig) = "epos",
         /// Berger Lahr IclA, for the steering.
         Icla(IclaConfig) = "icla",
@@ -266,8 +290,11 @@ pub struct Config {
     pub node_id: u8,
     /// Period of SYNC, if any drive needs it.
     pub sync: Option<Duration>,
-    /// Front to rear axle, m.
+    /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
+    /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
+    /// Wheels of a base without steering; none: a driven rear axle and steered front wheels.
+    pub base: Option<Base>,
     /// Bounds on commands and on what is done.
     pub limits: Limits,
     /// Modules without which the robot must not move.
@@ -288,15 +315,17 @@ pub struct Config {
     pub ranging: Vec<RangingBoard>,
     /// Greatest age of a measurement of theirs.
     pub ranging_age_max: Duration,
-    /// The drive of the rear axle.
-    pub propulsion: PropulsionConfig,
-    /// The drive of the front wheels' steering.
-    pub steering: SteeringConfig,
+    /// The drive of the rear axle, or of each wheel of `base`, in their order.
+    pub wheels: Vec<PropulsionConfig>,
+    /// The drive of the front wheels' steering; none with a `base`.
+    pub steering: Option<SteeringConfig>,
 }
 
-/// The propulsion drive, in profile velocity mode.
+/// The drive of a wheel, or of an axle, in profile velocity mode.
 #[derive(Clone, Debug)]
 pub struct PropulsionConfig {
+    /// What it moves.
+    pub axis: Axis,
     /// Node id, 1..=127.
     pub node: u8,
     /// Which one.
@@ -305,7 +334,7 @@ pub struct PropulsionConfig {
     pub writable: Vec<u16>,
 }
 
-/// Kind of a propulsion drive.
+/// Kind of such a drive.
 #[derive(Clone, Debug)]
 pub enum PropulsionDrive {
     /// An EPOS 70/10.
@@ -384,14 +413,13 @@ impl BusConfig {
         }
     }
 
-    fn propulsion_drive(&self, circumference: f64) -> Option<PropulsionConfig> {
-        let node = self.node(Axis::Propulsion)?;
+    fn wheel_drive(&self, node: &Node, circumference: f64) -> Option<PropulsionConfig> {
         let drive = match &node.drive {
             Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
             Drive::Cia402(keys) => PropulsionDrive::Cia402 { drive: node.by_sheet(keys), circumference },
             Drive::Icla(_) => return None,
         };
-        Some(PropulsionConfig { node: node.id, drive, writable: node.writable.clone() })
+        Some(PropulsionConfig { axis: node.axis, node: node.id, drive, writable: node.writable.clone() })
     }
 
     /// The drive of the steering, without the speed.
@@ -422,18 +450,30 @@ impl BusConfig {
         })
     }
 
-    /// Configuration of the driver for the bus of this name; absent unless both drives are on it. The other modules are
-    /// to be set.
+    /// Drives of the wheels: of the rear axle, or of each wheel of a base without steering. Absent unless all are on
+    /// this bus.
+    fn wheel_drives(&self, base: Option<&Base>, circumference: f64) -> Option<Vec<PropulsionConfig>> {
+        let axes = base.map_or(&["propulsion"][..], Base::axes);
+        let node = |axis: &&str| self.nodes.iter().find(|node| node.axis.name() == *axis);
+        axes.iter().map(|axis| self.wheel_drive(node(axis)?, circumference)).collect()
+    }
+
+    /// Configuration of the driver for the bus of this name; absent unless all drives of the base are on it. The other
+    /// modules are to be set.
     #[must_use]
-    pub fn driver(&self, bus: String, geometry: &Geometry, limits: Limits) -> Option<Config> {
-        let propulsion = self.propulsion_drive(geometry.wheel_circumference_m())?;
-        let steering = SteeringConfig { speed: limits.steering_rate_radps, ..self.steering()? };
+    pub fn driver(&self, bus: String, base: Option<Base>, geometry: &Geometry, limits: Limits) -> Option<Config> {
+        let wheels = self.wheel_drives(base.as_ref(), geometry.wheel_circumference_m())?;
+        let steering = match base {
+            Some(_) => None,
+            None => Some(SteeringConfig { speed: limits.steering_rate_radps, ..self.steering()? }),
+        };
         Some(Config {
             bus,
             bitrate: self.bitrate,
             node_id: self.master,
             sync: self.sync,
             wheelbase: geometry.wheelbase_m,
+            base,
             limits,
             critical: Vec::new(),
             planning: Vec::new(),
@@ -443,7 +483,7 @@ impl BusConfig {
             guarded: false,
             homing_release: self.homing_release,
             stop: Stop::usual(),
-            propulsion,
+            wheels,
             protection: protection::Config::default(),
             steering,
         })
@@ -452,16 +492,14 @@ impl BusConfig {
 
 impl Node {
     fn check(&self, table: &Table<'_>) {
-        let (moves, expected) = match &self.drive {
-            Drive::Epos(_) => (Axis::Propulsion, r#""propulsion", which is all that this driver can move"#),
-            Drive::Icla(_) => (Axis::Steering, r#""steering", which is all that this driver can move"#),
-            Drive::Cia402(keys) => {
-                keys.check_axis(self.axis, table);
-                (self.axis, "")
+        let steers = self.axis == Axis::Steering;
+        match &self.drive {
+            Drive::Epos(_) if steers => table.refuse("axis", r#""propulsion" or a wheel: this driver cannot steer"#),
+            Drive::Icla(_) if !steers => {
+                table.refuse("axis", r#""steering", which is all that this driver can move"#);
             }
-        };
-        if self.axis != moves {
-            table.refuse("axis", expected);
+            Drive::Cia402(keys) => keys.check_axis(self.axis, table),
+            Drive::Epos(_) | Drive::Icla(_) => {}
         }
         if !self.writable.iter().all(|index| may_be_listed(*index)) {
             table.refuse("writable", "indices of the device profile on which no motion, supervision or stop depends");

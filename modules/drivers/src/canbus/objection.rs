@@ -45,13 +45,13 @@ impl Canbus {
             Objection::Bus(hold) => (hold, bus),
             Objection::SecondMaster => (Hold::SecondMaster, bus),
             Objection::Speed(hold) => (hold, ""),
-            Objection::Parameter(axis) => (Hold::DriveParameter, self.drive(axis).name),
-            Objection::Drive(axis, objection) => (objection.hold(), self.drive(axis).name),
+            Objection::Parameter(axis) => (Hold::DriveParameter, axis.name()),
+            Objection::Drive(axis, objection) => (objection.hold(), axis.name()),
             Objection::State(hold) => (hold, NAME),
             Objection::Around(objection) => self.around.hold(objection),
             Objection::Guard(hold) => (hold, ""),
             Objection::Refused => (Hold::CommandRefused, ""),
-            Objection::NotHomed(why) => (why.hold(), self.steering.drive.name),
+            Objection::NotHomed(why) => (why.hold(), Axis::Steering.name()),
         };
         ActiveHold::new(hold, subject)
     }
@@ -59,7 +59,7 @@ impl Canbus {
     /// Text in `LL_DATA_MOTION`, with the details of the cause.
     pub(super) fn words(&self, objection: Objection) -> String {
         match objection {
-            Objection::Drive(axis, objection) => format!("the {} drive {objection}", self.drive(axis).name),
+            Objection::Drive(axis, objection) => format!("the {} drive {objection}", axis.name()),
             Objection::NotHomed(steering::NotHomed::Failed(error)) => {
                 let ActiveHold { hold, subject, .. } = self.active_hold(objection);
                 format!("{}: {error}", hold.words(subject))
@@ -68,13 +68,6 @@ impl Canbus {
                 let ActiveHold { hold, subject, .. } = self.active_hold(objection);
                 hold.words(subject)
             }
-        }
-    }
-
-    fn drive(&self, axis: Axis) -> &drive::Drive {
-        match axis {
-            Axis::Propulsion => &self.propulsion.drive,
-            Axis::Steering => &self.steering.drive,
         }
     }
 }

@@ -1,12 +1,13 @@
-//! Drive of the rear axle: converts m/s to the drive's unit.
+//! Drive of a wheel, or of the rear axle: converts m/s to the drive's unit.
 
 use super::cia402::Wanted;
 use super::drive::{Drive, Trouble};
-use super::{Config, ConfigError, PropulsionDrive, STANDSTILL_MPS};
-use base::Instant;
+use super::second_way::WheelWatch;
+use super::{Axis, Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
 use base::can::Frame;
+use base::{Instant, earliest};
 use canopen::axis::modes::Mode;
-use canopen::axis::{Follow, FollowConfig, Goal, PowerState, Units};
+use canopen::axis::{Follow, FollowConfig, Goal, NotFollowing, PowerState, Units};
 use canopen::drives::cia402::{Parameters, Table};
 use canopen::drives::derive::{self, Derived};
 use canopen::drives::epos;
@@ -19,6 +20,7 @@ use settings::robot::Limits;
 const FOLLOWED_MIN_MPS: f64 = 0.05;
 
 pub(super) struct Propulsion {
+    pub(super) axis: Axis,
     pub(super) drive: Drive,
     table: Table,
     parameters: Parameters,
@@ -31,11 +33,12 @@ pub(super) struct Propulsion {
     /// Measured since the last call of [`Self::take_measured`].
     measured: bool,
     follow: Follow,
+    pub(super) watch: WheelWatch,
 }
 
 impl Propulsion {
-    pub(super) fn new(config: &Config) -> Result<Self, ConfigError> {
-        let (own, limits) = (&config.propulsion, &config.limits);
+    pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Self, ConfigError> {
+        let limits = &config.limits;
         let (table, parameters, units, reservations) = match &own.drive {
             PropulsionDrive::Epos { rpm_per_mps } => {
                 let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
@@ -43,7 +46,7 @@ impl Propulsion {
             }
             PropulsionDrive::Cia402 { drive, circumference } => {
                 let wanted = Wanted {
-                    axis: super::Axis::Propulsion,
+                    axis: own.axis,
                     node: own.node,
                     mode: Mode::ProfileVelocity,
                     per_turn: *circumference,
@@ -60,7 +63,8 @@ impl Propulsion {
             }
         };
         Ok(Self {
-            drive: Drive::new("propulsion", own.node, table.axis_config(), reservations),
+            axis: own.axis,
+            drive: Drive::new(own.axis.name(), own.node, table.axis_config(), reservations),
             table,
             parameters,
             units,
@@ -72,11 +76,12 @@ impl Propulsion {
                 ramp: limits.acceleration_mps2.min(limits.deceleration_mps2),
                 least: FOLLOWED_MIN_MPS,
             }),
+            watch: WheelWatch::new(limits.deceleration_mps2, limits.quick_stop_mps2),
         })
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
-        self.table.node_config("propulsion", &self.parameters)
+        self.table.node_config(self.drive.name, &self.parameters)
     }
 
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
@@ -109,11 +114,17 @@ impl Propulsion {
 
     /// Compares a measured speed with the one that the enabled drive is commanded, absent if none: a drive that stands
     /// although it is to move is stopped, in whatever state and mode it says that it is.
-    pub(super) fn watch(&mut self, now: Instant, target: Option<f64>, measured: Option<f64>, out: &mut Actions) {
+    pub(super) fn compare(&mut self, now: Instant, target: Option<f64>, measured: Option<f64>, out: &mut Actions) {
         self.follow.command(now, target);
-        let Some(lag) = measured.and_then(|speed| self.follow.measure(now, speed)) else { return };
+        if let Some(lag) = measured.and_then(|speed| self.follow.measure(now, speed)) {
+            self.stop_for(now, lag, out);
+        }
+    }
+
+    /// The robot stops, because this wheel does not turn as commanded.
+    pub(super) fn stop_for(&mut self, now: Instant, lag: NotFollowing, out: &mut Actions) {
         let why = Trouble::NotFollowing(lag, "m/s");
-        self.drive.alarm(format!("propulsion drive {why}: the robot stops"), out);
+        self.drive.alarm(format!("{} drive {why}: the robot stops", self.drive.name), out);
         self.drive.block_until_stopped(now, why);
     }
 
@@ -168,7 +179,7 @@ impl Propulsion {
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        self.drive.poll_timeout()
+        earliest([self.drive.poll_timeout(), self.watch.unwatched])
     }
 
     /// Measured speed, m/s; NaN if unknown.

@@ -3,6 +3,7 @@
 //! nothing drives slowly.
 
 use base::{Deadlines, Duration, Instant};
+use kinematics::Twist;
 use messages::{Hold, lowlevel};
 
 /// Age of `LL_DATA_GUARD` from which no motion is permitted; ends by itself.
@@ -26,12 +27,15 @@ pub struct Config {
     pub speed_blind: f64,
     /// Highest speed by hand past the guard, m/s.
     pub creep: f64,
+    /// Distance of the farthest point of the outline from the origin, m: while the robot turns on the spot that point
+    /// has such a speed.
+    pub reach: f64,
 }
 
 impl Default for Config {
     /// A robot that senses nothing.
     fn default() -> Self {
-        Self { guarded: false, speed_blind: 0.3, creep: 0.15 }
+        Self { guarded: false, speed_blind: 0.3, creep: 0.15, reach: 1.0 }
     }
 }
 
@@ -52,8 +56,8 @@ base::deadlines! {
 #[derive(Debug)]
 pub struct Protection {
     config: Config,
-    forward: f64,
-    backward: f64,
+    /// By [`Way`].
+    bounds: [f64; 6],
     code: i32,
     subject: String,
     /// Code and subject are about driving forward; `None`: that is not certain.
@@ -63,6 +67,38 @@ pub struct Protection {
     /// Source that holds the second input, and its session.
     creeper: (String, i64),
     deadlines: Deadlines<Timer>,
+}
+
+/// A way of moving, in the order of the guard's bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    Forward,
+    Backward,
+    Left,
+    Right,
+    TurnLeft,
+    TurnRight,
+}
+
+impl Way {
+    /// This way, or the opposite one of a negative component.
+    fn or_back(self, component: f64) -> Self {
+        match self {
+            Self::Forward if component < 0.0 => Self::Backward,
+            Self::Left if component < 0.0 => Self::Right,
+            Self::TurnLeft if component < 0.0 => Self::TurnRight,
+            way => way,
+        }
+    }
+
+    fn turns(self) -> bool {
+        matches!(self, Self::TurnLeft | Self::TurnRight)
+    }
+}
+
+/// The ways in which a velocity moves the robot, with their speeds, m/s and rad/s.
+fn ways(Twist { vx, vy, omega }: Twist) -> [(Way, f64); 3] {
+    [(Way::Forward, vx), (Way::Left, vy), (Way::TurnLeft, omega)].map(|(way, speed)| (way.or_back(speed), speed.abs()))
 }
 
 /// The source that moves the robot, as far as the bound depends on it.
@@ -80,8 +116,7 @@ impl Protection {
     pub fn new(config: Config) -> Self {
         Self {
             config,
-            forward: 0.0,
-            backward: 0.0,
+            bounds: [0.0; 6],
             code: 0,
             subject: String::new(),
             about_forward: None,
@@ -110,10 +145,11 @@ impl Protection {
             return;
         }
         let bound = |speed: f64| if speed.is_finite() { speed.max(0.0) } else { 0.0 };
-        (self.forward, self.backward) = (bound(guard.forward), bound(guard.backward));
+        let lowlevel::DataGuard { forward, backward, left, right, turn_left, turn_right, .. } = *guard;
+        self.bounds = [forward, backward, left, right, turn_left, turn_right].map(bound);
         self.code = guard.code;
         self.subject.clone_from(&guard.subject);
-        let at_rest = self.forward <= self.backward;
+        let at_rest = self.bounds[Way::Forward as usize] <= self.bounds[Way::Backward as usize];
         let [now, before] = self.speeds.map(|speed| match speed {
             speed if speed > STANDSTILL_MPS => true,
             speed if speed < -STANDSTILL_MPS => false,
@@ -152,27 +188,33 @@ impl Protection {
         self.deadlines.is_due(Timer::Silent, now).then_some(Hold::GuardSilent)
     }
 
-    /// Highest speed now, m/s, forward or backward, and its cause.
-    fn bound(&self, now: Instant, forward: bool, mover: Mover<'_>) -> (f64, Hold) {
-        let Config { guarded, speed_blind, creep } = self.config;
+    /// Highest speed now, m/s, or rotation, rad/s, one way, and its cause.
+    fn bound(&self, now: Instant, way: Way, mover: Mover<'_>) -> (f64, Hold) {
+        let Config { guarded, speed_blind, creep, reach } = self.config;
+        let of_reach = |speed: f64| if way.turns() { speed / reach } else { speed };
         if !guarded || !self.deadlines.is_set(Timer::Silent) {
-            return (speed_blind, Hold::GuardBlind);
+            return (of_reach(speed_blind), Hold::GuardBlind);
         }
         if self.deadlines.get(Timer::Valid).is_none_or(|until| until <= now) {
             return (0.0, Hold::GuardLate);
         }
-        let bound = if forward { self.forward } else { self.backward };
+        let bound = self.bounds[way as usize];
         let held = self.deadlines.get(Timer::Creep).is_some_and(|until| now < until);
+        let creep = of_reach(creep);
         if mover.manual && held && self.creeper.0 == mover.name && bound < creep {
             return (creep, Hold::GuardCreep);
         }
-        (bound, self.cause(bound, forward))
+        (bound, self.cause(bound, way))
     }
 
     /// What bounds a direction, as far as the guard has said. Whoever is sent to a sensor must find the cause there.
-    fn cause(&self, bound: f64, forward: bool) -> Hold {
+    fn cause(&self, bound: f64, way: Way) -> Hold {
         let said = Hold::from_code(self.code).filter(|hold| hold.is_notice() && self.code >= GUARD_CODES);
-        let this_way = self.about_forward == Some(forward);
+        let this_way = match way {
+            Way::Forward => self.about_forward == Some(true),
+            Way::Backward => self.about_forward == Some(false),
+            _ => false,
+        };
         match said {
             Some(Hold::GuardMotion) => Hold::GuardMotion,
             Some(Hold::GuardStops | Hold::GuardSlows | Hold::GuardUnknown) if self.subject.is_empty() => {
@@ -184,19 +226,32 @@ impl Protection {
         }
     }
 
-    /// A speed within what is permitted now, m/s.
+    /// The part of a velocity that is permitted now, in the same direction and with the same curvature.
     #[must_use]
-    pub fn clamped(&self, now: Instant, speed: f64, mover: Mover<'_>) -> f64 {
-        let (bound, _) = self.bound(now, speed >= 0.0, mover);
-        speed.clamp(-bound, bound)
+    pub fn clamped(&self, now: Instant, velocity: Twist, mover: Mover<'_>) -> Twist {
+        let Twist { vx, vy, omega } = velocity;
+        if vy == 0.0 && omega == 0.0 {
+            let (bound, _) = self.bound(now, Way::Forward.or_back(vx), mover);
+            return Twist { vx: vx.clamp(-bound, bound), ..velocity };
+        }
+        let parts = ways(velocity).map(|(way, speed)| match self.bound(now, way, mover).0 {
+            bound if bound < speed => bound / speed,
+            _ => 1.0,
+        });
+        velocity * parts.into_iter().fold(1.0, f64::min)
     }
 
-    /// Why this speed is not reached, with the subject; `None` if it is.
+    /// Why this velocity is not reached, with the subject; `None` if it is.
     #[must_use]
-    pub fn notice<'a>(&'a self, now: Instant, speed: f64, mover: Mover<'a>) -> Option<(Hold, &'a str)> {
-        let (bound, hold) = self.bound(now, speed >= 0.0, mover);
-        let creeps = hold == Hold::GuardCreep && speed != 0.0;
-        (speed.abs() > bound || creeps).then_some(match hold {
+    pub fn notice<'a>(&'a self, now: Instant, velocity: Twist, mover: Mover<'a>) -> Option<(Hold, &'a str)> {
+        let of = |(way, speed): (Way, f64)| {
+            let (bound, hold) = self.bound(now, way, mover);
+            let creeps = hold == Hold::GuardCreep && speed != 0.0;
+            // The bound that leaves the least of it.
+            (speed > bound || creeps).then_some((bound / speed, hold))
+        };
+        let (_, hold) = ways(velocity).into_iter().filter_map(of).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(match hold {
             Hold::GuardCreep => (hold, mover.name),
             Hold::GuardStops | Hold::GuardSlows | Hold::GuardUnknown => (hold, &self.subject),
             _ => (hold, ""),
@@ -222,6 +277,10 @@ mod tests {
         Instant::from_millis(ms)
     }
 
+    fn along(vx: f64) -> Twist {
+        Twist::new(vx, 0.0, 0.0)
+    }
+
     fn guarded() -> Protection {
         Protection::new(Config { guarded: true, ..Config::default() })
     }
@@ -235,11 +294,11 @@ mod tests {
         let mut protection = guarded();
         protection.on_guard(ms(0), &guard(0.2, 0.4, Hold::GuardStops));
         for mover in [HAND, PLANNER] {
-            assert_eq!(protection.clamped(ms(100), 0.6, mover), 0.2);
-            assert_eq!(protection.clamped(ms(100), -0.6, mover), -0.4);
-            assert_eq!(protection.clamped(ms(100), 0.1, mover), 0.1);
-            assert_eq!(protection.notice(ms(100), 0.6, mover), Some((Hold::GuardStops, "sonar 2")));
-            assert_eq!(protection.notice(ms(100), 0.1, mover), None);
+            assert_eq!(protection.clamped(ms(100), along(0.6), mover).vx, 0.2);
+            assert_eq!(protection.clamped(ms(100), along(-0.6), mover).vx, -0.4);
+            assert_eq!(protection.clamped(ms(100), along(0.1), mover).vx, 0.1);
+            assert_eq!(protection.notice(ms(100), along(0.6), mover), Some((Hold::GuardStops, "sonar 2")));
+            assert_eq!(protection.notice(ms(100), along(0.1), mover), None);
         }
     }
 
@@ -264,10 +323,10 @@ mod tests {
                 protection.on_speed(speed);
                 protection.on_guard(ms(0), &guard(bounds.0, bounds.1, Hold::GuardStops));
             }
-            let found = [0.6, -0.6].map(|speed| protection.notice(ms(100), speed, HAND));
+            let found = [0.6, -0.6].map(|speed| protection.notice(ms(100), along(speed), HAND));
             assert_eq!(found, [forward, backward], "{speeds:?} {bounds:?}");
             protection.on_guard(ms(0), &guard(0.0, 0.0, Hold::GuardMotion));
-            let found = [0.6, -0.6].map(|speed| protection.notice(ms(100), speed, HAND));
+            let found = [0.6, -0.6].map(|speed| protection.notice(ms(100), along(speed), HAND));
             assert_eq!(found, [Some((Hold::GuardMotion, "")); 2]);
         }
     }
@@ -276,7 +335,7 @@ mod tests {
     fn every_bound_has_words_without_a_gap() {
         let mut protection = guarded();
         let words = |protection: &Protection, speed| {
-            let (hold, subject) = protection.notice(ms(100), speed, HAND).unwrap();
+            let (hold, subject) = protection.notice(ms(100), along(speed), HAND).unwrap();
             assert!(hold.is_notice() && (!subject.is_empty() || !hold.sentence().contains("{}")), "{hold:?}");
             hold
         };
@@ -299,21 +358,21 @@ mod tests {
     fn silence_is_zero_that_ends_by_itself_and_after_a_second_a_stop() {
         let mut protection = guarded();
         protection.on_guard(ms(0), &guard(0.8, 0.8, Hold::GuardSlows));
-        assert_eq!([149, 150].map(|at| protection.clamped(ms(at), 0.6, HAND)), [0.6, 0.0]);
-        assert_eq!(protection.notice(ms(150), 0.6, HAND), Some((Hold::GuardLate, "")));
+        assert_eq!([149, 150].map(|at| protection.clamped(ms(at), along(0.6), HAND).vx), [0.6, 0.0]);
+        assert_eq!(protection.notice(ms(150), along(0.6), HAND), Some((Hold::GuardLate, "")));
         assert_eq!([999, 1000].map(|at| protection.objection(ms(at))), [None, Some(Hold::GuardSilent)]);
         assert_eq!([0, 150].map(|at| protection.poll_timeout(ms(at))), [Some(ms(150)), Some(ms(1000))]);
         protection.on_guard(ms(1200), &guard(0.8, 0.8, Hold::GuardSlows));
-        assert_eq!((protection.objection(ms(1200)), protection.clamped(ms(1200), 0.6, HAND)), (None, 0.6));
+        assert_eq!((protection.objection(ms(1200)), protection.clamped(ms(1200), along(0.6), HAND).vx), (None, 0.6));
     }
 
     #[test]
     fn a_supervised_robot_waits_for_its_guard_and_a_driver_alone_is_slow() {
         let mut protection = guarded();
-        assert_eq!(protection.clamped(ms(5000), 0.6, HAND), 0.3, "on a bench, by hand");
+        assert_eq!(protection.clamped(ms(5000), along(0.6), HAND).vx, 0.3, "on a bench, by hand");
         assert_eq!(protection.objection(ms(5000)), None);
         protection.on_watchdog(ms(6000));
-        assert_eq!(protection.clamped(ms(6000), 0.6, HAND), 0.0);
+        assert_eq!(protection.clamped(ms(6000), along(0.6), HAND).vx, 0.0);
         assert_eq!(protection.objection(ms(7000)), Some(Hold::GuardSilent));
     }
 
@@ -322,12 +381,12 @@ mod tests {
         let mut protection = Protection::new(Config::default());
         protection.on_watchdog(ms(0));
         protection.on_guard(ms(0), &guard(1.0, 1.0, Hold::GuardStops));
-        assert_eq!(protection.clamped(ms(9000), -0.6, PLANNER), -0.3);
-        assert_eq!(protection.notice(ms(9000), -0.6, PLANNER), Some((Hold::GuardBlind, "")));
+        assert_eq!(protection.clamped(ms(9000), along(-0.6), PLANNER).vx, -0.3);
+        assert_eq!(protection.notice(ms(9000), along(-0.6), PLANNER), Some((Hold::GuardBlind, "")));
         assert!(protection.warning().is_some_and(|text| text.contains("AT MOST 0.3 m/s")));
         let creep = CmdCreep { timestamp: 0, source: "pad".into(), session: 7, held: true };
         protection.on_creep(ms(9000), &creep);
-        assert_eq!(protection.clamped(ms(9000), 0.6, HAND), 0.3, "there is nothing to creep past");
+        assert_eq!(protection.clamped(ms(9000), along(0.6), HAND).vx, 0.3, "there is nothing to creep past");
         assert_eq!((guarded().warning(), protection.objection(ms(9000))), (None, None));
         assert_eq!(protection.poll_timeout(ms(0)), None);
     }
@@ -337,19 +396,23 @@ mod tests {
         let mut protection = guarded();
         let creep = |source: &str, held| CmdCreep { timestamp: 0, source: source.into(), session: 7, held };
         protection.on_guard(ms(0), &guard(0.0, 0.5, Hold::GuardStops));
-        assert_eq!(protection.clamped(ms(0), 0.6, HAND), 0.0);
+        assert_eq!(protection.clamped(ms(0), along(0.6), HAND).vx, 0.0);
         protection.on_creep(ms(0), &creep("pad", true));
-        assert_eq!(protection.clamped(ms(0), 0.6, HAND), 0.15);
-        assert_eq!(protection.notice(ms(0), 0.1, HAND), Some((Hold::GuardCreep, "pad")), "shown as long as it counts");
-        assert_eq!(protection.clamped(ms(0), -0.6, HAND), -0.5, "where more is permitted nothing changes");
-        assert_eq!(protection.clamped(ms(0), 0.6, PLANNER), 0.0);
+        assert_eq!(protection.clamped(ms(0), along(0.6), HAND).vx, 0.15);
+        assert_eq!(
+            protection.notice(ms(0), along(0.1), HAND),
+            Some((Hold::GuardCreep, "pad")),
+            "shown as long as it counts"
+        );
+        assert_eq!(protection.clamped(ms(0), along(-0.6), HAND).vx, -0.5, "where more is permitted nothing changes");
+        assert_eq!(protection.clamped(ms(0), along(0.6), PLANNER).vx, 0.0);
         let other = Mover { name: "phone", manual: true };
-        assert_eq!(protection.clamped(ms(0), 0.6, other), 0.0, "it is not that person's button");
+        assert_eq!(protection.clamped(ms(0), along(0.6), other).vx, 0.0, "it is not that person's button");
         protection.on_guard(ms(200), &guard(0.0, 0.5, Hold::GuardStops));
-        assert_eq!([249, 250].map(|at| protection.clamped(ms(at), 0.6, HAND)), [0.15, 0.0]);
+        assert_eq!([249, 250].map(|at| protection.clamped(ms(at), along(0.6), HAND).vx), [0.15, 0.0]);
         protection.on_creep(ms(260), &creep("pad", true));
         protection.on_creep(ms(270), &creep("pad", false));
-        assert_eq!(protection.clamped(ms(280), 0.6, HAND), 0.0);
+        assert_eq!(protection.clamped(ms(280), along(0.6), HAND).vx, 0.0);
     }
 
     #[test]
@@ -357,8 +420,8 @@ mod tests {
         let mut protection = guarded();
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
             protection.on_guard(ms(0), &guard(bad, bad, Hold::GuardSlows));
-            assert_eq!(protection.clamped(ms(0), 0.6, HAND), 0.0);
-            assert_eq!(protection.clamped(ms(0), -0.6, HAND), 0.0);
+            assert_eq!(protection.clamped(ms(0), along(0.6), HAND).vx, 0.0);
+            assert_eq!(protection.clamped(ms(0), along(-0.6), HAND).vx, 0.0);
         }
     }
 }

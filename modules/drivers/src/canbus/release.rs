@@ -5,7 +5,7 @@
 //! operator's RUN for this module, the planner or all, and `LL_CMD_HOMING`.
 
 use super::objection::Objection;
-use super::steering::NotHomed;
+use super::steering::{NotHomed, Steering};
 use super::surroundings::{self, Surroundings};
 use super::{Canbus, NAME};
 use base::{Fault, Instant, Severity};
@@ -47,17 +47,21 @@ impl Canbus {
         if !self.objections(now).all(is_released) {
             (self.releases.since, self.releases.goal) = (None, false);
             // The start of the robot remains a release until homing has begun, or has failed to.
-            if self.steering.is_homing() || self.steering.failed_to_home() {
-                self.releases.start = false;
+            if let Some(steering) = &mut self.steering {
+                if steering.is_homing() || steering.failed_to_home() {
+                    self.releases.start = false;
+                }
+                steering.revoke_homing();
             }
-            self.steering.revoke_homing();
             return;
         }
         self.releases.since.get_or_insert(now);
-        if self.steering.is_homing() || self.steering.is_homed() {
+        let standing = self.is_standing();
+        let Some(steering) = &mut self.steering else { return };
+        if steering.is_homing() || steering.is_homed() {
             self.releases.start = false;
-        } else if self.releases.starts(&self.around) && self.is_standing() {
-            self.steering.release_homing();
+        } else if self.releases.starts(&self.around) && standing {
+            steering.release_homing();
         }
     }
 
@@ -67,8 +71,9 @@ impl Canbus {
             return;
         }
         self.around.pause.release();
-        if self.is_standing() {
-            self.steering.release_homing();
+        let standing = self.is_standing();
+        if let Some(steering) = self.steering.as_mut().filter(|_| standing) {
+            steering.release_homing();
         }
         self.releases.goal = goal;
         if self.blocked.is_some() && self.objections(now).next().is_none() {
@@ -90,6 +95,7 @@ impl Canbus {
         let other = self.objections(now).find(|objection| !is_released(*objection));
         let late = self.releases.since.is_none_or(|since| at < since);
         let refused = match homing.axis.as_str() {
+            "steering" if self.steering.is_none() => "the base does not steer".into(),
             "steering" if self.state != State::Run => format!("{NAME} is not in RUN"),
             "steering" if !self.is_standing() => "the robot moves".into(),
             "steering" if self.arbiter.is_held_by_hand(now) => "somebody commands the robot".into(),
@@ -98,7 +104,7 @@ impl Canbus {
                 None if late => "it is older than the last stop".into(),
                 None => {
                     self.on_act(now, at, false, out);
-                    return self.steering.home_again();
+                    return self.steering.iter_mut().for_each(Steering::home_again);
                 }
             },
             _ => "only the steering can be homed".into(),

@@ -7,10 +7,11 @@
 use super::config::{SecondWay, Stop};
 use super::feed_output::{FeedOutput, News};
 use super::objection::Objection;
+use super::propulsion::Propulsion;
 use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
-use super::{Canbus, LINE, Timer};
+use super::{Canbus, LINE, STANDSTILL_MPS, Timer};
 use base::{Duration, Fault, Instant, Level, Severity};
-use canopen::axis::{Goal, PowerState};
+use canopen::axis::{Goal, NotFollowing, PowerState};
 use canopen::master::{LostReason, Ticket};
 use messages::{Hold, lowlevel};
 use module::{Actions, Input, PortId};
@@ -22,6 +23,11 @@ const MOTORS: &str = "motors";
 const CUT_PERIOD: Duration = Duration::from_millis(500);
 /// A drive that turned when it was reset must be read again within this time.
 const UNWATCHED_MAX: Duration = Duration::from_millis(450);
+
+/// Difference by which one of several wheels may be slower than its set-point, m/s, and for how long: the robot turns
+/// meanwhile.
+const LAG_MPS: f64 = MARGIN_MPS;
+const LAG_MAX: Duration = Duration::from_millis(200);
 
 /// What cuts the motors' feed.
 #[derive(Debug)]
@@ -36,25 +42,54 @@ enum Way {
     None,
 }
 
-/// What the monitor has found.
+/// Watch of one wheel.
+#[derive(Debug)]
+pub(super) struct WheelWatch {
+    monitor: SpeedMonitor,
+    /// The wheel may have turned when its drive was reset, and its speed has not been read since: until then it must
+    /// be. Set until the drive is booted, at standstill, or without power.
+    pub(super) unwatched: Option<Instant>,
+    /// Since when the wheel has been slower than commanded, or turned the other way.
+    lags: Option<Instant>,
+}
+
+impl WheelWatch {
+    /// `deceleration` of a command and of a quick stop as configured, m/s².
+    pub(super) fn new(deceleration: f64, quick_stop: f64) -> Self {
+        Self { monitor: SpeedMonitor::new(deceleration, quick_stop), unwatched: None, lags: None }
+    }
+}
+
+impl WheelWatch {
+    /// True once a wheel that is told to turn at `target` has been measured to be slower for too long.
+    fn is_behind(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
+        let short = target.map_or(0.0, |target| target.abs() - measured * target.signum());
+        if short <= LAG_MPS {
+            self.lags = None;
+            return false;
+        }
+        now.since(*self.lags.get_or_insert(now)) >= LAG_MAX
+    }
+}
+
+/// What cuts the motors' feed, and what the monitors have found.
 #[derive(Debug)]
 pub(super) struct StopWatch {
-    monitor: SpeedMonitor,
     way: Way,
     /// Latched: [`Hold::SpeedExceeded`] or [`Hold::FeedCut`].
     latched: Option<Hold>,
 }
 
 impl StopWatch {
-    /// `deceleration` of a command and of a quick stop as configured, m/s²; `has_power`: there is a power controller.
-    pub(super) fn new(deceleration: f64, quick_stop: f64, stop: &Stop, has_power: bool) -> Self {
+    /// `has_power`: there is a power controller.
+    pub(super) fn new(stop: &Stop, has_power: bool) -> Self {
         let way = match (stop.second_way, stop.output) {
             (SecondWay::Power, _) if has_power => Way::Power { off: false },
             (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::node(output)),
             (SecondWay::Gpio, _) if stop.feed_line().is_some() => Way::Output(FeedOutput::line(LINE)),
             _ => Way::None,
         };
-        Self { monitor: SpeedMonitor::new(deceleration, quick_stop), way, latched: None }
+        Self { way, latched: None }
     }
 
     /// Objection to any motion.
@@ -107,57 +142,67 @@ impl Canbus {
         }
     }
 
-    /// The propulsion is lost. A drive that misses the master's heartbeat brakes on its own, and one that does not
+    /// The drive of a wheel is lost. One that misses the master's heartbeat brakes on its own, and one that does not
     /// answer was commanded to stop before it is reset. In all other cases it is reset while it may turn, and monitors
     /// no heartbeat until it is booted.
-    pub(super) fn watch_reset(&mut self, now: Instant, reason: LostReason) {
-        if matches!(reason, LostReason::BootUp | LostReason::State(_) | LostReason::DuplicateId) {
-            self.await_speed(now);
+    pub(super) fn watch_reset(&mut self, now: Instant, node: u8, reason: LostReason) {
+        if matches!(reason, LostReason::BootUp | LostReason::State(_) | LostReason::DuplicateId)
+            && let Some(wheel) = self.wheels.of_mut(node)
+        {
+            await_speed(now, wheel);
         }
     }
 
-    fn await_speed(&mut self, now: Instant) {
-        if self.propulsion.may_turn() {
-            self.deadlines.set(Timer::Unwatched, now + UNWATCHED_MAX);
-        } else {
-            self.deadlines.clear(Timer::Unwatched);
-        }
-    }
-
-    /// Judges the measured speed against the present order; to be called after each decision.
+    /// Judges the measured speed of each wheel against its present order; to be called after each decision.
     pub(super) fn watch_speed(&mut self, now: Instant, out: &mut Actions) {
-        let order = self.order();
+        for number in 0..self.wheels.count() {
+            self.watch_wheel(now, number, out);
+        }
+    }
+
+    fn watch_wheel(&mut self, now: Instant, number: usize, out: &mut Actions) {
+        // The controller's line cuts the feed by itself.
+        let cuts_feed = self.around.pause.cuts_feed();
+        // What moves too fast, or does not stop: with one drive the robot itself.
+        let alone = self.wheels.count() == 1;
+        let Some(wheel) = self.wheels.get_mut(number) else { return };
+        let order = if cuts_feed { Order::None } else { order(wheel) };
         let changing = match order {
             Order::None => false,
-            Order::Drive(speed) => (self.propulsion.speed() - speed).abs() > MARGIN_MPS,
-            Order::Stop => !self.is_standing(),
+            Order::Drive(speed) => (wheel.speed() - speed).abs() > MARGIN_MPS,
+            Order::Stop => !wheel.is_slower(now, STANDSTILL_MPS),
         };
-        self.propulsion.drive.set_changing(now, changing);
-        self.stop_watch.monitor.command(now, order);
-        let measured = self.propulsion.take_measured();
+        wheel.drive.set_changing(now, changing);
+        wheel.watch.monitor.command(now, order);
+        let measured = wheel.take_measured();
         let target = if let Order::Drive(speed) = order { Some(speed) } else { None };
-        self.propulsion.watch(now, target, measured, out);
-        if self.propulsion.drive.is_booted() || order == Order::None {
-            self.deadlines.clear(Timer::Unwatched);
+        wheel.compare(now, target, measured, out);
+        if let Some(speed) = measured.filter(|speed| !alone && wheel.watch.is_behind(now, target, *speed)) {
+            wheel.stop_for(now, NotFollowing { target: target.unwrap_or(0.0), measured: speed }, out);
         }
-        if self.deadlines.take(Timer::Unwatched, now) {
-            self.on_not_stopping(now, "reset while it turned, the propulsion is not heard", out);
+        if wheel.drive.is_booted() || order == Order::None {
+            wheel.watch.unwatched = None;
         }
-        let Some(speed) = measured else { return };
-        if self.deadlines.is_set(Timer::Unwatched) {
-            self.await_speed(now);
+        let unheard = wheel.watch.unwatched.take_if(|until| *until <= now).is_some();
+        if wheel.watch.unwatched.is_some() && measured.is_some() {
+            await_speed(now, wheel);
         }
-        match self.stop_watch.monitor.measure(now, speed) {
+        let alarm = measured.and_then(|speed| wheel.watch.monitor.measure(now, speed));
+        let name = wheel.drive.name;
+        if unheard {
+            self.on_not_stopping(now, &format!("reset while it turned, the {name} is not heard"), out);
+        }
+        let what = if alone { "the robot drives".into() } else { format!("the {name} wheel turns") };
+        match alarm {
             None => {}
             Some(Alarm::Exceeded { measured, allowed }) if self.stop_watch.latched.is_none() => {
-                let why =
-                    format!("the robot drives at {measured:.2} m/s, at most {allowed:.2} is commanded: quick stop");
+                let why = format!("{what} at {measured:.2} m/s, at most {allowed:.2} is commanded: quick stop");
                 out.raise(Severity::Error, Fault::SpeedExceeded, "", why);
                 self.stop_watch.latched = Some(Hold::SpeedExceeded);
             }
             Some(Alarm::Exceeded { .. }) => {}
             Some(Alarm::NotStopping { measured, allowed }) => {
-                let what = format!("told to stop, the robot drives at {measured:.2} m/s and not below {allowed:.2}");
+                let what = format!("told to stop, {what} at {measured:.2} m/s and not below {allowed:.2}");
                 self.on_not_stopping(now, &what, out);
             }
         }
@@ -222,7 +267,7 @@ impl Canbus {
             return;
         }
         // A drive whose supply was cut cannot be asked.
-        let stands = self.is_standing() || !self.propulsion.drive.is_booted();
+        let stands = self.wheels.are_slower_or_absent(now, STANDSTILL_MPS);
         let cut = self.stop_watch.latched == Some(Hold::FeedCut);
         if let Way::Output(output) = &mut self.stop_watch.way {
             if !stands || !(cut || output.is_off()) {
@@ -252,26 +297,27 @@ impl Canbus {
             out.clear(fault, "", "an operator has let the robot go");
         }
     }
+}
 
-    /// What the propulsion is commanded to do, as far as it can be judged.
-    fn order(&self) -> Order {
-        let drive = &self.propulsion.drive;
-        // The controller's line cuts the feed by itself.
-        if self.around.pause.cuts_feed() {
-            return Order::None;
+/// The wheel may turn although it is not watched: its speed is awaited.
+fn await_speed(now: Instant, wheel: &mut Propulsion) {
+    wheel.watch.unwatched = wheel.may_turn().then_some(now + UNWATCHED_MAX);
+}
+
+/// What a wheel's drive is told now, by its own state; none: it is not judged.
+fn order(wheel: &Propulsion) -> Order {
+    let drive = &wheel.drive;
+    if !drive.is_booted() {
+        // A quick stop is sent all the time; whether it brakes is seen when its speed can be read again.
+        return if drive.is_powered() { Order::Stop } else { Order::None };
+    }
+    match (drive.axis.state(), drive.axis.goal()) {
+        (Some(PowerState::FaultReactionActive), _) => Order::Stop,
+        (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), Goal::Enabled) => {
+            Order::Drive(wheel.target())
         }
-        if !drive.is_booted() {
-            // A quick stop is sent all the time; whether it brakes is seen when its speed can be read again.
-            return if drive.is_powered() { Order::Stop } else { Order::None };
-        }
-        match (drive.axis.state(), drive.axis.goal()) {
-            (Some(PowerState::FaultReactionActive), _) => Order::Stop,
-            (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), Goal::Enabled) => {
-                Order::Drive(self.propulsion.target())
-            }
-            (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), _) => Order::Stop,
-            _ => Order::None,
-        }
+        (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), _) => Order::Stop,
+        _ => Order::None,
     }
 }
 

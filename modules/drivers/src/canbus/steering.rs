@@ -124,11 +124,10 @@ pub(super) struct Steering {
 }
 
 impl Steering {
-    pub(super) fn new(config: &Config) -> Result<Self, ConfigError> {
-        let own = &config.steering;
+    pub(super) fn new(own: &SteeringConfig, config: &Config) -> Result<Self, ConfigError> {
         let Built { table, parameters, units, acceleration, reservations } = match &own.drive {
             SteeringDrive::Icla { gear, counts_per_turn, remap } => icla(own, *gear, *counts_per_turn, *remap),
-            SteeringDrive::Cia402(drive) => by_sheet(drive, config)?,
+            SteeringDrive::Cia402(drive) => by_sheet(drive, own, config)?,
         };
         let config = own.clone();
         let homing = HomingConfig {
@@ -495,8 +494,7 @@ fn icla(config: &SteeringConfig, gear: f64, counts_per_turn: f64, remap: bool) -
     Built { table: icla::TABLE.clone(), parameters, units, acceleration: true, reservations: Vec::new() }
 }
 
-fn by_sheet(drive: &Cia402, config: &Config) -> Result<Built, ConfigError> {
-    let own = &config.steering;
+fn by_sheet(drive: &Cia402, own: &SteeringConfig, config: &Config) -> Result<Built, ConfigError> {
     // Commands stay within the limit; homing ends at the switch.
     let end = config.limits.steering_rad.max(own.switch.abs()) * RANGE_MARGIN;
     let wanted = Wanted {

@@ -13,10 +13,11 @@ mod pause;
 mod ranging;
 mod stopping;
 mod velocity;
+mod wheels;
 
 use super::{
-    Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig, PropulsionDrive,
-    SecondWay, SteeringConfig, SteeringDrive, Stop,
+    Axis, Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig,
+    PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
 };
 use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};
@@ -39,6 +40,7 @@ pub(super) fn config() -> Config {
         node_id: 127,
         sync: None,
         wheelbase: 0.6,
+        base: None,
         limits: Limits {
             speed_mps: 1.2,
             steering_rad: 0.61,
@@ -49,6 +51,7 @@ pub(super) fn config() -> Config {
             deceleration_mps2: 0.8,
             quick_stop_mps2: 1.5,
             steering_rate_radps: 0.7,
+            rotation_radps: 1.0,
             command_ttl: Duration::from_millis(250),
         },
         critical: vec!["driver_rs485a".into()],
@@ -61,12 +64,13 @@ pub(super) fn config() -> Config {
         stop: Stop { pause: PauseStop::Brake, ..Stop::usual() },
         // As fast as its limits, whatever is sensed.
         protection: super::protection::Config { speed_blind: f64::INFINITY, ..Default::default() },
-        propulsion: PropulsionConfig {
+        wheels: vec![PropulsionConfig {
+            axis: Axis::Propulsion,
             node: 1,
             drive: PropulsionDrive::Epos { rpm_per_mps: 2483.0 },
             writable: vec![0x6065],
-        },
-        steering: SteeringConfig {
+        }],
+        steering: Some(SteeringConfig {
             node: 2,
             drive: SteeringDrive::Icla { counts_per_turn: 4096.0, gear: 180.0, remap: false },
             switch: -0.628,
@@ -75,8 +79,13 @@ pub(super) fn config() -> Config {
             homing_timeout: Duration::from_secs(15),
             speed: 0.7,
             writable: Vec::new(),
-        },
+        }),
     }
+}
+
+/// The steering drive of a configuration that has one.
+fn steering_of(config: &mut Config) -> &mut SteeringConfig {
+    config.steering.as_mut().expect("a base that steers")
 }
 
 /// The module, both drives, a wire without delay, and a watchdog that reports all modules running.
@@ -84,6 +93,8 @@ struct Robot {
     bench: Bench,
     epos: Fake,
     icla: Fake,
+    /// Drives of further wheels.
+    more: Vec<Fake>,
     /// Node whose output feeds the motors, or level of the GPIO line that does, and the values written to it.
     output: Option<Node>,
     line: Option<bool>,
@@ -121,6 +132,7 @@ impl Robot {
             bench: Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(canbus))),
             epos: Fake::new(epos, 6),
             icla: Fake::new(icla::dictionary(2), 6),
+            more: Vec::new(),
             output: None,
             line: None,
             stuck: false,
@@ -183,6 +195,7 @@ impl Robot {
             }
             self.epos.handle_timeout(now);
             self.icla.handle_timeout(now);
+            self.more.iter_mut().for_each(|drive| drive.handle_timeout(now));
             if let Some(output) = &mut self.output {
                 output.handle_timeout(now);
             }
@@ -201,6 +214,7 @@ impl Robot {
                         self.frames.push((now, frame));
                         self.epos.handle_rx(now, &frame);
                         self.icla.handle_rx(now, &frame);
+                        self.more.iter_mut().for_each(|drive| drive.handle_rx(now, &frame));
                         if let Some(output) = &mut self.output {
                             output.handle_rx(now, &frame);
                         }
@@ -225,7 +239,7 @@ impl Robot {
                     _ => {}
                 }
             }
-            for drive in [&mut self.epos, &mut self.icla] {
+            for drive in [&mut self.epos, &mut self.icla].into_iter().chain(&mut self.more) {
                 while let Some(frame) = drive.poll_tx() {
                     quiet = false;
                     self.bench.can(PortId(0), frame);

@@ -697,9 +697,12 @@ export interface DataLog {
 export interface CmdMotion {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** Speed of the rear axle's middle, forward, m/s. */
+  /** Speed of the rear axle's middle, forward, m/s; of a base without steering that of its origin. */
   speed: number | null;
-  /** Angle of the equivalent single front wheel, counter-clockwise, rad. */
+  /**
+   * Angle of the equivalent single front wheel, counter-clockwise, rad. A base without steering drives the curve on
+   * which one with a front wheel `geometry.wheelbase_m` ahead of its origin would drive.
+   */
   steering: number | null;
   /** One of the constants. */
   priority: number;
@@ -744,7 +747,7 @@ export interface DataAxes {
 
 /** Drive. */
 export interface Axis {
-  /** `propulsion` or `steering`. */
+  /** `propulsion`, `steering`, or a wheel of a base without steering. */
   name: string;
   /** NMT state as in the heartbeat (CiA 301): 0 boot-up, 4 stopped, 5 operational, 127 pre-operational; -1 if lost. */
   nmt_state: number;
@@ -752,9 +755,9 @@ export interface Axis {
   statusword: number;
   /** Error code of the last emergency message, object 603Fh; 0 without one. */
   error_code: number;
-  /** Position at the robot: m for propulsion, rad for steering. */
+  /** Position at the robot: m for a wheel, rad for steering. */
   position: number | null;
-  /** Velocity at the robot: m/s for propulsion, rad/s for steering. */
+  /** Velocity at the robot: m/s for a wheel, rad/s for steering. */
   velocity: number | null;
   /** Motor current, A; NaN if the drive does not report it. */
   current: number | null;
@@ -899,17 +902,20 @@ export interface DataJoydev {
 export interface DataMotion {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
-  /** Speed of the rear axle's middle, forward, m/s. */
+  /** Speed of the rear axle's middle, forward, m/s; of a base without steering that of its origin. */
   speed: number | null;
-  /** Angle of the equivalent single front wheel, counter-clockwise, rad. */
+  /**
+   * Angle of the equivalent single front wheel, counter-clockwise, rad; of a base without steering that of its curve,
+   * and its set-point while it stands or turns on the spot.
+   */
   steering: number | null;
   /** Set-point of the speed, m/s. */
   speed_target: number | null;
   /** Set-point of the steering angle, rad. */
   steering_target: number | null;
-  /** True if both drives are enabled. */
+  /** True if all drives are enabled. */
   enabled: boolean;
-  /** True if the steering is homed. */
+  /** True if the steering is homed, or there is none. */
   homed: boolean;
   /** True while a quick stop is active. */
   quick_stop: boolean;

@@ -61,8 +61,6 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ])],
   ["lowlevel.data_axes_t", new Map([
     ["timestamp", "µs"],
-    ["axes.position", "m or rad"],
-    ["axes.velocity", "m/s or rad/s"],
     ["axes.current", "A"],
   ])],
   ["lowlevel.data_beacons_t", new Map([

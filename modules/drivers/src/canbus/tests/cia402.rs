@@ -33,8 +33,8 @@ fn by_sheets() -> Config {
         ..Cia402Config::usual()
     };
     let mut config = config();
-    config.propulsion.drive = wheel(EPOS4, usual);
-    config.steering.drive = SteeringDrive::Cia402(drive(ICLA, steering));
+    config.wheels[0].drive = wheel(EPOS4, usual);
+    steering_of(&mut config).drive = SteeringDrive::Cia402(drive(ICLA, steering));
     config
 }
 
@@ -85,7 +85,7 @@ fn a_drive_that_does_not_stop_by_itself_needs_a_second_way_or_its_manual() {
     let keys = Cia402Config { gear: Some(26.0), velocity_unit: VelocityUnit::Rpm, ..Cia402Config::usual() };
     let with = |keys: &Cia402Config, second_way| {
         let mut config = config();
-        config.propulsion.drive = wheel(EPOS, keys.clone());
+        config.wheels[0].drive = wheel(EPOS, keys.clone());
         config.stop.second_way = second_way;
         config.has_pause_line = second_way == SecondWay::Power;
         config
@@ -105,7 +105,7 @@ fn a_drive_that_does_not_stop_by_itself_needs_a_second_way_or_its_manual() {
     let told: Vec<_> = robot.notes.iter().filter(|note| note.contains("relies on the second way to stop")).collect();
     assert_eq!(told.len(), 3, "{:?}", robot.notes);
     let mut without = by_sheets();
-    without.propulsion.drive =
+    without.wheels[0].drive =
         PropulsionDrive::Cia402 { drive: Cia402 { keys, sheet: None }, circumference: CIRCUMFERENCE };
     assert!(matches!(Canbus::new(without).err(), Some(ConfigError::NoSheet(Axis::Propulsion))));
 }

@@ -1,0 +1,94 @@
+//! The drives of all wheels. They are commanded together: if one refuses, is lost or does not follow, all stop.
+
+use super::propulsion::Propulsion;
+use super::{Axis, Config, ConfigError};
+use base::Instant;
+use canopen::NodeConfig;
+use kinematics::{PerWheel, WheelState};
+
+/// At least one, in the order of the configuration.
+pub(super) struct Wheels(Vec<Propulsion>);
+
+impl Wheels {
+    pub(super) fn new(config: &Config) -> Result<Self, ConfigError> {
+        let wheels: Result<Vec<_>, _> = config.wheels.iter().map(|own| Propulsion::new(own, config)).collect();
+        wheels.map(Self)
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Propulsion> + Clone {
+        self.0.iter()
+    }
+
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Propulsion> {
+        self.0.iter_mut()
+    }
+
+    /// The wheel whose drive is this node.
+    pub(super) fn of_mut(&mut self, node: u8) -> Option<&mut Propulsion> {
+        self.0.iter_mut().find(|wheel| wheel.drive.node == node)
+    }
+
+    /// Number of the wheel whose drive is this node.
+    pub(super) fn place(&self, node: u8) -> Option<usize> {
+        self.0.iter().position(|wheel| wheel.drive.node == node)
+    }
+
+    pub(super) fn get_mut(&mut self, number: usize) -> Option<&mut Propulsion> {
+        self.0.get_mut(number)
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    pub(super) fn node_configs(&self) -> impl Iterator<Item = NodeConfig> {
+        self.0.iter().map(Propulsion::node_config)
+    }
+
+    /// Measured states; NaN where one is unknown.
+    pub(super) fn measured(&self) -> PerWheel<WheelState> {
+        self.0.iter().map(|wheel| WheelState { speed_mps: wheel.measured(), steering_rad: 0.0 }).collect()
+    }
+
+    /// True if all are known to be slower than `limit`, m/s.
+    pub(super) fn are_slower(&self, now: Instant, limit: f64) -> bool {
+        self.0.iter().all(|wheel| wheel.is_slower(now, limit))
+    }
+
+    /// True if each is known to be slower than `limit`, m/s, or cannot be asked.
+    pub(super) fn are_slower_or_absent(&self, now: Instant, limit: f64) -> bool {
+        self.0.iter().all(|wheel| wheel.is_slower(now, limit) || !wheel.drive.is_booted())
+    }
+
+    pub(super) fn are_enabled(&self) -> bool {
+        self.0.iter().all(Propulsion::is_enabled)
+    }
+
+    /// True if at least one brakes by its quick stop, or may.
+    pub(super) fn may_be_stopping(&self) -> bool {
+        self.0.iter().any(Propulsion::may_be_stopping)
+    }
+
+    pub(super) fn are_quick_stopped(&self) -> bool {
+        self.0.iter().all(Propulsion::is_quick_stopped)
+    }
+
+    /// Drives each at its speed, m/s; one without a speed stands.
+    pub(super) fn drive(&mut self, speeds: &[f64]) {
+        for (number, wheel) in self.0.iter_mut().enumerate() {
+            wheel.drive(speeds.get(number).copied().unwrap_or(0.0));
+        }
+    }
+
+    pub(super) fn quick_stop(&mut self) {
+        self.0.iter_mut().for_each(Propulsion::quick_stop);
+    }
+
+    pub(super) fn switch_off(&mut self) {
+        self.0.iter_mut().for_each(Propulsion::switch_off);
+    }
+
+    pub(super) fn axes(&self) -> impl Iterator<Item = Axis> + Clone {
+        self.0.iter().map(|wheel| wheel.axis)
+    }
+}
