@@ -464,6 +464,7 @@ const LIMITS: Limits = Limits {
     quick_stop_mps2: 1.5,
     lateral_acceleration_mps2: 0.8,
     steering_rate_radps: 0.7,
+    rotation_radps: 1.0,
     command_ttl: base::Duration::from_millis(250),
 };
 

@@ -247,9 +247,12 @@ impl Canbus {
         self.body.velocity(&self.wheels.measured(), self.angle())
     }
 
-    /// Measured speed forward, m/s; 0 if unknown.
+    /// Measured speed forward, m/s; 0 if unknown. That of a base that steers is the one of its driven axle.
     fn speed(&self) -> f64 {
-        let speed = self.measured().twist.vx;
+        let speed = match &self.steering {
+            Some(_) => self.wheels.measured().first().map_or(f64::NAN, |axle| axle.speed_mps),
+            None => self.measured().twist.vx,
+        };
         if speed.is_nan() { 0.0 } else { speed }
     }
 

@@ -159,6 +159,7 @@ mod tests {
             deceleration_mps2: 0.8,
             quick_stop_mps2: 1.5,
             steering_rate_radps: 0.7,
+            rotation_radps: 1.0,
             command_ttl: base::Duration::from_millis(250),
         };
         for (own, speed) in [(None, 0.8), (Some(0.5), 0.5), (Some(2.0), 0.8)] {
