@@ -188,6 +188,9 @@ pub(crate) fn shell_in(
             if robot.can.iter().flat_map(|bus| &bus.driver.nodes).any(|node| node.drive.by_sheet().is_some()) {
                 return refused("simulator: it has no drive for driver \"cia402\", only \"epos\" and \"icla\"".into());
             }
+            if robot.base.is_some() {
+                return refused("simulator: it has no base without steering ([base])".into());
+            }
             let usual = simulated::config(world.unwrap_or_default(), robot, options.wire_time);
             Box::new(simulator::Simulator::new(simulator::Config { seed: options.seed.unwrap_or(usual.seed), ..usual }))
         }
@@ -520,6 +523,7 @@ mod tests {
     use base::gpio::LineId;
     use drivers::canbus::{Cia402Config, Drive, SecondWay, VelocityUnit};
     use settings::Section as _;
+    use settings::robot::{Base, Differential, Layout};
 
     fn shipped(sim: bool) -> RobotLocation {
         RobotLocation {
@@ -676,6 +680,17 @@ mod tests {
         assert_eq!(ports(canbus::NAME, chip).unwrap()[1..], [PortConfig::Gpio(line)]);
         let why = ports(SIMULATOR, chip).unwrap_err().to_string();
         assert_eq!(why, "stop.gpio.chip = \"/dev/gpiochip0\": the simulator needs a name in the run folder");
+    }
+
+    #[test]
+    fn a_base_without_steering_is_refused_in_simulation() {
+        let place = shipped(true);
+        let mut config = Config::load(&place.config, true, &[]).unwrap();
+        let layout = Layout::Differential(Differential { track_m: 0.4 });
+        config.robot.base = Some(Base { layout });
+        let made = shell(&place, &config, SIMULATOR, State::Run, HostOptions::LIVE);
+        let why = made.map(|_| ()).unwrap_err().to_string();
+        assert_eq!(why, "simulator: it has no base without steering ([base])");
     }
 
     #[test]

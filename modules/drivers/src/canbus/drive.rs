@@ -678,8 +678,9 @@ impl Drive {
         Some(Frame::standard(rpdo.cob_id(), data))
     }
 
-    /// True if the measured values of a drive that was lost, or could not be booted since, are to be read: its heartbeat
-    /// is received, and it may turn. Its PDOs are event-driven, and those of a drive that keeps its speed never come.
+    /// True if the measured values of a drive that was lost, or could not be booted since, are to be read: its
+    /// heartbeat is received, and it may turn. Its PDOs are event-driven, and those of a drive that keeps its speed
+    /// never come.
     pub(super) fn must_ask_lost(&mut self, now: Instant, heard: bool) -> bool {
         if self.booted || !heard || !matches!(self.why, Absence::Lost(_) | Absence::BootFailed(..)) {
             self.deadlines.clear(Timer::AskLost);
