@@ -133,25 +133,26 @@ impl Body {
     /// the spot each by itself. Without a guard all of it.
     fn sensed(&self, points: SetPoints) -> SetPoints {
         let Twist { vx, vy, omega } = points.velocity;
-        if !self.guarded || vy == 0.0 && vx == 0.0 {
+        let one_way = [vx, vy, omega].into_iter().filter(|component| *component != 0.0).count() <= 1;
+        if !self.guarded || one_way {
             return points;
         }
-        let mut left_out = points.left_out.into_iter().flatten();
-        let first = left_out.next();
-        let slow = vx.abs() < STANDSTILL_MPS;
-        if vy != 0.0 && (!slow || omega != 0.0) {
-            let rest = self.sensed(SetPoints { velocity: Twist::new(vx, 0.0, omega), ..points });
-            return SetPoints { left_out: [Some(Hold::NoSideways), rest.left_out[0].or(first)], ..rest };
+        let [first, second] = points.left_out;
+        let without = |hold, velocity| SetPoints {
+            velocity,
+            left_out: [Some(hold), first.or(second)],
+            steering: points.steering,
+        };
+        if vy != 0.0 {
+            return self.sensed(without(Hold::NoSideways, Twist::new(vx, 0.0, omega)));
         }
         let narrowest = vx.abs() * libm::tan(self.steering_max) / self.wheelbase;
-        match omega.abs() > narrowest {
-            true if slow => SetPoints { velocity: Twist::new(0.0, vy, omega), ..points },
-            true => SetPoints {
-                velocity: Twist::new(vx, vy, narrowest.copysign(omega)),
-                left_out: [Some(Hold::TurnTooNarrow), first],
-                ..points
-            },
-            false => points,
+        if omega.abs() <= narrowest {
+            points
+        } else if vx.abs() < STANDSTILL_MPS {
+            SetPoints { velocity: Twist::new(0.0, 0.0, omega), ..points }
+        } else {
+            without(Hold::TurnTooNarrow, Twist::new(vx, 0.0, narrowest.copysign(omega)))
         }
     }
 

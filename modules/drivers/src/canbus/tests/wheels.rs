@@ -238,6 +238,10 @@ fn the_bounds_of_the_guard_hold_in_every_direction() {
     assert_velocity(&robot, (0.0, 0.0, 0.2));
     let robot = settle(DIFFERENTIAL, (0.0, 0.0, -0.8));
     assert_velocity(&robot, (0.0, 0.0, 0.0));
+    // No field covers motion to the side while it drives.
+    let robot = settle(MECANUM, (0.2, 0.1, 0.0));
+    assert_velocity(&robot, (0.2, 0.0, 0.0));
+    assert_eq!(robot.holds(), [(Hold::NoSideways, "test")]);
     // The fields forward are those of a base that steers: 0.61 rad at 0.6 m.
     let narrowest = 0.3 * libm::tan(0.61) / 0.6;
     let robot = settle(DIFFERENTIAL, (0.3, 0.0, 0.9));
