@@ -90,10 +90,7 @@ mod tests {
             text[..nodes[1]].to_owned() + &text[end..]
         });
         let found = problems(&place(config, true));
-        assert_eq!(
-            found,
-            ["driver_canbus: robot.toml has no [can.<bus>] with a drive for each axis: propulsion, steering"]
-        );
+        assert_eq!(found, ["driver_canbus: robot.toml has no [can.<bus>] with both axes"]);
         std::fs::remove_dir_all(folder).unwrap();
     }
 

@@ -457,8 +457,8 @@ fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbu
     let usual =
         |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), robot.base, &robot.geometry, robot.limits);
     let Some((bus, usual)) = buses.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
-        let axes = robot.axes().join(", ");
-        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with a drive for each axis: {axes}"));
+        let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
+        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}"));
     };
     let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
     let config = canbus::Config {
