@@ -28,8 +28,6 @@ const REACHED_WITHIN: Duration = Duration::from_secs(2);
 /// Time in which a steering that is homed finds its switch and turns straight ahead. If it is homed again it keeps its
 /// reference meanwhile.
 const HOMED_WITHIN: Duration = Duration::from_secs(17);
-/// Steering: the drive has a reference, in the high byte of its statusword.
-const REFERENCE: u8 = 0x80;
 /// NMT state in a heartbeat.
 const BOOT_UP: u8 = 0;
 
@@ -100,17 +98,15 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let node = u16::from(facts.limits.steering);
-        if (id == 0x180 + node || id == 0x280 + node)
-            && let &[_, high, ..] = data
-        {
-            let referenced = high & REFERENCE != 0;
+        let steering = &facts.limits.steering;
+        if let Some(status) = steering.reported(id, data) {
+            let referenced = status & facts.limits.homed != 0;
             if referenced && !self.referenced {
                 self.homed = now;
             }
             self.started |= referenced;
             self.referenced = referenced;
-        } else if id == 0x700 + node && data.first() == Some(&BOOT_UP) {
+        } else if id == 0x700 + u16::from(steering.node) && data.first() == Some(&BOOT_UP) {
             self.on_cause(now);
             self.referenced = false;
         }
