@@ -105,7 +105,8 @@ fn the_shipped_scenario_holds_for_drives_by_their_data_sheets() {
     let (hours, seed) = (number("SOAK_HOURS").unwrap_or(0.3), number("SOAK_SEED").unwrap_or(1.0) as u64);
     let episodes = (hours / 2.0 * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
     for (name, drives) in [("soak-stated", sheets::STATED), ("soak-given", sheets::GIVEN)] {
-        let place = RobotLocation { config: sheets::configuration(name, drives), ..place("hall") };
+        let hall = Some(root().join("conf/worlds/hall.toml"));
+        let place = RobotLocation { config: sheets::configuration(name, drives), world: hall, ..place("hall") };
         let robot = Robot::new(place, scenario.clone(), seed).expect("the shipped scenario");
         let report = robot.many(episodes, 2, &Progress::none()).unwrap();
         assert_eq!(report.violations, [], "{name}: seed {seed}");

@@ -81,7 +81,7 @@ pub struct Limits {
     pub stop_word: u8,
     /// Target of the propulsion at 1 m/s.
     pub units_per_mps: f64,
-    /// Bit of the steering's statusword that says that it has a reference; 0: none does.
+    /// Bit of the steering's statusword that says that it has a reference; 0: it has none.
     pub homed: u16,
     /// Maximum speed of a command, m/s; a faster one is rejected.
     pub speed: f64,
@@ -377,6 +377,7 @@ impl Checkers {
         named("clock", self.clock.on_message(pid, message))?;
         match message {
             Message::LlDataMotion(motion) => {
+                self.released.on_motion(now, motion.homed, facts);
                 named("homed", self.homed.on_motion(now, pid, motion))?;
                 named("authority", self.authority.on_motion(now, motion, facts))
             }
