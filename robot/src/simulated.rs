@@ -187,7 +187,13 @@ mod tests {
     fn drives(by_sheet: [bool; 2]) -> Result<CanConfig, ConfigError> {
         let (place, mut robot) = shipped();
         let sheets = ["others/maxon_epos4_50_15_node1.dcf", "others/ros2_cia402_slave.eds"].map(sheet);
-        let keys = Keys { velocity_unit: VelocityUnit::Rpm, homed_bit: Some(15), ..Keys::usual() };
+        let keys = Keys {
+            velocity_unit: VelocityUnit::Rpm,
+            homed_bit: Some(15),
+            switch: Some(-0.6283),
+            homing_speed: Some(0.1745),
+            ..Keys::usual()
+        };
         for (n, sheet) in sheets.into_iter().enumerate().filter(|(n, _)| by_sheet[*n]) {
             let node = &mut robot.can[0].driver.nodes[n];
             (node.drive, node.eds) = (Drive::Cia402(keys.clone()), Some(sheet));
