@@ -4,6 +4,9 @@
 //! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` runs it longer.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[path = "support/by_sheets.rs"]
+mod sheets;
+
 use base::Duration;
 use cli::soak::{Progress, Robot};
 use messages::Message;
@@ -92,6 +95,22 @@ fn the_shipped_scenario_holds() {
     ];
     for (time, ms) in bounds {
         assert!(time.is_some_and(|time| time <= Duration::from_millis(ms)), "{ms} ms: {worst:?}");
+    }
+}
+
+/// `SOAK_HOURS` and `SOAK_SEED` as above.
+#[test]
+fn the_shipped_scenario_holds_for_drives_by_their_data_sheets() {
+    let scenario = shipped();
+    let (hours, seed) = (number("SOAK_HOURS").unwrap_or(0.3), number("SOAK_SEED").unwrap_or(1.0) as u64);
+    let episodes = (hours / 2.0 * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
+    for (name, drives) in [("soak-stated", sheets::STATED), ("soak-given", sheets::GIVEN)] {
+        let hall = Some(root().join("conf/worlds/hall.toml"));
+        let place = RobotLocation { config: sheets::configuration(name, drives), world: hall, ..place("hall") };
+        let robot = Robot::new(place, scenario.clone(), seed).expect("the shipped scenario");
+        let report = robot.many(episodes, 2, &Progress::none()).unwrap();
+        assert_eq!(report.violations, [], "{name}: seed {seed}");
+        assert!(report.figures.distance > 300.0 * report.time.as_secs_f64() / 3600.0, "{name}: it stands");
     }
 }
 

@@ -114,7 +114,11 @@ impl Patrol {
     pub fn with(world: &str, people: Option<u32>, seed: u64, sink: Option<Sink>, more: &[&str]) -> Self {
         let mut sets: Vec<String> = people.map(|count| format!("world.people={count}")).into_iter().collect();
         sets.extend(more.iter().copied().map(String::from));
-        let place = place(world, &sets);
+        Self::at(&place(world, &sets), seed, sink)
+    }
+
+    /// Robot of this place, with the route `patrol` of its world as the goal.
+    pub fn at(place: &RobotLocation, seed: u64, sink: Option<Sink>) -> Self {
         let read = config::world(&place.config, place.world.as_deref(), &place.sets).expect("a shipped world");
         let route = read.routes.iter().find(|route| route.name == "patrol").expect("a patrol");
         let waypoint = |at: &navitools::Point| Waypoint { x: at.x, y: at.y, ..Waypoint::default() };
@@ -123,7 +127,7 @@ impl Patrol {
         let config = host::Config { seed, lcm_jitter: Duration::from_micros(200), ..host::Config::default() };
         let mut sink = sink;
         let record = move |name: &str| if name == planner::NAME { sink.take() } else { None };
-        let mut machine = virtual_machine_recorded(&place, config, record).expect("the shipped configuration");
+        let mut machine = virtual_machine_recorded(place, config, record).expect("the shipped configuration");
         let seen = Rc::new(RefCell::new(Seen::default()));
         let keep = seen.clone();
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));

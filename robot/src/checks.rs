@@ -2,12 +2,25 @@
 
 use crate::config::{CanBus, Config, ConfigError, Robot, Rs485Bus};
 use crate::place::RobotLocation;
+use crate::{simulated, topology};
 use base::Duration;
+use canopen::NodeConfig;
+use canopen::master::PdoMapping;
+use canopen::pdo::Mapped;
 use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
 use navitools::Pose;
-use sim::check::{Limits, Promise, RangingBoard};
+use sim::check::{Limits, Promise, RangingBoard, wire};
+use simulator::world::World;
+use simulator::{Axis, DriveConfig, DriveKind};
 use std::f64::consts::PI;
+
+/// First communication record of a TPDO.
+const TPDOS: u16 = 0x1800;
+const CONTROLWORD: u16 = 0x6040;
+const STATUSWORD: u16 = 0x6041;
+/// Target position, target velocity.
+const TARGETS: [u16; 2] = [0x607A, 0x60FF];
 
 /// Angle to the robot's axis within which a sonar looks forward, or backward, rad.
 const LOOKS_RAD: f64 = 1.3;
@@ -19,11 +32,19 @@ const LOOKS_RAD: f64 = 1.3;
 pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, ConfigError> {
     let config = Config::load(&place.config, place.sim, &place.sets)?;
     let robot = &config.robot;
-    let drives = |bus: &CanBus| {
-        Some((bus.name.clone(), bus.driver.homing_release, bus.driver.propulsion()?, bus.driver.steering()?.node))
+    let driver = topology::canbus(place, &config, false)?;
+    let simulated = simulated::config(place, World::default(), robot, false)?;
+    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with both axes".into()]);
+    let can = simulated.can.ok_or_else(missing)?;
+    let of = |axis| {
+        let drive = can.drives.iter().find(|drive| drive.kind.axis() == axis)?;
+        let node = driver.nodes().find(|node| node.id == drive.node)?;
+        Some((drive, node, on_wire(node)?))
     };
-    let Some((bus, homing_release, (propulsion, gear), steering)) = robot.can.iter().find_map(drives) else {
-        return Err(ConfigError(vec!["checks: robot.toml has no [can.<bus>] with an epos and an icla".into()]));
+    let (propulsion_drive, propulsion_node, propulsion) = of(Axis::Propulsion).ok_or_else(missing)?;
+    let (steering_drive, _, steering) = of(Axis::Steering).ok_or_else(missing)?;
+    let homes_at_start = |bus: &CanBus| {
+        can.bus == format!("can.{}", bus.name) && bus.driver.homing_release == canbus::HomingRelease::Start
     };
     Ok(Limits {
         driver: canbus::NAME.into(),
@@ -32,10 +53,14 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         critical: config.critical().collect(),
         power: robot.power.as_ref().map(|_| power::NAME.into()),
         commands: robot.bus.commands,
-        bus: format!("can.{bus}"),
         propulsion,
         steering,
-        rpm_per_mps: 60.0 * gear / robot.geometry.wheel_circumference_m(),
+        stop_word: propulsion_node.stop.as_ref().and_then(|stop| stop.value.as_slice().first().copied()).unwrap_or(0),
+        units_per_mps: units_per_mps(propulsion_drive, robot.geometry.wheel_circumference_m()),
+        homed: match &steering_drive.kind {
+            DriveKind::Cia402(drive) => drive.homed,
+            DriveKind::Epos { .. } | DriveKind::Icla(_) => canopen::drives::icla::HOMED,
+        },
         speed: robot.limits.speed_mps,
         steering_angle: robot.limits.steering_rad,
         wheelbase: robot.geometry.wheelbase_m,
@@ -44,7 +69,8 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         quick_stop: robot.limits.quick_stop_mps2,
         ttl: robot.limits.command_ttl,
         ranging: ranging(robot),
-        homing_at_start: homing_release == canbus::HomingRelease::Start,
+        homing_at_start: robot.can.iter().any(homes_at_start),
+        bus: can.bus.clone(),
         promise: (robot.guard.ranging != ::guard::Ranging::None).then(|| Promise {
             guard: ::guard::NAME.into(),
             reaction_s: robot.guard.reaction + robot.guard.sensing,
@@ -52,6 +78,38 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
             beam_rad: robot.sensors.srf08.beam_rad,
         }),
         restart_max,
+    })
+}
+
+/// Units of velocity of a drive at 1 m/s, by its own objects: those of its driver may be wrong.
+fn units_per_mps(drive: &DriveConfig, circumference: f64) -> f64 {
+    match &drive.kind {
+        DriveKind::Cia402(own) => own.velocity_units(drive.node, circumference),
+        DriveKind::Epos { gear } => 60.0 * gear / circumference,
+        DriveKind::Icla(_) => f64::NAN,
+    }
+}
+
+/// Where the PDOs of a node have controlword, target and statusword; none: they have not all of them in whole bytes.
+fn on_wire(node: &NodeConfig) -> Option<wire::Drive> {
+    let place = |mapping: &PdoMapping, wanted: &[u16]| {
+        let mut bits = 0;
+        for mapped in mapping.entries.iter().map(|entry| Mapped::new(*entry)) {
+            if wanted.contains(&mapped.index) {
+                return (bits % 8 == 0).then_some(bits / 8);
+            }
+            bits += usize::from(mapped.bits);
+        }
+        None
+    };
+    let rpdo = node.mappings.iter().find(|mapping| mapping.record < TPDOS)?;
+    let tpdos = node.mappings.iter().filter(|mapping| mapping.record >= TPDOS);
+    let report = |tpdo: &PdoMapping| Some(wire::Place { id: tpdo.cob_id, at: place(tpdo, &[STATUSWORD])? });
+    Some(wire::Drive {
+        node: node.id,
+        command: wire::Place { id: rpdo.cob_id, at: place(rpdo, &[CONTROLWORD])? },
+        target: place(rpdo, &TARGETS)?,
+        reports: tpdos.filter_map(report).collect(),
     })
 }
 
@@ -71,4 +129,36 @@ fn ranging(robot: &Robot) -> Vec<RangingBoard> {
         }
     };
     robot.ranging_boards().map(board).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn the_shipped_drives_are_where_their_tables_have_them() {
+        let place = RobotLocation {
+            config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+            run_dir: "/run/advee".into(),
+            lcm_url: String::new(),
+            sets: Vec::new(),
+            sim: true,
+            world: None,
+        };
+        let limits = limits(&place, Duration::from_secs(2)).unwrap();
+        let first = |id| wire::Place { id, at: 0 };
+        let drive = |node, command, reports: [u16; 2]| wire::Drive {
+            node,
+            command: first(command),
+            target: 2,
+            reports: reports.map(first).into(),
+        };
+        assert_eq!(limits.propulsion, drive(1, 0x501, [0x181, 0x481]));
+        assert_eq!(limits.steering, drive(2, 0x302, [0x182, 0x282]));
+        // 26 turns of the motor per 0.628 m.
+        assert!((limits.units_per_mps - 2483.0).abs() < 0.5, "{}", limits.units_per_mps);
+        assert_eq!((limits.bus.as_str(), limits.stop_word, limits.homed), ("can.main", 0x0B, 0x8000));
+        assert!(limits.homing_at_start);
+    }
 }

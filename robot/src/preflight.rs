@@ -32,7 +32,7 @@ pub fn check(place: &RobotLocation, config: &Config, world: &World) -> Result<()
 pub fn faults(place: &RobotLocation) -> Result<Vec<(String, Vec<&'static str>)>, ConfigError> {
     let config = Config::load(&place.config, true, &place.sets)?;
     let wire_time = HostOptions::LIVE.wire_time;
-    Ok(Simulator::offered(simulated::config(World::default(), &config.robot, wire_time)))
+    Ok(Simulator::offered(simulated::config(place, World::default(), &config.robot, wire_time)?))
 }
 
 #[cfg(test)]

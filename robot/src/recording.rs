@@ -2,11 +2,11 @@
 //!
 //! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
-//! `sim.toml` and its world, whose beacons are the robot's map; of `driver_canbus` the data sheets of drives that are
-//! driven by them. Other data sheets are left out: they are checked when a module is created and do not affect its
+//! `sim.toml` and its world, whose beacons are the robot's map; of those that know the drives, the data sheets by which
+//! these are driven. Other data sheets are left out: they are checked when a module is created and do not affect its
 //! behavior.
 
-use crate::config::{self, Config, ConfigError};
+use crate::config::{self, Config, ConfigError, SIMULATOR};
 use crate::place::RobotLocation;
 use crate::scene;
 use crate::sheets;
@@ -69,7 +69,7 @@ pub fn header(place: &RobotLocation, name: &str, wanted: State, options: HostOpt
         add(SIM, place.config.join(SIM))?;
         add(WORLD, config::world_place(&place.config, place.world.as_deref()))?;
     }
-    if name == canbus::NAME {
+    if [canbus::NAME, SIMULATOR, web::NAME].contains(&name) {
         let buses = Config::load(&place.config, place.sim, &place.sets)?.robot.can;
         for (path, text) in buses.iter().map(|bus| sheets::texts(place, bus)).collect::<Result<Vec<_>, _>>()?.concat() {
             texts.push((format!("{SHEET}{}", path.display()), text));
@@ -228,8 +228,13 @@ mod tests {
             sim: false,
             world: None,
         };
-        let header = header(&place, canbus::NAME, State::Run, HostOptions::LIVE).unwrap();
+        fs::copy(root.join("conf/advee").join(SIM), folder.join(SIM)).unwrap();
+        let simulated = RobotLocation { sim: true, world: Some(root.join("conf/worlds/empty.toml")), ..place.clone() };
+        let names = [(canbus::NAME, &place), (canbus::NAME, &simulated), (SIMULATOR, &simulated)];
+        let headers = names.map(|(name, place)| header(place, name, State::Run, HostOptions::LIVE).unwrap());
         fs::remove_dir_all(&folder).unwrap();
-        assert_eq!(rebuild(&header, &[]).unwrap().name(), canbus::NAME);
+        for ((name, _), header) in names.iter().zip(headers) {
+            assert_eq!(rebuild(&header, &[]).unwrap().name(), *name);
+        }
     }
 }

@@ -1,7 +1,8 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{CanBus, Robot};
-use crate::place::{GAMEPAD_BUS, W1_BUS};
+use crate::config::{CanBus, ConfigError, Robot};
+use crate::place::{GAMEPAD_BUS, RobotLocation, W1_BUS};
+use crate::sheets;
 use base::Duration;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
@@ -10,25 +11,42 @@ use drivers::rs485a::Ranger;
 use navitools::{Point, Pose};
 use settings::robot::Beacon;
 use simulator::boards::battery::BatteryConfig;
+use simulator::boards::cia402::Cia402Config;
 use simulator::boards::icla::Gearing;
+use simulator::boards::output::OutputConfig;
 use simulator::boards::sbs1::Sbs1Config;
 use simulator::boards::sd1::Sd1Config;
 use simulator::body::{Errors, Parameters};
 use simulator::world::World;
-use simulator::{BoardConfig, BoardKind, CanConfig, Config, I2cConfig, SerialConfig, W1Config};
+use simulator::{
+    Axis, BoardConfig, BoardKind, CanConfig, Config, DriveConfig, DriveKind, I2cConfig, SerialConfig, W1Config,
+};
+
+/// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
+/// what the configuration says shows.
+const STEERING_RESERVE: f64 = 2.0;
 
 /// `simulator`: every bus, the robot's body, a world.
-pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config {
+///
+/// # Errors
+/// The data sheet of a drive cannot be read.
+pub(crate) fn config(
+    place: &RobotLocation,
+    mut world: World,
+    robot: &Robot,
+    wire_time: bool,
+) -> Result<Config, ConfigError> {
     if world.beacons.is_empty() {
         let at = |beacon: &Beacon| Point { x: beacon.x, y: beacon.y };
         let beacon = |beacon: &Beacon| simulator::world::Beacon { id: beacon.id, at: at(beacon) };
         world.beacons = robot.beacons.iter().map(beacon).collect();
     }
-    let can = robot.can.iter().find_map(|bus| drives(bus, robot.stop.feed_output()));
-    let usual = Parameters::default();
+    let can = can(place, robot)?;
+    let steers =
+        |drive: &DriveConfig| matches!(drive.kind, DriveKind::Cia402(_)) && drive.kind.axis() == Axis::Steering;
+    let by_sheet = can.iter().flat_map(|can| &can.drives).any(steers);
     let parameters = Parameters {
-        gear: can.as_ref().map_or(usual.gear, |(_, gear)| *gear),
-        steering_rate: robot.limits.steering_rate_radps,
+        steering_rate: robot.limits.steering_rate_radps * if by_sheet { STEERING_RESERVE } else { 1.0 },
         errors: Errors::usual(),
         brake: if robot.stop.pause == PauseStop::Brake { robot.stop.brake_mps2 } else { 0.0 },
         ..Parameters::of(&robot.geometry)
@@ -51,11 +69,11 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
         thermometers: w1.driver.sensors.iter().map(|sensor| (sensor.rom, sensor.name.clone())).collect(),
     });
     let usual = Config::default();
-    Config {
+    Ok(Config {
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
-        can: can.map(|(can, _)| can),
+        can,
         serial: serial.collect(),
         i2c: i2c.collect(),
         w1,
@@ -64,25 +82,50 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
         wire_time,
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },
         ..usual
-    }
+    })
 }
 
-/// A CAN bus with both drives on it, with the output that feeds the motors, and the gear of the propulsion.
-fn drives(bus: &CanBus, output: Option<canbus::OutputConfig>) -> Option<(CanConfig, f64)> {
-    let (propulsion, gear) = bus.driver.propulsion()?;
-    let steering = bus.driver.steering()?;
-    let canbus::SteeringDrive::Icla { gear: steering_gear, counts_per_turn, .. } = steering.drive else { return None };
-    let can = CanConfig {
+/// The CAN bus of `driver_canbus`: its drives, those of the propulsion first, and the output that feeds the motors.
+fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, ConfigError> {
+    let driver = |bus: &&CanBus| bus.driver.driver(String::new(), &robot.geometry, robot.limits).is_some();
+    let Some(mut bus) = robot.can.iter().find(driver).cloned() else { return Ok(None) };
+    sheets::read(place, &mut bus)?;
+    bus.driver.nodes.sort_by_key(|node| node.axis != canbus::Axis::Propulsion);
+    Ok(Some(CanConfig {
         bus: format!("can.{}", bus.name),
         bitrate: bus.driver.bitrate,
-        propulsion,
-        steering: steering.node,
-        gearing: Gearing { counts_per_turn, gear: steering_gear },
-        output: output.map(|canbus::OutputConfig { node, index, subindex, bits, on, .. }| {
-            simulator::boards::output::OutputConfig { node, index, sub: subindex, bits, on }
+        drives: bus.driver.nodes.iter().map(drive).collect::<Result<_, _>>()?,
+        output: robot.stop.feed_output().map(|output| {
+            let canbus::OutputConfig { node, index, subindex, bits, on, .. } = output;
+            OutputConfig { node, index, sub: subindex, bits, on }
         }),
+    }))
+}
+
+/// A drive, as its keys describe it.
+fn drive(node: &canbus::Node) -> Result<DriveConfig, ConfigError> {
+    let name = node.axis.name();
+    let missing = || ConfigError(vec![format!("simulator: the data sheet of the {name} drive was not read")]);
+    let kind = match &node.drive {
+        canbus::Drive::Epos(epos) => DriveKind::Epos { gear: epos.gear },
+        canbus::Drive::Icla(icla) => {
+            DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
+        }
+        canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
+            axis: match node.axis {
+                canbus::Axis::Propulsion => Axis::Propulsion,
+                canbus::Axis::Steering => Axis::Steering,
+            },
+            sheet: node.sheet.clone().ok_or_else(missing)?,
+            gear: keys.gear,
+            counts_per_turn: keys.counts_per_turn,
+            velocity_unit: keys.velocity_unit.unit(),
+            keeps_quick_stop: keys.keeps_quick_stop,
+            stops_without: keys.stops_without.clone(),
+            homed: keys.homed_bit.map_or(0, |bit| 1 << bit),
+        })),
     };
-    Some((can, gear))
+    Ok(DriveConfig { name: name.into(), node: node.id, kind })
 }
 
 fn board(robot: &Robot, node: &Node) -> BoardConfig {
@@ -113,4 +156,75 @@ fn by_channel<T>(rangers: &[Ranger], board: u8, place: impl Fn(&Ranger) -> T) ->
     let count = own.last().map_or(0, |last| usize::from(last.channel) + 1);
     let at = |channel| own.iter().rev().find(|ranger| usize::from(ranger.channel) <= channel).or(own.first());
     (0..count).filter_map(|channel| at(channel).map(|ranger| place(ranger))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config as RobotConfig;
+    use drivers::canbus::{Cia402Config as Keys, Drive, VelocityUnit};
+    use settings::Section as _;
+    use std::path::{Path, PathBuf};
+
+    fn shipped() -> (RobotLocation, Robot) {
+        let place = RobotLocation {
+            config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+            run_dir: "/run/advee".into(),
+            lcm_url: String::new(),
+            sets: Vec::new(),
+            sim: true,
+            world: None,
+        };
+        let robot = RobotConfig::load(&place.config, true, &[]).unwrap().robot;
+        (place, robot)
+    }
+
+    fn sheet(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../buses/canopen/eds").join(name)
+    }
+
+    /// The shipped robot, with these of its drives by a sheet.
+    fn drives(by_sheet: [bool; 2]) -> Result<CanConfig, ConfigError> {
+        let (place, mut robot) = shipped();
+        let sheets = ["others/maxon_epos4_50_15_node1.dcf", "others/ros2_cia402_slave.eds"].map(sheet);
+        let keys = Keys {
+            velocity_unit: VelocityUnit::Rpm,
+            homed_bit: Some(15),
+            switch: Some(-0.6283),
+            homing_speed: Some(0.1745),
+            ..Keys::usual()
+        };
+        for (n, sheet) in sheets.into_iter().enumerate().filter(|(n, _)| by_sheet[*n]) {
+            let node = &mut robot.can[0].driver.nodes[n];
+            (node.drive, node.eds) = (Drive::Cia402(keys.clone()), Some(sheet));
+        }
+        robot.can[0].driver.nodes.reverse();
+        Ok(config(&place, World::default(), &robot, false)?.can.unwrap())
+    }
+
+    #[test]
+    fn drives_are_those_of_the_configuration_in_any_combination() {
+        for by_sheet in [[false, false], [true, false], [false, true], [true, true]] {
+            let can = drives(by_sheet).unwrap();
+            let row = |drive: &DriveConfig| (drive.name.clone(), drive.node, drive.kind.axis());
+            let rows: Vec<_> = can.drives.iter().map(row).collect();
+            let expected = [("propulsion".into(), 1, Axis::Propulsion), ("steering".into(), 2, Axis::Steering)];
+            assert_eq!(rows, expected, "the propulsion is first, wherever its node is in the file");
+            let are = can.drives.iter().map(|drive| match &drive.kind {
+                DriveKind::Epos { gear } => (*gear == 26.0).then_some(false),
+                DriveKind::Icla(gearing) => (gearing.gear == 180.0).then_some(false),
+                DriveKind::Cia402(own) => (own.homed == 1 << 15).then_some(true),
+            });
+            assert_eq!(are.collect::<Vec<_>>(), by_sheet.map(Some));
+        }
+    }
+
+    #[test]
+    fn a_sheet_that_cannot_be_read_is_named() {
+        let (place, mut robot) = shipped();
+        let node = &mut robot.can[0].driver.nodes[0];
+        (node.drive, node.eds) = (Drive::Cia402(Keys::usual()), Some("no.eds".into()));
+        let why = config(&place, World::default(), &robot, false).unwrap_err().to_string();
+        assert!(why.contains("no.eds: "), "{why}");
+    }
 }

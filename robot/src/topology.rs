@@ -185,13 +185,10 @@ pub(crate) fn shell_in(
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
-            if robot.can.iter().flat_map(|bus| &bus.driver.nodes).any(|node| node.drive.by_sheet().is_some()) {
-                return refused("simulator: it has no drive for driver \"cia402\", only \"epos\" and \"icla\"".into());
-            }
             if robot.base.is_some() {
                 return refused("simulator: it has no base without steering ([base])".into());
             }
-            let usual = simulated::config(world.unwrap_or_default(), robot, options.wire_time);
+            let usual = simulated::config(place, world.unwrap_or_default(), robot, options.wire_time)?;
             Box::new(simulator::Simulator::new(simulator::Config { seed: options.seed.unwrap_or(usual.seed), ..usual }))
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
@@ -378,8 +375,9 @@ fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Op
     // A map that cannot be read is the planner's to tell.
     let map = robot.planner.map.as_ref().and_then(|file| map_file::load(&place.config.join(file)).ok());
     let wire_time = HostOptions::LIVE.wire_time;
-    let simulated = |world: &World| simulator::Simulator::offered(simulated::config(world.clone(), robot, wire_time));
-    let faults = world.map(simulated).unwrap_or_default();
+    // A data sheet that cannot be read is the driver's to tell.
+    let simulated = |world: &World| simulated::config(place, world.clone(), robot, wire_time).ok();
+    let faults = world.and_then(simulated).map(simulator::Simulator::offered).unwrap_or_default();
     let route = |route: &simulator::world::Route| {
         let points = route.waypoints.iter().map(|at| [at.x, at.y]).collect();
         command::Route { name: route.name.clone(), points, looped: route.looped }
@@ -450,7 +448,7 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
 }
 
 /// `driver_canbus`: the CAN bus that both drives are on.
-fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
+pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
     let mut buses = robot.can.clone();
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
@@ -596,16 +594,6 @@ mod tests {
             format!("epos_sim.eds:{line}: the propulsion drive is refused: 0x607F:0 (greatest velocity): it takes");
         assert!(why.contains(&words), "{why}");
         assert!(made("no.eds", &stated, SecondWay::Power).unwrap_err().contains("no.eds: "));
-    }
-
-    #[test]
-    fn the_simulator_refuses_a_robot_whose_drives_it_does_not_have() {
-        let keys = Cia402Config { gear: Some(26.0), ..Cia402Config::usual() };
-        let (place, config) = by_sheet("others/maxon_epos4_50_15_node1.dcf", keys, SecondWay::Power);
-        let place = RobotLocation { sim: true, ..place };
-        let made = shell_in(&place, &config, SIMULATOR, State::Run, HostOptions::LIVE, || Ok(World::default()));
-        let why = made.err().unwrap().to_string();
-        assert!(why.contains("it has no drive for driver \"cia402\""), "{why}");
     }
 
     #[test]

@@ -41,6 +41,7 @@ mod stopped;
 #[cfg(test)]
 mod tests;
 mod wanted;
+pub mod wire;
 
 pub use blind::RangingBoard;
 pub use promise::Promise;
@@ -72,12 +73,16 @@ pub struct Limits {
     pub commands: Commands,
     /// The drives' bus: `can.main`.
     pub bus: String,
-    /// Node of the propulsion.
-    pub propulsion: u8,
-    /// Node of the steering.
-    pub steering: u8,
-    /// Motor speed at 1 m/s, rpm.
-    pub rpm_per_mps: f64,
+    /// The propulsion.
+    pub propulsion: wire::Drive,
+    /// The steering.
+    pub steering: wire::Drive,
+    /// Low byte of the controlword by which the propulsion stops.
+    pub stop_word: u8,
+    /// Target of the propulsion at 1 m/s.
+    pub units_per_mps: f64,
+    /// Bit of the steering's statusword that says that it has a reference; 0: it has none.
+    pub homed: u16,
     /// Maximum speed of a command, m/s; a faster one is rejected.
     pub speed: f64,
     /// Maximum steering angle of a command, rad; a greater one is rejected.
@@ -312,18 +317,19 @@ impl Checkers {
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
         let Id::Standard(id) = frame.id() else { return Ok(()) };
-        if id != 0x500 + u16::from(self.facts.limits.propulsion) {
+        let propulsion = &self.facts.limits.propulsion;
+        if id != propulsion.command.id {
             self.stop.on_frame(now, id, frame.data(), &self.facts);
             self.drives.on_frame(now, id, frame.data(), &self.facts);
             self.feed.on_frame(id, frame.data(), &self.facts);
             self.released.on_frame(now, id, frame.data(), &self.facts);
             return Ok(());
         }
+        if propulsion.commanded(frame.data()).is_none() {
+            return Err(("fresh", "a short RPDO".into()));
+        }
         let left_over = self.facts.is_left_over(now);
         let facts = &self.facts;
-        if frame.data().len() < 6 {
-            return Err(("fresh", "a short RPDO4".into()));
-        }
         let Some(speed) = facts.set_point.speed() else {
             self.stop.on_still(now, facts);
             self.feed.on_still(now, facts);
@@ -371,6 +377,7 @@ impl Checkers {
         named("clock", self.clock.on_message(pid, message))?;
         match message {
             Message::LlDataMotion(motion) => {
+                self.released.on_motion(now, motion.homed, facts);
                 named("homed", self.homed.on_motion(now, pid, motion))?;
                 named("authority", self.authority.on_motion(now, motion, facts))
             }

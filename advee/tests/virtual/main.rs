@@ -4,6 +4,7 @@
 
 mod auxiliary;
 mod blind;
+mod by_sheets;
 mod estimator;
 mod faults;
 mod gamepad;
@@ -33,6 +34,7 @@ struct Seen {
     motion: Option<lowlevel::DataMotion>,
     holds: lowlevel::DataHold,
     speed: f64,
+    steering: f64,
     messages: u64,
     all_run: Option<Instant>,
     critical: Option<Instant>,
@@ -169,7 +171,7 @@ impl Seen {
                 match message {
                     Message::LlDataMotion(motion) => self.motion = Some(motion.clone()),
                     Message::LlDataHold(list) if list.is_of_motion() => self.holds = list.clone(),
-                    Message::SimDataTruth(truth) => self.speed = truth.speed,
+                    Message::SimDataTruth(truth) => (self.speed, self.steering) = (truth.speed, truth.steering),
                     Message::CmDataProcesses(list) => {
                         let run = list.processes.iter().filter(|process| process.state == State::Run as i8).count();
                         if run == list.processes.len() && self.all_run.is_none() {

@@ -9,11 +9,8 @@ use messages::simulation::CmdFault;
 const STANDS_MAX_S: f64 = 15.0;
 
 /// Distance and time to standstill after `cause` at the highest speed, m and s, and that speed, m/s.
-fn stands_after(sets: &[&str], cause: impl FnOnce(&mut Robot)) -> (f64, f64, f64) {
-    let mut place = place();
-    place.sets.extend(["limits.speed_manual_mps=0.8".to_owned()]);
-    place.sets.extend(sets.iter().map(|set| (*set).to_owned()));
-    let mut robot = Robot::at(&place, Config { seed: 1, ..Config::default() });
+pub fn stands_after(place: &RobotLocation, cause: impl FnOnce(&mut Robot)) -> (f64, f64, f64) {
+    let mut robot = Robot::at(place, Config { seed: 1, ..Config::default() });
     let truth = Rc::new(RefCell::new(Vec::new()));
     let keep = truth.clone();
     robot.machine.observe(move |now, news| {
@@ -140,7 +137,9 @@ fn the_robot_stands_within_the_figures_of_the_table() {
         ("the propulsion drive is in fault", &[], Box::new(fault("propulsion", "fault", 0.0)), 2.20),
     ];
     for (name, sets, cause, most) in rows {
-        let (way, seconds, speed) = stands_after(sets, cause);
+        let mut place = place();
+        place.sets.extend(["limits.speed_manual_mps=0.8"].iter().chain(sets).map(|set| (*set).to_owned()));
+        let (way, seconds, speed) = stands_after(&place, cause);
         println!("{name:35} from {speed:.2} m/s: {way:.2} m, {seconds:.2} s");
         assert!(way <= most, "{name}: {way:.2} m");
     }

@@ -2,8 +2,9 @@
 
 pub mod battery;
 pub(crate) mod can_line;
+pub mod cia402;
 pub(crate) mod climate;
-pub(crate) mod drive;
+pub mod drive;
 pub mod epos;
 pub(crate) mod fan1;
 pub(crate) mod feed_line;

@@ -35,8 +35,6 @@ pub struct Parameters {
     pub mass: f64,
     /// Radius of all wheels, m.
     pub wheel_radius: f64,
-    /// Motor turns per turn of the driven wheels.
-    pub gear: f64,
     /// Greatest force of the motor at the wheel, N.
     pub force_max: f64,
     /// Greatest speed that gear and supply allow, m/s.
@@ -97,7 +95,6 @@ impl Default for Parameters {
             width: 0.60,
             mass: 95.0,
             wheel_radius: 0.100,
-            gear: 26.0,
             force_max: 208.0,
             speed_max: 2.42,
             rolling: 0.015,
@@ -130,10 +127,10 @@ impl Parameters {
         }
     }
 
-    /// Motor turns per metre driven.
+    /// Motor turns per metre driven, by motor turns per turn of the wheel.
     #[must_use]
-    pub fn motor_turns_per_metre(&self) -> f64 {
-        self.gear / (2.0 * core::f64::consts::PI * self.wheel_radius)
+    pub fn motor_turns_per_metre(&self, gear: f64) -> f64 {
+        gear / (2.0 * core::f64::consts::PI * self.wheel_radius)
     }
 
     /// Way of a wheel per encoder count, m.

@@ -40,7 +40,7 @@
 //! | a drive | `reboot` | as after a short loss of its supply |
 //! | the propulsion drive | `unbraked` | it does not brake, whatever it is told; without its feed it rolls out |
 //! | the propulsion drive | `runaway` | once it turns it is `value` m/s (0: 0.3) faster than it is told |
-//! | the steering drive | `layout` | it is another version, that has its position in RPDO3; it starts anew |
+//! | a drive but the EPOS | `layout` | it is another version, with other PDOs; it starts anew |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
 //! | a CAN bus | `lose` | the frame of number `value` from now on (0: 1) is received by nobody |

@@ -48,5 +48,6 @@ pub mod sonar;
 pub mod world;
 
 pub use auxiliary::{I2cConfig, W1Config};
+pub use boards::drive::{Axis, DriveConfig, DriveKind};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

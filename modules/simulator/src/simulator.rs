@@ -3,9 +3,8 @@
 use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
-use crate::boards::drive::{self, Disobedience, Drive, Layout};
+use crate::boards::drive::{Axis, Disobedience, Drive, DriveConfig, Layout};
 use crate::boards::feed_line::FeedLine;
-use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine, Wire};
 use crate::boards::output::{Output as FeedOutput, OutputConfig};
 use crate::boards::psc1::{self, Psc1};
@@ -81,12 +80,8 @@ pub struct CanConfig {
     pub bus: String,
     /// bit/s.
     pub bitrate: u32,
-    /// The node id of the EPOS 70/10.
-    pub propulsion: u8,
-    /// The node id of the IclA.
-    pub steering: u8,
-    /// Conversion of the IclA's counts to an angle.
-    pub gearing: Gearing,
+    /// Its drives, in the order in which each step asks them.
+    pub drives: Vec<DriveConfig>,
     /// Output of another node that feeds the motors, if there is one.
     pub output: Option<OutputConfig>,
 }
@@ -228,12 +223,8 @@ impl Simulator {
         self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
         let body = self.scene.body();
         self.can = can_line(&self.config);
-        self.drives = match &self.config.can {
-            Some(can) => {
-                vec![Drive::propulsion(can.propulsion), Drive::steering(can.steering, can.gearing, body)]
-            }
-            None => Vec::new(),
-        };
+        let drives = self.config.can.iter().flat_map(|can| &can.drives);
+        self.drives = drives.map(|drive| Drive::new(drive.clone(), body)).collect();
         for drive in &mut self.drives {
             drive.power_on(now, body);
         }
@@ -319,9 +310,9 @@ impl Simulator {
         let (at, dt) = (self.scene.next_step(), STEP.as_nanos() as f64 / 1e9);
         for drive in &mut self.drives {
             let demand = drive.step(at, self.scene.body(), dt);
-            match drive.kind {
-                drive::Kind::Epos(_) => self.scene.demand.speed = demand,
-                drive::Kind::Icla(_) => self.scene.demand.steering = demand,
+            match drive.axis() {
+                Axis::Propulsion => self.scene.demand.speed = demand,
+                Axis::Steering => self.scene.demand.steering = demand,
             }
         }
         let before = self.scene.body().steering_output();
@@ -479,23 +470,23 @@ impl Simulator {
 
     /// Injects a fault into a target; false if there is no such target, or it cannot have that fault.
     fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
-        if let Some(drive) = self.drives.iter_mut().find(|drive| drive.name == target) {
+        if let Some(drive) = self.drives.iter_mut().find(|drive| drive.config.name == target) {
             match injected {
                 InjectedFault::Silent => drive.silent_until = until,
                 InjectedFault::None => {
                     drive.silent_until = now;
                     drive.disobey(None, now);
                     drive.set_layout(now, Layout::Usual, self.scene.body());
-                    self.can.heal_node(drive.id);
+                    self.can.heal_node(drive.config.node);
                 }
                 InjectedFault::Fault(code) => drive.fault(now, code, self.scene.body()),
                 InjectedFault::Reboot => drive.power_on(now, self.scene.body()),
                 InjectedFault::Unbraked => return drive.disobey(Some(Disobedience::Unbraked), until),
                 InjectedFault::Runaway(by) => return drive.disobey(Some(Disobedience::Runaway(by)), until),
-                InjectedFault::Layout => return drive.set_layout(now, Layout::Profile, self.scene.body()),
+                InjectedFault::Layout => return drive.set_layout(now, Layout::Other, self.scene.body()),
                 injected => {
-                    let dictionary = || drive::dictionary(&drive.kind, drive.id);
-                    return self.can.inject_node(now, drive.id, injected, until, dictionary);
+                    let DriveConfig { node, kind, .. } = &drive.config;
+                    return self.can.inject_node(now, *node, injected, until, || kind.dictionary(*node));
                 }
             }
             return true;

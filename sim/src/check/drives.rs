@@ -24,26 +24,23 @@ pub(super) struct Rule {
 impl Rule {
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let node = u16::from(facts.limits.steering);
-        if id == 0x700 + node {
+        let steering = &facts.limits.steering;
+        if id == 0x700 + u16::from(steering.node) {
             self.heartbeat = now;
             match data.first() {
                 Some(&BOOT_UP) => self.down = self.down.or(Some(now)),
                 Some(&OPERATIONAL) => self.down = None,
                 _ => {}
             }
-        } else if (id == 0x180 + node || id == 0x280 + node)
-            && let &[low, ..] = data
-            && matches!(low & 0x4F, 0x08 | 0x0F)
-        {
+        } else if steering.reported(id, data).is_some_and(|status| matches!(status & 0x4F, 0x08 | 0x0F)) {
             self.down = self.down.or(Some(now));
         }
     }
 
     /// Processes a frame of the steering that no node received.
     pub fn on_frame_lost(&mut self, id: u16, facts: &Facts) {
-        let node = u16::from(facts.limits.steering);
-        if [0x180 + node, 0x280 + node, 0x700 + node].contains(&id) {
+        let steering = &facts.limits.steering;
+        if id == 0x700 + u16::from(steering.node) || steering.reports.iter().any(|place| place.id == id) {
             self.down = None;
         }
     }

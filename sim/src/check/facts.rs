@@ -25,31 +25,30 @@ const AFTERMATH_OF_COMMAND: Duration = Duration::from_secs(3);
 const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 /// Time to standstill from top speed without power, at 0.17 m/s².
 const COASTING_TIME: Duration = Duration::from_secs(10);
-/// Controlword: quick stop.
-const QUICK_STOP: u8 = 0x0B;
 
-/// The last RPDO4 of the propulsion.
+/// The last RPDO of the propulsion.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPoint {
     pub controlword: u8,
-    rpm: i32,
+    target: i32,
     mps: f64,
+    is_stop: bool,
 }
 
 impl SetPoint {
     /// Speed at which it moves the robot, m/s; `None` if it does not move it.
     pub fn speed(self) -> Option<f64> {
-        (self.controlword & 0x0F == 0x0F && self.rpm != 0).then_some(self.mps)
+        (self.controlword & 0x0F == 0x0F && self.target != 0).then_some(self.mps)
     }
 
     pub fn is_stop(self) -> bool {
-        self.controlword == QUICK_STOP
+        self.is_stop
     }
 
-    fn read(frame: &Frame, rpm_per_mps: f64) -> Option<Self> {
-        let &[controlword, _, a, b, c, d, ..] = frame.data() else { return None };
-        let rpm = i32::from_le_bytes([a, b, c, d]);
-        Some(Self { controlword, rpm, mps: f64::from(rpm) / rpm_per_mps })
+    fn read(frame: &Frame, limits: &Limits) -> Option<Self> {
+        let (controlword, target) = limits.propulsion.commanded(frame.data())?;
+        let mps = f64::from(target) / limits.units_per_mps;
+        Some(Self { controlword, target, mps, is_stop: controlword == limits.stop_word })
     }
 }
 
@@ -302,10 +301,10 @@ impl Facts {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        if frame.id() != Id::Standard(0x500 + u16::from(self.limits.propulsion)) {
+        if frame.id() != Id::Standard(self.limits.propulsion.command.id) {
             return;
         }
-        let Some(set_point) = SetPoint::read(frame, self.limits.rpm_per_mps) else { return };
+        let Some(set_point) = SetPoint::read(frame, &self.limits) else { return };
         let was = std::mem::replace(&mut self.set_point, set_point);
         if set_point.is_stop() {
             self.on_stop(now, was);

@@ -76,16 +76,13 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, id: u16, data: &[u8], facts: &Facts) {
-        let node = u16::from(facts.limits.propulsion);
-        if (id == 0x180 + node || id == 0x480 + node)
-            && let &[low, ..] = data
-        {
+        if let Some(status) = facts.limits.propulsion.reported(id, data) {
             // CiA 402-2, statusword: operation enabled, quick stop active.
-            self.powered = matches!(low & 0x6F, 0x27 | 0x07);
+            self.powered = matches!(status & 0x6F, 0x27 | 0x07);
         }
     }
 
-    /// An RPDO4 of the propulsion that does not move the robot has left the wire.
+    /// An RPDO of the propulsion that does not move the robot has left the wire.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
         (self.set_point, self.settled, self.exceeds) = (0.0, now, None);
         // A command to stand replaces the order.

@@ -1,7 +1,7 @@
 //! No set-point follows a command for longer than its time to live (docs/design.md, section 4, *Who may move the
 //! robot*).
 //!
-//! Each RPDO4 that moves the propulsion has the sign of a valid command that was served to the driver, and at most its
+//! Each RPDO that moves the propulsion has the sign of a valid command that was served to the driver, and at most its
 //! magnitude and its source's limit. Bound: 250 ms (`command_ttl_s`) after the reception of the command, plus
 //! [`DELAY_MAX`] for the bus.
 //!

@@ -2,7 +2,8 @@
 //! the last cause of a stop, a steering with a reference turns for a source of motion, or straight ahead after homing,
 //! and under a cause none turns.
 //!
-//! The witnesses are the body, whose wheels turn, and the steering's statusword, which says whether it has a reference.
+//! The witnesses are the body, whose wheels turn, and the steering's statusword, which says whether it has a reference;
+//! where it does not, `LL_DATA_MOTION`.
 //! A release is an act that was served to the driver: motion of a manual source after its zero, a goal, an operator's
 //! RUN for the driver, the planner or all, `LL_CMD_HOMING`; and where the configuration says so, the robot's start.
 //! Causes are those that the driver was served, its own restart, and a steering that booted.
@@ -28,8 +29,6 @@ const REACHED_WITHIN: Duration = Duration::from_secs(2);
 /// Time in which a steering that is homed finds its switch and turns straight ahead. If it is homed again it keeps its
 /// reference meanwhile.
 const HOMED_WITHIN: Duration = Duration::from_secs(17);
-/// Steering: the drive has a reference, in the high byte of its statusword.
-const REFERENCE: u8 = 0x80;
 /// NMT state in a heartbeat.
 const BOOT_UP: u8 = 0;
 
@@ -100,20 +99,30 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let node = u16::from(facts.limits.steering);
-        if (id == 0x180 + node || id == 0x280 + node)
-            && let &[_, high, ..] = data
-        {
-            let referenced = high & REFERENCE != 0;
-            if referenced && !self.referenced {
-                self.homed = now;
+        let steering = &facts.limits.steering;
+        if let Some(status) = steering.reported(id, data) {
+            if facts.limits.homed != 0 {
+                self.on_reference(now, status & facts.limits.homed != 0);
             }
-            self.started |= referenced;
-            self.referenced = referenced;
-        } else if id == 0x700 + node && data.first() == Some(&BOOT_UP) {
+        } else if id == 0x700 + u16::from(steering.node) && data.first() == Some(&BOOT_UP) {
             self.on_cause(now);
             self.referenced = false;
         }
+    }
+
+    /// The driver tells whether the steering has a reference: the witness for a drive that does not say it.
+    pub fn on_motion(&mut self, now: Instant, homed: bool, facts: &Facts) {
+        if facts.limits.homed == 0 {
+            self.on_reference(now, homed);
+        }
+    }
+
+    fn on_reference(&mut self, now: Instant, referenced: bool) {
+        if referenced && !self.referenced {
+            self.homed = now;
+        }
+        self.started |= referenced;
+        self.referenced = referenced;
     }
 
     /// Processes a sample of the body's steering angle, rad, by the simulator of this process: another one's body

@@ -1,7 +1,7 @@
 //! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (docs/design.md,
 //! section 1.4).
 //!
-//! The stop has begun with an RPDO4 that is a quick stop or zero, or with the drive's own stop, reported by its
+//! The stop has begun with an RPDO that is a quick stop or zero, or with the drive's own stop, reported by its
 //! statusword or, if that is not received, visible by decreasing speed of the body. The time counts from the last one
 //! of overlapping faults; a hang that ends sooner does not count. Evaluated only while a set-point moves the robot.
 
@@ -68,19 +68,16 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let node = u16::from(facts.limits.propulsion);
-        if (id == 0x180 + node || id == 0x480 + node)
-            && let &[low, ..] = data
-        {
+        if let Some(status) = facts.limits.propulsion.reported(id, data) {
             // CiA 402-2, statusword: operation enabled.
-            let enabled = low & 0x6F == 0x27;
+            let enabled = status & 0x6F == 0x27;
             if std::mem::replace(&mut self.enabled, enabled) && !enabled {
                 self.on_still(now, facts);
             }
         }
     }
 
-    /// Processes an RPDO4 that does not move the robot, or the drive's report of its own stop.
+    /// Processes an RPDO that does not move the robot, or the drive's report of its own stop.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
         if let Some(lost) = self.lost.take() {
             self.worst = self.worst.max(Some(now.since(lost.counts_from(now, facts))));

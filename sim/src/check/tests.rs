@@ -15,6 +15,12 @@ mod stopping;
 const WATCHDOG: u32 = 1;
 const DRIVER: u32 = 3;
 
+/// Controlword and target in this RPDO, the statusword first in these TPDOs.
+fn drive(node: u8, command: u16, reports: &[u16]) -> wire::Drive {
+    let first = |id| wire::Place { id, at: 0 };
+    wire::Drive { node, command: first(command), target: 2, reports: reports.iter().copied().map(first).collect() }
+}
+
 fn limits() -> Limits {
     Limits {
         driver: "driver".into(),
@@ -24,9 +30,11 @@ fn limits() -> Limits {
         power: Some("power".into()),
         commands: Commands::Host,
         bus: "can".into(),
-        propulsion: 1,
-        steering: 2,
-        rpm_per_mps: 1000.0,
+        propulsion: drive(1, 0x501, &[0x181, 0x481]),
+        steering: drive(2, 0x302, &[0x182, 0x282]),
+        stop_word: 0x0B,
+        units_per_mps: 1000.0,
+        homed: 0x8000,
         speed: 1.2,
         steering_angle: 0.6,
         wheelbase: 0.6,

@@ -12,7 +12,7 @@ use simulator::boards::icla::Gearing;
 use simulator::boards::sd1::Sd1Config;
 use simulator::body::Parameters;
 use simulator::world::World;
-use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};
+use simulator::{BoardConfig, BoardKind, CanConfig, Config, DriveConfig, DriveKind, SerialConfig, Simulator};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
@@ -88,7 +88,9 @@ struct Run {
 
 fn config() -> Config {
     let board = BoardConfig { name: "so1".into(), address: 0x20, kind: BoardKind::So1 };
-    let gearing = Gearing::default();
+    let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
+    let propulsion = drive("propulsion", 1, DriveKind::Epos { gear: 26.0 });
+    let steering = drive("steering", 2, DriveKind::Icla(Gearing::default()));
     let mut world = World::hall(400.0, 12.0);
     world.start = Pose::new(5.0, 6.0, 0.0);
     Config {
@@ -96,9 +98,7 @@ fn config() -> Config {
         can: Some(CanConfig {
             bus: "can.main".into(),
             bitrate: 1_000_000,
-            propulsion: 1,
-            steering: 2,
-            gearing,
+            drives: vec![propulsion, steering],
             output: None,
         }),
         serial: vec![SerialConfig {

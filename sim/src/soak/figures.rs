@@ -184,11 +184,11 @@ impl Meter {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        if frame.id() != Id::Standard(0x500 + u16::from(self.limits.propulsion)) {
+        if frame.id() != Id::Standard(self.limits.propulsion.command.id) {
             return;
         }
-        let data = frame.data();
-        let moves = data.len() >= 6 && data[0] & 0x0F == 0x0F && data[2..6] != [0; 4];
+        let commanded = self.limits.propulsion.commanded(frame.data());
+        let moves = commanded.is_some_and(|(controlword, target)| controlword & 0x0F == 0x0F && target != 0);
         let stops = std::mem::replace(&mut self.moves, moves) && !moves;
         if !stops {
             return;

@@ -134,15 +134,18 @@ fn foreign_messages(machine: &Virtual, fault: &Fault, first: bool) -> Vec<Messag
 }
 
 fn foreign_frame(fault: &Fault, limits: &Limits) -> Option<Frame> {
-    let node = match fault.target.as_str() {
-        "propulsion" => limits.propulsion,
-        "steering" => limits.steering,
+    let drive = match fault.target.as_str() {
+        "propulsion" => &limits.propulsion,
+        "steering" => &limits.steering,
         _ => return None,
     };
+    let node = drive.node;
     match fault.fault.as_str() {
         "foreign_pdo" => {
-            let [a, b, c, d] = ((fault.value * limits.rpm_per_mps) as i32).to_le_bytes();
-            Some(Frame::standard(0x500 + u16::from(node), &[0x0F, 0, a, b, c, d]))
+            // To the steering it is a frame that the drive does not receive.
+            let id = if fault.target == "steering" { 0x500 + u16::from(node) } else { drive.command.id };
+            let target = (fault.value * limits.units_per_mps) as i32;
+            Some(Frame::standard(id, &drive.command(0x0F, target)))
         }
         // CiA 301, 7.2.8.2.1.2: stop remote node.
         "foreign_nmt" => Some(Frame::standard(0, &[0x02, node])),

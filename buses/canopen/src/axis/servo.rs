@@ -28,6 +28,22 @@ use settings::Settings;
 /// The emergency of a following error.
 pub const FOLLOWING_ERROR: u16 = 0x8611;
 
+/// Value of the error register (0x1001) with an emergency: the bits of its class, and generic with every one (CiA 301,
+/// 7.2.7.1). Code 0: no errors any more.
+#[must_use]
+pub const fn error_register(code: u16) -> u8 {
+    match code >> 12 {
+        0 => 0x00,
+        2 => 0x03,
+        3 => 0x05,
+        4 => 0x09,
+        8 if code < 0x8600 => 0x11,
+        8 => 0x21,
+        0xF => 0x81,
+        _ => 0x01,
+    }
+}
+
 /// Properties of a drive beyond its objects.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
@@ -266,14 +282,22 @@ impl Servo {
             let from = [self.zero, self.profile.demand];
             self.setpoints.command(word, rising, self.settings.position, from, range);
         } else if self.mode == Some(Mode::Homing) {
-            let known = self.config.methods.contains(&self.settings.homing_method);
-            match Method::of(self.settings.homing_method).filter(|_| known) {
-                method if rising => self.homing = Homing::start(method, sensed),
-                _ if word & control::NEW_SETPOINT == 0 => self.homing.interrupt(),
-                _ => {}
+            if rising {
+                self.homing = Homing::start(self.method(objects), sensed);
+            } else if word & control::NEW_SETPOINT == 0 {
+                self.homing.interrupt();
             }
         }
         taken.contains(&15)
+    }
+
+    /// The homing method that is set, if the drive knows it, and lists it where it has such a list (0x60E3).
+    fn method(&self, objects: &Dictionary) -> Option<Method> {
+        let number = self.settings.homing_method;
+        let listed = |sub| objects.get(0x60E3, sub) == Some(number.into());
+        let lists = objects.get(0x60E3, 1).is_some();
+        let known = self.config.methods.contains(&number) && (!lists || (1..=254).any(listed));
+        Method::of(number).filter(|_| known)
     }
 
     fn forget(&mut self) {

@@ -109,7 +109,8 @@ impl DataType {
     }
 
     /// The least and the greatest value, in the form of [`Dictionary::get`](super::Dictionary::get).
-    pub(crate) const fn range(self) -> (i64, i64) {
+    #[must_use]
+    pub const fn range(self) -> (i64, i64) {
         match (self, self.width()) {
             (Self::Bool, _) => (0, 1),
             (Self::F32, _) => (f32::NEG_INFINITY.to_bits() as i64, f32::INFINITY.to_bits() as i64),

@@ -131,7 +131,9 @@ impl Cia402Config {
 }
 
 impl VelocityUnit {
-    const fn unit(self) -> Option<derive::VelocityUnit> {
+    /// The unit; none: as the data sheet states it.
+    #[must_use]
+    pub const fn unit(self) -> Option<derive::VelocityUnit> {
         Some(match self {
             Self::Stated => return None,
             Self::Rpm => derive::VelocityUnit::Rpm,

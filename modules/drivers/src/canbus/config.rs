@@ -403,16 +403,6 @@ impl BusConfig {
         self.nodes.iter().find(|node| node.axis == axis)
     }
 
-    /// An EPOS of the propulsion: node id and gear.
-    #[must_use]
-    pub fn propulsion(&self) -> Option<(u8, f64)> {
-        let node = self.node(Axis::Propulsion)?;
-        match &node.drive {
-            Drive::Epos(epos) => Some((node.id, epos.gear)),
-            Drive::Icla(_) | Drive::Cia402(_) => None,
-        }
-    }
-
     fn wheel_drive(&self, node: &Node, circumference: f64) -> Option<PropulsionConfig> {
         let drive = match &node.drive {
             Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
@@ -423,8 +413,7 @@ impl BusConfig {
     }
 
     /// The drive of the steering, without the speed.
-    #[must_use]
-    pub fn steering(&self) -> Option<SteeringConfig> {
+    fn steering(&self) -> Option<SteeringConfig> {
         let node = self.node(Axis::Steering)?;
         let steering = |drive, switch, homing_method, homing_speed, homing_timeout| SteeringConfig {
             node: node.id,

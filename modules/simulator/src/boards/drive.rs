@@ -1,5 +1,6 @@
-//! A drive on the CAN bus: a CANopen node with an EPOS or an IclA behind its objects.
+//! A drive on the CAN bus: a CANopen node with an EPOS, an IclA, or a drive by its data sheet behind its objects.
 
+use super::cia402::{self, Cia402, Cia402Config};
 use super::epos::{self, Emergency, Epos};
 use super::icla::{Gearing, Icla};
 use crate::body::Body;
@@ -11,28 +12,84 @@ use canopen::{Dictionary, NmtState, Node, NodeEvent};
 /// From power or reset to the boot-up message.
 const BOOT_TIME: Duration = Duration::from_millis(100);
 
-/// Kind of a drive.
-#[derive(Debug)]
-pub(crate) enum Kind {
-    Epos(Epos),
-    Icla(Icla),
+/// What a drive moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The driven wheels. Their drive loses its motor's feed with the PAUSE line and the second way to stop.
+    Propulsion,
+    /// The front wheels' angle. The gear holds them; their drive has a supply of its own.
+    Steering,
 }
 
-/// The objects of such a drive.
-pub(crate) fn dictionary(kind: &Kind, id: u8) -> Dictionary {
-    match kind {
-        Kind::Epos(_) => drives::epos::dictionary(id),
-        Kind::Icla(_) => drives::icla::dictionary(id),
+/// A drive of the bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DriveConfig {
+    /// Name, the target of faults: `propulsion`.
+    pub name: String,
+    /// Node id.
+    pub node: u8,
+    /// Which one.
+    pub kind: DriveKind,
+}
+
+/// Kinds of drives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DriveKind {
+    /// maxon EPOS 70/10, which drives the wheels.
+    Epos {
+        /// Motor turns per turn of the wheel.
+        gear: f64,
+    },
+    /// Berger Lahr IclA, which steers.
+    Icla(Gearing),
+    /// Any drive of CiA 402, by its data sheet.
+    Cia402(Box<Cia402Config>),
+}
+
+impl DriveKind {
+    /// What it moves.
+    #[must_use]
+    pub fn axis(&self) -> Axis {
+        match self {
+            Self::Epos { .. } => Axis::Propulsion,
+            Self::Icla(_) => Axis::Steering,
+            Self::Cia402(config) => config.axis,
+        }
+    }
+
+    /// The objects of a new drive with this node id.
+    pub(crate) fn dictionary(&self, node: u8) -> Dictionary {
+        match self {
+            Self::Epos { .. } => drives::epos::dictionary(node),
+            Self::Icla(_) => drives::icla::dictionary(node),
+            Self::Cia402(config) => config.sheet.dictionary(node),
+        }
+    }
+
+    /// The same of another version, with other PDOs; none: there is no other.
+    fn other_version(&self, node: u8) -> Option<Dictionary> {
+        match self {
+            Self::Epos { .. } => None,
+            Self::Icla(_) => Some(drives::icla::dictionary_of_profile(node)),
+            Self::Cia402(config) => Some(cia402::other_version(&config.sheet, node)),
+        }
     }
 }
 
-/// PDO mapping of an IclA.
+/// What is behind the objects.
+enum Device {
+    Epos(Epos),
+    Icla(Icla),
+    Cia402(Box<Cia402>),
+}
+
+/// PDO mapping of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Layout {
-    /// Position in RPDO2.
+    /// That of its kind.
     Usual,
-    /// Position in RPDO3.
-    Profile,
+    /// That of another version.
+    Other,
 }
 
 /// How a propulsion drive disobeys while its power stage is on.
@@ -46,10 +103,8 @@ pub(crate) enum Disobedience {
 
 /// A drive and its injected faults.
 pub(crate) struct Drive {
-    /// Axis: `propulsion`, `steering`.
-    pub name: &'static str,
-    pub kind: Kind,
-    pub id: u8,
+    pub config: DriveConfig,
+    device: Device,
     layout: Layout,
     node: Node,
     /// Neither receives nor sends until this instant.
@@ -61,29 +116,29 @@ pub(crate) struct Drive {
 }
 
 impl Drive {
-    /// The propulsion, switched off.
-    pub fn propulsion(id: u8) -> Self {
-        Self::new("propulsion", Kind::Epos(Epos::new(epos::ENABLING)), id)
-    }
-
-    /// The steering, switched off.
-    pub fn steering(id: u8, gearing: Gearing, body: &Body) -> Self {
-        Self::new("steering", Kind::Icla(Icla::new(gearing, body)), id)
-    }
-
-    fn new(name: &'static str, kind: Kind, id: u8) -> Self {
-        let node = Node::new(dictionary(&kind, id), BOOT_TIME).without_block();
+    /// A drive of `body`, switched off.
+    pub fn new(config: DriveConfig, body: &Body) -> Self {
+        let dictionary = config.kind.dictionary(config.node);
+        let device = match &config.kind {
+            DriveKind::Epos { gear } => Device::Epos(Epos::new(*gear, epos::ENABLING)),
+            DriveKind::Icla(gearing) => Device::Icla(Icla::new(*gearing, body)),
+            DriveKind::Cia402(own) => Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body))),
+        };
         Self {
-            name,
-            kind,
-            id,
+            config,
+            device,
             layout: Layout::Usual,
-            node,
+            node: Node::new(dictionary, BOOT_TIME).without_block(),
             silent_until: Instant::ZERO,
             disobeys: None,
             now: Instant::ZERO,
             turned: 0.0,
         }
+    }
+
+    /// What it moves.
+    pub fn axis(&self) -> Axis {
+        self.config.kind.axis()
     }
 
     /// Switches it on, or off and on again.
@@ -93,26 +148,25 @@ impl Drive {
         self.serve(now, body);
     }
 
-    /// Replaces it by an IclA with this mapping; false for another kind of drive.
+    /// Replaces it by one of its kind with this mapping; false if there is none.
     pub fn set_layout(&mut self, now: Instant, layout: Layout, body: &Body) -> bool {
-        if !matches!(self.kind, Kind::Icla(_)) {
+        let (kind, id) = (&self.config.kind, self.config.node);
+        let Some(other) = kind.other_version(id) else {
             return false;
-        }
-        if std::mem::replace(&mut self.layout, layout) != layout {
-            let dictionary = match layout {
-                Layout::Usual => drives::icla::dictionary(self.id),
-                Layout::Profile => drives::icla::dictionary_of_profile(self.id),
-            };
+        };
+        if self.layout != layout {
+            let dictionary = if layout == Layout::Other { other } else { kind.dictionary(id) };
+            self.layout = layout;
             self.node = Node::new(dictionary, BOOT_TIME).without_block();
             self.power_on(now, body);
         }
         true
     }
 
-    /// From now until then it disobeys, or obeys; false for another kind of drive.
+    /// From now until then it disobeys, or obeys; false for another than the propulsion.
     pub fn disobey(&mut self, how: Option<Disobedience>, until: Instant) -> bool {
         self.disobeys = how.map(|how| (how, until));
-        matches!(self.kind, Kind::Epos(_))
+        self.axis() == Axis::Propulsion
     }
 
     /// Speed of a propulsion drive that is commanded to drive at `demand`, m/s.
@@ -127,9 +181,10 @@ impl Drive {
     }
 
     fn renew(&mut self, body: &Body) {
-        match &mut self.kind {
-            Kind::Epos(epos) => epos.renew(self.node.dictionary()),
-            Kind::Icla(icla) => icla.renew(self.node.dictionary(), body),
+        match &mut self.device {
+            Device::Epos(epos) => epos.renew(self.node.dictionary()),
+            Device::Icla(icla) => icla.renew(self.node.dictionary(), body),
+            Device::Cia402(cia402) => cia402.renew(&mut self.node, body),
         }
     }
 
@@ -151,30 +206,34 @@ impl Drive {
 
     /// Raises an internal fault.
     pub fn fault(&mut self, now: Instant, code: u16, body: &Body) {
-        let emergency = match &mut self.kind {
-            Kind::Epos(epos) => epos.fault(code),
-            Kind::Icla(icla) => icla.fault(code),
+        let emergency = match &mut self.device {
+            Device::Epos(epos) => epos.fault(code),
+            Device::Icla(icla) => icla.fault(code),
+            Device::Cia402(cia402) => cia402.fault(code),
         };
         self.report(emergency);
         self.stepped(now, body, self.turned);
     }
 
-    /// The motor's feed comes or goes; what the drive thinks with has a supply of its own. The IclA, whose gear holds
-    /// the wheels, has no feed of its own.
+    /// The feed of the wheels' motor comes or goes; what the drive thinks with has a supply of its own.
     pub fn feed_motor(&mut self, now: Instant, fed: bool, body: &Body) {
-        if let Kind::Epos(epos) = &mut self.kind {
-            let emergency = epos.feed(fed);
-            self.report(emergency);
-            self.stepped(now, body, self.turned);
-        }
+        let emergency = match &mut self.device {
+            Device::Epos(epos) => epos.feed(fed),
+            Device::Cia402(cia402) if cia402.config().axis == Axis::Propulsion => cia402.feed(fed),
+            Device::Icla(_) | Device::Cia402(_) => return,
+        };
+        self.report(emergency);
+        self.stepped(now, body, self.turned);
     }
 
     /// The PAUSE line is wired to the propulsion's input for a stop by its quick stop ramp.
     pub fn brake(&mut self, now: Instant, body: &Body) {
-        if let Kind::Epos(epos) = &mut self.kind {
-            epos.brake();
-            self.stepped(now, body, self.turned);
+        match &mut self.device {
+            Device::Epos(epos) => epos.brake(),
+            Device::Cia402(cia402) if cia402.config().axis == Axis::Propulsion => cia402.brake(),
+            Device::Icla(_) | Device::Cia402(_) => return,
         }
+        self.stepped(now, body, self.turned);
     }
 
     /// The node's news go to the drive, and what follows from them to the node.
@@ -211,41 +270,50 @@ impl Drive {
 
     fn nmt_state(&mut self, state: NmtState) {
         let (operational, initialised) = (state == NmtState::Operational, state != NmtState::Initialising);
-        match &mut self.kind {
-            Kind::Epos(epos) => {
+        match &mut self.device {
+            Device::Epos(epos) => {
                 epos.set_remote(operational);
                 if initialised {
                     epos.initialised();
                 }
             }
-            Kind::Icla(icla) => {
+            Device::Icla(icla) => {
                 icla.set_remote(operational);
                 if initialised {
                     icla.initialised();
+                }
+            }
+            Device::Cia402(cia402) => {
+                cia402.set_nmt_state(state, self.node.dictionary());
+                if initialised {
+                    cia402.initialised();
                 }
             }
         }
     }
 
     fn written(&mut self, now: Instant, index: u16, body: &Body) {
-        let emergency = match &mut self.kind {
-            Kind::Epos(epos) => epos.written(now, index, self.node.dictionary()),
-            Kind::Icla(icla) => icla.written(now, index, self.node.dictionary(), body),
+        let objects = self.node.dictionary();
+        let emergency = match &mut self.device {
+            Device::Epos(epos) => epos.written(now, index, objects),
+            Device::Icla(icla) => icla.written(now, index, objects, body),
+            Device::Cia402(cia402) => cia402.written(now, index, objects),
         };
         self.report(emergency);
     }
 
     fn heartbeat_lost(&mut self) {
-        let emergency = match &mut self.kind {
-            Kind::Epos(epos) => epos.fault(epos::HEARTBEAT),
-            Kind::Icla(icla) => Some(icla.heartbeat_lost()),
+        let emergency = match &mut self.device {
+            Device::Epos(epos) => epos.fault(epos::HEARTBEAT),
+            Device::Icla(icla) => Some(icla.heartbeat_lost()),
+            Device::Cia402(cia402) => Some(cia402.heartbeat_lost()),
         };
         self.report(emergency);
     }
 
     /// The node has sent the emergency; the EPOS brakes as for any fault of communication.
     fn pdo_too_short(&mut self) {
-        if let Kind::Epos(epos) = &mut self.kind {
+        if let Device::Epos(epos) = &mut self.device {
             epos.fault(0x8210);
         }
     }
@@ -259,32 +327,33 @@ impl Drive {
 
     /// True if time alone changes nothing.
     pub fn rests(&self) -> bool {
-        match &self.kind {
-            Kind::Epos(epos) => epos.rests(),
-            Kind::Icla(icla) => icla.rests(),
+        match &self.device {
+            Device::Epos(epos) => epos.rests(),
+            Device::Icla(icla) => icla.rests(),
+            Device::Cia402(cia402) => cia402.rests(),
         }
     }
 
-    /// Goes on by `dt` s; answers what the drive demands of the body: speed, m/s, or angle, rad.
+    /// Goes on by `dt` s; answers what the drive demands of its axis: speed, m/s, or angle, rad.
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
-        match &mut self.kind {
-            Kind::Epos(epos) => {
-                let rpm = epos.step(now, dt)?;
-                let demand = rpm / 60.0 / body.parameters().motor_turns_per_metre();
-                Some(self.disobeyed(now, demand, body))
-            }
-            Kind::Icla(icla) => icla.step(now, body, dt),
-        }
+        let demand = match &mut self.device {
+            Device::Epos(epos) => epos.step(now, body, dt),
+            Device::Icla(icla) => icla.step(now, body, dt),
+            Device::Cia402(cia402) => cia402.step(now, body, dt),
+        }?;
+        Some(if self.axis() == Axis::Propulsion { self.disobeyed(now, demand, body) } else { demand })
     }
 
     /// After the body's step, in which the steering turned by `turned` rad/s.
     pub fn stepped(&mut self, now: Instant, body: &Body, turned: f64) {
         self.now = now;
         self.turned = turned;
-        if let Kind::Epos(epos) = &mut self.kind {
-            let emergency = epos.poll_fault();
-            self.report(emergency);
-        }
+        let emergency = match &mut self.device {
+            Device::Epos(epos) => epos.poll_fault(),
+            Device::Cia402(cia402) => cia402.poll_fault(),
+            Device::Icla(_) => None,
+        };
+        self.report(emergency);
         self.measure(body);
         self.node.handle_timeout(now);
         self.serve(now, body);
@@ -292,9 +361,10 @@ impl Drive {
 
     /// Copies the drive's measurements to the node's objects.
     fn measure(&mut self, body: &Body) {
-        match &mut self.kind {
-            Kind::Epos(epos) => epos.feedback(&mut self.node, body),
-            Kind::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
+        match &mut self.device {
+            Device::Epos(epos) => epos.feedback(&mut self.node, body),
+            Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
+            Device::Cia402(cia402) => cia402.feedback(&mut self.node, body, self.turned),
         }
     }
 

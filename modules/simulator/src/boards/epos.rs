@@ -55,6 +55,8 @@ impl Emergency {
 pub struct Epos {
     servo: Servo,
     mirror: Mirror<10>,
+    /// Motor turns per turn of the wheel.
+    gear: f64,
     enabling: Duration,
     sensed: Sensed,
     quadcounts_per_turn: f64,
@@ -64,9 +66,10 @@ pub struct Epos {
 }
 
 impl Epos {
-    /// Makes a drive after power-on; `enabling`: Refresh and Measure Init together, [`ENABLING`] as assumed.
+    /// Makes a drive after power-on; `gear`: motor turns per turn of the wheel; `enabling`: Refresh and Measure Init
+    /// together, [`ENABLING`] as assumed.
     #[must_use]
-    pub fn new(enabling: Duration) -> Self {
+    pub fn new(gear: f64, enabling: Duration) -> Self {
         let quadcounts_per_turn = 4.0 * PULSES as f64;
         let config = Config {
             kind: Kind::Epos,
@@ -84,6 +87,7 @@ impl Epos {
         Self {
             servo: Servo::new(config, 0.0),
             mirror: Mirror::default(),
+            gear,
             enabling,
             sensed: Sensed::default(),
             quadcounts_per_turn,
@@ -113,7 +117,7 @@ impl Epos {
     /// Restarts as after power-on; the motor's supply is separate.
     pub fn renew(&mut self, objects: &Dictionary) {
         let fed = self.fed;
-        *self = Self { sensed: self.sensed, ..Self::new(self.enabling) };
+        *self = Self { sensed: self.sensed, ..Self::new(self.gear, self.enabling) };
         self.configure(objects);
         self.feed(fed);
     }
@@ -174,11 +178,12 @@ impl Epos {
         self.servo.rests()
     }
 
-    /// Goes on by `dt` s; answers the motor's demanded speed, rpm; none with the power stage off.
-    pub fn step(&mut self, now: Instant, dt: f64) -> Option<f64> {
+    /// Goes on by `dt` s; answers the demanded speed, m/s; none with the power stage off.
+    pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
         let demand = self.servo.step(now, &self.sensed, dt)?;
         let gap = if self.loops_speed() { 0.0 } else { demand.demand - self.sensed.position };
-        Some((demand.speed + POSITION_GAIN * gap) * 60.0 / self.quadcounts_per_turn)
+        let rpm = (demand.speed + POSITION_GAIN * gap) * 60.0 / self.quadcounts_per_turn;
+        Some(rpm / 60.0 / body.parameters().motor_turns_per_metre(self.gear))
     }
 
     /// True if no position is demanded: the speed loop determines it.
@@ -188,7 +193,7 @@ impl Epos {
 
     /// Writes what the drive measures into its objects.
     pub fn feedback(&mut self, node: &mut Node, body: &Body) {
-        let quadcounts_per_metre = body.parameters().motor_turns_per_metre() * self.quadcounts_per_turn;
+        let quadcounts_per_metre = body.parameters().motor_turns_per_metre(self.gear) * self.quadcounts_per_turn;
         self.sensed = Sensed {
             position: body.motor_way() * quadcounts_per_metre,
             speed: body.speed() * quadcounts_per_metre,

@@ -1,9 +1,16 @@
 //! The drives on the CAN bus: transcripts typed from docs/facts/canopen.md, not made by the master.
 
 use super::*;
+use crate::boards::drive::DriveKind;
+use crate::boards::icla::Gearing;
 use base::can::{Frame, Id};
 use module::bench::Bench;
 use module::{Action, Shell, ShellConfig};
+
+mod by_sheet;
+
+/// Motor turns per turn of the wheel.
+const GEAR: f64 = 26.0;
 
 /// Propulsion is node 1, steering node 2.
 struct Bus {
@@ -30,9 +37,14 @@ impl Bus {
     }
 
     fn with(wire_time: bool) -> Self {
-        let gearing = Gearing::default();
-        let can =
-            CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing, output: None };
+        let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
+        let propulsion = drive("propulsion", 1, DriveKind::Epos { gear: GEAR });
+        let steering = drive("steering", 2, DriveKind::Icla(Gearing::default()));
+        Self::of(vec![propulsion, steering], None, wire_time)
+    }
+
+    fn of(drives: Vec<DriveConfig>, output: Option<OutputConfig>, wire_time: bool) -> Self {
+        let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, drives, output };
         let mut world = World::hall(200.0, 200.0);
         world.start = navitools::Pose::new(100.0, 100.0, 0.0);
         let config = Config { can: Some(can), world, wire_time, ..Config::default() };
@@ -360,7 +372,7 @@ fn the_epos_homes_here_and_moves_by_its_offset() {
     assert_eq!(bus.status(1) & 0x3400, 0, "on its way");
     bus.pass(4000);
     assert_eq!(bus.status(1) & 0x3400, 0x1400, "attained, standing");
-    let turn = 1.0 / Parameters::default().motor_turns_per_metre();
+    let turn = 1.0 / Parameters::default().motor_turns_per_metre(GEAR);
     let went = bus.truth.x - 100.0;
     assert!((went - turn).abs() < 0.05 * turn, "{went} {turn}");
 }

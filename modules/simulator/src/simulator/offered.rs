@@ -37,7 +37,7 @@ impl Simulator {
     /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
-        let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.name.into()).collect();
+        let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
         targets.extend(self.output.iter().map(|_| FeedOutput::NAME.into()));
         targets.extend(self.feed_line.iter().map(|_| FeedLine::NAME.into()));
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
@@ -53,6 +53,7 @@ impl Simulator {
 mod tests {
     use super::*;
     use crate::auxiliary::{I2cConfig, W1Config};
+    use crate::boards::drive::{DriveConfig, DriveKind};
     use crate::boards::icla::Gearing;
     use crate::boards::output::OutputConfig;
     use crate::simulator::{BoardConfig, BoardKind, CanConfig, SerialConfig};
@@ -62,9 +63,13 @@ mod tests {
     use rs485::crc::Crc8;
 
     fn config() -> Config {
-        let gearing = Gearing { counts_per_turn: 4096.0, gear: 180.0 };
+        let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
+        let drives = vec![
+            drive("propulsion", 1, DriveKind::Epos { gear: 26.0 }),
+            drive("steering", 2, DriveKind::Icla(Gearing::default())),
+        ];
         let output = Some(OutputConfig { node: 5, index: 0x6200, sub: 1, bits: 8, on: 1 });
-        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, propulsion: 1, steering: 2, gearing, output };
+        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, drives, output };
         let board = |name: &str, address, kind| BoardConfig { name: name.into(), address, kind };
         let boards = vec![
             board("so1", 0x20, BoardKind::So1),

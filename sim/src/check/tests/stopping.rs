@@ -36,6 +36,17 @@ fn a_steering_with_a_reference_turns_for_a_source_of_motion_and_after_homing() {
 }
 
 #[test]
+fn whether_a_drive_that_does_not_say_it_has_a_reference_is_as_its_driver_tells() {
+    let silent = |script: &str| {
+        let mut bench = Bench::with(Limits { homed: 0, ..limits() });
+        script.lines().for_each(|line| bench.line(line.trim()));
+    };
+    silent(&format!("{HOMED} \n turn 0.03 1 ! released"));
+    silent("motion homed - 0 \n +3000 say pad 0 \n turn 0.03 40");
+    silent("motion homed - 0 \n motion not_homed - 0 \n +3000 say pad 0 \n turn 0.03 1 ! released");
+}
+
+#[test]
 fn under_a_cause_the_wheels_come_to_a_stand() {
     check(&format!(
         "{HOMED}

@@ -1,7 +1,7 @@
 //! A complete emulated CiA 402 drive: a [`Node`] with its dictionary, a [`Servo`] behind it, and a motor that follows
 //! it. Sans-IO, like the node: what a new drive is tested against (docs/adding-a-drive.md).
 
-use super::{Config, Sensed, Servo};
+use super::{Config, Sensed, Servo, error_register};
 use crate::{Dictionary, NmtState, Node, NodeEvent};
 use base::can::Frame;
 use base::{Duration, Instant, earliest};
@@ -119,19 +119,8 @@ impl Twin {
     }
 
     fn tell(&mut self, code: u16) {
-        // The error register's bits by the class of the code (CiA 301, 7.2.7.1), generic always.
-        let class = match code >> 12 {
-            0 => 0x00,
-            2 => 0x03,
-            3 => 0x05,
-            4 => 0x09,
-            8 if code < 0x8600 => 0x11,
-            8 => 0x21,
-            0xF => 0x81,
-            _ => 0x01,
-        };
         self.node.set(0x603F, 0, i64::from(code));
-        self.node.emergency(code, class, [0; 5]);
+        self.node.emergency(code, error_register(code), [0; 5]);
     }
 
     /// Does what is due.
