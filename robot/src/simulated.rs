@@ -87,7 +87,7 @@ pub(crate) fn config(
 
 /// The CAN bus of `driver_canbus`: its drives, those of the propulsion first, and the output that feeds the motors.
 fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, ConfigError> {
-    let driver = |bus: &&CanBus| bus.driver.driver(String::new(), &robot.geometry, robot.limits).is_some();
+    let driver = |bus: &&CanBus| bus.driver.driver(String::new(), robot.base, &robot.geometry, robot.limits).is_some();
     let Some(mut bus) = robot.can.iter().find(driver).cloned() else { return Ok(None) };
     sheets::read(place, &mut bus)?;
     bus.driver.nodes.sort_by_key(|node| node.axis != canbus::Axis::Propulsion);
@@ -112,10 +112,7 @@ fn drive(node: &canbus::Node) -> Result<DriveConfig, ConfigError> {
             DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
         }
         canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
-            axis: match node.axis {
-                canbus::Axis::Propulsion => Axis::Propulsion,
-                canbus::Axis::Steering => Axis::Steering,
-            },
+            axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Propulsion },
             sheet: node.sheet.clone().ok_or_else(missing)?,
             gear: keys.gear,
             counts_per_turn: keys.counts_per_turn,
