@@ -34,7 +34,19 @@ pub enum Line {
     Tcp,
 }
 
+/// Rate of a model of a TCP connection.
+const TCP_BAUD: u32 = 10_000_000;
+
 impl Line {
+    /// Bd; of a TCP connection the rate of its model in virtual time.
+    #[must_use]
+    pub const fn baud(self) -> u32 {
+        match self {
+            Self::Rtu { baud } => baud,
+            Self::Tcp => TCP_BAUD,
+        }
+    }
+
     /// Time of `count` characters on the line.
     #[must_use]
     pub fn time_of(self, count: usize) -> Duration {
