@@ -1,12 +1,14 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{CanBus, Robot};
+use crate::config::{CanBus, ModbusBus, Robot, gpio_bus};
 use crate::place::{GAMEPAD_BUS, W1_BUS};
 use base::Duration;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
+use modbus::Table;
+use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
 use settings::robot::Beacon;
 use simulator::boards::battery::BatteryConfig;
@@ -15,7 +17,9 @@ use simulator::boards::sbs1::Sbs1Config;
 use simulator::boards::sd1::Sd1Config;
 use simulator::body::{Errors, Parameters};
 use simulator::world::World;
-use simulator::{BoardConfig, BoardKind, CanConfig, Config, I2cConfig, SerialConfig, W1Config};
+use simulator::{
+    BoardConfig, BoardKind, CanConfig, Config, I2cConfig, LineConfig, ModbusConfig, SerialConfig, W1Config,
+};
 
 /// `simulator`: every bus, the robot's body, a world.
 pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config {
@@ -51,7 +55,10 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
         thermometers: w1.driver.sensors.iter().map(|sensor| (sensor.rom, sensor.name.clone())).collect(),
     });
     let usual = Config::default();
+    let gpio = robot.io.iter().flat_map(|io| &io.gpio);
     Config {
+        modbus: robot.io.iter().flat_map(|io| &io.modbus).map(modbus_line).collect(),
+        gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
@@ -64,6 +71,31 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
         wire_time,
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },
         ..usual
+    }
+}
+
+/// A Modbus line, with devices that have the registers of its signals.
+fn modbus_line(bus: &ModbusBus) -> ModbusConfig {
+    let mut devices: Vec<(u8, Vec<(Table, u16, u16)>)> = Vec::new();
+    for keys in &bus.driver.signals {
+        let unit = keys.unit(bus.driver.unit);
+        let words = words(&keys.place(), keys.simulated);
+        let words = (keys.address..=u16::MAX).zip(words).map(|(address, word)| (keys.table, address, word));
+        match devices.iter_mut().find(|(number, _)| *number == unit) {
+            Some((_, points)) => points.extend(words),
+            None => devices.push((unit, words.collect())),
+        }
+    }
+    ModbusConfig { bus: bus.bus(), line: bus.line(), devices }
+}
+
+/// What a device has for a value; one that it cannot have is 0.
+fn words(place: &Place, value: f64) -> Vec<u16> {
+    match place.number(value) {
+        Some(Number::Words(words)) => words.to_vec(),
+        Some(Number::Bit(on)) if place.table.is_bits() => vec![on.into()],
+        Some(Number::Bit(on)) => vec![u16::from(on) << place.bit],
+        None => vec![0; place.width().into()],
     }
 }
 

@@ -1,4 +1,4 @@
-//! Master and device against pymodbus, over a TCP connection: frames of TCP, and of RTU, which pymodbus sends there too.
+//! Master and device against pymodbus over a TCP connection: frames of TCP, and of RTU, which pymodbus sends there too.
 
 #![allow(
     clippy::unwrap_used,

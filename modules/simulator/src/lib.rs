@@ -40,6 +40,7 @@ pub mod body;
 pub mod disturbance;
 pub mod faults;
 mod gamepad;
+mod io;
 pub mod people;
 mod random;
 pub mod scene;
@@ -48,5 +49,6 @@ pub mod sonar;
 pub mod world;
 
 pub use auxiliary::{I2cConfig, W1Config};
+pub use io::{LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};
