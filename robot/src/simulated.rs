@@ -7,7 +7,6 @@ use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
-use modbus::Table;
 use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
 use settings::robot::Beacon;
@@ -18,7 +17,8 @@ use simulator::boards::sd1::Sd1Config;
 use simulator::body::{Errors, Parameters};
 use simulator::world::World;
 use simulator::{
-    BoardConfig, BoardKind, CanConfig, Config, I2cConfig, LineConfig, ModbusConfig, SerialConfig, W1Config,
+    BoardConfig, BoardKind, CanConfig, Config, DeviceConfig, I2cConfig, LineConfig, ModbusConfig, SerialConfig,
+    W1Config,
 };
 
 /// `simulator`: every bus, the robot's body, a world.
@@ -76,14 +76,14 @@ pub(crate) fn config(mut world: World, robot: &Robot, wire_time: bool) -> Config
 
 /// A Modbus line, with devices that have the registers of its signals.
 fn modbus_line(bus: &ModbusBus) -> ModbusConfig {
-    let mut devices: Vec<(u8, Vec<(Table, u16, u16)>)> = Vec::new();
+    let mut devices: Vec<DeviceConfig> = Vec::new();
     for keys in &bus.driver.signals {
         let unit = keys.unit(bus.driver.unit);
         let words = words(&keys.place(), keys.simulated);
         let words = (keys.address..=u16::MAX).zip(words).map(|(address, word)| (keys.table, address, word));
-        match devices.iter_mut().find(|(number, _)| *number == unit) {
-            Some((_, points)) => points.extend(words),
-            None => devices.push((unit, words.collect())),
+        match devices.iter_mut().find(|device| device.unit == unit) {
+            Some(device) => device.points.extend(words),
+            None => devices.push(DeviceConfig { unit, points: words.collect() }),
         }
     }
     ModbusConfig { bus: bus.bus(), line: bus.line(), devices }

@@ -767,8 +767,10 @@ mod tests {
         assert_eq!(simulator[simulator.len() - 3..], driver);
         let simulated = simulated::config(World::default(), &config.robot, true);
         // In the order of their names.
-        assert_eq!(simulated.modbus[0].devices, [(9, vec![(modbus::Table::Coils, 0, 0)])]);
-        assert_eq!(simulated.modbus[1].devices, [(1, vec![(modbus::Table::InputRegisters, 7, 245)])]);
+        let device =
+            |unit, table, address, word| simulator::DeviceConfig { unit, points: vec![(table, address, word)] };
+        assert_eq!(simulated.modbus[0].devices, [device(9, modbus::Table::Coils, 0, 0)]);
+        assert_eq!(simulated.modbus[1].devices, [device(1, modbus::Table::InputRegisters, 7, 245)]);
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Rig {
 #[test]
 fn inputs_are_read_outputs_are_set_and_fall_back() {
     let mut rig = Rig::new("values");
-    assert_eq!(rig.news(), ["RUN"]);
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
     assert_eq!((rig.value("volts"), rig.value("amps")), ((24.5, true), (-1.25, true)));
     assert_eq!((rig.value("door"), rig.value("button")), ((1.0, true), (1.0, true)));
     assert_eq!((rig.value("horn"), rig.value("fan"), rig.value("lamp")), ((0.0, true), (50.0, true), (0.0, true)));

@@ -16,8 +16,17 @@ pub struct ModbusConfig {
     pub bus: String,
     /// Serial line or connection.
     pub line: Line,
-    /// Units, each with its registers: table, address, value.
-    pub devices: Vec<(u8, Vec<(Table, u16, u16)>)>,
+    /// Its devices.
+    pub devices: Vec<DeviceConfig>,
+}
+
+/// A device of a Modbus line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DeviceConfig {
+    /// Its unit.
+    pub unit: u8,
+    /// Registers and bits that it has: table, address, value at the start.
+    pub points: Vec<(Table, u16, u16)>,
 }
 
 /// A GPIO line.
@@ -47,7 +56,7 @@ impl Io {
     pub fn new(modbus: &[ModbusConfig], gpio: &[LineConfig]) -> Self {
         let line = |config: &ModbusConfig| ModbusLine {
             bus: config.bus.clone(),
-            devices: config.devices.iter().map(|(unit, points)| device(config.line, *unit, points)).collect(),
+            devices: config.devices.iter().map(|device| emulated(config.line, device)).collect(),
             silent_until: Instant::ZERO,
         };
         Self { lines: modbus.iter().map(line).collect(), levels: gpio.iter().map(|line| line.active).collect() }
@@ -100,9 +109,9 @@ impl Io {
     }
 }
 
-fn device(line: Line, unit: u8, points: &[(Table, u16, u16)]) -> Device {
-    let mut device = Device::new(line, unit);
-    for (table, address, word) in points {
+fn emulated(line: Line, config: &DeviceConfig) -> Device {
+    let mut device = Device::new(line, config.unit);
+    for (table, address, word) in &config.points {
         // What has no room is an address that the device does not have.
         let _ = device.set(*table, *address, *word);
     }
@@ -139,8 +148,8 @@ mod tests {
 
     #[test]
     fn each_unit_of_a_line_answers_for_itself_until_the_line_is_silent() {
-        let points = |word| vec![(Table::InputRegisters, 4, word)];
-        let config = ModbusConfig { bus: "modbus.a".into(), line: LINE, devices: vec![(1, points(7)), (9, points(8))] };
+        let device = |unit, word| DeviceConfig { unit, points: vec![(Table::InputRegisters, 4, word)] };
+        let config = ModbusConfig { bus: "modbus.a".into(), line: LINE, devices: vec![device(1, 7), device(9, 8)] };
         let mut io = Io::new(&[config], &[LineConfig { bus: "gpio.b".into(), active: true }]);
         let mut master = Master::new(Config::new(LINE)).unwrap();
         let mut now = Instant::ZERO;

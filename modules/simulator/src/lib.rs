@@ -49,6 +49,6 @@ pub mod sonar;
 pub mod world;
 
 pub use auxiliary::{I2cConfig, W1Config};
-pub use io::{LineConfig, ModbusConfig};
+pub use io::{DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};
