@@ -197,12 +197,11 @@ impl Io {
 
     /// Reports to the shell whether the module works, if that changed and is known of all devices.
     fn report_condition(&mut self, out: &mut Actions) {
-        let works = self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
-        let works = works.fold(Some(true), |all, one| match (all, one) {
-            (Some(false), _) | (_, Some(false)) => Some(false),
-            (Some(true), Some(true)) => Some(true),
-            _ => None,
-        });
+        let all = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let works = match all().any(|works| works == Some(false)) {
+            true => Some(false),
+            false => all().all(|works| works.is_some()).then_some(true),
+        };
         if let Some(working) = works
             && self.working.replace(working) != works
         {

@@ -82,7 +82,7 @@ fn an_input_that_cannot_be_had_is_a_lost_port_with_a_reason() {
             bias: base::gpio::Bias::PullUp,
             debounce: base::Duration::from_millis(5),
         };
-        InputLine::new(config).open().err().expect("there is no such line")
+        InputLine::new(config).open().expect_err("there is no such line")
     };
     let missing = why("/dev/gpiochip-of-no-computer", LineId::Number(17));
     assert!(missing.starts_with("/dev/gpiochip-of-no-computer: No such file"), "{missing}");

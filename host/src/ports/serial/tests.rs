@@ -96,7 +96,7 @@ fn a_line_of_bytes_carries_one_byte_for_each_word_in_both_directions() {
     // All values, with those that a terminal could take for control characters.
     let bytes: Vec<u8> = (0..=255).collect();
     let words: Vec<Word> = bytes.iter().copied().map(Word::data).collect();
-    let mut pass = |from: &mut Serial, to: &mut Serial| {
+    let pass = |from: &mut Serial, to: &mut Serial| {
         assert_eq!(from.send(clock::now(), &Output::Words(words.clone())), Ok(true));
         let mut heard = Vec::new();
         while heard.len() < words.len() {

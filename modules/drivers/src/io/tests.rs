@@ -216,7 +216,7 @@ impl Rig {
         self.log.retain(|(_, action)| {
             match action {
                 Action::Report(report) => {
-                    news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject))
+                    news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
                 }
                 Action::State(state) => news.push(state.to_string()),
                 _ => return true,
