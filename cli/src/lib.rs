@@ -34,6 +34,7 @@ mod help;
 mod holder;
 mod home;
 mod i2c;
+mod io;
 mod keep;
 mod lcm;
 mod log;
@@ -120,6 +121,8 @@ commands! {
         Pose(pose::Pose) => pose::tell(common, command),
         /// Show the power channels, or switch one
         Power(power::Power) => power::power(common, command),
+        /// Show inputs and outputs, or set an output
+        Io(io::Io) => io::io(common, command),
         /// Home the steering
         Home(home::Home) => home::home(common, command),
         /// List what can be broken in the simulation, inject a fault, or end it

@@ -39,6 +39,7 @@ targets! {
     lcm_types,
     logs,
     messages,
+    modbus_engines,
     modules,
     motorctl_engines,
     plan,

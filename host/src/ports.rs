@@ -11,6 +11,7 @@ mod restart;
 mod serial;
 pub mod settings;
 mod store;
+mod tcp;
 mod threaded;
 mod w1;
 mod worker;
@@ -19,13 +20,13 @@ pub use can_slcan::codec as can_slcan_codec;
 pub use can_udp::codec as can_udp_codec;
 pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
-pub use gpio::GpioConfig;
-pub use serial::{Direction, Driver, TerminalConfig, Transport};
+pub use gpio::{GpioConfig, GpioInput};
+pub use serial::{ByteParity, Direction, Driver, TerminalConfig, Transport};
 pub use w1::read as w1_read;
 
 use base::{Duration, Fault, Instant};
 use module::{Input, Line, Output};
-use std::net::SocketAddrV4;
+use std::net::{SocketAddr, SocketAddrV4};
 use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 use threaded::Threaded;
@@ -40,8 +41,25 @@ pub enum PortConfig {
         /// Bd; determines the transmission time of words.
         baud: u32,
     },
+    /// The same, for a line of bytes.
+    PseudoBytes {
+        /// Created anew, removed at the end.
+        link: PathBuf,
+        /// Bd; determines the transmission time of characters.
+        baud: u32,
+    },
     /// A serial device.
     Terminal(TerminalConfig),
+    /// A TCP connection to a device, whose bytes are words without the ninth bit.
+    Tcp {
+        /// The device.
+        address: SocketAddr,
+    },
+    /// The simulator's end of a TCP connection.
+    TcpServer {
+        /// An address of this computer.
+        address: SocketAddr,
+    },
     /// A CAN bus over UDP multicast, as python-can's `udp_multicast`.
     CanUdp {
         /// Group and port.
@@ -73,7 +91,9 @@ pub enum PortConfig {
     },
     /// A line of a GPIO chip as an output.
     Gpio(GpioConfig),
-    /// The simulator's output.
+    /// A line of a GPIO chip as an input.
+    GpioInput(GpioInput),
+    /// The simulator's line.
     GpioSocket {
         /// Created anew, removed at the end.
         path: PathBuf,
@@ -239,13 +259,17 @@ impl Port {
     pub fn new(name: String, config: PortConfig) -> Self {
         let device: Box<dyn Device> = match config {
             PortConfig::Pseudo { link, baud } => Box::new(serial::Serial::pseudo(link, baud)),
+            PortConfig::PseudoBytes { link, baud } => Box::new(serial::Serial::pseudo_bytes(link, baud)),
             PortConfig::Terminal(config) => Box::new(serial::Serial::terminal(config)),
+            PortConfig::Tcp { address } => Box::new(tcp::Client::new(address)),
+            PortConfig::TcpServer { address } => Box::new(tcp::Server::new(address)),
             PortConfig::CanUdp { bus } => Box::new(can_udp::CanUdp::new(bus)),
             PortConfig::CanSlcan { path, bitrate } => Box::new(can_slcan::CanSlcan::new(path, bitrate)),
             PortConfig::Gamepad { place, grab } => Box::new(evdev::Gamepad::new(place, grab)),
             PortConfig::GamepadHub { path } => Box::new(evdev::Hub::new(path)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
             PortConfig::Gpio(config) => Box::new(Threaded::new(gpio::Line(config))),
+            PortConfig::GpioInput(config) => Box::new(gpio::InputLine::new(config)),
             PortConfig::GpioSocket { path, simulated } => Box::new(gpio::Socket::new(path, simulated)),
             PortConfig::I2cDev { path } => Box::new(i2c::I2c::dev(path)),
             PortConfig::I2cGpio { chip, sda, scl, hz } => Box::new(i2c::I2c::gpio(chip, sda, scl, hz)),

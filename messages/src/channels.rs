@@ -58,6 +58,7 @@ macro_rules! channels {
                     | Self::LlCmdCreep
                     | Self::LlCmdHoming
                     | Self::LlCmdPower
+                    | Self::LlCmdOutput
                     | Self::LlEventStop
                     | Self::MlDataEstimate
                     | Self::MlCmdEstimate
@@ -153,6 +154,9 @@ channels! {
     LlDataPower = "LL_DATA_POWER": lowlevel::DataPower;
     LlEventStop = "LL_EVENT_STOP": lowlevel::EventStop;
     LlDataTemperature = "LL_DATA_TEMPERATURE": lowlevel::DataTemperature;
+    LlCmdOutput = "LL_CMD_OUTPUT": lowlevel::CmdOutput;
+    LlDataIo = "LL_DATA_IO": lowlevel::DataIo;
+    LlDataBattery = "LL_DATA_BATTERY": lowlevel::DataBattery;
     LlDataBus = "LL_DATA_BUS": lowlevel::DataBus;
     LlDataRaw = "LL_DATA_RAW_": Raw;
     LlCmdSdo = "LL_CMD_SDO": lowlevel::CmdSdo;

@@ -13,7 +13,7 @@ mod tests;
 mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
-pub use robot::{CanBus, Gamepad, General, I2cBus, Log, Robot, Rs485Bus, Sensors, Srf08, W1};
+pub use robot::{CanBus, Gamepad, General, I2cBus, Io, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1, gpio_bus};
 pub use scenario::{regressions, scenario};
 pub use world::{is_of_world, parsed as parsed_world, place as world_place, world};
 
@@ -136,6 +136,10 @@ impl Config {
                 }
                 if robot.guard.ranging != guard::Ranging::None {
                     modules.add_guard();
+                }
+                match &robot.io {
+                    Some(_) => modules.add_io(),
+                    None => modules.leave_out(drivers::io::NAME),
                 }
                 let Modules { hardware_watchdog, hardware_watchdog_timeout_s: timeout_s, modules } = modules;
                 let hardware_watchdog = hardware_watchdog.map(|path| HardwareWatchdog { path, timeout_s });

@@ -1,6 +1,6 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{CanBus, ConfigError, Robot};
+use crate::config::{CanBus, ConfigError, ModbusBus, Robot, gpio_bus};
 use crate::place::{GAMEPAD_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
@@ -8,6 +8,7 @@ use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
+use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
 use settings::robot::Beacon;
 use simulator::boards::battery::BatteryConfig;
@@ -19,7 +20,8 @@ use simulator::boards::sd1::Sd1Config;
 use simulator::body::{Errors, Parameters};
 use simulator::world::World;
 use simulator::{
-    Axis, BoardConfig, BoardKind, CanConfig, Config, DriveConfig, DriveKind, I2cConfig, SerialConfig, W1Config,
+    Axis, BoardConfig, BoardKind, CanConfig, Config, DeviceConfig, DriveConfig, DriveKind, I2cConfig, LineConfig,
+    ModbusConfig, SerialConfig, W1Config,
 };
 
 /// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
@@ -69,7 +71,10 @@ pub(crate) fn config(
         thermometers: w1.driver.sensors.iter().map(|sensor| (sensor.rom, sensor.name.clone())).collect(),
     });
     let usual = Config::default();
+    let gpio = robot.io.iter().flat_map(|io| &io.gpio);
     Ok(Config {
+        modbus: robot.io.iter().flat_map(|io| &io.modbus).map(modbus_line).collect(),
+        gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
@@ -83,6 +88,31 @@ pub(crate) fn config(
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },
         ..usual
     })
+}
+
+/// A Modbus line, with devices that have the registers of its signals.
+fn modbus_line(bus: &ModbusBus) -> ModbusConfig {
+    let mut devices: Vec<DeviceConfig> = Vec::new();
+    for keys in &bus.driver.signals {
+        let unit = keys.unit(bus.driver.unit);
+        let words = words(&keys.place(), keys.simulated);
+        let words = (keys.address..=u16::MAX).zip(words).map(|(address, word)| (keys.table, address, word));
+        match devices.iter_mut().find(|device| device.unit == unit) {
+            Some(device) => device.points.extend(words),
+            None => devices.push(DeviceConfig { unit, points: words.collect() }),
+        }
+    }
+    ModbusConfig { bus: bus.bus(), line: bus.line(), devices }
+}
+
+/// What a device has for a value; one that it cannot have is 0.
+fn words(place: &Place, value: f64) -> Vec<u16> {
+    match place.number(value) {
+        Some(Number::Words(words)) => words.to_vec(),
+        Some(Number::Bit(on)) if place.table.is_bits() => vec![on.into()],
+        Some(Number::Bit(on)) => vec![u16::from(on) << place.bit],
+        None => vec![0; place.width().into()],
+    }
 }
 
 /// The CAN bus of `driver_canbus`: its drives, those of the propulsion first, and the output that feeds the motors.

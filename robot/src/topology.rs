@@ -1,6 +1,6 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
-use crate::config::{self, CanBus, Config, ConfigError, ModuleEntry, Robot, SIMULATOR};
+use crate::config::{self, CanBus, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
 use crate::launch::launcher;
 use crate::map_file;
 use crate::picture;
@@ -9,11 +9,11 @@ use crate::recording;
 use crate::scene;
 use crate::sheets;
 use crate::simulated;
-use ::host::ports::{GpioConfig, PortConfig};
+use ::host::ports::{GpioConfig, GpioInput, PortConfig};
 use ::host::{HostConfig, beats};
 use base::Duration;
 use drivers::rs485_bus::{Kind, Node};
-use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
+use drivers::{auxiliary, canbus, io, joydev, power, rs485a, rs485b};
 use logger::ros::{Sensor, Translator};
 use module::admission::Policy;
 use module::{Module, PortSpec, Shell, ShellConfig, State};
@@ -99,6 +99,8 @@ fn virtual_machine_made(
     let read = Config::load(&place.config, place.sim, &place.sets)?;
     config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
+    let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
+    config.full_duplex.extend(connections.map(ModbusBus::bus));
     let restart_delay_max = Some(config.restart_delay_max);
     let options = HostOptions { wire_time: false, seed: Some(config.seed), restart_delay_max, logs, guarded: true };
     let mut make = move |name: &str, wanted| {
@@ -181,6 +183,7 @@ pub(crate) fn shell_in(
         guard::NAME => Box::new(guard(robot)?),
         auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
+        io::NAME => Box::new(inputs_and_outputs(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, options)),
@@ -228,7 +231,7 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 13] = [
+const MODULES: [&str; 14] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -237,6 +240,7 @@ const MODULES: [&str; 13] = [
     canbus::NAME,
     joydev::NAME,
     auxiliary::NAME,
+    io::NAME,
     guard::NAME,
     estimator::NAME,
     planner::NAME,
@@ -276,6 +280,15 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(i2c) => Ok(i2c.port.place.port(run_dir, i2c.port.hz)),
                 None => return missing(),
             },
+            (("modbus", _), side) => match robot.io.iter().flat_map(|io| &io.modbus).find(|line| line.bus() == bus) {
+                Some(line) if side => line.port.simulated(run_dir, bus),
+                Some(line) => Ok(line.port.port(run_dir)),
+                None => return missing(),
+            },
+            (("gpio", _), side) => match robot.io.iter().flat_map(|io| &io.gpio).find(|keys| gpio_bus(keys) == bus) {
+                Some(keys) => gpio_line(run_dir, keys, side),
+                None => return missing(),
+            },
             (("stop", _), side) => match robot.stop.feed_line() {
                 Some(line) => feed_line(run_dir, line, side),
                 None => return missing(),
@@ -299,12 +312,26 @@ fn feed_line(run_dir: &Path, line: &canbus::GpioConfig, simulated: bool) -> Resu
     }
 }
 
+/// A line of `driver_io`.
+fn gpio_line(run_dir: &Path, keys: &io::GpioKeys, simulated: bool) -> Result<PortConfig, String> {
+    let io::GpioKeys { chip, line, active_low, output, bias, debounce, .. } = keys.clone();
+    match (chip.is_relative(), simulated) {
+        (true, _) => Ok(PortConfig::GpioSocket { path: run_dir.join(chip), simulated }),
+        (false, true) => {
+            Err(format!("io.gpio {}: chip = {chip:?}: the simulator needs a name in the run folder", keys.name))
+        }
+        (false, false) if output => Ok(PortConfig::Gpio(GpioConfig { chip, line, active_low })),
+        (false, false) => Ok(PortConfig::GpioInput(GpioInput { chip, line, active_low, bias, debounce })),
+    }
+}
+
 /// The name of a bus on `LL_DATA_RAW_<BUS>`, where its frames are sent.
 fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
     let (kind, name) = bus.split_once('.')?;
     let raw = match kind {
         "can" => robot.can.iter().find(|can| can.name == name)?.port.raw,
         "rs485" => robot.rs485.iter().find(|serial| serial.name == name)?.line.raw,
+        "modbus" => robot.io.as_ref()?.modbus.iter().find(|line| line.name == name)?.port.raw,
         "i2c" => robot.i2c.iter().find(|i2c| i2c.name == name)?.port.raw,
         _ => false,
     };
@@ -485,6 +512,14 @@ fn protection(guard: &guard::Settings, geometry: &Geometry) -> canbus::protectio
 /// `guard`: the robot's outline and its sonars.
 fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
     guard::Guard::new(&robot.guard_config()).or_else(|error| refused(format!("guard: {error}")))
+}
+
+/// `driver_io`: the Modbus and GPIO lines.
+fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
+    let Some(config) = robot.io.as_ref().map(config::Io::config) else {
+        return refused("driver_io: robot.toml has no table [io]".into());
+    };
+    io::Io::new(config).or_else(|error| refused(format!("driver_io: {error}")))
 }
 
 /// `driver_joydev`: the gamepad, within the limits of a manual source.
@@ -668,6 +703,69 @@ mod tests {
         assert_eq!(ports(canbus::NAME, chip).unwrap()[1..], [PortConfig::Gpio(line)]);
         let why = ports(SIMULATOR, chip).unwrap_err().to_string();
         assert_eq!(why, "stop.gpio.chip = \"/dev/gpiochip0\": the simulator needs a name in the run folder");
+    }
+
+    /// The shipped robot with `[io]`.
+    fn with_io(sim: bool, address: &str) -> Config {
+        let place = shipped(sim);
+        let read = |name: &str| std::fs::read_to_string(place.config.join(name)).unwrap();
+        let io = format!(
+            r#"
+            [io.modbus.plc]
+            address = {address:?}
+            signals = [ {{ name = "a", table = "input", address = 7, scale = 0.1, simulated = 24.5 }} ]
+            [io.modbus.line]
+            port = "modbus-line"
+            unit = 9
+            signals = [ {{ name = "b", table = "coil", address = 0, output = true, safe = 1 }} ]
+            [[io.gpio]]
+            name = "c"
+            chip = "button"
+            line = 3
+            "#
+        );
+        let node = |name: &str, text: &str| settings::Node::parse(Path::new(name), text).unwrap();
+        let robot = node("robot.toml", &format!("{}\n{io}", read("robot.toml")));
+        let over = sim.then(|| node("sim.toml", &read("sim.toml")));
+        Config::merge::<&str>(robot, over, node("modules.toml", &read("modules.toml")), &[]).unwrap()
+    }
+
+    #[test]
+    fn both_ends_of_inputs_and_outputs_meet_in_the_run_folder_and_on_the_loopback_interface() {
+        let (place, config) = (shipped(true), with_io(true, "127.0.0.1:1502"));
+        let side = |simulated| {
+            let port = |bus: &str| place_of(&place, &config.robot, bus, simulated).unwrap();
+            ["modbus.plc", "modbus.line", "gpio.c"].map(port)
+        };
+        let address = "127.0.0.1:1502".parse().unwrap();
+        let (line, path) = (PathBuf::from("/run/advee/modbus-line"), PathBuf::from("/run/advee/button"));
+        let parity = Some(::host::ports::ByteParity::Even);
+        let terminal = TerminalConfig { bytes: parity, ..TerminalConfig::new(line.clone(), 19_200) };
+        let gpio = |simulated| PortConfig::GpioSocket { path: path.clone(), simulated };
+        assert_eq!(side(false), [PortConfig::Tcp { address }, PortConfig::Terminal(terminal), gpio(false)]);
+        let pseudo = PortConfig::PseudoBytes { link: line, baud: 19_200 };
+        assert_eq!(side(true), [PortConfig::TcpServer { address }, pseudo, gpio(true)]);
+        let far = with_io(true, "192.168.0.5:502");
+        let why = place_of(&place, &far.robot, "modbus.plc", true).unwrap_err().to_string();
+        assert!(why.contains("the simulator needs an address of this computer"), "{why}");
+    }
+
+    #[test]
+    fn the_driver_of_inputs_and_outputs_and_their_simulated_devices_have_the_same_ports() {
+        let (place, config) = (shipped(true), with_io(true, "127.0.0.1:1502"));
+        let ports = |name: &str| {
+            let made = shell_in(&place, &config, name, State::Run, HostOptions::LIVE, || Ok(World::default())).unwrap();
+            made.module().ports().to_vec()
+        };
+        let (driver, simulator) = (ports(io::NAME), ports(SIMULATOR));
+        assert_eq!(driver.len(), 3);
+        assert_eq!(simulator[simulator.len() - 3..], driver);
+        let simulated = simulated::config(&place, World::default(), &config.robot, true).unwrap();
+        // In the order of their names.
+        let device =
+            |unit, table, address, word| simulator::DeviceConfig { unit, points: vec![(table, address, word)] };
+        assert_eq!(simulated.modbus[0].devices, [device(9, modbus::Table::Coils, 0, 0)]);
+        assert_eq!(simulated.modbus[1].devices, [device(1, modbus::Table::InputRegisters, 7, 245)]);
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod estimator;
 mod faults;
 mod gamepad;
 mod guard;
+mod io;
 mod logs;
 mod loss;
 mod patrol;

@@ -52,3 +52,17 @@ impl fmt::Display for LineId {
         }
     }
 }
+
+/// Resistor of a chip at an input.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Bias {
+    /// As it is.
+    #[default]
+    AsIs,
+    /// None.
+    Disabled,
+    /// To the high level.
+    PullUp,
+    /// To the low level.
+    PullDown,
+}

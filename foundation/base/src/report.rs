@@ -225,6 +225,13 @@ faults! {
     /// The dead-man button is held and moves nothing: it was held before, or pressed with a stick off its middle.
     GamepadNotReleased = 0x0712, Unknown;
 
+    /// A device of inputs and outputs does not answer: its inputs are unknown, its outputs as it leaves them.
+    IoDeviceLost = 0x0721, Device;
+    /// A device of inputs and outputs refuses an address or a value.
+    IoDeviceRefused = 0x0722, Device;
+    /// A command for an output was refused: an unknown name, no output, no number, or out of its limits.
+    OutputRefused = 0x0723, Unknown;
+
     /// No odometry is heard: the estimate goes by the drives, or by nothing.
     OdometrySilent = 0x0801, Timeout;
     /// Odometry says otherwise than the drives: a wheel or its encoder is stuck, or wheels slip.

@@ -48,7 +48,7 @@ pub enum Condition {
 pub enum Output {
     /// A CAN frame.
     Can(can::Frame),
-    /// Words of a 9-bit line; the host answers with `Input::Sent` when the last one has left the wire.
+    /// Words of a serial line; the host answers with `Input::Sent` when the last one has left the wire.
     Words(Vec<Word>),
     /// A transfer on an I2C bus; the host answers with `Input::I2c`. At most [`OUTSTANDING`] may be pending.
     I2c(i2c::Transfer),
@@ -60,8 +60,8 @@ pub enum Output {
     OneWireState(w1::Answer),
     /// An event of a simulated gamepad.
     Gamepad(gamepad::Event),
-    /// A digital output is set, or read; the host answers with `Input::Gpio`. At most [`OUTSTANDING`] may be pending.
-    /// From the simulator's end: the answer.
+    /// A digital output is set, or read, or an input is read; the host answers with `Input::Gpio`. At most
+    /// [`OUTSTANDING`] may be pending. From the simulator's end: the answer.
     Gpio(gpio::Signal),
     /// A request to a folder of log files; the host answers with `Input::Store`. At most [`OUTSTANDING`] may be
     /// pending.

@@ -66,7 +66,8 @@ pub enum Line {
         /// Bit rate, bit/s.
         bitrate: u32,
     },
-    /// A serial line of 9-bit words, 11 bits each on the wire.
+    /// A serial line of words, 11 bits each on the wire: nine data bits, or eight, whose words have no ninth bit, and a
+    /// parity or second stop bit. A TCP connection is one of eight bits.
     Serial {
         /// Rate, Bd.
         baud: u32,
@@ -80,7 +81,7 @@ pub enum Line {
     OneWire,
     /// A gamepad or joystick.
     Gamepad,
-    /// A digital output of the computer.
+    /// A digital output or input of the computer.
     Gpio,
     /// A folder for log files.
     Store,
@@ -117,8 +118,9 @@ pub enum Input<'a> {
     OneWire(&'a w1::Answer),
     /// News of a gamepad. An absent gamepad is news, too, and not [`Input::Down`].
     Gamepad(gamepad::Input<'a>),
-    /// Level of a digital output: one for each [`Output::Gpio`](crate::Output::Gpio), in order. Requests pending if the
-    /// port went down have none. At the simulator's end: what the owner of the output sends.
+    /// Level of a digital output or input: one for each [`Output::Gpio`](crate::Output::Gpio), in order, and one for
+    /// each edge of an input. Requests pending if the port went down have none. At the simulator's end: what the owner
+    /// sends.
     Gpio(gpio::Signal),
     /// Answer to a request: one for each [`Output::Store`](crate::Output::Store), in order. Requests pending when the
     /// port went down have none.

@@ -1,9 +1,11 @@
-//! A digital output: a line of a GPIO chip, or the simulator's, a pair of sockets in the run folder.
+//! Digital outputs and inputs: lines of a GPIO chip, or the simulator's, a pair of sockets in the run folder.
 //!
 //! A chip behind a slow bus blocks, so a thread makes the calls; it opens the chip, too, with the first of them.
 
+mod input;
 mod socket;
 
+pub use input::{GpioInput, InputLine};
 pub use socket::Socket;
 
 use super::Lost;

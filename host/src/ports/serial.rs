@@ -1,5 +1,5 @@
-//! Serial lines of 9-bit words: a device that carries them as two bytes each or by parity, or the simulator's end of a
-//! pseudo-terminal.
+//! Serial lines of 9-bit words, on a device that carries them as two bytes each or by parity; lines of bytes; and the
+//! simulator's end of either, a pseudo-terminal.
 
 mod driver;
 mod line;
@@ -41,6 +41,19 @@ settings! {
 }
 
 settings! {
+    /// Parity of a line of bytes.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum ByteParity {
+        /// None, and two stop bits.
+        None = "none",
+        /// Even.
+        Even = "even",
+        /// Odd.
+        Odd = "odd",
+    }
+}
+
+settings! {
     /// `rs485_direction = { … }`: when RTS enables the driver of the line.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Direction {
@@ -64,7 +77,7 @@ impl Direction {
     }
 }
 
-/// Start bit, eight data bits, the ninth, stop bit.
+/// Start bit, eight data bits, the ninth, parity or a second stop bit, stop bit.
 const BITS_PER_WORD: u64 = 11;
 /// Maximum number of bytes that wait for the device; an output that does not fit is dropped as a whole.
 const QUEUE_MAX: usize = 16 * 1024;
@@ -86,6 +99,8 @@ pub struct TerminalConfig {
     pub baud: u32,
     /// Encoding of nine bits.
     pub transport: Transport,
+    /// Words of eight bits instead, with this parity.
+    pub bytes: Option<ByteParity>,
     /// Program and its arguments, run before each opening; empty: none.
     pub setup: Vec<String>,
     /// Direction control by the driver, if enabled.
@@ -98,7 +113,8 @@ impl TerminalConfig {
     /// Two bytes per word, and no other settings.
     #[must_use]
     pub const fn new(path: PathBuf, baud: u32) -> Self {
-        Self { path, baud, transport: Transport::TwoByte, setup: Vec::new(), direction: None, low_latency: false }
+        let transport = Transport::TwoByte;
+        Self { path, baud, transport, bytes: None, setup: Vec::new(), direction: None, low_latency: false }
     }
 }
 
@@ -136,6 +152,7 @@ enum Place {
 enum Codec {
     TwoByte(TwoByte),
     Parity(Parity),
+    Bytes,
 }
 
 impl Codec {
@@ -143,6 +160,15 @@ impl Codec {
         match self {
             Self::TwoByte(codec) => codec.decode(byte),
             Self::Parity(codec) => codec.decode(byte),
+            Self::Bytes => Some(Word::data(byte)),
+        }
+    }
+
+    fn encode(&self, words: &[Word], to: &mut VecDeque<u8>) {
+        match self {
+            Self::Bytes => to.extend(words.iter().map(|word| word.byte)),
+            // Parity has a sending thread.
+            Self::TwoByte(_) | Self::Parity(_) => to.extend(words.iter().copied().flat_map(TwoByte::encode)),
         }
     }
 
@@ -150,6 +176,7 @@ impl Codec {
         match self {
             Self::TwoByte(codec) => codec.reset(),
             Self::Parity(codec) => codec.reset(),
+            Self::Bytes => {}
         }
     }
 }
@@ -157,9 +184,10 @@ impl Codec {
 impl Serial {
     /// Creates the port of a device file.
     pub fn terminal(mut config: TerminalConfig) -> Self {
-        let codec = match config.transport {
-            Transport::TwoByte => Codec::TwoByte(TwoByte::new()),
-            Transport::Parity => Codec::Parity(Parity::new()),
+        let codec = match (config.bytes, config.transport) {
+            (Some(_), _) => Codec::Bytes,
+            (None, Transport::TwoByte) => Codec::TwoByte(TwoByte::new()),
+            (None, Transport::Parity) => Codec::Parity(Parity::new()),
         };
         let setup = Setup::new(std::mem::take(&mut config.setup));
         let baud = config.baud;
@@ -168,10 +196,19 @@ impl Serial {
 
     /// Creates the port of a pseudo-terminal whose other end is offered by a link.
     pub fn pseudo(link: PathBuf, baud: u32) -> Self {
+        Self::offered(link, baud, Codec::TwoByte(TwoByte::new()))
+    }
+
+    /// The same, for a line of bytes.
+    pub fn pseudo_bytes(link: PathBuf, baud: u32) -> Self {
+        Self::offered(link, baud, Codec::Bytes)
+    }
+
+    fn offered(link: PathBuf, baud: u32, codec: Codec) -> Self {
         // A link left by a killed process points to a number that will be reused for another terminal, of any line: it
         // must not be found there.
         let _ = fs::remove_file(&link);
-        Self::new(Place::Pseudo(link, PathBuf::new()), baud, Codec::TwoByte(TwoByte::new()), Setup::new(Vec::new()))
+        Self::new(Place::Pseudo(link, PathBuf::new()), baud, codec, Setup::new(Vec::new()))
     }
 
     fn new(place: Place, baud: u32, codec: Codec, setup: Setup) -> Self {
@@ -289,7 +326,7 @@ impl Serial {
                 }
                 let line::Opened { file, notes } = line::open_terminal(config)?;
                 let file = Arc::new(file);
-                if config.transport == Transport::Parity {
+                if matches!(self.codec, Codec::Parity(_)) {
                     let sender = Sender::start(file.clone());
                     self.sender = Some(sender.map_err(|error| format!("{}: {error}", config.path.display()))?);
                 }
@@ -402,7 +439,7 @@ impl Device for Serial {
         if self.queue.len() + 2 * words.len() > QUEUE_MAX {
             return Ok(false);
         }
-        self.queue.extend(words.iter().copied().flat_map(TwoByte::encode));
+        self.codec.encode(words, &mut self.queue);
         self.outputs.push_back((self.written + self.queue.len() as u64, words.len() as u64));
         self.write_pending(now)?;
         Ok(true)

@@ -2,10 +2,10 @@
 //!
 //! A relative path lies in the run folder, where the simulator has the other end.
 
-use super::{Direction, GamepadPlace, PortConfig, TerminalConfig, Transport};
+use super::{ByteParity, Direction, GamepadPlace, PortConfig, TerminalConfig, Transport};
 use ::settings::{Parsed, Table, settings};
 use std::fmt;
-use std::net::{Ipv4Addr, SocketAddrV4};
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 
 /// Where a CAN bus is found.
@@ -171,6 +171,83 @@ impl SerialPort {
             (None, None) => Err(format!(
                 "{bus}.port = {:?}: the simulator needs a name in the run folder, or simulated_at",
                 self.port
+            )),
+        }
+    }
+}
+
+settings! {
+    /// Keys of `[io.modbus.<name>]` for the port: one of `port` and `address`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct StreamPort {
+        /// Modbus RTU: device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the
+        /// simulator's pseudo-terminal, in the run folder.
+        port: Option<PathBuf> = optional;
+        /// Modbus TCP: address and TCP port of the device, `"192.168.0.5:502"`. In simulation one of this computer, as
+        /// `"127.0.0.1:1502"`.
+        address: Option<SocketAddr> = optional, Parsed(
+            |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.5:502"
+        );
+        /// RTU: any rate that the port can make.
+        baud: u32 = 19_200, 1200..=4_000_000;
+        /// RTU: parity; with `"none"` there are two stop bits.
+        parity: ByteParity = ByteParity::Even;
+        /// RTU: program and arguments that make the port an EIA-485 port, run before each opening.
+        setup: Vec<String> = Vec::<String>::new();
+        /// RTU: RTS switches the direction of the line. Absent: the adapter does.
+        rs485_direction as direction: Option<Direction> = optional;
+        /// RTU, USB adapters: received bytes are handed on at once, not after 16 ms.
+        low_latency: bool = false;
+        /// Every byte is published as `LL_DATA_RAW_<BUS>`.
+        raw: bool = false;
+    }
+    check StreamPort::check;
+}
+
+impl StreamPort {
+    fn check(&self, table: &Table<'_>) {
+        match (&self.port, self.address) {
+            (None, None) => table.refuse_missing("port", "a device file, or address"),
+            (Some(_), Some(_)) => table.refuse("address", "nothing beside port"),
+            _ => {}
+        }
+    }
+
+    /// The driver's port.
+    #[must_use]
+    pub fn port(&self, run_dir: &Path) -> PortConfig {
+        match (&self.port, self.address) {
+            (_, Some(address)) => PortConfig::Tcp { address },
+            (path, None) => {
+                let path = path.as_deref().unwrap_or(Path::new(""));
+                let plain = TerminalConfig::new(run_dir.join(path), self.baud);
+                let plain = TerminalConfig { bytes: Some(self.parity), ..plain };
+                // The simulator's pseudo-terminal has no RTS.
+                if path.is_relative() {
+                    return PortConfig::Terminal(plain);
+                }
+                let (setup, direction, low_latency) = (self.setup.clone(), self.direction, self.low_latency);
+                PortConfig::Terminal(TerminalConfig { setup, direction, low_latency, ..plain })
+            }
+        }
+    }
+
+    /// The simulator's end.
+    ///
+    /// # Errors
+    /// The port is a device file, or the address is of another computer.
+    pub fn simulated(&self, run_dir: &Path, bus: &str) -> Result<PortConfig, String> {
+        match (&self.port, self.address) {
+            (_, Some(address)) if address.ip().is_loopback() => Ok(PortConfig::TcpServer { address }),
+            (_, Some(address)) => Err(format!(
+                "{bus}.address = \"{address}\": the simulator needs an address of this computer, as 127.0.0.1:1502"
+            )),
+            (Some(port), None) if port.is_relative() => {
+                Ok(PortConfig::PseudoBytes { link: run_dir.join(port), baud: self.baud })
+            }
+            (port, None) => Err(format!(
+                "{bus}.port = {:?}: the simulator needs a name in the run folder",
+                port.as_deref().unwrap_or(Path::new(""))
             )),
         }
     }

@@ -30,6 +30,8 @@
 
 pub mod auxiliary;
 pub mod canbus;
+mod gpio_line;
+pub mod io;
 pub mod joydev;
 mod line;
 pub mod power;

@@ -31,6 +31,7 @@
 //! | a thermometer | `silent` | it is not connected |
 //! | a thermometer | `wrong` | what it sends is damaged |
 //! | a thermometer | `hot` | it is `value` °C warm (0: 90) |
+//! | a Modbus line | `silent` | its devices neither hear nor answer |
 //! | `output`, `line` of `[stop]` | `silent` | it neither answers nor obeys |
 //! | `line` | `stuck` | it keeps its level, whatever is set |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |

@@ -40,6 +40,7 @@ pub mod body;
 pub mod disturbance;
 pub mod faults;
 mod gamepad;
+mod io;
 pub mod people;
 mod random;
 pub mod scene;
@@ -49,5 +50,6 @@ pub mod world;
 
 pub use auxiliary::{I2cConfig, W1Config};
 pub use boards::drive::{Axis, DriveConfig, DriveKind};
+pub use io::{DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

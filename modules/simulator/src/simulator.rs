@@ -14,6 +14,7 @@ use crate::boards::so1::So1;
 use crate::body::{Parameters, STEP};
 use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
+use crate::io::{Io, LineConfig, ModbusConfig};
 use crate::random::Random;
 use crate::scene::Scene;
 use crate::sonar::Sonar;
@@ -107,6 +108,10 @@ pub struct Config {
     pub w1: Option<W1Config>,
     /// Port of the GPIO line that feeds the motors, as in its driver, if there is one.
     pub line: Option<String>,
+    /// Modbus lines of `driver_io`.
+    pub modbus: Vec<ModbusConfig>,
+    /// GPIO lines of `driver_io`.
+    pub gpio: Vec<LineConfig>,
     /// The PAUSE line makes the propulsion drive brake, and cuts the motors' feed after this time; zero: at once.
     pub pause_delay: Duration,
     /// Port of a gamepad, as in its driver: `joystick`. It is unplugged until requested.
@@ -130,6 +135,8 @@ impl Default for Config {
             i2c: Vec::new(),
             w1: None,
             line: None,
+            modbus: Vec::new(),
+            gpio: Vec::new(),
             pause_delay: Duration::ZERO,
             gamepad: None,
             wire_time: false,
@@ -155,7 +162,7 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the gamepad, and the GPIO line.
+/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, and the lines of `driver_io`.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
@@ -167,6 +174,7 @@ pub struct Simulator {
     lines: Vec<SerialLine>,
     auxiliary: Auxiliary,
     gamepad: Gamepad,
+    io: Io,
     deadlines: Deadlines<Timer>,
     /// True if the motors are fed.
     motors: bool,
@@ -190,7 +198,13 @@ impl Simulator {
         let w1 = config.w1.iter().map(|w1| PortSpec { bus: w1.bus.clone(), line: Line::OneWire });
         let gamepad = config.gamepad.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gamepad });
         let line = config.line.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gpio });
-        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).collect();
+        let modbus = config
+            .modbus
+            .iter()
+            .map(|modbus| PortSpec { bus: modbus.bus.clone(), line: Line::Serial { baud: modbus.line.baud() } });
+        let gpio = config.gpio.iter().map(|line| PortSpec { bus: line.bus.clone(), line: Line::Gpio });
+        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).chain(modbus).chain(gpio);
+        let ports = ports.collect();
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
@@ -200,6 +214,7 @@ impl Simulator {
             lines: Vec::new(),
             auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
             gamepad: Gamepad::default(),
+            io: Io::default(),
             config,
             ports,
             deadlines: Deadlines::new(),
@@ -219,6 +234,7 @@ impl Simulator {
         self.scene = scene(&self.config, now);
         (self.motors, self.cut) = (true, false);
         self.gamepad = Gamepad::default();
+        self.io = Io::new(&self.config.modbus, &self.config.gpio);
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
         let body = self.scene.body();
@@ -249,11 +265,20 @@ impl Simulator {
         usize::from(port.0).checked_sub(self.first_i2c())
     }
 
+    /// The number of the line of `driver_io` at a port.
+    fn io_of(&self, port: PortId) -> Option<usize> {
+        let count = self.config.modbus.len() + self.config.gpio.len();
+        (usize::from(port.0) + count).checked_sub(self.ports.len())
+    }
+
     fn first_i2c(&self) -> usize {
         usize::from(self.config.can.is_some()) + self.config.serial.len()
     }
 
     fn on_port_state(&mut self, now: Instant, port: PortId, up: bool, out: &mut Actions) {
+        if let Some(line) = self.io_of(port) {
+            self.io.forget(line);
+        }
         match self.i2c_of(port) {
             Some(bus) if bus < self.config.i2c.len() => self.auxiliary.forget(bus),
             Some(bus) if up && bus == self.config.i2c.len() && self.config.w1.is_some() => self.auxiliary.on_w1_up(now),
@@ -509,7 +534,7 @@ impl Simulator {
         if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
             return self.lines[line].disturb(now, injected, until);
         }
-        if self.auxiliary.inject(now, target, injected, until) {
+        if self.auxiliary.inject(now, target, injected, until) || self.io.inject(now, target, injected, until) {
             return true;
         }
         let board = boards(&mut self.lines).find(|board| board.name == target);
@@ -539,6 +564,10 @@ impl Simulator {
             while let Some(words) = line.poll_tx(now) {
                 out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
             }
+        }
+        let first = self.ports.len() - self.config.modbus.len() - self.config.gpio.len();
+        while let Some((line, words)) = self.io.poll_tx(now) {
+            out.push(module::Action::Send(PortId((first + line) as u8), Output::Words(words)));
         }
         let first = self.first_i2c();
         while let Some((bus, outcome)) = self.auxiliary.poll_outcome(now) {
@@ -586,7 +615,9 @@ impl Module for Simulator {
             Event::Start => self.start(now, out),
             Event::Timer => self.timer(now, out),
             Event::Port { port, input: Input::Words(words) } => {
-                if let Some(line) = self.line_of(port).and_then(|line| self.lines.get_mut(line)) {
+                if let Some(line) = self.io_of(port) {
+                    self.io.on_words(now, line, words);
+                } else if let Some(line) = self.line_of(port).and_then(|line| self.lines.get_mut(line)) {
                     line.handle_rx(now, words, &self.scene);
                 }
             }
@@ -607,7 +638,11 @@ impl Module for Simulator {
                 }
             }
             Event::Port { port, input: Input::Gpio(signal) } => {
-                if let Some(signal) = self.feed_line.as_mut().and_then(|line| line.answer(now, signal)) {
+                let answer = match self.io_of(port) {
+                    Some(line) => self.io.on_signal(line, signal),
+                    None => self.feed_line.as_mut().and_then(|line| line.answer(now, signal)),
+                };
+                if let Some(signal) = answer {
                     out.push(module::Action::Send(port, Output::Gpio(signal)));
                 }
             }
@@ -628,7 +663,7 @@ impl Module for Simulator {
         let parts = parts.chain(self.lines.iter().map(SerialLine::poll_timeout));
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
-        let own = [self.deadlines.next(), step, self.can.poll_timeout()].into_iter().flatten();
+        let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()].into_iter().flatten();
         own.chain(parts).chain(drives).min()
     }
 }

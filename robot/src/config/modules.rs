@@ -1,9 +1,9 @@
 //! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
 
 use base::Level;
-use drivers::canbus;
+use drivers::{canbus, io};
 use host::limits::Limits;
-use settings::{Blank, Choice, Table, settings};
+use settings::{Blank, Choice, Section, Table, settings};
 use std::path::PathBuf;
 use watchdog::ModuleConfig;
 
@@ -82,6 +82,18 @@ impl Modules {
         self.modules.retain(|module| module.name() != name);
         self.modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
     }
+    /// Adds the module `driver_io` as the last one, unless it is listed already.
+    pub(super) fn add_io(&mut self) {
+        if self.modules.iter().any(|entry| entry.name() == io::NAME) {
+            return;
+        }
+        let simulator = self.modules.iter().find(|entry| entry.name() == SIMULATOR);
+        let depends = simulator.map(|entry| entry.name().into()).into_iter().collect();
+        let guard = ModuleConfig { name: io::NAME.into(), depends, ..ModuleConfig::usual() };
+        let (limits, print_from, send_from) = (Limits::usual(), None, None);
+        self.modules.push(ModuleEntry { guard, command: None, args: Vec::new(), limits, print_from, send_from });
+    }
+
     /// Adds the module `guard` before `driver_canbus`, with the same settings, unless it is listed already.
     pub(super) fn add_guard(&mut self) {
         let place = |name: &str| self.modules.iter().position(|entry| entry.name() == name);

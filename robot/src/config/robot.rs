@@ -8,9 +8,9 @@ use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
-use drivers::{canbus, joydev, power, rs485_bus};
+use drivers::{canbus, io, joydev, power, rs485_bus};
 use estimator::filter;
-use host::ports::settings::{CanPort, GamepadPort, I2cPort, SerialPort, W1Port};
+use host::ports::settings::{CanPort, GamepadPort, I2cPort, SerialPort, StreamPort, W1Port};
 use module::admission::Commands;
 use navitools::Point;
 use settings::robot::{Base, Beacon, Geometry, Limits};
@@ -43,6 +43,8 @@ settings! {
         i2c: Vec<I2cBus> = named;
         /// The 1-Wire bus.
         w1: Option<W1> = optional;
+        /// Inputs and outputs by name (docs/io.md).
+        io: Option<Io> = optional;
         /// Sonars.
         srfs: Vec<Ranger> = [];
         /// Infrared rangers.
@@ -141,6 +143,32 @@ settings! {
 }
 
 settings! {
+    /// `[io]`: inputs and outputs by name.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Io {
+        /// Period of `LL_DATA_IO` and `LL_DATA_BATTERY`.
+        publish_s as publish: Duration = 1.0, 0.05..=60.0;
+        /// Modbus lines by name.
+        modbus: Vec<ModbusBus> = named;
+        /// GPIO lines of the computer.
+        gpio: Vec<io::GpioKeys> = [];
+        /// Batteries whose values are inputs.
+        battery: Vec<io::BatteryKeys> = [];
+    }
+    check Io::check;
+}
+
+settings! {
+    /// `[io.modbus.<name>]`: a Modbus line, serial or a TCP connection.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ModbusBus {
+        name: String = key;
+        port: StreamPort = flat;
+        driver: io::ModbusKeys = flat;
+    }
+}
+
+settings! {
     /// `[sensors]`: properties of sensors.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Sensors {
@@ -182,6 +210,57 @@ settings! {
         /// `/opt/advee/log`.
         folder: Option<PathBuf> = optional;
         logger: logger::Config = flat;
+    }
+}
+
+impl Io {
+    fn check(&self, table: &Table<'_>) {
+        let gpio = self.gpio.iter().map(|line| &line.name);
+        let signals = self.modbus.iter().flat_map(|bus| &bus.driver.signals).map(|signal| &signal.name);
+        let names: Vec<&String> = signals.chain(gpio).collect();
+        for (n, battery) in self.battery.iter().enumerate() {
+            if battery.names().any(|name| !names.contains(&name)) {
+                table
+                    .item("battery", n)
+                    .iter()
+                    .for_each(|item| item.refuse("name", "names of signals in its other keys"));
+            }
+        }
+    }
+
+    /// Configuration of `driver_io`.
+    #[must_use]
+    pub fn config(&self) -> io::Config {
+        let modbus = |bus: &ModbusBus| io::Modbus { bus: bus.bus(), line: bus.line(), keys: bus.driver.clone() };
+        io::Config {
+            publish: self.publish,
+            modbus: self.modbus.iter().map(modbus).collect(),
+            gpio: self.gpio.iter().map(|keys| io::Gpio { bus: gpio_bus(keys), keys: keys.clone() }).collect(),
+            batteries: self.battery.clone(),
+        }
+    }
+}
+
+/// The name of a line's port.
+#[must_use]
+pub fn gpio_bus(keys: &io::GpioKeys) -> String {
+    format!("gpio.{}", keys.name)
+}
+
+impl ModbusBus {
+    /// Its name as a bus.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        format!("modbus.{}", self.name)
+    }
+
+    /// Serial line or connection.
+    #[must_use]
+    pub fn line(&self) -> modbus::Line {
+        match self.port.address {
+            Some(_) => modbus::Line::Tcp,
+            None => modbus::Line::Rtu { baud: self.port.baud },
+        }
     }
 }
 

@@ -237,7 +237,7 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           i2c, w1, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web"],
+           i2c, w1, io, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web"],
     );
 }
 
@@ -785,4 +785,57 @@ fn the_robot_s_own_map_is_the_hall_s() {
     let own: Vec<_> = robot.beacons.iter().map(|beacon| (beacon.id, beacon.x, beacon.y)).collect();
     let its: Vec<_> = hall.beacons.iter().map(|beacon| (beacon.id, beacon.at.x, beacon.at.y)).collect();
     assert_eq!(own, its);
+}
+
+/// Inputs and outputs on both kinds of Modbus lines, and of the computer.
+const IO: &str = r#"[io.modbus.plc]
+address = "127.0.0.1:1502"
+signals = [
+    { name = "horn", table = "coil", address = 3, output = true, safe = 0 },
+    { name = "volts", table = "input", address = 16, scale = 0.01, simulated = 24.5 },
+]
+[io.modbus.line]
+port = "modbus-line"
+unit = 5
+signals = [ { name = "fan", table = "holding", address = 2, output = true, safe = 50, max = 100 } ]
+[[io.gpio]]
+name = "button"
+chip = "button"
+line = 17
+[[io.battery]]
+name = "main"
+voltage = "volts"
+"#;
+
+#[test]
+fn inputs_and_outputs_bring_their_module_and_without_them_there_is_none() {
+    let modules = |robot: &str, modules: &str| -> Vec<String> {
+        let config = load(robot, "", &[], modules).unwrap();
+        config.modules.iter().map(|module| module.name().to_owned()).collect()
+    };
+    let with = format!("{ROBOT}{IO}");
+    assert_eq!(modules(ROBOT, MODULES), ["driver_canbus"]);
+    assert_eq!(modules(&with, MODULES), ["driver_canbus", "driver_io"]);
+    let listed = format!("[[modules]]\nname = \"driver_io\"\n{MODULES}");
+    assert_eq!(modules(&with, &listed), ["driver_io", "driver_canbus"]);
+    assert_eq!(modules(ROBOT, &listed), ["driver_canbus"]);
+}
+
+#[test]
+fn inputs_and_outputs_that_cannot_be_are_refused() {
+    for (from, to, what) in [
+        ("safe = 0 }", "}", "io.modbus.plc.signals[0].safe: missing"),
+        ("safe = 0 }", "safe = 0.5 }", "safe = 0.5: expected a value that the output has, from min to max"),
+        ("safe = 50", "safe = 101", "safe = 101: expected a value that the output has, from min to max"),
+        ("\"input\", address = 16", "\"input\", address = 16, output = true, safe = 0", "for an output"),
+        ("address = \"127.0.0.1:1502\"", "address = \"here\"", "address = \"here\": expected \"ADDRESS:PORT\""),
+        ("port = \"modbus-line\"", "", "io.modbus.line.port: missing"),
+        ("unit = 5", "unit = 5\naddress = \"127.0.0.1:1\"", "expected nothing beside port"),
+        ("voltage = \"volts\"", "voltage = \"vots\"", "names of signals"),
+        ("scale = 0.01", "scale = 0", "scale = 0: expected a number other than 0"),
+    ] {
+        assert!(IO.contains(from), "{from}");
+        let lines = load(&format!("{ROBOT}{}", IO.replacen(from, to, 1)), "", &[], MODULES).unwrap_err();
+        assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
+    }
 }

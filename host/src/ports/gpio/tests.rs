@@ -71,3 +71,22 @@ fn a_line_that_cannot_be_had_is_a_lost_port_with_a_reason() {
     assert!(no_chip.starts_with("/dev/zero: line 17: "), "{no_chip}");
     assert_eq!(why("/dev/zero", LineId::Name("FEED".into())), "/dev/zero: no line is named FEED");
 }
+
+#[test]
+fn an_input_that_cannot_be_had_is_a_lost_port_with_a_reason() {
+    let why = |chip: &str, line: LineId| {
+        let config = GpioInput {
+            chip: chip.into(),
+            line,
+            active_low: false,
+            bias: base::gpio::Bias::PullUp,
+            debounce: base::Duration::from_millis(5),
+        };
+        InputLine::new(config).open().expect_err("there is no such line")
+    };
+    let missing = why("/dev/gpiochip-of-no-computer", LineId::Number(17));
+    assert!(missing.starts_with("/dev/gpiochip-of-no-computer: No such file"), "{missing}");
+    let no_chip = why("/dev/zero", LineId::Number(17));
+    assert!(no_chip.starts_with("/dev/zero: line 17: "), "{no_chip}");
+    assert_eq!(why("/dev/zero", LineId::Name("DOOR".into())), "/dev/zero: no line is named DOOR");
+}

@@ -1,6 +1,9 @@
 //! System calls of i2c-dev (linux/i2c-dev.h, i2c.h) and of the GPIO character device, version 2 (linux/gpio.h).
 #![allow(unsafe_code)]
 
+use base::Duration;
+use base::gpio::Bias;
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::libc;
 use std::io;
 use std::mem;
@@ -106,9 +109,20 @@ const ATTRIBUTES_MAX: usize = 10;
 const NAME_SIZE: usize = 32;
 const FLAG_USED: u64 = 1 << 0;
 const FLAG_ACTIVE_LOW: u64 = 1 << 1;
+const FLAG_INPUT: u64 = 1 << 2;
 const FLAG_OUTPUT: u64 = 1 << 3;
+const FLAG_EDGES: u64 = 1 << 4 | 1 << 5;
 const FLAG_OPEN_DRAIN: u64 = 1 << 6;
+const FLAG_PULL_UP: u64 = 1 << 8;
+const FLAG_PULL_DOWN: u64 = 1 << 9;
+const FLAG_BIAS_DISABLED: u64 = 1 << 10;
 const ATTRIBUTE_VALUES: u32 = 2;
+const ATTRIBUTE_DEBOUNCE: u32 = 3;
+/// Size of `struct gpio_v2_line_event`.
+pub const EVENT_SIZE: usize = 48;
+/// Their `id`.
+const EDGE_RISING: u32 = 1;
+const EDGE_FALLING: u32 = 2;
 
 /// `struct gpio_v2_line_config_attribute`.
 #[repr(C)]
@@ -211,6 +225,41 @@ pub fn output(chip: BorrowedFd<'_>, line: u32, active_low: bool) -> io::Result<O
     Ok(fd)
 }
 
+/// Requests a line as an input with events for both edges, which are read without blocking.
+pub fn input(chip: BorrowedFd<'_>, line: u32, active_low: bool, bias: Bias, debounce: Duration) -> io::Result<OwnedFd> {
+    let bias = match bias {
+        Bias::AsIs => 0,
+        Bias::Disabled => FLAG_BIAS_DISABLED,
+        Bias::PullUp => FLAG_PULL_UP,
+        Bias::PullDown => FLAG_PULL_DOWN,
+    };
+    let polarity = if active_low { FLAG_ACTIVE_LOW } else { 0 };
+    let mut config = config::<1>(FLAG_INPUT | FLAG_EDGES | bias | polarity, None);
+    if !debounce.is_zero() {
+        config.attributes_count = 1;
+        config.attributes[0] = Attribute { id: ATTRIBUTE_DEBOUNCE, padding: 0, value: microseconds(debounce), mask: 1 };
+    }
+    let fd = request(chip, &[line], b"advee io", config)?;
+    fcntl(&fd, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
+    Ok(fd)
+}
+
+/// The member `debounce_period_us` of the union in an attribute: its first four bytes.
+fn microseconds(time: Duration) -> u64 {
+    let [a, b, c, d] = u32::try_from(time.as_micros()).unwrap_or(u32::MAX).to_ne_bytes();
+    u64::from_ne_bytes([a, b, c, d, 0, 0, 0, 0])
+}
+
+/// The level after the edge of a `struct gpio_v2_line_event`: a time of eight bytes, then the kind of edge.
+pub fn edge(event: &[u8]) -> Option<bool> {
+    let id = event.get(8..12).filter(|_| event.len() == EVENT_SIZE)?;
+    match u32::from_ne_bytes(id.try_into().ok()?) {
+        EDGE_RISING => Some(true),
+        EDGE_FALLING => Some(false),
+        _ => None,
+    }
+}
+
 fn config<const N: usize>(flags: u64, levels: Option<[bool; N]>) -> Config {
     // SAFETY: all zeros is valid: without attributes.
     let mut config: Config = unsafe { mem::zeroed() };
@@ -270,6 +319,18 @@ mod tests {
     fn structures_have_the_sizes_of_the_kernel_s() {
         assert_eq!((size_of::<Attribute>(), size_of::<Request>(), size_of::<Values>()), (24, 592, 16));
         assert_eq!((size_of::<Config>(), size_of::<Info>()), (272, 256));
+    }
+
+    #[test]
+    fn an_event_tells_the_level_and_anything_else_is_refused() {
+        let mut event = [0; EVENT_SIZE];
+        for (id, level) in [(0, None), (1_u32, Some(true)), (2, Some(false)), (3, None)] {
+            event[8..12].copy_from_slice(&id.to_ne_bytes());
+            assert_eq!(edge(&event), level);
+        }
+        event[8..12].copy_from_slice(&1_u32.to_ne_bytes());
+        assert_eq!((edge(&event[..47]), edge(&[])), (None, None));
+        assert_eq!(microseconds(Duration::from_millis(5)).to_ne_bytes()[..4], 5000_u32.to_ne_bytes());
     }
 
     #[test]

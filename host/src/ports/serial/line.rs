@@ -1,7 +1,7 @@
 //! Opening and configuration of a serial device: the settings are read back, and unsupported ones are reported.
 
 use super::driver::Driver;
-use super::{Direction, TerminalConfig, Transport};
+use super::{ByteParity, Direction, TerminalConfig, Transport};
 use crate::ports::Lost;
 use crate::sys::{self, CMSPAR, Rs485Direction};
 use nix::errno::Errno;
@@ -48,7 +48,7 @@ fn set_up(
     notes: &mut Vec<String>,
 ) -> Result<(), String> {
     let driver = Driver::of(file);
-    if config.transport == Transport::Parity {
+    if config.bytes.is_none() && config.transport == Transport::Parity {
         if driver == Driver::Pseudo {
             return Err("transport \"parity\" needs a real port: this is a pseudo-terminal, whose driver (pty) drops \
                         PARENB without a word; there \"two-byte\" is what works"
@@ -56,7 +56,12 @@ fn set_up(
         }
         notes.extend(driver.parity());
     }
-    let asked = raw(settings, config);
+    let asked = match config.bytes {
+        // The simulator's has no parity.
+        Some(_) if driver == Driver::Pseudo => raw_bytes(settings, ByteParity::None, config.baud),
+        Some(parity) => raw_bytes(settings, parity, config.baud),
+        None => raw(settings, config),
+    };
     let told = |error: io::Error| format!("its settings: {error}");
     sys::set_line_settings(file, &asked, false).map_err(told)?;
     compare(&asked, &sys::line_settings(file).map_err(told)?).map_err(|what| format!("{what}: {driver} cannot"))?;
@@ -75,18 +80,37 @@ fn set_up(
 /// Settings for nine bits at the rate of `config`, based on the device's.
 fn raw(settings: termios2, config: &TerminalConfig) -> termios2 {
     let parity = config.transport == Transport::Parity;
-    let mut raw = settings;
+    let mut raw = plain(settings, config.baud);
     // A break is not ignored: it reads as an address word and so ends the frame that it interrupted.
     raw.c_iflag = if parity { libc::INPCK | libc::PARMRK } else { 0 };
+    if parity {
+        raw.c_cflag |= libc::PARENB | CMSPAR;
+    }
+    raw
+}
+
+/// Settings for characters of 11 bits with eight data bits. One with wrong parity reads as 0, and fails a checksum.
+fn raw_bytes(settings: termios2, parity: ByteParity, baud: u32) -> termios2 {
+    let mut raw = plain(settings, baud);
+    raw.c_cflag |= match parity {
+        ByteParity::None => libc::CSTOPB,
+        ByteParity::Even => libc::PARENB,
+        ByteParity::Odd => libc::PARENB | libc::PARODD,
+    };
+    raw.c_iflag = if parity == ByteParity::None { 0 } else { libc::INPCK };
+    raw
+}
+
+/// Eight data bits without any processing.
+fn plain(settings: termios2, baud: u32) -> termios2 {
+    let mut raw = settings;
+    raw.c_iflag = 0;
     raw.c_oflag = 0;
     raw.c_lflag = 0;
     // Without CIBAUD bits the input speed equals the output speed.
     raw.c_cflag = libc::CS8 | libc::CREAD | libc::CLOCAL | libc::BOTHER;
-    if parity {
-        raw.c_cflag |= libc::PARENB | CMSPAR;
-    }
-    raw.c_ispeed = config.baud;
-    raw.c_ospeed = config.baud;
+    raw.c_ispeed = baud;
+    raw.c_ospeed = baud;
     raw.c_cc[libc::VMIN] = 1;
     raw.c_cc[libc::VTIME] = 0;
     raw
@@ -110,7 +134,8 @@ fn compare(asked: &termios2, got: &termios2) -> Result<(), String> {
         return Err("mark and space parity (CMSPAR)".into());
     }
     if differs(libc::CSIZE | libc::CSTOPB | libc::PARENB) {
-        return Err("8 data bits, 1 stop bit, no parity".into());
+        let stop_bits = if asked.c_cflag & libc::CSTOPB == 0 { "1 stop bit" } else { "2 stop bits" };
+        return Err(format!("8 data bits, {stop_bits}, no parity"));
     }
     let (wanted, runs_at) = (f64::from(asked.c_ospeed), f64::from(got.c_ospeed));
     if (runs_at - wanted).abs() > BAUD_TOLERANCE * wanted {
@@ -164,6 +189,18 @@ mod tests {
         assert_eq!(with_parity(&asked, true).c_cflag ^ asked.c_cflag, libc::PARODD);
         assert_eq!(with_parity(&with_parity(&asked, true), false), asked);
         assert_eq!(raw(blank(), &config(Transport::TwoByte)).c_iflag, 0);
+    }
+
+    #[test]
+    fn bytes_are_eight_bits_with_parity_or_a_second_stop_bit() {
+        let flags = libc::CSIZE | libc::PARENB | libc::PARODD | libc::CSTOPB | CMSPAR;
+        let of = |parity| {
+            let raw = raw_bytes(blank(), parity, 19_200);
+            (raw.c_cflag & flags, raw.c_iflag, raw.c_ospeed)
+        };
+        assert_eq!(of(ByteParity::None), (libc::CS8 | libc::CSTOPB, 0, 19_200));
+        assert_eq!(of(ByteParity::Even), (libc::CS8 | libc::PARENB, libc::INPCK, 19_200));
+        assert_eq!(of(ByteParity::Odd), (libc::CS8 | libc::PARENB | libc::PARODD, libc::INPCK, 19_200));
     }
 
     #[test]

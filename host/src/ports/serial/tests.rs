@@ -86,6 +86,32 @@ fn try_until(port: &mut Port, done: impl Fn(&Port) -> bool) -> Vec<Result<(), Lo
 }
 
 #[test]
+fn a_line_of_bytes_carries_one_byte_for_each_word_in_both_directions() {
+    let link = path("bytes");
+    let mut side = Serial::pseudo_bytes(link.clone(), 19_200);
+    side.open().unwrap();
+    let config = TerminalConfig { bytes: Some(ByteParity::Even), ..TerminalConfig::new(link, 19_200) };
+    let mut device = Serial::terminal(config);
+    assert_eq!(device.open(), Ok(()), "a pseudo-terminal has no parity");
+    // All values, with those that a terminal could take for control characters.
+    let bytes: Vec<u8> = (0..=255).collect();
+    let words: Vec<Word> = bytes.iter().copied().map(Word::data).collect();
+    let pass = |from: &mut Serial, to: &mut Serial| {
+        assert_eq!(from.send(clock::now(), &Output::Words(words.clone())), Ok(true));
+        let mut heard = Vec::new();
+        while heard.len() < words.len() {
+            if let Received::Input { input: Input::Words(came), .. } = to.receive(clock::now()).unwrap() {
+                heard.extend_from_slice(came);
+            }
+        }
+        assert_eq!(heard, words);
+    };
+    pass(&mut side, &mut device);
+    pass(&mut device, &mut side);
+    assert!(device.sent_at().is_some_and(|at| at > clock::now()), "256 characters take 147 ms");
+}
+
+#[test]
 fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() {
     let link = path("adapter");
     let first = offer(&link);

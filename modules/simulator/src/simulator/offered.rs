@@ -34,7 +34,7 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses.
+    /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses, those of Modbus last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
@@ -45,6 +45,7 @@ impl Simulator {
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
         targets.extend(config.can.iter().map(|can| can.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
+        targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));
         targets
     }
 }

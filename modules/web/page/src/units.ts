@@ -43,6 +43,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["speed", "m/s"],
     ["steering", "rad"],
   ])],
+  ["lowlevel.cmd_output_t", new Map([
+    ["timestamp", "µs"],
+  ])],
   ["lowlevel.cmd_power_t", new Map([
     ["timestamp", "µs"],
   ])],
@@ -62,6 +65,13 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["lowlevel.data_axes_t", new Map([
     ["timestamp", "µs"],
     ["axes.current", "A"],
+  ])],
+  ["lowlevel.data_battery_t", new Map([
+    ["timestamp", "µs"],
+    ["voltage", "V"],
+    ["current", "A"],
+    ["temperature", "°C"],
+    ["cells", "V"],
   ])],
   ["lowlevel.data_beacons_t", new Map([
     ["timestamp", "µs"],
@@ -90,6 +100,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["lowlevel.data_hold_t", new Map([
     ["timestamp", "µs"],
     ["holds.since", "µs"],
+  ])],
+  ["lowlevel.data_io_t", new Map([
+    ["timestamp", "µs"],
   ])],
   ["lowlevel.data_irs_t", new Map([
     ["timestamp", "µs"],

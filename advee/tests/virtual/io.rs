@@ -1,0 +1,145 @@
+//! Inputs and outputs of the whole robot: driver and emulated devices, on a serial line and on a connection.
+
+use super::{Robot, place};
+use base::Duration;
+use messages::Message;
+use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::simulation::CmdFault;
+use robot::place::RobotLocation;
+use sim::host::{Config, News};
+use std::cell::RefCell;
+use std::path::Path;
+use std::rc::Rc;
+
+const IO: &str = r#"
+[io.modbus.plc]
+address = "127.0.0.1:1502"
+signals = [
+    { name = "horn", table = "coil", address = 3, output = true, safe = 0 },
+    { name = "door", table = "discrete", address = 0, simulated = 1 },
+]
+[io.modbus.line]
+port = "modbus-line"
+baud = 19200
+unit = 5
+signals = [
+    { name = "volts", table = "input", address = 16, scale = 0.01, simulated = 24.5 },
+    { name = "amps", table = "input", address = 17, format = "i32", scale = 0.001, simulated = -1.25 },
+    { name = "fan", table = "holding", address = 2, scale = 0.5, output = true, safe = 50, max = 100 },
+]
+[[io.gpio]]
+name = "button"
+chip = "gpio-button"
+line = 17
+simulated = true
+[[io.gpio]]
+name = "lamp"
+chip = "gpio-lamp"
+line = 18
+output = true
+safe = 0
+[[io.battery]]
+name = "main"
+voltage = "volts"
+current = "amps"
+"#;
+
+#[derive(Default)]
+struct Observed {
+    news: Vec<String>,
+    io: Option<DataIo>,
+    battery: Option<DataBattery>,
+}
+
+impl Observed {
+    fn take(&mut self, news: &News<'_>) {
+        match news {
+            News::Report { module: "driver_io", report } => {
+                self.news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
+            }
+            News::State { module: "driver_io", state } => self.news.push(state.to_string()),
+            News::Message { message: Message::LlDataIo(io), .. } => self.io = Some(io.clone()),
+            News::Message { message: Message::LlDataBattery(battery), .. } => self.battery = Some(battery.clone()),
+            _ => {}
+        }
+    }
+}
+
+struct Rig {
+    robot: Robot,
+    observed: Rc<RefCell<Observed>>,
+}
+
+impl Rig {
+    fn new(name: &str) -> Self {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("io-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let shipped = place();
+        for file in ["sim.toml", "modules.toml"] {
+            std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
+        }
+        let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
+        std::fs::write(folder.join("robot.toml"), robot + IO).expect("a file");
+        let place = RobotLocation { config: folder, ..shipped };
+        let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
+        let mut robot = Robot::at(&place, config);
+        let observed = Rc::new(RefCell::new(Observed::default()));
+        let keep = observed.clone();
+        robot.machine.observe(move |_, news| keep.borrow_mut().take(news));
+        robot.pass(12.0);
+        Self { robot, observed }
+    }
+
+    fn value(&self, name: &str) -> (f64, bool) {
+        let observed = self.observed.borrow();
+        let signal = observed.io.as_ref().unwrap().signals.iter().find(|signal| signal.name == name).unwrap();
+        (signal.value, signal.valid)
+    }
+
+    fn command(&mut self, name: &str, value: f64) {
+        let (now, name) = (self.robot.machine.now(), name.to_owned());
+        self.robot.machine.inject(now, CmdOutput { timestamp: 0, name, value, source: "test".into() });
+    }
+
+    fn news(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.observed.borrow_mut().news)
+    }
+}
+
+#[test]
+fn inputs_are_read_outputs_are_set_and_fall_back() {
+    let mut rig = Rig::new("values");
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
+    assert_eq!((rig.value("volts"), rig.value("amps")), ((24.5, true), (-1.25, true)));
+    assert_eq!((rig.value("door"), rig.value("button")), ((1.0, true), (1.0, true)));
+    assert_eq!((rig.value("horn"), rig.value("fan"), rig.value("lamp")), ((0.0, true), (50.0, true), (0.0, true)));
+    let battery = rig.observed.borrow().battery.clone().unwrap();
+    assert_eq!((&*battery.name, battery.voltage, battery.current), ("main", 24.5, -1.25));
+    for (name, value) in [("horn", 1.0), ("fan", 20.0), ("lamp", 1.0)] {
+        rig.command(name, value);
+    }
+    rig.robot.pass(0.3);
+    assert_eq!((rig.value("horn"), rig.value("fan"), rig.value("lamp")), ((1.0, true), (20.0, true), (1.0, true)));
+    rig.robot.pass(1.2);
+    assert_eq!((rig.value("horn"), rig.value("fan"), rig.value("lamp")), ((0.0, true), (50.0, true), (0.0, true)));
+    rig.command("horn", 2.0);
+    rig.robot.pass(0.1);
+    assert_eq!(rig.news(), ["Warning OutputRefused horn"]);
+}
+
+#[test]
+fn a_line_that_is_silent_is_reported_and_comes_back_and_the_robot_drives_on() {
+    let mut rig = Rig::new("silent");
+    rig.news();
+    let fault =
+        CmdFault { timestamp: 0, target: "modbus.line".into(), fault: "silent".into(), value: 0.0, duration: 5.0 };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    rig.robot.drive_anew(0.3, 0.0, 4.0);
+    rig.robot.pass(3.9);
+    assert!(rig.robot.speed() > 0.25, "{}", rig.robot.motion().reason);
+    assert_eq!(rig.news(), ["Error IoDeviceLost modbus.line unit 5", "ERROR"]);
+    assert_eq!((rig.value("volts").1, rig.value("door").1), (false, true));
+    rig.robot.pass(4.0);
+    assert_eq!(rig.news(), ["Notice IoDeviceLost modbus.line unit 5", "RUN"]);
+    assert_eq!(rig.value("volts"), (24.5, true));
+}

@@ -1,0 +1,274 @@
+//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer.
+//!
+//! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
+//! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time
+//! Timing    inputs are read in their period, adjacent ones at once; outputs are written at each change, and refreshed
+//! Silence   a device that does not answer: reported, ERROR, asked once a second; its values are invalid after their
+//!           greatest age. An output whose commander is silent gets its safe value; so do all in PAUSE and STOP, and
+//!           at the end
+//! Data      `LL_DATA_IO` and `LL_DATA_BATTERY` in their period, the first also at each change; `LL_DATA_BUS` once a
+//!           second for each Modbus line
+//! Commands  `LL_CMD_OUTPUT`: the newest counts, whoever sends it
+//!
+//! In STOP nothing is read, and outputs are held at their safe values.
+
+mod battery;
+mod bus;
+mod config;
+mod gpio;
+mod signal;
+
+use base::{Duration, Fault, Instant, Severity, Ticker};
+use battery::Battery;
+use bus::Bus;
+pub use config::{
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SIGNALS_MAX, SignalKeys,
+};
+use gpio::GpioLine;
+use messages::lowlevel::{CmdOutput, DataIo};
+use messages::{Channel, Message};
+use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
+use signal::Signal;
+
+/// Name of the module.
+pub const NAME: &str = "driver_io";
+/// Period of the statistics of lines.
+const BUS_PERIOD: Duration = Duration::from_secs(1);
+/// `LL_DATA_IO` follows a change at most this often.
+const CHANGE_PAUSE: Duration = Duration::from_millis(20);
+/// Refusals are reported at most this often.
+const REFUSAL_PAUSE: Duration = Duration::from_secs(1);
+/// At the end, outputs must have their safe values within this time; devices that are lost have what they hold.
+const END_WITHIN: Duration = Duration::from_millis(500);
+/// Characters of a name that is unknown, in its report.
+const NAME_MAX: usize = 64;
+/// Ports of a module at most.
+const PORTS_MAX: usize = 250;
+
+/// Driver of inputs and outputs.
+#[derive(Debug)]
+pub struct Io {
+    ports: Vec<PortSpec>,
+    /// In the order of their names.
+    signals: Vec<Signal>,
+    buses: Vec<Bus>,
+    /// Their ports follow those of the buses.
+    lines: Vec<GpioLine>,
+    batteries: Vec<Battery>,
+    state: State,
+    /// Commands are obeyed: not in INIT, PAUSE, STOP and after TERMINATE.
+    active: bool,
+    publish: Ticker,
+    statistics: Ticker,
+    /// Earliest time of the next `LL_DATA_IO` after a change.
+    change: Instant,
+    changed: bool,
+    refusal: Instant,
+    /// Set by TERMINATE.
+    end: Option<Instant>,
+    ended: bool,
+    /// Last result reported to the shell: true if it works.
+    working: Option<bool>,
+}
+
+impl Io {
+    /// Creates the driver, not started yet.
+    ///
+    /// # Errors
+    /// The configuration is invalid.
+    pub fn new(config: Config) -> Result<Self, ConfigError> {
+        let mut signals = signal::all(&config)?;
+        signals.sort_by(|a, b| a.name.cmp(&b.name));
+        if config.modbus.len() + config.gpio.len() > PORTS_MAX {
+            return Err(ConfigError::Count);
+        }
+        let serial =
+            |bus: &Modbus| PortSpec { bus: bus.bus.clone(), line: module::Line::Serial { baud: bus.line.baud() } };
+        let gpio = |line: &Gpio| PortSpec { bus: line.bus.clone(), line: module::Line::Gpio };
+        let ports = config.modbus.iter().map(serial).chain(config.gpio.iter().map(gpio)).collect();
+        let buses = config.modbus.iter().enumerate().map(|(n, bus)| Bus::new(bus, PortId(n as u8), &signals));
+        let buses: Vec<Bus> = buses.collect::<Result<_, _>>()?;
+        let first = buses.len();
+        let lines = config.gpio.iter().enumerate();
+        let lines = lines.map(|(n, line)| GpioLine::new(line, PortId((first + n) as u8), &signals)).collect();
+        let batteries = config.batteries.iter().map(|keys| Battery::new(keys, &signals));
+        Ok(Self {
+            ports,
+            batteries: batteries.collect::<Option<_>>().ok_or(ConfigError::Battery)?,
+            signals,
+            buses,
+            lines,
+            state: State::Init,
+            active: false,
+            publish: Ticker::new(Instant::NEVER, config.publish),
+            statistics: Ticker::new(Instant::NEVER, BUS_PERIOD),
+            change: Instant::ZERO,
+            changed: false,
+            refusal: Instant::ZERO,
+            end: None,
+            ended: false,
+            working: None,
+        })
+    }
+
+    fn set_state(&mut self, now: Instant, state: State) {
+        self.state = state;
+        match state {
+            State::Run => self.active = true,
+            // It returns to the state that it came from.
+            State::Error => {}
+            _ => self.active = false,
+        }
+        if !self.active {
+            self.signals.iter_mut().for_each(Signal::release);
+        }
+        if state == State::Terminate {
+            self.end = Some(now + END_WITHIN);
+        }
+    }
+
+    fn on_command(&mut self, now: Instant, at: Instant, command: &CmdOutput, out: &mut Actions) {
+        let name: String = command.name.chars().take(NAME_MAX).collect();
+        let found = self.signals.binary_search_by(|signal| signal.name.as_str().cmp(&command.name));
+        let refused = match found.ok().map(|n| &mut self.signals[n]) {
+            None => Some("there is no signal of that name".to_owned()),
+            Some(signal) => match &mut signal.output {
+                None => Some("it is an input".to_owned()),
+                Some(output) if !output.accepts(command.value) => {
+                    Some(format!("{} is no value that it takes", command.value))
+                }
+                // While it is not obeyed, it is no fault of the sender either.
+                Some(output) if self.active => {
+                    output.command(command.value, at);
+                    None
+                }
+                Some(_) => None,
+            },
+        };
+        if let Some(why) = refused
+            && self.refusal <= now
+        {
+            self.refusal = now + REFUSAL_PAUSE;
+            let source: String = command.source.chars().take(NAME_MAX).collect();
+            let message = format!("output {name:?} of {source:?} refused: {why}");
+            out.report(Severity::Warning, Fault::OutputRefused, name, message);
+        }
+    }
+
+    fn on_port(&mut self, now: Instant, port: PortId, input: &Input<'_>, out: &mut Actions) {
+        let place = usize::from(port.0);
+        let first = self.buses.len();
+        if let Some(bus) = self.buses.get_mut(place) {
+            bus.on_port(now, input, out);
+        } else if let Some(line) = place.checked_sub(first).and_then(|place| self.lines.get_mut(place)) {
+            line.on_port(now, input, &mut self.signals, out);
+        }
+    }
+
+    /// Expires what is old, and lets all lines do what is due.
+    fn serve(&mut self, now: Instant, out: &mut Actions) {
+        for signal in &mut self.signals {
+            if signal.expire(now) {
+                out.note(format!("output {}: its commander is silent, it gets its safe value", signal.name));
+            }
+        }
+        let reads = !matches!(self.state, State::Stop | State::Terminate);
+        for bus in &mut self.buses {
+            bus.serve(now, &mut self.signals, reads, out);
+        }
+        for line in &mut self.lines {
+            line.serve(now, &self.signals, reads, out);
+        }
+        // All of them, so that each change is taken once.
+        let changes = self.signals.iter_mut().map(|signal| signal.take_change(now));
+        self.changed |= changes.fold(false, |any, changed| any | changed);
+        self.check_end(now);
+        self.report_condition(out);
+    }
+
+    fn check_end(&mut self, now: Instant) {
+        if let Some(end) = self.end {
+            let signals = &self.signals;
+            let settled = self.buses.iter().all(|bus| bus.is_settled(signals))
+                && self.lines.iter().all(|line| line.is_settled(signals));
+            self.ended = settled || end <= now;
+        }
+    }
+
+    /// Reports to the shell whether the module works, if that changed and is known of all devices.
+    fn report_condition(&mut self, out: &mut Actions) {
+        let all = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let works = match all().any(|works| works == Some(false)) {
+            true => Some(false),
+            false => all().all(|works| works.is_some()).then_some(true),
+        };
+        if let Some(working) = works
+            && self.working.replace(working) != works
+        {
+            if working { out.working() } else { out.failed() }
+        }
+    }
+
+    fn publish(&mut self, now: Instant, out: &mut Actions) {
+        let periodic = self.publish.due(now);
+        if periodic || self.changed && self.change <= now {
+            (self.changed, self.change) = (false, now + CHANGE_PAUSE);
+            let signals = self.signals.iter().map(|signal| signal.shown(now)).collect();
+            out.publish(DataIo { timestamp: out.timestamp(now), signals });
+        }
+        if periodic {
+            for battery in &self.batteries {
+                let message = battery.shown(now, out.timestamp(now), &self.signals);
+                out.publish(message);
+            }
+        }
+        if self.statistics.due(now) {
+            for bus in &mut self.buses {
+                bus.publish(now, out);
+            }
+        }
+    }
+}
+
+impl Module for Io {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::LlCmdOutput]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => {
+                self.publish = Ticker::new(now + self.publish.period(), self.publish.period());
+                self.statistics = Ticker::new(now + BUS_PERIOD, BUS_PERIOD);
+            }
+            Event::Port { port, input } => self.on_port(now, port, &input, out),
+            Event::Message { at, message: Message::LlCmdOutput(command) } => self.on_command(now, at, command, out),
+            Event::State(state) => self.set_state(now, state),
+            Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
+        }
+        self.serve(now, out);
+        self.publish(now, out);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let reads = !matches!(self.state, State::Stop | State::Terminate);
+        let buses = self.buses.iter().filter_map(|bus| bus.poll_timeout(&self.signals, reads));
+        let lines = self.lines.iter().filter_map(|line| line.poll_timeout(&self.signals, reads));
+        let signals = self.signals.iter().filter_map(Signal::poll_timeout);
+        let change = self.changed.then_some(self.change);
+        let end = self.end.filter(|_| !self.ended);
+        let own = [Some(self.publish.next()), Some(self.statistics.next()), change, end].into_iter().flatten();
+        own.chain(buses).chain(lines).chain(signals).min()
+    }
+
+    fn finished(&self) -> bool {
+        self.ended
+    }
+}
+
+#[cfg(test)]
+mod tests;

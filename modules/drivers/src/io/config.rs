@@ -1,0 +1,296 @@
+//! What inputs and outputs there are, and what cannot be.
+
+use crate::gpio_line::LineRule;
+use base::Duration;
+use base::gpio::{Bias, LineId};
+use base::listed;
+use modbus::value::{Kind, Place};
+use modbus::{Line, Table as Registers};
+use settings::{Choice, Off, Table, ZeroOr, settings};
+use std::path::PathBuf;
+
+/// Signals of the robot at most.
+pub const SIGNALS_MAX: usize = 500;
+
+const TABLES: Choice<Registers> = Choice(&[
+    ("coil", Registers::Coils),
+    ("discrete", Registers::DiscreteInputs),
+    ("holding", Registers::HoldingRegisters),
+    ("input", Registers::InputRegisters),
+]);
+
+const FORMATS: Choice<Kind> = Choice(&[
+    ("u16", Kind::U16),
+    ("i16", Kind::I16),
+    ("u32", Kind::U32),
+    ("i32", Kind::I32),
+    ("f32", Kind::F32),
+    ("bit", Kind::Bit),
+]);
+
+const BIASES: Choice<Bias> = Choice(&[
+    ("as-is", Bias::AsIs),
+    ("disabled", Bias::Disabled),
+    ("pull-up", Bias::PullUp),
+    ("pull-down", Bias::PullDown),
+]);
+
+settings! {
+    /// Keys of `[io.modbus.<name>]` for the driver.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ModbusKeys {
+        /// Unit of the signals that name none.
+        unit: u8 = 1, 0..=255;
+        /// Longest time to an answer, without the time that it takes on the line.
+        time_limit_s as time_limit: Duration = 0.1, 0.005..=5.0;
+        /// Further attempts before a device counts as lost; a lost one is asked once a second.
+        retries: u8 = 2, 0..=10;
+        /// Period in which inputs are read.
+        period_s as period: Duration = 0.1, 0.005..=60.0;
+        /// Period in which outputs are written, beside each change.
+        refresh_s as refresh: Duration = 0.5, 0.01..=60.0;
+        /// Older values are not valid.
+        age_max_s as age_max: Duration = 1.5, 0.02..=300.0;
+        /// Its inputs and outputs.
+        signals: Vec<SignalKeys> = [];
+    }
+    check ModbusKeys::check;
+}
+
+settings! {
+    /// `[[io.modbus.<name>.signals]]`: a value of a device.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SignalKeys {
+        /// Name, of one signal of the robot.
+        name: String = required;
+        /// Unit of the device. Absent: the bus's.
+        unit: Option<u8> = optional, 0..=255;
+        /// Table of the device.
+        table: Registers = required, TABLES;
+        /// Address on the wire, from 0: 0 is the register that many manuals call 40001 or 1.
+        address: u16 = required, 0..=65_535;
+        /// Type of a value in registers.
+        format: Kind = Kind::U16, FORMATS;
+        /// With `format = "bit"`: the bit of the register, 0 the lowest. The other bits of a register with such
+        /// outputs are written as 0.
+        bit: u8 = 0, 0..=15;
+        /// Of two registers the first has the low word.
+        low_word_first: bool = false;
+        /// Value = number × scale + offset.
+        scale: f64 = 1.0, -1e9..=1e9;
+        /// See `scale`.
+        offset: f64 = 0.0, -1e9..=1e9;
+        /// It is written. Otherwise it is read, also from a table that could be written.
+        output: bool = false;
+        /// Outputs in registers: always written by the function for several registers; some devices know no other.
+        write_several: bool = false;
+        /// Its value in a simulated device, at the start.
+        simulated: f64 = 0.0, -1e9..=1e9;
+        limits: OutputKeys = flat;
+    }
+    check SignalKeys::check;
+}
+
+settings! {
+    /// What a signal that is an output has.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct OutputKeys {
+        /// Outputs: value that is written while nobody commands another.
+        safe: Option<f64> = optional, -1e9..=1e9;
+        /// Outputs: least value that is accepted.
+        min: f64 = -1e9, -1e9..=1e9;
+        /// Outputs: greatest value that is accepted.
+        max: f64 = 1e9, -1e9..=1e9;
+        /// Outputs: time for which a command holds, after which the value is the safe one. 0: until the next command.
+        hold_s as hold: Option<Duration> = Some(Duration::from_secs(1)), Off(ZeroOr(0.05..=3600.0));
+    }
+}
+
+settings! {
+    /// `[[io.gpio]]`: a line of a GPIO chip of the computer. Its value is 1 while it is active, else 0.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct GpioKeys {
+        /// Name, of one signal of the robot.
+        name: String = required;
+        /// Device file of the chip, `"/dev/gpiochip0"`. A name without `/`: the simulator's line, in the run folder.
+        chip: PathBuf = required;
+        /// Number of the line on the chip, or its name there.
+        line: LineId = required, LineRule;
+        /// It is active at the low level.
+        active_low: bool = false;
+        /// It is set. Otherwise it is read.
+        output: bool = false;
+        /// Inputs: resistor of the chip.
+        bias: Bias = Bias::AsIs, BIASES;
+        /// Inputs: a level that lasts shorter is no event; by the chip, or by the kernel.
+        debounce_s as debounce: Duration = 0.0, 0.0..=1.0;
+        /// Inputs: it is active in simulation.
+        simulated: bool = false;
+        limits: OutputKeys = flat;
+    }
+    check GpioKeys::check;
+}
+
+settings! {
+    /// `[[io.battery]]`: a battery whose values are signals; each key but `name` and `cells` is the name of one.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct BatteryKeys {
+        /// Its name on `LL_DATA_BATTERY`.
+        name: String = required;
+        /// V.
+        voltage: Option<String> = optional;
+        /// A, positive when charging.
+        current: Option<String> = optional;
+        /// State of charge, 0 to 1.
+        charge: Option<String> = optional;
+        /// State of health, 0 to 1.
+        health: Option<String> = optional;
+        /// Degrees Celsius.
+        temperature: Option<String> = optional;
+        /// Above 0: it is being charged.
+        charging: Option<String> = optional;
+        /// Voltages of the cells, V: names of signals.
+        cells: Vec<String> = Vec::<String>::new();
+    }
+}
+
+impl ModbusKeys {
+    fn check(&self, table: &Table<'_>) {
+        if self.signals.is_empty() {
+            table.refuse_missing("signals", "at least one signal");
+        }
+        for (n, signal) in self.signals.iter().enumerate() {
+            let clash = |other: &SignalKeys| {
+                let words = |keys: &SignalKeys| keys.format != Kind::Bit || keys.bit == signal.bit;
+                let same = other.table == signal.table && other.unit(self.unit) == signal.unit(self.unit);
+                let (a, b) = (other.place(), signal.place());
+                let meets = u32::from(a.address) < u32::from(b.address) + u32::from(b.width())
+                    && u32::from(b.address) < u32::from(a.address) + u32::from(a.width());
+                same && meets && (words(other) || signal.format != Kind::Bit)
+            };
+            if signal.output && self.signals[..n].iter().filter(|other| other.output).any(clash) {
+                table.item("signals", n).iter().for_each(|item| {
+                    item.refuse("address", "one that no other output has");
+                });
+            }
+        }
+    }
+}
+
+impl SignalKeys {
+    fn check(&self, table: &Table<'_>) {
+        let place = self.place();
+        if self.scale == 0.0 {
+            table.refuse("scale", "a number other than 0");
+        }
+        if !place.is_valid() && self.scale != 0.0 {
+            table.refuse("address", "at most 65534 for a value of two registers");
+        }
+        if self.output && !self.table.is_writable() {
+            table.refuse("table", "\"coil\" or \"holding\" for an output");
+        }
+        self.limits.check(table, self.output, |value| place.number(value).is_some());
+    }
+
+    /// The unit of the device on a bus with this one.
+    #[must_use]
+    pub fn unit(&self, usual: u8) -> u8 {
+        self.unit.unwrap_or(usual)
+    }
+
+    /// Where its value is.
+    #[must_use]
+    pub fn place(&self) -> Place {
+        let Self { table, address, format, bit, low_word_first, scale, offset, .. } = *self;
+        Place { table, address, kind: format, bit, low_first: low_word_first, scale, offset }
+    }
+}
+
+impl OutputKeys {
+    fn check(&self, table: &Table<'_>, output: bool, exists: impl Fn(f64) -> bool) {
+        if !output {
+            return;
+        }
+        let expected = "a value that the output has, from min to max";
+        match self.safe {
+            None => table.refuse_missing("safe", expected),
+            Some(safe) if !(self.accepts(safe) && exists(safe)) => table.refuse("safe", expected),
+            Some(_) => {}
+        }
+    }
+
+    /// True for values within the limits.
+    #[must_use]
+    pub fn accepts(&self, value: f64) -> bool {
+        (self.min..=self.max).contains(&value)
+    }
+}
+
+impl GpioKeys {
+    fn check(&self, table: &Table<'_>) {
+        self.limits.check(table, self.output, |value| value == 0.0 || value == 1.0);
+    }
+}
+
+impl BatteryKeys {
+    /// The signals that it names.
+    pub fn names(&self) -> impl Iterator<Item = &String> {
+        let Self { voltage, current, charge, health, temperature, charging, .. } = self;
+        let fields = [voltage, current, charge, health, temperature, charging];
+        fields.into_iter().flatten().chain(&self.cells)
+    }
+}
+
+/// A Modbus line with its devices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Modbus {
+    /// The bus's name: `modbus.plc`.
+    pub bus: String,
+    /// Serial line or connection.
+    pub line: Line,
+    /// Its keys.
+    pub keys: ModbusKeys,
+}
+
+/// A GPIO line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gpio {
+    /// The port's name: `gpio.horn`.
+    pub bus: String,
+    /// Its keys.
+    pub keys: GpioKeys,
+}
+
+/// Configuration of `driver_io`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Period of `LL_DATA_IO` and `LL_DATA_BATTERY`.
+    pub publish: Duration,
+    /// Modbus lines.
+    pub modbus: Vec<Modbus>,
+    /// GPIO lines.
+    pub gpio: Vec<Gpio>,
+    /// Batteries.
+    pub batteries: Vec<BatteryKeys>,
+}
+
+listed! {
+    /// Why a configuration is refused.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum ConfigError {
+        /// Without any.
+        Empty => "no signals",
+        /// More than [`SIGNALS_MAX`].
+        Count => "more than 500 signals, or more than 250 lines and buses",
+        /// Two signals of one name.
+        Name => "two signals have the same name",
+        /// A battery names no signal.
+        Battery => "a battery names a signal that there is not",
+        /// A serial line has units 1 to 247.
+        Unit => "a serial line has units 1 to 247",
+        /// The master's own check.
+        Line => "the line's rate or time limit is out of range",
+    }
+}
+
+impl std::error::Error for ConfigError {}
