@@ -56,7 +56,7 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         Bug::LostDriveIgnored => &["drives", "feed", "resumes"],
         // The steering keeps turning, too.
         Bug::CriticalIgnored => &["critical", "stop", "released"],
-        Bug::WatchdogNotMissed => &["critical", "stop"],
+        Bug::WatchdogNotMissed => &["critical", "stop", "released"],
         Bug::BlindnessIgnored => &["blind"],
         Bug::EchoesIgnored => &["promise"],
         Bug::WatchdogDeaf => &["stop", "wanted", "moves"],
