@@ -34,7 +34,7 @@ const DRIVER: &str = "driver_io";
 
 pub fn io(common: &Common, command: &Io) -> Outcome {
     let mut tool = Tool::join(common, "io", &[Channel::LlDataIo, Channel::CmEventError])?;
-    // Whoever is told must be there first.
+    // The receivers must be connected first.
     let Some(first) = heard(&mut tool, clock::now() + HEARD, |_| true)? else {
         return Err(
             format!("LL_DATA_IO is not heard on {}; is advee up, and [io] configured?", common.lcm_url()).into()
@@ -89,7 +89,7 @@ fn order(tool: &mut Tool, name: &str, value: f64) -> Result<(), Failed> {
     tool.publish(CmdOutput { timestamp, name: name.into(), value, source })
 }
 
-/// The next message of which `is` says so; none if there is none until `until`.
+/// The next message that `is` accepts; none if it does not arrive before `until`.
 fn heard(tool: &mut Tool, until: Instant, is: impl Fn(&DataIo) -> bool) -> Result<Option<DataIo>, Failed> {
     loop {
         match tool.hear(until)? {

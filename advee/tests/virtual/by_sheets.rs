@@ -156,7 +156,7 @@ fn a_drive_of_another_version_is_mapped_anew() {
     assert!((robot.speed() - 0.3).abs() < 0.02, "{}", robot.motion().reason);
 }
 
-/// The keys say tenths of rpm, and the drive's own object says rpm: it is ten times faster than it is told, and what it
+/// The keys say tenths of rpm, and the drive's own object says rpm: it is ten times faster than commanded, and what it
 /// measures looks right. The rules know its unit from the drive.
 #[test]
 fn a_unit_of_velocity_that_is_not_the_drive_s_shows() {

@@ -200,7 +200,7 @@ impl Exception {
     }
 }
 
-/// Why an answer is none.
+/// Why an answer is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rejection {
     /// The device refuses.

@@ -1,11 +1,11 @@
-//! `driver_canbus`: CANopen master of the propulsion and the steering drive, which decides whether the robot may move.
+//! `driver_canbus`: CANopen master of the drives of wheels and steering, which decides whether the robot may move.
 //!
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
-//! here, which turns both into the goals of the two axes. Anything but a clear permission is a quick stop.
+//! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
 //!
 //! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; or any drive of CiA 402 by its data sheet
 //! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
-//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself. The same after 2 s
+//! Silence   of a drive: all others stop, the node is booted again, nothing resumes by itself. The same after 2 s
 //!           if the drive sends heartbeats but does not answer
 
 pub mod arbiter;
