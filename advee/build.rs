@@ -15,7 +15,7 @@ const NO_TABLES: &str =
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
-    // Other profiles unwind. For ARM the standard library is built with this crate, so a trial program cannot be linked.
+    // Other profiles unwind. For ARM the standard library is built with this crate: a trial program cannot be linked.
     let var = |name| env::var(name).unwrap_or_default();
     if var("PROFILE") != "release" || var("TARGET") != "x86_64-unknown-linux-gnu" || var("HOST") != var("TARGET") {
         return;
