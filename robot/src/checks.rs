@@ -41,7 +41,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         let node = driver.nodes().find(|node| node.id == drive.node)?;
         Some((drive, node, on_wire(node)?))
     };
-    let (propulsion_drive, propulsion_node, propulsion) = of(Axis::Propulsion).ok_or_else(missing)?;
+    let (propulsion_drive, propulsion_node, propulsion) = of(Axis::Wheel(0)).ok_or_else(missing)?;
     let (steering_drive, _, steering) = of(Axis::Steering).ok_or_else(missing)?;
     let homes_at_start = |bus: &CanBus| {
         can.bus == format!("can.{}", bus.name) && bus.driver.homing_release == canbus::HomingRelease::Start
@@ -85,7 +85,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
 fn units_per_mps(drive: &DriveConfig, circumference: f64) -> f64 {
     match &drive.kind {
         DriveKind::Cia402(own) => own.velocity_units(drive.node, circumference),
-        DriveKind::Epos { gear } => 60.0 * gear / circumference,
+        DriveKind::Epos { gear, .. } => 60.0 * gear / circumference,
         DriveKind::Icla(_) => f64::NAN,
     }
 }

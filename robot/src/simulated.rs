@@ -10,7 +10,7 @@ use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
 use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
-use settings::robot::Beacon;
+use settings::robot::{Base, Beacon};
 use simulator::boards::battery::BatteryConfig;
 use simulator::boards::cia402::Cia402Config;
 use simulator::boards::icla::Gearing;
@@ -47,6 +47,8 @@ pub(crate) fn config(
     let steers =
         |drive: &DriveConfig| matches!(drive.kind, DriveKind::Cia402(_)) && drive.kind.axis() == Axis::Steering;
     let by_sheet = can.iter().flat_map(|can| &can.drives).any(steers);
+    let wheels = robot.base.map(|base| base.chassis(&robot.limits)).transpose();
+    let wheels = wheels.map_err(|error| ConfigError(vec![format!("simulator: [base]: {error}")]))?;
     let parameters = Parameters {
         steering_rate: robot.limits.steering_rate_radps * if by_sheet { STEERING_RESERVE } else { 1.0 },
         errors: Errors::usual(),
@@ -78,6 +80,7 @@ pub(crate) fn config(
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
+        wheels,
         can,
         serial: serial.collect(),
         i2c: i2c.collect(),
@@ -120,11 +123,11 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
     let driver = |bus: &&CanBus| bus.driver.driver(String::new(), robot.base, &robot.geometry, robot.limits).is_some();
     let Some(mut bus) = robot.can.iter().find(driver).cloned() else { return Ok(None) };
     sheets::read(place, &mut bus)?;
-    bus.driver.nodes.sort_by_key(|node| node.axis != canbus::Axis::Propulsion);
+    bus.driver.nodes.sort_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node)));
     Ok(Some(CanConfig {
         bus: format!("can.{}", bus.name),
         bitrate: bus.driver.bitrate,
-        drives: bus.driver.nodes.iter().map(drive).collect::<Result<_, _>>()?,
+        drives: bus.driver.nodes.iter().map(|node| drive(robot, node)).collect::<Result<_, _>>()?,
         output: robot.stop.feed_output().map(|output| {
             let canbus::OutputConfig { node, index, subindex, bits, on, .. } = output;
             OutputConfig { node, index, sub: subindex, bits, on }
@@ -132,17 +135,23 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
     }))
 }
 
+/// Number of the wheel that a drive turns.
+fn wheel(robot: &Robot, node: &canbus::Node) -> u8 {
+    let axes = robot.base.iter().flat_map(Base::axes);
+    (0..).zip(axes).find(|(_, axis)| **axis == node.axis.name()).map_or(0, |(number, _)| number)
+}
+
 /// A drive, as its keys describe it.
-fn drive(node: &canbus::Node) -> Result<DriveConfig, ConfigError> {
+fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError> {
     let name = node.axis.name();
     let missing = || ConfigError(vec![format!("simulator: the data sheet of the {name} drive was not read")]);
     let kind = match &node.drive {
-        canbus::Drive::Epos(epos) => DriveKind::Epos { gear: epos.gear },
+        canbus::Drive::Epos(epos) => DriveKind::Epos { wheel: wheel(robot, node), gear: epos.gear },
         canbus::Drive::Icla(icla) => {
             DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
         }
         canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
-            axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Propulsion },
+            axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Wheel(wheel(robot, node)) },
             sheet: node.sheet.clone().ok_or_else(missing)?,
             gear: keys.gear,
             counts_per_turn: keys.counts_per_turn,
@@ -235,14 +244,29 @@ mod tests {
             let can = drives(by_sheet).unwrap();
             let row = |drive: &DriveConfig| (drive.name.clone(), drive.node, drive.kind.axis());
             let rows: Vec<_> = can.drives.iter().map(row).collect();
-            let expected = [("propulsion".into(), 1, Axis::Propulsion), ("steering".into(), 2, Axis::Steering)];
+            let expected = [("propulsion".into(), 1, Axis::Wheel(0)), ("steering".into(), 2, Axis::Steering)];
             assert_eq!(rows, expected, "the propulsion is first, wherever its node is in the file");
             let are = can.drives.iter().map(|drive| match &drive.kind {
-                DriveKind::Epos { gear } => (*gear == 26.0).then_some(false),
+                DriveKind::Epos { gear, .. } => (*gear == 26.0).then_some(false),
                 DriveKind::Icla(gearing) => (gearing.gear == 180.0).then_some(false),
                 DriveKind::Cia402(own) => (own.homed == 1 << 15).then_some(true),
             });
             assert_eq!(are.collect::<Vec<_>>(), by_sheet.map(Some));
+        }
+    }
+
+    #[test]
+    fn a_base_without_steering_has_a_motor_for_each_wheel() {
+        for (name, wheels) in [("courier", 2), ("porter", 4), ("tripod", 3)] {
+            let (place, _) = shipped();
+            let place = RobotLocation { config: place.config.join("..").join(name), ..place };
+            for sim in [false, true] {
+                let robot = RobotConfig::load(&place.config, sim, &[]).unwrap().robot;
+                let config = config(&place, World::default(), &robot, false).unwrap();
+                assert_eq!(config.wheels.unwrap().wheels().len(), usize::from(wheels));
+                let drives: Vec<_> = config.can.unwrap().drives.iter().map(|drive| drive.kind.axis()).collect();
+                assert_eq!(drives, (0..wheels).map(Axis::Wheel).collect::<Vec<_>>(), "{name}");
+            }
         }
     }
 

@@ -188,9 +188,6 @@ pub(crate) fn shell_in(
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
-            if robot.base.is_some() {
-                return refused("simulator: it has no base without steering ([base])".into());
-            }
             let usual = simulated::config(place, world.unwrap_or_default(), robot, options.wire_time)?;
             Box::new(simulator::Simulator::new(simulator::Config { seed: options.seed.unwrap_or(usual.seed), ..usual }))
         }
@@ -434,8 +431,13 @@ fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
     let beacons = robot.beacons.iter().map(beacon).collect();
     let config = estimator::Config {
         filter: estimator::filter::Config { beacons, ..robot.estimator.clone() },
-        wheelbase_m: robot.geometry.wheelbase_m,
-        track_m: robot.geometry.track_m,
+        wheels: match robot.base {
+            Some(base) => estimator::Wheels::Driven { radius_m: base.radius_m() },
+            None => {
+                let Geometry { wheelbase_m, track_m, .. } = robot.geometry;
+                estimator::Wheels::Steered { wheelbase_m, track_m }
+            }
+        },
         active_max: rs485::boards::sbs1::BEACONS,
     };
     estimator::Estimator::new(config).or_else(|error| refused(format!("estimator: {error}")))
@@ -545,6 +547,8 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
         law: robot.planner.behaviour.law(robot.guard.law(robot.limits.deceleration_mps2, robot.power_lost_mps2())),
         sonar_beam: robot.sensors.srf08.beam_rad,
         age_max: robot.sensors.age_max,
+        has_sonars: !robot.srfs.is_empty(),
+        steers: robot.base.is_none(),
         map,
     }))
 }
@@ -556,7 +560,6 @@ mod tests {
     use base::gpio::LineId;
     use drivers::canbus::{Cia402Config, Drive, SecondWay, VelocityUnit};
     use settings::Section as _;
-    use settings::robot::{Base, Differential, Layout};
 
     fn shipped(sim: bool) -> RobotLocation {
         RobotLocation {
@@ -766,17 +769,6 @@ mod tests {
             |unit, table, address, word| simulator::DeviceConfig { unit, points: vec![(table, address, word)] };
         assert_eq!(simulated.modbus[0].devices, [device(9, modbus::Table::Coils, 0, 0)]);
         assert_eq!(simulated.modbus[1].devices, [device(1, modbus::Table::InputRegisters, 7, 245)]);
-    }
-
-    #[test]
-    fn a_base_without_steering_is_refused_in_simulation() {
-        let place = shipped(true);
-        let mut config = Config::load(&place.config, true, &[]).unwrap();
-        let layout = Layout::Differential(Differential { track_m: 0.4 });
-        config.robot.base = Some(Base { layout });
-        let made = shell(&place, &config, SIMULATOR, State::Run, HostOptions::LIVE);
-        let why = made.map(|_| ()).unwrap_err().to_string();
-        assert_eq!(why, "simulator: it has no base without steering ([base])");
     }
 
     #[test]

@@ -59,6 +59,6 @@ fn row(estimate: &DataEstimate) -> Row {
     let pose = Pose::new(estimate.x, estimate.y, estimate.theta);
     Row {
         time: estimate.timestamp as f64 * 1e-6,
-        believed: Estimate { pose, motion, covariance: estimate.covariance, quality },
+        believed: Estimate { pose, motion, drift: 0.0, covariance: estimate.covariance, quality },
     }
 }

@@ -16,7 +16,6 @@ const AXLE_TOLERANCE: f64 = 1e-6;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chassis {
     pub(crate) wheels: PerWheel<Wheel>,
-    /// Independent motions that the unsteered wheels permit: along and about the axle, or all three.
     pub(crate) motions: Vec<Twist, 3>,
     /// Pseudo-inverse of the constraints of all measured wheels; `None` if it depends on steering angles.
     pub(crate) inverse: Option<Inverse>,
@@ -54,6 +53,13 @@ impl Chassis {
     #[must_use]
     pub fn wheels(&self) -> &[Wheel] {
         &self.wheels
+    }
+
+    /// Independent motions that the unsteered wheels permit: two, along and about their axle, or all three. Every
+    /// velocity of the base is a sum of multiples of them.
+    #[must_use]
+    pub fn motions(&self) -> &[Twist] {
+        &self.motions
     }
 
     /// True if at least one wheel is steered.

@@ -167,6 +167,18 @@ impl Base {
         }
     }
 
+    /// Distance of its wheels' treads from the middle, m: what they roll for each rad of a turn on the spot.
+    #[must_use]
+    pub fn radius_m(&self) -> f64 {
+        match self.layout {
+            Layout::Differential(Differential { track_m }) | Layout::SkidSteer(Rectangle { track_m, .. }) => {
+                track_m / 2.0
+            }
+            Layout::Mecanum(Rectangle { wheelbase_m, track_m }) => (wheelbase_m + track_m) / 2.0,
+            Layout::Omni(Circle { radius_m, .. }) => radius_m,
+        }
+    }
+
     /// Kinematics of the base.
     ///
     /// # Errors

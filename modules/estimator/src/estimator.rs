@@ -1,7 +1,8 @@
 //! The module: messages in, `ML_DATA_ESTIMATE` out.
 //!
 //! Takes    `LL_DATA_ODO` (20 Hz), `LL_DATA_BEACONS` (each bearing at its own instant), `LL_DATA_MOTION` (motion of the
-//!          drives, while the odometry is silent or stuck), `ML_CMD_ESTIMATE` (a pose set by hand)
+//!          drives, while the odometry is silent or stuck), `ML_CMD_ESTIMATE` (a pose set by hand); of a base that does
+//!          not steer `LL_DATA_VELOCITY` in place of odometry and drives
 //! Gives    `ML_DATA_ESTIMATE` at 20 Hz, predicted to the present; `LL_DATA_ACTIVE_BEACONS` every five seconds
 //! Silence  without odometry the drives count, without them nothing does: at most COARSE then
 //! States   in PAUSE and STOP it goes on estimating; in STOP it publishes nothing
@@ -10,7 +11,7 @@ use crate::active;
 use crate::filter::{self, Filter, Noise, Quality, Refused};
 use crate::motion_source::{MotionSources, Source};
 use base::{Duration, Epoch, Fault, Instant, Severity, Ticker};
-use messages::lowlevel::{DataActiveBeacons, DataBeacons, DataMotion, DataOdo};
+use messages::lowlevel::{DataActiveBeacons, DataBeacons, DataMotion, DataOdo, DataVelocity};
 use messages::middlelevel::{CmdEstimate, DataEstimate};
 use messages::{Channel, Message};
 use module::{Actions, Event, Module, State};
@@ -34,12 +35,27 @@ const CONFLICT_NOISE: Noise = Noise { along_per_m: 0.3, along_per_s: 0.2, turn_p
 pub struct Config {
     /// Configuration of the filter, with the map of beacons.
     pub filter: filter::Config,
-    /// Wheelbase, m.
-    pub wheelbase_m: f64,
-    /// Track width of the front axle, m.
-    pub track_m: f64,
+    /// The wheels by which it measures its way.
+    pub wheels: Wheels,
     /// Maximum number of beacons that the scanner takes at once.
     pub active_max: usize,
+}
+
+/// Wheels that measure the robot's way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wheels {
+    /// Both steered ones of the front axle, not driven: `LL_DATA_ODO`.
+    Steered {
+        /// Rear axle to front axle, m.
+        wheelbase_m: f64,
+        /// Distance of the front wheels, m.
+        track_m: f64,
+    },
+    /// All wheels of a base that does not steer, driven: `LL_DATA_VELOCITY`.
+    Driven {
+        /// Distance of the wheels from the middle, m: what they roll for each rad of a turn on the spot.
+        radius_m: f64,
+    },
 }
 
 /// The module.
@@ -68,10 +84,16 @@ impl Estimator {
     /// # Errors
     /// The configuration is inconsistent.
     pub fn new(config: Config) -> Result<Self, filter::ConfigError> {
-        let wheels = Some(SteeredWheels::new(config.wheelbase_m, config.track_m));
+        let (wheels, spin, sources) = match config.wheels {
+            Wheels::Steered { wheelbase_m, track_m } => {
+                let wheels = SteeredWheels::new(wheelbase_m, track_m);
+                (Some(wheels), 0.0, MotionSources::new(wheelbase_m, track_m))
+            }
+            Wheels::Driven { radius_m } => (None, radius_m, MotionSources::new(radius_m, radius_m)),
+        };
         Ok(Self {
-            filter: Filter::new(filter::Config { wheels, ..config.filter.clone() })?,
-            sources: MotionSources::new(config.wheelbase_m, config.track_m),
+            filter: Filter::new(filter::Config { wheels, spin, ..config.filter.clone() })?,
+            sources,
             config,
             tick: None,
             ticks: 0,
@@ -94,6 +116,19 @@ impl Estimator {
             let taken = self.filter.odometry(at, rates);
             self.judge(taken, "odometry", out);
         }
+    }
+
+    fn on_velocity(&mut self, at: Instant, velocity: &DataVelocity, out: &mut Actions) {
+        let DataVelocity { vx, vy, omega, .. } = *velocity;
+        // A wheel that is not heard makes all of it unknown.
+        if vx.is_nan() || vy.is_nan() || omega.is_nan() {
+            return;
+        }
+        let at = moment(out.epoch(), velocity.timestamp, at);
+        self.sources.on_velocity(at);
+        self.judge_source(at, out);
+        let taken = self.filter.velocity(at, vx, vy, omega);
+        self.judge(taken, "velocity", out);
     }
 
     fn on_motion(&mut self, at: Instant, motion: &DataMotion, out: &mut Actions) {
@@ -158,7 +193,10 @@ impl Estimator {
         }
         let silent = matches!(source, Source::Drives | Source::None);
         if silent && !self.silent {
-            let why = "silent: the estimate goes on by what the drives say, if they do";
+            let why = match self.config.wheels {
+                Wheels::Steered { .. } => "silent: the estimate goes on by what the drives say, if they do",
+                Wheels::Driven { .. } => "silent: the estimate does not know how the robot moves",
+            };
             out.raise(Severity::Error, Fault::OdometrySilent, "odometry", why);
         } else if !silent && self.silent {
             out.clear(Fault::OdometrySilent, "odometry", "is heard again");
@@ -187,7 +225,8 @@ impl Estimator {
         let most = if self.source == Source::Wheels { Quality::Fine } else { Quality::Coarse };
         let quality = estimate.quality.min(most);
         let Pose { x, y, theta } = estimate.pose;
-        let (speed, rotation) = (estimate.motion.translation, estimate.motion.rotation);
+        let speed = estimate.motion.translation * libm::cos(estimate.drift);
+        let rotation = estimate.motion.rotation;
         let (timestamp, covariance) = (out.timestamp(now), estimate.covariance);
         let (theta, level) = (theta.radians(), quality as i8);
         out.publish(DataEstimate { timestamp, x, y, theta, speed, rotation, covariance, quality: level });
@@ -234,7 +273,12 @@ fn moment(epoch: Epoch, timestamp: i64, came: Instant) -> Instant {
 
 impl Module for Estimator {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::LlDataOdo, Channel::LlDataBeacons, Channel::LlDataMotion, Channel::MlCmdEstimate]
+        match self.config.wheels {
+            Wheels::Steered { .. } => {
+                &[Channel::LlDataOdo, Channel::LlDataBeacons, Channel::LlDataMotion, Channel::MlCmdEstimate]
+            }
+            Wheels::Driven { .. } => &[Channel::LlDataVelocity, Channel::LlDataBeacons, Channel::MlCmdEstimate],
+        }
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
@@ -247,6 +291,7 @@ impl Module for Estimator {
                 Message::LlDataOdo(odo) => self.on_odo(at, odo, out),
                 Message::LlDataBeacons(beacons) => self.on_beacons(at, beacons, out),
                 Message::LlDataMotion(motion) => self.on_motion(at, motion, out),
+                Message::LlDataVelocity(velocity) => self.on_velocity(at, velocity, out),
                 Message::MlCmdEstimate(command) => self.on_command(command, out),
                 _ => {}
             },

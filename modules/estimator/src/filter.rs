@@ -13,7 +13,7 @@ mod state;
 mod tests;
 
 pub use config::{Beacon, Config, ConfigError, Mount, Noise};
-pub(crate) use state::{DELAY, PLACE_KNOWN, PLACE_UNKNOWN, Sight, State, THETA, X, Y, deviations};
+pub(crate) use state::{DELAY, PLACE_KNOWN, PLACE_UNKNOWN, Sight, State, Step, THETA, X, Y, along, deviations};
 
 use crate::search::{self, Bearing};
 use crate::trail::Trail;
@@ -23,7 +23,7 @@ use core::f64::consts::TAU;
 use history::{Entry, History, Kind};
 use navitools::odometry::SteeredWheels;
 use navitools::{Motion, Point, Pose, wrap};
-use state::{PLACE_X, PLACE_Y, Step, TURN};
+use state::{PLACE_X, PLACE_Y, TURN};
 use std::collections::VecDeque;
 
 listed! {
@@ -46,8 +46,10 @@ listed! {
 pub struct Estimate {
     /// Pose of the rear axle's centre in the map, m and rad; meaningless below COARSE.
     pub pose: Pose,
-    /// Velocity of the rear axle's centre, m/s and rad/s.
+    /// Velocity of the rear axle's centre, m/s and rad/s; of a base that goes sideways along its direction of travel.
     pub motion: Motion,
+    /// That direction in the robot's frame, rad.
+    pub drift: f64,
     /// Covariance of x, y, θ; m², m rad, rad².
     pub covariance: [[f64; 3]; 3],
     /// Quality.
@@ -318,7 +320,20 @@ impl<const N: usize> Kalman<N> {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn odometry(&mut self, at: Instant, rates: Motion) -> Result<(), Refused> {
-        self.take_way(at, rates, self.config.odometry, self.config.wheels)
+        self.take_way(at, rates, 0.0, self.config.odometry, self.config.wheels)
+    }
+
+    /// Takes the velocity since the last step of a base that does not steer, as its wheels measured it at `at`: of its
+    /// origin forward and to the left, m/s, and rad/s.
+    ///
+    /// # Errors
+    /// The measurement is refused; the state is unchanged.
+    pub fn velocity(&mut self, at: Instant, forward: f64, left: f64, rotation: f64) -> Result<(), Refused> {
+        // Backward is a negative way, whichever direction it goes aside.
+        let drift =
+            if left == 0.0 { 0.0 } else { libm::atan2(libm::copysign(left, forward * left), libm::fabs(forward)) };
+        let translation = libm::copysign(libm::hypot(forward, left), forward);
+        self.take_way(at, Motion { translation, rotation }, drift, self.config.odometry, None)
     }
 
     /// Takes a velocity from a source with other noise.
@@ -326,13 +341,14 @@ impl<const N: usize> Kalman<N> {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn way(&mut self, at: Instant, rates: Motion, noise: Noise) -> Result<(), Refused> {
-        self.take_way(at, rates, noise, None)
+        self.take_way(at, rates, 0.0, noise, None)
     }
 
     fn take_way(
         &mut self,
         at: Instant,
         rates: Motion,
+        drift: f64,
         noise: Noise,
         wheels: Option<SteeredWheels>,
     ) -> Result<(), Refused> {
@@ -345,7 +361,7 @@ impl<const N: usize> Kalman<N> {
             self.started = true;
             let state = self.history.last().state;
             self.history = History::new(at, &state);
-            self.trail.push(at, Motion::default(), 0.0, 0.0);
+            self.trail.push(at, Motion::default(), &Step::default());
             self.counts.ways += 1;
             return Ok(());
         }
@@ -354,7 +370,8 @@ impl<const N: usize> Kalman<N> {
             return Err(Refused::Backwards);
         }
         self.counts.ways += 1;
-        self.push(at, step(at.since(self.at()), rates, noise, wheels));
+        let step = step(at.since(self.at()), rates, noise, wheels, self.config.spin);
+        self.push(at, Step { drift, ..step });
         Ok(())
     }
 
@@ -373,7 +390,7 @@ impl<const N: usize> Kalman<N> {
         if step.way != Motion::default() {
             self.applied.iter_mut().for_each(|applied| applied.standing = 0);
         }
-        self.trail.push(at, self.history.last().state.corrected(&step), step.along, step.turn);
+        self.trail.push(at, self.history.last().state.corrected(&step), &step);
         self.history.push(at, step);
         while let Some(next) = self.pending.front().copied().filter(|next| next.at <= at) {
             self.pending.pop_front();
@@ -799,7 +816,7 @@ impl<const N: usize> Kalman<N> {
         if !self.has_pose {
             let (far, round) = (ANYWHERE.0 * ANYWHERE.0, ANYWHERE.1 * ANYWHERE.1);
             let covariance = [[far, 0.0, 0.0], [0.0, far, 0.0], [0.0, 0.0, round]];
-            return Estimate { pose: Pose::default(), motion, covariance, quality: without };
+            return Estimate { pose: Pose::default(), motion, drift: step.drift, covariance, quality: without };
         }
         let mut covariance = state.pose_covariance();
         let (position, heading) = deviations(&covariance);
@@ -820,12 +837,13 @@ impl<const N: usize> Kalman<N> {
         covariance[X][X] += doubtful.0;
         covariance[Y][Y] += doubtful.0;
         covariance[THETA][THETA] += doubtful.1;
-        Estimate { pose: state.pose(), motion, covariance, quality }
+        Estimate { pose: state.pose(), motion, drift: step.drift, covariance, quality }
     }
 }
 
-/// Motion step of this duration at these velocities, by these wheels if they are known.
-pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<SteeredWheels>) -> Step {
+/// Motion step of this duration at these velocities, by these wheels if they are known; `spin`: way of the wheels by a
+/// turn on the spot, m/rad.
+pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<SteeredWheels>, spin: f64) -> Step {
     let seconds = time.as_secs_f64();
     if time > GAP {
         let variance = |rate: f64| rate * rate * seconds * seconds;
@@ -836,7 +854,7 @@ pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<S
     if way == Motion::default() {
         return Step { seconds, ..Step::default() };
     }
-    let metres = way.translation.abs();
+    let metres = way.translation.abs().max(way.rotation.abs() * spin);
     let variance = |per_m: f64, per_s: f64| per_m * per_m * metres + per_s * per_s * seconds;
     // What makes the wheels unequal adds more in a turn, its noise too.
     let straight = Motion { translation: 0.0, rotation: 1.0 };
@@ -845,5 +863,5 @@ pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<S
     let bend = Motion { translation: more.translation * way.translation, rotation: more.rotation * way.translation };
     let turn = variance(noise.turn_per_m, noise.turn_per_s);
     let along = variance(noise.along_per_m, noise.along_per_s) + more.translation * more.translation * turn;
-    Step { seconds, way, bend, along, turn: more.rotation * more.rotation * turn }
+    Step { seconds, way, drift: 0.0, bend, along, turn: more.rotation * more.rotation * turn }
 }

@@ -41,5 +41,5 @@ pub mod recorded;
 mod search;
 mod trail;
 
-pub use estimator::{Config, Estimator, NAME};
+pub use estimator::{Config, Estimator, NAME, Wheels};
 pub use filter::{Filter, PlacingFilter};

@@ -80,6 +80,11 @@ impl MotionSources {
         }
     }
 
+    /// Takes note of a velocity of all wheels at `at`: they are driven, and the only source.
+    pub fn on_velocity(&mut self, at: Instant) {
+        self.odo = Some(Odo { at, timestamp: 0, path: 0.0, heading: 0.0, rates: Motion::default() });
+    }
+
     fn compare(&mut self, now: Instant) {
         let (Some(odo), Some((at, drives))) = (self.odo, self.drives) else { return };
         if now.since(at) >= SILENCE_MAX || now.since(odo.at) >= SILENCE_MAX {

@@ -1,5 +1,6 @@
 //! Dead-reckoned trajectory of the last seconds.
 
+use crate::filter::{Step, along};
 use base::{Duration, Instant};
 use navitools::{Motion, Pose};
 use std::collections::VecDeque;
@@ -23,11 +24,11 @@ pub struct TrailPose {
 pub struct Trail(VecDeque<TrailPose>);
 
 impl Trail {
-    /// Appends a motion step up to `at` with its variances.
-    pub fn push(&mut self, at: Instant, way: Motion, along: f64, turn: f64) {
+    /// Appends a motion step up to `at`; `way`: what it was, corrected.
+    pub fn push(&mut self, at: Instant, way: Motion, step: &Step) {
         let last = self.last();
-        let pose = last.pose.along(way);
-        self.0.push_back(TrailPose { at, pose, along: last.along + along, turn: last.turn + turn });
+        let pose = along(last.pose, way, step.drift);
+        self.0.push_back(TrailPose { at, pose, along: last.along + step.along, turn: last.turn + step.turn });
         while self.0.front().is_some_and(|first| at.since(first.at) > TRAIL) {
             self.0.pop_front();
         }

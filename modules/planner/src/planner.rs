@@ -187,7 +187,8 @@ impl Planner {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
         // Without readings ahead the robot does not back out either: from there it could not continue.
-        let blind = self.obstacles.is_blind(now, true, &self.config.body, self.config.age_max);
+        let Config { body, age_max, has_sonars, .. } = &self.config;
+        let blind = has_sonars.then(|| self.obstacles.is_blind(now, true, body, *age_max));
         self.waits = self.senses.waits(now, NAME, blind);
         let drives = wants && self.waits.is_empty();
         if self.was_driving && !drives {
@@ -196,12 +197,12 @@ impl Planner {
         self.was_driving = drives;
         let aim = match located {
             Some(located) if drives => {
-                let (motion, permitted) = (self.senses.motion(), self.senses.permitted(now));
+                let (motion, permitted) = (self.motion(), self.senses.permitted(now));
                 let Self { obstacles, config, .. } = self;
                 let input = StepInput { now, robot: located.pose, motion, permitted, obstacles, config };
                 self.mission.step(&input, &mut self.space)
             }
-            _ => Motion { speed: 0.0, steering: self.senses.motion().steering },
+            _ => Motion { speed: 0.0, steering: self.motion().steering },
         };
         // With or without a goal, a motion ends with a zero command that is received.
         self.zeros = if wants { ZERO_COMMANDS } else { self.zeros };
@@ -213,6 +214,13 @@ impl Planner {
         let Motion { speed, steering } = self.command;
         let timestamp = out.timestamp(now);
         out.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::PLANNER, source: NAME.into() });
+    }
+
+    /// Speed and steering angle of the robot. At standstill a base that does not steer has no angle: that of the command
+    /// is the one with which it begins.
+    fn motion(&self) -> Motion {
+        let motion = self.senses.motion();
+        if self.config.steers { motion } else { Motion { steering: self.command.steering, ..motion } }
     }
 
     /// Command that the drives can follow until the next step. Decelerations take effect at once.

@@ -184,9 +184,10 @@ impl Senses {
     }
 
     /// Causes that hold the robot at `now`, the most important one first; empty if it may drive. `source` is the
-    /// planner's name; `blind` is true if the state of the front sonars is unknown.
+    /// planner's name; `blind` is true if the state of the front sonars is unknown, and `None` of a robot without
+    /// sonars.
     #[must_use]
-    pub fn waits(&self, now: Instant, source: &str, blind: bool) -> Vec<Wait> {
+    pub fn waits(&self, now: Instant, source: &str, blind: Option<bool>) -> Vec<Wait> {
         let mut waits = Vec::new();
         let mut add = |hold, subject: &str| waits.push(Wait::new(hold, subject));
         if let Some(hold) = self.state.unwrap_or(State::Init).hold() {
@@ -202,10 +203,11 @@ impl Senses {
             Some(DataEstimate::SEARCHING) => add(Hold::EstimateSearching, ""),
             Some(_) => add(Hold::EstimateBad, ""),
         }
-        if self.sonars.is_none_or(|at| now.since(at) >= READING_VALID_FOR) {
-            add(Hold::SonarsSilent, "");
-        } else if blind {
-            add(Hold::SonarsUnknown, FRONT);
+        match blind {
+            None => {}
+            Some(_) if self.sonars.is_none_or(|at| now.since(at) >= READING_VALID_FOR) => add(Hold::SonarsSilent, ""),
+            Some(true) => add(Hold::SonarsUnknown, FRONT),
+            Some(false) => {}
         }
         self.add_driver(now, source, &mut waits);
         waits
@@ -328,7 +330,7 @@ mod tests {
 
     /// Causes, and the text of the first.
     fn why(senses: &Senses, at: u64) -> (Vec<(Hold, String)>, String) {
-        let waits = senses.waits(ms(at), "planner", false);
+        let waits = senses.waits(ms(at), "planner", Some(false));
         let text = waits.first().map_or(String::new(), |wait| wait.message("planner"));
         (waits.into_iter().map(|wait| (wait.hold, wait.subject)).collect(), text)
     }

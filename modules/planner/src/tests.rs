@@ -126,6 +126,8 @@ impl Robot {
             law: guard::law::Law { reaction: 0.37, braking: 0.8, worst: 0.8, approach: 1.6, slow: 0.3 },
             sonar_beam: 0.96,
             age_max: Duration::from_millis(600),
+            has_sonars: true,
+            steers: true,
             map,
         };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));

@@ -1,15 +1,20 @@
-//! The robot's body: mass, motor force, losses, steering, wheels with encoders, and what it bumps into.
+//! The robot's body: mass, motor force, losses, steering, wheels with encoders, and what it bumps into. Its driven axle
+//! and its steered wheels are Advee's, or each of its wheels has a motor and none is steered.
 //!
 //! Steps of [`STEP`], in each of which acceleration is constant: straight runs and ramps are exact, and so is the arc
 //! of the step's mean speed. The current loop and the speed loop of the drive are faster than a step (time constants
 //! 0.7 ms and 4 ms, docs/facts/robot.md 2.4): within its force the motor has the demanded speed at the step's end.
 
+mod wheels;
+
 use crate::people::Hull;
 use crate::random::Random;
 use crate::world::World;
 use base::Duration;
+use kinematics::{Chassis, Twist, integrate};
 use navitools::{Ackermann, Motion, Pose};
 use settings::robot::Geometry;
+use wheels::Wheels;
 
 /// The step of the integration.
 pub const STEP: Duration = Duration::from_millis(5);
@@ -35,13 +40,13 @@ pub struct Parameters {
     pub mass: f64,
     /// Radius of all wheels, m.
     pub wheel_radius: f64,
-    /// Greatest force of the motor at the wheel, N.
+    /// Greatest force of the motor at the wheel, N; of all motors together.
     pub force_max: f64,
     /// Greatest speed that gear and supply allow, m/s.
     pub speed_max: f64,
     /// Rolling resistance by weight.
     pub rolling: f64,
-    /// Drag of motor and gear at the wheel, N.
+    /// Drag of motor and gear at the wheel, N; of all together.
     pub drag: f64,
     /// Deceleration by a brake that acts while the motors have no feed, m/s²; 0: there is none.
     pub brake: f64,
@@ -65,7 +70,8 @@ pub struct Parameters {
 /// change.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
-    /// An encoder counts up to this part more or less than the truth, each by itself.
+    /// An encoder counts up to this part more or less than the truth, each by itself: the front wheels', or those of
+    /// all wheels' motors.
     pub encoder_scale: f64,
     /// The track is up to this part wider or narrower.
     pub track: f64,
@@ -146,15 +152,27 @@ impl Parameters {
     }
 }
 
+/// Maximum number of motors that drive wheels.
+pub const WHEELS_MAX: usize = 6;
+
 /// Demand of the drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Demand {
-    /// Speed over ground, m/s; `None` with the power stage off: it coasts.
-    pub speed: Option<f64>,
+    /// Speed of the tread of each driven wheel, m/s; of a driven axle the first: its speed over ground. `None` with the
+    /// power stage off: it coasts.
+    pub wheels: [Option<f64>; WHEELS_MAX],
     /// Angle of the steering drive's output, rad; none with the power stage off: the gear holds it.
     pub steering: Option<f64>,
     /// The motors have no feed: the brake acts, if there is one.
     pub unfed: bool,
+}
+
+impl Demand {
+    /// All wheels at this speed, m/s.
+    #[must_use]
+    pub fn speed(speed: f64) -> Self {
+        Self { wheels: [Some(speed); WHEELS_MAX], ..Self::default() }
+    }
 }
 
 /// The body in the world.
@@ -166,6 +184,8 @@ pub struct Body {
     speed: f64,
     /// Force of the motor at the wheel, N.
     force: f64,
+    /// In place of driven axle and steering.
+    wheels: Option<Wheels>,
     /// Signed way of the rear axle's middle since the start.
     travelled: f64,
     /// Output of the steering drive, and the wheels behind the play.
@@ -208,6 +228,7 @@ impl Body {
             pose,
             speed: 0.0,
             force: 0.0,
+            wheels: None,
             travelled: 0.0,
             steering: (0.0, 0.0),
             curvature: 0.0,
@@ -223,6 +244,15 @@ impl Body {
         }
     }
 
+    /// The same on these wheels, each with a motor; of steered wheels it has none.
+    #[must_use]
+    pub fn on_wheels(mut self, chassis: &Chassis) -> Self {
+        let (part, random) = (self.parameters.errors.encoder_scale, &mut self.random);
+        let scale = || 1.0 + part * (2.0 * random.uniform() - 1.0);
+        self.wheels = Some(Wheels::new(chassis, &self.parameters, scale));
+        self
+    }
+
     /// Parameters.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
@@ -235,34 +265,55 @@ impl Body {
         self.pose
     }
 
-    /// m/s.
+    /// Forward, m/s.
     #[must_use]
     pub fn speed(&self) -> f64 {
-        self.speed
+        self.twist().vx
     }
 
-    /// Force of the motor at the wheel in the last step, N, forward positive.
+    /// Velocity.
     #[must_use]
-    pub fn force(&self) -> f64 {
-        self.force
+    pub fn twist(&self) -> Twist {
+        let steered = || Twist::new(self.speed, 0.0, self.speed * self.curvature);
+        self.wheels.as_ref().map_or_else(steered, Wheels::twist)
     }
 
-    /// Signed way since the start, m.
+    /// Speed of the tread of a driven wheel, m/s.
+    #[must_use]
+    pub fn wheel_speed(&self, wheel: usize) -> f64 {
+        self.wheels.as_ref().map_or(self.speed, |wheels| wheels.speed(wheel))
+    }
+
+    /// Force of a driven wheel's motor at the wheel in the last step, N, forward positive.
+    #[must_use]
+    pub fn force(&self, wheel: usize) -> f64 {
+        self.wheels.as_ref().map_or(self.force, |wheels| wheels.force(wheel))
+    }
+
+    /// Power that the motors of all driven wheels give, W; negative: they brake.
+    #[must_use]
+    pub fn power(&self) -> f64 {
+        self.wheels.as_ref().map_or(self.force * self.speed, Wheels::power)
+    }
+
+    /// Signed way forward since the start, m.
     #[must_use]
     pub fn travelled(&self) -> f64 {
         self.travelled
     }
 
-    /// Motion by the motor's own encoder: on its driven wheels.
+    /// Way of a driven wheel by its motor's own encoder, m.
     #[must_use]
-    pub fn motor_way(&self) -> f64 {
-        self.travelled + self.slipped
+    pub fn motor_way(&self, wheel: usize) -> f64 {
+        self.wheels.as_ref().map_or(self.travelled + self.slipped, |wheels| wheels.way(wheel))
     }
 
     /// Angle of the equivalent single front wheel, rad.
     #[must_use]
     pub fn steering(&self) -> f64 {
-        self.steering.1
+        let Some(wheels) = &self.wheels else { return self.steering.1 };
+        let Twist { vx, omega, .. } = wheels.twist();
+        if vx == 0.0 { 0.0 } else { libm::atan(omega * self.parameters.wheelbase / vx) }
     }
 
     /// Angle of the steering drive's output, rad: what its encoder sees; the wheels lag by the play.
@@ -281,7 +332,8 @@ impl Body {
     #[must_use]
     pub fn ticks(&self) -> (i64, i64) {
         let count = |way: f64| libm::floor(way / self.parameters.metres_per_tick()) as i64;
-        (count(self.hubs.0), count(self.hubs.1))
+        let (left, right) = self.wheels.as_ref().map_or(self.hubs, |wheels| (wheels.way(0), wheels.way(1)));
+        (count(left), count(right))
     }
 
     /// Number of collisions.
@@ -301,28 +353,63 @@ impl Body {
     pub fn hull(&self) -> Hull {
         let p = &self.parameters;
         let outline = (-p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0);
-        Hull::new(self.pose, outline, (self.speed, self.speed * self.curvature))
+        Hull::new(self.pose, outline, self.twist())
     }
 
-    /// The farthest that a part of it moves while the rear axle's middle moves by `way`, m.
+    /// Speed of its fastest part, m/s.
     #[must_use]
-    pub fn sweep(&self, way: f64) -> f64 {
-        let corner = self.parameters.wheelbase + self.parameters.overhang_front + self.parameters.width / 2.0;
-        libm::fabs(way) * (1.0 + libm::fabs(self.curvature) * corner)
+    pub fn fastest(&self) -> f64 {
+        if self.wheels.is_some() { self.sweep(self.twist()) } else { libm::fabs(self.speed) }
+    }
+
+    /// The farthest that a part of it has moved in the step that led here from `before`, m.
+    #[must_use]
+    pub fn moved_since(&self, before: &Self) -> f64 {
+        match &self.wheels {
+            Some(wheels) => {
+                let (old, new) = (before.twist(), wheels.twist());
+                self.sweep(old).max(self.sweep(new)) * DT
+            }
+            None => self.sweep_along(self.travelled - before.travelled),
+        }
+    }
+
+    /// The farthest that a part of it moves by a displacement, m.
+    fn sweep(&self, displacement: Twist) -> f64 {
+        libm::hypot(displacement.vx, displacement.vy) + libm::fabs(displacement.omega) * self.corner()
+    }
+
+    /// The same along the arc of its steering.
+    fn sweep_along(&self, way: f64) -> f64 {
+        libm::fabs(way) * (1.0 + libm::fabs(self.curvature) * self.corner())
+    }
+
+    /// No part is farther from the origin, m.
+    fn corner(&self) -> f64 {
+        let p = &self.parameters;
+        let ahead = if self.wheels.is_some() { p.overhang_rear } else { 0.0 };
+        ahead.max(p.wheelbase + p.overhang_front) + p.width / 2.0
     }
 
     /// Undoes the last step, which led here from `before`, because a person was in the way. `anew`: not in the step
     /// before.
     pub fn stop_at(&mut self, before: &Self, anew: bool) {
         self.clone_from(before);
-        (self.speed, self.blocked) = (0.0, true);
+        self.stop();
+        self.blocked = true;
         self.collisions += u32::from(anew);
     }
 
     /// Lifted and put elsewhere: its wheels have not turned.
     pub fn put(&mut self, pose: Pose) {
-        (self.pose, self.speed, self.force, self.free_way) = (pose, 0.0, 0.0, 0.0);
+        self.stop();
+        (self.pose, self.force, self.free_way) = (pose, 0.0, 0.0);
         (self.touching, self.blocked) = (false, false);
+    }
+
+    fn stop(&mut self) {
+        self.speed = 0.0;
+        self.wheels.iter_mut().for_each(Wheels::stop);
     }
 
     /// Distance of the body's rectangle to the nearest wall or column, m; infinite without one.
@@ -339,8 +426,11 @@ impl Body {
     /// True if a step with this demand changes nothing.
     #[must_use]
     pub fn rests(&self, demand: &Demand) -> bool {
+        if let Some(wheels) = &self.wheels {
+            return wheels.rests(demand);
+        }
         self.speed == 0.0
-            && demand.speed.is_none_or(|speed| speed == 0.0)
+            && demand.wheels[0].is_none_or(|speed| speed == 0.0)
             && demand.steering.is_none_or(|angle| self.reachable(angle) == self.steering.0)
     }
 
@@ -350,11 +440,16 @@ impl Body {
 
     /// Goes on by [`STEP`].
     pub fn step(&mut self, world: &World, demand: &Demand) {
-        self.steer(demand.steering);
-        let way = self.accelerate(demand.speed, demand.unfed);
-        self.blocked = way != 0.0 && !self.advance(world, way);
+        self.blocked = if let Some(wheels) = &mut self.wheels {
+            let displacement = wheels.accelerate(&self.parameters, demand);
+            displacement != Twist::ZERO && !self.displace(world, displacement)
+        } else {
+            self.steer(demand.steering);
+            let way = self.accelerate(demand.wheels[0], demand.unfed);
+            way != 0.0 && !self.advance(world, way)
+        };
         if self.blocked {
-            self.speed = 0.0;
+            self.stop();
             self.collisions += u32::from(!self.touching);
             self.touching = true;
         }
@@ -407,17 +502,11 @@ impl Body {
 
     /// Moves along the arc; false, and nothing moved, when something is in the way.
     fn advance(&mut self, world: &World, way: f64) -> bool {
-        let p = &self.parameters;
         let pose = self.pose.along(Motion { translation: way, rotation: way * self.curvature });
-        self.free_way -= self.sweep(way);
-        if self.free_way <= 0.0 {
-            self.free_way = self.clearance_at(world, pose);
-            if self.free_way == 0.0 {
-                return false;
-            }
-            self.touching &= self.free_way < RELEASE;
+        if !self.go(world, pose, self.sweep_along(way)) {
+            return false;
         }
-        self.pose = pose;
+        let p = &self.parameters;
         self.travelled += way;
         // Forward force makes them roll more than the way going forward, and less going back.
         self.slipped += libm::fabs(way) * p.errors.slip * self.force / (p.mass * GRAVITY);
@@ -430,6 +519,33 @@ impl Body {
             right += both + apart * p.track / 2.0;
         }
         (self.hubs.0, self.hubs.1) = (self.hubs.0 + left, self.hubs.1 + right);
+        true
+    }
+
+    /// The same on wheels.
+    fn displace(&mut self, world: &World, displacement: Twist) -> bool {
+        let pose = integrate(self.pose, displacement, 1.0);
+        if !self.go(world, pose, self.sweep(displacement)) {
+            return false;
+        }
+        self.travelled += displacement.vx;
+        if let Some(wheels) = &mut self.wheels {
+            wheels.roll(&self.parameters, displacement, &mut self.random);
+        }
+        true
+    }
+
+    /// Goes to a pose, by which no part of it moves farther than `sweep`, m; false if something is in the way.
+    fn go(&mut self, world: &World, pose: Pose, sweep: f64) -> bool {
+        self.free_way -= sweep;
+        if self.free_way <= 0.0 {
+            self.free_way = self.clearance_at(world, pose);
+            if self.free_way == 0.0 {
+                return false;
+            }
+            self.touching &= self.free_way < RELEASE;
+        }
+        self.pose = pose;
         true
     }
 }
@@ -450,7 +566,7 @@ mod tests {
     }
 
     fn speed(speed: f64) -> Demand {
-        Demand { speed: Some(speed), ..Demand::default() }
+        Demand::speed(speed)
     }
 
     #[test]
@@ -503,12 +619,12 @@ mod tests {
     fn full_lock_drives_a_circle_of_the_table_s_radius_and_the_odometry_agrees() {
         let (mut body, world) = body();
         let lock = 35f64.to_radians();
-        let steer = Demand { speed: Some(0.0), steering: Some(lock + 0.25f64.to_radians()), unfed: false };
+        let steer = Demand { steering: Some(lock + 0.25f64.to_radians()), ..speed(0.0) };
         run(&mut body, &world, 3.0, steer);
         assert!((body.steering() - lock).abs() < 1e-6, "{}", body.steering().to_degrees());
-        run(&mut body, &world, 1.0, Demand { speed: Some(0.5), ..steer });
+        run(&mut body, &world, 1.0, Demand { wheels: speed(0.5).wheels, ..steer });
         let (from, path, ticks) = (body.pose(), body.travelled(), body.ticks());
-        run(&mut body, &world, 4.0, Demand { speed: Some(0.5), ..steer });
+        run(&mut body, &world, 4.0, Demand { wheels: speed(0.5).wheels, ..steer });
         let radius = 0.60 / libm::tan(lock);
         let turned = (body.pose().theta - from.theta).radians();
         let expected = navitools::wrap((body.travelled() - path) / radius);
@@ -575,12 +691,12 @@ mod tests {
         let errors = Errors { slip: 0.1, ..Errors::default() };
         let mut body = Body::new(Parameters { errors, ..Parameters::default() }, Pose::default());
         run(&mut body, &World::default(), 1.0, speed(0.8));
-        let started = body.motor_way() - body.travelled();
+        let started = body.motor_way(0) - body.travelled();
         // A tenth of 208 N on 932 N of weight while it gains speed, over 0.158 m, then of the 16.4 N of its losses.
         let expected = 0.1 / 932.0 * (208.0 * 0.158 + 16.4 * (body.travelled() - 0.158));
         assert!((started - expected).abs() < 1e-4, "{started} {expected}");
         run(&mut body, &World::default(), 2.0, speed(0.0));
-        assert!(body.motor_way() - body.travelled() < started - 2e-3);
+        assert!(body.motor_way(0) - body.travelled() < started - 2e-3);
         let (left, _) = body.ticks();
         assert!((left as f64 * body.parameters().metres_per_tick() - body.travelled()).abs() < 1e-3);
     }

@@ -19,7 +19,7 @@
 //! let start = scene.body().pose();
 //!
 //! // Straight ahead at 1 m/s: the wall is 10 m ahead of the rear axle, 9.25 m ahead of the bumper.
-//! scene.demand = Demand { speed: Some(1.0), steering: Some(0.0), unfed: false };
+//! scene.demand = Demand { steering: Some(0.0), ..Demand::speed(1.0) };
 //! while scene.next_step() <= Instant::from_millis(5000) {
 //!     scene.step();
 //! }

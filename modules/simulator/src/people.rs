@@ -15,6 +15,7 @@ use crate::world::{Crowd, World};
 use base::Duration;
 use floor::Field;
 pub(crate) use floor::Floor;
+use kinematics::Twist;
 use navitools::{Point, Pose};
 
 /// People think this often.
@@ -67,8 +68,7 @@ pub struct Hull {
     rear: f64,
     front: f64,
     half_width: f64,
-    /// m/s of the rear axle's middle, and rad/s.
-    motion: (f64, f64),
+    motion: Twist,
 }
 
 /// Relation of a point to the robot.
@@ -83,9 +83,9 @@ struct Gap {
 }
 
 impl Hull {
-    /// A rectangle from `rear` to `front` and `half_width` to each side at `pose`, with its speed and rate of turn.
+    /// A rectangle from `rear` to `front` and `half_width` to each side at `pose`, with its velocity.
     #[must_use]
-    pub fn new(pose: Pose, (rear, front, half_width): (f64, f64, f64), motion: (f64, f64)) -> Self {
+    pub fn new(pose: Pose, (rear, front, half_width): (f64, f64, f64), motion: Twist) -> Self {
         Self { pose, sin_cos: pose.theta.sin_cos(), rear, front, half_width, motion }
     }
 
@@ -105,8 +105,8 @@ impl Hull {
         let middle = (self.front + self.rear) / 2.0;
         // Inside there is no outside: away from the middle.
         let (nx, ny) = if gap > 1e-9 { (ox / gap, oy / gap) } else { unit((x - middle, y)) };
-        let (speed, turn) = self.motion;
-        let towards = (speed - turn * edge.1) * nx + turn * edge.0 * ny;
+        let (forward, left) = self.motion.at(edge.0, edge.1);
+        let towards = forward * nx + left * ny;
         Gap { gap, normal: (cos * nx - sin * ny, sin * nx + cos * ny), towards }
     }
 

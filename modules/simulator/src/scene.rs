@@ -6,6 +6,7 @@ use crate::random::Random;
 use crate::sonar::{Cone, Echo, Sonar, floor_distance};
 use crate::world::World;
 use base::Instant;
+use kinematics::{Chassis, Twist};
 use navitools::{Point, Pose};
 use std::collections::VecDeque;
 
@@ -53,6 +54,13 @@ impl Scene {
         Self { world, body, people, contacts, cone, stretch, seed, demand, start, steps: 0, past }
     }
 
+    /// The same with a robot on these wheels, each with a motor.
+    #[must_use]
+    pub fn on_wheels(mut self, chassis: &Chassis) -> Self {
+        self.body = self.body.on_wheels(chassis);
+        self
+    }
+
     /// The body.
     #[must_use]
     pub fn body(&self) -> &Body {
@@ -94,7 +102,7 @@ impl Scene {
         let before = self.body.clone();
         self.body.step(&self.world, &self.demand);
         if self.body.collisions() > before.collisions() {
-            let robot_mps = libm::fabs(before.speed());
+            let robot_mps = before.fastest();
             self.contacts.push(Contact { mover: Mover::Robot, person: None, robot_mps, at: self.body.pose().point() });
         }
         self.meet(&before);
@@ -116,8 +124,7 @@ impl Scene {
         if self.people.next_step() <= moment {
             self.people.step(&self.world, &self.body.hull());
         }
-        let way = self.body.sweep(self.body.travelled() - before.travelled());
-        if !self.people.may_meet(way, STEP_NS as f64 / 1e9) {
+        if !self.people.may_meet(self.body.moved_since(before), STEP_NS as f64 / 1e9) {
             return;
         }
         let known = self.contacts.len();
@@ -185,7 +192,7 @@ impl Scene {
     /// Distance of a rectangle from `rear` to `front` and `half_width` to each side at `pose`.
     #[must_use]
     pub fn clearance_of(&self, pose: Pose, rear: f64, front: f64, half_width: f64) -> f64 {
-        let hull = Hull::new(pose, (rear, front, half_width), (0.0, 0.0));
+        let hull = Hull::new(pose, (rear, front, half_width), Twist::ZERO);
         let people = self.people.clearance(self.steps * STEP_NS, &hull);
         self.world.clearance(pose, rear, front, half_width).min(people)
     }
@@ -256,7 +263,7 @@ mod tests {
     fn a_robot_that_is_carried_off_is_elsewhere_and_its_wheels_have_not_turned() {
         let world = World::hall(20.0, 12.0);
         let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1);
-        scene.demand.speed = Some(0.5);
+        scene.demand = Demand::speed(0.5);
         for _ in 0..100 {
             scene.step();
         }
@@ -291,7 +298,7 @@ mod tests {
         let (mut blocked, mut contacts) = (0, Vec::new());
         for step in 0..40_000 {
             let forward = (step / 800) % 2 == 0;
-            scene.demand.speed = Some(if forward { 0.8 } else { -0.8 });
+            scene.demand = Demand::speed(if forward { 0.8 } else { -0.8 });
             let before = scene.body().pose();
             scene.step();
             assert!(scene.people().is_empty() || scene.clearance() >= 0.0);
@@ -316,7 +323,7 @@ mod tests {
     fn it_remembers_where_it_was() {
         let start = Instant::from_millis(3);
         let mut scene = Scene::new(start, World::hall(20.0, 12.0), Parameters::default(), Sonar::default(), 1);
-        scene.demand.speed = Some(0.5);
+        scene.demand = Demand::speed(0.5);
         let mut true_pose = vec![(start, scene.body().pose())];
         for _ in 0..400 {
             let at = scene.next_step();
@@ -327,7 +334,7 @@ mod tests {
             assert_eq!(scene.pose_at(*at), *pose);
         }
         // Standing still leaves no trace and needs none.
-        scene.demand.speed = None;
+        scene.demand = Demand::default();
         while !scene.rests() {
             scene.step();
         }

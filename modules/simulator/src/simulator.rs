@@ -20,6 +20,7 @@ use crate::scene::Scene;
 use crate::sonar::Sonar;
 use crate::world::World;
 use base::{Deadlines, Duration, Fault, Instant, Severity};
+use kinematics::Chassis;
 use messages::{Channel, Message, simulation};
 use module::{Actions, Event, Input, Line, Module, Output, PortId, PortSpec};
 use rs485::boards::sd1::PauseSource;
@@ -94,6 +95,8 @@ pub struct Config {
     pub world: World,
     /// Body.
     pub parameters: Parameters,
+    /// Its wheels, each with a motor; absent: a driven axle and steered wheels.
+    pub wheels: Option<Chassis>,
     /// Acoustics of its sonars.
     pub sonar: Sonar,
     /// The seed of all noise.
@@ -128,6 +131,7 @@ impl Default for Config {
         Self {
             world: World::hall(20.0, 12.0),
             parameters: Parameters::default(),
+            wheels: None,
             sonar: Sonar::default(),
             seed: 1,
             can: None,
@@ -336,7 +340,11 @@ impl Simulator {
         for drive in &mut self.drives {
             let demand = drive.step(at, self.scene.body(), dt);
             match drive.axis() {
-                Axis::Propulsion => self.scene.demand.speed = demand,
+                Axis::Wheel(wheel) => {
+                    if let Some(own) = self.scene.demand.wheels.get_mut(usize::from(wheel)) {
+                        *own = demand;
+                    }
+                }
                 Axis::Steering => self.scene.demand.steering = demand,
             }
         }
@@ -595,7 +603,11 @@ fn can_line(config: &Config) -> CanLine {
 }
 
 fn scene(config: &Config, start: Instant) -> Scene {
-    Scene::new(start, config.world.clone(), config.parameters, config.sonar, config.seed)
+    let scene = Scene::new(start, config.world.clone(), config.parameters, config.sonar, config.seed);
+    match &config.wheels {
+        Some(chassis) => scene.on_wheels(chassis),
+        None => scene,
+    }
 }
 
 impl Module for Simulator {

@@ -89,7 +89,7 @@ struct Run {
 fn config() -> Config {
     let board = BoardConfig { name: "so1".into(), address: 0x20, kind: BoardKind::So1 };
     let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
-    let propulsion = drive("propulsion", 1, DriveKind::Epos { gear: 26.0 });
+    let propulsion = drive("propulsion", 1, DriveKind::Epos { wheel: 0, gear: 26.0 });
     let steering = drive("steering", 2, DriveKind::Icla(Gearing::default()));
     let mut world = World::hall(400.0, 12.0);
     world.start = Pose::new(5.0, 6.0, 0.0);

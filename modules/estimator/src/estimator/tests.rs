@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::filter::Beacon;
+use kinematics::{Twist, integrate};
 use messages::lowlevel;
 use module::bench::Bench;
 use module::{Action, Shell, ShellConfig};
@@ -9,10 +10,14 @@ use navitools::{Point, wrap};
 
 const BEACONS: [(i32, f64, f64); 4] = [(1, 0.1, 0.1), (2, 19.9, 0.1), (3, 19.9, 11.9), (4, 0.1, 11.9)];
 const SPEED: f64 = 0.4;
+const STEERED: Wheels = Wheels::Steered { wheelbase_m: 0.6, track_m: 0.5 };
 
-/// A robot that drives straight on from (4, 6), and the module.
+/// A robot that moves on from (4, 6), and the module.
 struct Rig {
     bench: Bench,
+    twist: Twist,
+    /// Its wheels do not steer, and measure all of its motion.
+    is_base: bool,
     odometry: bool,
     stuck: bool,
     drives: bool,
@@ -20,20 +25,25 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
+        Self::of(STEERED, Twist::new(SPEED, 0.0, 0.0))
+    }
+
+    fn of(wheels: Wheels, twist: Twist) -> Self {
         let beacons = BEACONS.iter().map(|(id, x, y)| Beacon { id: *id, at: Point { x: *x, y: *y } }).collect();
         let filter = filter::Config { beacons, range: 30.0, ..filter::Config::default() };
-        let module = Estimator::new(Config { filter, wheelbase_m: 0.6, track_m: 0.5, active_max: 8 }).unwrap();
+        let module = Estimator::new(Config { filter, wheels, active_max: 8 }).unwrap();
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
         bench.start();
-        Self { bench, odometry: true, stuck: false, drives: true }
+        let is_base = matches!(wheels, Wheels::Driven { .. });
+        Self { bench, twist, is_base, odometry: true, stuck: false, drives: true }
     }
 
     fn at(&self) -> f64 {
         self.bench.now().as_nanos() as f64 * 1e-9
     }
 
-    fn pose(at: f64) -> Pose {
-        Pose::new(4.0 + SPEED * at, 6.0, 0.0)
+    fn pose(&self, at: f64) -> Pose {
+        integrate(Pose::new(4.0, 6.0, 0.0), self.twist, at)
     }
 
     /// Drives for so many seconds.
@@ -42,7 +52,10 @@ impl Rig {
             self.bench.pass(PERIOD);
             let (at, timestamp) = (self.at(), (self.at() * 1e6).round() as i64);
             let (translation, path) = if self.stuck { (0.0, 1.0) } else { (SPEED, SPEED * at) };
-            if self.odometry {
+            let Twist { vx, vy, omega } = self.twist;
+            if self.odometry && self.is_base {
+                self.bench.message(lowlevel::DataVelocity { timestamp, vx, vy, omega, ..Default::default() });
+            } else if self.odometry {
                 self.bench.message(lowlevel::DataOdo { timestamp, translation, path, ..Default::default() });
             }
             if self.drives {
@@ -51,8 +64,9 @@ impl Rig {
             if timestamp % 1_000_000 == 0 {
                 let beacons = BEACONS.iter().enumerate().map(|(n, (id, x, y))| {
                     let then = timestamp - 1000 - 200_000 * n as i64;
-                    let sensor = Self::pose(then as f64 * 1e-6) * Point { x: 0.25, y: 0.0 };
-                    let bearing = wrap(libm::atan2(y - sensor.y, x - sensor.x));
+                    let place = self.pose(then as f64 * 1e-6);
+                    let sensor = place * Point { x: 0.25, y: 0.0 };
+                    let bearing = wrap(libm::atan2(y - sensor.y, x - sensor.x) - place.theta.radians());
                     lowlevel::Beacon { timestamp: then, id: *id, bearing, strength: 0.5 }
                 });
                 let beacons = lowlevel::DataBeacons { timestamp, beacons: beacons.collect() };
@@ -80,9 +94,29 @@ fn twenty_times_a_second_it_says_where_the_robot_is() {
     assert_eq!(estimates.len(), 201);
     assert_eq!(estimates[0].quality, DataEstimate::LOST);
     for estimate in &estimates[100..] {
-        let truth = Rig::pose(estimate.timestamp as f64 * 1e-6);
+        let truth = rig.pose(estimate.timestamp as f64 * 1e-6);
         let off = libm::hypot(estimate.x - truth.x, estimate.y - truth.y);
         assert!(off < 0.06 && estimate.quality >= DataEstimate::COARSE, "{estimate:?} {truth:?}");
+    }
+}
+
+#[test]
+fn a_base_that_does_not_steer_is_followed_sideways_and_on_the_spot() {
+    for twist in [(0.3, 0.0, 0.1), (0.0, 0.0, 0.5), (0.1, -0.3, 0.1), (-0.2, 0.2, -0.1), (0.0, 0.2, 0.0)] {
+        let twist = Twist::new(twist.0, twist.1, twist.2);
+        let mut rig = Rig::of(Wheels::Driven { radius_m: 0.21 }, twist);
+        rig.drive(15);
+        let estimates = rig.estimates();
+        for estimate in &estimates[160..] {
+            let truth = rig.pose(estimate.timestamp as f64 * 1e-6);
+            let off = libm::hypot(estimate.x - truth.x, estimate.y - truth.y);
+            let turned = wrap(estimate.theta - truth.theta.radians()).abs();
+            assert!(off < 0.05 && turned < 0.03 && estimate.quality == DataEstimate::FINE, "{twist:?}: {estimate:?}");
+            assert!((estimate.speed - twist.vx).abs() < 0.02 && (estimate.rotation - twist.omega).abs() < 0.02);
+        }
+        rig.odometry = false;
+        rig.drive(1);
+        assert_eq!(rig.faults().first(), Some(&(Fault::OdometrySilent, Severity::Error)));
     }
 }
 
@@ -105,7 +139,7 @@ fn without_odometry_the_drives_carry_it_no_better_than_coarse() {
     assert_eq!(rig.faults(), [(Fault::OdometrySilent, Severity::Error)]);
     rig.drive(1);
     let last = rig.estimates().pop().unwrap();
-    let truth = Rig::pose(last.timestamp as f64 * 1e-6);
+    let truth = rig.pose(last.timestamp as f64 * 1e-6);
     assert_eq!(last.quality, DataEstimate::COARSE);
     assert!(libm::hypot(last.x - truth.x, last.y - truth.y) < 0.1, "{last:?} {truth:?}");
     rig.odometry = true;
@@ -137,7 +171,7 @@ fn odometry_that_stands_while_the_drives_move_is_not_believed() {
     assert!(faults.contains(&(Fault::OdometryStuck, Severity::Error)), "{faults:?}");
     rig.drive(1);
     let last = rig.estimates().pop().unwrap();
-    let truth = Rig::pose(last.timestamp as f64 * 1e-6);
+    let truth = rig.pose(last.timestamp as f64 * 1e-6);
     assert!(libm::hypot(last.x - truth.x, last.y - truth.y) < 0.3, "{last:?} {truth:?}");
     rig.stuck = false;
     rig.drive(3);
@@ -149,7 +183,7 @@ fn the_pose_can_be_set_by_hand_and_nonsense_cannot() {
     let mut rig = Rig::new();
     rig.drive(1);
     let covariance = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]];
-    let truth = Rig::pose(rig.at());
+    let truth = rig.pose(rig.at());
     rig.bench.message(CmdEstimate { timestamp: 0, x: truth.x, y: truth.y, theta: 0.0, covariance });
     rig.bench.pass(PERIOD);
     assert_eq!(rig.estimates().pop().unwrap().quality, DataEstimate::FINE);

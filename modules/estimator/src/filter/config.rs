@@ -50,6 +50,8 @@ settings! {
         /// The steered wheels whose encoders are the odometry: the turn that unequal ones make depends on the
         /// curvature. Without them it is the same in every turn.
         wheels: Option<SteeredWheels> = unset None;
+        /// Way of the wheels of a base that does not steer, m for each rad that it turns on the spot.
+        spin: f64 = unset 0.0;
         mount: Mount = flat;
         odometry: Noise = flat;
         /// Deviation of a bearing.

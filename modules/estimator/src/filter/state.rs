@@ -42,6 +42,8 @@ pub struct State<const N: usize> {
 pub struct Step {
     pub seconds: f64,
     pub way: Motion,
+    /// Direction of travel in the robot's frame, rad: 0 of a base that does not go sideways.
+    pub drift: f64,
     /// Motion that a curvature of 1 rad/m by unequal wheels adds, m and rad.
     pub bend: Motion,
     /// Variance along the direction of travel, m².
@@ -57,6 +59,7 @@ impl Step {
         Self {
             seconds: self.seconds * part,
             way: times(self.way),
+            drift: self.drift,
             bend: times(self.bend),
             along: self.along * part,
             turn: self.turn * part,
@@ -67,6 +70,12 @@ impl Step {
     pub fn rates(&self) -> Self {
         self.part(if self.seconds > 0.0 { 1.0 / self.seconds } else { 0.0 })
     }
+}
+
+/// Pose after a way whose direction of travel is `drift` in the robot's frame.
+pub fn along(pose: Pose, way: Motion, drift: f64) -> Pose {
+    let end = Pose { theta: pose.theta + drift, ..pose }.along(way);
+    Pose { theta: end.theta + -drift, ..end }
 }
 
 /// A bearing as applied to the state of an instant.
@@ -181,9 +190,9 @@ impl<const N: usize> State<N> {
     /// pose is zero.
     pub fn predict(&mut self, step: &Step, walk: &[f64; N]) {
         let way = self.corrected(step);
-        let middle = self.mean[THETA] + way.rotation / 2.0;
+        let middle = self.mean[THETA] + step.drift + way.rotation / 2.0;
         let (sin, cos) = libm::sincos(middle);
-        let end = self.pose().along(way);
+        let end = along(self.pose(), way, step.drift);
         (self.mean[X], self.mean[Y], self.mean[THETA]) = (end.x, end.y, end.theta.radians());
         // A rotation moves the position across the chord.
         let (across_x, across_y) = (-way.translation * sin, way.translation * cos);
@@ -245,7 +254,7 @@ impl<const N: usize> State<N> {
         let rates = self.corrected(&sight.rates);
         let after = sight.later - self.mean[DELAY];
         let moved = Motion { translation: rates.translation * after, rotation: rates.rotation * after };
-        let own = self.pose().along(moved);
+        let own = along(self.pose(), moved, sight.rates.drift);
         let sensor = own * self.place(sight.mount);
         let (dx, dy) = (sight.beacon.x - sensor.x, sight.beacon.y - sensor.y);
         let square = dx * dx + dy * dy;
@@ -261,8 +270,9 @@ impl<const N: usize> State<N> {
         by[TURN] = -1.0;
         // A longer delay refers to an earlier pose.
         let (sin, cos) = own.theta.sin_cos();
-        let velocity_x = rates.translation * cos - rates.rotation * (sensor.y - own.y);
-        let velocity_y = rates.translation * sin + rates.rotation * (sensor.x - own.x);
+        let (ahead_y, ahead_x) = (own.theta + sight.rates.drift).sin_cos();
+        let velocity_x = rates.translation * ahead_x - rates.rotation * (sensor.y - own.y);
+        let velocity_y = rates.translation * ahead_y + rates.rotation * (sensor.x - own.x);
         by[DELAY] = rates.rotation - by_x * velocity_x - by_y * velocity_y;
         if N >= PLACE_UNKNOWN {
             (by[PLACE_X], by[PLACE_Y]) = (by_x * cos + by_y * sin, by_y * cos - by_x * sin);
@@ -353,9 +363,15 @@ mod tests {
 
     #[test]
     fn the_covariance_goes_along_with_the_derivatives_of_the_step() {
+        for drift in [0.0, 0.7, -1.5] {
+            covariance_goes_along(drift);
+        }
+    }
+
+    fn covariance_goes_along(drift: f64) {
         let way = Motion { translation: 0.15, rotation: 0.02 };
         let bend = Motion { translation: -0.03, rotation: 0.2 };
-        let step = Step { seconds: 0.25, way, bend, along: 0.0, turn: 0.0 };
+        let step = Step { seconds: 0.25, way, drift, bend, along: 0.0, turn: 0.0 };
         let after = |state: &State| {
             let mut state = *state;
             state.predict(&step, &[0.0; N]);
@@ -374,13 +390,16 @@ mod tests {
 
     #[test]
     fn the_bearing_s_derivatives_are_those_of_the_geometry() {
-        let by = numerically(|state| -state.fit(&sight()).unwrap().innovation);
-        let fit = state().fit(&sight()).unwrap();
-        for place in 0..N {
-            let expected = state().cov[place][place] * by[place];
-            // Those by scale, bend and track act on the short way since the state alone, and are left out.
-            let tolerance = if [SCALE, BEND, TRACK].contains(&place) { 2e-5 } else { 1e-9 };
-            assert!((fit.cross[place] - expected).abs() < tolerance, "{place}: {} {expected}", fit.cross[place]);
+        for drift in [0.0, 0.7, -1.5] {
+            let sight = Sight { rates: Step { drift, ..sight().rates }, ..sight() };
+            let by = numerically(|state| -state.fit(&sight).unwrap().innovation);
+            let fit = state().fit(&sight).unwrap();
+            for place in 0..N {
+                let expected = state().cov[place][place] * by[place];
+                // Those by scale, bend and track act on the short way since the state alone, and are left out.
+                let tolerance = if [SCALE, BEND, TRACK].contains(&place) { 2e-5 } else { 1e-9 };
+                assert!((fit.cross[place] - expected).abs() < tolerance, "{place}: {} {expected}", fit.cross[place]);
+            }
         }
     }
 

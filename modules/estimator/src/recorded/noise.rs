@@ -82,7 +82,7 @@ pub fn pass(recording: &Recording, robot: &Robot, (pose, covariance): Start) -> 
     for rows in recording.odometry.windows(2) {
         let ((begin, before), (end, after)) = (rows[0], rows[1]);
         let time = Duration::from_secs_f64(end - begin);
-        let step = filter::step(time, robot.between(before, after), config.odometry, None);
+        let step = filter::step(time, robot.between(before, after), config.odometry, None, 0.0);
         while let Some(((stamp, bearing), id)) = bearings.next_if(|((stamp, _), _)| stamp - state.mean[DELAY] <= end) {
             let at = config.beacons.iter().position(|beacon| beacon.id == id);
             let Some(number) = at.filter(|_| stamp - state.mean[DELAY] >= begin) else { continue };

@@ -24,6 +24,8 @@ fn config() -> Config {
         law: guard::law::Law { reaction: 0.37, braking: 0.8, worst: 0.8, approach: 1.6, slow: 0.3 },
         sonar_beam: 0.96,
         age_max: base::Duration::from_millis(600),
+        has_sonars: true,
+        steers: true,
         map: None,
     }
 }

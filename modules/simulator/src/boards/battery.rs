@@ -119,7 +119,7 @@ impl Battery {
     fn amperes(&self, now: Instant, on: u8, scene: &Scene) -> [f64; CHANNELS.len()] {
         let body = scene.body();
         // What braking gives back is burnt.
-        let motion = (body.force() * body.speed()).max(0.0) / EFFICIENCY;
+        let motion = body.power().max(0.0) / EFFICIENCY;
         let volts = self.rest(now).max(1.0);
         std::array::from_fn(|channel| {
             let motion = if channel == usize::from(MOTORS) { motion } else { 0.0 };

@@ -301,7 +301,7 @@ impl Cia402 {
         let counts = self.counts(body);
         let aim = if self.loops_speed() { self.sensed.position } else { demand.demand };
         Some(match self.config.axis {
-            Axis::Propulsion => (demand.speed + POSITION_GAIN * (aim - self.sensed.position)) / counts,
+            Axis::Wheel(_) => (demand.speed + POSITION_GAIN * (aim - self.sensed.position)) / counts,
             Axis::Steering => (aim + demand.speed * body.parameters().steering_lag) / counts,
         })
     }
@@ -315,7 +315,7 @@ impl Cia402 {
     /// Position units per m or rad.
     fn counts(&self, body: &Body) -> f64 {
         let turns = match self.config.axis {
-            Axis::Propulsion => body.parameters().motor_turns_per_metre(self.gear),
+            Axis::Wheel(_) => body.parameters().motor_turns_per_metre(self.gear),
             Axis::Steering => self.gear / TAU,
         };
         self.scale.counts * turns
@@ -326,9 +326,11 @@ impl Cia402 {
     fn sense(&self, body: &Body, turned: f64) -> Sensed {
         let counts = self.counts(body);
         match self.config.axis {
-            Axis::Propulsion => {
-                Sensed { position: body.motor_way() * counts, speed: body.speed() * counts, ..Sensed::default() }
-            }
+            Axis::Wheel(wheel) => Sensed {
+                position: body.motor_way(wheel.into()) * counts,
+                speed: body.wheel_speed(wheel.into()) * counts,
+                ..Sensed::default()
+            },
             Axis::Steering => {
                 let home = body.switch_closed();
                 let limit = home && self.servo.mode() == Some(Mode::Homing);

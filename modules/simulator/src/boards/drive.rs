@@ -15,8 +15,9 @@ const BOOT_TIME: Duration = Duration::from_millis(100);
 /// What a drive moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// The driven wheels. Their drive loses its motor's feed with the PAUSE line and the second way to stop.
-    Propulsion,
+    /// The driven wheel of this number; 0 of a driven axle. Its drive loses its motor's feed with the PAUSE line and the
+    /// second way to stop.
+    Wheel(u8),
     /// The front wheels' angle. The gear holds them; their drive has a supply of its own.
     Steering,
 }
@@ -35,8 +36,10 @@ pub struct DriveConfig {
 /// Kinds of drives.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DriveKind {
-    /// maxon EPOS 70/10, which drives the wheels.
+    /// maxon EPOS 70/10, which drives a wheel, or the driven axle.
     Epos {
+        /// Number of the wheel.
+        wheel: u8,
         /// Motor turns per turn of the wheel.
         gear: f64,
     },
@@ -51,7 +54,7 @@ impl DriveKind {
     #[must_use]
     pub fn axis(&self) -> Axis {
         match self {
-            Self::Epos { .. } => Axis::Propulsion,
+            Self::Epos { wheel, .. } => Axis::Wheel(*wheel),
             Self::Icla(_) => Axis::Steering,
             Self::Cia402(config) => config.axis,
         }
@@ -92,7 +95,7 @@ pub(crate) enum Layout {
     Other,
 }
 
-/// How a propulsion drive disobeys while its power stage is on.
+/// How the drive of a wheel disobeys while its power stage is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Disobedience {
     /// It does not brake.
@@ -120,7 +123,7 @@ impl Drive {
     pub fn new(config: DriveConfig, body: &Body) -> Self {
         let dictionary = config.kind.dictionary(config.node);
         let device = match &config.kind {
-            DriveKind::Epos { gear } => Device::Epos(Epos::new(*gear, epos::ENABLING)),
+            DriveKind::Epos { wheel, gear } => Device::Epos(Epos::new(*wheel, *gear, epos::ENABLING)),
             DriveKind::Icla(gearing) => Device::Icla(Icla::new(*gearing, body)),
             DriveKind::Cia402(own) => Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body))),
         };
@@ -163,15 +166,14 @@ impl Drive {
         true
     }
 
-    /// From now until then it disobeys, or obeys; false for another than the propulsion.
+    /// From now until then it disobeys, or obeys; false for the steering.
     pub fn disobey(&mut self, how: Option<Disobedience>, until: Instant) -> bool {
         self.disobeys = how.map(|how| (how, until));
-        self.axis() == Axis::Propulsion
+        matches!(self.axis(), Axis::Wheel(_))
     }
 
-    /// Speed of a propulsion drive that is commanded to drive at `demand`, m/s.
-    fn disobeyed(&self, now: Instant, demand: f64, body: &Body) -> f64 {
-        let speed = body.speed();
+    /// Demand for a wheel that is commanded to roll at `demand` and does so at `speed`, m/s.
+    fn disobeyed(&self, now: Instant, demand: f64, speed: f64) -> f64 {
         match self.disobeys.filter(|(_, until)| now < *until) {
             Some((Disobedience::Unbraked, _)) if demand.abs() < speed.abs() || demand * speed < 0.0 => speed,
             Some((Disobedience::Runaway(by), _)) if demand != 0.0 => demand + by.copysign(demand),
@@ -219,18 +221,18 @@ impl Drive {
     pub fn feed_motor(&mut self, now: Instant, fed: bool, body: &Body) {
         let emergency = match &mut self.device {
             Device::Epos(epos) => epos.feed(fed),
-            Device::Cia402(cia402) if cia402.config().axis == Axis::Propulsion => cia402.feed(fed),
+            Device::Cia402(cia402) if cia402.config().axis != Axis::Steering => cia402.feed(fed),
             Device::Icla(_) | Device::Cia402(_) => return,
         };
         self.report(emergency);
         self.stepped(now, body, self.turned);
     }
 
-    /// The PAUSE line is wired to the propulsion's input for a stop by its quick stop ramp.
+    /// The PAUSE line is wired to the input of each wheel's drive for a stop by its quick stop ramp.
     pub fn brake(&mut self, now: Instant, body: &Body) {
         match &mut self.device {
             Device::Epos(epos) => epos.brake(),
-            Device::Cia402(cia402) if cia402.config().axis == Axis::Propulsion => cia402.brake(),
+            Device::Cia402(cia402) if cia402.config().axis != Axis::Steering => cia402.brake(),
             Device::Icla(_) | Device::Cia402(_) => return,
         }
         self.stepped(now, body, self.turned);
@@ -341,7 +343,10 @@ impl Drive {
             Device::Icla(icla) => icla.step(now, body, dt),
             Device::Cia402(cia402) => cia402.step(now, body, dt),
         }?;
-        Some(if self.axis() == Axis::Propulsion { self.disobeyed(now, demand, body) } else { demand })
+        Some(match self.axis() {
+            Axis::Wheel(wheel) => self.disobeyed(now, demand, body.wheel_speed(wheel.into())),
+            Axis::Steering => demand,
+        })
     }
 
     /// After the body's step, in which the steering turned by `turned` rad/s.

@@ -1,4 +1,4 @@
-//! maxon EPOS 70/10, the propulsion: what [`canopen::axis::servo`] has not of its own (docs/facts/canopen.md 2).
+//! maxon EPOS 70/10, the drive of a wheel: what [`canopen::axis::servo`] has not of its own (docs/facts/canopen.md 2).
 //!
 //! Units     position in quadcounts, velocity in rpm of the motor, acceleration in rpm/s
 //! Power-up  mode 1; only TPDO1 is on; Enable Operation takes 40 ms (Refresh, Measure Init)
@@ -55,6 +55,8 @@ impl Emergency {
 pub struct Epos {
     servo: Servo,
     mirror: Mirror<10>,
+    /// Number of its wheel.
+    wheel: u8,
     /// Motor turns per turn of the wheel.
     gear: f64,
     enabling: Duration,
@@ -66,10 +68,10 @@ pub struct Epos {
 }
 
 impl Epos {
-    /// Makes a drive after power-on; `gear`: motor turns per turn of the wheel; `enabling`: Refresh and Measure Init
+    /// Makes a drive after power-on; `wheel`: number of its wheel; `gear`: motor turns per turn of the wheel; `enabling`: Refresh and Measure Init
     /// together, [`ENABLING`] as assumed.
     #[must_use]
-    pub fn new(gear: f64, enabling: Duration) -> Self {
+    pub fn new(wheel: u8, gear: f64, enabling: Duration) -> Self {
         let quadcounts_per_turn = 4.0 * PULSES as f64;
         let config = Config {
             kind: Kind::Epos,
@@ -87,6 +89,7 @@ impl Epos {
         Self {
             servo: Servo::new(config, 0.0),
             mirror: Mirror::default(),
+            wheel,
             gear,
             enabling,
             sensed: Sensed::default(),
@@ -117,7 +120,7 @@ impl Epos {
     /// Restarts as after power-on; the motor's supply is separate.
     pub fn renew(&mut self, objects: &Dictionary) {
         let fed = self.fed;
-        *self = Self { sensed: self.sensed, ..Self::new(self.gear, self.enabling) };
+        *self = Self { sensed: self.sensed, ..Self::new(self.wheel, self.gear, self.enabling) };
         self.configure(objects);
         self.feed(fed);
     }
@@ -195,15 +198,15 @@ impl Epos {
     pub fn feedback(&mut self, node: &mut Node, body: &Body) {
         let quadcounts_per_metre = body.parameters().motor_turns_per_metre(self.gear) * self.quadcounts_per_turn;
         self.sensed = Sensed {
-            position: body.motor_way() * quadcounts_per_metre,
-            speed: body.speed() * quadcounts_per_metre,
+            position: body.motor_way(self.wheel.into()) * quadcounts_per_metre,
+            speed: body.wheel_speed(self.wheel.into()) * quadcounts_per_metre,
             ..Sensed::default()
         };
         self.servo.sense(&self.sensed);
         if self.loops_speed() {
             self.servo.resync(&self.sensed);
         }
-        let milliamperes = body.force() / FORCE_PER_AMPERE * 1000.0;
+        let milliamperes = body.force(self.wheel.into()) / FORCE_PER_AMPERE * 1000.0;
         let [mode, demanded, position, velocity_demanded, velocity, lag] = self.servo.measured(&self.sensed);
         let objects = [
             velocity,

@@ -264,7 +264,7 @@ mod tests {
     #[test]
     fn a_bearing_is_that_of_where_the_robot_was_then() {
         let mut scene = scene(&[(1, 3.0, 4.0)]);
-        scene.demand.speed = Some(0.8);
+        scene.demand.wheels[0] = Some(0.8);
         let mut poses = vec![scene.body().pose()];
         for _ in 0..800 {
             scene.step();

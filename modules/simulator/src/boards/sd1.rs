@@ -267,7 +267,7 @@ mod tests {
         let mut scene = scene(World::hall(20.0, 12.0));
         let mut board = board(Vec::new());
         // The wall ahead is 9.25 m from the sensors; drive until it is in range.
-        scene.demand.speed = Some(1.0);
+        scene.demand.wheels[0] = Some(1.0);
         let (mut poses, mut at) = (vec![scene.body().pose().x; 1], 0);
         while scene.body().pose().x < 16.0 {
             scene.step();
@@ -293,7 +293,7 @@ mod tests {
         let srfs: Vec<Pose> = (0..8).map(|channel| Pose::new(0.7, 0.0, 0.3 * f64::from(channel) - 1.0)).collect();
         let new = || Sd1::new(0x15, Sd1Config { srfs: srfs.clone(), irs: Vec::new() }, Instant::ZERO);
         let (mut often, mut answers) = (new(), Vec::new());
-        scene.demand.speed = Some(0.4);
+        scene.demand.wheels[0] = Some(0.4);
         for at in (0..20_000).step_by(35) {
             while scene.next_step() <= Instant::from_millis(at) {
                 scene.step();
@@ -323,7 +323,7 @@ mod tests {
         board.reset(Instant::ZERO);
         assert_eq!(ask(&mut board, 1000, 0x01, &scene), well);
         board.stick(Instant::from_millis(1000), Instant::from_millis(3000), &scene);
-        scene.demand.speed = Some(0.5);
+        scene.demand.wheels[0] = Some(0.5);
         for _ in 0..400 {
             scene.step();
         }

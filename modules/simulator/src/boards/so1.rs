@@ -81,7 +81,7 @@ mod tests {
 
     fn drive(scene: &mut Scene, metres: f64) {
         let end = scene.body().travelled() + metres;
-        scene.demand.speed = Some(1.0);
+        scene.demand.wheels[0] = Some(1.0);
         while scene.body().travelled() < end {
             scene.step();
         }

@@ -15,7 +15,7 @@ fn hall(count: u32) -> World {
 }
 
 fn standing(pose: Pose) -> Hull {
-    Hull::new(pose, OUTLINE, (0.0, 0.0))
+    Hull::new(pose, OUTLINE, Twist::ZERO)
 }
 
 /// Where everybody is at the end of each step.
@@ -129,7 +129,7 @@ fn one(at: Point, velocity: (f64, f64)) -> People {
 fn a_contact_says_who_moved() {
     let mut contacts = Vec::new();
     // The robot's front is at 10.75; it comes at 0.5 m/s to somebody who stands there.
-    let robot = Hull::new(Pose::new(10.0, 6.0, 0.0), OUTLINE, (0.5, 0.0));
+    let robot = Hull::new(Pose::new(10.0, 6.0, 0.0), OUTLINE, Twist::new(0.5, 0.0, 0.0));
     let mut people = one(Point { x: 10.951, y: 6.0 }, (0.0, 0.0));
     assert!(people.meet(0, &robot, &mut contacts), "he is in its way");
     let [contact] = contacts[..] else { panic!("{contacts:?}") };
@@ -156,7 +156,7 @@ fn a_contact_says_who_moved() {
     assert!(people.clearance(people.step * NS, &robot) > 0.1);
     // Somebody stands beside its tail, and that swings out as it turns at its rear axle.
     contacts.clear();
-    let turning = Hull::new(Pose::new(10.0, 6.0, 0.0), OUTLINE, (0.0, 0.5));
+    let turning = Hull::new(Pose::new(10.0, 6.0, 0.0), OUTLINE, Twist::new(0.0, 0.0, 0.5));
     let mut people = one(Point { x: 10.7, y: 6.501 }, (0.0, 0.0));
     assert!(people.meet(0, &turning, &mut contacts));
     assert!(contacts[0].mover == Mover::Robot && (contacts[0].robot_mps - 0.35).abs() < 1e-9, "{contacts:?}");
@@ -178,7 +178,7 @@ fn run_down(speed: f64) -> Vec<Contact> {
             Pose::new(15.0 - part, 7.0, core::f64::consts::PI)
         }
     };
-    let hull = |time| Hull::new(pose(time), OUTLINE, (speed, 0.0));
+    let hull = |time| Hull::new(pose(time), OUTLINE, Twist::new(speed, 0.0, 0.0));
     let mut people = People::new(&world, 6, &hull(0.0));
     for step in 1..=120_000u64 {
         let time = step as f64 * 0.005;

@@ -38,7 +38,7 @@ impl Bus {
 
     fn with(wire_time: bool) -> Self {
         let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
-        let propulsion = drive("propulsion", 1, DriveKind::Epos { gear: GEAR });
+        let propulsion = drive("propulsion", 1, DriveKind::Epos { wheel: 0, gear: GEAR });
         let steering = drive("steering", 2, DriveKind::Icla(Gearing::default()));
         Self::of(vec![propulsion, steering], None, wire_time)
     }

@@ -66,7 +66,7 @@ mod tests {
     fn config() -> Config {
         let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
         let drives = vec![
-            drive("propulsion", 1, DriveKind::Epos { gear: 26.0 }),
+            drive("propulsion", 1, DriveKind::Epos { wheel: 0, gear: 26.0 }),
             drive("steering", 2, DriveKind::Icla(Gearing::default())),
         ];
         let output = Some(OutputConfig { node: 5, index: 0x6200, sub: 1, bits: 8, on: 1 });

@@ -20,7 +20,7 @@ const FEED: OutputConfig = OutputConfig { node: 5, index: 0x6200, sub: 1, bits: 
 
 fn wheel(sheet: &[u8]) -> Cia402Config {
     Cia402Config {
-        axis: Axis::Propulsion,
+        axis: Axis::Wheel(0),
         sheet: Arc::new(Eds::parse(sheet).unwrap()),
         gear: Some(GEAR),
         counts_per_turn: None,
