@@ -1,5 +1,5 @@
 //! `advee drive SPEED STEERING [--for S]`: a manual source of motion at 20 Hz, which begins and ends with zero. With
-//! `--rotation` in place of the steering angle it commands a velocity of the body. It begins with its speed once
+//! `--rotation` or `--left` in place of the steering angle it commands a velocity of the body. It begins with its speed once
 //! `driver_canbus` carries out its zero: motion of a source that must still wait for another one would not move the
 //! robot, and then the source would have to send zero again.
 //! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing.
@@ -20,11 +20,14 @@ pub struct Drive {
     #[arg(value_parser = finite)]
     speed: f64,
     /// rad, to the left
-    #[arg(value_parser = finite, required_unless_present = "rotation")]
+    #[arg(value_parser = finite, required_unless_present_any = ["rotation", "left"])]
     steering: Option<f64>,
     /// Rotation to the left, rad/s, in place of STEERING
     #[arg(long, value_name = "RADPS", value_parser = finite, conflicts_with = "steering")]
     rotation: Option<f64>,
+    /// Speed to the left, m/s, beside the one forward; of a base that can go sideways
+    #[arg(long, value_name = "MPS", value_parser = finite, conflicts_with = "steering")]
+    left: Option<f64>,
     /// Duration, s; without it until Ctrl-C
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<Duration>,
@@ -37,6 +40,8 @@ const EXAMPLES: &str = "Examples:
   advee drive 0.3 0 --for 2         2 s straight on, at 0.3 m/s
   advee drive 0.3 0.2               to the left, until Ctrl-C
   advee drive 0.3 --rotation 0.2    to the left by 0.2 rad/s
+  advee drive 0 --rotation 0.5      on the spot, if the base can
+  advee drive 0 --left 0.2 --for 2  sideways, if the base can
   advee drive -0.2 0 --for 1        backward";
 
 const PERIOD: Duration = Duration::from_millis(50);
@@ -46,6 +51,7 @@ const READY: Duration = Duration::from_secs(20);
 const STAND: Duration = Duration::from_secs(3);
 /// Less counts as standing.
 const STANDS_MPS: f64 = 0.01;
+const STANDS_RADPS: f64 = 0.02;
 /// Less counts as not having steered.
 const STEERED_RAD: f64 = 0.01;
 
@@ -54,15 +60,18 @@ const STEERED_RAD: f64 = 0.01;
 enum Turn {
     /// rad: `LL_CMD_MOTION`.
     Steering(f64),
-    /// rad/s: `LL_CMD_VELOCITY`.
-    Rotation(f64),
+    /// m/s to the left, and rad/s: `LL_CMD_VELOCITY`.
+    Velocity(f64, f64),
 }
+
+/// Nothing beside the speed.
+const NO_VELOCITY: Turn = Turn::Velocity(0.0, 0.0);
 
 impl Turn {
     fn of(command: &Drive) -> Self {
-        match command.rotation {
-            Some(rotation) => Self::Rotation(rotation),
-            None => Self::Steering(command.steering.unwrap_or(0.0)),
+        match (command.left, command.rotation) {
+            (None, None) => Self::Steering(command.steering.unwrap_or(0.0)),
+            (left, rotation) => Self::Velocity(left.unwrap_or(0.0), rotation.unwrap_or(0.0)),
         }
     }
 
@@ -70,7 +79,7 @@ impl Turn {
     fn none(self) -> Self {
         match self {
             Self::Steering(_) => Self::Steering(0.0),
-            Self::Rotation(_) => Self::Rotation(0.0),
+            Self::Velocity(..) => NO_VELOCITY,
         }
     }
 
@@ -78,7 +87,7 @@ impl Turn {
     fn at_rest(self) -> Self {
         match self {
             Self::Steering(_) => self,
-            Self::Rotation(_) => Self::Rotation(0.0),
+            Self::Velocity(..) => NO_VELOCITY,
         }
     }
 
@@ -86,14 +95,15 @@ impl Turn {
     fn is_none_from(self, from: f64) -> bool {
         match self {
             Self::Steering(steering) => (steering - from).abs() < STEERED_RAD,
-            Self::Rotation(rotation) => rotation == 0.0,
+            Self::Velocity(left, rotation) => left == 0.0 && rotation == 0.0,
         }
     }
 
     fn words(self) -> String {
         match self {
             Self::Steering(steering) => format!("{steering} rad"),
-            Self::Rotation(rotation) => format!("{rotation} rad/s"),
+            Self::Velocity(0.0, rotation) => format!("{rotation} rad/s"),
+            Self::Velocity(left, rotation) => format!("{left} m/s to the left, {rotation} rad/s"),
         }
     }
 }
@@ -112,6 +122,10 @@ struct Session {
     number: i64,
     /// It creeps past the guard.
     creeps: bool,
+    /// It neither turns on the spot nor goes sideways, as last measured.
+    stands: bool,
+    /// It did so once.
+    moved: bool,
 }
 
 /// Why a phase ended.
@@ -123,7 +137,7 @@ enum End {
 }
 
 pub fn drive(common: &Common, command: &Drive) -> Outcome {
-    let tool = Tool::join(common, "drive", &[Channel::LlDataMotion, Channel::LlDataHold])?;
+    let tool = Tool::join(common, "drive", &[Channel::LlDataMotion, Channel::LlDataVelocity, Channel::LlDataHold])?;
     let (number, grid, turn) = (tool.timestamp(), Ticker::new(clock::now(), PERIOD), Turn::of(command));
     let mut session = Session {
         tool,
@@ -134,6 +148,8 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         release: Some(Release::default()),
         number,
         creeps: command.creep,
+        stands: true,
+        moved: false,
     };
     // Drives that were in fault have no torque before a motion is commanded.
     let source = session.tool.source.clone();
@@ -155,6 +171,7 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         false
     })?;
     let why_not = session.reason(common);
+    moved |= session.moved;
     let stands = |motion: &DataMotion| motion.speed.abs() < STANDS_MPS && motion.speed_target == 0.0;
     let stood = session.command(0.0, turn.at_rest(), clock::now() + STAND, stands)?;
     if !moved {
@@ -194,8 +211,8 @@ impl Session {
                     Turn::Steering(steering) => {
                         self.tool.publish(CmdMotion { timestamp, speed, steering, priority, source })?;
                     }
-                    Turn::Rotation(omega) => {
-                        let (vx, vy) = (speed, 0.0);
+                    Turn::Velocity(vy, omega) => {
+                        let vx = speed;
                         self.tool.publish(CmdVelocity { timestamp, vx, vy, omega, priority, source, session })?;
                     }
                 }
@@ -203,7 +220,7 @@ impl Session {
             match self.tool.hear(self.grid.next().min(until))? {
                 Heard::Message(Message::LlDataMotion(motion)) => {
                     self.tell(self.waits_for(&motion).unwrap_or_else(|| motion.reason.clone()));
-                    let end = reached(&motion);
+                    let end = reached(&motion) && self.stands;
                     self.last = Some(motion);
                     if end {
                         return Ok(End::Reached);
@@ -216,6 +233,12 @@ impl Session {
                     if let Some(release) = &mut self.release {
                         release.on_holds(&mut self.tool, &list)?;
                     }
+                }
+                Heard::Message(Message::LlDataVelocity(velocity)) => {
+                    // The speed is that forward. What is not known does not stand.
+                    self.stands = velocity.vy.abs() < STANDS_MPS && velocity.omega.abs() < STANDS_RADPS;
+                    let moves = velocity.vy.abs() >= STANDS_MPS || velocity.omega.abs() >= STANDS_RADPS;
+                    self.moved |= self.release.is_none() && moves;
                 }
                 Heard::Message(_) | Heard::Nothing => {}
                 Heard::Interrupt => return Ok(End::Interrupt),
