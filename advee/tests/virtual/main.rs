@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod auxiliary;
+mod bases;
 mod blind;
 mod by_sheets;
 mod estimator;

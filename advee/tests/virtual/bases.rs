@@ -1,0 +1,232 @@
+//! The shipped robots that do not steer: they go where they are told, know where they are, and stop all wheels if one
+//! is lost.
+
+use super::*;
+use messages::middlelevel;
+use messages::simulation::{CmdFault, DataTruth};
+
+/// Robots, the number of their wheels, and whether they go sideways.
+const ROBOTS: [(&str, u16, bool); 3] = [("courier", 2, false), ("porter", 4, true), ("tripod", 3, true)];
+/// Maximum time from a fault to the stop of each other wheel.
+const STOP_MAX: Duration = Duration::from_millis(300);
+/// First identifiers of a wheel's RPDO and TPDO, by its data sheet, and of its emergencies.
+const RPDO: u16 = 0x200;
+const TPDO: u16 = 0x180;
+const EMERGENCY: u16 = 0x80;
+/// Code of an emergency: the master is silent (CiA 301).
+const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
+
+#[derive(Default)]
+struct Heard {
+    truth: DataTruth,
+    estimate: middlelevel::DataEstimate,
+    velocity: lowlevel::DataVelocity,
+    goal: String,
+    /// Times at which a wheel ceased to be driven, by its number from 1: by an RPDO or by itself.
+    stopped: Vec<(Instant, u16)>,
+    moves: [bool; 8],
+}
+
+impl Heard {
+    fn take(&mut self, now: Instant, news: &News<'_>) {
+        match news {
+            News::Can { frame, .. } => self.on_frame(now, frame),
+            News::Message { message, .. } => match message {
+                Message::SimDataTruth(truth) => self.truth = truth.clone(),
+                Message::MlDataEstimate(estimate) => self.estimate = estimate.clone(),
+                Message::LlDataVelocity(velocity) => self.velocity = velocity.clone(),
+                Message::MlDataGoal(goal) => self.goal = goal.message.clone(),
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+
+    fn on_frame(&mut self, now: Instant, frame: &can::Frame) {
+        let can::Id::Standard(id) = frame.id() else { return };
+        let data = frame.data();
+        let wheel = id & 0x7F;
+        let moves = match id & 0x780 {
+            RPDO if data.len() == 6 => data[0] & 0x0F == 0x0F && data[2..] != [0; 4],
+            // Only that it is not enabled says something.
+            TPDO if data.len() == 6 && data[0] & 0x6F != 0x27 => false,
+            EMERGENCY if data.starts_with(&HEARTBEAT_LOST) => false,
+            _ => return,
+        };
+        let Some(before) = self.moves.get_mut(usize::from(wheel)) else { return };
+        if std::mem::replace(before, moves) && !moves {
+            self.stopped.push((now, wheel));
+        }
+    }
+}
+
+struct Base {
+    machine: Virtual,
+    heard: Rc<RefCell<Heard>>,
+    wheels: u16,
+}
+
+impl Base {
+    /// Ready to drive in an empty hall, so that nothing is in its way.
+    fn ready(name: &str, wheels: u16) -> Self {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let place = RobotLocation {
+            config: root.join("conf").join(name),
+            world: Some(root.join("conf/worlds/empty.toml")),
+            ..guarded_place()
+        };
+        let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect(name);
+        let heard = Rc::new(RefCell::new(Heard::default()));
+        let keep = heard.clone();
+        machine.observe(move |now, news| keep.borrow_mut().take(now, news));
+        machine.spawn("watchdog", State::Run).expect("the watchdog starts");
+        machine.run_until(at(6.0));
+        assert!(heard.borrow().velocity.ready, "{name}: {:?}", heard.borrow().velocity);
+        Self { machine, heard, wheels }
+    }
+
+    fn pass(&mut self, seconds: f64) {
+        self.machine.run_until(self.machine.now() + Duration::from_secs_f64(seconds));
+    }
+
+    /// Commands zero for half a second, then this velocity at 20 Hz for a while; queued in the machine.
+    fn drive(&mut self, twist: (f64, f64, f64), seconds: f64) {
+        let (begin, priority) = (self.machine.now(), lowlevel::CmdMotion::REMOTE);
+        for n in 0..(seconds * 20.0) as u32 {
+            let (vx, vy, omega) = if n < 10 { (0.0, 0.0, 0.0) } else { twist };
+            let source = "test".into();
+            let command = lowlevel::CmdVelocity { timestamp: 0, vx, vy, omega, priority, source, session: 1 };
+            self.machine.inject(begin + n * Duration::from_millis(50), command);
+        }
+    }
+
+    fn truth(&self) -> DataTruth {
+        self.heard.borrow().truth.clone()
+    }
+
+    /// Fails if it does not know where it is.
+    #[track_caller]
+    fn assert_located(&self, name: &str) {
+        let (truth, heard) = (self.truth(), self.heard.borrow());
+        let estimate = &heard.estimate;
+        let off = (estimate.x - truth.x).hypot(estimate.y - truth.y);
+        let turned = navitools::wrap(estimate.theta - truth.theta).abs();
+        let is_fine = estimate.quality == middlelevel::DataEstimate::FINE;
+        assert!(off < 0.15 && turned < 0.1 && is_fine, "{name}: {off} m, {turned} rad, {estimate:?}");
+    }
+}
+
+#[test]
+fn they_move_as_commanded_and_know_where_they_are() {
+    for (name, wheels, sideways) in ROBOTS {
+        let mut base = Base::ready(name, wheels);
+        let mut twists = vec![(0.25, 0.0, 0.0), (0.2, 0.0, 0.5), (0.0, 0.0, -0.6), (-0.2, 0.0, 0.0)];
+        if sideways {
+            twists.extend([(0.0, 0.2, 0.0), (-0.15, -0.15, 0.3)]);
+        }
+        for twist in twists {
+            base.drive(twist, 5.0);
+            base.pass(2.0);
+            let from = base.truth();
+            base.pass(2.0);
+            let to = base.truth();
+            let expected = kinematics::Twist::new(twist.0, twist.1, twist.2);
+            let expected = kinematics::integrate(navitools::Pose::new(from.x, from.y, from.theta), expected, 2.0);
+            let off = (to.x - expected.x).hypot(to.y - expected.y);
+            let turned = navitools::wrap(to.theta - expected.theta.radians()).abs();
+            assert!(off < 0.01 && turned < 0.01, "{name}, {twist:?}: {off} m, {turned} rad");
+            let velocity = base.heard.borrow().velocity.clone();
+            let measured = [velocity.vx - twist.0, velocity.vy - twist.1, velocity.omega - twist.2];
+            assert!(measured.iter().all(|gap| gap.abs() < 0.02), "{name}, {twist:?}: {velocity:?}");
+            base.pass(3.0);
+            base.assert_located(name);
+        }
+        assert_eq!(base.truth().collisions, 0);
+    }
+}
+
+#[test]
+fn they_go_to_a_goal() {
+    for (name, wheels, _) in ROBOTS {
+        let mut base = Base::ready(name, wheels);
+        let waypoint = middlelevel::Waypoint { x: 13.0, y: 8.0, theta: 0.0, tolerance: 0.1, heading: false };
+        let goal = middlelevel::CmdGoal { timestamp: 0, id: 1, waypoints: vec![waypoint], ..Default::default() };
+        base.machine.inject(base.machine.now(), goal);
+        base.pass(30.0);
+        let truth = base.truth();
+        let off = (truth.x - 13.0).hypot(truth.y - 8.0);
+        assert!(off < 0.2, "{name}: {off} m, {}", base.heard.borrow().goal);
+        base.assert_located(name);
+    }
+}
+
+#[test]
+fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
+    let faults = ["silent", "fault", "reboot", "runaway"];
+    for (name, wheels, _) in ROBOTS {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        let robot = robot::config::Config::load(&config, true, &[]).unwrap().robot;
+        let axes = robot.base.expect("a base").axes();
+        for (victim, fault) in (0..wheels).flat_map(|wheel| faults.map(|fault| (wheel, fault))) {
+            let mut base = Base::ready(name, wheels);
+            base.drive((0.25, 0.0, 0.3), 8.0);
+            base.pass(2.0);
+            let since = base.machine.now();
+            base.heard.borrow_mut().stopped.clear();
+            let target = axes[usize::from(victim)].into();
+            let command = CmdFault { target, fault: fault.into(), value: 0.5, duration: 5.0, ..Default::default() };
+            base.machine.inject(since, command);
+            base.pass(3.0);
+            // Four wheels on three motions: the other three hold the one that runs away, and nothing is faster.
+            if (name, fault) == ("porter", "runaway") {
+                let velocity = base.heard.borrow().velocity.clone();
+                assert!((velocity.vx - 0.25).abs() < 0.1 && (base.truth().speed - 0.25).abs() < 0.1, "{velocity:?}");
+                continue;
+            }
+            let what = format!("{name}: {fault} of {}", axes[usize::from(victim)]);
+            base.assert_stopped(&what, since, Some(victim + 1));
+            if fault != "runaway" {
+                base.assert_stands(&format!("{name}: {fault}"));
+            }
+        }
+        for lost in ["driver_canbus hangs", "driver_canbus dies", "watchdog dies"] {
+            let mut base = Base::ready(name, wheels);
+            base.drive((0.25, 0.0, 0.3), 8.0);
+            base.pass(2.0);
+            let since = base.machine.now();
+            base.heard.borrow_mut().stopped.clear();
+            let (module, what) = lost.split_once(' ').expect("two words");
+            let pid = base.machine.pid(module).expect("it runs");
+            if what == "hangs" {
+                base.machine.hang(pid);
+            } else {
+                base.machine.kill(pid);
+            }
+            base.pass(3.0);
+            base.assert_stopped(&format!("{name}: {lost}"), since, None);
+            base.assert_stands(&format!("{name}: {lost}"));
+        }
+    }
+}
+
+impl Base {
+    /// Fails if a wheel, but for `without`, has not stopped in time.
+    #[track_caller]
+    fn assert_stopped(&self, what: &str, since: Instant, without: Option<u16>) {
+        let heard = self.heard.borrow();
+        for wheel in (1..=self.wheels).filter(|wheel| Some(*wheel) != without) {
+            let stop = heard.stopped.iter().find(|(at, other)| *at >= since && *other == wheel);
+            let took = stop.map(|(at, _)| at.since(since));
+            assert!(took.is_some_and(|took| took <= STOP_MAX), "{what}: wheel {wheel} after {took:?}");
+        }
+    }
+
+    /// Fails if it moves.
+    #[track_caller]
+    fn assert_stands(&mut self, what: &str) {
+        let before = self.truth();
+        self.pass(0.5);
+        let after = self.truth();
+        assert_eq!((before.x, before.y, before.theta), (after.x, after.y, after.theta), "{what}: it moves");
+    }
+}
