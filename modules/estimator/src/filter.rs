@@ -13,7 +13,7 @@ mod state;
 mod tests;
 
 pub use config::{Beacon, Config, ConfigError, Mount, Noise};
-pub(crate) use state::{DELAY, PLACE_KNOWN, PLACE_UNKNOWN, Sight, State, Step, THETA, X, Y, along, deviations};
+pub(crate) use state::{DELAY, PLACE_KNOWN, PLACE_UNKNOWN, Sight, State, THETA, X, Y, deviations};
 
 use crate::search::{self, Bearing};
 use crate::trail::Trail;
@@ -23,7 +23,7 @@ use core::f64::consts::TAU;
 use history::{Entry, History, Kind};
 use navitools::odometry::SteeredWheels;
 use navitools::{Motion, Point, Pose, wrap};
-use state::{PLACE_X, PLACE_Y, TURN};
+use state::{PLACE_X, PLACE_Y, Step, TURN};
 use std::collections::VecDeque;
 
 listed! {
@@ -361,7 +361,7 @@ impl<const N: usize> Kalman<N> {
             self.started = true;
             let state = self.history.last().state;
             self.history = History::new(at, &state);
-            self.trail.push(at, Motion::default(), &Step::default());
+            self.trail.push(at, Motion::default(), 0.0, (0.0, 0.0));
             self.counts.ways += 1;
             return Ok(());
         }
@@ -390,7 +390,8 @@ impl<const N: usize> Kalman<N> {
         if step.way != Motion::default() {
             self.applied.iter_mut().for_each(|applied| applied.standing = 0);
         }
-        self.trail.push(at, self.history.last().state.corrected(&step), &step);
+        let way = self.history.last().state.corrected(&step);
+        self.trail.push(at, way, step.drift, (step.along, step.turn));
         self.history.push(at, step);
         while let Some(next) = self.pending.front().copied().filter(|next| next.at <= at) {
             self.pending.pop_front();

@@ -1,6 +1,5 @@
 //! Dead-reckoned trajectory of the last seconds.
 
-use crate::filter::{Step, along};
 use base::{Duration, Instant};
 use navitools::{Motion, Pose};
 use std::collections::VecDeque;
@@ -19,16 +18,22 @@ pub struct TrailPose {
     pub turn: f64,
 }
 
+/// Pose after a way whose direction of travel is `drift` in the robot's frame, rad.
+pub fn pose_along(pose: Pose, way: Motion, drift: f64) -> Pose {
+    let end = Pose { theta: pose.theta + drift, ..pose }.along(way);
+    Pose { theta: end.theta + -drift, ..end }
+}
+
 /// Poses in order of time.
 #[derive(Debug, Default)]
 pub struct Trail(VecDeque<TrailPose>);
 
 impl Trail {
-    /// Appends a motion step up to `at`; `way`: what it was, corrected.
-    pub fn push(&mut self, at: Instant, way: Motion, step: &Step) {
+    /// Appends a motion step up to `at`, in the direction `drift`, with its variances along it and of the heading.
+    pub fn push(&mut self, at: Instant, way: Motion, drift: f64, (along, turn): (f64, f64)) {
         let last = self.last();
-        let pose = along(last.pose, way, step.drift);
-        self.0.push_back(TrailPose { at, pose, along: last.along + step.along, turn: last.turn + step.turn });
+        let pose = pose_along(last.pose, way, drift);
+        self.0.push_back(TrailPose { at, pose, along: last.along + along, turn: last.turn + turn });
         while self.0.front().is_some_and(|first| at.since(first.at) > TRAIL) {
             self.0.pop_front();
         }

@@ -30,7 +30,8 @@ impl Rig {
 
     fn of(wheels: Wheels, twist: Twist) -> Self {
         let beacons = BEACONS.iter().map(|(id, x, y)| Beacon { id: *id, at: Point { x: *x, y: *y } }).collect();
-        let filter = filter::Config { beacons, range: 30.0, ..filter::Config::default() };
+        // The heading of a base that keeps turning on the spot is known as well as the delay of the bearings.
+        let filter = filter::Config { beacons, range: 30.0, delay: 0.1, ..filter::Config::default() };
         let module = Estimator::new(Config { filter, wheels, active_max: 8 }).unwrap();
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
         bench.start();

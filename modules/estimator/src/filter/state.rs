@@ -5,6 +5,7 @@
 
 use super::config::Config;
 use super::{NuisanceDeviations, Nuisances};
+use crate::trail::pose_along;
 use base::{Duration, Instant};
 use navitools::{Motion, Point, Pose, wrap};
 
@@ -70,12 +71,6 @@ impl Step {
     pub fn rates(&self) -> Self {
         self.part(if self.seconds > 0.0 { 1.0 / self.seconds } else { 0.0 })
     }
-}
-
-/// Pose after a way whose direction of travel is `drift` in the robot's frame.
-pub fn along(pose: Pose, way: Motion, drift: f64) -> Pose {
-    let end = Pose { theta: pose.theta + drift, ..pose }.along(way);
-    Pose { theta: end.theta + -drift, ..end }
 }
 
 /// A bearing as applied to the state of an instant.
@@ -192,7 +187,7 @@ impl<const N: usize> State<N> {
         let way = self.corrected(step);
         let middle = self.mean[THETA] + step.drift + way.rotation / 2.0;
         let (sin, cos) = libm::sincos(middle);
-        let end = along(self.pose(), way, step.drift);
+        let end = pose_along(self.pose(), way, step.drift);
         (self.mean[X], self.mean[Y], self.mean[THETA]) = (end.x, end.y, end.theta.radians());
         // A rotation moves the position across the chord.
         let (across_x, across_y) = (-way.translation * sin, way.translation * cos);
@@ -254,7 +249,7 @@ impl<const N: usize> State<N> {
         let rates = self.corrected(&sight.rates);
         let after = sight.later - self.mean[DELAY];
         let moved = Motion { translation: rates.translation * after, rotation: rates.rotation * after };
-        let own = along(self.pose(), moved, sight.rates.drift);
+        let own = pose_along(self.pose(), moved, sight.rates.drift);
         let sensor = own * self.place(sight.mount);
         let (dx, dy) = (sight.beacon.x - sensor.x, sight.beacon.y - sensor.y);
         let square = dx * dx + dy * dy;
