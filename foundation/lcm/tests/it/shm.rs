@@ -300,6 +300,15 @@ fn whoever_is_killed_whenever_no_reader_blocks_and_no_message_is_torn_or_twice()
 }
 
 /// Publishes numbers while a native reader listens and official ones come and go.
+/// Ends the threads of a test that fails.
+struct Ending<'a>(&'a AtomicBool);
+
+impl Drop for Ending<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+}
+
 #[test]
 fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice() {
     let Some(python) = peer_or_skip(python(&["lcm"])) else { return };
@@ -331,6 +340,7 @@ fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice(
             }
             next
         });
+        let _ending = Ending(&end);
         let mut heard = 0;
         for _ in 0..3 {
             let mut command = Command::new(&python);
