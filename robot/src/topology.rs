@@ -547,7 +547,7 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
         law: robot.planner.behaviour.law(robot.guard.law(robot.limits.deceleration_mps2, robot.power_lost_mps2())),
         sonar_beam: robot.sensors.srf08.beam_rad,
         age_max: robot.sensors.age_max,
-        has_sonars: !robot.srfs.is_empty(),
+        has_sonars: !robot.srfs.is_empty() || robot.guard.ranging != ::guard::Ranging::None,
         steers: robot.base.is_none(),
         map,
     }))

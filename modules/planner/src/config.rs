@@ -22,7 +22,8 @@ pub struct Config {
     pub sonar_beam: f64,
     /// Greatest age of a sonar's measurement, since it fired, with which the robot drives in its direction.
     pub age_max: Duration,
-    /// It has sonars. Without, only the map says what is in the way, and `driver_canbus` bounds the speed.
+    /// It has sonars, or its guard expects some. Without, only the map says what is in the way, and `driver_canbus`
+    /// bounds the speed.
     pub has_sonars: bool,
     /// It has steered wheels, which take their time. Without, it drives the commanded curve from the beginning on.
     pub steers: bool,

@@ -185,7 +185,7 @@ impl Senses {
 
     /// Causes that hold the robot at `now`, the most important one first; empty if it may drive. `source` is the
     /// planner's name; `blind` is true if the state of the front sonars is unknown, and `None` of a robot without
-    /// sonars.
+    /// sonars: once readings were received, their silence holds it, too.
     #[must_use]
     pub fn waits(&self, now: Instant, source: &str, blind: Option<bool>) -> Vec<Wait> {
         let mut waits = Vec::new();
@@ -204,10 +204,10 @@ impl Senses {
             Some(_) => add(Hold::EstimateBad, ""),
         }
         match blind {
-            None => {}
-            Some(_) if self.sonars.is_none_or(|at| now.since(at) >= READING_VALID_FOR) => add(Hold::SonarsSilent, ""),
+            None if self.sonars.is_none() => {}
+            _ if self.sonars.is_none_or(|at| now.since(at) >= READING_VALID_FOR) => add(Hold::SonarsSilent, ""),
             Some(true) => add(Hold::SonarsUnknown, FRONT),
-            Some(false) => {}
+            Some(false) | None => {}
         }
         self.add_driver(now, source, &mut waits);
         waits
@@ -326,6 +326,16 @@ mod tests {
         senses.on_motion(ms(1000), &DataMotion { source: "planner".into(), ..Default::default() });
         senses.on_hold(ms(1000), &holds(0, &[]));
         senses
+    }
+
+    #[test]
+    fn a_robot_without_sonars_drives_until_readings_were_received_and_ended() {
+        let waits = |senses: &Senses, at: u64| senses.waits(ms(at), "planner", None).first().map(|wait| wait.hold);
+        let mut senses = Senses { sonars: None, ..ready() };
+        assert_eq!(waits(&senses, 1010), None);
+        senses.on_soundings(&fired(ms(0), Measurement::Silent));
+        senses.on_estimate(ms(2000), &estimate(2, 1.0));
+        assert_eq!(waits(&senses, 2010), Some(Hold::SonarsSilent));
     }
 
     /// Causes, and the text of the first.
