@@ -11,7 +11,7 @@ use crate::people::Hull;
 use crate::random::Random;
 use crate::world::World;
 use base::Duration;
-use kinematics::{Chassis, Twist, integrate};
+use kinematics::{Chassis, Twist, WHEELS_MAX, integrate};
 use navitools::{Ackermann, Motion, Pose};
 use settings::robot::Geometry;
 use wheels::Wheels;
@@ -151,9 +151,6 @@ impl Parameters {
         self.rolling * GRAVITY + self.drag / self.mass
     }
 }
-
-/// Maximum number of motors that drive wheels.
-pub const WHEELS_MAX: usize = 6;
 
 /// Demand of the drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -387,8 +384,7 @@ impl Body {
     /// No part is farther from the origin, m.
     fn corner(&self) -> f64 {
         let p = &self.parameters;
-        let ahead = if self.wheels.is_some() { p.overhang_rear } else { 0.0 };
-        ahead.max(p.wheelbase + p.overhang_front) + p.width / 2.0
+        p.overhang_rear.max(p.wheelbase + p.overhang_front) + p.width / 2.0
     }
 
     /// Undoes the last step, which led here from `before`, because a person was in the way. `anew`: not in the step

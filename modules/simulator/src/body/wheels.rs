@@ -192,11 +192,11 @@ impl Wheels {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Body, Errors, WHEELS_MAX};
+    use super::super::{Body, Errors};
     use super::*;
     use crate::world::World;
     use core::f64::consts::FRAC_PI_2;
-    use kinematics::{Limits, WheelState, integrate};
+    use kinematics::{Limits, WHEELS_MAX, WheelState, integrate};
     use navitools::Pose;
 
     const LIMITS: Limits = Limits { speed_mps: 2.0, acceleration_mps2: 1.0, deceleration_mps2: 1.0 };
