@@ -1,5 +1,5 @@
-//! The shipped robots that do not steer: they go where they are told, know where they are, and stop all wheels if one
-//! is lost.
+//! The shipped robots that do not steer: they move as commanded, localize themselves, and stop all wheels if one is
+//! lost.
 
 use super::*;
 use messages::middlelevel;
@@ -17,7 +17,7 @@ const EMERGENCY: u16 = 0x80;
 const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 
 #[derive(Default)]
-struct Heard {
+struct Observed {
     truth: DataTruth,
     estimate: middlelevel::DataEstimate,
     velocity: lowlevel::DataVelocity,
@@ -27,7 +27,7 @@ struct Heard {
     moves: [bool; 8],
 }
 
-impl Heard {
+impl Observed {
     fn take(&mut self, now: Instant, news: &News<'_>) {
         match news {
             News::Can { frame, .. } => self.on_frame(now, frame),
@@ -62,7 +62,7 @@ impl Heard {
 
 struct Base {
     machine: Virtual,
-    heard: Rc<RefCell<Heard>>,
+    observed: Rc<RefCell<Observed>>,
     wheels: u16,
 }
 
@@ -76,13 +76,13 @@ impl Base {
             ..guarded_place()
         };
         let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect(name);
-        let heard = Rc::new(RefCell::new(Heard::default()));
-        let keep = heard.clone();
+        let observed = Rc::new(RefCell::new(Observed::default()));
+        let keep = observed.clone();
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));
         machine.spawn("watchdog", State::Run).expect("the watchdog starts");
         machine.run_until(at(6.0));
-        assert!(heard.borrow().velocity.ready, "{name}: {:?}", heard.borrow().velocity);
-        Self { machine, heard, wheels }
+        assert!(observed.borrow().velocity.ready, "{name}: {:?}", observed.borrow().velocity);
+        Self { machine, observed, wheels }
     }
 
     fn pass(&mut self, seconds: f64) {
@@ -101,14 +101,14 @@ impl Base {
     }
 
     fn truth(&self) -> DataTruth {
-        self.heard.borrow().truth.clone()
+        self.observed.borrow().truth.clone()
     }
 
     /// Fails if it does not know where it is.
     #[track_caller]
     fn assert_located(&self, name: &str) {
-        let (truth, heard) = (self.truth(), self.heard.borrow());
-        let estimate = &heard.estimate;
+        let (truth, observed) = (self.truth(), self.observed.borrow());
+        let estimate = &observed.estimate;
         let off = (estimate.x - truth.x).hypot(estimate.y - truth.y);
         let turned = navitools::wrap(estimate.theta - truth.theta).abs();
         let is_fine = estimate.quality == middlelevel::DataEstimate::FINE;
@@ -135,7 +135,7 @@ fn they_move_as_commanded_and_know_where_they_are() {
             let off = (to.x - expected.x).hypot(to.y - expected.y);
             let turned = navitools::wrap(to.theta - expected.theta.radians()).abs();
             assert!(off < 0.01 && turned < 0.01, "{name}, {twist:?}: {off} m, {turned} rad");
-            let velocity = base.heard.borrow().velocity.clone();
+            let velocity = base.observed.borrow().velocity.clone();
             let measured = [velocity.vx - twist.0, velocity.vy - twist.1, velocity.omega - twist.2];
             assert!(measured.iter().all(|gap| gap.abs() < 0.02), "{name}, {twist:?}: {velocity:?}");
             base.pass(3.0);
@@ -155,7 +155,7 @@ fn they_go_to_a_goal() {
         base.pass(30.0);
         let truth = base.truth();
         let off = (truth.x - 13.0).hypot(truth.y - 8.0);
-        assert!(off < 0.2, "{name}: {off} m, {}", base.heard.borrow().goal);
+        assert!(off < 0.2, "{name}: {off} m, {}", base.observed.borrow().goal);
         base.assert_located(name);
     }
 }
@@ -172,14 +172,14 @@ fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
             base.drive((0.25, 0.0, 0.3), 8.0);
             base.pass(2.0);
             let since = base.machine.now();
-            base.heard.borrow_mut().stopped.clear();
+            base.observed.borrow_mut().stopped.clear();
             let target = axes[usize::from(victim)].into();
             let command = CmdFault { target, fault: fault.into(), value: 0.5, duration: 5.0, ..Default::default() };
             base.machine.inject(since, command);
             base.pass(3.0);
             // Four wheels on three motions: the other three hold the one that runs away, and nothing is faster.
             if (name, fault) == ("porter", "runaway") {
-                let velocity = base.heard.borrow().velocity.clone();
+                let velocity = base.observed.borrow().velocity.clone();
                 assert!((velocity.vx - 0.25).abs() < 0.1 && (base.truth().speed - 0.25).abs() < 0.1, "{velocity:?}");
                 continue;
             }
@@ -194,7 +194,7 @@ fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
             base.drive((0.25, 0.0, 0.3), 8.0);
             base.pass(2.0);
             let since = base.machine.now();
-            base.heard.borrow_mut().stopped.clear();
+            base.observed.borrow_mut().stopped.clear();
             let (module, what) = lost.split_once(' ').expect("two words");
             let pid = base.machine.pid(module).expect("it runs");
             if what == "hangs" {
@@ -213,9 +213,9 @@ impl Base {
     /// Fails if a wheel, but for `without`, has not stopped in time.
     #[track_caller]
     fn assert_stopped(&self, what: &str, since: Instant, without: Option<u16>) {
-        let heard = self.heard.borrow();
+        let observed = self.observed.borrow();
         for wheel in (1..=self.wheels).filter(|wheel| Some(*wheel) != without) {
-            let stop = heard.stopped.iter().find(|(at, other)| *at >= since && *other == wheel);
+            let stop = observed.stopped.iter().find(|(at, other)| *at >= since && *other == wheel);
             let took = stop.map(|(at, _)| at.since(since));
             assert!(took.is_some_and(|took| took <= STOP_MAX), "{what}: wheel {wheel} after {took:?}");
         }

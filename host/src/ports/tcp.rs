@@ -28,7 +28,7 @@ const READ_MAX: usize = 1024;
 const SENT_MAX: usize = 1024;
 /// A peer that does not acknowledge what was sent for this long is lost, ms.
 const UNACKNOWLEDGED_MS: u32 = 3000;
-/// A connection that is not made within so many attempts to open, 20 ms each, has failed.
+/// Number of attempts to open, 20 ms each, after which a connection has failed.
 const ATTEMPTS: u32 = 100;
 
 /// A connection.

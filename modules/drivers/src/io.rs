@@ -8,7 +8,7 @@
 //!           at the end
 //! Data      `LL_DATA_IO` and `LL_DATA_BATTERY` in their period, the first also at each change; `LL_DATA_BUS` once a
 //!           second for each Modbus line
-//! Commands  `LL_CMD_OUTPUT`: the newest counts, whoever sends it
+//! Commands  `LL_CMD_OUTPUT`: the newest counts, from any sender
 //!
 //! In STOP nothing is read, and outputs are held at their safe values.
 

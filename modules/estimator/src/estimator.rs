@@ -120,7 +120,7 @@ impl Estimator {
 
     fn on_velocity(&mut self, at: Instant, velocity: &DataVelocity, out: &mut Actions) {
         let DataVelocity { vx, vy, omega, .. } = *velocity;
-        // A wheel that is not heard makes all of it unknown.
+        // While one wheel is silent the velocity is unknown.
         if vx.is_nan() || vy.is_nan() || omega.is_nan() {
             return;
         }

@@ -12,7 +12,7 @@ pub(super) struct Signal {
     pub name: String,
     pub output: Option<Output>,
     value: f64,
-    /// Time of the value; absent: there is none.
+    /// Time of the value; absent before the first one.
     at: Option<Instant>,
     age_max: Duration,
     /// Value and validity changed since that was taken last.
