@@ -7,11 +7,20 @@ use crate::law::{Law, SPEED_MIN};
 use crate::memory::Obstacle;
 use crate::polygon::{Polygon, Turn};
 use navitools::{Point, Pose};
+use std::cmp::Ordering;
 use std::ops::RangeInclusive;
 
 /// Parts of the clearance that remain beside the robot, and the speed that each permits, m/s: narrow gaps are passed
 /// slowly. Ahead, the whole clearance applies.
-const BESIDE: [(f64, f64); 3] = [(1.0, f64::INFINITY), (0.5, 0.3), (0.0, 0.15)];
+///
+/// What is nearer still is passed at the last one's speed: what a sensor hears there, such as a leg, may be narrower than
+/// what it belongs to.
+const BESIDE: [(f64, f64, Within); 4] = [
+    (1.0, f64::INFINITY, Within::Kept),
+    (0.5, 0.3, Within::Kept),
+    (0.0, 0.15, Within::Kept),
+    (0.0, 0.1, Within::Passed),
+];
 /// Parts of the whole margin; the greatest one that does not yet reach the obstacle applies: an obstacle that is
 /// already nearer may be passed and left behind, but not approached further.
 const NEARER: [f64; 3] = [0.66, 0.33, 0.0];
@@ -60,7 +69,7 @@ pub struct Fields<K> {
     law: Law,
     base: K,
     /// Outlines of each direction with the clearances of [`BESIDE`].
-    outlines: [[Polygon; 3]; 6],
+    outlines: [[Polygon; BESIDE.len()]; 6],
     /// Outlines with the margins of [`NEARER`]; the last one is the robot's own.
     nearer: [Polygon; 3],
     radius: f64,
@@ -86,17 +95,34 @@ struct Buffers {
 /// Buffers of the search for what ends the paths of an outline.
 #[derive(Debug, Default)]
 struct Search {
-    /// How near each obstacle is to the outline at hand.
-    near: Vec<Near>,
+    /// Where each obstacle is, seen from the outline at hand.
+    seen: Vec<Seen>,
     /// Obstacles that may end the path at hand, by number, and the square of the length at which they do so at the
     /// earliest.
     candidates: Vec<(f64, usize)>,
 }
 
+/// What an outline may do with what is within it already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Within {
+    /// Leave it, or pass it at the same distance.
+    Kept,
+    /// Pass it as [`NEARER`] says.
+    Passed,
+}
+
 /// Free length of paths, and the number of the obstacle that ends it.
 type Nearest = (f64, Option<usize>);
 
-/// How near an obstacle is to the robot as it stands.
+/// An obstacle, seen from an outline of the robot as it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Seen {
+    near: Near,
+    /// It is within the outline, which may not approach it: normal of the edge beyond which it is least deep.
+    edge: Option<Point>,
+}
+
+/// How near an obstacle is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Near {
     /// Outside of the outline at hand, by this distance at least, m.
@@ -109,10 +135,10 @@ enum Near {
     Nowhere,
 }
 
-impl Near {
+impl Seen {
     /// Square of the length of a path before which a point is not touched; 0 where that is not known.
     fn square_before(self, path: Twist, point: Point) -> f64 {
-        let (Self::Clear(out) | Self::Beside(_, out)) = self else { return 0.0 };
+        let Self { near: Near::Clear(out) | Near::Beside(_, out), edge: None } = self else { return 0.0 };
         // Seen from the robot the point moves along the path with this speed: it is not nearer than its distance.
         let velocity = path.at(point);
         out * out * NOT_NEARER / (velocity.x * velocity.x + velocity.y * velocity.y)
@@ -152,7 +178,7 @@ impl<K: Kinematics> Fields<K> {
             outlines: Direction::ALL.map(|direction| {
                 let (x, y) = direction.ahead();
                 let ahead = |out: Point| if direction.turns() { 1.0 } else { (out.x * x + out.y * y).abs() };
-                BESIDE.map(|(part, _)| {
+                BESIDE.map(|(part, ..)| {
                     body.grown(|out| settings.uncertainty + settings.clearance * f64::max(part, ahead(out)))
                 })
             }),
@@ -212,18 +238,18 @@ impl<K: Kinematics> Fields<K> {
         let scale = if direction.turns() { self.radius } else { 1.0 };
         let stops_within = |free: f64| self.law.stops_within((free * scale).min(self.reach));
         let [widest, narrower @ ..] = &self.outlines[direction as usize];
-        let all = self.nearest(widest, paths, obstacles, f64::INFINITY, search);
+        let all = self.nearest(widest, Within::Kept, paths, obstacles, f64::INFINITY, search);
         let mut straight = (f64::INFINITY, None);
         self.shorten(widest, *usual, obstacles, |obstacle| obstacle.approaches, search, &mut straight);
         let mut stops = stops_within(all.0);
-        for (outline, (_, most)) in narrower.iter().zip(&BESIDE[1..]) {
+        for (outline, (_, most, within)) in narrower.iter().zip(&BESIDE[1..]) {
             // The narrower outlines permit no more than that.
             if stops >= *most {
                 break;
             }
             // Nor does it count what ends a path beyond the field of a speed that they do not permit.
             let counts = self.law.protective(most + SPEED_MIN) / scale;
-            let (free, _) = self.nearest(outline, paths, obstacles, counts, search);
+            let (free, _) = self.nearest(outline, *within, paths, obstacles, counts, search);
             stops = stops_within(free).min(*most).max(stops);
         }
         let slows = self.law.slows_within(straight.0 * scale);
@@ -247,13 +273,14 @@ impl<K: Kinematics> Fields<K> {
     fn nearest(
         &self,
         outline: &Polygon,
+        within: Within,
         paths: &[Twist],
         obstacles: &[Obstacle],
         length: f64,
         search: &mut Search,
     ) -> Nearest {
-        search.near.clear();
-        search.near.extend(obstacles.iter().map(|obstacle| self.near(outline, obstacle.at)));
+        search.seen.clear();
+        search.seen.extend(obstacles.iter().map(|obstacle| self.see(outline, within, obstacle.at)));
         let mut nearest = (length, None);
         paths.iter().for_each(|path| self.shorten(outline, *path, obstacles, |_| true, search, &mut nearest));
         nearest
@@ -267,20 +294,20 @@ impl<K: Kinematics> Fields<K> {
         path: Twist,
         obstacles: &[Obstacle],
         counts: impl Fn(&Obstacle) -> bool,
-        Search { near, candidates }: &mut Search,
+        Search { seen, candidates }: &mut Search,
         nearest: &mut Nearest,
     ) {
         if nearest.0 <= 0.0 {
             return;
         }
         candidates.clear();
-        let counting = obstacles.iter().zip(&*near).enumerate().filter(|(_, (obstacle, _))| counts(obstacle));
+        let counting = obstacles.iter().zip(&*seen).enumerate().filter(|(_, (obstacle, _))| counts(obstacle));
         let ring = path.center().map(|center| Ring::new(center, outline));
-        let touched = counting.filter(|(_, (obstacle, near))| {
+        let touched = counting.filter(|(_, (obstacle, seen))| {
             // What is nearer counts for another outline, which is wider in places.
-            !matches!(near, Near::Clear(_)) || ring.as_ref().is_none_or(|ring| ring.contains(obstacle.at))
+            !matches!(seen.near, Near::Clear(_)) || ring.as_ref().is_none_or(|ring| ring.contains(obstacle.at))
         });
-        let squares = touched.map(|(n, (obstacle, near))| (near.square_before(path, obstacle.at), n));
+        let squares = touched.map(|(n, (obstacle, seen))| (seen.square_before(path, obstacle.at), n));
         let too_far = nearest.0 * nearest.0;
         candidates.extend(squares.filter(|(square, _)| *square <= too_far));
         // The one that may be first is solved first: most others need not be solved then.
@@ -292,7 +319,7 @@ impl<K: Kinematics> Fields<K> {
             if square > nearest.0 * nearest.0 {
                 continue;
             }
-            let free = self.free(outline, path, obstacles[n].at, near[n]);
+            let free = self.free(outline, path, obstacles[n].at, seen[n]);
             let is_equal = free == nearest.0 && free < before;
             if free < nearest.0 || is_equal && Some(n) < nearest.1 {
                 *nearest = (free, Some(n));
@@ -300,15 +327,21 @@ impl<K: Kinematics> Fields<K> {
         }
     }
 
-    /// How near a point is, seen from an outline. All comparisons are such that what is not a number touches.
-    fn near(&self, outline: &Polygon, point: Point) -> Near {
+    /// A point seen from an outline. All comparisons are such that what is not a number touches.
+    fn see(&self, outline: &Polygon, within: Within, point: Point) -> Seen {
         if !is_place(point) {
-            return Near::Nowhere;
+            return Seen { near: Near::Nowhere, edge: None };
         }
         let out = outline.outside(point);
         if out > APPROACH_M {
-            return Near::Clear(out);
+            return Seen { near: Near::Clear(out), edge: None };
         }
+        let is_kept = within == Within::Kept && out.partial_cmp(&0.0) != Some(Ordering::Greater);
+        Seen { near: self.near(point), edge: is_kept.then(|| outline.nearest_edge(point).1) }
+    }
+
+    /// How near a point is that is within the margin, or almost.
+    fn near(&self, point: Point) -> Near {
         let [wider @ .., body] = &self.nearer;
         let mut outs = wider.iter().map(|outline| outline.outside(point)).enumerate();
         if let Some((place, out)) = outs.find(|(_, out)| *out > APPROACH_M) {
@@ -319,16 +352,17 @@ impl<K: Kinematics> Fields<K> {
     }
 
     /// Length of the path before the robot is too near to a point; 0 for what is no place: it may be anywhere.
-    fn free(&self, outline: &Polygon, path: Twist, point: Point, near: Near) -> f64 {
-        match near {
+    fn free(&self, outline: &Polygon, path: Twist, point: Point, seen: Seen) -> f64 {
+        let velocity = path.at(point);
+        let leaves = |edge: Point| velocity.x * edge.x + velocity.y * edge.y <= LEAVING;
+        if seen.edge.is_some_and(|edge| !leaves(edge)) {
+            return 0.0;
+        }
+        match seen.near {
             Near::Clear(_) => outline.contact(path, point),
             Near::Beside(place, _) => self.nearer.get(place).map_or(0.0, |outline| outline.contact(path, point)),
-            Near::Touching(out) => {
-                let velocity = path.at(point);
-                let leaves = velocity.x * out.x + velocity.y * out.y <= LEAVING;
-                if leaves { f64::INFINITY } else { 0.0 }
-            }
-            Near::Nowhere => 0.0,
+            Near::Touching(edge) if leaves(edge) => f64::INFINITY,
+            Near::Touching(_) | Near::Nowhere => 0.0,
         }
     }
 
