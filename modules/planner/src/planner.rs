@@ -95,7 +95,7 @@ impl Planner {
             Message::LlDataGuard(guard) => self.senses.on_guard(at, guard),
             Message::LlDataHold(holds) => self.senses.on_hold(at, holds),
             Message::LlEventStop(stop) => {
-                self.senses.on_stop(stop);
+                self.senses.on_stop(at, stop);
                 let source = StopSource::from_name(&stop.source);
                 if let Some(front) = source.is_front().filter(|_| stop.engaged) {
                     self.mission.bump(front);

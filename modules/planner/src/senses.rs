@@ -12,6 +12,11 @@ use std::collections::VecDeque;
 
 /// Maximum age of an estimate; the same limit as in `driver_canbus`.
 const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
+/// Silence of a source that engages PAUSE after which a person may have overruled it.
+const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
+/// Causes by which PAUSE is engaged.
+const ENGAGED: [Hold; 5] =
+    [Hold::PauseUnknown, Hold::PauseBumper, Hold::PauseFloor, Hold::PauseButton, Hold::PauseOther];
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
 const MOTION_AGE_MAX: Duration = Duration::from_millis(500);
 /// Maximum age of `LL_DATA_GUARD` (20 Hz).
@@ -65,8 +70,8 @@ pub struct Senses {
     guard: Option<(Instant, [f64; 2])>,
     /// Causes reported by `driver_canbus` that hold the robot.
     holds: Option<(Instant, DataHold)>,
-    /// Source of an engaged PAUSE line, with its name as reported.
-    paused: Option<(StopSource, String)>,
+    /// When the PAUSE line was last reported engaged, and its source, with its name as reported.
+    paused: Option<(Instant, StopSource, String)>,
     /// Firing instant of the newest sonar reading.
     sonars: Option<Instant>,
     /// Reception of the last `LL_DATA_RANGES`.
@@ -133,13 +138,16 @@ impl Senses {
     /// Processes `LL_DATA_HOLD`.
     pub fn on_hold(&mut self, at: Instant, holds: &DataHold) {
         if holds.is_of_motion() {
+            // A source that fell silent may have been overruled: then the driver does not list it any more.
+            let lists = ENGAGED.iter().any(|hold| holds.has(*hold));
+            self.paused.take_if(|(last, ..)| at.since(*last) >= PAUSE_TIMEOUT && !lists);
             self.holds = Some((at, holds.clone()));
         }
     }
 
     /// Processes `LL_EVENT_STOP`: state of the PAUSE line.
-    pub fn on_stop(&mut self, stop: &EventStop) {
-        self.paused = stop.engaged.then(|| (StopSource::from_name(&stop.source), stop.source.clone()));
+    pub fn on_stop(&mut self, at: Instant, stop: &EventStop) {
+        self.paused = stop.engaged.then(|| (at, StopSource::from_name(&stop.source), stop.source.clone()));
     }
 
     /// Processes sonar readings.
@@ -193,7 +201,7 @@ impl Senses {
         if let Some(hold) = self.state.unwrap_or(State::Init).hold() {
             add(hold, source);
         }
-        if let Some((by, name)) = &self.paused {
+        if let Some((_, by, name)) = &self.paused {
             add(by.hold(), name);
         }
         match self.quality {
@@ -360,7 +368,7 @@ mod tests {
         senses.state = Some(State::Pause);
         assert_eq!(why(&senses, 1100), one(Hold::ModulePaused, "planner", "planner is in PAUSE"));
         let mut senses = ready();
-        senses.on_stop(&EventStop { timestamp: 0, engaged: true, source: "button".into() });
+        senses.on_stop(ms(1000), &EventStop { timestamp: 0, engaged: true, source: "button".into() });
         assert_eq!(why(&senses, 1100), one(Hold::PauseButton, "button", "waits: PAUSE is engaged by button"));
         let mut senses = ready();
         senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::LOST, ..estimate(2, 0.0) });
@@ -385,9 +393,27 @@ mod tests {
     }
 
     #[test]
+    fn a_source_of_pause_that_was_overruled_does_not_hold_the_planner() {
+        let mut senses = ready();
+        senses.on_stop(ms(1000), &EventStop { timestamp: 0, engaged: true, source: "button".into() });
+        let hear = |senses: &mut Senses, at: u64, causes: &[(Hold, &str)]| {
+            senses.on_estimate(ms(at), &estimate(2, 0.0));
+            senses.on_motion(ms(at), &DataMotion { source: "planner".into(), ..Default::default() });
+            senses.on_hold(ms(at), &holds(0, causes));
+            senses.on_soundings(&fired(ms(at), Measurement::NoEcho));
+        };
+        hear(&mut senses, 1100, &[]);
+        assert_eq!(why(&senses, 1100).0, [(Hold::PauseButton, "button".into())], "the driver has not heard of it yet");
+        hear(&mut senses, 2200, &[(Hold::PauseButton, "button")]);
+        assert_eq!(why(&senses, 2200).0, [(Hold::PauseButton, "button".into())]);
+        hear(&mut senses, 2300, &[]);
+        assert_eq!(why(&senses, 2300).0, []);
+    }
+
+    #[test]
     fn each_cause_is_listed_once() {
         let mut senses = ready();
-        senses.on_stop(&EventStop { timestamp: 0, engaged: true, source: "bumper2".into() });
+        senses.on_stop(ms(1000), &EventStop { timestamp: 0, engaged: true, source: "bumper2".into() });
         senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::SEARCHING, ..estimate(2, 0.0) });
         let stands = [(Hold::PauseBumper, "bumper2"), (Hold::DriveFault, "propulsion"), (Hold::NobodyCommands, "")];
         senses.on_motion(ms(1050), &DataMotion::default());

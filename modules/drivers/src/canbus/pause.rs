@@ -4,7 +4,7 @@
 //! The power controller reports for the sources on its line (bumpers, floor sensors, the button, or without a name);
 //! other senders report for themselves, under their own names. None of them releases what another one engaged. A source
 //! other than the power controller that engaged the line and fell silent stays engaged until it reports that it is
-//! open, or until a person overrules it.
+//! open, or until a person overrules it. So does the one that a robot without a power controller is told of.
 
 use base::{Duration, Instant};
 use messages::{Hold, StopSource, lowlevel};
@@ -51,6 +51,8 @@ struct Other {
 #[derive(Debug)]
 pub(super) struct PauseLine {
     controller: Controller,
+    /// Time of its last report.
+    reported: Instant,
     /// Instant from which on the controller's report is too old; absent without a controller.
     until: Option<Instant>,
     others: Vec<Other>,
@@ -63,6 +65,7 @@ impl PauseLine {
         let controller = if has_controller { Controller::Unknown } else { Controller::Open };
         Self {
             controller,
+            reported: Instant::ZERO,
             until: has_controller.then_some(Instant::ZERO + PAUSE_TIMEOUT),
             others: vec![],
             latched: false,
@@ -78,6 +81,7 @@ impl PauseLine {
         }
         self.controller =
             if stop.engaged { Controller::Engaged(source, stop.source.clone()) } else { Controller::Open };
+        self.reported = at;
         if let Some(until) = &mut self.until {
             *until = at + PAUSE_TIMEOUT;
         }
@@ -142,8 +146,11 @@ impl PauseLine {
         self.latched &= self.is_engaged();
     }
 
-    /// A person overrules senders that engaged the line and have been silent since; never the power controller.
+    /// A person overrules senders that engaged the line and have been silent since; never the robot's power controller.
     pub(super) fn overrule(&mut self, now: Instant) {
+        if self.until.is_none() && now.since(self.reported) >= PAUSE_TIMEOUT {
+            self.controller = Controller::Open;
+        }
         self.others.retain(|other| now.since(other.at) < PAUSE_TIMEOUT);
     }
 
@@ -181,6 +188,16 @@ mod tests {
         assert_eq!(holds(&line, at(610)), [(Hold::PauseOther, "a rope")]);
         line.on_stop(at(700), &stop(false, "a rope"));
         assert_eq!(holds(&line, at(710)), [(Hold::PauseLatched, "")]);
+    }
+
+    #[test]
+    fn a_person_does_not_overrule_the_robots_power_controller() {
+        let mut line = PauseLine::new(true);
+        line.on_stop(at(0), &stop(true, "button"));
+        line.overrule(at(1100));
+        assert_eq!(holds(&line, at(1100)), [(Hold::PauseButton, "button")]);
+        line.overrule(at(5000));
+        assert_eq!(holds(&line, at(5000)), [(Hold::PauseUnknown, "")]);
     }
 
     #[test]
@@ -231,8 +248,10 @@ mod tests {
         line.on_stop(at(1000), &stop(true, "button"));
         line.overrule(at(1300));
         assert_eq!(holds(&line, at(1300)), [(Hold::PauseButton, "button"), (Hold::PauseOther, "a wire")]);
+        line.overrule(at(2300));
+        assert_eq!(holds(&line, at(2300)), [(Hold::PauseLatched, "")], "nobody else could release it");
         for n in 0..100 {
-            line.on_stop(at(2000), &stop(true, &format!("s{n}")));
+            line.on_stop(at(2400), &stop(true, &format!("s{n}")));
         }
         assert_eq!(line.others.len(), OTHERS_MAX);
     }
