@@ -488,8 +488,11 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}"));
     };
     let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
+    // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
+    // does: a watchdog that is late finds a hang of this one too late, too.
+    let (own, others): (Vec<_>, Vec<_>) = config.critical().partition(|name| name == canbus::NAME);
     let config = canbus::Config {
-        critical: config.critical().filter(|name| name != canbus::NAME).collect(),
+        critical: if others.is_empty() { own } else { others },
         planning: planning.map(Into::into).collect(),
         has_pause_line: robot.power.is_some(),
         ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),

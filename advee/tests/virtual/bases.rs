@@ -209,6 +209,20 @@ fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
     }
 }
 
+#[test]
+fn a_watchdog_that_is_late_stops_them_although_nothing_but_their_driver_is_critical() {
+    for (name, wheels, _) in ROBOTS {
+        let mut base = Base::ready(name, wheels);
+        base.drive((0.25, 0.0, 0.0), 8.0);
+        base.pass(2.0);
+        assert!(base.truth().speed > 0.2, "{name}: {:?}", base.truth());
+        let pid = base.machine.pid("watchdog").expect("it runs");
+        base.machine.crawl(pid, Duration::from_millis(150));
+        base.pass(3.0);
+        base.assert_stands(name);
+    }
+}
+
 impl Base {
     /// Fails if a wheel, but for `without`, has not stopped in time.
     #[track_caller]
