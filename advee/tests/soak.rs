@@ -52,6 +52,22 @@ fn robot(scenario: Scenario, world: &str, seed: u64) -> Robot {
     Robot::new(place(world), scenario, seed).expect("the shipped configuration")
 }
 
+/// The shipped robots that turn by their wheels.
+const BASES: [&str; 3] = ["courier", "porter", "tripod"];
+
+#[test]
+fn the_shipped_scenario_holds_for_robots_that_turn_by_their_wheels() {
+    for name in BASES {
+        let place = RobotLocation { config: root().join("conf").join(name), ..place("hall") };
+        let report = Robot::new(place, shipped(), 1).expect(name).many(2, 2, &Progress::none()).unwrap();
+        assert_eq!(report.violations, [], "advee soak --config conf/{name}");
+        assert!(report.figures.distance > 30.0, "{name}: {} m", report.figures.distance);
+        // Of each wheel, and nothing of what it does not have.
+        assert!(report.faults.contains_key("drive_silent"), "{name}: {:?}", report.faults);
+        assert!(!report.faults.contains_key("sonar_blind"), "{name}: {:?}", report.faults);
+    }
+}
+
 fn number(name: &str) -> Option<f64> {
     std::env::var(name).ok()?.parse().ok()
 }

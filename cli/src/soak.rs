@@ -12,6 +12,7 @@ use inputs::Inputs;
 use robot::checks;
 use robot::config::{self, ConfigError, scenario};
 use robot::place::RobotLocation;
+use robot::preflight;
 use robot::topology::{virtual_machine, virtual_machine_recorded};
 use serde_json::json;
 use settings::robot::Geometry;
@@ -20,7 +21,7 @@ use sim::host::{self, Virtual};
 use sim::soak::{self, Behaviour, Disk, Fault, Goals, Report, Scenario, Shares, Stage, Touches, draw, shrink};
 use simulator::world::World;
 use std::cell::Cell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Display};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -95,6 +96,10 @@ const SIGNALLED: u8 = 128;
 pub fn soak(common: &Common, command: &Soak) -> Outcome {
     refuse_idle(common)?;
     let robot = Robot::load(common, command)?;
+    if !robot.without.is_empty() {
+        let names: Vec<&str> = robot.without.iter().map(String::as_str).collect();
+        eprintln!("left out of the scenario, which this robot does not have: {}", names.join(", "));
+    }
     let begun = Instant::now();
     let hook = panic::take_hook();
     tell_of_panics(robot.again.clone(), command.faults.clone());
@@ -165,6 +170,8 @@ pub struct Robot {
     /// The robot in each world; episodes take them in turn.
     grounds: Vec<Ground>,
     scenario: Scenario,
+    /// Targets of the scenario that the robot does not have.
+    without: BTreeSet<String>,
     limits: Limits,
     seed: u64,
     /// All modules that run, which in virtual time the logger does not: one of them is recorded in each episode, in
@@ -187,12 +194,16 @@ impl Robot {
         };
         let grounds = worlds.into_iter().map(|world| Ground::new(&place, world)).collect::<Result<_, _>>()?;
         let limits = checks::limits(&place, scenario.restart_delay_max)?;
+        let offered = preflight::faults(&place)?;
+        let wheels: Vec<&str> = limits.wheels.iter().map(|wheel| wheel.name.as_str()).collect();
+        let has = |target: &str| offered.iter().any(|(name, _)| name == target);
+        let (scenario, without) = scenario.suited(&wheels, has);
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);
         let mut modules: Vec<String> = run.map(|module| module.name().to_owned()).collect();
         modules.push(watchdog::NAME.into());
-        Ok(Self { grounds, scenario, limits, seed, modules, again: String::new() })
+        Ok(Self { grounds, scenario, without, limits, seed, modules, again: String::new() })
     }
 
     fn load(common: &Common, command: &Soak) -> Result<Self, Failed> {

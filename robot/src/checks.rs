@@ -10,7 +10,8 @@ use canopen::pdo::Mapped;
 use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
 use navitools::Pose;
-use sim::check::{Limits, Promise, RangingBoard, wire};
+use settings::robot::Base;
+use sim::check::{self, Limits, Promise, RangingBoard, wire};
 use simulator::world::World;
 use simulator::{Axis, DriveConfig, DriveKind};
 use std::f64::consts::PI;
@@ -34,15 +35,23 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let robot = &config.robot;
     let driver = topology::canbus(place, &config, false)?;
     let simulated = simulated::config(place, World::default(), robot, false)?;
-    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with both axes".into()]);
+    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
     let can = simulated.can.ok_or_else(missing)?;
-    let of = |axis| {
-        let drive = can.drives.iter().find(|drive| drive.kind.axis() == axis)?;
-        let node = driver.nodes().find(|node| node.id == drive.node)?;
-        Some((drive, node, on_wire(node)?))
-    };
-    let (propulsion_drive, propulsion_node, propulsion) = of(Axis::Wheel(0)).ok_or_else(missing)?;
-    let (steering_drive, _, steering) = of(Axis::Steering).ok_or_else(missing)?;
+    let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
+    let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
+    let wheels = can.drives.iter().filter(|drive| !is_steering(drive)).map(|drive| {
+        let node = node(drive)?;
+        Some(wire::Wheel {
+            name: drive.name.clone(),
+            drive: on_wire(node)?,
+            stop_word: node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0),
+            units_per_mps: units_per_mps(drive, robot.geometry.wheel_circumference_m()),
+        })
+    });
+    let wheels = wheels.collect::<Option<Vec<_>>>().filter(|wheels| !wheels.is_empty()).ok_or_else(missing)?;
+    let steering_drive = can.drives.iter().find(is_steering);
+    let steering = steering_drive.map(|drive| node(drive).and_then(on_wire).ok_or_else(missing)).transpose()?;
+    let base = robot.base.as_ref().map(|base| base_limits(base, robot)).transpose()?;
     let homes_at_start = |bus: &CanBus| {
         can.bus == format!("can.{}", bus.name) && bus.driver.homing_release == canbus::HomingRelease::Start
     };
@@ -53,17 +62,23 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         critical: config.critical().collect(),
         power: robot.power.as_ref().map(|_| power::NAME.into()),
         commands: robot.bus.commands,
-        propulsion,
+        wheels,
         steering,
-        stop_word: propulsion_node.stop.as_ref().and_then(|stop| stop.value.as_slice().first().copied()).unwrap_or(0),
-        units_per_mps: units_per_mps(propulsion_drive, robot.geometry.wheel_circumference_m()),
-        homed: match &steering_drive.kind {
-            DriveKind::Cia402(drive) => drive.homed,
-            DriveKind::Epos { .. } | DriveKind::Icla(_) => canopen::drives::icla::HOMED,
+        homed: match steering_drive.map(|drive| &drive.kind) {
+            Some(DriveKind::Cia402(drive)) => drive.homed,
+            Some(DriveKind::Epos { .. } | DriveKind::Icla(_)) => canopen::drives::icla::HOMED,
+            None => 0,
         },
         speed: robot.limits.speed_mps,
         steering_angle: robot.limits.steering_rad,
         wheelbase: robot.geometry.wheelbase_m,
+        rotation: match base {
+            Some(_) => robot.limits.rotation_radps,
+            // That of the tightest turn at full speed.
+            None => robot.limits.speed_mps * robot.limits.steering_rad.tan() / robot.geometry.wheelbase_m,
+        },
+        base,
+        feed_is_cut: robot.stop.second_way == canbus::SecondWay::Power && robot.power.is_some(),
         speed_manual: robot.limits.speed_manual_mps,
         speed_autonomous: robot.limits.speed_autonomous_mps,
         quick_stop: robot.limits.quick_stop_mps2,
@@ -79,6 +94,12 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         }),
         restart_max,
     })
+}
+
+/// Kinematics and measures of a base that turns by its wheels.
+fn base_limits(base: &Base, robot: &Robot) -> Result<check::Base, ConfigError> {
+    let chassis = base.chassis(&robot.limits).map_err(|why| ConfigError(vec![format!("checks: [base]: {why}")]))?;
+    Ok(check::Base { chassis, deceleration_mps2: robot.limits.deceleration_mps2 })
 }
 
 /// Units of velocity of a drive at 1 m/s, by its own objects: those of its driver may be wrong.
@@ -154,11 +175,12 @@ mod tests {
             target: 2,
             reports: reports.map(first).into(),
         };
-        assert_eq!(limits.propulsion, drive(1, 0x501, [0x181, 0x481]));
-        assert_eq!(limits.steering, drive(2, 0x302, [0x182, 0x282]));
+        let [propulsion] = &limits.wheels[..] else { panic!("{:?}", limits.wheels) };
+        assert_eq!(propulsion.drive, drive(1, 0x501, [0x181, 0x481]));
+        assert_eq!(limits.steering, Some(drive(2, 0x302, [0x182, 0x282])));
         // 26 turns of the motor per 0.628 m.
-        assert!((limits.units_per_mps - 2483.0).abs() < 0.5, "{}", limits.units_per_mps);
-        assert_eq!((limits.bus.as_str(), limits.stop_word, limits.homed), ("can.main", 0x0B, 0x8000));
+        assert!((propulsion.units_per_mps - 2483.0).abs() < 0.5, "{}", propulsion.units_per_mps);
+        assert_eq!((limits.bus.as_str(), propulsion.stop_word, limits.homed), ("can.main", 0x0B, 0x8000));
         assert!(limits.homing_at_start);
     }
 }

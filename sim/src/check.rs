@@ -24,6 +24,7 @@ mod idle;
 mod late_watchdog;
 mod life;
 mod names;
+mod pace;
 mod pause;
 mod pause_line;
 mod promise;
@@ -50,11 +51,25 @@ use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use facts::Facts;
+use kinematics::Chassis;
 use messages::{Message, common};
 use module::State;
 use module::admission::{Commands, Sender};
+use pace::Pace;
 use simulator::people::NoContact;
 use std::fmt;
+
+/// Name of the steering's axis.
+const STEERING: &str = "steering";
+
+/// Base of a robot that turns by its wheels. Its driver brings them to their speeds together, in steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Base {
+    /// Kinematics.
+    pub chassis: Chassis,
+    /// Deceleration of the wheels, m/s².
+    pub deceleration_mps2: f64,
+}
 
 /// Bounds of the rules, and names of the modules.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,22 +88,22 @@ pub struct Limits {
     pub commands: Commands,
     /// The drives' bus: `can.main`.
     pub bus: String,
-    /// The propulsion.
-    pub propulsion: wire::Drive,
-    /// The steering.
-    pub steering: wire::Drive,
-    /// Low byte of the controlword by which the propulsion stops.
-    pub stop_word: u8,
-    /// Target of the propulsion at 1 m/s.
-    pub units_per_mps: f64,
+    /// The propulsion: the driven axle, or each wheel of a base that does not steer.
+    pub wheels: Vec<wire::Wheel>,
+    /// The steering; absent: the robot turns by its wheels.
+    pub steering: Option<wire::Drive>,
+    /// The base of a robot that turns by its wheels.
+    pub base: Option<Base>,
     /// Bit of the steering's statusword that says that it has a reference; 0: it has none.
     pub homed: u16,
     /// Maximum speed of a command, m/s; a faster one is rejected.
     pub speed: f64,
     /// Maximum steering angle of a command, rad; a greater one is rejected.
     pub steering_angle: f64,
-    /// Rear axle to front axle, m: the tightest turn at the maximum speed is the maximum rotation of a command.
+    /// Rear axle to front axle, m; of a robot that turns by its wheels that of the curves of `LL_CMD_MOTION`.
     pub wheelbase: f64,
+    /// Maximum rotation of a command, rad/s; a faster one is rejected.
+    pub rotation: f64,
     /// Speed limit of manual sources, m/s.
     pub speed_manual: f64,
     /// Speed limit of the planner, m/s.
@@ -101,10 +116,30 @@ pub struct Limits {
     pub ranging: Vec<RangingBoard>,
     /// The robot's start releases the first homing.
     pub homing_at_start: bool,
+    /// The second way to stop: the motors' feed can be cut.
+    pub feed_is_cut: bool,
     /// What the guard promises; absent: the robot senses nothing.
     pub promise: Option<Promise>,
     /// Maximum delay between the end of a process and its restart.
     pub restart_max: Duration,
+}
+
+impl Limits {
+    /// Number of the wheel whose drive has this RPDO.
+    fn wheel(&self, rpdo: u16) -> Option<usize> {
+        self.wheels.iter().position(|wheel| wheel.drive.command.id == rpdo)
+    }
+
+    /// Number and statusword of the wheel whose drive reports in this frame.
+    fn reported(&self, id: u16, data: &[u8]) -> Option<(usize, u16)> {
+        self.wheels.iter().enumerate().find_map(|(number, wheel)| Some((number, wheel.drive.reported(id, data)?)))
+    }
+
+    /// All drives, with their names.
+    fn drives(&self) -> impl Iterator<Item = (&str, &wire::Drive)> {
+        let wheels = self.wheels.iter().map(|wheel| (wheel.name.as_str(), &wheel.drive));
+        wheels.chain(self.steering.iter().map(|steering| (STEERING, steering)))
+    }
 }
 
 /// Violation of a rule.
@@ -152,6 +187,7 @@ type Verdict = Result<(), String>;
 #[derive(Debug)]
 pub struct Checkers {
     facts: Facts,
+    pace: Pace,
     authority: authority::Rule,
     blind: blind::Rule,
     body: body::Rule,
@@ -181,14 +217,15 @@ impl Checkers {
     pub fn new(limits: Limits) -> Self {
         Self {
             blind: blind::Rule::new(&limits.ranging),
+            drives: drives::Rule::new(&limits),
+            feed: feed::Rule::new(limits.wheels.len()),
             foreign: foreign::Rule::new(limits.ttl),
+            stop: stop::Rule::new(limits.wheels.len()),
             promise: promise::Rule::new(&limits.ranging),
             facts: Facts::new(limits),
             authority: authority::Rule::default(),
             body: body::Rule::default(),
             clock: clock::Rule::default(),
-            drives: drives::Rule::default(),
-            feed: feed::Rule::default(),
             homed: homed::Rule::default(),
             late_watchdog: late_watchdog::Rule::default(),
             pause: pause::Rule::default(),
@@ -197,7 +234,7 @@ impl Checkers {
             rival: rival::Rule::default(),
             second_robot: second_robot::Rule::default(),
             single: single::Rule::default(),
-            stop: stop::Rule::default(),
+            pace: Pace::default(),
             stopped: stopped::Rule::default(),
             wanted: wanted::Rule::default(),
             setpoints: 0,
@@ -317,15 +354,14 @@ impl Checkers {
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
         let Id::Standard(id) = frame.id() else { return Ok(()) };
-        let propulsion = &self.facts.limits.propulsion;
-        if id != propulsion.command.id {
+        let Some(wheel) = self.facts.limits.wheel(id) else {
             self.stop.on_frame(now, id, frame.data(), &self.facts);
-            self.drives.on_frame(now, id, frame.data(), &self.facts);
+            self.drives.on_frame(now, id, frame.data());
             self.feed.on_frame(id, frame.data(), &self.facts);
             self.released.on_frame(now, id, frame.data(), &self.facts);
             return Ok(());
-        }
-        if propulsion.commanded(frame.data()).is_none() {
+        };
+        if self.facts.limits.wheels[wheel].drive.commanded(frame.data()).is_none() {
             return Err(("fresh", "a short RPDO".into()));
         }
         let left_over = self.facts.is_left_over(now);
@@ -337,6 +373,10 @@ impl Checkers {
             self.authority.on_still(facts.set_point);
             return Ok(());
         };
+        if facts.wheels[wheel].speed().is_none() {
+            // It stands, and others do not: not yet, or it has no part in this motion.
+            return Ok(());
+        }
         if left_over || now.since(facts.driver.started) <= facts.slack(now) {
             // Or its process died: frames handed over before are still sent.
             return Ok(());
@@ -362,14 +402,14 @@ impl Checkers {
 
     fn on_frame_lost(&mut self, frame: &Frame) {
         if let Id::Standard(id) = frame.id() {
-            self.drives.on_frame_lost(id, &self.facts);
+            self.drives.on_frame_lost(id);
         }
     }
 
     fn on_message(&mut self, now: Instant, sender: Sender, message: &Message) -> Result<(), (&'static str, String)> {
         let facts = &self.facts;
         if !facts.believes(sender, message) {
-            self.foreign.on_message(now, message);
+            self.foreign.on_message(now, message, &facts.limits);
             self.second_robot.on_message(now, message, facts);
             return Ok(());
         }
@@ -383,11 +423,13 @@ impl Checkers {
             }
             Message::SimDataTruth(truth) => {
                 self.promise.on_truth(truth);
-                named("pause", self.pause.on_truth(now, truth.speed, facts))?;
-                named("body", self.body.on_truth(now, truth.speed, facts))?;
-                named("feed", self.feed.on_truth(now, truth.speed, facts))?;
+                let speed = self.pace.speed(now, pid, truth, facts.limits.base.as_ref());
+                named("pause", self.pause.on_truth(now, speed, facts))?;
+                named("body", self.body.on_truth(now, speed, facts))?;
+                named("feed", self.feed.on_truth(now, speed, facts))?;
                 named("released", self.released.on_truth(now, pid, truth.steering, facts))?;
-                named("stop", self.stop.on_truth(now, truth.speed, facts))?;
+                named("drives", self.drives.on_truth(now, speed, facts))?;
+                named("stop", self.stop.on_truth(now, speed, facts))?;
                 named("wanted", self.wanted.on_time(now))
             }
             Message::LlCmdCreep(_) => {

@@ -49,6 +49,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const HOMING_MAX: Duration = Duration::from_secs(30);
 /// Maximum time for which the guard lets the robot move neither way, which is not counted either: visitors move on.
 const ENCLOSED_MAX: Duration = Duration::from_secs(50);
+/// Distance to somebody, or to a wall, m, within which the time in which the guard lets it move neither way has no limit: a
+/// visitor who cannot get past stands there for up to 90 s, before it and behind it.
+const ENCLOSED_M: f64 = 0.3;
 /// Speed above which the robot counts as moving, m/s.
 const MOVING_MPS: f64 = 0.05;
 
@@ -95,6 +98,8 @@ struct Watch {
     operator: Operator,
     meter: Meter,
     speed: f64,
+    /// Distance to the nearest obstacle, m.
+    clearance: f64,
     homed: bool,
     /// The guard lets the robot move forward or backward.
     free: bool,
@@ -109,7 +114,9 @@ impl Watch {
         self.operator.observe(news);
         self.meter.observe(now, news);
         match news {
-            News::Message { message: Message::SimDataTruth(truth), .. } => self.speed = truth.speed,
+            News::Message { message: Message::SimDataTruth(truth), .. } => {
+                (self.speed, self.clearance) = (truth.speed, truth.clearance);
+            }
             News::Message { message: Message::LlDataGuard(guard), .. } => {
                 self.free = guard.forward.max(guard.backward) > MOVING_MPS;
             }
@@ -154,9 +161,10 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
     let machine = make(config)?;
     let watch = Rc::new(RefCell::new(Watch {
         checkers: Checkers::new(stage.limits.clone()),
-        operator: Operator::new(scenario.operator, stage.world, seed),
+        operator: Operator::new(scenario.operator, stage.limits, stage.world, seed),
         meter: Meter::new(stage.limits.clone()),
         speed: 0.0,
+        clearance: f64::INFINITY,
         homed: false,
         free: true,
         reason: String::new(),
@@ -259,12 +267,12 @@ impl<'a> Episode<'a> {
                 calm.moved = true;
                 watch.meter.on_moved(calm.waited);
             }
-            let time = match (watch.homed, watch.free) {
-                (false, _) => &mut calm.homing,
-                (true, true) => &mut calm.waited,
-                (true, false) => &mut calm.enclosed,
-            };
-            *time += operator::PERIOD;
+            match (watch.homed, watch.free) {
+                (false, _) => calm.homing += operator::PERIOD,
+                (true, true) => calm.waited += operator::PERIOD,
+                (true, false) if watch.clearance < ENCLOSED_M => {}
+                (true, false) => calm.enclosed += operator::PERIOD,
+            }
         }
         drop(watch);
         for message in says {

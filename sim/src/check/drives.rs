@@ -1,61 +1,126 @@
-//! The loss of one drive stops the other (docs/design.md, section 4): the propulsion does not turn while the steering
-//! is absent.
+//! The loss of one drive stops all others (docs/design.md, section 4): the propulsion does not turn while the steering is
+//! absent, nor do wheels that turn the robot together while one of them is.
 //!
-//! No set-point 200 ms after the steering's last heartbeat, nor after it has reported a fault or has restarted.
+//! No set-point 200 ms after the drive's last heartbeat, nor after it has reported a fault or has restarted; and 300 ms
+//! later no wheel turns any more, by its last set-point and its own report, unless the body stands.
 
-use super::Verdict;
-use super::facts::Facts;
+use super::facts::{DELAY_MAX, Facts};
+use super::wire::Drive;
+use super::{Limits, Verdict};
 use base::{Duration, Instant};
 
 /// Timeout of a node's heartbeat.
 const HEARTBEAT: Duration = Duration::from_millis(200);
+/// Maximum time from then until the others are commanded to stop, or stop by themselves.
+const STOP_MAX: Duration = Duration::from_millis(300);
+/// Speed below which the body counts as standing, m/s.
+const STANDSTILL_MPS: f64 = 0.02;
 /// NMT states in a heartbeat.
 const BOOT_UP: u8 = 0;
 const OPERATIONAL: u8 = 5;
 
-/// Reports of the steering.
-#[derive(Debug, Default)]
-pub(super) struct Rule {
+/// A drive without which the robot does not move.
+#[derive(Debug)]
+struct Watched {
+    name: String,
+    drive: Drive,
     heartbeat: Instant,
-    /// Instant since which it is in fault, or not started.
-    down: Option<Instant>,
+    /// Instant since which it is not started.
+    reset: Option<Instant>,
+    /// Instant since which it is in fault.
+    fault: Option<Instant>,
 }
 
-impl Rule {
-    /// Processes a frame on the wire, except those to the propulsion.
-    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let steering = &facts.limits.steering;
-        if id == 0x700 + u16::from(steering.node) {
+impl Watched {
+    fn new(name: &str, drive: &Drive) -> Self {
+        Self { name: name.into(), drive: drive.clone(), heartbeat: Instant::ZERO, reset: None, fault: None }
+    }
+
+    fn is_heartbeat(&self, id: u16) -> bool {
+        id == 0x700 + u16::from(self.drive.node)
+    }
+
+    fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) {
+        if self.is_heartbeat(id) {
             self.heartbeat = now;
             match data.first() {
-                Some(&BOOT_UP) => self.down = self.down.or(Some(now)),
-                Some(&OPERATIONAL) => self.down = None,
+                Some(&BOOT_UP) => self.reset = self.reset.or(Some(now)),
+                Some(&OPERATIONAL) => self.reset = None,
                 _ => {}
             }
-        } else if steering.reported(id, data).is_some_and(|status| matches!(status & 0x4F, 0x08 | 0x0F)) {
-            self.down = self.down.or(Some(now));
+        } else if let Some(status) = self.drive.reported(id, data) {
+            // CiA 402-2, statusword: fault, fault reaction active.
+            let is_fault = matches!(status & 0x4F, 0x08 | 0x0F);
+            self.fault = if is_fault { self.fault.or(Some(now)) } else { None };
         }
     }
 
-    /// Processes a frame of the steering that no node received.
-    pub fn on_frame_lost(&mut self, id: u16, facts: &Facts) {
-        let steering = &facts.limits.steering;
-        if id == 0x700 + u16::from(steering.node) || steering.reports.iter().any(|place| place.id == id) {
-            self.down = None;
+    /// Instant since which it is missing, and what of it. Input that waited while the driver was held up until `ill` is
+    /// new to it.
+    fn missing(&self, ill: Instant) -> (Instant, String) {
+        let Self { name, heartbeat, reset, fault, .. } = self;
+        let silent = (*heartbeat).max(ill) + HEARTBEAT;
+        match reset.or(*fault).map(|down| (down, ill.max(down))).filter(|(_, known)| *known <= silent) {
+            Some((down, known)) => (known, format!("the {name} drive is in fault or not started since {down:?}")),
+            None => (silent, format!("the {name} drive's last heartbeat was at {heartbeat:?}")),
+        }
+    }
+}
+
+/// Reports of the drives.
+#[derive(Debug)]
+pub(super) struct Rule {
+    watched: Vec<Watched>,
+}
+
+impl Rule {
+    pub fn new(limits: &Limits) -> Self {
+        let watched = match &limits.steering {
+            Some(steering) => vec![Watched::new(super::STEERING, steering)],
+            None => limits.drives().map(|(name, drive)| Watched::new(name, drive)).collect(),
+        };
+        Self { watched }
+    }
+
+    /// Processes a frame on the wire, except those to the propulsion.
+    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) {
+        self.watched.iter_mut().for_each(|drive| drive.on_frame(now, id, data));
+    }
+
+    /// Processes a frame of a drive that no node received.
+    pub fn on_frame_lost(&mut self, id: u16) {
+        for drive in &mut self.watched {
+            if drive.is_heartbeat(id) || drive.drive.reports.iter().any(|place| place.id == id) {
+                (drive.reset, drive.fault) = (None, None);
+            }
         }
     }
 
     /// A set-point has left the wire.
     pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
-        let slack = facts.slack(now);
-        // Input that waited while the driver was held up is new to it.
-        let ill = facts.driver.ill(now);
-        if now.since(self.heartbeat.max(ill)) > HEARTBEAT + slack {
-            return Err(format!("{speed:.3} m/s, and the steering's last heartbeat was at {:?}", self.heartbeat));
+        match self.missing(facts.driver.ill(now)) {
+            Some((since, why)) if now.since(since) > facts.slack(now) => Err(format!("{speed:.3} m/s, and {why}")),
+            _ => Ok(()),
         }
-        if let Some(down) = self.down.filter(|down| now.since(ill.max(*down)) > slack) {
-            return Err(format!("{speed:.3} m/s, and the steering is in fault or not started since {down:?}"));
+    }
+
+    /// Processes a sample of the body's speed, m/s. What a drive does that is not reached, or does not obey, is judged by
+    /// other rules.
+    pub fn on_truth(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let excused = facts.is_disturbed(now) || facts.is_cut_off(now) || facts.may_disobey(now);
+        if speed.abs() < STANDSTILL_MPS || excused || facts.wheels.len() < 2 || !facts.driver.is_well() {
+            return Ok(());
         }
-        Ok(())
+        match self.missing(facts.driver.ill(now)) {
+            Some((since, why)) if now.since(since) > STOP_MAX + DELAY_MAX && facts.set_point.speed().is_some() => {
+                Err(format!("{speed:.3} m/s, {why}, and not all wheels are told to stop"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The drive that is missing longest.
+    fn missing(&self, ill: Instant) -> Option<(Instant, String)> {
+        self.watched.iter().map(|drive| drive.missing(ill)).min_by_key(|(since, _)| *since)
     }
 }

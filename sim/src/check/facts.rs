@@ -1,11 +1,12 @@
 //! Facts that several rules use: state of the processes, input served to the drives' driver, traffic on the wire.
 
-use super::Limits;
 use super::believed::Believed;
 use super::life::Life;
 use super::names::Names;
 use super::pause_line::PauseLine;
-use super::sources::{Asked, Source, Sources};
+use super::sources::{Asked, ROUNDING_MPS, Source, Sources};
+use super::wire::Wheel;
+use super::{Base, Limits};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
@@ -26,11 +27,14 @@ const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 /// Time to standstill from top speed without power, at 0.17 m/s².
 const COASTING_TIME: Duration = Duration::from_secs(10);
 
-/// The last RPDO of the propulsion.
+/// Period of the set-points of several wheels.
+const STEP: Duration = Duration::from_millis(20);
+
+/// The last RPDO of the propulsion: of one wheel, or of all of them together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPoint {
     pub controlword: u8,
-    target: i32,
+    moves: bool,
     mps: f64,
     is_stop: bool,
 }
@@ -38,17 +42,37 @@ pub(super) struct SetPoint {
 impl SetPoint {
     /// Speed at which it moves the robot, m/s; `None` if it does not move it.
     pub fn speed(self) -> Option<f64> {
-        (self.controlword & 0x0F == 0x0F && self.target != 0).then_some(self.mps)
+        self.moves.then_some(self.mps)
     }
 
     pub fn is_stop(self) -> bool {
         self.is_stop
     }
 
-    fn read(frame: &Frame, limits: &Limits) -> Option<Self> {
-        let (controlword, target) = limits.propulsion.commanded(frame.data())?;
-        let mps = f64::from(target) / limits.units_per_mps;
-        Some(Self { controlword, target, mps, is_stop: controlword == limits.stop_word })
+    fn read(frame: &Frame, wheel: &Wheel) -> Option<Self> {
+        let (controlword, target) = wheel.drive.commanded(frame.data())?;
+        let (moves, mps) = (controlword & 0x0F == 0x0F && target != 0, f64::from(target) / wheel.units_per_mps);
+        Some(Self { controlword, moves, mps, is_stop: controlword == wheel.stop_word })
+    }
+
+    /// That of several wheels, the last of which was commanded by `last`. It moves the robot if one turns, at the speed
+    /// of the fastest; it is a stop if all stop.
+    fn of(wheels: &[Self], last: Self) -> Self {
+        let [_, _, ..] = wheels else { return last };
+        let moving = wheels.iter().filter_map(|wheel| wheel.speed());
+        Self {
+            moves: wheels.iter().any(|wheel| wheel.moves),
+            mps: moving.fold(0.0, |fastest, mps| f64::max(fastest, mps.abs())),
+            is_stop: wheels.iter().all(|wheel| wheel.is_stop),
+            ..last
+        }
+    }
+}
+
+impl Base {
+    /// Longest time in which its wheels reach their speeds: from full speed one way to that of the other.
+    fn ramp(&self, speed: f64) -> Duration {
+        Duration::from_secs_f64(2.0 * speed / self.deceleration_mps2) + 2 * STEP
     }
 }
 
@@ -60,7 +84,11 @@ pub(super) struct Facts {
     /// Other modules.
     pub others: Names<Life>,
     pub sources: Sources,
+    /// Last set-point of each wheel.
+    pub wheels: Vec<SetPoint>,
     pub set_point: SetPoint,
+    /// The last set-point that a command asked for, of wheels that reach their speeds in steps.
+    asked: (Instant, f64),
     /// Time of the last set-point that moved the robot.
     moved: Instant,
     /// State of the driver, and its begin.
@@ -104,6 +132,8 @@ impl Facts {
     pub fn new(limits: Limits) -> Self {
         Self {
             sources: Sources::new(limits.ttl),
+            wheels: vec![SetPoint::default(); limits.wheels.len()],
+            asked: (Instant::ZERO, 0.0),
             limits,
             driver: Life::default(),
             others: Names::default(),
@@ -186,14 +216,19 @@ impl Facts {
         if module == self.limits.driver { Some(&self.driver) } else { self.others.get(module) }
     }
 
-    /// Speed limit of a source, m/s.
-    pub fn limit(&self, source: &Source) -> f64 {
-        if source.is_planner() { self.limits.speed_autonomous } else { self.limits.speed_manual }
-    }
-
-    /// True if a source commands this speed, or a higher one that is limited to it.
+    /// True if a source commands this speed, or a higher one that is limited to it; of wheels that reach their speeds in
+    /// steps also if it commands anything and they are on their way, not faster than they were.
     pub fn asks(&self, now: Instant, source: &Source, speed: f64) -> bool {
-        source.asks(now, self.slack(now), speed, self.limit(source))
+        let slack = self.slack(now);
+        match &self.limits.base {
+            None => source.asks(now, slack, speed, self.limits.cap(source.priority)),
+            // The speeds of its wheels have the limit in them.
+            Some(base) => {
+                let (since, fastest) = self.asked;
+                let slows = speed <= fastest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
+                source.asks(now, slack, speed, f64::INFINITY) || slows && source.lives(now, slack)
+            }
+        }
     }
 
     /// True if a source was released since the last stop; the planner also needs an estimate.
@@ -209,7 +244,8 @@ impl Facts {
 
     fn has_begun(&self, now: Instant, source: &Source) -> bool {
         let slack = self.slack(now);
-        let ended = source.ended.is_some_and(|at| now.since(at) > slack);
+        let ramp = self.limits.base.as_ref().map_or(Duration::ZERO, |base| base.ramp(self.limits.speed));
+        let ended = source.ended.is_some_and(|at| now.since(at) > slack.max(ramp));
         !ended && source.begun.is_some_and(|at| at + slack >= self.stopped)
     }
 
@@ -267,7 +303,9 @@ impl Facts {
 
     fn on_fault(&mut self, now: Instant, target: &str, fault: &str, until: Instant) {
         let over = fault == "none";
-        if ["propulsion", "steering"].contains(&target) && ["babble", "clash"].contains(&fault) {
+        let is_wheel = self.limits.wheels.iter().any(|wheel| wheel.name == target);
+        let is_drive = self.limits.drives().any(|(name, _)| name == target);
+        if is_drive && ["babble", "clash"].contains(&fault) {
             self.disturbed = self.disturbed.max(until + AFTERMATH);
         }
         if target == self.limits.bus {
@@ -279,7 +317,7 @@ impl Facts {
         } else if target == "lcm" {
             let until = if over { now } else { until };
             self.lcm = Some(self.lcm.filter(|_| !over).map_or(until, |before| before.max(until)));
-        } else if target == "propulsion" {
+        } else if is_wheel {
             match fault {
                 "silent" => self.deaf = until + AFTERMATH,
                 "none" => self.deaf = now + AFTERMATH,
@@ -290,7 +328,7 @@ impl Facts {
             if ["unbraked", "runaway"].contains(&fault) {
                 self.disobeys = self.disobeys.max(until + AFTERMATH_OF_COMMAND);
             }
-        } else if target == "steering" {
+        } else if is_drive {
             let until = if until == Instant::NEVER { now } else { until };
             self.steering_ill = self.steering_ill.max(until + AFTERMATH_OF_COMMAND);
         } else {
@@ -301,15 +339,20 @@ impl Facts {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        if frame.id() != Id::Standard(self.limits.propulsion.command.id) {
-            return;
-        }
-        let Some(set_point) = SetPoint::read(frame, &self.limits) else { return };
+        let Id::Standard(id) = frame.id() else { return };
+        let Some(number) = self.limits.wheel(id) else { return };
+        let Some(of_wheel) = SetPoint::read(frame, &self.limits.wheels[number]) else { return };
+        self.wheels[number] = of_wheel;
+        let set_point = SetPoint::of(&self.wheels, of_wheel);
         let was = std::mem::replace(&mut self.set_point, set_point);
         if set_point.is_stop() {
             self.on_stop(now, was);
-        } else if set_point.speed().is_some() {
+        } else if let Some(speed) = set_point.speed().filter(|_| of_wheel.speed().is_some()) {
             self.moved = now;
+            let slack = self.slack(now);
+            if self.sources.iter().any(|source| source.asks(now, slack, speed, f64::INFINITY)) {
+                self.asked = (now, speed);
+            }
         }
     }
 
@@ -334,7 +377,7 @@ impl Facts {
     }
 
     fn on_heard(&mut self, now: Instant, at: Instant, message: &Message) {
-        if let Some(asked) = Asked::of(message) {
+        if let Some(asked) = Asked::of(message, &self.limits) {
             // Older commands have expired.
             if now.since(at) >= self.limits.ttl {
                 return;
@@ -365,7 +408,7 @@ impl Facts {
             self.goal = Some(now);
         }
         if runs && (command.module == "*" || command.module == self.limits.driver) {
-            self.pause.overrule(now);
+            self.pause.overrule(now, self.limits.power.is_some());
         }
     }
 

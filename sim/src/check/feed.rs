@@ -46,11 +46,11 @@ struct Order {
 }
 
 /// The propulsion's feed and speed.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Rule {
     recent: VecDeque<(Instant, f64)>,
-    /// The power stage is on, by the statusword.
-    powered: bool,
+    /// The power stage of each wheel is on, by the statusword.
+    powered: Vec<bool>,
     order: Option<Order>,
     /// Time of the last order to cut, and of the last one by a person to switch on.
     cut: Option<Instant>,
@@ -65,6 +65,20 @@ pub(super) struct Rule {
 }
 
 impl Rule {
+    pub fn new(wheels: usize) -> Self {
+        Self {
+            recent: VecDeque::new(),
+            powered: vec![false; wheels],
+            order: None,
+            cut: None,
+            on: Instant::ZERO,
+            unheard: false,
+            set_point: 0.0,
+            settled: Instant::ZERO,
+            exceeds: None,
+        }
+    }
+
     /// A process of the driver is started. It knows neither of an earlier order to cut the feed, nor how long the drive
     /// has been commanded to stop.
     pub fn on_driver(&mut self, now: Instant) {
@@ -76,9 +90,9 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, id: u16, data: &[u8], facts: &Facts) {
-        if let Some(status) = facts.limits.propulsion.reported(id, data) {
+        if let Some((wheel, status)) = facts.limits.reported(id, data) {
             // CiA 402-2, statusword: operation enabled, quick stop active.
-            self.powered = matches!(status & 0x6F, 0x27 | 0x07);
+            self.powered[wheel] = matches!(status & 0x6F, 0x27 | 0x07);
         }
     }
 
@@ -145,12 +159,14 @@ impl Rule {
         }
         self.recent.push_back((now, speed));
         let paused = facts.limits.power.is_some() && facts.pause.cuts_feed();
-        if paused || !self.powered || is_unreached(now, facts) {
+        if paused || self.powered.contains(&false) || is_unreached(now, facts) {
             (self.exceeds, self.settled) = (None, now);
             self.order = facts.set_point.is_stop().then_some(Order { at: now, speed });
             return Ok(());
         }
-        self.judge_order(now, speed)?;
+        if facts.limits.feed_is_cut {
+            self.judge_order(now, speed)?;
+        }
         self.judge_speed(now, speed)
     }
 

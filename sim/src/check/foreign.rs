@@ -4,9 +4,9 @@
 //! That such a sender releases nothing either is judged by the other rules, whose facts leave out messages that are not
 //! accepted.
 
-use super::Verdict;
 use super::facts::Facts;
 use super::sources::{Asked, Sources};
+use super::{Limits, Verdict};
 use base::{Duration, Instant};
 use messages::Message;
 
@@ -25,8 +25,8 @@ impl Rule {
     }
 
     /// A message was sent that is not accepted.
-    pub fn on_message(&mut self, now: Instant, message: &Message) {
-        if let Some(asked) = Asked::of(message) {
+    pub fn on_message(&mut self, now: Instant, message: &Message, limits: &Limits) {
+        if let Some(asked) = Asked::of(message, limits) {
             self.sources.said(now, now, asked);
         }
     }

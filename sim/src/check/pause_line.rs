@@ -78,8 +78,11 @@ impl PauseLine {
         }
     }
 
-    /// An operator's RUN.
-    pub fn overrule(&mut self, now: Instant) {
+    /// An operator's RUN, to a robot with a power controller or without.
+    pub fn overrule(&mut self, now: Instant, has_controller: bool) {
+        if !has_controller && now.since(self.heard) >= PAUSE_TIMEOUT {
+            self.controller = Pause::Open;
+        }
         self.others.retain(|other| now.since(other.heard) < PAUSE_TIMEOUT);
     }
 }

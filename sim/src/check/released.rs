@@ -99,7 +99,7 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let steering = &facts.limits.steering;
+        let Some(steering) = &facts.limits.steering else { return };
         if let Some(status) = steering.reported(id, data) {
             if facts.limits.homed != 0 {
                 self.on_reference(now, status & facts.limits.homed != 0);
@@ -129,6 +129,9 @@ impl Rule {
     /// begins anew, with its wheels straight ahead.
     pub fn on_truth(&mut self, now: Instant, pid: u32, angle: f64, facts: &Facts) -> Verdict {
         self.update(now, facts);
+        if facts.limits.steering.is_none() {
+            return Ok(());
+        }
         let before = self.angle.replace((pid, angle)).filter(|(simulator, _)| *simulator == pid);
         let turned = before.map_or(0.0, |(_, before)| (angle - before).abs());
         // A drive that is out of reach, or was a moment ago, stops by itself.

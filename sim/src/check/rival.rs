@@ -45,9 +45,7 @@ impl Facts {
     /// True for a frame by which a master commands the drives.
     pub fn is_command(&self, frame: &Frame) -> bool {
         let Id::Standard(id) = frame.id() else { return false };
-        let is_ours = |node: u16| {
-            [&self.limits.propulsion, &self.limits.steering].iter().any(|drive| u16::from(drive.node) == node)
-        };
+        let is_ours = |node: u16| self.limits.drives().any(|(_, drive)| u16::from(drive.node) == node);
         match (id & 0x780, id & 0x7F, frame.data()) {
             (0, 0, &[_, node]) => node == 0 || is_ours(node.into()),
             (0x80, 0, _) => true,

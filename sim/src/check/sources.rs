@@ -1,8 +1,9 @@
 //! Recent commands of each source of motion, as received by the driver: of both messages.
 
-use super::Limits;
 use super::facts::DELAY_MAX;
+use super::{Base, Limits};
 use base::{Duration, Instant};
+use kinematics::Twist;
 use messages::{Message, lowlevel};
 use std::collections::VecDeque;
 
@@ -13,14 +14,14 @@ const COMMANDS_MAX: usize = 32;
 /// Highest priority of a command.
 const PRIORITY_MAX: i8 = 3;
 /// Tolerance of a set-point due to rounding, m/s: one rpm of the motor is 0.0004.
-const ROUNDING_MPS: f64 = 0.001;
+pub(super) const ROUNDING_MPS: f64 = 0.001;
 
 /// A command of either message, as far as the rules depend on it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked<'a> {
     pub source: &'a str,
     pub priority: i8,
-    /// Forward, m/s.
+    /// Forward, m/s; of a robot that turns by its wheels that of the fastest one.
     pub speed: f64,
     /// It commands to stand: of a velocity all components are 0.
     pub zero: bool,
@@ -30,31 +31,61 @@ pub(super) struct Asked<'a> {
 
 impl<'a> Asked<'a> {
     /// The command in a message, if it is one.
-    pub fn of(message: &'a Message) -> Option<Self> {
-        match message {
+    pub fn of(message: &'a Message, limits: &Limits) -> Option<Self> {
+        let (source, priority, twist, velocity) = match message {
             Message::LlCmdMotion(command) => {
-                let &lowlevel::CmdMotion { speed, priority, ref source, .. } = command;
-                Some(Self { source, priority, speed, zero: speed == 0.0, velocity: false })
+                let &lowlevel::CmdMotion { speed, steering, priority, ref source, .. } = command;
+                let curve = speed * libm::tan(steering) / limits.wheelbase;
+                (source, priority, Twist::new(speed, 0.0, curve), false)
             }
             Message::LlCmdVelocity(command) => {
                 let &lowlevel::CmdVelocity { vx, vy, omega, priority, ref source, .. } = command;
-                Some(Self { source, priority, speed: vx, zero: [vx, vy, omega] == [0.0; 3], velocity: true })
+                (source, priority, Twist::new(vx, vy, omega), true)
             }
-            _ => None,
-        }
+            _ => return None,
+        };
+        // The zero of LL_CMD_MOTION is its speed, whatever its angle.
+        let zero = if velocity { twist == Twist::ZERO } else { twist.vx == 0.0 };
+        let speed = limits.base.as_ref().map_or(twist.vx, |base| base.fastest(twist, limits.cap(priority)));
+        Some(Self { source, priority, speed, zero, velocity })
     }
 
     /// True if the driver accepts the command in a message.
     pub fn is_in_limits(&self, message: &Message, limits: &Limits) -> bool {
         let bounded = match message {
             Message::LlCmdVelocity(command) => {
-                let rotation = limits.speed * libm::tan(limits.steering_angle) / limits.wheelbase;
-                command.vy.abs() <= limits.speed && command.omega.abs() <= rotation
+                let speeds = [command.vx, command.vy].into_iter().all(|speed| speed.abs() <= limits.speed);
+                speeds && command.omega.abs() <= limits.rotation
             }
-            Message::LlCmdMotion(command) => command.steering.abs() <= limits.steering_angle,
+            Message::LlCmdMotion(command) => {
+                command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering_angle
+            }
             _ => false,
         };
-        bounded && self.speed.abs() <= limits.speed && (0..=PRIORITY_MAX).contains(&self.priority)
+        bounded && (0..=PRIORITY_MAX).contains(&self.priority)
+    }
+}
+
+impl Limits {
+    /// Speed limit of a source of this priority, m/s.
+    pub(super) fn cap(&self, priority: i8) -> f64 {
+        if priority == lowlevel::CmdMotion::PLANNER { self.speed_autonomous } else { self.speed_manual }
+    }
+}
+
+impl Base {
+    /// Speed of the fastest wheel at a velocity, m/s.
+    pub(super) fn fastest_wheel(&self, twist: Twist) -> f64 {
+        let wheels = self.chassis.wheel_states(twist, &[]);
+        wheels.iter().fold(0.0, |fastest, wheel| f64::max(fastest, wheel.speed_mps.abs()))
+    }
+
+    /// The same at a command of a source with this speed limit, m/s.
+    fn fastest(&self, command: Twist, cap: f64) -> f64 {
+        let twist = self.chassis.feasible(command).twist;
+        let speed = libm::hypot(twist.vx, twist.vy);
+        let kept = if speed > cap { cap / speed } else { 1.0 };
+        self.fastest_wheel(twist * kept)
     }
 }
 

@@ -6,7 +6,7 @@
 //! of overlapping faults; a hang that ends sooner does not count. Evaluated only while a set-point moves the robot.
 
 use super::Verdict;
-use super::facts::{DELAY_MAX, Facts};
+use super::facts::{DELAY_MAX, Facts, SetPoint};
 use base::{Duration, Instant};
 
 /// Maximum time from hang or death to the stop.
@@ -41,16 +41,20 @@ impl Lost {
 }
 
 /// Lost units.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Rule {
     lost: Option<Lost>,
-    /// True if the propulsion last reported Operation Enabled.
-    enabled: bool,
+    /// True for each wheel that last reported Operation Enabled.
+    enabled: Vec<bool>,
     /// Longest time to a reported stop.
     pub worst: Option<Duration>,
 }
 
 impl Rule {
+    pub fn new(wheels: usize) -> Self {
+        Self { lost: None, enabled: vec![false; wheels], worst: None }
+    }
+
     /// A process died or hangs.
     pub fn on_lost(&mut self, now: Instant, module: &str, facts: &Facts) {
         let matters = module == facts.limits.watchdog || facts.limits.critical.iter().any(|name| *name == *module);
@@ -68,12 +72,14 @@ impl Rule {
 
     /// Processes a frame on the wire, except those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        if let Some(status) = facts.limits.propulsion.reported(id, data) {
-            // CiA 402-2, statusword: operation enabled.
-            let enabled = status & 0x6F == 0x27;
-            if std::mem::replace(&mut self.enabled, enabled) && !enabled {
-                self.on_still(now, facts);
-            }
+        let Some((wheel, status)) = facts.limits.reported(id, data) else { return };
+        // CiA 402-2, statusword: operation enabled.
+        let enabled = status & 0x6F == 0x27;
+        let stops = std::mem::replace(&mut self.enabled[wheel], enabled) && !enabled;
+        let turns = |(other, set_point): (usize, &SetPoint)| other != wheel && set_point.speed().is_some();
+        let others = facts.wheels.iter().enumerate().any(|wheel| turns(wheel) && self.enabled[wheel.0]);
+        if stops && !others {
+            self.on_still(now, facts);
         }
     }
 

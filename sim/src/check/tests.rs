@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 mod others;
 mod stopping;
+mod wheels;
 
 const WATCHDOG: u32 = 1;
 const DRIVER: u32 = 3;
@@ -30,14 +31,20 @@ fn limits() -> Limits {
         power: Some("power".into()),
         commands: Commands::Host,
         bus: "can".into(),
-        propulsion: drive(1, 0x501, &[0x181, 0x481]),
-        steering: drive(2, 0x302, &[0x182, 0x282]),
-        stop_word: 0x0B,
-        units_per_mps: 1000.0,
+        wheels: vec![wire::Wheel {
+            name: "propulsion".into(),
+            drive: drive(1, 0x501, &[0x181, 0x481]),
+            stop_word: 0x0B,
+            units_per_mps: 1000.0,
+        }],
+        steering: Some(drive(2, 0x302, &[0x182, 0x282])),
+        base: None,
         homed: 0x8000,
         speed: 1.2,
         steering_angle: 0.6,
         wheelbase: 0.6,
+        rotation: 1.36,
+        feed_is_cut: true,
         speed_manual: 0.6,
         speed_autonomous: 0.8,
         quick_stop: 1.5,
@@ -72,6 +79,8 @@ struct Bench {
     x: f64,
     speed: f64,
     steering: f64,
+    /// It moves at its speed.
+    rolls: bool,
     /// Process that simulates the body.
     simulator: u32,
     /// Way of the next message.
@@ -85,10 +94,13 @@ impl Bench {
     }
 
     fn with(limits: Limits) -> Self {
+        let rolls = limits.base.is_some();
         let checkers = Checkers::new(limits);
-        let (now, pids, quiet) = (Instant::ZERO, BTreeMap::new(), Vec::new());
+        // A propulsion without another wheel is not watched.
+        let quiet = if rolls { vec![] } else { vec!["propulsion".into()] };
+        let (now, pids) = (Instant::ZERO, BTreeMap::new());
         let (x, speed, steering) = (0.0, 0.0, 0.0);
-        let mut bench = Self { checkers, now, pids, quiet, x, speed, steering, simulator: 0, way: Way::Memory };
+        let mut bench = Self { checkers, now, pids, quiet, x, speed, steering, rolls, simulator: 0, way: Way::Memory };
         for module in ["watchdog", "power", "driver"] {
             bench.start(module);
             bench.tell(&News::State { module, state: State::Run });
@@ -120,6 +132,7 @@ impl Bench {
 
     fn usual(&mut self) {
         for (who, says) in [
+            ("propulsion", "frame 701 05"),
             ("steering", "frame 702 05"),
             ("watchdog", "list power,driver"),
             ("power", "line free"),
@@ -130,6 +143,8 @@ impl Bench {
                 self.act(&says.split(' ').collect::<Vec<_>>());
             }
         }
+        // A body that turns by its wheels is judged by its way.
+        self.x += if self.rolls { self.speed * 0.05 } else { 0.0 };
         self.truth();
     }
 
@@ -164,8 +179,12 @@ impl Bench {
 
     /// An RPDO4 of the propulsion.
     fn set_point(&mut self, controlword: u8, mps: f64) {
+        self.set_point_of(0x501, controlword, mps);
+    }
+
+    fn set_point_of(&mut self, id: u16, controlword: u8, mps: f64) {
         let rpm = ((mps * 1000.0) as i32).to_le_bytes();
-        self.frame(0x501, &[controlword, 0, rpm[0], rpm[1], rpm[2], rpm[3]]);
+        self.frame(id, &[controlword, 0, rpm[0], rpm[1], rpm[2], rpm[3]]);
     }
 
     fn words(&mut self, what: &str, address: u8) {
@@ -227,6 +246,13 @@ impl Bench {
             ["drive", speed] => self.set_point(0x0F, number(speed)),
             ["drive", controlword, speed] => self.set_point(byte(controlword), number(speed)),
             ["stop"] => self.set_point(0x0B, 0.0),
+            // Of two wheels, the left one first.
+            ["wheels", left, right] => {
+                for (id, speed) in [(0x501, left), (0x302, right)] {
+                    let (controlword, mps) = if speed == "stop" { (0x0B, 0.0) } else { (0x0F, number(speed)) };
+                    self.set_point_of(id, controlword, mps);
+                }
+            }
             // `other`: of another master.
             [what @ ("frame" | "other"), id, ref data @ ..] => {
                 let data: Vec<u8> = data.iter().map(|text| byte(text)).collect();

@@ -22,6 +22,19 @@ pub struct Drive {
     pub reports: Vec<Place>,
 }
 
+/// A driven wheel, or the driven axle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wheel {
+    /// Name of its axis: `propulsion`, `left`.
+    pub name: String,
+    /// Its drive.
+    pub drive: Drive,
+    /// Low byte of the controlword by which it stops.
+    pub stop_word: u8,
+    /// Target at 1 m/s.
+    pub units_per_mps: f64,
+}
+
 impl Drive {
     /// Low byte of the controlword, and the target, of the data of its RPDO; `None`: too short.
     #[must_use]

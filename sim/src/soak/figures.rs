@@ -2,6 +2,7 @@
 
 use super::operator;
 use super::tally::{Contacts, Driven, Goals, Shares};
+use crate::check::wire::Wheel;
 use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -74,8 +75,8 @@ pub(super) struct Meter {
     pub figures: Figures,
     /// Instant since which no fault is injected.
     pub calm: Option<Instant>,
-    /// The set-point on the bus moves the robot.
-    moves: bool,
+    /// The set-point on the bus moves each wheel.
+    moves: Vec<bool>,
     /// Time of the last command that moves it, unless one that stops it followed.
     commanded: Option<Instant>,
     /// Modules that are not in RUN because of a fault.
@@ -99,10 +100,10 @@ struct Down {
 impl Meter {
     pub fn new(limits: Limits) -> Self {
         Self {
+            moves: vec![false; limits.wheels.len()],
             limits,
             figures: Figures::default(),
             calm: None,
-            moves: false,
             commanded: None,
             down: BTreeMap::new(),
             ill: Instant::ZERO,
@@ -119,7 +120,8 @@ impl Meter {
                 self.on_command(now, command.speed);
             }
             News::Message { sender, message: Message::LlCmdVelocity(command) } if sender.way == Way::Memory => {
-                self.on_command(now, command.vx);
+                let still = [command.vx, command.vy, command.omega] == [0.0; 3];
+                self.on_command(now, if still { 0.0 } else { 1.0 });
             }
             News::Message { sender, message } if sender.way == Way::Memory => self.on_message(message),
             News::Note { line, .. } => {
@@ -184,12 +186,12 @@ impl Meter {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        if frame.id() != Id::Standard(self.limits.propulsion.command.id) {
-            return;
-        }
-        let commanded = self.limits.propulsion.commanded(frame.data());
-        let moves = commanded.is_some_and(|(controlword, target)| controlword & 0x0F == 0x0F && target != 0);
-        let stops = std::mem::replace(&mut self.moves, moves) && !moves;
+        let is_command = |wheel: &Wheel| frame.id() == Id::Standard(wheel.drive.command.id);
+        let Some(number) = self.limits.wheels.iter().position(is_command) else { return };
+        let commanded = self.limits.wheels[number].drive.commanded(frame.data());
+        let moved = self.moves.contains(&true);
+        self.moves[number] = commanded.is_some_and(|(controlword, target)| controlword & 0x0F == 0x0F && target != 0);
+        let stops = moved && !self.moves.contains(&true);
         if !stops {
             return;
         }

@@ -7,8 +7,10 @@
 
 use super::scenario::Behaviour;
 use super::tally::Goals;
+use crate::check::Limits;
 use crate::host::News;
 use base::{Duration, Instant};
+use kinematics::{Chassis, Twist};
 use messages::{Hold, Message, common, lowlevel, middlelevel, simulation};
 use module::admission::Way;
 use navitools::{Ackermann, Point, Pose};
@@ -29,6 +31,8 @@ const ZERO: Duration = Duration::from_millis(300);
 const TEND_PERIOD: Duration = Duration::from_secs(2);
 /// Look-ahead beyond the end of a leg, and its step, s.
 const LOOK_AHEAD_S: (f64, f64) = (1.0, 0.25);
+/// Part of the legs of a robot that turns by its wheels that are any motion of it, not that of a robot that steers.
+const FREE: f64 = 0.4;
 /// Number of legs that are compared.
 const PATHS_TRIED: u32 = 12;
 /// Way by which the robot is pushed back from an edge at a time, m.
@@ -53,17 +57,60 @@ enum Doing {
     /// Commands zero until then.
     Zero(Instant),
     /// Drives until then.
-    Drive { speed: f64, steering: f64, until: Instant },
+    Drive { leg: Leg, until: Instant },
     /// Silent until then, followed by a goal for the planner: it cannot be released while a manual source drives.
     Yields(Instant),
     /// Lets the planner drive until then.
     Waits(Instant),
 }
 
+/// What he commands on a piece of a drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Leg {
+    /// `LL_CMD_MOTION`: speed, m/s, and steering angle, rad.
+    Curve(f64, f64),
+    /// `LL_CMD_VELOCITY` of a robot that turns by its wheels.
+    Free(Twist),
+}
+
+impl Leg {
+    /// Speed forward, m/s.
+    fn speed(self) -> f64 {
+        match self {
+            Self::Curve(speed, _) => speed,
+            Self::Free(twist) => twist.vx,
+        }
+    }
+
+    /// What remains is to stand.
+    fn zero(self) -> Self {
+        match self {
+            Self::Curve(..) => Self::Curve(0.0, 0.0),
+            Self::Free(_) => Self::Free(Twist::ZERO),
+        }
+    }
+
+    fn message(self) -> Message {
+        let (timestamp, priority, source) = (0, lowlevel::CmdMotion::REMOTE, SOURCE.into());
+        match self {
+            Self::Curve(speed, steering) => lowlevel::CmdMotion { timestamp, speed, steering, priority, source }.into(),
+            Self::Free(Twist { vx, vy, omega }) => {
+                lowlevel::CmdVelocity { timestamp, vx, vy, omega, priority, source, session: 1 }.into()
+            }
+        }
+    }
+}
+
 /// The operator.
 #[derive(Debug)]
 pub(super) struct Operator {
     behaviour: Behaviour,
+    /// The base of a robot that turns by its wheels, and its greatest rotation, rad/s.
+    base: Option<(Chassis, f64)>,
+    /// The robot has a PAUSE line with buttons of its own; another one's are programs, which he overrules.
+    has_line: bool,
+    /// Last command.
+    last: Leg,
     /// The world with its edges as walls: the operator sees both.
     world: World,
     random: Random,
@@ -94,7 +141,12 @@ impl fmt::Display for Operator {
         match self.doing {
             Doing::Silent(_) => f.write_str("is silent"),
             Doing::Zero(_) => f.write_str("commands zero"),
-            Doing::Drive { speed, steering, .. } => write!(f, "commands {speed:.2} m/s, {steering:.2} rad"),
+            Doing::Drive { leg: Leg::Curve(speed, steering), .. } => {
+                write!(f, "commands {speed:.2} m/s, {steering:.2} rad")
+            }
+            Doing::Drive { leg: Leg::Free(Twist { vx, vy, omega }), .. } => {
+                write!(f, "commands {vx:.2} and {vy:.2} m/s, {omega:.2} rad/s")
+            }
             Doing::Yields(_) => f.write_str("is about to send a goal"),
             Doing::Waits(_) => write!(f, "waits for the planner: {:?}", self.answer),
         }
@@ -102,9 +154,12 @@ impl fmt::Display for Operator {
 }
 
 impl Operator {
-    pub fn new(behaviour: Behaviour, world: &World, seed: u64) -> Self {
+    pub fn new(behaviour: Behaviour, limits: &Limits, world: &World, seed: u64) -> Self {
         Self {
             behaviour,
+            base: limits.base.as_ref().map(|base| (base.chassis.clone(), limits.rotation)),
+            has_line: limits.power.is_some(),
+            last: Leg::Curve(0.0, 0.0),
             world: world.fenced(),
             random: Random::stream(seed, u64::from_le_bytes(*b"operator")),
             doing: Doing::Silent(Instant::ZERO),
@@ -161,13 +216,12 @@ impl Operator {
             Doing::Drive { until, .. } if until <= now => self.change(now),
             _ => {}
         }
-        let (speed, steering) = match self.doing {
+        self.last = match self.doing {
             Doing::Silent(_) | Doing::Yields(_) | Doing::Waits(_) => return,
-            Doing::Zero(_) => (0.0, 0.0),
-            Doing::Drive { speed, steering, .. } => (speed, steering),
+            Doing::Zero(_) => self.last.zero(),
+            Doing::Drive { leg, .. } => leg,
         };
-        let priority = lowlevel::CmdMotion::REMOTE;
-        say(lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: SOURCE.into() }.into());
+        say(self.last.message());
     }
 
     /// True if it could drive, as far as it sees.
@@ -198,7 +252,7 @@ impl Operator {
     fn release(&self, say: &mut impl FnMut(Message)) {
         let Some(list) = &self.holds else { return };
         let has = |holds: &[Hold]| holds.iter().any(|hold| list.has(*hold));
-        if has(&[Hold::PauseOther, Hold::SpeedExceeded]) {
+        if has(&[Hold::PauseOther, Hold::SpeedExceeded]) || !self.has_line && has(&[Hold::PauseButton]) {
             let (module, state) = (list.module.clone(), common::DataState::RUN);
             say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
         }
@@ -238,7 +292,7 @@ impl Operator {
         if !matches!(self.doing, Doing::Drive { .. } | Doing::Waits(_)) {
             return;
         }
-        let wanted = if let Doing::Drive { speed, .. } = self.doing { speed } else { 0.0 };
+        let wanted = if let Doing::Drive { leg, .. } = self.doing { leg.speed() } else { 0.0 };
         let stands = |target: f64| wanted.abs() > STANDS_MPS && target.abs() < STANDS_MPS;
         let held = self.motion.as_ref().is_some_and(|motion| motion.reason.is_empty() && stands(motion.speed_target));
         let disobeys = held || self.motion.as_ref().is_none_or(|motion| !motion.reason.is_empty());
@@ -249,7 +303,7 @@ impl Operator {
                 now
             }
         };
-        let Doing::Drive { speed, steering, .. } = self.doing else {
+        let Doing::Drive { leg, .. } = self.doing else {
             // The planner needs a moment to begin; a later stop latches it until it is released again.
             if now.since(since) >= 4 * RETRY_DELAY {
                 (self.disobeyed, self.by_hand) = (None, true);
@@ -258,10 +312,10 @@ impl Operator {
             return;
         };
         let pose = self.pose();
-        let near = self.room(pose, speed, steering, 0.0) < self.behaviour.clearance / 2.0;
-        let near = near && self.room(pose, speed, steering, 0.0) < self.clearance(pose) - 0.01;
+        let near = self.room(pose, leg, 0.0) < self.behaviour.clearance / 2.0;
+        let near = near && self.room(pose, leg, 0.0) < self.clearance(pose) - 0.01;
         if now.since(since) >= RETRY_DELAY || near {
-            self.away = held.then(|| -speed.signum());
+            self.away = held.then(|| -leg.speed().signum());
             (self.disobeyed, self.square) = (None, 0);
             self.doing = match self.random.chance(0.5) {
                 true => Doing::Zero(now + self.for_up_to(1.0)),
@@ -330,25 +384,25 @@ impl Operator {
     /// Next leg: of a square, or the random one with the most space.
     fn leg(&mut self, now: Instant) -> Doing {
         let pose = self.pose();
-        let mut best = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
+        let mut best = (f64::NEG_INFINITY, Leg::Curve(0.0, 0.0), 0.0);
         for thought in 0..PATHS_TRIED {
-            let (speed, steering, seconds) = self.thought(thought);
-            let room = self.room(pose, speed, steering, seconds);
+            let (leg, seconds) = self.thought(thought);
+            let room = self.room(pose, leg, seconds);
             if room > best.0 {
-                best = (room, speed, steering, seconds);
+                best = (room, leg, seconds);
             }
             if room >= self.behaviour.clearance {
                 break;
             }
         }
-        let (_, speed, steering, seconds) = best;
+        let (_, leg, seconds) = best;
         self.away = None;
         self.square = self.square.saturating_sub(1);
-        Doing::Drive { speed, steering, until: now + Duration::from_secs_f64(seconds) }
+        Doing::Drive { leg, until: now + Duration::from_secs_f64(seconds) }
     }
 
-    /// A candidate leg: speed, steering, duration.
-    fn thought(&mut self, number: u32) -> (f64, f64, f64) {
+    /// A candidate leg, and its duration, s.
+    fn thought(&mut self, number: u32) -> (Leg, f64) {
         let Behaviour { speed, steering, leg, wheelbase, .. } = self.behaviour;
         if number > 0 || self.away.is_some() {
             self.square = 0;
@@ -359,14 +413,28 @@ impl Operator {
         if self.square > 0 {
             let radius = wheelbase / libm::tan(steering);
             let quarter = core::f64::consts::FRAC_PI_2 * radius / (speed / 2.0);
-            return if self.square.is_multiple_of(2) { (speed, 0.0, 2.0) } else { (speed / 2.0, steering, quarter) };
+            return match self.square.is_multiple_of(2) {
+                true => (Leg::Curve(speed, 0.0), 2.0),
+                false => (Leg::Curve(speed / 2.0, steering), quarter),
+            };
+        }
+        if let Some((chassis, rotation)) = self.base.clone().filter(|_| self.random.chance(FREE)) {
+            let [vx, vy, omega] = [speed, speed, rotation].map(|most| self.between(-most, most));
+            // Any of them alone, and all together.
+            let wanted = match self.random.bits() % 4 {
+                0 => Twist::new(0.0, vy, 0.0),
+                1 => Twist::new(0.0, 0.0, omega),
+                2 => Twist::new(vx, 0.0, omega),
+                _ => Twist::new(vx, vy, omega),
+            };
+            return (Leg::Free(chassis.feasible(wanted).twist), self.between(leg.0, leg.1));
         }
         let forward = if self.random.chance(0.7) { 1.0 } else { -1.0 };
         let forward = self.away.unwrap_or(forward);
         let speed = forward * self.between(0.1, speed);
         let straight = self.random.chance(0.3);
         let steering = if straight { 0.0 } else { self.between(-steering, steering) };
-        (speed, steering, self.between(leg.0, leg.1))
+        (Leg::Curve(speed, steering), self.between(leg.0, leg.1))
     }
 
     fn between(&mut self, least: f64, most: f64) -> f64 {
@@ -384,13 +452,16 @@ impl Operator {
 
     /// Minimum clearance on the way and while stopping at its end; not at its very beginning, so that a way out of a
     /// corner counts.
-    fn room(&self, mut pose: Pose, speed: f64, steering: f64, seconds: f64) -> f64 {
+    fn room(&self, mut pose: Pose, leg: Leg, seconds: f64) -> f64 {
         let geometry = Ackermann { wheelbase_m: self.behaviour.wheelbase, track_m: 0.0 };
         let (beyond, step) = LOOK_AHEAD_S;
         let steps = libm::ceil((seconds + beyond) / step) as u32;
         let mut least = f64::INFINITY;
         for number in 0..steps {
-            pose = pose.along(geometry.motion(speed * step, steering));
+            pose = match leg {
+                Leg::Curve(speed, steering) => pose.along(geometry.motion(speed * step, steering)),
+                Leg::Free(twist) => kinematics::integrate(pose, twist, step),
+            };
             if number + 1 >= steps.min(4) {
                 least = least.min(self.clearance(pose));
             }

@@ -3,6 +3,7 @@
 
 use super::chaos::Fault;
 use crate::check::Limits;
+use crate::check::wire::Wheel;
 use crate::host::Virtual;
 use base::can::Frame;
 use base::{Duration, Instant};
@@ -134,21 +135,18 @@ fn foreign_messages(machine: &Virtual, fault: &Fault, first: bool) -> Vec<Messag
 }
 
 fn foreign_frame(fault: &Fault, limits: &Limits) -> Option<Frame> {
-    let drive = match fault.target.as_str() {
-        "propulsion" => &limits.propulsion,
-        "steering" => &limits.steering,
-        _ => return None,
-    };
-    let node = drive.node;
-    match fault.fault.as_str() {
-        "foreign_pdo" => {
-            // To the steering it is a frame that the drive does not receive.
-            let id = if fault.target == "steering" { 0x500 + u16::from(node) } else { drive.command.id };
-            let target = (fault.value * limits.units_per_mps) as i32;
-            Some(Frame::standard(id, &drive.command(0x0F, target)))
+    let wheel = limits.wheels.iter().find(|wheel| wheel.name == fault.target);
+    let steering = limits.steering.as_ref().filter(|_| fault.target == "steering");
+    let node = wheel.map(|wheel| &wheel.drive).or(steering)?.node;
+    match (fault.fault.as_str(), wheel) {
+        ("foreign_pdo", Some(Wheel { drive, units_per_mps, .. })) => {
+            let target = (fault.value * units_per_mps) as i32;
+            Some(Frame::standard(drive.command.id, &drive.command(0x0F, target)))
         }
+        // A frame that the steering does not receive.
+        ("foreign_pdo", None) => Some(Frame::standard(0x500 + u16::from(node), &[0x0F, 0, 0, 0, 0, 0])),
         // CiA 301, 7.2.8.2.1.2: stop remote node.
-        "foreign_nmt" => Some(Frame::standard(0, &[0x02, node])),
+        ("foreign_nmt", _) => Some(Frame::standard(0, &[0x02, node])),
         // CiA 301, 7.2.4.3.3: expedited download of four bytes to 0x6085, the quick stop's deceleration.
         _ => Some(Frame::standard(0x600 + u16::from(node), &[0x23, 0x85, 0x60, 0, RAMP_RPM_PER_S, 0, 0, 0])),
     }

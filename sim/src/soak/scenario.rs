@@ -3,7 +3,11 @@
 use super::Fault;
 use base::Duration;
 use settings::{Section, Span, Texts, settings};
+use std::collections::BTreeSet;
 
+/// Target that stands for each driven wheel, and the one of the message bus.
+const PROPULSION: &str = "propulsion";
+const LCM: &str = "lcm";
 /// A day, s.
 const DAY: f64 = 86_400.0;
 
@@ -118,6 +122,17 @@ impl Default for Behaviour {
     }
 }
 
+impl Kind {
+    /// True unless it happens to a process, the disk, the clock, or the message bus.
+    fn is_of_hardware(&self) -> bool {
+        let of_others = ["kill", "hang", "crawl", "pause", "stop", "terminate", "run", "step", "full", "engage"];
+        let drives = ["drive", "plan", "plan_unasked", "plan_blind"];
+        let speaks = ["foreign_drive", "foreign_pause", "foreign_list", "foreign_release"];
+        let is = |names: &[&str]| names.contains(&self.fault.as_str());
+        !(is(&of_others) || is(&drives) || is(&speaks) || self.targets.iter().all(|target| target == LCM))
+    }
+}
+
 /// Phase of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
@@ -130,6 +145,26 @@ pub enum Phase {
 }
 
 impl Scenario {
+    /// The same for a robot that does not have all that it names. `propulsion` is every driven wheel; what else a fault
+    /// of the hardware has as its target must be of the robot (`has`) or it is left out, and with its last target the
+    /// fault. Returns what was left out, too.
+    #[must_use]
+    pub fn suited(mut self, wheels: &[&str], has: impl Fn(&str) -> bool) -> (Self, BTreeSet<String>) {
+        let mut without = BTreeSet::new();
+        for kind in self.kinds.iter_mut().filter(|kind| kind.is_of_hardware()) {
+            let targets = std::mem::take(&mut kind.targets).into_iter();
+            let each = targets.flat_map(|target| match target.as_str() {
+                PROPULSION => wheels.iter().copied().map(Into::into).collect(),
+                _ => vec![target],
+            });
+            let (kept, left_out): (Vec<String>, Vec<String>) = each.partition(|target| has(target));
+            kind.targets = kept;
+            without.extend(left_out);
+        }
+        self.kinds.retain(|kind| !kind.targets.is_empty());
+        (self, without)
+    }
+
     /// The phases of an episode with their ends, in order.
     pub fn phases(&self) -> impl Iterator<Item = (Phase, Duration)> {
         let (settle, chaos, turn) = (self.settle, self.chaos, self.chaos + self.calm);
@@ -142,5 +177,39 @@ impl Scenario {
     #[must_use]
     pub fn episode(&self) -> Duration {
         self.settle + (self.chaos + self.calm) * self.turns
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(targets: &[&str], fault: &str) -> Kind {
+        Kind {
+            name: fault.into(),
+            targets: targets.iter().map(|target| (*target).into()).collect(),
+            fault: fault.into(),
+            per_hour: 1.0,
+            value: (0.0, 0.0),
+            lasts: (0.0, 0.0),
+        }
+    }
+
+    #[test]
+    fn what_a_robot_does_not_have_is_left_out_and_the_propulsion_is_each_wheel() {
+        let kinds = vec![
+            kind(&["propulsion", "steering"], "silent"),
+            kind(&["sd1_front"], "blind"),
+            kind(&["propulsion"], "foreign_pdo"),
+            kind(&["guard", "*"], "kill"),
+            kind(&["lcm"], "lost"),
+            kind(&["rope"], "engage"),
+        ];
+        let scenario = Scenario { kinds, ..Scenario::default() };
+        let (suited, without) = scenario.suited(&["left", "right"], |name| ["left", "right"].contains(&name));
+        let rows: Vec<_> = suited.kinds.iter().map(|kind| (kind.fault.as_str(), kind.targets.join(","))).collect();
+        let expected = [("silent", "left,right"), ("foreign_pdo", "left,right"), ("kill", "guard,*"), ("lost", "lcm")];
+        assert_eq!(rows[..4], expected.map(|(fault, targets)| (fault, targets.to_owned())));
+        assert_eq!((rows.len(), without), (5, BTreeSet::from(["sd1_front".into(), "steering".into()])));
     }
 }

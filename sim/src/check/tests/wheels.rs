@@ -1,0 +1,115 @@
+//! Rules for a base that turns by its wheels: set-points of several wheels, and the loss of one.
+
+use super::*;
+use kinematics::{Chassis, Limits as OfWheel};
+
+/// A differential base with a track of 0.6 m: the drives of the other tests turn its left and its right wheel.
+fn differential() -> Limits {
+    let limits = limits();
+    let of_wheel = OfWheel { speed_mps: 1.2, acceleration_mps2: 0.5, deceleration_mps2: 0.8 };
+    let wheel = |name: &str, drive: &wire::Drive| wire::Wheel {
+        name: name.into(),
+        drive: drive.clone(),
+        stop_word: 0x0B,
+        units_per_mps: 1000.0,
+    };
+    let (left, right) = (&limits.wheels[0].drive, limits.steering.as_ref().unwrap());
+    Limits {
+        wheels: vec![wheel("left", left), wheel("right", right)],
+        steering: None,
+        base: Some(Base { chassis: Chassis::differential(0.6, of_wheel).unwrap(), deceleration_mps2: 0.8 }),
+        homed: 0,
+        promise: None,
+        feed_is_cut: false,
+        ..limits
+    }
+}
+
+/// A bench whose wheels have these set-points in turn; lines as in other scripts, and `wheels` with both speeds, or
+/// `stop`.
+#[track_caller]
+fn check_wheels(script: &str) {
+    let mut bench = Bench::with(differential());
+    for line in script.lines().map(|line| line.split('#').next().unwrap().trim()).filter(|line| !line.is_empty()) {
+        assert!(bench.checkers.violation().is_none(), "behind the last line: {line}");
+        bench.line(line);
+    }
+}
+
+#[test]
+fn the_fastest_wheel_is_what_a_command_asks_for_or_less() {
+    check_wheels("velocity pad 0 0 \n +10 velocity pad 0 0.5 \n wheels -0.15 0.15 \n wheels -0.1 0.1");
+    check_wheels("velocity pad 0 0 \n +10 velocity pad 0 0.5 \n wheels -0.15 0.16 ! fresh");
+    check_wheels("velocity pad 0 0 \n +10 velocity pad 0.4 0.5 \n wheels 0.25 0.55 \n wheels 0.25 0.56 ! fresh");
+    // A manual source drives at most at 0.6 m/s.
+    check_wheels("velocity pad 0 0 \n +10 velocity pad 1.0 0 \n wheels 0.6 0.6 \n wheels 0.61 0.6 ! fresh");
+}
+
+#[test]
+fn wheels_slow_down_in_steps_for_a_source_that_still_commands() {
+    check_wheels(
+        "velocity pad 0 0
+        +10 velocity pad 0.4 0
+        wheels 0.4 0.4
+        +20 velocity pad 0 0
+        +20 wheels 0.38 0.38
+        +20 wheels 0.36 0.36
+        +20 wheels 0.41 0.36 ! fresh",
+    );
+    check_wheels(
+        "velocity pad 0 0
+        +10 velocity pad 0.4 0
+        wheels 0.4 0.4
+        +20 velocity pad 0 0
+        +260 wheels 0.1 0.1 ! fresh",
+    );
+}
+
+#[test]
+fn wheels_that_slow_down_come_to_stand() {
+    let mut bench = Bench::with(differential());
+    for line in ["velocity pad 0 0", "+10 velocity pad 0.4 0", "wheels 0.4 0.4"] {
+        bench.line(line);
+    }
+    // From one way at full speed to the other they take 3 s.
+    for _ in 0..29 {
+        bench.line("+100 velocity pad 0 0");
+        bench.line("wheels 0.2 0.2");
+    }
+    bench.line("+100 velocity pad 0 0");
+    bench.line("+200 velocity pad 0 0");
+    bench.line("wheels 0.2 0.2 ! fresh");
+}
+
+#[test]
+fn no_wheel_is_driven_without_another_one() {
+    check_wheels(
+        "velocity pad 0 0
+        +10 velocity pad 0.4 0
+        wheels 0.4 0.4
+        frame 182 08 00               # in fault
+        +3 wheels 0.4 0.4 ! drives",
+    );
+    check_wheels(
+        "velocity pad 0 0
+        +10 velocity pad 0.4 0
+        quiet propulsion
+        +190 velocity pad 0.4 0
+        +50 wheels 0.4 0.4 ! drives",
+    );
+}
+
+#[test]
+fn all_wheels_are_told_to_stop_when_one_is_lost() {
+    let lost = "velocity pad 0 0
+        +10 velocity pad 0.4 0
+        wheels 0.4 0.4
+        frame 181 27 00
+        frame 182 27 00
+        speed 0.4
+        +60 frame 182 08 00";
+    check_wheels(&format!("{lost} \n +200 wheels 0 stop \n +40 wheels stop stop \n speed 0 \n +2000"));
+    check_wheels(&format!("{lost} \n +299 \n +50 ! drives"));
+    // It stands.
+    check_wheels(&format!("{lost} \n speed 0 \n +400"));
+}
