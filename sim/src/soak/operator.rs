@@ -418,7 +418,8 @@ impl Operator {
                 false => (Leg::Curve(speed / 2.0, steering), quarter),
             };
         }
-        if let Some((chassis, rotation)) = self.base.clone().filter(|_| self.random.chance(FREE)) {
+        let rotation = self.base.as_ref().map(|(_, rotation)| *rotation);
+        if let Some(rotation) = rotation.filter(|_| self.random.chance(FREE)) {
             let [vx, vy, omega] = [speed, speed, rotation].map(|most| self.between(-most, most));
             // Any of them alone, and all together.
             let wanted = match self.random.bits() % 4 {
@@ -427,7 +428,8 @@ impl Operator {
                 2 => Twist::new(vx, 0.0, omega),
                 _ => Twist::new(vx, vy, omega),
             };
-            return (Leg::Free(chassis.feasible(wanted).twist), self.between(leg.0, leg.1));
+            let possible = self.base.as_ref().map_or(wanted, |(chassis, _)| chassis.feasible(wanted).twist);
+            return (Leg::Free(possible), self.between(leg.0, leg.1));
         }
         let forward = if self.random.chance(0.7) { 1.0 } else { -1.0 };
         let forward = self.away.unwrap_or(forward);

@@ -5,6 +5,28 @@ use base::Duration;
 use settings::{Section, Span, Texts, settings};
 use std::collections::BTreeSet;
 
+/// Faults of processes, of the disk and of the clock, and what others say on the message bus. All others are of the
+/// hardware.
+const OF_SOFTWARE: [&str; 18] = [
+    "kill",
+    "hang",
+    "crawl",
+    "pause",
+    "stop",
+    "terminate",
+    "run",
+    "step",
+    "full",
+    "engage",
+    "drive",
+    "plan",
+    "plan_unasked",
+    "plan_blind",
+    "foreign_drive",
+    "foreign_pause",
+    "foreign_list",
+    "foreign_release",
+];
 /// Target that stands for each driven wheel, and the one of the message bus.
 const PROPULSION: &str = "propulsion";
 const LCM: &str = "lcm";
@@ -122,17 +144,6 @@ impl Default for Behaviour {
     }
 }
 
-impl Kind {
-    /// True unless it happens to a process, the disk, the clock, or the message bus.
-    fn is_of_hardware(&self) -> bool {
-        let of_others = ["kill", "hang", "crawl", "pause", "stop", "terminate", "run", "step", "full", "engage"];
-        let drives = ["drive", "plan", "plan_unasked", "plan_blind"];
-        let speaks = ["foreign_drive", "foreign_pause", "foreign_list", "foreign_release"];
-        let is = |names: &[&str]| names.contains(&self.fault.as_str());
-        !(is(&of_others) || is(&drives) || is(&speaks) || self.targets.iter().all(|target| target == LCM))
-    }
-}
-
 /// Phase of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
@@ -151,13 +162,13 @@ impl Scenario {
     #[must_use]
     pub fn suited(mut self, wheels: &[&str], has: impl Fn(&str) -> bool) -> (Self, BTreeSet<String>) {
         let mut without = BTreeSet::new();
-        for kind in self.kinds.iter_mut().filter(|kind| kind.is_of_hardware()) {
+        for kind in self.kinds.iter_mut().filter(|kind| !OF_SOFTWARE.contains(&kind.fault.as_str())) {
             let targets = std::mem::take(&mut kind.targets).into_iter();
             let each = targets.flat_map(|target| match target.as_str() {
                 PROPULSION => wheels.iter().copied().map(Into::into).collect(),
                 _ => vec![target],
             });
-            let (kept, left_out): (Vec<String>, Vec<String>) = each.partition(|target| has(target));
+            let (kept, left_out): (Vec<String>, Vec<String>) = each.partition(|target| target == LCM || has(target));
             kind.targets = kept;
             without.extend(left_out);
         }
