@@ -197,7 +197,11 @@ impl Robot {
         let offered = preflight::faults(&place)?;
         let wheels: Vec<&str> = limits.wheels.iter().map(|wheel| wheel.name.as_str()).collect();
         let has = |target: &str| offered.iter().any(|(name, _)| name == target);
-        let (scenario, without) = scenario.suited(&wheels, has);
+        // Of a robot that steers a scenario names what there is: another name is a mistake.
+        let (scenario, without) = match limits.base {
+            Some(_) => scenario.suited(&wheels, has),
+            None => (scenario, BTreeSet::new()),
+        };
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);
