@@ -55,14 +55,18 @@ impl Watched {
         }
     }
 
-    /// Instant since which it is missing, and what of it. Input that waited while the driver was held up until `ill` is
-    /// new to it.
-    fn missing(&self, ill: Instant) -> (Instant, String) {
+    /// Instant since which it is missing. Input that waited while the driver was held up until `ill` is new to it.
+    fn missing(&self, ill: Instant) -> Instant {
+        let silent = self.heartbeat.max(ill) + HEARTBEAT;
+        self.reset.or(self.fault).map_or(silent, |down| silent.min(down.max(ill)))
+    }
+
+    /// Why it is missing.
+    fn why(&self) -> String {
         let Self { name, heartbeat, reset, fault, .. } = self;
-        let silent = (*heartbeat).max(ill) + HEARTBEAT;
-        match reset.or(*fault).map(|down| (down, ill.max(down))).filter(|(_, known)| *known <= silent) {
-            Some((down, known)) => (known, format!("the {name} drive is in fault or not started since {down:?}")),
-            None => (silent, format!("the {name} drive's last heartbeat was at {heartbeat:?}")),
+        match reset.or(*fault) {
+            Some(down) => format!("the {name} drive is in fault or not started since {down:?}"),
+            None => format!("the {name} drive's last heartbeat was at {heartbeat:?}"),
         }
     }
 }
@@ -99,7 +103,9 @@ impl Rule {
     /// A set-point has left the wire.
     pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         match self.missing(facts.driver.ill(now)) {
-            Some((since, why)) if now.since(since) > facts.slack(now) => Err(format!("{speed:.3} m/s, and {why}")),
+            Some((since, drive)) if now.since(since) > facts.slack(now) => {
+                Err(format!("{speed:.3} m/s, and {}", drive.why()))
+            }
             _ => Ok(()),
         }
     }
@@ -112,15 +118,15 @@ impl Rule {
             return Ok(());
         }
         match self.missing(facts.driver.ill(now)) {
-            Some((since, why)) if now.since(since) > STOP_MAX + DELAY_MAX && facts.set_point.speed().is_some() => {
-                Err(format!("{speed:.3} m/s, {why}, and not all wheels are told to stop"))
+            Some((since, drive)) if now.since(since) > STOP_MAX + DELAY_MAX && facts.set_point.speed().is_some() => {
+                Err(format!("{speed:.3} m/s, {}, and not all wheels are commanded to stop", drive.why()))
             }
             _ => Ok(()),
         }
     }
 
     /// The drive that is missing longest.
-    fn missing(&self, ill: Instant) -> Option<(Instant, String)> {
-        self.watched.iter().map(|drive| drive.missing(ill)).min_by_key(|(since, _)| *since)
+    fn missing(&self, ill: Instant) -> Option<(Instant, &Watched)> {
+        self.watched.iter().map(|drive| (drive.missing(ill), drive)).min_by_key(|(since, _)| *since)
     }
 }

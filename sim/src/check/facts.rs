@@ -350,7 +350,9 @@ impl Facts {
         } else if let Some(speed) = set_point.speed().filter(|_| of_wheel.speed().is_some()) {
             self.moved = now;
             let slack = self.slack(now);
-            if self.sources.iter().any(|source| source.asks(now, slack, speed, f64::INFINITY)) {
+            if self.limits.base.is_some()
+                && self.sources.iter().any(|source| source.asks(now, slack, speed, f64::INFINITY))
+            {
                 self.asked = (now, speed);
             }
         }

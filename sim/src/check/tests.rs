@@ -359,7 +359,11 @@ impl Bench {
 /// Runs a script, whose last line violates a rule if any does.
 #[track_caller]
 fn check(script: &str) {
-    let mut bench = Bench::new();
+    check_with(Bench::new(), script);
+}
+
+#[track_caller]
+fn check_with(mut bench: Bench, script: &str) {
     for line in script.lines().map(|line| line.split('#').next().unwrap().trim()).filter(|line| !line.is_empty()) {
         assert!(bench.checkers.violation().is_none(), "behind the last line: {line}");
         bench.line(line);

@@ -4,7 +4,7 @@
 //! The power controller reports for the sources on its line (bumpers, floor sensors, the button, or without a name);
 //! other senders report for themselves, under their own names. None of them releases what another one engaged. A source
 //! other than the power controller that engaged the line and fell silent stays engaged until it reports that it is
-//! open, or until a person overrules it. So does the one that a robot without a power controller is told of.
+//! open, or until a person overrules it. The same holds for a power controller that the robot is not configured with.
 
 use base::{Duration, Instant};
 use messages::{Hold, StopSource, lowlevel};

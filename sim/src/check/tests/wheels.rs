@@ -13,11 +13,15 @@ fn differential() -> Limits {
         stop_word: 0x0B,
         units_per_mps: 1000.0,
     };
-    let (left, right) = (&limits.wheels[0].drive, limits.steering.as_ref().unwrap());
+    let (left, right) =
+        (&limits.wheels[0].drive, limits.steering.as_ref().expect("the robot of the other tests steers"));
     Limits {
         wheels: vec![wheel("left", left), wheel("right", right)],
         steering: None,
-        base: Some(Base { chassis: Chassis::differential(0.6, of_wheel).unwrap(), deceleration_mps2: 0.8 }),
+        base: Some(Base {
+            chassis: Chassis::differential(0.6, of_wheel).expect("a track of 0.6 m"),
+            deceleration_mps2: 0.8,
+        }),
         homed: 0,
         promise: None,
         feed_is_cut: false,
@@ -29,11 +33,7 @@ fn differential() -> Limits {
 /// `stop`.
 #[track_caller]
 fn check_wheels(script: &str) {
-    let mut bench = Bench::with(differential());
-    for line in script.lines().map(|line| line.split('#').next().unwrap().trim()).filter(|line| !line.is_empty()) {
-        assert!(bench.checkers.violation().is_none(), "behind the last line: {line}");
-        bench.line(line);
-    }
+    check_with(Bench::with(differential()), script);
 }
 
 #[test]
