@@ -296,6 +296,7 @@ impl Facts {
         self.driver.observe(now, news);
         if matches!(news, News::Started { .. }) {
             // A new process knows nothing.
+            self.sources.on_driver();
             (self.pause, self.list, self.refused) = (PauseLine::default(), None, None);
             (self.state, self.located, self.goal) = ((State::Init, now), None, None);
         }

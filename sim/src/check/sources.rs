@@ -111,10 +111,12 @@ pub(super) struct Source {
     pub unbroken: Instant,
     /// Time at which the command that ended its last silence was served.
     pub resumed: Instant,
-    /// First moving command after zero, or of all.
+    /// First moving command after zero, or of all: served to the driver's present process.
     pub begun: Option<Instant>,
     /// Time since which it commands zero.
     pub ended: Option<Instant>,
+    /// True if its first command is one that begins.
+    trusted: bool,
 }
 
 impl Source {
@@ -164,9 +166,10 @@ impl Source {
         }
         if zero {
             self.ended = self.ended.or(Some(now));
-        } else if self.ended.is_some() || self.begun.is_none() {
+        } else if self.ended.is_some() || self.trusted {
             (self.begun, self.ended) = (Some(now), None);
         }
+        self.trusted = false;
         while self.said.len() >= COMMANDS_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl)
         {
             self.said.pop_front();
@@ -181,11 +184,21 @@ pub(super) struct Sources {
     ttl: Duration,
     known: Vec<Source>,
     next_id: u64,
+    /// Processes of the driver so far: one that was restarted does not know who commanded before.
+    drivers: u32,
 }
 
 impl Sources {
     pub fn new(ttl: Duration) -> Self {
-        Self { ttl, known: Vec::with_capacity(SOURCES_MAX), next_id: 0 }
+        Self { ttl, known: Vec::with_capacity(SOURCES_MAX), next_id: 0, drivers: 0 }
+    }
+
+    /// A process of the driver is started: every source must send zero to any but the first one before it may move.
+    pub fn on_driver(&mut self) {
+        self.drivers += 1;
+        for source in &mut self.known {
+            (source.begun, source.ended, source.trusted) = (None, None, self.drivers == 1);
+        }
     }
 
     /// The driver is served a valid command that was received at `at`.
@@ -217,6 +230,7 @@ impl Sources {
             resumed: Instant::ZERO,
             begun: None,
             ended: None,
+            trusted: self.drivers <= 1,
         };
         if self.known.len() < SOURCES_MAX {
             self.known.push(new);

@@ -522,6 +522,32 @@ fn a_stop_for_the_planner_s_silence_is_one_although_its_next_command_overtakes_i
 }
 
 #[test]
+fn a_driver_that_was_restarted_needs_zero_from_every_source() {
+    let restarted = "exit driver
+        start driver
+        state driver RUN
+        line open
+        list power,driver
+        goal
+        estimate\n";
+    check(&format!("say pad 0 \n {restarted} +10 say pad 0.4 \n drive 0.4 ! resumes"));
+    check(&format!("{restarted} +10 say shell 0.4   # never received before \n drive 0.4 ! resumes"));
+    check(&format!("{restarted} +10 begin pad 0.4"));
+    // Who has not sent it zero has not taken over.
+    check(&format!(
+        "say pad 0
+        {restarted} say planner 0.7
+        drive 0.7
+        say pad 0.2
+        +245 say pad 0.2
+        +5 stop              # for the planner's silence
+        +100 estimate
+        say planner 0.7
+        drive 0.7"
+    ));
+}
+
+#[test]
 fn after_a_manual_take_over_the_planner_waits_for_a_release() {
     check(
         "goal
