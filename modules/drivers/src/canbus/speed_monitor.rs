@@ -2,8 +2,9 @@
 //!
 //! An envelope for each direction: at least the commanded speed, and after a lower command, or an order to stop, the
 //! speed that the robot had, falling after [`REACTION`] at half the configured ramp (IEC 61800-5-2, SS1 with monitored
-//! ramp). Faster than the envelope for [`CONFIRMATION`] is an alarm. Evaluated at each measurement and at no other
-//! time, so late or lost frames raise no alarm.
+//! ramp). Faster than the envelope for [`CONFIRMATION`] is an alarm. Under an order to stop the envelope is never far
+//! above the lowest speed measured, so that a drive that brakes at first and then no more is found as soon as one that
+//! does not brake at all. Evaluated at each measurement and at no other time, so late or lost frames raise no alarm.
 
 use base::{Duration, Instant};
 use std::collections::VecDeque;
@@ -128,11 +129,14 @@ impl SpeedMonitor {
             self.recent.pop_front();
         }
         self.recent.push_back((now, speed));
-        let over = self
-            .speeds()
-            .into_iter()
-            .zip(self.envelopes)
-            .find(|(speed, envelope)| *speed > envelope.allowed + MARGIN_MPS);
+        let speeds = self.speeds();
+        if self.order == Order::Stop {
+            for (envelope, speed) in self.envelopes.iter_mut().zip(speeds) {
+                envelope.allowed = envelope.allowed.min(speed + MARGIN_MPS);
+            }
+        }
+        let over =
+            speeds.into_iter().zip(self.envelopes).find(|(speed, envelope)| *speed > envelope.allowed + MARGIN_MPS);
         let Some((measured, envelope)) = over.filter(|_| self.order != Order::None) else {
             self.exceeded = None;
             return None;
@@ -233,6 +237,17 @@ mod tests {
             let mut bench = Bench::driving(speed);
             let (ms, alarm) = bench.run(Order::Stop, slope, 2000).expect("an alarm");
             assert!(matches!(alarm, Alarm::NotStopping { .. }) && ms <= 650, "{speed} {slope}: {ms} ms, {alarm:?}");
+        }
+    }
+
+    #[test]
+    fn a_robot_that_brakes_at_first_and_then_no_more_raises_one_within_half_a_second() {
+        for speed in [0.9, 1.2, -1.2] {
+            let mut bench = Bench::driving(speed);
+            assert_eq!(bench.run(Order::Stop, 0.0, 50), None);
+            assert_eq!(bench.run(Order::Stop, -1.5, 300), None);
+            let (ms, alarm) = bench.run(Order::Stop, 0.0, 2000).expect("an alarm");
+            assert!(matches!(alarm, Alarm::NotStopping { .. }) && ms <= 500, "{speed}: {ms} ms, {alarm:?}");
         }
     }
 
