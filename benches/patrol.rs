@@ -9,7 +9,8 @@
 //! world's, waypoints relative to those without guard, goals given up, how often an operator had to resume the planner
 //! after a visitor had walked into the robot, and the time that each cause held or slowed the robot. Then the planner's
 //! inputs of the first half hour are replayed to a new one, and every step of its control loop is timed. `SETS` has
-//! further overrides of the configuration.
+//! further overrides of the configuration. With `BOARD_FAULTS=1` one fault of the sonar boards follows another, the
+//! runs without guard are left out, and contacts alone decide: standing is right then.
 //!
 //! Goals: no contact that the robot moved into at more than 0.05 m/s, persons whom no sonar had answered until the
 //! guard's reaction time before it apart; at least 0.15 m/s, 90 % of the waypoints without guard, no goal given up;
@@ -18,8 +19,9 @@
 #[path = "patrol/rig.rs"]
 mod rig;
 
-use base::Epoch;
+use base::{Duration, Epoch};
 use messages::Hold;
+use messages::simulation::CmdFault;
 use module::Call;
 use module::{Actions, Event};
 use record::{Item, Reader};
@@ -31,6 +33,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::rc::Rc;
 use std::time::Instant;
+use testing::Random;
 
 /// Duration of a run, s.
 const RUN: f64 = 1800.0;
@@ -38,6 +41,22 @@ const RUN: f64 = 1800.0;
 const CONTACT_MPS: f64 = 0.05;
 /// Reaction time of the guard, s (`guard.reaction_s`): what no sonar has answered before is met without braking.
 const REACTION_S: f64 = 0.12;
+const BOARDS: [&str; 2] = ["sd1_front", "sd1_rear"];
+/// Faults of a board of sonars, on the wire and in its transducers, with the range of their magnitudes: those of
+/// `scenarios/default.toml`.
+const FAULTS_OF_BOARDS: [(&str, f64, f64); 11] = [
+    ("silent", 0.0, 0.0),
+    ("slow", 0.005, 0.1),
+    ("garbled", 0.01, 0.5),
+    ("bad_crc", 0.0, 0.0),
+    ("bad_length", 0.0, 0.0),
+    ("babble", 0.0, 1.0),
+    ("clash", 0.0, 0.0),
+    ("reset", 0.0, 0.0),
+    ("blind", 0.0, 0.0),
+    ("stuck", 0.0, 0.0),
+    ("crosstalk", 0.05, 0.5),
+];
 /// Overrides of a robot that is not bounded by what it senses.
 const UNGUARDED: [&str; 2] = ["guard.ranging=\"none\"", "guard.speed_blind_mps=2.0"];
 
@@ -47,7 +66,8 @@ fn main() -> ExitCode {
     let first = number("SEED").map_or(1, |seed| seed as u64);
     let runs = (number("HOURS").unwrap_or(1.0) * 3600.0 / RUN).round().max(1.0) as u64;
     let told = Rc::new(RefCell::new(Vec::new()));
-    let empty = run(&world, Some(0), first, None, &[]);
+    let ill = number("BOARD_FAULTS").is_some();
+    let empty = run(&world, Some(0), first, None, &[], false);
     println!("nobody there: {empty}");
     let (mut all, mut unguarded) = (Total::default(), Total::default());
     for seed in first..first + runs {
@@ -57,7 +77,7 @@ fn main() -> ExitCode {
             true
         };
         let sink = (seed == first).then(|| Box::new(write) as record::Sink);
-        let one = run(&world, None, seed, sink, &[]);
+        let one = run(&world, None, seed, sink, &[], ill);
         println!("seed {seed}: {one}");
         one.print_contacts();
         if 2 * one.told.1 > one.told.0 {
@@ -67,14 +87,20 @@ fn main() -> ExitCode {
             }
         }
         all.add(one);
-        let one = run(&world, None, seed, None, &UNGUARDED);
+        if ill {
+            continue;
+        }
+        let one = run(&world, None, seed, None, &UNGUARDED, false);
         println!("  without guard: {one}");
         one.print_contacts();
         unguarded.add(one);
     }
-    println!("all: {all}\nwithout guard: {unguarded}");
+    println!("all: {all}");
     all.print_causes();
-    println!("without guard:");
+    if ill {
+        return verdict(all.own_contacts().0 == 0);
+    }
+    println!("without guard: {unguarded}");
     unguarded.print_causes();
     let steps = Steps::of(&told.borrow());
     println!("control step: {steps}");
@@ -82,7 +108,10 @@ fn main() -> ExitCode {
     println!("speed beside the empty world's: {:.0} %", 100.0 * all.speed() / empty.speed());
     println!("waypoints beside those without guard: {:.0} %", 100.0 * share);
     let drives = all.own_contacts().0 == 0 && all.failed == 0 && all.speed() >= 0.15 && share >= 0.9;
-    let good = drives && steps.mean_us <= 20.0 && steps.p99_us <= 500.0;
+    verdict(drives && steps.mean_us <= 20.0 && steps.p99_us <= 500.0)
+}
+
+fn verdict(good: bool) -> ExitCode {
     println!("{}", if good { "all figures reached" } else { "NOT all figures reached" });
     if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
@@ -106,7 +135,7 @@ struct Total {
     took: f64,
 }
 
-fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, more: &[&str]) -> Total {
+fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, more: &[&str], ill: bool) -> Total {
     let begin = Instant::now();
     let sets = std::env::var("SETS").unwrap_or_default();
     let more: Vec<&str> = sets.split_whitespace().chain(more.iter().copied()).collect();
@@ -114,7 +143,19 @@ fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, 
     robot.go();
     assert!(robot.planner_runs(), "modules.toml has a planner");
     let before = robot.seen();
-    robot.patrol(RUN);
+    if ill {
+        let mut chance = Random::new(seed);
+        let end = robot.machine.now() + Duration::from_secs_f64(RUN);
+        while robot.machine.now() < end {
+            let fault = fault_of_a_board(&mut chance);
+            let lasts = fault.duration;
+            let now = robot.machine.now();
+            robot.machine.inject(now, fault);
+            robot.patrol((lasts + between(&mut chance, 1.0, 30.0)).min(end.since(now).as_secs_f64()));
+        }
+    } else {
+        robot.patrol(RUN);
+    }
     let seen = robot.seen();
     assert!(seen.waypoints > 0, "it does not drive: {}", seen.goal.message);
     Total {
@@ -130,6 +171,18 @@ fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, 
         at: (seen.truth.x, seen.truth.y, seen.truth.theta),
         took: begin.elapsed().as_secs_f64(),
     }
+}
+
+/// Any fault of one of the sonar boards, for 0.5 to 20 s.
+fn fault_of_a_board(chance: &mut Random) -> CmdFault {
+    let target = BOARDS[chance.index(BOARDS.len())].into();
+    let (fault, least, most) = FAULTS_OF_BOARDS[chance.index(FAULTS_OF_BOARDS.len())];
+    let (value, duration) = (between(chance, least, most), between(chance, 0.5, 20.0));
+    CmdFault { timestamp: 0, target, fault: fault.into(), value, duration }
+}
+
+fn between(chance: &mut Random, least: f64, most: f64) -> f64 {
+    least + (most - least) * chance.below(1 << 20) as f64 / f64::from(1 << 20)
 }
 
 impl Total {

@@ -49,8 +49,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const HOMING_MAX: Duration = Duration::from_secs(30);
 /// Maximum time for which the guard lets the robot move neither way, which is not counted either: visitors move on.
 const ENCLOSED_MAX: Duration = Duration::from_secs(50);
-/// Distance to somebody, or to a wall, m, within which the time in which the guard lets it move neither way has no limit: a
-/// visitor who cannot get past stands there for up to 90 s, before it and behind it.
+/// Distance to somebody, or to a wall, m, within which the time in which the guard lets it move neither way has no
+/// limit: a visitor who cannot get past stands there for up to 90 s, before it and behind it.
 const ENCLOSED_M: f64 = 0.3;
 /// Speed above which the robot counts as moving, m/s.
 const MOVING_MPS: f64 = 0.05;
@@ -97,7 +97,6 @@ struct Watch {
     checkers: Checkers,
     operator: Operator,
     meter: Meter,
-    speed: f64,
     /// Distance to the nearest obstacle, m.
     clearance: f64,
     homed: bool,
@@ -114,9 +113,7 @@ impl Watch {
         self.operator.observe(news);
         self.meter.observe(now, news);
         match news {
-            News::Message { message: Message::SimDataTruth(truth), .. } => {
-                (self.speed, self.clearance) = (truth.speed, truth.clearance);
-            }
+            News::Message { message: Message::SimDataTruth(truth), .. } => self.clearance = truth.clearance,
             News::Message { message: Message::LlDataGuard(guard), .. } => {
                 self.free = guard.forward.max(guard.backward) > MOVING_MPS;
             }
@@ -163,7 +160,6 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
         checkers: Checkers::new(stage.limits.clone()),
         operator: Operator::new(scenario.operator, stage.limits, stage.world, seed),
         meter: Meter::new(stage.limits.clone()),
-        speed: 0.0,
         clearance: f64::INFINITY,
         homed: false,
         free: true,
@@ -263,7 +259,7 @@ impl<'a> Episode<'a> {
         let mut watch = self.watch.borrow_mut();
         watch.operator.act(now, |message| says.push(message));
         if let Some(calm) = &mut self.calm {
-            if !calm.moved && watch.speed.abs() > MOVING_MPS && watch.reason.is_empty() {
+            if !calm.moved && watch.checkers.speed().abs() > MOVING_MPS && watch.reason.is_empty() {
                 calm.moved = true;
                 watch.meter.on_moved(calm.waited);
             }

@@ -1,5 +1,5 @@
-//! The loss of one drive stops all others (docs/design.md, section 4): the propulsion does not turn while the steering is
-//! absent, nor do wheels that turn the robot together while one of them is.
+//! The loss of one drive stops all others (docs/design.md, section 4): the propulsion does not turn while the steering
+//! is absent, nor do wheels that turn the robot together while one of them is.
 //!
 //! No set-point 200 ms after the drive's last heartbeat, nor after it has reported a fault or has restarted; and 300 ms
 //! later no wheel turns any more, by its last set-point and its own report, unless the body stands.
@@ -110,8 +110,8 @@ impl Rule {
         }
     }
 
-    /// Processes a sample of the body's speed, m/s. What a drive does that is not reached, or does not obey, is judged by
-    /// other rules.
+    /// Processes a sample of the body's speed, m/s. What a drive does that is not reached, or does not obey, is judged
+    /// by other rules.
     pub fn on_truth(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let excused = facts.is_disturbed(now) || facts.is_cut_off(now) || facts.may_disobey(now);
         if speed.abs() < STANDSTILL_MPS || excused || facts.wheels.len() < 2 || !facts.driver.is_well() {

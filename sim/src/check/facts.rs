@@ -216,8 +216,8 @@ impl Facts {
         if module == self.limits.driver { Some(&self.driver) } else { self.others.get(module) }
     }
 
-    /// True if a source commands this speed, or a higher one that is limited to it; of wheels that reach their speeds in
-    /// steps also if it commands anything and they are on their way, not faster than they were.
+    /// True if a source commands this speed, or a higher one that is limited to it; of wheels that reach their speeds
+    /// in steps also if it commands anything and they are on their way, not faster than they were.
     pub fn asks(&self, now: Instant, source: &Source, speed: f64) -> bool {
         let slack = self.slack(now);
         match &self.limits.base {

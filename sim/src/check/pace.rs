@@ -15,13 +15,17 @@ const MOVED_MAX_M: f64 = 0.2;
 pub(super) struct Pace {
     /// Time, the process that simulates the body, pose.
     last: Option<(Instant, u32, Pose)>,
-    speed: f64,
+    /// Speed at the last sample, m/s.
+    pub speed: f64,
 }
 
 impl Pace {
     /// Speed at a sample, m/s.
     pub fn speed(&mut self, now: Instant, pid: u32, truth: &DataTruth, base: Option<&Base>) -> f64 {
-        let Some(base) = base else { return truth.speed };
+        let Some(base) = base else {
+            self.speed = truth.speed;
+            return self.speed;
+        };
         let pose = Pose::new(truth.x, truth.y, truth.theta);
         let before = self.last.replace((now, pid, pose));
         let Some((since, _, before)) = before.filter(|(since, simulator, _)| *simulator == pid && *since < now) else {

@@ -25,6 +25,8 @@ pub(super) const PERIOD: Duration = Duration::from_millis(50);
 const RETRY_DELAY: Duration = Duration::from_millis(500);
 /// Speed below which a robot stands that is commanded to move faster, m/s: something is in its way.
 const STANDS_MPS: f64 = 0.05;
+/// Clearance of a robot that touches something, m.
+const TOUCHES_M: f64 = 0.01;
 /// Duration of zero commands before a new begin.
 const ZERO: Duration = Duration::from_millis(300);
 /// Period of attending to modules that do not run.
@@ -315,7 +317,9 @@ impl Operator {
         let near = self.room(pose, leg, 0.0) < self.behaviour.clearance / 2.0;
         let near = near && self.room(pose, leg, 0.0) < self.clearance(pose) - 0.01;
         if now.since(since) >= RETRY_DELAY || near {
-            self.away = held.then(|| -leg.speed().signum());
+            // A robot that senses nothing stands against it.
+            let blocked = held || self.truth.clearance < TOUCHES_M;
+            self.away = blocked.then(|| -leg.speed().signum());
             (self.disobeyed, self.square) = (None, 0);
             self.doing = match self.random.chance(0.5) {
                 true => Doing::Zero(now + self.for_up_to(1.0)),
