@@ -41,6 +41,8 @@ const RUN: f64 = 1800.0;
 const CONTACT_MPS: f64 = 0.05;
 /// Reaction time of the guard, s (`guard.reaction_s`): what no sonar has answered before is met without braking.
 const REACTION_S: f64 = 0.12;
+/// Time after a fault in which a contact is printed with it, s.
+const FAULT_FELT_S: f64 = 3.0;
 const BOARDS: [&str; 2] = ["sd1_front", "sd1_rear"];
 /// Faults of a board of sonars, on the wire and in its transducers, with the range of their magnitudes: those of
 /// `scenarios/default.toml`.
@@ -133,6 +135,8 @@ struct Total {
     words: Vec<(f64, String)>,
     at: (f64, f64, f64),
     took: f64,
+    /// Begin and end, s, of each fault of a board.
+    faults: Vec<(f64, f64, String)>,
 }
 
 fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, more: &[&str], ill: bool) -> Total {
@@ -143,6 +147,7 @@ fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, 
     robot.go();
     assert!(robot.planner_runs(), "modules.toml has a planner");
     let before = robot.seen();
+    let mut faults = Vec::new();
     if ill {
         let mut chance = Random::new(seed);
         let end = robot.machine.now() + Duration::from_secs_f64(RUN);
@@ -150,6 +155,8 @@ fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, 
             let fault = fault_of_a_board(&mut chance);
             let lasts = fault.duration;
             let now = robot.machine.now();
+            let since = now.as_nanos() as f64 / 1e9;
+            faults.push((since, since + lasts, format!("{} {} {:.3}", fault.target, fault.fault, fault.value)));
             robot.machine.inject(now, fault);
             robot.patrol((lasts + between(&mut chance, 1.0, 30.0)).min(end.since(now).as_secs_f64()));
         }
@@ -170,6 +177,7 @@ fn run(world: &str, people: Option<u32>, seed: u64, sink: Option<record::Sink>, 
         words: seen.words,
         at: (seen.truth.x, seen.truth.y, seen.truth.theta),
         took: begin.elapsed().as_secs_f64(),
+        faults,
     }
 }
 
@@ -220,6 +228,11 @@ impl Total {
         for (at, contact, answered) in &self.contacts {
             let by = answered.iter().map(|(sonar, before)| format!("{sonar} {before:.2} s before"));
             println!("  {at:8.1} s  {contact}; answered by: {}", by.collect::<Vec<_>>().join(", "));
+            for (since, until, fault) in &self.faults {
+                if since <= at && *at <= until + FAULT_FELT_S {
+                    println!("             {fault}, from {since:.1} to {until:.1} s");
+                }
+            }
         }
     }
 

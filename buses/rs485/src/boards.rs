@@ -92,6 +92,11 @@ pub enum Implausible {
         /// Value found.
         value: u32,
     },
+    /// Distances that stay the same while the robot moves.
+    Frozen {
+        /// Way that the robot has moved meanwhile.
+        millimetres: u32,
+    },
 }
 
 impl fmt::Display for Implausible {
@@ -100,6 +105,9 @@ impl fmt::Display for Implausible {
             Self::Layout { len } => write!(f, "{len} data bytes do not fit its own counts"),
             Self::Value { index, value } => {
                 write!(f, "value {index} is {value}, which it cannot measure")
+            }
+            Self::Frozen { millimetres } => {
+                write!(f, "its distances are the same since the robot moved by {millimetres} mm")
             }
         }
     }

@@ -17,6 +17,7 @@
 
 mod answers;
 mod config;
+mod frozen;
 mod odometry;
 mod pace;
 mod ranges;
@@ -26,6 +27,7 @@ pub use config::{Config, ConfigError, Ranger, Wheels};
 use crate::line::{self, Line, PORT};
 use crate::rs485_bus::{Kind, Node};
 use base::{Duration, Instant};
+use frozen::Frozen;
 use messages::common::CmdState;
 use messages::lowlevel::DataMotion;
 use messages::{Channel, Message};
@@ -47,6 +49,7 @@ pub struct Rs485a {
     line: Line,
     ranges: Ranges,
     pace: Pace,
+    frozen: Frozen,
     /// Time at which `LL_DATA_RANGES` is published even if no board has answered.
     repeat: Instant,
     odometry: Follower,
@@ -69,6 +72,7 @@ impl Rs485a {
             line,
             ranges: Ranges::new(&config),
             pace: Pace::new(&config),
+            frozen: Frozen::new(&config),
             repeat: Instant::NEVER,
             odometry: Follower::new(&config.wheels),
             jumps: 0,
@@ -90,6 +94,7 @@ impl Rs485a {
 
     /// The boards that look in the direction of travel are polled faster.
     fn on_motion(&mut self, now: Instant, motion: &DataMotion) {
+        self.frozen.on_motion(now, motion);
         if self.pace.on_motion(motion) {
             self.ranges.begin_round();
             for (address, period) in self.pace.periods() {

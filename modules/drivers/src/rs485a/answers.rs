@@ -31,7 +31,8 @@ impl Rs485a {
             // The board has released the PAUSE line.
             Some(Kind::Sd1) if instruction == sd1::CLEAR_PAUSE_SRC.code => return,
             Some(Kind::Sd1) => {
-                let both = self.line.judge(to, sd1::Both::parse(data), out);
+                let both = sd1::Both::parse(data).and_then(|both| self.frozen.judge(now, to, both));
+                let both = self.line.judge(to, both, out);
                 both.map(|both| self.on_ranges(now, to, Some(both), out))
             }
             Some(Kind::So1) => {

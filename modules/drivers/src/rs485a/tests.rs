@@ -966,6 +966,9 @@ fn boards_in_different_phases_do_not_wait_for_each_other() {
     // Different periods for a while, and a board that was away, leave the phases apart.
     for round in 0..20 {
         motion(&mut wire, 0.3, 0.3);
+        // What it drives towards comes nearer.
+        wire.front().srfs[0] -= 30;
+        wire.rear().srfs[0] += 30;
         wire.run(ms(310 + 37 * round));
         wire.rear().dead = round % 3 == 0;
         motion(&mut wire, 0.0, 0.0);
@@ -983,4 +986,50 @@ fn boards_in_different_phases_do_not_wait_for_each_other() {
             last = message.clone();
         }
     }
+}
+
+/// Drives for so many milliseconds, as measured.
+fn drive(wire: &mut Wire, speed: f64, duration: u64) {
+    for _ in 0..duration / 50 {
+        motion(wire, speed, speed);
+        wire.run(ms(50));
+    }
+}
+
+#[test]
+fn a_board_that_tells_the_same_while_the_robot_drives_is_implausible_until_it_measures_again() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    wire.run(ms(2000));
+    wire.news();
+    // While the robot stands nothing changes, and silence says nothing.
+    drive(&mut wire, 0.0, 5000);
+    drive(&mut wire, -0.3, 900);
+    assert_eq!(wire.news(), "");
+    drive(&mut wire, -0.3, 1500);
+    let (_, ranges) = wire.ranges().pop().unwrap();
+    assert_eq!(wire.news(), "Warning BoardImplausible sd1_front");
+    let unknown = |reading: &&Reading| reading.status == Reading::UNKNOWN;
+    assert!(ranges.readings.iter().filter(unknown).count() >= 8, "{}", statuses(&ranges));
+    // It does not become plausible by standing still.
+    drive(&mut wire, 0.0, 2000);
+    assert_eq!(wire.news(), "");
+    wire.front().srfs[2] = 990;
+    drive(&mut wire, 0.0, 1000);
+    let (_, ranges) = wire.ranges().pop().unwrap();
+    assert_eq!(wire.news(), "Notice BoardImplausible sd1_front");
+    assert_eq!(ranges.readings.iter().filter(unknown).count(), 0, "{}", statuses(&ranges));
+}
+
+#[test]
+fn sonars_that_look_sideways_may_hear_a_wall_at_one_distance() {
+    let mut config = directed();
+    config.srfs.iter_mut().for_each(|ranger| ranger.theta = 1.57);
+    let mut wire = Wire::with(config);
+    wire.port(Input::Up);
+    wire.run(ms(2000));
+    wire.news();
+    drive(&mut wire, 0.5, 10_000);
+    assert_eq!(wire.news(), "");
 }
