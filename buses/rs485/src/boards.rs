@@ -107,7 +107,7 @@ impl fmt::Display for Implausible {
                 write!(f, "value {index} is {value}, which it cannot measure")
             }
             Self::Frozen { millimetres } => {
-                write!(f, "its distances are the same since the robot moved by {millimetres} mm")
+                write!(f, "its distances stayed the same while the robot moved by {millimetres} mm")
             }
         }
     }

@@ -1,9 +1,9 @@
 //! Boards that answer and repeat one measurement for ever.
 //!
-//! While the robot moves, what a sonar hears ahead or behind comes nearer or goes away. A board whose sonars have told
-//! the same for [`SWEEPS`] sweeps and [`WAY_M`] of way, with an echo in or against the direction of travel among it,
-//! does not measure. Sonars that look sideways may hear a wall along which the robot drives, and silence is the same
-//! wherever nothing is: neither proves anything.
+//! While the robot moves, the distance to whatever is ahead of it or behind it changes. A board whose distances stay
+//! the same for [`SWEEPS`] sweeps and [`WAY_M`] of travel, one of them an echo ahead or behind, does not measure. A
+//! sonar that looks sideways may see a wall at a constant distance, and a sonar without an echo always reads the same:
+//! neither proves anything.
 
 use super::config::Config;
 use crate::rs485_bus::Kind;
@@ -12,8 +12,7 @@ use messages::lowlevel::DataMotion;
 use rs485::boards::Implausible;
 use rs485::boards::sd1::{Both, NO_ECHO, SRFS, SWEEP, Srfs};
 
-/// Way over which equal measurements are implausible, m: ten times what a person who walks ahead of the robot, at its
-/// speed, may deviate.
+/// Distance travelled over which equal measurements are implausible, m.
 const WAY_M: f64 = 0.3;
 /// Number of sweeps that they last at least.
 const SWEEPS: u32 = 8;
@@ -22,7 +21,7 @@ const ALONG_COS: f64 = 0.5;
 /// Maximum time for which a measured speed counts.
 const MOTION_MAX: Duration = Duration::from_millis(200);
 
-/// Last measurement of a board, and for how long it has told it.
+/// Last measurement of a board, and for how long the board has repeated it.
 #[derive(Debug)]
 struct Board {
     address: u8,
@@ -67,7 +66,7 @@ impl Frozen {
     /// Returns the measurement, unless its board is frozen.
     ///
     /// # Errors
-    /// It has told the same for too long.
+    /// The board has repeated it for too long.
     pub fn judge(&mut self, now: Instant, address: u8, both: Both) -> Result<Both, Implausible> {
         let Some(board) = self.boards.iter_mut().find(|board| board.address == address) else { return Ok(both) };
         let hears = board.srfs.iter().zip(board.along).any(|(mm, along)| along && *mm != NO_ECHO);

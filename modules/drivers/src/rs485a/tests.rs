@@ -988,7 +988,7 @@ fn boards_in_different_phases_do_not_wait_for_each_other() {
     }
 }
 
-/// Drives for so many milliseconds, as measured.
+/// Drives at a measured speed, m/s, for a duration in ms.
 fn drive(wire: &mut Wire, speed: f64, duration: u64) {
     for _ in 0..duration / 50 {
         motion(wire, speed, speed);
@@ -997,7 +997,7 @@ fn drive(wire: &mut Wire, speed: f64, duration: u64) {
 }
 
 #[test]
-fn a_board_that_tells_the_same_while_the_robot_drives_is_implausible_until_it_measures_again() {
+fn a_board_that_repeats_itself_while_the_robot_drives_is_implausible_until_it_measures_again() {
     let mut wire = Wire::with(directed());
     wire.port(Input::Up);
     wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
