@@ -5,6 +5,7 @@ pub(crate) mod can_line;
 pub mod cia402;
 pub(crate) mod climate;
 pub mod drive;
+pub(crate) mod encoder;
 pub mod epos;
 pub(crate) mod fan1;
 pub(crate) mod feed_line;

@@ -41,6 +41,8 @@
 //! | a drive | `reboot` | as after a short loss of its supply |
 //! | the propulsion drive | `unbraked` | it does not brake, whatever it is told; without its feed it rolls out |
 //! | the propulsion drive | `runaway` | once it turns it is `value` m/s (0: 0.3) faster than it is told |
+//! | the drive of a wheel | `encoder` | its encoder counts `value` times the truth: 0 dead, -1 reversed, 1.3 slipping |
+//! | the drive of a wheel | `swapped` | it has the encoder of the wheel `value`, from 1 on |
 //! | a drive but the EPOS | `layout` | it is another version, with other PDOs; it starts anew |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
@@ -131,6 +133,10 @@ pub enum InjectedFault {
     Unbraked,
     /// Faster than told by so much, m/s.
     Runaway(f64),
+    /// Its encoder counts this multiple of the truth.
+    Encoder(f64),
+    /// It has the encoder of the wheel of this number, from 1 on.
+    Swapped(u8),
     /// Another version, with other PDOs.
     Layout,
     /// Garbles each bit on the bus with this probability.
@@ -184,6 +190,8 @@ pub const NAMES: &[&str] = &[
     "reboot",
     "unbraked",
     "runaway",
+    "encoder",
+    "swapped",
     "layout",
     "noise",
     "corrupt",
@@ -231,6 +239,8 @@ pub fn about(name: &str) -> &'static str {
         "reboot" => "restarts, as after a short loss of its supply",
         "unbraked" => "does not brake, whatever is commanded; without its feed it rolls out",
         "runaway" => "once it turns, is VALUE m/s (0: 0.3) faster than commanded",
+        "encoder" => "its encoder counts VALUE times the truth: 0 dead, -1 reversed, 1.3 slipping",
+        "swapped" => "it has the encoder of the wheel VALUE, from 1 on",
         "layout" => "is another version, with other PDOs; it restarts",
         "noise" => "each bit on it is wrong with probability VALUE (0: 0.0001)",
         "corrupt" => "each frame whose number VALUE divides (0: 10) is destroyed, and sent again",
@@ -294,6 +304,8 @@ impl InjectedFault {
             "reboot" => Some(Self::Reboot),
             "unbraked" => Some(Self::Unbraked),
             "runaway" => Some(Self::Runaway(or(value, 0.3).min(2.0))),
+            "encoder" => value.is_finite().then(|| Self::Encoder(value.clamp(-2.0, 2.0))),
+            "swapped" => (1..=u8::MAX).find(|wheel| f64::from(*wheel) == value).map(Self::Swapped),
             "layout" => Some(Self::Layout),
             "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
             "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),

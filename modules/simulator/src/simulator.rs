@@ -4,6 +4,7 @@ use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
 use crate::boards::drive::{Axis, Disobedience, Drive, DriveConfig, Layout};
+use crate::boards::encoder::Wrong;
 use crate::boards::feed_line::FeedLine;
 use crate::boards::line::{Board, Kind, SerialLine, Wire};
 use crate::boards::output::{Output as FeedOutput, OutputConfig};
@@ -503,12 +504,14 @@ impl Simulator {
 
     /// Injects a fault into a target; false if there is no such target, or it cannot have that fault.
     fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
+        let wheels = self.drives.iter().filter(|drive| drive.axis() != Axis::Steering).count();
         if let Some(drive) = self.drives.iter_mut().find(|drive| drive.config.name == target) {
             match injected {
                 InjectedFault::Silent => drive.silent_until = until,
                 InjectedFault::None => {
                     drive.silent_until = now;
                     drive.disobey(None, now);
+                    drive.misread(None, now, self.scene.body());
                     drive.set_layout(now, Layout::Usual, self.scene.body());
                     self.can.heal_node(drive.config.node);
                 }
@@ -516,6 +519,13 @@ impl Simulator {
                 InjectedFault::Reboot => drive.power_on(now, self.scene.body()),
                 InjectedFault::Unbraked => return drive.disobey(Some(Disobedience::Unbraked), until),
                 InjectedFault::Runaway(by) => return drive.disobey(Some(Disobedience::Runaway(by)), until),
+                InjectedFault::Encoder(factor) => {
+                    return drive.misread(Some(Wrong::Scaled(factor)), until, self.scene.body());
+                }
+                InjectedFault::Swapped(wheel) if usize::from(wheel) <= wheels => {
+                    return drive.misread(Some(Wrong::Of(wheel - 1)), until, self.scene.body());
+                }
+                InjectedFault::Swapped(_) => return false,
                 InjectedFault::Layout => return drive.set_layout(now, Layout::Other, self.scene.body()),
                 injected => {
                     let DriveConfig { node, kind, .. } = &drive.config;

@@ -12,6 +12,7 @@
 //! Lag       none of its own: it feeds the demanded velocity forward
 
 use super::drive::Axis;
+use super::encoder::Reading;
 use super::epos::{Emergency, HEARTBEAT};
 use super::mirror::Mirror;
 use crate::body::Body;
@@ -198,14 +199,14 @@ pub(crate) struct Cia402 {
 
 impl Cia402 {
     /// Makes a drive after power-on, with these objects.
-    pub fn new(config: Cia402Config, objects: &Dictionary, body: &Body) -> Self {
+    pub fn new(config: Cia402Config, objects: &Dictionary, body: &Body, reading: Reading) -> Self {
         let stored = stored(&config.sheet, objects.node());
         let (scale, gear) = (Scale::of(objects, &config), config.gear(objects));
         let servo = Servo::new(servo_config(&config, scale), 0.0);
         let sensed = Sensed::default();
         let mut new =
             Self { config, stored, scale, gear, servo, mirror: Mirror::default(), sensed, nmt: None, fed: true };
-        new.restart(objects, body);
+        new.restart(objects, body, reading);
         new
     }
 
@@ -215,19 +216,19 @@ impl Cia402 {
     }
 
     /// Restarts as after power-on: what is stored is there again. The motor's supply is separate.
-    pub fn renew(&mut self, node: &mut Node, body: &Body) {
+    pub fn renew(&mut self, node: &mut Node, body: &Body, reading: Reading) {
         for (index, sub, value) in &self.stored {
             node.set(*index, *sub, *value);
         }
-        self.restart(node.dictionary(), body);
+        self.restart(node.dictionary(), body, reading);
         let fed = self.fed;
         self.feed(fed);
     }
 
-    fn restart(&mut self, objects: &Dictionary, body: &Body) {
+    fn restart(&mut self, objects: &Dictionary, body: &Body, reading: Reading) {
         self.scale = Scale::of(objects, &self.config);
         self.gear = self.config.gear(objects);
-        self.sensed = self.sense(body, 0.0);
+        self.sensed = self.sense(body, 0.0, reading);
         self.servo = Servo::new(servo_config(&self.config, self.scale), self.sensed.position);
         self.servo.configure(objects);
         (self.mirror, self.nmt) = (Mirror::default(), None);
@@ -321,16 +322,14 @@ impl Cia402 {
         self.scale.counts * turns
     }
 
-    /// The steering's one switch is its home switch and, to homing alone, the limit at the end where it is; the gear
+    /// Of a wheel what its encoder reads. The steering's one switch is its home switch and, to homing alone, the limit at the end where it is; the gear
     /// holds its wheels.
-    fn sense(&self, body: &Body, turned: f64) -> Sensed {
+    fn sense(&self, body: &Body, turned: f64, reading: Reading) -> Sensed {
         let counts = self.counts(body);
         match self.config.axis {
-            Axis::Wheel(wheel) => Sensed {
-                position: body.motor_way(wheel.into()) * counts,
-                speed: body.wheel_speed(wheel.into()) * counts,
-                ..Sensed::default()
-            },
+            Axis::Wheel(_) => {
+                Sensed { position: reading.way * counts, speed: reading.speed * counts, ..Sensed::default() }
+            }
             Axis::Steering => {
                 let home = body.switch_closed();
                 let limit = home && self.servo.mode() == Some(Mode::Homing);
@@ -345,9 +344,10 @@ impl Cia402 {
         }
     }
 
-    /// Writes what the drive measures into its objects; `turned`: how fast the steering turns, rad/s.
-    pub fn feedback(&mut self, node: &mut Node, body: &Body, turned: f64) {
-        self.sensed = self.sense(body, turned);
+    /// Writes what the drive measures into its objects; `turned`: how fast the steering turns, rad/s; `reading`: of a
+    /// wheel's encoder.
+    pub fn feedback(&mut self, node: &mut Node, body: &Body, turned: f64, reading: Reading) {
+        self.sensed = self.sense(body, turned, reading);
         self.servo.sense(&self.sensed);
         if self.loops_speed() {
             self.servo.resync(&self.sensed);

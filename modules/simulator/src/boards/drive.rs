@@ -1,6 +1,7 @@
 //! A drive on the CAN bus: a CANopen node with an EPOS, an IclA, or a drive by its data sheet behind its objects.
 
 use super::cia402::{self, Cia402, Cia402Config};
+use super::encoder::{Encoder, Reading, Wrong};
 use super::epos::{self, Emergency, Epos};
 use super::icla::{Gearing, Icla};
 use crate::body::Body;
@@ -114,6 +115,8 @@ pub(crate) struct Drive {
     pub silent_until: Instant,
     /// Disobeys until this instant.
     disobeys: Option<(Disobedience, Instant)>,
+    /// Of a wheel.
+    encoder: Option<Encoder>,
     now: Instant,
     turned: f64,
 }
@@ -122,10 +125,17 @@ impl Drive {
     /// A drive of `body`, switched off.
     pub fn new(config: DriveConfig, body: &Body) -> Self {
         let dictionary = config.kind.dictionary(config.node);
+        let encoder = match config.kind.axis() {
+            Axis::Wheel(wheel) => Some(Encoder::new(wheel)),
+            Axis::Steering => None,
+        };
+        let reading = read(encoder.as_ref(), body);
         let device = match &config.kind {
             DriveKind::Epos { wheel, gear } => Device::Epos(Epos::new(*wheel, *gear, epos::ENABLING)),
             DriveKind::Icla(gearing) => Device::Icla(Icla::new(*gearing, body)),
-            DriveKind::Cia402(own) => Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body))),
+            DriveKind::Cia402(own) => {
+                Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body, reading)))
+            }
         };
         Self {
             config,
@@ -134,6 +144,7 @@ impl Drive {
             node: Node::new(dictionary, BOOT_TIME).without_block(),
             silent_until: Instant::ZERO,
             disobeys: None,
+            encoder,
             now: Instant::ZERO,
             turned: 0.0,
         }
@@ -172,6 +183,11 @@ impl Drive {
         matches!(self.axis(), Axis::Wheel(_))
     }
 
+    /// From now until then its encoder is wrong, or true; false for the steering.
+    pub fn misread(&mut self, wrong: Option<Wrong>, until: Instant, body: &Body) -> bool {
+        self.encoder.as_mut().map(|encoder| encoder.deviate(wrong, until, body)).is_some()
+    }
+
     /// Demand for a wheel that is commanded to roll at `demand` and does so at `speed`, m/s.
     fn disobeyed(&self, now: Instant, demand: f64, speed: f64) -> f64 {
         match self.disobeys.filter(|(_, until)| now < *until) {
@@ -183,10 +199,11 @@ impl Drive {
     }
 
     fn renew(&mut self, body: &Body) {
+        let reading = read(self.encoder.as_ref(), body);
         match &mut self.device {
             Device::Epos(epos) => epos.renew(self.node.dictionary()),
             Device::Icla(icla) => icla.renew(self.node.dictionary(), body),
-            Device::Cia402(cia402) => cia402.renew(&mut self.node, body),
+            Device::Cia402(cia402) => cia402.renew(&mut self.node, body, reading),
         }
     }
 
@@ -338,15 +355,20 @@ impl Drive {
 
     /// Goes on by `dt` s; answers what the drive demands of its axis: speed, m/s, or angle, rad.
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
+        if let Some(encoder) = &mut self.encoder {
+            encoder.expire(now, body);
+        }
         let demand = match &mut self.device {
             Device::Epos(epos) => epos.step(now, body, dt),
             Device::Icla(icla) => icla.step(now, body, dt),
             Device::Cia402(cia402) => cia402.step(now, body, dt),
         }?;
-        Some(match self.axis() {
-            Axis::Wheel(wheel) => self.disobeyed(now, demand, body.wheel_speed(wheel.into())),
-            Axis::Steering => demand,
-        })
+        match (self.axis(), &self.encoder) {
+            (Axis::Wheel(wheel), Some(encoder)) => {
+                encoder.controlled(self.disobeyed(now, demand, body.wheel_speed(wheel.into())), body)
+            }
+            _ => Some(demand),
+        }
     }
 
     /// After the body's step, in which the steering turned by `turned` rad/s.
@@ -366,10 +388,11 @@ impl Drive {
 
     /// Copies the drive's measurements to the node's objects.
     fn measure(&mut self, body: &Body) {
+        let reading = read(self.encoder.as_ref(), body);
         match &mut self.device {
-            Device::Epos(epos) => epos.feedback(&mut self.node, body),
+            Device::Epos(epos) => epos.feedback(&mut self.node, body, reading),
             Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
-            Device::Cia402(cia402) => cia402.feedback(&mut self.node, body, self.turned),
+            Device::Cia402(cia402) => cia402.feedback(&mut self.node, body, self.turned, reading),
         }
     }
 
@@ -386,4 +409,9 @@ impl Drive {
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.node.poll_timeout()
     }
+}
+
+/// What the encoder of a wheel reads; nothing of the steering.
+fn read(encoder: Option<&Encoder>, body: &Body) -> Reading {
+    encoder.map_or_else(Reading::default, |encoder| encoder.read(body))
 }

@@ -5,6 +5,7 @@
 //! Silence   the heartbeat consumer's event: emergency 0x8130, quick stop ramp, then Fault
 //! Quick stop is kept until told otherwise: there is no 0x605A
 
+use super::encoder::Reading;
 use super::mirror::Mirror;
 use crate::body::Body;
 use base::{Duration, Instant};
@@ -195,11 +196,11 @@ impl Epos {
     }
 
     /// Writes what the drive measures into its objects.
-    pub fn feedback(&mut self, node: &mut Node, body: &Body) {
+    pub(crate) fn feedback(&mut self, node: &mut Node, body: &Body, reading: Reading) {
         let quadcounts_per_metre = body.parameters().motor_turns_per_metre(self.gear) * self.quadcounts_per_turn;
         self.sensed = Sensed {
-            position: body.motor_way(self.wheel.into()) * quadcounts_per_metre,
-            speed: body.wheel_speed(self.wheel.into()) * quadcounts_per_metre,
+            position: reading.way * quadcounts_per_metre,
+            speed: reading.speed * quadcounts_per_metre,
             ..Sensed::default()
         };
         self.servo.sense(&self.sensed);
