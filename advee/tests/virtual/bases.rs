@@ -25,6 +25,8 @@ struct Observed {
     /// Times at which a wheel ceased to be driven, by its number from 1: by an RPDO or by itself.
     stopped: Vec<(Instant, u16)>,
     moves: [bool; 8],
+    /// Errors of the drives' driver.
+    errors: Vec<(Instant, String)>,
 }
 
 impl Observed {
@@ -36,6 +38,9 @@ impl Observed {
                 Message::MlDataEstimate(estimate) => self.estimate = estimate.clone(),
                 Message::LlDataVelocity(velocity) => self.velocity = velocity.clone(),
                 Message::MlDataGoal(goal) => self.goal = goal.message.clone(),
+                Message::CmEventError(error) if error.severity == messages::common::Error::ERROR => {
+                    self.errors.push((now, error.message.clone()));
+                }
                 _ => {}
             },
             _ => {}
@@ -184,7 +189,7 @@ fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
                 continue;
             }
             let what = format!("{name}: {fault} of {}", axes[usize::from(victim)]);
-            base.assert_stopped(&what, since, Some(victim + 1));
+            base.assert_stopped(&what, since, STOP_MAX, Some(victim + 1));
             if fault != "runaway" {
                 base.assert_stands(&format!("{name}: {fault}"));
             }
@@ -203,8 +208,41 @@ fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
                 base.machine.kill(pid);
             }
             base.pass(3.0);
-            base.assert_stopped(&format!("{name}: {lost}"), since, None);
+            base.assert_stopped(&format!("{name}: {lost}"), since, STOP_MAX, None);
             base.assert_stands(&format!("{name}: {lost}"));
+        }
+    }
+}
+
+/// Maximum motion with a wrong encoder before it is reported and the other wheels stop.
+const WRONG_MAX: Duration = Duration::from_millis(500);
+
+#[test]
+fn a_dead_reversed_or_exchanged_encoder_is_reported_and_stops_all_wheels() {
+    for (name, wheels, _) in ROBOTS {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        let robot = robot::config::Config::load(&config, true, &[]).unwrap().robot;
+        let axes = robot.base.expect("a base").axes();
+        for victim in 0..wheels {
+            let other = f64::from((victim + 1) % wheels + 1);
+            for (fault, value) in [("encoder", 0.0), ("encoder", -1.0), ("swapped", other)] {
+                let mut base = Base::ready(name, wheels);
+                // A curve on which no wheel stands, and no two of them are equally fast.
+                base.drive((0.25, 0.0, 0.4), 8.0);
+                base.pass(2.0);
+                let since = base.machine.now();
+                base.observed.borrow_mut().stopped.clear();
+                base.observed.borrow_mut().errors.clear();
+                let target = axes[usize::from(victim)].into();
+                let command = CmdFault { target, fault: fault.into(), value, duration: 5.0, ..Default::default() };
+                base.machine.inject(since, command);
+                base.pass(1.0);
+                let what = format!("{name}: {fault} {value} of {}", axes[usize::from(victim)]);
+                let told =
+                    base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
+                assert!(told.as_ref().is_some_and(|(took, _)| *took <= WRONG_MAX), "{what}: {told:?}");
+                base.assert_stopped(&what, since, WRONG_MAX, Some(victim + 1));
+            }
         }
     }
 }
@@ -226,12 +264,12 @@ fn a_watchdog_that_is_late_stops_them_although_nothing_but_their_driver_is_criti
 impl Base {
     /// Fails if a wheel, but for `without`, has not stopped in time.
     #[track_caller]
-    fn assert_stopped(&self, what: &str, since: Instant, without: Option<u16>) {
+    fn assert_stopped(&self, what: &str, since: Instant, within: Duration, without: Option<u16>) {
         let observed = self.observed.borrow();
         for wheel in (1..=self.wheels).filter(|wheel| Some(*wheel) != without) {
             let stop = observed.stopped.iter().find(|(at, other)| *at >= since && *other == wheel);
             let took = stop.map(|(at, _)| at.since(since));
-            assert!(took.is_some_and(|took| took <= STOP_MAX), "{what}: wheel {wheel} after {took:?}");
+            assert!(took.is_some_and(|took| took <= within), "{what}: wheel {wheel} after {took:?}");
         }
     }
 

@@ -13,6 +13,7 @@ pub mod protection;
 pub mod ranging;
 pub mod surroundings;
 
+mod agreement;
 mod body;
 mod bus;
 mod cia402;
@@ -42,6 +43,7 @@ pub use config::{
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use pause::Paused;
 
+use agreement::AgreementWatch;
 use arbiter::{Arbiter, Course, Request, Verdict};
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Level, Severity, earliest};
@@ -124,6 +126,7 @@ pub struct Canbus {
     around: Surroundings,
     releases: Releases,
     stop_watch: StopWatch,
+    agreement: AgreementWatch,
     /// Of the wheels' drives, then of the steering's.
     readbacks: Vec<Readback>,
     protection: Protection,
@@ -187,6 +190,7 @@ impl Canbus {
                 Ranging::new(&config.ranging, config.ranging_age_max),
             ),
             stop_watch,
+            agreement: AgreementWatch::default(),
             readbacks,
             releases: Releases::new(config.homing_release == HomingRelease::Start),
             protection: Protection::new(config.protection),
@@ -634,6 +638,7 @@ impl Canbus {
         // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
         let speed = self.stop_watch.objection();
         let guard = self.protection.objection(now).map(Objection::Guard);
+        let speed = speed.or(self.agreement.stops.then_some(Objection::Speed(Hold::WheelsDisagree)));
         let devices = bus.into_iter().chain(second_master).chain(speed).chain(pauses).chain(drives);
         let devices = devices.chain(parameters);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.
@@ -722,6 +727,7 @@ impl Canbus {
         let began = self.stopping || self.blocked.is_some();
         self.stopping = began && rolls && self.wheels.may_be_stopping();
         self.watch_speed(now, out);
+        self.watch_agreement(now, out);
         self.advance_second_way(now, out);
         let booted: PerWheel<bool> = self.drives().map(drive::Drive::is_booted).collect();
         for (readback, booted) in self.readbacks.iter_mut().zip(booted) {

@@ -4,7 +4,7 @@
 
 use super::{Config, STANDSTILL_MPS};
 use base::{Duration, Instant};
-use kinematics::{Chassis, Driven, End, Error, PerWheel, Refusal, SteeredBase, Steering, Twist, WheelState};
+use kinematics::{Agreement, Chassis, Driven, End, Error, PerWheel, Refusal, SteeredBase, Steering, Twist, WheelState};
 use messages::Hold;
 
 /// Period of the set-points of several wheels, which accelerate together.
@@ -219,6 +219,11 @@ impl Body {
         let unknown = Measured { twist: Twist::new(f64::NAN, f64::NAN, f64::NAN), residual: f64::NAN };
         let estimate = self.chassis.estimate(wheels);
         estimate.map_or(unknown, |estimate| Measured { twist: estimate.twist, residual: estimate.residual_mps })
+    }
+
+    /// Which of these wheels disagree by more than `tolerance`, m/s; `None` if that is not known.
+    pub(super) fn agreement(&self, wheels: &[WheelState], tolerance: f64) -> Option<Agreement> {
+        self.chassis.agreement(wheels, tolerance)
     }
 
     /// Angle of the equivalent single front wheel at a velocity of a base without steering, rad; `otherwise` while it

@@ -24,9 +24,10 @@ const CUT_PERIOD: Duration = Duration::from_millis(500);
 /// A drive that turned when it was reset must be read again within this time.
 const UNWATCHED_MAX: Duration = Duration::from_millis(450);
 
-/// Difference by which one of several wheels may be slower than its set-point, m/s, and for how long: the robot turns
-/// meanwhile.
+/// Difference by which one of several wheels may be slower than its set-point, m/s; from which set-point on, m/s, it
+/// must not stand; and for how long: the robot turns meanwhile.
 const LAG_MPS: f64 = MARGIN_MPS;
+const TURNS_MPS: f64 = 0.05;
 const LAG_MAX: Duration = Duration::from_millis(200);
 
 /// What cuts the motors' feed.
@@ -63,8 +64,11 @@ impl WheelWatch {
 impl WheelWatch {
     /// True once a wheel that is told to turn at `target` has been measured to be slower for too long.
     fn is_behind(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
-        let short = target.map_or(0.0, |target| target.abs() - measured * target.signum());
-        if short <= LAG_MPS {
+        let lags = target.is_some_and(|target| {
+            let along = measured * target.signum();
+            target.abs() - along > LAG_MPS || target.abs() >= TURNS_MPS && along < STANDSTILL_MPS
+        });
+        if !lags {
             self.lags = None;
             return false;
         }
@@ -169,7 +173,7 @@ impl Canbus {
         let order = if cuts_feed { Order::None } else { order(wheel) };
         let changing = match order {
             Order::None => false,
-            Order::Drive(speed) => (wheel.speed() - speed).abs() > MARGIN_MPS,
+            Order::Drive(speed) => wheel.watch.lags.is_some() || (wheel.speed() - speed).abs() > MARGIN_MPS,
             Order::Stop => !wheel.is_slower(now, STANDSTILL_MPS),
         };
         wheel.drive.set_changing(now, changing);

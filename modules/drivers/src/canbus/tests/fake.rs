@@ -20,6 +20,8 @@ pub struct Fake {
     pub deaf: bool,
     /// Its motor does not turn, whatever it is commanded.
     pub blocked: bool,
+    /// Added to the velocity that it measures while it turns, in its unit.
+    pub misread: i64,
     /// Ignores its controlword, and the silence of the master.
     pub stubborn: bool,
     /// Number of homings begun.
@@ -41,6 +43,7 @@ impl Fake {
             silent: false,
             deaf: false,
             blocked: false,
+            misread: 0,
             stubborn: false,
             homings: 0,
             homing: None,
@@ -123,7 +126,8 @@ impl Fake {
         match self.get(0x6061) {
             3 => {
                 let velocity = if enabled && !self.blocked { self.get(0x60FF) } else { 0 };
-                self.node.set(0x606C, 0, velocity);
+                let misread = if velocity == 0 { 0 } else { self.misread };
+                self.node.set(0x606C, 0, velocity + misread);
             }
             1 if enabled && word & 0x10 != 0 => {
                 self.bits |= status::MODE_12;

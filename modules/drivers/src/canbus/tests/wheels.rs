@@ -198,6 +198,46 @@ fn all_wheels_stop_if_one_is_in_fault_lost_or_does_not_follow() {
 }
 
 #[test]
+fn wheels_that_contradict_each_other_stop_the_robot() {
+    let mut robot = ready(configured(MECANUM));
+    drive(&mut robot, (0.2, 0.0, 0.0), 1500);
+    // Less than what a wheel by itself may be off: 0.02 m/s root mean square of all.
+    robot.more[1].misread = (0.09 * RPM_PER_MPS) as i64;
+    drive(&mut robot, (0.21, 0.0, 0.0), 250);
+    assert!(robot.holds().is_empty() && robot.velocity().residual > 0.02, "{:?}", robot.velocity());
+    drive(&mut robot, (0.21, 0.0, 0.0), 150);
+    assert!(robot.errors.contains(&(Fault::WheelsDisagree, Severity::Error)));
+    robot.more[1].misread = 0;
+    drive(&mut robot, (0.21, 0.0, 0.0), 500);
+    assert_wheels(&robot, &[0.0; 4]);
+    assert!(robot.errors.contains(&(Fault::WheelsDisagree, Severity::Notice)), "over at standstill");
+    assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
+    drive(&mut robot, (0.0, 0.0, 0.0), 200);
+    drive(&mut robot, (0.2, 0.0, 0.0), 1500);
+    assert_wheels(&robot, &[0.2; 4]);
+    // A base of two wheels on two motions fits any measurement.
+    let mut robot = ready(configured(DIFFERENTIAL));
+    drive(&mut robot, (0.2, 0.0, 0.0), 1500);
+    robot.icla.misread = (0.09 * RPM_PER_MPS) as i64;
+    drive(&mut robot, (0.21, 0.0, 0.0), 1500);
+    assert_eq!(robot.holds(), []);
+}
+
+#[test]
+fn a_slow_wheel_that_stands_stops_the_robot_as_well() {
+    let mut robot = ready(configured(DIFFERENTIAL));
+    // 0.06 and 0.34 m/s.
+    let curve = (0.2, 0.0, 0.14 / HALF_TRACK);
+    drive(&mut robot, curve, 1500);
+    robot.epos.blocked = true;
+    for _ in 0..8 {
+        say(&mut robot, (0.2, 0.0, curve.2 - 0.01));
+        robot.pass(50);
+    }
+    assert_eq!(robot.holds()[0], (Hold::DriveNoTarget, "left"), "{:?}", wheels(&robot));
+}
+
+#[test]
 fn no_wheel_turns_before_all_are_enabled() {
     let mut robot = ready(configured(DIFFERENTIAL));
     robot.icla.stubborn = true;
