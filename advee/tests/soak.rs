@@ -52,11 +52,11 @@ fn robot(scenario: Scenario, world: &str, seed: u64) -> Robot {
     Robot::new(place(world), scenario, seed).expect("the shipped configuration")
 }
 
-/// The shipped robots that turn by their wheels.
-const BASES: [&str; 3] = ["courier", "porter", "tripod"];
+/// The shipped robots with another base than the reference one.
+const BASES: [&str; 4] = ["courier", "tug", "porter", "tripod"];
 
 #[test]
-fn the_shipped_scenario_holds_for_robots_that_turn_by_their_wheels() {
+fn the_shipped_scenario_holds_for_robots_with_other_bases() {
     for name in BASES {
         let place = RobotLocation { config: root().join("conf").join(name), ..place("hall") };
         let report = Robot::new(place, shipped(), 1).expect(name).many(2, 2, &Progress::none()).unwrap();

@@ -197,11 +197,9 @@ impl Robot {
         let offered = preflight::faults(&place)?;
         let wheels: Vec<&str> = limits.wheels.iter().map(|wheel| wheel.name.as_str()).collect();
         let has = |target: &str| offered.iter().any(|(name, _)| name == target);
-        // Of a robot that steers a scenario names what there is: another name is a mistake.
-        let (scenario, without) = match limits.base {
-            Some(_) => scenario.suited(&wheels, has),
-            None => (scenario, BTreeSet::new()),
-        };
+        // Of a robot like the reference one a scenario names what there is: another name is a mistake.
+        let is_other = limits.base.is_some() || limits.tread_ratio > 1.0;
+        let (scenario, without) = if is_other { scenario.suited(&wheels, has) } else { (scenario, BTreeSet::new()) };
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);

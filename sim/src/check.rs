@@ -102,6 +102,8 @@ pub struct Limits {
     pub steering_angle: f64,
     /// Rear axle to front axle, m; of a robot that turns by its wheels that of the curves of `LL_CMD_MOTION`.
     pub wheelbase: f64,
+    /// Greatest speed of the driven tread per speed of the rear axle; 1 unless the steered wheel is driven.
+    pub tread_ratio: f64,
     /// Maximum rotation of a command, rad/s; a faster one is rejected.
     pub rotation: f64,
     /// Speed limit of manual sources, m/s.

@@ -17,6 +17,7 @@ mod patrol;
 mod power;
 mod stops;
 mod storm;
+mod tricycle;
 mod velocity;
 
 use base::{Duration, Instant, can};

@@ -25,6 +25,33 @@ settings! {
         rear_overhang_m: f64 = required, 0.0..=5.0;
         /// Counts of a front wheel's encoder per turn.
         ticks_per_turn: u32 = required, 1..=1_000_000;
+        /// What the propulsion of a base that steers drives.
+        driven: DrivenAxle = DrivenAxle::Rear;
+    }
+}
+
+settings! {
+    /// DrivenAxle wheels of a base that steers.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum DrivenAxle {
+        /// The rear axle.
+        #[default]
+        Rear = "rear",
+        /// The single front wheel, which is steered too: a tricycle. Its drive measures the speed of its tread, which
+        /// `limits.speed_mps` bounds as well.
+        Front = "front",
+    }
+}
+
+impl DrivenAxle {
+    /// Speed of the driven tread per speed of the rear axle's middle, at this angle of the (equivalent) front wheel,
+    /// rad.
+    #[must_use]
+    pub fn tread_ratio(self, steering_rad: f64) -> f64 {
+        match self {
+            Self::Rear => 1.0,
+            Self::Front => 1.0 / libm::cos(steering_rad),
+        }
     }
 }
 

@@ -63,6 +63,7 @@ use readback::{Found, Readback};
 use release::Releases;
 use requests::{NodeOwner, Requests};
 use second_way::StopWatch;
+use settings::robot::DrivenAxle;
 use steering::Steering;
 use surroundings::Surroundings;
 use wheels::Wheels;
@@ -251,11 +252,11 @@ impl Canbus {
         self.body.velocity(&self.wheels.measured(), self.angle())
     }
 
-    /// Measured speed forward, m/s; 0 if unknown. That of a base that steers is the one of its driven axle.
+    /// Measured speed forward, m/s; 0 if unknown. That of a driven rear axle is known without the steering's angle.
     fn speed(&self) -> f64 {
-        let speed = match &self.steering {
-            Some(_) => self.wheels.measured().first().map_or(f64::NAN, |axle| axle.speed_mps),
-            None => self.measured().twist.vx,
+        let speed = match (&self.steering, self.config.driven) {
+            (Some(_), DrivenAxle::Rear) => self.wheels.measured().first().map_or(f64::NAN, |axle| axle.speed_mps),
+            _ => self.measured().twist.vx,
         };
         if speed.is_nan() { 0.0 } else { speed }
     }
@@ -758,7 +759,7 @@ impl Canbus {
             Some(steering) => steering.is_enabled(),
             None => self.wheels.are_enabled(),
         };
-        let speeds = self.body.speeds(now, if enabled { velocity } else { Twist::ZERO }, enabled);
+        let speeds = self.body.speeds(now, if enabled { velocity } else { Twist::ZERO }, self.angle(), enabled);
         self.wheels.drive(&speeds);
     }
 

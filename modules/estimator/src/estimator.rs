@@ -51,9 +51,10 @@ pub enum Wheels {
         /// Distance of the front wheels, m.
         track_m: f64,
     },
-    /// All wheels of a base that does not steer, driven: `LL_DATA_VELOCITY`.
+    /// All wheels of a base that does not steer, or the driven front wheel of a tricycle: `LL_DATA_VELOCITY`.
     Driven {
-        /// Distance of the wheels from the middle, m: what they roll for each rad of a turn on the spot.
+        /// Distance of the wheels from the middle, m: what they roll for each rad of a turn on the spot. Of a tricycle
+        /// its wheelbase.
         radius_m: f64,
     },
 }

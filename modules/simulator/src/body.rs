@@ -13,7 +13,7 @@ use crate::world::World;
 use base::Duration;
 use kinematics::{Chassis, Twist, WHEELS_MAX, integrate};
 use navitools::{Ackermann, Motion, Pose};
-use settings::robot::Geometry;
+use settings::robot::{DrivenAxle, Geometry};
 use wheels::Wheels;
 
 /// The step of the integration.
@@ -62,6 +62,8 @@ pub struct Parameters {
     pub steering_play: f64,
     /// Counts of an encoder per wheel turn.
     pub encoder_counts: f64,
+    /// What the motor of a base that steers drives.
+    pub driven: DrivenAxle,
     /// Deviations from these, also from run to run.
     pub errors: Errors,
 }
@@ -112,6 +114,7 @@ impl Default for Parameters {
             steering_lag: 0.10,
             steering_play: 0.5f64.to_radians(),
             encoder_counts: 4096.0,
+            driven: DrivenAxle::Rear,
             errors: Errors::default(),
         }
     }
@@ -129,6 +132,7 @@ impl Parameters {
             width: geometry.width_m,
             wheel_radius: geometry.wheel_radius_m,
             encoder_counts: f64::from(geometry.ticks_per_turn),
+            driven: geometry.driven,
             ..Self::default()
         }
     }
@@ -155,8 +159,8 @@ impl Parameters {
 /// Demand of the drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Demand {
-    /// Speed of the tread of each driven wheel, m/s; of a driven axle the first: its speed over ground. `None` with the
-    /// power stage off: it coasts.
+    /// Speed of the tread of each driven wheel, m/s; of a base that steers the first: that of its driven axle or front
+    /// wheel over ground. `None` with the power stage off: it coasts.
     pub wheels: [Option<f64>; WHEELS_MAX],
     /// Angle of the steering drive's output, rad; none with the power stage off: the gear holds it.
     pub steering: Option<f64>,
@@ -190,6 +194,9 @@ pub struct Body {
     /// Curvature by the wheels' angle, and path of the front hubs per path.
     curvature: f64,
     hub_ratios: (f64, f64),
+    /// Path of the driven tread per path, and its way since the start.
+    tread_ratio: f64,
+    tread: f64,
     /// Ways of the front wheels by their encoders, and how much these count more than the truth.
     hubs: (f64, f64),
     scales: (f64, f64),
@@ -230,6 +237,8 @@ impl Body {
             steering: (0.0, 0.0),
             curvature: 0.0,
             hub_ratios: (1.0, 1.0),
+            tread_ratio: 1.0,
+            tread: 0.0,
             hubs: (0.0, 0.0),
             scales,
             slipped: 0.0,
@@ -278,7 +287,7 @@ impl Body {
     /// Speed of the tread of a driven wheel, m/s.
     #[must_use]
     pub fn wheel_speed(&self, wheel: usize) -> f64 {
-        self.wheels.as_ref().map_or(self.speed, |wheels| wheels.speed(wheel))
+        self.wheels.as_ref().map_or(self.speed * self.tread_ratio, |wheels| wheels.speed(wheel))
     }
 
     /// Force of a driven wheel's motor at the wheel in the last step, N, forward positive.
@@ -302,7 +311,7 @@ impl Body {
     /// Way of a driven wheel by its motor's own encoder, m.
     #[must_use]
     pub fn motor_way(&self, wheel: usize) -> f64 {
-        self.wheels.as_ref().map_or(self.travelled + self.slipped, |wheels| wheels.way(wheel))
+        self.wheels.as_ref().map_or(self.tread + self.slipped, |wheels| wheels.way(wheel))
     }
 
     /// Angle of the equivalent single front wheel, rad.
@@ -441,7 +450,8 @@ impl Body {
             displacement != Twist::ZERO && !self.displace(world, displacement)
         } else {
             self.steer(demand.steering);
-            let way = self.accelerate(demand.wheels[0], demand.unfed);
+            let demanded = demand.wheels[0].map(|tread| tread / self.tread_ratio);
+            let way = self.accelerate(demanded, demand.unfed);
             way != 0.0 && !self.advance(world, way)
         };
         if self.blocked {
@@ -466,6 +476,7 @@ impl Body {
             self.steering.1 = wheels;
             self.curvature = self.geometry.curvature(wheels);
             self.hub_ratios = self.geometry.hub_ratios(self.curvature);
+            self.tread_ratio = p.driven.tread_ratio(wheels);
         }
     }
 
@@ -504,6 +515,7 @@ impl Body {
         }
         let p = &self.parameters;
         self.travelled += way;
+        self.tread += way * self.tread_ratio;
         // Forward force makes them roll more than the way going forward, and less going back.
         self.slipped += libm::fabs(way) * p.errors.slip * self.force / (p.mass * GRAVITY);
         let (mut left, mut right) = (way * self.hub_ratios.0 * self.scales.0, way * self.hub_ratios.1 * self.scales.1);

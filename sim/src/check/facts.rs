@@ -221,7 +221,7 @@ impl Facts {
     pub fn asks(&self, now: Instant, source: &Source, speed: f64) -> bool {
         let slack = self.slack(now);
         match &self.limits.base {
-            None => source.asks(now, slack, speed, self.limits.cap(source.priority)),
+            None => source.asks(now, slack, speed / self.limits.tread_ratio, self.limits.cap(source.priority)),
             // The speeds of its wheels have the limit in them.
             Some(base) => {
                 let (since, fastest) = self.asked;

@@ -43,6 +43,7 @@ fn limits() -> Limits {
         speed: 1.2,
         steering_angle: 0.6,
         wheelbase: 0.6,
+        tread_ratio: 1.0,
         rotation: 1.36,
         feed_is_cut: true,
         speed_manual: 0.6,

@@ -6,6 +6,7 @@ use super::{Config, STANDSTILL_MPS};
 use base::{Duration, Instant};
 use kinematics::{Agreement, Chassis, Driven, End, Error, PerWheel, Refusal, SteeredBase, Steering, Twist, WheelState};
 use messages::Hold;
+use settings::robot::DrivenAxle;
 
 /// Period of the set-points of several wheels, which accelerate together.
 const STEP: Duration = Duration::from_millis(20);
@@ -45,6 +46,7 @@ pub(super) struct Body {
     steers: bool,
     /// m; without steering that of the equivalent base of `LL_CMD_MOTION`.
     wheelbase: f64,
+    driven: DrivenAxle,
     /// Greatest angle of the equivalent single front wheel, rad.
     steering_max: f64,
     /// Greatest speed, m/s, and rotation, rad/s, of a command.
@@ -76,6 +78,7 @@ impl Body {
             chassis,
             steers,
             wheelbase,
+            driven: config.driven,
             steering_max: limits.steering_rad,
             speed_max: limits.speed_mps,
             rotation_max: if steers { by_steering } else { limits.rotation_radps },
@@ -160,9 +163,10 @@ impl Body {
     pub(super) fn capped(&self, points: SetPoints, caps: Caps) -> SetPoints {
         let Twist { vx, vy, omega } = points.velocity;
         if self.steers {
-            let curvature = libm::fabs(libm::tan(points.steering.unwrap_or(0.0)) / self.wheelbase);
+            let angle = points.steering.unwrap_or(0.0);
+            let curvature = libm::fabs(libm::tan(angle) / self.wheelbase);
             let by_curve = if curvature > 0.0 { libm::sqrt(caps.lateral / curvature) } else { caps.speed };
-            let bound = caps.speed.min(by_curve);
+            let bound = (caps.speed / self.driven.tread_ratio(angle)).min(by_curve);
             return SetPoints { velocity: Twist::new(vx.clamp(-bound, bound), vy, omega), ..points };
         }
         let part = |most: f64, wanted: f64| if wanted > most { most / wanted } else { 1.0 };
@@ -173,10 +177,12 @@ impl Body {
     }
 
     /// Speeds of the wheels, m/s, on the way to a velocity: several accelerate together, so that the robot keeps its
-    /// curve. `enabled`: the drives follow; else they stand, and begin there.
-    pub(super) fn speeds(&mut self, now: Instant, velocity: Twist, enabled: bool) -> PerWheel<f64> {
+    /// curve. `steering`: its measured angle, rad, NaN if it is unknown. `enabled`: the drives follow; else they stand,
+    /// and begin there.
+    pub(super) fn speeds(&mut self, now: Instant, velocity: Twist, steering: f64, enabled: bool) -> PerWheel<f64> {
         if self.steers {
-            return [velocity.vx].into_iter().collect();
+            let tread = self.tread(velocity.vx, steering).clamp(-self.speed_max, self.speed_max);
+            return [if tread.is_nan() { 0.0 } else { tread }].into_iter().collect();
         }
         if !enabled {
             (self.present, self.due) = (self.chassis.standing(), None);
@@ -214,7 +220,8 @@ impl Body {
     /// Velocity that the wheels measure; of a base that steers with this angle, rad. NaN where it is unknown.
     pub(super) fn velocity(&self, wheels: &[WheelState], steering: f64) -> Measured {
         if self.steers {
-            return self.by_angle(wheels.first().map_or(f64::NAN, |wheel| wheel.speed_mps), steering);
+            let tread = wheels.first().map_or(f64::NAN, |wheel| wheel.speed_mps);
+            return self.by_angle(self.axle(tread, steering), steering);
         }
         let unknown = Measured { twist: Twist::new(f64::NAN, f64::NAN, f64::NAN), residual: f64::NAN };
         let estimate = self.chassis.estimate(wheels);
@@ -230,6 +237,16 @@ impl Body {
     /// does not drive forward or backward.
     pub(super) fn equivalent_steering(&self, Twist { vx, omega, .. }: Twist, otherwise: f64) -> f64 {
         if vx.abs() < STANDSTILL_MPS { otherwise } else { libm::atan(omega * self.wheelbase / vx) }
+    }
+
+    /// Speed of the driven tread at this speed of the rear axle's middle, m/s, and steering angle, rad.
+    fn tread(&self, axle: f64, steering: f64) -> f64 {
+        axle * self.driven.tread_ratio(steering)
+    }
+
+    /// The inverse of [`Self::tread`].
+    fn axle(&self, tread: f64, steering: f64) -> f64 {
+        tread / self.driven.tread_ratio(steering)
     }
 
     /// Velocity at this speed, m/s, and steering angle, rad. The rotation depends on the angle; the velocity of the

@@ -8,7 +8,7 @@ use super::requests::may_be_listed;
 use base::Duration;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
-use settings::robot::{Base, Geometry, Limits};
+use settings::robot::{Base, DrivenAxle, Geometry, Limits};
 use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
 use std::fmt;
 use std::path::PathBuf;
@@ -293,6 +293,8 @@ pub struct Config {
     /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
     /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
+    /// What the propulsion of a base that steers drives.
+    pub driven: DrivenAxle,
     /// Wheels of a base without steering; none: a driven rear axle and steered front wheels.
     pub base: Option<Base>,
     /// Bounds on commands and on what is done.
@@ -462,6 +464,7 @@ impl BusConfig {
             node_id: self.master,
             sync: self.sync,
             wheelbase: geometry.wheelbase_m,
+            driven: geometry.driven,
             base,
             limits,
             critical: Vec::new(),

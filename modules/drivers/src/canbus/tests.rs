@@ -40,6 +40,7 @@ pub(super) fn config() -> Config {
         node_id: 127,
         sync: None,
         wheelbase: 0.6,
+        driven: settings::robot::DrivenAxle::Rear,
         base: None,
         limits: Limits {
             speed_mps: 1.2,
