@@ -23,7 +23,7 @@ pub struct Goal {
     #[arg(long, value_name = "NAME")]
     route: Option<String>,
     /// The world that has it, if that is not the one that is simulated here
-    #[arg(long, value_name = "FILE", requires = "route")]
+    #[arg(long, value_name = "FILE", requires = "route", conflicts_with = "waypoints")]
     world: Option<PathBuf>,
     /// Begin again after the last waypoint, for ever
     #[arg(long = "loop")]

@@ -54,10 +54,12 @@ pub struct Soak {
     #[arg(long, value_name = "N")]
     episode: Option<u64>,
     /// Of its faults only those of these numbers, from 0; `none` for none
-    #[arg(long, value_name = "LIST", requires = "episode", value_parser = numbers)]
+    #[arg(long, value_name = "LIST", requires = "episode", conflicts_with_all = ["hours", "jobs"],
+          value_parser = numbers)]
     faults: Option<Numbers>,
     /// Print what the rules observe between these times of the episode, s
-    #[arg(long, value_name = "A,B", requires = "episode", conflicts_with = "json", value_parser = trace::part)]
+    #[arg(long, value_name = "A,B", requires = "episode", conflicts_with_all = ["hours", "jobs", "json"],
+          value_parser = trace::part)]
     trace: Option<Trace>,
     /// Machine-readable
     #[arg(long)]
@@ -626,6 +628,16 @@ mod tests {
             "advee soak --episode 1 --hours 2",
             "advee soak --faults 1",
             "advee soak --trace 1,2",
+            // What conflicts with a required option must not make up for it.
+            "advee soak --faults none --hours 0.1",
+            "advee soak --faults none --jobs 2",
+            "advee soak --trace 1,2 --hours 0.1",
+            "advee goal 1,2 --world hall",
+            "advee can scan --bus main --bitrate 125000",
+            "advee rs485 scan --bus a --baud 9600",
+            "advee rs485 scan --bus a --transport parity",
+            "advee i2c scan --bus aux --hz 1000",
+            "advee power --json on",
             "advee soak --episode 1 --trace 2,1",
             "advee soak --episode 1 --trace 1,2 --json",
         ] {

@@ -22,7 +22,7 @@ pub struct Where {
     #[arg(long, value_name = "IFACE", value_parser = interface)]
     interface: Option<CanInterface>,
     /// bit/s of --interface
-    #[arg(long, value_name = "BD", requires = "interface", default_value = "500000",
+    #[arg(long, value_name = "BD", requires = "interface", conflicts_with = "bus", default_value = "500000",
           value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
     bitrate: u32,
 }

@@ -18,7 +18,7 @@ pub struct Where {
     #[arg(long, value_name = "PLACE", value_parser = place)]
     port: Option<I2cPlace>,
     /// Clock of a --port of two GPIO lines
-    #[arg(long, value_name = "HZ", requires = "port", default_value = "100000",
+    #[arg(long, value_name = "HZ", requires = "port", conflicts_with = "bus", default_value = "100000",
           value_parser = clap::value_parser!(u32).range(1000..=1_000_000))]
     hz: u32,
 }

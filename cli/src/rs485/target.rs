@@ -22,11 +22,11 @@ pub struct Where {
     #[arg(long, value_name = "PATH")]
     port: Option<PathBuf>,
     /// Bd of --port
-    #[arg(long, value_name = "BD", requires = "port", default_value = "115200",
+    #[arg(long, value_name = "BD", requires = "port", conflicts_with = "bus", default_value = "115200",
           value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     baud: u32,
     /// How nine bits cross --port: two-byte or parity
-    #[arg(long, requires = "port", default_value = "two-byte", value_parser = transport)]
+    #[arg(long, requires = "port", conflicts_with = "bus", default_value = "two-byte", value_parser = transport)]
     transport: Transport,
 }
 
