@@ -150,6 +150,9 @@ fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError>
         canbus::Drive::Icla(icla) => {
             DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
         }
+        canbus::Drive::Odrive(keys) => {
+            DriveKind::Odrive { wheel: wheel(robot, node), gear: keys.gear, device: keys.device(node.id) }
+        }
         canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
             axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Wheel(wheel(robot, node)) },
             sheet: node.sheet.clone().ok_or_else(missing)?,
@@ -250,6 +253,7 @@ mod tests {
                 DriveKind::Epos { gear, .. } => (*gear == 26.0).then_some(false),
                 DriveKind::Icla(gearing) => (gearing.gear == 180.0).then_some(false),
                 DriveKind::Cia402(own) => (own.homed == 1 << 15).then_some(true),
+                DriveKind::Odrive { .. } => None,
             });
             assert_eq!(are.collect::<Vec<_>>(), by_sheet.map(Some));
         }
@@ -257,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_base_without_steering_has_a_motor_for_each_wheel() {
-        for (name, wheels) in [("courier", 2), ("porter", 4), ("tripod", 3)] {
+        for (name, wheels) in [("courier", 2), ("rover", 2), ("porter", 4), ("tripod", 3)] {
             let (place, _) = shipped();
             let place = RobotLocation { config: place.config.join("..").join(name), ..place };
             for sim in [false, true] {

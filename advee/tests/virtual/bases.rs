@@ -6,7 +6,8 @@ use messages::middlelevel;
 use messages::simulation::{CmdFault, DataTruth};
 
 /// Robots, the number of their wheels, and whether they go sideways.
-const ROBOTS: [(&str, u16, bool); 3] = [("courier", 2, false), ("porter", 4, true), ("tripod", 3, true)];
+const ROBOTS: [(&str, u16, bool); 4] =
+    [("courier", 2, false), ("rover", 2, false), ("porter", 4, true), ("tripod", 3, true)];
 /// Maximum time from a fault to the stop of each other wheel.
 const STOP_MAX: Duration = Duration::from_millis(300);
 /// First identifiers of a wheel's RPDO and TPDO, by its data sheet, and of its emergencies.
@@ -15,6 +16,11 @@ const TPDO: u16 = 0x180;
 const EMERGENCY: u16 = 0x80;
 /// Code of an emergency: the master is silent (CiA 301).
 const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
+/// Messages of CAN Simple by an identifier's lowest five bits: heartbeat, and velocity set-point of an ODrive.
+const ODRIVE_HEARTBEAT: u16 = 0x01;
+const ODRIVE_INPUT_VEL: u16 = 0x0D;
+/// State of an ODrive in its heartbeat.
+const CLOSED_LOOP: u8 = 8;
 
 #[derive(Default)]
 struct Observed {
@@ -50,12 +56,16 @@ impl Observed {
     fn on_frame(&mut self, now: Instant, frame: &can::Frame) {
         let can::Id::Standard(id) = frame.id() else { return };
         let data = frame.data();
-        let wheel = id & 0x7F;
-        let moves = match id & 0x780 {
-            RPDO if data.len() == 6 => data[0] & 0x0F == 0x0F && data[2..] != [0; 4],
+        let (wheel, moves) = match id & 0x780 {
+            RPDO if data.len() == 6 => (id & 0x7F, data[0] & 0x0F == 0x0F && data[2..] != [0; 4]),
             // Only that it is not enabled says something.
-            TPDO if data.len() == 6 && data[0] & 0x6F != 0x27 => false,
-            EMERGENCY if data.starts_with(&HEARTBEAT_LOST) => false,
+            TPDO if data.len() == 6 && data[0] & 0x6F != 0x27 => (id & 0x7F, false),
+            EMERGENCY if data.starts_with(&HEARTBEAT_LOST) => (id & 0x7F, false),
+            0 => match (id & 0x1F, data) {
+                (ODRIVE_INPUT_VEL, &[a, b, c, d, ..]) => (id >> 5, f32::from_le_bytes([a, b, c, d]) != 0.0),
+                (ODRIVE_HEARTBEAT, &[_, _, _, _, state, ..]) if state != CLOSED_LOOP => (id >> 5, false),
+                _ => return,
+            },
             _ => return,
         };
         let Some(before) = self.moves.get_mut(usize::from(wheel)) else { return };

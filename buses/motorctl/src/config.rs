@@ -2,6 +2,7 @@
 
 use base::Duration;
 use core::f64::consts::TAU;
+use core::fmt;
 
 /// Greatest command time limit that a device may have: without a command for this long it must have stopped driving.
 pub const TIME_LIMIT_MAX: Duration = Duration::from_millis(200);
@@ -85,6 +86,19 @@ pub enum ConfigError {
     },
     /// A figure of the device is out of its range: node id, address, counts, pole pairs, currents.
     Device,
+}
+
+/// Predicate of a sentence whose subject is the device.
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TimeLimit => "its command time limit is zero or above 200 ms",
+            Self::Period => "fewer than four periods are within its command time limit",
+            Self::FeedbackWithin => "the age of its feedback is less than two periods or above 100 ms",
+            Self::Axis { .. } => "its gear is zero, or a limit of its axis is not a positive number",
+            Self::Device => "a figure of the device is out of its range",
+        })
+    }
 }
 
 impl<const N: usize> Config<N> {

@@ -168,9 +168,14 @@ impl<P: Protocol<N>, const N: usize> Engine<P, N> {
         self.setpoints.stop();
     }
 
-    /// Stops all axes as fast as the device can, from the next period on, and refuses commands until
-    /// [`Self::release`]. Torque stays on: see [`Self::disarm`].
+    /// Stops all axes as fast as the device can, and refuses commands until [`Self::release`]. One that begins is sent
+    /// by the next [`Self::handle_timeout`], which is due at once. Torque stays on: see [`Self::disarm`].
     pub fn quick_stop(&mut self) {
+        if let Life::Ready { period } = &mut self.life
+            && !self.setpoints.is_quick_stop()
+        {
+            *period = Ticker::new(Instant::ZERO, period.period());
+        }
         self.setpoints.quick_stop();
     }
 

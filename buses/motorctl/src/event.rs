@@ -88,6 +88,25 @@ pub enum Refusal {
     NotEnabled,
 }
 
+/// Predicate of a sentence whose subject is the device.
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Silent => f.write_str("does not answer"),
+            Self::Identity { found } => {
+                write!(f, "is another one than configured: {}", core::str::from_utf8(found).unwrap_or("unreadable"))
+            }
+            Self::TimeLimit { found } if found.is_zero() => f.write_str("has no command time limit"),
+            Self::TimeLimit { found } => write!(f, "has a command time limit of {found:?}"),
+            Self::NoReaction { after } => write!(f, "did not stop by itself {after:?} after the last command"),
+            Self::NotProvable => f.write_str("cannot show its command time limit, and there is no second way to stop"),
+            Self::Moving => f.write_str("does not come to a standstill"),
+            Self::Fault { errors } => write!(f, "is in fault, errors 0x{errors:X}"),
+            Self::NotEnabled => f.write_str("does not enter its operating state"),
+        }
+    }
+}
+
 /// Why a device that was ready is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LostReason {
@@ -106,6 +125,19 @@ pub enum LostReason {
     TimeLimitChanged,
 }
 
+/// Predicate of a sentence whose subject is the device.
+impl fmt::Display for LostReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Silent => f.write_str("is silent"),
+            Self::Fault { errors } => write!(f, "is in fault, errors 0x{errors:X}"),
+            Self::Disabled => f.write_str("left its operating state by itself"),
+            Self::TimeLimitActed => f.write_str("stopped by itself: it received no commands in time"),
+            Self::TimeLimitChanged => f.write_str("has another command time limit than was proven"),
+        }
+    }
+}
+
 /// What a device does when its command time limit expires.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reaction {
@@ -118,6 +150,17 @@ pub enum Reaction {
     },
     /// It stops the motor, in a way that its documents leave open.
     Stops,
+}
+
+/// Predicate of a sentence whose subject is the device.
+impl fmt::Display for Reaction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Disarms => f.write_str("rolls"),
+            Self::Brakes { current_a } => write!(f, "brakes with {current_a} A"),
+            Self::Stops => f.write_str("stops"),
+        }
+    }
 }
 
 /// What happened.

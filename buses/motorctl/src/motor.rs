@@ -39,6 +39,8 @@ pub struct Motor {
     velocity: f64,
     counted: f64,
     at: Instant,
+    /// Moved by [`Self::place`] alone.
+    is_placed: bool,
 }
 
 impl Motor {
@@ -50,7 +52,14 @@ impl Motor {
     /// A motor at standstill, without torque.
     #[must_use]
     pub fn new() -> Self {
-        Self { drive: Drive::Free, encoder: Encoder::Intact, velocity: 0.0, counted: 0.0, at: Instant::ZERO }
+        Self {
+            drive: Drive::Free,
+            encoder: Encoder::Intact,
+            velocity: 0.0,
+            counted: 0.0,
+            at: Instant::ZERO,
+            is_placed: false,
+        }
     }
 
     /// True velocity, motor turns/s.
@@ -80,8 +89,17 @@ impl Motor {
         self.velocity = velocity;
     }
 
+    /// Has counted so many turns, and turns at this velocity, turns/s: a motor in a body that somebody else moves, by
+    /// what [`Self::drive`] demands. From the first call on it moves by these calls alone.
+    pub fn place(&mut self, turns: f64, velocity: f64) {
+        (self.counted, self.velocity, self.is_placed) = (turns, velocity, true);
+    }
+
     /// Moves on to `now`.
     pub fn advance(&mut self, now: Instant) {
+        if self.is_placed {
+            return;
+        }
         self.at = self.at.max(now - CATCH_UP);
         while self.at < now {
             let step = now.since(self.at).min(STEP);

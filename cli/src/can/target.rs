@@ -106,7 +106,8 @@ impl Target {
     }
 
     fn of(place: &RobotLocation, bus: &CanBus) -> Result<Self, Failed> {
-        let known = bus.driver.nodes.iter().map(|node| Known {
+        let nodes = bus.driver.nodes.iter().filter(|node| !matches!(node.drive, Drive::Odrive(_)));
+        let known = nodes.map(|node| Known {
             id: node.id,
             name: node.axis.name().into(),
             drive: node.drive.clone(),

@@ -1,9 +1,10 @@
-//! `driver_canbus`: CANopen master of the drives of wheels and steering, which decides whether the robot may move.
+//! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of wheels
+//! may be motor controllers without CANopen; without a CANopen node no frame of CANopen is sent.
 //!
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
 //! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
 //!
-//! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; or any drive of CiA 402 by its data sheet
+//! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; any drive of CiA 402 by its data sheet; ODrive
 //! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
 //! Silence   of a drive: all others stop, the node is booted again, nothing resumes by itself. The same after 2 s
 //!           if the drive sends heartbeats but does not answer
@@ -18,10 +19,12 @@ mod body;
 mod bus;
 mod cia402;
 mod config;
+mod controller;
 mod drive;
 mod feed_output;
 mod ignored;
 mod objection;
+mod odrive;
 mod pause;
 mod propulsion;
 mod readback;
@@ -29,6 +32,7 @@ mod reference;
 mod release;
 mod requests;
 mod second_way;
+mod servo;
 mod speed_monitor;
 mod steering;
 #[cfg(test)]
@@ -41,6 +45,7 @@ pub use config::{
     PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
+pub use odrive::{ControllerConfig, OdriveConfig, Release};
 pub use pause::Paused;
 
 use agreement::AgreementWatch;
@@ -51,6 +56,7 @@ use body::{Body, Caps, Measured, SetPoints};
 use bus::Bus;
 use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
+use controller::Controller;
 use ignored::Ignored;
 use kinematics::{PerWheel, Twist};
 use messages::{Channel, Hold, Message, common, lowlevel};
@@ -120,6 +126,8 @@ pub struct Canbus {
     config: Config,
     ports: Vec<PortSpec>,
     master: Master,
+    /// There are nodes of CANopen. Without them the master gets neither frames nor time, and sends nothing.
+    has_canopen: bool,
     wheels: Wheels,
     steering: Option<Steering>,
     body: Body,
@@ -182,6 +190,7 @@ impl Canbus {
         let stop_watch = StopWatch::new(&config.stop, config.has_pause_line);
         Ok(Self {
             master,
+            has_canopen: !nodes.is_empty() || stop_watch.node().is_some(),
             arbiter: Arbiter::new(config.limits.command_ttl),
             around: Surroundings::new(
                 config.critical.clone(),
@@ -222,19 +231,18 @@ impl Canbus {
         self.drives().filter_map(|drive| self.master.config(drive.node))
     }
 
-    /// The wheels' drives, then the steering's.
+    /// The CANopen drives: the wheels', then the steering's.
     fn drives(&self) -> impl Iterator<Item = &drive::Drive> + Clone {
-        self.wheels.iter().map(|wheel| &wheel.drive).chain(self.steering.iter().map(|steering| &steering.drive))
+        self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive))
     }
 
     fn drives_mut(&mut self) -> impl Iterator<Item = &mut drive::Drive> {
-        let wheels = self.wheels.iter_mut().map(|wheel| &mut wheel.drive);
-        wheels.chain(self.steering.iter_mut().map(|steering| &mut steering.drive))
+        self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive))
     }
 
-    /// What the drives move, in the same order.
+    /// What the CANopen drives move, in the same order.
     fn axes(&self) -> impl Iterator<Item = Axis> + Clone {
-        self.wheels.axes().chain(self.steering.iter().map(|_| Axis::Steering))
+        self.wheels.drive_axes().chain(self.steering.iter().map(|_| Axis::Steering))
     }
 
     /// The steering, if this node is its drive.
@@ -270,7 +278,8 @@ impl Canbus {
             Message::LlCmdHoming(homing) => self.on_homing(now, at, homing, out),
             Message::LlCmdSdo(request) => {
                 let owner = self.owner_of(request.node);
-                self.requests.on_command(now, request, &owner, &mut self.master, out);
+                let master = self.has_canopen.then_some(&mut self.master);
+                self.requests.on_command(now, request, &owner, master, out);
             }
             Message::CmDataProcesses(list) => {
                 self.around.on_processes(at, list);
@@ -394,7 +403,8 @@ impl Canbus {
     /// A node that is not booted does not move, so its objects may be written for repair. Those of the node that feeds
     /// the motors may not.
     fn owner_of(&self, node: i32) -> NodeOwner {
-        let wheels = self.config.wheels.iter().map(|wheel| &wheel.writable);
+        let of_canopen = |wheel: &&PropulsionConfig| !matches!(wheel.drive, PropulsionDrive::Controller(_));
+        let wheels = self.config.wheels.iter().filter(of_canopen).map(|wheel| &wheel.writable);
         let writable = wheels.chain(self.config.steering.iter().map(|steering| &steering.writable));
         match self.drives().zip(writable).find(|(drive, _)| i32::from(drive.node) == node) {
             Some((drive, writable)) => {
@@ -409,17 +419,38 @@ impl Canbus {
 
     fn on_port(&mut self, now: Instant, down: Option<&str>, out: &mut Actions) {
         self.bus.on_port(down, out);
+        self.wheels.controllers_mut().for_each(|controller| controller.on_bus(now, down.is_none(), out));
         match down {
+            _ if !self.has_canopen => {}
             Some(_) => self.master.handle_bus_down(now),
             None => self.master.handle_timeout(now),
         }
+    }
+
+    /// A frame was received: of a motor controller, or of CANopen.
+    fn on_frame(&mut self, now: Instant, at: Instant, frame: &Frame, out: &mut Actions) {
+        self.bus.count_frame(frame);
+        let foreign = self.wheels.controllers().find_map(|controller| controller.foreign_command_to(frame));
+        if let Some(name) = foreign {
+            self.on_second_master(now, format_args!("a command to the {name} drive"), out);
+        }
+        if !self.wheels.iter_mut().any(|wheel| wheel.on_frame(now, frame, out)) && self.has_canopen {
+            self.master.handle_rx_at(now, at, frame);
+        }
+    }
+
+    fn on_second_master(&mut self, now: Instant, by: impl std::fmt::Display, out: &mut Actions) {
+        let bus = &self.config.bus;
+        let message = format!("another program commands the drives on {bus} ({by}): the robot stops");
+        out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
+        self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
     }
 
     fn on_master(&mut self, now: Instant, out: &mut Actions) {
         while let Some(event) = self.master.poll_event() {
             self.on_can_event(now, event, out);
         }
-        let working = self.drives().all(drive::Drive::is_booted);
+        let working = self.wheels.are_up() && self.drives().all(drive::Drive::is_booted);
         // The module is starting until its first success; pending conditions have been reported.
         if working != self.working.unwrap_or(false) {
             self.working = Some(working);
@@ -477,10 +508,7 @@ impl Canbus {
                 out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
             }
             CanEvent::SecondMaster { by } => {
-                let bus = &self.config.bus;
-                let message = format!("another program commands the drives on {bus} ({by}): the robot stops");
-                out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
-                self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
+                self.on_second_master(now, by, out);
                 self.readbacks.iter_mut().for_each(|readback| readback.on_foreign(now, by));
             }
             CanEvent::DuplicateId { node } => {
@@ -547,7 +575,7 @@ impl Canbus {
 
     /// A transfer of the objects that are read back has ended; false if it is another transfer.
     fn on_read_back(&mut self, now: Instant, ticket: Ticket, data: Option<&[u8]>, out: &mut Actions) -> bool {
-        let axes = self.wheels.axes().chain(self.steering.iter().map(|_| Axis::Steering));
+        let axes = self.wheels.drive_axes().chain(self.steering.iter().map(|_| Axis::Steering));
         for (readback, axis) in self.readbacks.iter_mut().zip(axes) {
             let name = axis.name();
             let Some(found) = readback.on_sdo(now, ticket, data, &mut self.master) else { continue };
@@ -628,8 +656,9 @@ impl Canbus {
         let pauses = self.around.pauses(now).map(Objection::Around);
         // With a line that is open and latched last, because an operator's act ends it.
         let around = self.around.others(now).map(Objection::Around);
-        let drives = self.axes().zip(self.drives());
-        let drives = drives.filter_map(|(axis, drive)| Some(Objection::Drive(axis, drive.objection()?)));
+        let wheels = self.wheels.iter().map(|wheel| (wheel.axis, wheel.objection()));
+        let steering = self.steering.iter().map(|steering| (Axis::Steering, steering.drive.objection()));
+        let drives = wheels.chain(steering).filter_map(|(axis, objection)| Some(Objection::Drive(axis, objection?)));
         let parameters = self.axes().zip(&self.readbacks);
         let parameters = parameters.filter(|(_, readback)| readback.is_changed());
         let parameters = parameters.map(|(axis, _)| Objection::Parameter(axis));
@@ -682,7 +711,7 @@ impl Canbus {
         let rolls = !self.is_standing();
         let pause = &self.around.pause;
         let holds = pause.is_engaged() || pause.is_latched() && rolls;
-        self.wheels.iter_mut().for_each(|wheel| wheel.drive.hold_fault_reset(holds));
+        self.wheels.drives_mut().for_each(|drive| drive.hold_fault_reset(holds));
         if !rolls {
             self.arbiter.on_standstill(now);
         }
@@ -695,7 +724,8 @@ impl Canbus {
             Some((velocity, steering, moves)) => {
                 // After a fault, a drop or a loss every source is disarmed: this motion is a deliberate act.
                 if moves {
-                    self.drives_mut().for_each(drive::Drive::release);
+                    self.wheels.iter_mut().for_each(Propulsion::release);
+                    self.steering.iter_mut().for_each(|steering| steering.drive.release());
                 }
                 match (&mut self.steering, steering) {
                     (Some(own), Some(steering)) => own.go(steering),
@@ -734,17 +764,15 @@ impl Canbus {
         for (readback, booted) in self.readbacks.iter_mut().zip(booted) {
             readback.advance(now, booted, &mut self.master);
         }
-        let wheels = self.wheels.iter_mut().map(|wheel| &mut wheel.drive);
-        for drive in wheels.chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
+        for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             if drive.must_reboot(now, !rolls) {
                 self.master.reboot(now, drive.node);
             }
         }
-        let ask = |wheel: &mut Propulsion| {
-            let node = wheel.drive.node;
-            wheel.drive.must_ask_lost(now, self.master.nmt_state(node).is_some()).then_some(node)
+        let ask = |drive: &mut drive::Drive| {
+            drive.must_ask_lost(now, self.master.nmt_state(drive.node).is_some()).then_some(drive.node)
         };
-        let mut nodes: Vec<u8> = self.wheels.iter_mut().filter_map(ask).collect();
+        let mut nodes: Vec<u8> = self.wheels.drives_mut().filter_map(ask).collect();
         let outdated = self.drives_mut().map(drive::Drive::take_outdated);
         nodes.extend(outdated.filter_map(|(node, in_doubt)| in_doubt.then_some(node)));
         for node in nodes {
@@ -771,7 +799,7 @@ impl Canbus {
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
         }
         let late = self.deadlines.is_due(Timer::SwitchOff, now);
-        let off = self.drives().all(drive::Drive::is_off);
+        let off = self.wheels.iter().all(Propulsion::is_off) && self.drives().all(drive::Drive::is_off);
         if !self.leaves && (off || late) {
             self.leaves = true;
             self.master.leave(now);
@@ -855,15 +883,20 @@ impl Canbus {
             Course::Steering(steering) => self.body.by_steering(command.speed, steering),
             Course::Velocity { vy, omega } => self.body.set_points(Twist::new(command.speed, vy, omega)),
         };
-        let speed = by_source.min(self.config.stop.speed_max_mps(limits.quick_stop_mps2));
+        let speed = by_source.min(self.cap_mps());
         let points = self.body.capped(points, Caps { speed, lateral: limits.lateral_acceleration_mps2 });
         Some(Wanted { points, mover: Mover { name: self.arbiter.name(command.source), manual: !planner } })
     }
 
+    /// Greatest speed, m/s, by the distance in which the robot must stand after PAUSE, and without commands.
+    fn cap_mps(&self) -> f64 {
+        let rolls = self.wheels.controllers().next().is_some();
+        self.config.stop.speed_max_mps(self.config.limits.quick_stop_mps2, rolls)
+    }
+
     /// Reports at the start that the stopping distance after PAUSE caps the speed.
     fn report_cap(&self, out: &mut Actions) {
-        let (limits, stop) = (&self.config.limits, &self.config.stop);
-        let cap = stop.speed_max_mps(limits.quick_stop_mps2);
+        let (limits, stop, cap) = (&self.config.limits, &self.config.stop, self.cap_mps());
         if cap < limits.speed_manual_mps.max(limits.speed_autonomous_mps) {
             let distance = stop.distance_m;
             out.note(format!("the speed is capped at {cap:.2} m/s, so that PAUSE stops the robot within {distance} m"));
@@ -973,6 +1006,7 @@ impl Canbus {
         let mut message = self.bus.message(out.timestamp(now));
         let drives: Vec<_> = self.drives().map(|drive| (drive.name, drive.node)).collect();
         message.nodes = drives.into_iter().map(|(name, node)| bus::node(name, node, &mut self.master)).collect();
+        message.nodes.extend(self.wheels.controllers().map(Controller::bus_row));
         out.publish(message);
     }
 }
@@ -1019,24 +1053,28 @@ impl Module for Canbus {
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::Port { port, input } if self.stop_watch.on_port(now, port, &input) => {}
             Event::Port { input: Input::Can { frame, at }, .. } => {
-                self.bus.count_frame(&frame);
-                self.master.handle_rx_at(now, at, &frame);
+                self.on_frame(now, at, &frame, out);
             }
             Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),
             Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
             Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
-            Event::Timer if self.bus.is_up() => self.master.handle_timeout(now),
+            Event::Timer if self.bus.is_up() && self.has_canopen => self.master.handle_timeout(now),
             Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) | Event::Timer => {}
         }
+        self.wheels.controllers_mut().for_each(|controller| controller.serve(now, out));
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
         let bus_is_up = self.bus.is_up();
         let wheels = self.wheels.iter_mut().filter_map(|wheel| wheel.blind_stop(now, bus_is_up));
         let steering = self.steering.iter_mut().filter_map(|steering| steering.blind_stop(now, bus_is_up));
-        let blind_stops: Vec<Frame> = wheels.chain(steering).collect();
-        for frame in blind_stops.into_iter().chain(std::iter::from_fn(|| self.master.poll_tx())) {
+        let mut frames: Vec<Frame> = wheels.chain(steering).collect();
+        for controller in self.wheels.controllers_mut() {
+            frames.extend(std::iter::from_fn(|| controller.poll_tx(now)));
+        }
+        let canopen = std::iter::from_fn(|| self.master.poll_tx().filter(|_| self.has_canopen));
+        for frame in frames.into_iter().chain(canopen) {
             self.bus.count_frame(&frame);
             out.send_can(CAN, frame);
         }
@@ -1048,7 +1086,8 @@ impl Module for Canbus {
             self.publish_motion(now, out);
         }
         let due = self.deadlines.tick(Timer::Axes, now, AXES_PERIOD);
-        let changed = self.drives_mut().fold(false, |changed, drive| changed | drive.take_changed());
+        let wheels = self.wheels.iter_mut().fold(false, |changed, wheel| changed | wheel.take_changed());
+        let changed = self.steering.iter_mut().fold(wheels, |changed, own| changed | own.drive.take_changed());
         if due | changed {
             self.publish_axes(now, out);
         }
@@ -1066,7 +1105,7 @@ impl Module for Canbus {
             self.deadlines.next(),
             Some(self.holds.next()),
             self.ignored.poll_timeout(),
-            self.master.poll_timeout().filter(|_| self.bus.is_up()),
+            self.master.poll_timeout().filter(|_| self.bus.is_up() && self.has_canopen),
             self.bus.poll_timeout(),
             self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
             self.stop_watch.poll_timeout(),

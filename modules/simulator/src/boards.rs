@@ -2,8 +2,10 @@
 
 pub mod battery;
 pub(crate) mod can_line;
+mod canopen_drive;
 pub mod cia402;
 pub(crate) mod climate;
+mod controller;
 pub mod drive;
 pub(crate) mod encoder;
 pub mod epos;

@@ -529,7 +529,8 @@ impl Simulator {
                 InjectedFault::Layout => return drive.set_layout(now, Layout::Other, self.scene.body()),
                 injected => {
                     let DriveConfig { node, kind, .. } = &drive.config;
-                    return self.can.inject_node(now, *node, injected, until, || kind.dictionary(*node));
+                    let Some(objects) = kind.dictionary(*node) else { return false };
+                    return self.can.inject_node(now, *node, injected, until, objects);
                 }
             }
             return true;

@@ -335,8 +335,14 @@ impl Robot {
             let taken = |bus: &CanBus| {
                 bus.driver.master == output.node || bus.driver.nodes.iter().any(|node| node.id == output.node)
             };
-            if let Some(table) = table.below("output").filter(|_| self.can.iter().any(taken)) {
-                table.refuse("node", "a node of its own, which is neither a drive nor the master");
+            let ambiguous = |bus: &CanBus| bus.driver.is_ambiguous(output.node);
+            if let Some(table) = table.below("output") {
+                if self.can.iter().any(taken) {
+                    table.refuse("node", "a node of its own, which is neither a drive nor the master");
+                } else if self.can.iter().any(ambiguous) {
+                    table
+                        .refuse("node", "a node that has no identifier of a drive without CANopen, nor has the master");
+                }
             }
         }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {

@@ -118,6 +118,41 @@ fn a_base_names_the_axes_of_its_drives() {
     assert_eq!(load(&both, "", &[], MODULES).unwrap_err().len(), 1, "two drives on one wheel");
 }
 
+/// An ODrive of a wheel.
+fn odrive(id: u8, axis: &str, more: &str) -> String {
+    format!(
+        "{{ id = {id}, driver = \"odrive\", axis = \"{axis}\", gear = 8, hardware = \"4.4.58\", firmware = \"0.6.10\", \
+         enable_watchdog = 251, watchdog_timeout = 250{more} }}"
+    )
+}
+
+#[test]
+fn a_wheel_may_be_on_an_odrive_and_share_the_bus_with_canopen() {
+    let base = "kind = \"differential\"\ntrack_m = 0.42";
+    let epos = "{ id = 2, driver = \"epos\", axis = \"right\", gear = 26 }";
+    let with = |left: &str, right: &str| load(&based(base, &[left, right]), "", &[], MODULES);
+    let left = odrive(1, "left", "");
+    for right in [epos, &odrive(2, "right", "")] {
+        let robot = with(&left, right).unwrap().robot;
+        let driver = robot.can[0].driver.driver("can.main".into(), robot.base, &robot.geometry, robot.limits).unwrap();
+        let Some(canbus::PropulsionDrive::Controller(own)) = driver.wheels.first().map(|wheel| &wheel.drive) else {
+            panic!("{:?}", driver.wheels)
+        };
+        assert_eq!((own.device.node, own.gear, own.device.version.firmware), (1, 8.0, [0, 6, 10]));
+    }
+    for (left, found) in [
+        (odrive(64, "left", ""), "id = 64: expected an integer from 1 to 62: that of an ODrive"),
+        (odrive(16, "left", ""), "id = 16: expected one whose 32 identifiers no CANopen node of the bus has"),
+        (left.replace("0.6.10", "0.6"), "firmware = \"0.6\": expected three numbers with dots: \"0.6.10\""),
+        (left.replace("gear = 8", "gear = 0"), "gear = 0: expected a number that is not 0"),
+        (left.replace("251", "250"), "watchdog_timeout = 250: expected another endpoint than enable_watchdog"),
+        (odrive(1, "left", ", eds = \"a.eds\""), "eds = \"a.eds\": expected nothing: an ODrive is no CANopen node"),
+    ] {
+        let wrong = with(&left, epos).unwrap_err();
+        assert!(wrong.len() == 1 && wrong[0].ends_with(&format!(": can.main.nodes[0].{found}")), "{wrong:?}");
+    }
+}
+
 #[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
     use base::gamepad::{ABS_RY, BTN_TL, BTN_TR, BTN_WEST};

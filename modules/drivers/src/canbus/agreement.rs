@@ -48,11 +48,11 @@ impl Canbus {
         let Measured { residual, .. } = self.measured();
         let fastest = wheels.iter().map(|wheel| wheel.speed_mps.abs()).fold(0.0, f64::max);
         let tolerance = RESIDUAL_MPS.max(RESIDUAL_PART * fastest);
-        let known = self.wheels.iter().all(|wheel| wheel.drive.is_known(now));
+        let known = self.wheels.iter().all(|wheel| wheel.is_known(now));
         let disagree = self.agreement.measure(now, if known { residual } else { f64::NAN }, tolerance);
         if disagree && !self.agreement.stops {
             self.agreement.stops = true;
-            let name = |wheel: usize| self.wheels.axes().nth(wheel).map_or("", |axis| axis.name());
+            let name = |wheel: usize| self.wheels.iter().nth(wheel).map_or("", |wheel| wheel.axis.name());
             let who = match self.body.agreement(&wheels, tolerance) {
                 Some(Agreement::Wheel(wheel)) => format!("{} contradicts the other wheels", name(wheel)),
                 Some(Agreement::Swapped(one, other)) => format!("{} and {} are exchanged", name(one), name(other)),

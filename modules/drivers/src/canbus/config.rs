@@ -2,6 +2,7 @@
 
 use super::cia402::{Cia402, Cia402Config};
 use super::feed_output::{GpioConfig, OutputConfig};
+use super::odrive::{ControllerConfig, OdriveConfig, is_ambiguous};
 use super::protection;
 use super::ranging::RangingBoard;
 use super::requests::may_be_listed;
@@ -37,7 +38,7 @@ settings! {
     /// `[[can.<name>.nodes]]`: a drive.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Node {
-        /// CANopen node.
+        /// CANopen node; of an ODrive its node id.
         id: u8 = required, 1..=127;
         /// Axis that it moves.
         axis: Axis = required;
@@ -108,7 +109,8 @@ settings! {
         brake_mps2: f64 = 1.5, 0.01..=20.0;
         /// Delay after which the line cuts the feed, while the drive brakes: only with `pause = "delayed"`.
         delay_s as delay: Duration = 0.6, 0.05..=5.0;
-        /// Greatest distance in which the robot must stand after the PAUSE line was engaged; caps the speed.
+        /// Greatest distance in which the robot must stand after the PAUSE line was engaged, and after a drive that
+        /// rolls without commands gets none; caps the speed.
         distance_m: f64 = 0.6, 0.05..=100.0;
     }
     check Stop::check;
@@ -166,16 +168,18 @@ impl Stop {
     }
 
     /// Greatest speed, m/s, from which the robot stands within `distance_m` after the PAUSE line was engaged;
-    /// `quick_stop_mps2`: deceleration of the drive's quick stop.
+    /// `quick_stop_mps2`: deceleration of the drive's quick stop; `rolls`: without commands, too, nothing brakes.
     #[must_use]
-    pub fn speed_max_mps(&self, quick_stop_mps2: f64) -> f64 {
+    pub fn speed_max_mps(&self, quick_stop_mps2: f64, rolls: bool) -> f64 {
         let within = |deceleration: f64| libm::sqrt(2.0 * deceleration * self.distance_m);
-        match self.pause {
+        let without_commands = if rolls { within(self.coasting_mps2) } else { f64::INFINITY };
+        let paused = match self.pause {
             PauseStop::Coast => within(self.coasting_mps2),
             PauseStop::Brake => within(self.brake_mps2),
             // Later it would coast.
             PauseStop::Delayed => within(quick_stop_mps2).min(quick_stop_mps2 * self.delay.as_secs_f64()),
-        }
+        };
+        paused.min(without_commands)
     }
 }
 
@@ -191,7 +195,7 @@ settings! {
 }
 
 settings! {
-    /// CANopen drives with a driver.
+    /// Drives with a driver: CANopen nodes, and motor controllers without CANopen.
     #[derive(Clone, Debug, PartialEq)]
     pub enum Drive by driver {
         /// maxon EPOS 70/10, for a driven wheel.
@@ -200,6 +204,8 @@ settings! {
         Icla(IclaConfig) = "icla",
         /// Any drive of CiA 402, by its data sheet (`docs/adding-a-drive.md`).
         Cia402(Cia402Config) = "cia402",
+        /// ODrive by CAN Simple, for a wheel (`docs/motor-controllers.md`).
+        Odrive(OdriveConfig) = "odrive",
     }
 }
 
@@ -252,6 +258,13 @@ pub enum ConfigError {
         /// Why not.
         refusal: Refusal,
     },
+    /// A motor controller cannot be driven with its keys.
+    Controller {
+        /// What it should move.
+        axis: Axis,
+        /// Why not.
+        error: motorctl::ConfigError,
+    },
 }
 
 impl fmt::Display for ConfigError {
@@ -261,6 +274,7 @@ impl fmt::Display for ConfigError {
             Self::Base(error) => error.fmt(f),
             Self::NoSheet(axis) => write!(f, "the data sheet of the {} drive was not read", axis.name()),
             Self::Drive { axis, refusal } => write!(f, "the {} drive is refused: {refusal}", axis.name()),
+            Self::Controller { axis, error } => write!(f, "the {} drive is refused: {error}", axis.name()),
         }
     }
 }
@@ -328,7 +342,7 @@ pub struct Config {
 pub struct PropulsionConfig {
     /// What it moves.
     pub axis: Axis,
-    /// Node id, 1..=127.
+    /// Node id, 1..=127; of an ODrive at most 62.
     pub node: u8,
     /// Which one.
     pub drive: PropulsionDrive,
@@ -351,6 +365,8 @@ pub enum PropulsionDrive {
         /// Circumference of the wheel, m.
         circumference: f64,
     },
+    /// A motor controller without CANopen.
+    Controller(ControllerConfig),
 }
 
 /// The steering drive, in profile position mode.
@@ -399,6 +415,26 @@ impl BusConfig {
         }
         let axes: Vec<Axis> = self.nodes.iter().map(|node| node.axis).collect();
         table.unique("nodes", "axis", &axes, "one that no other node has");
+        for (n, node) in self.nodes.iter().enumerate().filter(|(_, node)| !node.is_canopen()) {
+            if self.canopen_ids().any(|other| is_ambiguous(node.id, other)) {
+                let expected = "one whose 32 identifiers no CANopen node of the bus has";
+                let _ = table.item("nodes", n).map(|item| item.refuse("id", expected));
+            }
+        }
+    }
+
+    /// Node ids of CANopen on the bus: that of the master counts if there are others.
+    fn canopen_ids(&self) -> impl Iterator<Item = u8> + '_ {
+        let nodes = self.nodes.iter().filter(|node| node.is_canopen()).map(|node| node.id);
+        let master = nodes.clone().next().map(|_| self.master);
+        nodes.chain(master)
+    }
+
+    /// True if a drive without CANopen uses identifiers of this node of CANopen, or of the master.
+    #[must_use]
+    pub fn is_ambiguous(&self, canopen: u8) -> bool {
+        let others = self.nodes.iter().filter(|node| !node.is_canopen());
+        others.clone().any(|node| [canopen, self.master].iter().any(|other| is_ambiguous(node.id, *other)))
     }
 
     fn node(&self, axis: Axis) -> Option<&Node> {
@@ -409,6 +445,11 @@ impl BusConfig {
         let drive = match &node.drive {
             Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
             Drive::Cia402(keys) => PropulsionDrive::Cia402 { drive: node.by_sheet(keys), circumference },
+            Drive::Odrive(keys) => PropulsionDrive::Controller(ControllerConfig {
+                gear: keys.gear,
+                device: keys.device(node.id),
+                circumference,
+            }),
             Drive::Icla(_) => return None,
         };
         Some(PropulsionConfig { axis: node.axis, node: node.id, drive, writable: node.writable.clone() })
@@ -437,7 +478,7 @@ impl BusConfig {
                 let drive = SteeringDrive::Cia402(node.by_sheet(keys));
                 steering(drive, keys.switch?, keys.homing_method, keys.homing_speed?, keys.homing_timeout)
             }
-            Drive::Epos(_) => return None,
+            Drive::Epos(_) | Drive::Odrive(_) => return None,
         })
     }
 
@@ -486,11 +527,14 @@ impl Node {
     fn check(&self, table: &Table<'_>) {
         let steers = self.axis == Axis::Steering;
         match &self.drive {
-            Drive::Epos(_) if steers => table.refuse("axis", r#""propulsion" or a wheel: this driver cannot steer"#),
+            Drive::Epos(_) | Drive::Odrive(_) if steers => {
+                table.refuse("axis", r#""propulsion" or a wheel: this driver cannot steer"#);
+            }
             Drive::Icla(_) if !steers => {
                 table.refuse("axis", r#""steering", which is all that this driver can move"#);
             }
             Drive::Cia402(keys) => keys.check_axis(self.axis, table),
+            Drive::Odrive(_) => OdriveConfig::check_node(self.id, table),
             Drive::Epos(_) | Drive::Icla(_) => {}
         }
         if !self.writable.iter().all(|index| may_be_listed(*index)) {
@@ -500,6 +544,12 @@ impl Node {
 }
 
 impl Node {
+    /// True for a CANopen node.
+    #[must_use]
+    pub fn is_canopen(&self) -> bool {
+        !matches!(self.drive, Drive::Odrive(_))
+    }
+
     fn by_sheet(&self, keys: &Cia402Config) -> Cia402 {
         Cia402 { keys: keys.clone(), sheet: self.sheet.clone() }
     }
@@ -511,7 +561,7 @@ impl Drive {
     pub fn by_sheet(&self) -> Option<&Cia402Config> {
         match self {
             Self::Cia402(keys) => Some(keys),
-            Self::Epos(_) | Self::Icla(_) => None,
+            Self::Epos(_) | Self::Icla(_) | Self::Odrive(_) => None,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Common part of both drives: booting, loss and return of the node, the axis state machine, and faults, which are
 //! reported once and reset with pauses.
 
+use super::controller::Availability;
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::Mode;
@@ -80,6 +81,8 @@ pub(super) enum Objection {
     Fault(InFault),
     /// The drive's state was not received yet.
     StateUnknown,
+    /// A motor controller without CANopen is not ready.
+    Controller(Availability),
 }
 
 impl Objection {
@@ -96,6 +99,7 @@ impl Objection {
             Self::Trouble(Trouble::Mode(_)) => Hold::DriveParameter,
             Self::Fault(_) => Hold::DriveFault,
             Self::StateUnknown => Hold::DriveUnseen,
+            Self::Controller(availability) => availability.hold(),
         }
     }
 }
@@ -109,6 +113,7 @@ impl fmt::Display for Objection {
             Self::Trouble(trouble) => trouble.fmt(f),
             Self::Fault(fault) => write!(f, "is {fault}"),
             Self::StateUnknown => f.write_str("has not reported its state"),
+            Self::Controller(availability) => availability.fmt(f),
         }
     }
 }

@@ -1,32 +1,31 @@
-//! Drive of a wheel, or of the rear axle: converts m/s to the drive's unit.
+//! What turns a wheel, or the rear axle: a CANopen drive, or a motor controller without CANopen; and what is the same
+//! for both: the order, the measured speed, and the comparison of the two.
 
-use super::cia402::Wanted;
-use super::drive::{Drive, Trouble};
+use super::controller::Controller;
+use super::drive::{Drive, Objection, Trouble};
 use super::second_way::WheelWatch;
-use super::{Axis, Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
+use super::servo::Servo;
+use super::speed_monitor::Order;
+use super::{Axis, Config, ConfigError, PropulsionConfig, STANDSTILL_MPS};
 use base::can::Frame;
 use base::{Instant, earliest};
-use canopen::axis::modes::Mode;
-use canopen::axis::{Follow, FollowConfig, Goal, NotFollowing, PowerState, Units};
-use canopen::drives::cia402::{Parameters, Table};
-use canopen::drives::derive::{self, Derived};
-use canopen::drives::epos;
-use canopen::{Master, NodeConfig};
+use canopen::Master;
+use canopen::axis::{Follow, FollowConfig, Goal, NotFollowing, PowerState};
 use messages::lowlevel;
 use module::Actions;
-use settings::robot::Limits;
 
 /// Targets below this are not compared with the measured speed, m/s: four units of its resolution.
 const FOLLOWED_MIN_MPS: f64 = 0.05;
 
+/// What drives it.
+enum Motor {
+    Canopen(Box<Servo>),
+    Controller(Box<Controller>),
+}
+
 pub(super) struct Propulsion {
     pub(super) axis: Axis,
-    pub(super) drive: Drive,
-    table: Table,
-    parameters: Parameters,
-    units: Units,
-    /// Target velocity in the drive's unit.
-    target: i32,
+    motor: Motor,
     goal: Goal,
     /// Measured speed, m/s; NaN if unknown.
     speed: f64,
@@ -39,36 +38,13 @@ pub(super) struct Propulsion {
 impl Propulsion {
     pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Self, ConfigError> {
         let limits = &config.limits;
-        let (table, parameters, units, reservations) = match &own.drive {
-            PropulsionDrive::Epos { rpm_per_mps } => {
-                let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
-                (epos::TABLE.clone(), parameters, units, Vec::new())
-            }
-            PropulsionDrive::Cia402 { drive, circumference } => {
-                let wanted = Wanted {
-                    axis: own.axis,
-                    node: own.node,
-                    mode: Mode::ProfileVelocity,
-                    per_turn: *circumference,
-                    limits: derive::Limits {
-                        velocity: limits.speed_mps,
-                        acceleration: limits.acceleration_mps2,
-                        deceleration: limits.deceleration_mps2,
-                        quick_stop: limits.quick_stop_mps2,
-                    },
-                    range: None,
-                };
-                let Derived { table, parameters, units, reservations, .. } = drive.derive(&wanted, config)?;
-                (table, parameters, units, reservations)
-            }
+        let motor = match Servo::new(own, config)? {
+            Some(servo) => Motor::Canopen(Box::new(servo)),
+            None => Motor::Controller(Box::new(Controller::new(own, config)?)),
         };
         Ok(Self {
             axis: own.axis,
-            drive: Drive::new(own.axis.name(), own.node, table.axis_config(), reservations),
-            table,
-            parameters,
-            units,
-            target: 0,
+            motor,
             goal: Goal::QuickStop,
             speed: f64::NAN,
             measured: false,
@@ -80,26 +56,69 @@ impl Propulsion {
         })
     }
 
-    pub(super) fn node_config(&self) -> NodeConfig {
-        self.table.node_config(self.drive.name, &self.parameters)
+    pub(super) fn servo(&self) -> Option<&Servo> {
+        if let Motor::Canopen(servo) = &self.motor { Some(servo) } else { None }
     }
 
-    pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some(status) = self.table.unpack(number, data) else {
-            return;
+    /// Its CANopen drive.
+    pub(super) fn drive_ref(&self) -> Option<&Drive> {
+        self.servo().map(|servo| &servo.drive)
+    }
+
+    /// The same.
+    pub(super) fn drive_mut(&mut self) -> Option<&mut Drive> {
+        if let Motor::Canopen(servo) = &mut self.motor { Some(&mut servo.drive) } else { None }
+    }
+
+    /// Its motor controller without CANopen.
+    pub(super) fn controller(&self) -> Option<&Controller> {
+        if let Motor::Controller(controller) = &self.motor { Some(controller) } else { None }
+    }
+
+    /// The same.
+    pub(super) fn controller_mut(&mut self) -> Option<&mut Controller> {
+        if let Motor::Controller(controller) = &mut self.motor { Some(controller) } else { None }
+    }
+
+    /// True if its drive is the CANopen node of this number.
+    pub(super) fn is_node(&self, node: u8) -> bool {
+        self.drive_ref().is_some_and(|drive| drive.node == node)
+    }
+
+    /// A frame was received: true if it is one of the motor controller.
+    pub(super) fn on_frame(&mut self, now: Instant, frame: &Frame, out: &mut Actions) -> bool {
+        let Some(controller) = self.controller_mut().filter(|controller| controller.is_own(frame)) else {
+            return false;
         };
-        if let Some(velocity) = status.value {
-            self.on_velocity(now, velocity);
+        if let Some(speed) = controller.on_frame(now, frame, out) {
+            (self.speed, self.measured) = (speed, true);
         }
-        if let Some(statusword) = status.statusword {
-            self.drive.on_statusword(now, statusword, out);
+        true
+    }
+
+    /// A PDO of the CANopen drive.
+    pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
+        let Some((speed, statusword)) = self.servo().and_then(|servo| servo.unpack(number, data)) else { return };
+        if let Some(speed) = speed {
+            self.on_speed(now, speed);
+        }
+        if let (Some(statusword), Some(drive)) = (statusword, self.drive_mut()) {
+            drive.on_statusword(now, statusword, out);
         }
     }
 
+    /// A velocity in the unit of the CANopen drive.
     pub(super) fn on_velocity(&mut self, now: Instant, velocity: i32) {
-        self.speed = self.units.velocity_si(velocity);
-        self.measured = true;
-        self.drive.on_measured(now);
+        if let Some(speed) = self.servo().map(|servo| servo.velocity_si(velocity)) {
+            self.on_speed(now, speed);
+        }
+    }
+
+    fn on_speed(&mut self, now: Instant, speed: f64) {
+        (self.speed, self.measured) = (speed, true);
+        if let Some(drive) = self.drive_mut() {
+            drive.on_measured(now);
+        }
     }
 
     /// The speed is unknown until the next measured value.
@@ -124,62 +143,100 @@ impl Propulsion {
     /// The robot stops, because this wheel does not turn as commanded.
     pub(super) fn stop_for(&mut self, now: Instant, lag: NotFollowing, out: &mut Actions) {
         let why = Trouble::NotFollowing(lag, "m/s");
-        self.drive.alarm(format!("{} drive {why}: the robot stops", self.drive.name), out);
-        self.drive.block_until_stopped(now, why);
+        let message = format!("{} drive {why}: the robot stops", self.axis.name());
+        match &mut self.motor {
+            Motor::Canopen(servo) => {
+                servo.drive.alarm(message, out);
+                servo.drive.block_until_stopped(now, why);
+            }
+            Motor::Controller(controller) => controller.block_until_stopped(now, why, message, out),
+        }
+    }
+
+    /// The speed should be changing.
+    pub(super) fn set_changing(&mut self, now: Instant, changing: bool) {
+        if let Some(drive) = self.drive_mut() {
+            drive.set_changing(now, changing);
+        }
     }
 
     /// Commanded speed, m/s.
-    pub(super) fn target(&self) -> f64 {
-        self.units.velocity_si(self.target)
+    fn target(&self) -> f64 {
+        match &self.motor {
+            Motor::Canopen(servo) => servo.target(),
+            Motor::Controller(controller) => controller.target(),
+        }
+    }
+
+    fn set_target(&mut self, speed: f64) {
+        match &mut self.motor {
+            Motor::Canopen(servo) => servo.set_target(speed),
+            Motor::Controller(controller) => controller.set_target(speed),
+        }
+    }
+
+    /// True if its speed was measured recently.
+    pub(super) fn is_known(&self, now: Instant) -> bool {
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.is_known(now),
+            Motor::Controller(controller) => controller.is_known(now),
+        }
     }
 
     /// True if its speed is known to be below `limit`, m/s.
     pub(super) fn is_slower(&self, now: Instant, limit: f64) -> bool {
-        self.drive.is_known(now) && self.speed.abs() < limit
+        self.is_known(now) && self.speed.abs() < limit
     }
 
     /// True if the power stage was on by the last statusword, and the drive is not known to be at standstill.
     pub(super) fn may_turn(&self) -> bool {
-        self.drive.is_powered() && (self.speed.is_nan() || self.speed.abs() >= STANDSTILL_MPS)
+        let is_powered = self.drive_ref().is_some_and(Drive::is_powered);
+        is_powered && (self.speed.is_nan() || self.speed.abs() >= STANDSTILL_MPS)
     }
 
     /// Drives at `speed`, m/s.
     pub(super) fn drive(&mut self, speed: f64) {
         self.goal = Goal::Enabled;
-        self.target = self.units.velocity(speed);
+        self.set_target(speed);
     }
 
     /// Stops by the quick stop ramp and stays stopped.
     pub(super) fn quick_stop(&mut self) {
         self.goal = Goal::QuickStop;
-        self.target = 0;
+        self.set_target(0.0);
     }
 
     /// Takes the torque away; the drive must stand.
     pub(super) fn switch_off(&mut self) {
         self.goal = Goal::Disabled;
-        self.target = 0;
+        self.set_target(0.0);
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
-        if !self.drive.is_booted() && !self.drive.is_fresh(now) {
+        let is_unknown = match &self.motor {
+            Motor::Canopen(servo) => !servo.drive.is_booted() && !servo.drive.is_fresh(now),
+            Motor::Controller(controller) => !controller.is_known(now),
+        };
+        if is_unknown {
             self.on_lost();
         }
-        self.drive.set_goal(now, self.goal);
-        self.drive.handle_timeout(now, out);
-        self.drive.expect_mode(now, Some(self.table.mode.code()), master);
-        let data = self.table.pack(self.drive.axis.controlword(), self.target);
-        self.drive.send(now, master, self.table.rpdo.number, data);
+        match &mut self.motor {
+            Motor::Canopen(servo) => servo.advance(now, self.goal, master, out),
+            Motor::Controller(controller) => controller.advance(now, self.goal, self.speed, out),
+        }
     }
 
-    /// [`Drive::blind_stop`] by the quick stop ramp.
+    /// [`Servo::blind_stop`]; a motor controller without CANopen is stopped by its start-up, and by its own time limit.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
-        let data = self.table.pack(self.table.quick_stop, 0);
-        self.drive.blind_stop(now, bus_is_up, self.table.rpdo.number, &data)
+        if let Motor::Canopen(servo) = &mut self.motor { servo.blind_stop(now, bus_is_up) } else { None }
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        earliest([self.drive.poll_timeout(), self.watch.unwatched])
+        let of_motor = match &self.motor {
+            Motor::Canopen(servo) => servo.drive.poll_timeout(),
+            Motor::Controller(controller) => controller.poll_timeout(),
+        };
+        earliest([of_motor, self.watch.unwatched])
     }
 
     /// Measured speed, m/s; NaN if unknown.
@@ -192,37 +249,97 @@ impl Propulsion {
         if self.speed.is_nan() { 0.0 } else { self.speed }
     }
 
+    /// True if the drive is booted, or the motor controller started: it takes commands.
+    pub(super) fn is_up(&self) -> bool {
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.is_booted(),
+            Motor::Controller(controller) => controller.is_ready(),
+        }
+    }
+
     pub(super) fn is_enabled(&self) -> bool {
-        self.drive.axis.is_enabled()
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.axis.is_enabled(),
+            Motor::Controller(controller) => controller.is_enabled(),
+        }
     }
 
     pub(super) fn is_quick_stopped(&self) -> bool {
-        self.drive.axis.goal() == Goal::QuickStop
-            && matches!(self.drive.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive))
+        match &self.motor {
+            Motor::Canopen(servo) => servo.is_quick_stopped(),
+            Motor::Controller(controller) => controller.is_quick_stopped(),
+        }
     }
 
-    /// True if a quick stop is in progress, or may be: that of a drive whose state is not known yet was commanded by an
-    /// earlier process, or before it was lost.
+    /// True if a quick stop is in progress, or may be.
     pub(super) fn may_be_stopping(&self) -> bool {
-        let is_known = self.drive.is_booted() && self.drive.axis.state().is_some();
-        !is_known || self.is_quick_stopped()
+        match &self.motor {
+            Motor::Canopen(servo) => servo.may_be_stopping(),
+            Motor::Controller(controller) => !controller.is_ready() || controller.is_quick_stopped(),
+        }
+    }
+
+    /// True if it has no torque, or is not reached at all.
+    pub(super) fn is_off(&self) -> bool {
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.is_off(),
+            Motor::Controller(controller) => controller.is_off(),
+        }
+    }
+
+    /// A deliberate act: it may be enabled again after a fault, a drop or a loss.
+    pub(super) fn release(&mut self) {
+        match &mut self.motor {
+            Motor::Canopen(servo) => servo.drive.release(),
+            Motor::Controller(controller) => controller.release(),
+        }
+    }
+
+    /// Objection to motion.
+    pub(super) fn objection(&self) -> Option<Objection> {
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.objection(),
+            Motor::Controller(controller) => controller.objection(),
+        }
+    }
+
+    /// What it is told now, by its own state; none: it is not judged.
+    pub(super) fn order(&self) -> Order {
+        match &self.motor {
+            Motor::Controller(controller) if !controller.is_ready() => Order::None,
+            Motor::Controller(_) if self.is_quick_stopped() => Order::Stop,
+            Motor::Controller(_) => Order::Drive(self.target()),
+            // A quick stop is sent all the time; whether it brakes is seen when its speed can be read again.
+            Motor::Canopen(servo) if !servo.drive.is_booted() => {
+                if servo.drive.is_powered() {
+                    Order::Stop
+                } else {
+                    Order::None
+                }
+            }
+            Motor::Canopen(servo) => match (servo.drive.axis.state(), servo.drive.axis.goal()) {
+                (Some(PowerState::FaultReactionActive), _) => Order::Stop,
+                (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), Goal::Enabled) => {
+                    Order::Drive(self.target())
+                }
+                (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), _) => Order::Stop,
+                _ => Order::None,
+            },
+        }
+    }
+
+    /// True if its state changed since the last call.
+    pub(super) fn take_changed(&mut self) -> bool {
+        match &mut self.motor {
+            Motor::Canopen(servo) => servo.drive.take_changed(),
+            Motor::Controller(controller) => controller.take_changed(),
+        }
     }
 
     pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {
-        self.drive.row(master, f64::NAN, self.speed)
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.row(master, f64::NAN, self.speed),
+            Motor::Controller(controller) => controller.row(self.speed),
+        }
     }
-}
-
-/// Values and units of an EPOS. Its speeds are rpm and rpm/s; its position is not used.
-fn epos(node: u8, rpm_per_mps: f64, limits: &Limits) -> (Parameters, Units) {
-    let units = Units::new(rpm_per_mps, rpm_per_mps, rpm_per_mps);
-    let parameters = Parameters {
-        // A margin above the limit of commands, for the drive's own controller.
-        velocity: units.speed(limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
-        acceleration: units.acceleration(limits.acceleration_mps2),
-        deceleration: units.acceleration(limits.deceleration_mps2),
-        quick_stop_deceleration: units.acceleration(limits.quick_stop_mps2),
-        ..epos::parameters(node)
-    };
-    (parameters, units)
 }

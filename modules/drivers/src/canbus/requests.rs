@@ -38,16 +38,17 @@ pub(super) enum NodeOwner {
 }
 
 impl Requests {
-    /// Starts a request, or answers at once with the reason of rejection.
+    /// Starts a request, or answers at once with the reason of rejection; no master: there is no node of CANopen.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
         request: &CmdSdo,
         owner: &NodeOwner,
-        master: &mut Master,
+        master: Option<&mut Master>,
         out: &mut Actions,
     ) {
-        if let Err(abort) = self.begin(now, request, owner, master) {
+        let begun = master.ok_or(Abort::NO_RESOURCE).and_then(|master| self.begin(now, request, owner, master));
+        if let Err(abort) = begun {
             answer(now, request, Err(abort), out);
         }
     }

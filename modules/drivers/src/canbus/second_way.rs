@@ -11,7 +11,7 @@ use super::propulsion::Propulsion;
 use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
 use super::{Canbus, LINE, STANDSTILL_MPS, Timer};
 use base::{Duration, Fault, Instant, Level, Severity};
-use canopen::axis::{Goal, NotFollowing, PowerState};
+use canopen::axis::NotFollowing;
 use canopen::master::{LostReason, Ticket};
 use messages::{Hold, lowlevel};
 use module::{Actions, Input, PortId};
@@ -170,13 +170,13 @@ impl Canbus {
         // What moves too fast, or does not stop: with one drive the robot itself.
         let alone = self.wheels.count() == 1;
         let Some(wheel) = self.wheels.get_mut(number) else { return };
-        let order = if cuts_feed { Order::None } else { order(wheel) };
+        let order = if cuts_feed { Order::None } else { wheel.order() };
         let changing = match order {
             Order::None => false,
             Order::Drive(speed) => wheel.watch.lags.is_some() || (wheel.speed() - speed).abs() > MARGIN_MPS,
             Order::Stop => !wheel.is_slower(now, STANDSTILL_MPS),
         };
-        wheel.drive.set_changing(now, changing);
+        wheel.set_changing(now, changing);
         wheel.watch.monitor.command(now, order);
         let measured = wheel.take_measured();
         let target = if let Order::Drive(speed) = order { Some(speed) } else { None };
@@ -184,7 +184,7 @@ impl Canbus {
         if let Some(speed) = measured.filter(|speed| !alone && wheel.watch.is_behind(now, target, *speed)) {
             wheel.stop_for(now, NotFollowing { target: target.unwrap_or(0.0), measured: speed }, out);
         }
-        if wheel.drive.is_booted() || order == Order::None {
+        if wheel.is_up() || order == Order::None {
             wheel.watch.unwatched = None;
         }
         let unheard = wheel.watch.unwatched.take_if(|until| *until <= now).is_some();
@@ -192,7 +192,7 @@ impl Canbus {
             await_speed(now, wheel);
         }
         let alarm = measured.and_then(|speed| wheel.watch.monitor.measure(now, speed));
-        let name = wheel.drive.name;
+        let name = wheel.axis.name();
         if unheard {
             self.on_not_stopping(now, &format!("reset while it turned, the {name} is not heard"), out);
         }
@@ -306,23 +306,6 @@ impl Canbus {
 /// The wheel may turn although it is not watched: its speed is awaited.
 fn await_speed(now: Instant, wheel: &mut Propulsion) {
     wheel.watch.unwatched = wheel.may_turn().then_some(now + UNWATCHED_MAX);
-}
-
-/// What a wheel's drive is told now, by its own state; none: it is not judged.
-fn order(wheel: &Propulsion) -> Order {
-    let drive = &wheel.drive;
-    if !drive.is_booted() {
-        // A quick stop is sent all the time; whether it brakes is seen when its speed can be read again.
-        return if drive.is_powered() { Order::Stop } else { Order::None };
-    }
-    match (drive.axis.state(), drive.axis.goal()) {
-        (Some(PowerState::FaultReactionActive), _) => Order::Stop,
-        (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), Goal::Enabled) => {
-            Order::Drive(wheel.target())
-        }
-        (Some(PowerState::OperationEnabled | PowerState::QuickStopActive), _) => Order::Stop,
-        _ => Order::None,
-    }
 }
 
 /// Number of the channel that feeds the motors.

@@ -2,6 +2,7 @@
 
 mod bus;
 mod cia402;
+mod controller;
 mod fake;
 mod faults;
 mod guard;

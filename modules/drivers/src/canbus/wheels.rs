@@ -1,6 +1,9 @@
 //! The drives of all wheels. They are commanded together: if one refuses, is lost or does not follow, all stop.
 
+use super::controller::Controller;
+use super::drive::Drive;
 use super::propulsion::Propulsion;
+use super::servo::Servo;
 use super::{Axis, Config, ConfigError};
 use base::Instant;
 use canopen::NodeConfig;
@@ -23,14 +26,37 @@ impl Wheels {
         self.0.iter_mut()
     }
 
-    /// The wheel whose drive is this node.
-    pub(super) fn of_mut(&mut self, node: u8) -> Option<&mut Propulsion> {
-        self.0.iter_mut().find(|wheel| wheel.drive.node == node)
+    /// The CANopen drives.
+    pub(super) fn drives(&self) -> impl Iterator<Item = &Drive> + Clone {
+        self.0.iter().filter_map(Propulsion::drive_ref)
     }
 
-    /// Number of the wheel whose drive is this node.
+    /// What the CANopen drives move, in the same order.
+    pub(super) fn drive_axes(&self) -> impl Iterator<Item = Axis> + Clone {
+        self.0.iter().filter(|wheel| wheel.drive_ref().is_some()).map(|wheel| wheel.axis)
+    }
+
+    pub(super) fn drives_mut(&mut self) -> impl Iterator<Item = &mut Drive> {
+        self.0.iter_mut().filter_map(Propulsion::drive_mut)
+    }
+
+    /// The motor controllers without CANopen.
+    pub(super) fn controllers(&self) -> impl Iterator<Item = &Controller> + Clone {
+        self.0.iter().filter_map(Propulsion::controller)
+    }
+
+    pub(super) fn controllers_mut(&mut self) -> impl Iterator<Item = &mut Controller> {
+        self.0.iter_mut().filter_map(Propulsion::controller_mut)
+    }
+
+    /// The wheel whose drive is this node of CANopen.
+    pub(super) fn of_mut(&mut self, node: u8) -> Option<&mut Propulsion> {
+        self.0.iter_mut().find(|wheel| wheel.is_node(node))
+    }
+
+    /// Number of the wheel whose drive is this node of CANopen.
     pub(super) fn place(&self, node: u8) -> Option<usize> {
-        self.0.iter().position(|wheel| wheel.drive.node == node)
+        self.0.iter().position(|wheel| wheel.is_node(node))
     }
 
     pub(super) fn get_mut(&mut self, number: usize) -> Option<&mut Propulsion> {
@@ -42,7 +68,7 @@ impl Wheels {
     }
 
     pub(super) fn node_configs(&self) -> impl Iterator<Item = NodeConfig> {
-        self.0.iter().map(Propulsion::node_config)
+        self.0.iter().filter_map(Propulsion::servo).map(Servo::node_config)
     }
 
     /// Measured states; NaN where one is unknown.
@@ -57,7 +83,12 @@ impl Wheels {
 
     /// True if each is known to be slower than `limit`, m/s, or cannot be asked.
     pub(super) fn are_slower_or_absent(&self, now: Instant, limit: f64) -> bool {
-        self.0.iter().all(|wheel| wheel.is_slower(now, limit) || !wheel.drive.is_booted())
+        self.0.iter().all(|wheel| wheel.is_slower(now, limit) || !wheel.is_up())
+    }
+
+    /// True if each takes commands: it is booted, or started.
+    pub(super) fn are_up(&self) -> bool {
+        self.0.iter().all(Propulsion::is_up)
     }
 
     pub(super) fn are_enabled(&self) -> bool {
@@ -86,9 +117,5 @@ impl Wheels {
 
     pub(super) fn switch_off(&mut self) {
         self.0.iter_mut().for_each(Propulsion::switch_off);
-    }
-
-    pub(super) fn axes(&self) -> impl Iterator<Item = Axis> + Clone {
-        self.0.iter().map(|wheel| wheel.axis)
     }
 }

@@ -79,7 +79,7 @@ impl CanLine {
         node: u8,
         injected: InjectedFault,
         until: Instant,
-        dictionary: impl FnOnce() -> Dictionary,
+        objects: Dictionary,
     ) -> bool {
         match injected {
             InjectedFault::Babble { id, .. } => {
@@ -88,7 +88,7 @@ impl CanLine {
                 self.babblers.push(Babbler { node, frame: Frame::standard(id, &[0; 8]), until, next: now });
             }
             InjectedFault::Clash => {
-                let mut twin = Node::new(dictionary(), Duration::ZERO);
+                let mut twin = Node::new(objects, Duration::ZERO);
                 twin.power_on(now);
                 self.twins.retain(|(other, ..)| *other != node);
                 self.twins.push((node, until, twin));

@@ -1,17 +1,15 @@
-//! A drive on the CAN bus: a CANopen node with an EPOS, an IclA, or a drive by its data sheet behind its objects.
+//! A drive on the CAN bus: a CANopen node, or a motor controller without CANopen, and what is wrong with it.
 
-use super::cia402::{self, Cia402, Cia402Config};
-use super::encoder::{Encoder, Reading, Wrong};
-use super::epos::{self, Emergency, Epos};
-use super::icla::{Gearing, Icla};
+use super::canopen_drive::CanopenDrive;
+use super::cia402::{self, Cia402Config};
+use super::controller::Controller;
+use super::encoder::{Encoder, Wrong};
+use super::icla::Gearing;
 use crate::body::Body;
+use base::Instant;
 use base::can::Frame;
-use base::{Duration, Instant};
-use canopen::drives;
-use canopen::{Dictionary, NmtState, Node, NodeEvent};
-
-/// From power or reset to the boot-up message.
-const BOOT_TIME: Duration = Duration::from_millis(100);
+use canopen::{Dictionary, drives};
+use motorctl::odrive;
 
 /// What a drive moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +26,7 @@ pub enum Axis {
 pub struct DriveConfig {
     /// Name, the target of faults: `propulsion`.
     pub name: String,
-    /// Node id.
+    /// Node id; of an ODrive that of CAN Simple.
     pub node: u8,
     /// Which one.
     pub kind: DriveKind,
@@ -48,6 +46,15 @@ pub enum DriveKind {
     Icla(Gearing),
     /// Any drive of CiA 402, by its data sheet.
     Cia402(Box<Cia402Config>),
+    /// ODrive, which drives a wheel.
+    Odrive {
+        /// Number of the wheel.
+        wheel: u8,
+        /// Motor turns per turn of the wheel.
+        gear: f64,
+        /// Which one it is.
+        device: odrive::Device,
+    },
 }
 
 impl DriveKind {
@@ -55,36 +62,30 @@ impl DriveKind {
     #[must_use]
     pub fn axis(&self) -> Axis {
         match self {
-            Self::Epos { wheel, .. } => Axis::Wheel(*wheel),
+            Self::Epos { wheel, .. } | Self::Odrive { wheel, .. } => Axis::Wheel(*wheel),
             Self::Icla(_) => Axis::Steering,
             Self::Cia402(config) => config.axis,
         }
     }
 
-    /// The objects of a new drive with this node id.
-    pub(crate) fn dictionary(&self, node: u8) -> Dictionary {
+    /// The objects of a new drive with this node id; none: it is no CANopen node.
+    pub(crate) fn dictionary(&self, node: u8) -> Option<Dictionary> {
         match self {
-            Self::Epos { .. } => drives::epos::dictionary(node),
-            Self::Icla(_) => drives::icla::dictionary(node),
-            Self::Cia402(config) => config.sheet.dictionary(node),
+            Self::Epos { .. } => Some(drives::epos::dictionary(node)),
+            Self::Icla(_) => Some(drives::icla::dictionary(node)),
+            Self::Cia402(config) => Some(config.sheet.dictionary(node)),
+            Self::Odrive { .. } => None,
         }
     }
 
     /// The same of another version, with other PDOs; none: there is no other.
-    fn other_version(&self, node: u8) -> Option<Dictionary> {
+    pub(super) fn other_version(&self, node: u8) -> Option<Dictionary> {
         match self {
-            Self::Epos { .. } => None,
+            Self::Epos { .. } | Self::Odrive { .. } => None,
             Self::Icla(_) => Some(drives::icla::dictionary_of_profile(node)),
             Self::Cia402(config) => Some(cia402::other_version(&config.sheet, node)),
         }
     }
-}
-
-/// What is behind the objects.
-enum Device {
-    Epos(Epos),
-    Icla(Icla),
-    Cia402(Box<Cia402>),
 }
 
 /// PDO mapping of a drive.
@@ -105,49 +106,34 @@ pub(crate) enum Disobedience {
     Runaway(f64),
 }
 
+/// What is behind the frames.
+enum End {
+    Canopen(Box<CanopenDrive>),
+    Controller(Box<Controller>),
+}
+
 /// A drive and its injected faults.
 pub(crate) struct Drive {
     pub config: DriveConfig,
-    device: Device,
-    layout: Layout,
-    node: Node,
+    end: End,
     /// Neither receives nor sends until this instant.
     pub silent_until: Instant,
     /// Disobeys until this instant.
     disobeys: Option<(Disobedience, Instant)>,
-    /// Of a wheel.
-    encoder: Option<Encoder>,
     now: Instant,
-    turned: f64,
 }
 
 impl Drive {
     /// A drive of `body`, switched off.
     pub fn new(config: DriveConfig, body: &Body) -> Self {
-        let dictionary = config.kind.dictionary(config.node);
-        let encoder = match config.kind.axis() {
-            Axis::Wheel(wheel) => Some(Encoder::new(wheel)),
-            Axis::Steering => None,
-        };
-        let reading = read(encoder.as_ref(), body);
-        let device = match &config.kind {
-            DriveKind::Epos { wheel, gear } => Device::Epos(Epos::new(*wheel, *gear, epos::ENABLING)),
-            DriveKind::Icla(gearing) => Device::Icla(Icla::new(*gearing, body)),
-            DriveKind::Cia402(own) => {
-                Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body, reading)))
+        let end = match (CanopenDrive::new(&config, body), &config.kind) {
+            (_, DriveKind::Odrive { wheel, gear, device }) => {
+                End::Controller(Box::new(Controller::new(*wheel, *gear, *device)))
             }
+            (Some(node), _) => End::Canopen(Box::new(node)),
+            (None, _) => unreachable!("every other kind has a node"),
         };
-        Self {
-            config,
-            device,
-            layout: Layout::Usual,
-            node: Node::new(dictionary, BOOT_TIME).without_block(),
-            silent_until: Instant::ZERO,
-            disobeys: None,
-            encoder,
-            now: Instant::ZERO,
-            turned: 0.0,
-        }
+        Self { config, end, silent_until: Instant::ZERO, disobeys: None, now: Instant::ZERO }
     }
 
     /// What it moves.
@@ -157,24 +143,20 @@ impl Drive {
 
     /// Switches it on, or off and on again.
     pub fn power_on(&mut self, now: Instant, body: &Body) {
-        self.node.power_on(now);
-        self.renew(body);
-        self.serve(now, body);
+        self.now = now;
+        match &mut self.end {
+            End::Canopen(node) => node.power_on(now, body),
+            End::Controller(controller) => controller.power_on(now, body),
+        }
     }
 
     /// Replaces it by one of its kind with this mapping; false if there is none.
     pub fn set_layout(&mut self, now: Instant, layout: Layout, body: &Body) -> bool {
-        let (kind, id) = (&self.config.kind, self.config.node);
-        let Some(other) = kind.other_version(id) else {
-            return false;
-        };
-        if self.layout != layout {
-            let dictionary = if layout == Layout::Other { other } else { kind.dictionary(id) };
-            self.layout = layout;
-            self.node = Node::new(dictionary, BOOT_TIME).without_block();
-            self.power_on(now, body);
+        self.now = now;
+        match &mut self.end {
+            End::Canopen(node) => node.set_layout(now, layout, &self.config, body),
+            End::Controller(_) => false,
         }
-        true
     }
 
     /// From now until then it disobeys, or obeys; false for the steering.
@@ -185,7 +167,15 @@ impl Drive {
 
     /// From now until then its encoder is wrong, or true; false for the steering.
     pub fn misread(&mut self, wrong: Option<Wrong>, until: Instant, body: &Body) -> bool {
-        self.encoder.as_mut().map(|encoder| encoder.deviate(wrong, until, body)).is_some()
+        self.encoder().map(|encoder| encoder.deviate(wrong, until, body)).is_some()
+    }
+
+    /// Of a wheel.
+    fn encoder(&mut self) -> Option<&mut Encoder> {
+        match &mut self.end {
+            End::Canopen(node) => node.encoder.as_mut(),
+            End::Controller(controller) => Some(&mut controller.encoder),
+        }
     }
 
     /// Demand for a wheel that is commanded to roll at `demand` and does so at `speed`, m/s.
@@ -198,220 +188,107 @@ impl Drive {
         }
     }
 
-    fn renew(&mut self, body: &Body) {
-        let reading = read(self.encoder.as_ref(), body);
-        match &mut self.device {
-            Device::Epos(epos) => epos.renew(self.node.dictionary()),
-            Device::Icla(icla) => icla.renew(self.node.dictionary(), body),
-            Device::Cia402(cia402) => cia402.renew(&mut self.node, body, reading),
-        }
-    }
-
     /// A frame from the bus.
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame, body: &Body) {
-        if self.silent_until <= now {
-            self.node.handle_rx(now, frame);
-            self.serve(now, body);
+        if self.silent_until > now {
+            return;
+        }
+        self.now = now;
+        match &mut self.end {
+            End::Canopen(node) => node.handle_rx(now, frame, body),
+            End::Controller(controller) => controller.handle_rx(now, frame, body),
         }
     }
 
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant, body: &Body) {
-        if self.node.poll_timeout().is_some_and(|due| due <= now) {
-            self.node.handle_timeout(now);
-            self.serve(now, body);
+        if self.poll_timeout().is_some_and(|due| due <= now) {
+            self.now = now;
+            match &mut self.end {
+                End::Canopen(node) => node.handle_timeout(now, body),
+                End::Controller(controller) => controller.handle_timeout(now, body),
+            }
         }
     }
 
     /// Raises an internal fault.
     pub fn fault(&mut self, now: Instant, code: u16, body: &Body) {
-        let emergency = match &mut self.device {
-            Device::Epos(epos) => epos.fault(code),
-            Device::Icla(icla) => icla.fault(code),
-            Device::Cia402(cia402) => cia402.fault(code),
-        };
-        self.report(emergency);
-        self.stepped(now, body, self.turned);
-    }
-
-    /// The feed of the wheels' motor comes or goes; what the drive thinks with has a supply of its own.
-    pub fn feed_motor(&mut self, now: Instant, fed: bool, body: &Body) {
-        let emergency = match &mut self.device {
-            Device::Epos(epos) => epos.feed(fed),
-            Device::Cia402(cia402) if cia402.config().axis != Axis::Steering => cia402.feed(fed),
-            Device::Icla(_) | Device::Cia402(_) => return,
-        };
-        self.report(emergency);
-        self.stepped(now, body, self.turned);
-    }
-
-    /// The PAUSE line is wired to the input of each wheel's drive for a stop by its quick stop ramp.
-    pub fn brake(&mut self, now: Instant, body: &Body) {
-        match &mut self.device {
-            Device::Epos(epos) => epos.brake(),
-            Device::Cia402(cia402) if cia402.config().axis != Axis::Steering => cia402.brake(),
-            Device::Icla(_) | Device::Cia402(_) => return,
-        }
-        self.stepped(now, body, self.turned);
-    }
-
-    /// The node's news go to the drive, and what follows from them to the node.
-    fn serve(&mut self, now: Instant, body: &Body) {
         self.now = now;
-        while self.pass_news(now, body) {
-            self.measure(body);
-            self.node.handle_timeout(now);
+        match &mut self.end {
+            End::Canopen(node) => node.fault(now, code, body),
+            End::Controller(controller) => controller.fault(code),
         }
     }
 
-    /// True if there was any.
-    fn pass_news(&mut self, now: Instant, body: &Body) -> bool {
-        let mut news = false;
-        while let Some(event) = self.node.poll_event() {
-            news = true;
-            match event {
-                NodeEvent::ObjectWritten { index, .. } => self.written(now, index, body),
-                NodeEvent::ResetApplication => self.renew(body),
-                NodeEvent::HeartbeatLost { .. } | NodeEvent::GuardLost => self.heartbeat_lost(),
-                NodeEvent::NmtState(state) => self.nmt_state(state),
-                NodeEvent::PdoTooShort { .. } => self.pdo_too_short(),
-                NodeEvent::HeartbeatBack { .. }
-                | NodeEvent::GuardBack
-                | NodeEvent::PdoTooLong { .. }
-                | NodeEvent::PdoLate { .. }
-                | NodeEvent::Time(_)
-                | NodeEvent::BitRate(_)
-                | NodeEvent::LssStored { .. } => {}
-            }
-        }
-        news
-    }
-
-    fn nmt_state(&mut self, state: NmtState) {
-        let (operational, initialised) = (state == NmtState::Operational, state != NmtState::Initialising);
-        match &mut self.device {
-            Device::Epos(epos) => {
-                epos.set_remote(operational);
-                if initialised {
-                    epos.initialised();
-                }
-            }
-            Device::Icla(icla) => {
-                icla.set_remote(operational);
-                if initialised {
-                    icla.initialised();
-                }
-            }
-            Device::Cia402(cia402) => {
-                cia402.set_nmt_state(state, self.node.dictionary());
-                if initialised {
-                    cia402.initialised();
-                }
-            }
+    /// The feed of the wheels' motor comes or goes. What a CANopen drive thinks with has a supply of its own.
+    pub fn feed_motor(&mut self, now: Instant, fed: bool, body: &Body) {
+        self.now = now;
+        match &mut self.end {
+            End::Canopen(node) => node.feed_motor(now, fed, body),
+            End::Controller(controller) => controller.feed(now, fed, body),
         }
     }
 
-    fn written(&mut self, now: Instant, index: u16, body: &Body) {
-        let objects = self.node.dictionary();
-        let emergency = match &mut self.device {
-            Device::Epos(epos) => epos.written(now, index, objects),
-            Device::Icla(icla) => icla.written(now, index, objects, body),
-            Device::Cia402(cia402) => cia402.written(now, index, objects),
-        };
-        self.report(emergency);
-    }
-
-    fn heartbeat_lost(&mut self) {
-        let emergency = match &mut self.device {
-            Device::Epos(epos) => epos.fault(epos::HEARTBEAT),
-            Device::Icla(icla) => Some(icla.heartbeat_lost()),
-            Device::Cia402(cia402) => Some(cia402.heartbeat_lost()),
-        };
-        self.report(emergency);
-    }
-
-    /// The node has sent the emergency; the EPOS brakes as for any fault of communication.
-    fn pdo_too_short(&mut self) {
-        if let Device::Epos(epos) = &mut self.device {
-            epos.fault(0x8210);
-        }
-    }
-
-    fn report(&mut self, emergency: Option<Emergency>) {
-        if let Some(Emergency { code, register }) = emergency {
-            self.node.set(0x603F, 0, i64::from(code));
-            self.node.emergency(code, register, [0; 5]);
+    /// The PAUSE line is wired to the input of each wheel's CANopen drive for a stop by its quick stop ramp.
+    pub fn brake(&mut self, now: Instant, body: &Body) {
+        self.now = now;
+        if let End::Canopen(node) = &mut self.end {
+            node.brake(now, body);
         }
     }
 
     /// True if time alone changes nothing.
     pub fn rests(&self) -> bool {
-        match &self.device {
-            Device::Epos(epos) => epos.rests(),
-            Device::Icla(icla) => icla.rests(),
-            Device::Cia402(cia402) => cia402.rests(),
+        match &self.end {
+            End::Canopen(node) => node.rests(),
+            End::Controller(controller) => controller.rests(),
         }
     }
 
     /// Goes on by `dt` s; answers what the drive demands of its axis: speed, m/s, or angle, rad.
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
-        if let Some(encoder) = &mut self.encoder {
+        if let Some(encoder) = self.encoder() {
             encoder.expire(now, body);
         }
-        let demand = match &mut self.device {
-            Device::Epos(epos) => epos.step(now, body, dt),
-            Device::Icla(icla) => icla.step(now, body, dt),
-            Device::Cia402(cia402) => cia402.step(now, body, dt),
+        let demand = match &mut self.end {
+            End::Canopen(node) => node.step(now, body, dt),
+            End::Controller(controller) => controller.demand(body),
         }?;
-        match (self.axis(), &self.encoder) {
-            (Axis::Wheel(wheel), Some(encoder)) => {
-                encoder.controlled(self.disobeyed(now, demand, body.wheel_speed(wheel.into())), body)
+        match self.axis() {
+            Axis::Wheel(wheel) => {
+                let demand = self.disobeyed(now, demand, body.wheel_speed(wheel.into()));
+                self.encoder()?.controlled(demand, body)
             }
-            _ => Some(demand),
+            Axis::Steering => Some(demand),
         }
     }
 
     /// After the body's step, in which the steering turned by `turned` rad/s.
     pub fn stepped(&mut self, now: Instant, body: &Body, turned: f64) {
         self.now = now;
-        self.turned = turned;
-        let emergency = match &mut self.device {
-            Device::Epos(epos) => epos.poll_fault(),
-            Device::Cia402(cia402) => cia402.poll_fault(),
-            Device::Icla(_) => None,
-        };
-        self.report(emergency);
-        self.measure(body);
-        self.node.handle_timeout(now);
-        self.serve(now, body);
-    }
-
-    /// Copies the drive's measurements to the node's objects.
-    fn measure(&mut self, body: &Body) {
-        let reading = read(self.encoder.as_ref(), body);
-        match &mut self.device {
-            Device::Epos(epos) => epos.feedback(&mut self.node, body, reading),
-            Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
-            Device::Cia402(cia402) => cia402.feedback(&mut self.node, body, self.turned, reading),
+        match &mut self.end {
+            End::Canopen(node) => node.stepped(now, body, turned),
+            End::Controller(controller) => controller.handle_timeout(now, body),
         }
     }
 
     /// A frame to send.
     pub fn poll_tx(&mut self) -> Option<Frame> {
-        while let Some(frame) = self.node.poll_tx() {
+        loop {
+            let frame = match &mut self.end {
+                End::Canopen(node) => node.poll_tx(),
+                End::Controller(controller) => controller.poll_tx(),
+            }?;
             if self.silent_until <= self.now {
                 return Some(frame);
             }
         }
-        None
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
-        self.node.poll_timeout()
+        match &self.end {
+            End::Canopen(node) => node.poll_timeout(),
+            End::Controller(controller) => controller.poll_timeout(),
+        }
     }
-}
-
-/// What the encoder of a wheel reads; nothing of the steering.
-fn read(encoder: Option<&Encoder>, body: &Body) -> Reading {
-    encoder.map_or_else(Reading::default, |encoder| encoder.read(body))
 }

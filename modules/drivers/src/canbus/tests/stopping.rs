@@ -619,7 +619,7 @@ fn what_another_program_may_have_changed_is_restored_at_once() {
 #[test]
 fn the_speed_is_capped_by_what_pause_leaves_of_the_brakes() {
     let stop = |pause, distance_m| Stop { pause, distance_m, ..Stop::usual() };
-    let cap = |stop: Stop| (stop.speed_max_mps(1.5) * 1000.0).round() / 1000.0;
+    let cap = |stop: Stop| (stop.speed_max_mps(1.5, false) * 1000.0).round() / 1000.0;
     assert_eq!(cap(stop(PauseStop::Coast, 0.25)), 0.274);
     assert_eq!(cap(stop(PauseStop::Brake, 0.25)), 0.866);
     assert_eq!(cap(stop(PauseStop::Delayed, 0.25)), 0.866);

@@ -1,0 +1,392 @@
+//! A motor controller without CANopen that turns a wheel (docs/motor-controllers.md): its engine, and what the module
+//! must know of it.
+//!
+//! Device    ODrive by CAN Simple, facts in `motorctl::odrive`
+//! Timing    set-points every 20 ms, a quick stop at once; the command time limit of the device is 200 ms, and proven
+//! Silence   of the device for 80 ms: lost, all others stop; of the driver: the device disarms itself, and rolls
+
+use super::drive::{Objection, Trouble};
+use super::odrive::{ControllerConfig, IDENTIFIERS};
+use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
+use base::can::Frame;
+use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
+use canopen::axis::Goal;
+use messages::Hold;
+use messages::lowlevel::{Axis, Node};
+use module::Actions;
+use motorctl::odrive::Odrive;
+use motorctl::odrive::wire::Command;
+use motorctl::{Event, LostReason, Refusal, State, Step};
+use std::f64::consts::TAU;
+use std::fmt;
+
+/// Minimum time for which one that did not obey blocks motion.
+const TROUBLE_MIN: Duration = Duration::from_millis(500);
+/// Age beyond which its speed is unknown.
+const MEASURED_AGE_MAX: Duration = Duration::from_millis(200);
+/// Margin of the engine's limit above that of commands, and of its ramp above those of the base.
+const MARGIN: f64 = 1.1;
+
+/// What is known of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Availability {
+    Starting,
+    Refused(Step),
+    Lost(LostReason),
+    BusDown,
+    Ready,
+    /// It was disarmed, because the module ends.
+    Off,
+}
+
+impl Availability {
+    /// Cause in `LL_DATA_HOLD`.
+    pub(super) fn hold(self) -> Hold {
+        match self {
+            Self::Starting | Self::Ready | Self::Off => Hold::DriveBooting,
+            Self::Refused(_) => Hold::DriveBootFailed,
+            Self::Lost(LostReason::Fault { .. }) => Hold::DriveFault,
+            Self::Lost(LostReason::TimeLimitChanged) => Hold::DriveParameter,
+            Self::Lost(_) | Self::BusDown => Hold::DriveLost,
+        }
+    }
+}
+
+/// Predicate of a sentence whose subject is the drive.
+impl fmt::Display for Availability {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Starting => f.write_str("is being started"),
+            Self::Refused(step) => write!(f, "cannot be started: {step}"),
+            Self::Lost(reason) => reason.fmt(f),
+            Self::BusDown => f.write_str("is not reached: the bus is down"),
+            Self::Ready => f.write_str("is ready"),
+            Self::Off => f.write_str("is switched off"),
+        }
+    }
+}
+
+base::deadlines! {
+    /// Deadlines beside those of the engine.
+    enum Timer {
+        /// Trouble is evaluated again. Set while it blocks motion.
+        Trouble,
+    }
+}
+
+pub(super) struct Controller {
+    name: &'static str,
+    node: u8,
+    /// m per rad of the wheel.
+    radius: f64,
+    engine: Odrive,
+    availability: Availability,
+    /// After a loss, a refusal or trouble it is not enabled before a deliberate act.
+    locked: bool,
+    trouble: Option<Trouble>,
+    /// [`Fault::DriveFault`] was raised because of trouble.
+    alarmed: bool,
+    /// Commanded speed, m/s.
+    target: f64,
+    /// Its bus is up.
+    reached: bool,
+    /// When its speed was measured.
+    measured: Option<Instant>,
+    changed: bool,
+    deadlines: Deadlines<Timer>,
+}
+
+impl Controller {
+    pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Self, ConfigError> {
+        let PropulsionDrive::Controller(ControllerConfig { gear, device, circumference }) = own.drive else {
+            return Err(ConfigError::NoSheet(own.axis));
+        };
+        let (limits, radius) = (&config.limits, circumference / TAU);
+        let ramp = limits.quick_stop_mps2.max(limits.deceleration_mps2).max(limits.acceleration_mps2);
+        let axis = motorctl::Axis {
+            gear,
+            velocity_max_radps: limits.speed_mps * MARGIN / radius,
+            // Those of the base are followed; the steepest one is that of a command that was not renewed.
+            acceleration_radps2: ramp * MARGIN / radius,
+        };
+        let engine = Odrive::new(&motorctl::Config::new([axis]), device);
+        Ok(Self {
+            name: own.axis.name(),
+            node: own.node,
+            radius,
+            engine: engine.map_err(|error| ConfigError::Controller { axis: own.axis, error })?,
+            availability: Availability::Starting,
+            locked: false,
+            trouble: None,
+            alarmed: false,
+            target: 0.0,
+            reached: false,
+            measured: None,
+            changed: true,
+            deadlines: Deadlines::new(),
+        })
+    }
+
+    /// The bus is up, and the controller is started; or down.
+    pub(super) fn on_bus(&mut self, now: Instant, up: bool, out: &mut Actions) {
+        self.reached = up;
+        if up {
+            self.engine.restart(now);
+            self.set_availability(Availability::Starting);
+            return;
+        }
+        let was_ready = self.is_ready();
+        // Nothing leaves: its command time limit acts.
+        self.engine.disarm(now);
+        while self.engine.poll_tx(now).is_some() {}
+        self.set_availability(Availability::BusDown);
+        if was_ready {
+            self.raise(Fault::DriveLost, format!("{}; the robot stops", Availability::BusDown), out);
+        }
+    }
+
+    fn set_availability(&mut self, availability: Availability) {
+        self.availability = availability;
+        (self.locked, self.changed) = (true, true);
+        self.trouble = None;
+        self.deadlines.clear_all();
+    }
+
+    /// Serves the deadlines of the engine; to be called before each decision.
+    pub(super) fn serve(&mut self, now: Instant, out: &mut Actions) {
+        if self.is_served() {
+            self.engine.handle_timeout(now);
+            self.drain(out);
+        }
+    }
+
+    fn is_served(&self) -> bool {
+        self.reached && self.availability != Availability::Off
+    }
+
+    /// True for a frame of its device, or to it.
+    pub(super) fn is_own(&self, frame: &Frame) -> bool {
+        matches!(frame.id(), base::can::Id::Standard(id) if id / IDENTIFIERS == u16::from(self.node))
+    }
+
+    /// Its name, if another program commands its device by this frame; one that asks it for something does not.
+    pub(super) fn foreign_command_to(&self, frame: &Frame) -> Option<&'static str> {
+        let asks = |command| {
+            matches!(
+                command,
+                Command::GetVersion
+                    | Command::GetError
+                    | Command::GetIq
+                    | Command::GetTemperature
+                    | Command::GetBus
+                    | Command::Read { .. }
+            )
+        };
+        let (node, command) = Command::decode(frame)?;
+        (node == self.node && !asks(command)).then_some(self.name)
+    }
+
+    /// A frame of its device; the speed, m/s, if it was measured.
+    pub(super) fn on_frame(&mut self, now: Instant, frame: &Frame, out: &mut Actions) -> Option<f64> {
+        self.engine.handle_rx(now, frame);
+        self.drain(out);
+        let feedback = self.engine.feedback(0).filter(|feedback| self.measured.is_none_or(|at| feedback.at > at))?;
+        self.measured = Some(feedback.at);
+        Some(feedback.velocity_radps * self.radius)
+    }
+
+    fn drain(&mut self, out: &mut Actions) {
+        while let Some(event) = self.engine.poll_event() {
+            match event {
+                Event::Ready { acted_after, reaction } => {
+                    let after = acted_after.map_or(f64::NAN, |after| after.as_secs_f64());
+                    self.set_availability(Availability::Ready);
+                    self.alarmed = false;
+                    let message = format!(
+                        "{} drive (node {}) is ready: {after:.2} s without a command it {reaction}",
+                        self.name, self.node
+                    );
+                    let faults = [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch];
+                    for fault in faults.into_iter().chain([Fault::DriveFault, Fault::DriveParameter]) {
+                        out.clear(fault, self.name, message.clone());
+                    }
+                    out.note(message);
+                }
+                Event::Refused { step, reason } => {
+                    self.set_availability(Availability::Refused(step));
+                    let fault = match reason {
+                        Refusal::Identity { .. } => Fault::DriveMismatch,
+                        _ => Fault::DriveBootFailed,
+                    };
+                    self.raise(fault, format!("cannot be started, {step}: it {reason}; tried again each second"), out);
+                }
+                Event::Lost { reason } => {
+                    self.set_availability(Availability::Lost(reason));
+                    let fault = match reason {
+                        LostReason::Fault { .. } => Fault::DriveFault,
+                        LostReason::TimeLimitChanged => Fault::DriveParameter,
+                        LostReason::Silent | LostReason::Disabled | LostReason::TimeLimitActed => Fault::DriveLost,
+                    };
+                    self.raise(fault, format!("{reason}; the robot stops, it is started again"), out);
+                }
+            }
+        }
+    }
+
+    fn raise(&self, fault: Fault, predicate: impl fmt::Display, out: &mut Actions) {
+        let message = format!("{} drive (node {}) {predicate}", self.name, self.node);
+        out.raise(Severity::Error, fault, self.name, message);
+    }
+
+    /// It does not obey: blocks motion until it was seen stopped.
+    pub(super) fn block_until_stopped(&mut self, now: Instant, why: Trouble, message: String, out: &mut Actions) {
+        out.raise(Severity::Error, Fault::DriveFault, self.name, message);
+        (self.trouble, self.alarmed, self.locked) = (Some(why), true, true);
+        self.deadlines.set(Timer::Trouble, now + TROUBLE_MIN);
+    }
+
+    /// Passes the goal to the engine, and sends what follows from it; `speed`: measured, m/s, NaN if unknown.
+    pub(super) fn advance(&mut self, now: Instant, goal: Goal, speed: f64, out: &mut Actions) {
+        if self.deadlines.is_due(Timer::Trouble, now) {
+            self.deadlines.set(Timer::Trouble, now + TROUBLE_MIN);
+            if self.is_ready() && speed.abs() < STANDSTILL_MPS {
+                self.deadlines.clear(Timer::Trouble);
+                self.trouble = None;
+            }
+        }
+        if self.alarmed && self.trouble.is_none() && self.is_ready() {
+            self.alarmed = false;
+            out.clear(Fault::DriveFault, self.name, format!("{} drive: no fault any more", self.name));
+        }
+        match goal {
+            Goal::Disabled => return self.switch_off(now),
+            _ if self.availability == Availability::Off => {
+                self.engine.restart(now);
+                self.set_availability(Availability::Starting);
+            }
+            Goal::Enabled if self.may_be_enabled() => {
+                if self.engine.is_quick_stop() {
+                    // Refused while it turns: it stays stopped.
+                    let _refused = self.engine.release(now);
+                }
+                if !self.engine.is_quick_stop() && self.engine.command(now, [self.target / self.radius]).is_err() {
+                    self.engine.quick_stop();
+                }
+            }
+            Goal::Enabled | Goal::QuickStop => self.engine.quick_stop(),
+        }
+        self.serve(now, out);
+    }
+
+    fn may_be_enabled(&self) -> bool {
+        self.is_ready() && !self.locked && self.trouble.is_none()
+    }
+
+    /// Takes the torque away. One that is not ready has none, or loses it by its command time limit.
+    fn switch_off(&mut self, now: Instant) {
+        if self.availability == Availability::Off {
+            return;
+        }
+        if self.is_ready() {
+            self.engine.disarm(now);
+        }
+        self.set_availability(Availability::Off);
+    }
+
+    pub(super) fn poll_tx(&mut self, now: Instant) -> Option<Frame> {
+        if self.reached { self.engine.poll_tx(now) } else { None }
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        let engine = self.engine.poll_timeout().filter(|_| self.is_served());
+        earliest([engine, self.deadlines.next()])
+    }
+
+    pub(super) fn target(&self) -> f64 {
+        self.target
+    }
+
+    pub(super) fn set_target(&mut self, speed: f64) {
+        self.target = speed;
+    }
+
+    pub(super) fn release(&mut self) {
+        self.locked = false;
+    }
+
+    /// True if its speed was measured recently.
+    pub(super) fn is_known(&self, now: Instant) -> bool {
+        self.measured.is_some_and(|at| now.since(at) < MEASURED_AGE_MAX)
+    }
+
+    pub(super) fn is_ready(&self) -> bool {
+        self.availability == Availability::Ready
+    }
+
+    pub(super) fn is_enabled(&self) -> bool {
+        self.may_be_enabled() && !self.engine.is_quick_stop()
+    }
+
+    pub(super) fn is_quick_stopped(&self) -> bool {
+        self.is_ready() && self.engine.is_quick_stop()
+    }
+
+    pub(super) fn is_off(&self) -> bool {
+        !self.is_ready()
+    }
+
+    pub(super) fn objection(&self) -> Option<Objection> {
+        match (self.availability, self.trouble) {
+            (Availability::Ready, trouble) => trouble.map(Objection::Trouble),
+            (availability, _) => Some(Objection::Controller(availability)),
+        }
+    }
+
+    pub(super) fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
+    }
+
+    /// Row in `LL_DATA_AXES`, in the terms of CANopen and CiA 402.
+    pub(super) fn row(&self, speed: f64) -> Axis {
+        const OPERATION_ENABLED: i32 = 0x27;
+        const QUICK_STOP_ACTIVE: i32 = 0x07;
+        const FAULT: i32 = 0x08;
+        const SWITCH_ON_DISABLED: i32 = 0x40;
+        const OPERATIONAL: i8 = 5;
+        const PRE_OPERATIONAL: i8 = 127;
+        let (nmt_state, statusword, error_code) = match self.availability {
+            Availability::Ready if self.engine.is_quick_stop() => (OPERATIONAL, QUICK_STOP_ACTIVE, 0),
+            Availability::Ready => (OPERATIONAL, OPERATION_ENABLED, 0),
+            Availability::Lost(LostReason::Fault { errors }) => (PRE_OPERATIONAL, FAULT, errors as i32),
+            Availability::Starting | Availability::Off => (PRE_OPERATIONAL, SWITCH_ON_DISABLED, 0),
+            Availability::Refused(_) | Availability::Lost(_) | Availability::BusDown => (-1, 0, 0),
+        };
+        Axis {
+            name: self.name.into(),
+            nmt_state,
+            statusword,
+            error_code,
+            position: f64::NAN,
+            velocity: speed,
+            current: self.engine.feedback(0).map_or(f64::NAN, |feedback| feedback.current_a),
+        }
+    }
+
+    /// Row in `LL_DATA_BUS`: it is asked for nothing that it must answer.
+    pub(super) fn bus_row(&self) -> Node {
+        let state = match (self.availability, self.engine.state()) {
+            (Availability::Ready, _) => Node::OK,
+            (Availability::Starting, State::Starting) => Node::DEGRADED,
+            _ => Node::LOST,
+        };
+        Node {
+            name: self.name.into(),
+            address: i32::from(self.node),
+            state,
+            round_trip_min: f64::NAN,
+            round_trip_mean: f64::NAN,
+            round_trip_max: f64::NAN,
+            ..Node::default()
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! A CANopen drive that turns a wheel: converts m/s to the drive's unit.
+
+use super::cia402::Wanted;
+use super::drive::Drive;
+use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive};
+use base::Instant;
+use base::can::Frame;
+use canopen::axis::modes::Mode;
+use canopen::axis::{Goal, PowerState, Units};
+use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::derive::{self, Derived};
+use canopen::drives::epos;
+use canopen::{Master, NodeConfig};
+use module::Actions;
+use settings::robot::Limits;
+
+pub(super) struct Servo {
+    pub(super) drive: Drive,
+    table: Table,
+    parameters: Parameters,
+    units: Units,
+    /// Target velocity in the drive's unit.
+    target: i32,
+}
+
+impl Servo {
+    /// `None`: the drive is no CANopen node.
+    pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Option<Self>, ConfigError> {
+        let limits = &config.limits;
+        let (table, parameters, units, reservations) = match &own.drive {
+            PropulsionDrive::Epos { rpm_per_mps } => {
+                let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
+                (epos::TABLE.clone(), parameters, units, Vec::new())
+            }
+            PropulsionDrive::Cia402 { drive, circumference } => {
+                let wanted = Wanted {
+                    axis: own.axis,
+                    node: own.node,
+                    mode: Mode::ProfileVelocity,
+                    per_turn: *circumference,
+                    limits: derive::Limits {
+                        velocity: limits.speed_mps,
+                        acceleration: limits.acceleration_mps2,
+                        deceleration: limits.deceleration_mps2,
+                        quick_stop: limits.quick_stop_mps2,
+                    },
+                    range: None,
+                };
+                let Derived { table, parameters, units, reservations, .. } = drive.derive(&wanted, config)?;
+                (table, parameters, units, reservations)
+            }
+            PropulsionDrive::Controller(_) => return Ok(None),
+        };
+        let drive = Drive::new(own.axis.name(), own.node, table.axis_config(), reservations);
+        Ok(Some(Self { drive, table, parameters, units, target: 0 }))
+    }
+
+    pub(super) fn node_config(&self) -> NodeConfig {
+        self.table.node_config(self.drive.name, &self.parameters)
+    }
+
+    /// A PDO was received; its speed, m/s, if it has one, and its statusword.
+    pub(super) fn unpack(&self, number: u8, data: &[u8]) -> Option<(Option<f64>, Option<u16>)> {
+        let status = self.table.unpack(number, data)?;
+        Some((status.value.map(|velocity| self.velocity_si(velocity)), status.statusword))
+    }
+
+    /// m/s of a velocity in the drive's unit.
+    pub(super) fn velocity_si(&self, velocity: i32) -> f64 {
+        self.units.velocity_si(velocity)
+    }
+
+    /// Commanded speed, m/s.
+    pub(super) fn target(&self) -> f64 {
+        self.velocity_si(self.target)
+    }
+
+    pub(super) fn set_target(&mut self, speed: f64) {
+        self.target = self.units.velocity(speed);
+    }
+
+    pub(super) fn advance(&mut self, now: Instant, goal: Goal, master: &mut Master, out: &mut Actions) {
+        self.drive.set_goal(now, goal);
+        self.drive.handle_timeout(now, out);
+        self.drive.expect_mode(now, Some(self.table.mode.code()), master);
+        let data = self.table.pack(self.drive.axis.controlword(), self.target);
+        self.drive.send(now, master, self.table.rpdo.number, data);
+    }
+
+    /// [`Drive::blind_stop`] by the quick stop ramp.
+    pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
+        let data = self.table.pack(self.table.quick_stop, 0);
+        self.drive.blind_stop(now, bus_is_up, self.table.rpdo.number, &data)
+    }
+
+    pub(super) fn is_quick_stopped(&self) -> bool {
+        self.drive.axis.goal() == Goal::QuickStop
+            && matches!(self.drive.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive))
+    }
+
+    /// True if a quick stop is in progress, or may be: that of a drive whose state is not known yet was commanded by an
+    /// earlier process, or before it was lost.
+    pub(super) fn may_be_stopping(&self) -> bool {
+        let is_known = self.drive.is_booted() && self.drive.axis.state().is_some();
+        !is_known || self.is_quick_stopped()
+    }
+}
+
+/// Values and units of an EPOS. Its speeds are rpm and rpm/s; its position is not used.
+fn epos(node: u8, rpm_per_mps: f64, limits: &Limits) -> (Parameters, Units) {
+    let units = Units::new(rpm_per_mps, rpm_per_mps, rpm_per_mps);
+    let parameters = Parameters {
+        // A margin above the limit of commands, for the drive's own controller.
+        velocity: units.speed(limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
+        acceleration: units.acceleration(limits.acceleration_mps2),
+        deceleration: units.acceleration(limits.deceleration_mps2),
+        quick_stop_deceleration: units.acceleration(limits.quick_stop_mps2),
+        ..epos::parameters(node)
+    };
+    (parameters, units)
+}

@@ -1,0 +1,307 @@
+//! Wheels on motor controllers without CANopen: emulated ODrives, whose motors turn without a body.
+
+use super::super::{Axis, ControllerConfig};
+use super::*;
+use base::can::Id;
+use motorctl::motor::Encoder;
+use motorctl::odrive::{self, device::Device, wire};
+use settings::robot::{Base, Differential, Layout};
+use std::f64::consts::TAU;
+
+const GEAR: f64 = 8.0;
+/// Radius of the wheels, m.
+const RADIUS: f64 = 0.085;
+
+fn identity(node: u8) -> odrive::Device {
+    odrive::Device { node, ..odrive::Device::EXAMPLE }
+}
+
+fn on_odrives() -> Config {
+    let wheel = |(node, axis)| PropulsionConfig {
+        axis,
+        node,
+        drive: PropulsionDrive::Controller(ControllerConfig {
+            gear: GEAR,
+            device: identity(node),
+            circumference: TAU * RADIUS,
+        }),
+        writable: Vec::new(),
+    };
+    Config {
+        base: Some(Base { layout: Layout::Differential(Differential { track_m: 0.42 }) }),
+        wheels: [(1, Axis::Left), (2, Axis::Right)].map(wheel).into(),
+        steering: None,
+        critical: Vec::new(),
+        planning: Vec::new(),
+        ..config()
+    }
+}
+
+/// The module and two ODrives on a wire without delay.
+struct Rover {
+    bench: Bench,
+    drives: [Device; 2],
+    frames: Vec<(Instant, can::Frame)>,
+    holds: lowlevel::DataHold,
+    axes: Option<lowlevel::DataAxes>,
+    bus: Option<lowlevel::DataBus>,
+    answers: Vec<lowlevel::DataSdo>,
+    errors: Vec<Fault>,
+    ended: bool,
+}
+
+impl Rover {
+    fn new() -> Self {
+        let canbus = Canbus::new(on_odrives()).expect("a good configuration");
+        let mut rover = Self {
+            bench: Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(canbus))),
+            drives: [1, 2].map(|node| Device::new(identity(node))),
+            frames: Vec::new(),
+            holds: lowlevel::DataHold::default(),
+            axes: None,
+            bus: None,
+            answers: Vec::new(),
+            errors: Vec::new(),
+            ended: false,
+        };
+        rover.bench.start();
+        rover
+    }
+
+    /// Started, without a command.
+    fn ready() -> Self {
+        let mut rover = Self::new();
+        rover.pass(2000);
+        assert_eq!((rover.bench.shell.state(), rover.causes()), (State::Run, vec![(Hold::NobodyCommands, "")]));
+        rover
+    }
+
+    fn pass(&mut self, ms: u32) {
+        for _ in 0..ms {
+            self.bench.pass(MS);
+            let now = self.bench.now();
+            self.drives.iter_mut().for_each(|drive| drive.handle_timeout(now));
+            self.exchange();
+        }
+    }
+
+    fn exchange(&mut self) {
+        loop {
+            let (now, mut quiet) = (self.bench.now(), true);
+            for (at, action) in self.bench.done() {
+                match action {
+                    Action::Send(_, Output::Can(frame)) => {
+                        quiet = false;
+                        self.frames.push((at, frame));
+                        self.drives.iter_mut().for_each(|drive| drive.handle_rx(now, &frame));
+                    }
+                    Action::Publish(Message::LlDataHold(holds)) => self.holds = holds,
+                    Action::Publish(Message::LlDataAxes(axes)) => self.axes = Some(axes),
+                    Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
+                    Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
+                    Action::Report(report) => self.errors.push(report.fault),
+                    Action::Exit(_) => self.ended = true,
+                    _ => {}
+                }
+            }
+            for drive in &mut self.drives {
+                while let Some(frame) = drive.poll_tx() {
+                    quiet = false;
+                    self.bench.can(PortId(0), frame);
+                }
+            }
+            if quiet {
+                return;
+            }
+        }
+    }
+
+    /// Commands at 20 Hz.
+    fn drive(&mut self, speed: f64, ms: u32) {
+        for _ in 0..ms / 50 {
+            let (priority, source) = (lowlevel::CmdMotion::REMOTE, "test".into());
+            self.bench.message(lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source });
+            self.exchange();
+            self.pass(50);
+        }
+    }
+
+    /// It drives at 0.4 m/s.
+    fn driving() -> Self {
+        let mut rover = Self::ready();
+        rover.drive(0.0, 50);
+        rover.drive(0.4, 1500);
+        assert!(rover.speeds().iter().all(|speed| (speed - 0.4).abs() < 1e-3), "{:?}", rover.causes());
+        rover
+    }
+
+    /// Speeds of the wheels, m/s.
+    fn speeds(&self) -> [f64; 2] {
+        [0, 1].map(|n: usize| self.drives[n].motor.velocity() / GEAR * TAU * RADIUS)
+    }
+
+    fn causes(&self) -> Vec<(Hold, &str)> {
+        let cause = |hold: &lowlevel::Hold| hold.cause().expect("a number of this version");
+        self.holds.holds.iter().map(|hold| (cause(hold), hold.subject.as_str())).collect()
+    }
+
+    /// When the wheel of this node was first commanded zero at or after this instant.
+    fn zero(&self, node: u8, since: Instant) -> Option<Instant> {
+        let is_zero = |frame: &can::Frame| match wire::Command::decode(frame) {
+            Some((to, wire::Command::SetInputVel(speed))) => to == node && speed == 0.0,
+            _ => false,
+        };
+        self.frames.iter().find(|(at, frame)| *at >= since && is_zero(frame)).map(|(at, _)| *at)
+    }
+}
+
+#[test]
+fn two_odrives_are_started_and_drive_and_no_frame_is_one_of_canopen() {
+    let mut rover = Rover::new();
+    rover.drive(0.4, 300);
+    assert!(rover.drives.iter().all(|drive| drive.motor.velocity() == 0.0), "it moved before it was started");
+    rover = Rover::driving();
+    let own = |frame: &can::Frame| matches!(frame.id(), Id::Standard(id) if [1, 2].contains(&(id >> 5)));
+    assert!(rover.frames.iter().all(|(_, frame)| own(frame)));
+    let row = |axis: &lowlevel::Axis| (axis.name.clone(), axis.nmt_state, axis.statusword, axis.error_code);
+    let axes = rover.axes.as_ref().unwrap();
+    let expected = ["left", "right"].map(|name| (name.to_owned(), 5, 0x27, 0));
+    assert_eq!(axes.axes.iter().map(row).collect::<Vec<_>>(), expected);
+    assert!(axes.axes.iter().all(|axis| (axis.velocity - 0.4).abs() < 1e-3), "{axes:?}");
+    let nodes = &rover.bus.as_ref().unwrap().nodes;
+    let expected = [("left".to_owned(), 1, lowlevel::Node::OK), ("right".to_owned(), 2, lowlevel::Node::OK)];
+    assert_eq!(nodes.iter().map(|node| (node.name.clone(), node.address, node.state)).collect::<Vec<_>>(), expected);
+}
+
+#[test]
+fn a_source_that_falls_silent_is_a_stop_at_once_and_does_not_resume() {
+    let mut rover = Rover::driving();
+    let last = rover.bench.now() - 50 * MS;
+    rover.pass(300);
+    // The time to live of the command, to the millisecond.
+    let zero = last + 250 * MS;
+    assert_eq!([1, 2].map(|node| rover.zero(node, zero)), [Some(zero); 2]);
+    rover.pass(500);
+    rover.drive(0.4, 500);
+    assert_eq!((rover.speeds(), rover.causes()), ([0.0; 2], vec![(Hold::NotReleased, "test")]));
+    rover.drive(0.0, 50);
+    rover.drive(0.4, 1500);
+    assert!(rover.speeds().iter().all(|speed| (speed - 0.4).abs() < 1e-3));
+}
+
+#[test]
+fn the_other_wheel_stops_if_one_is_lost_refuses_or_lies() {
+    type Harm = fn(&mut Device);
+    let fault = (Hold::DriveFault, Fault::DriveFault);
+    let lost = (Hold::DriveLost, Fault::DriveLost);
+    let untrue = (Hold::DriveNoTarget, Fault::DriveFault);
+    let harms: [(&str, Harm, u32, (Hold, Fault)); 6] = [
+        ("fault", |drive| drive.raise(wire::error::CURRENT_LIMIT_VIOLATION), 20, fault),
+        ("silent", |drive| drive.faults.unplugged = true, 80, lost),
+        ("mute", |drive| drive.faults.mute = true, 80, lost),
+        ("reboot", |drive| *drive = Device::new(identity(2)), 20, lost),
+        ("dead encoder", |drive| drive.motor.encoder = Encoder::Dead, 230, untrue),
+        ("reversed encoder", |drive| drive.motor.encoder = Encoder::Reversed, 230, fault),
+    ];
+    for (what, harm, within_ms, (hold, report)) in harms {
+        let mut rover = Rover::driving();
+        let since = rover.bench.now();
+        harm(&mut rover.drives[1]);
+        rover.drive(0.4, 300);
+        let took = rover.zero(1, since).map(|at| at.since(since));
+        assert!(took.is_some_and(|took| took <= within_ms * MS), "{what}: {took:?}");
+        let causes = rover.causes();
+        assert!(causes.contains(&(hold, "right")) && rover.errors.contains(&report), "{what}: {causes:?}");
+        rover.drive(0.4, 3000);
+        assert_eq!(rover.speeds()[0], 0.0, "{what}: it moves by itself");
+    }
+}
+
+#[test]
+fn a_drive_that_comes_back_is_started_again_and_waits_for_an_act() {
+    let mut rover = Rover::driving();
+    rover.drives[1].faults.unplugged = true;
+    rover.drive(0.4, 500);
+    // Its own time limit has acted.
+    assert!(!rover.drives[1].is_armed());
+    rover.drives[1].faults.unplugged = false;
+    rover.drive(0.4, 4000);
+    assert_eq!((rover.speeds(), rover.causes()), ([0.0; 2], vec![(Hold::NotReleased, "test")]));
+    assert!(rover.drives.iter().all(Device::is_armed), "they hold zero");
+    rover.drive(0.0, 50);
+    rover.drive(0.4, 1500);
+    assert!(rover.speeds().iter().all(|speed| (speed - 0.4).abs() < 1e-3));
+}
+
+#[test]
+fn another_firmware_and_a_dead_watchdog_are_refused() {
+    type Harm = fn(&mut Rover);
+    let harms: [(Harm, Fault); 2] = [
+        (|rover| rover.drives[0] = other_firmware(), Fault::DriveMismatch),
+        (|rover| rover.drives[0].faults.watchdog_dead = true, Fault::DriveBootFailed),
+    ];
+    for (harm, report) in harms {
+        let mut rover = Rover::new();
+        harm(&mut rover);
+        rover.drive(0.0, 3000);
+        rover.drive(0.4, 1000);
+        assert!(rover.errors.contains(&report), "{:?}", rover.errors);
+        assert_eq!((rover.speeds(), rover.causes()[0]), ([0.0; 2], (Hold::DriveBootFailed, "left")));
+    }
+}
+
+fn other_firmware() -> Device {
+    let identity = identity(1);
+    Device::new(odrive::Device { version: wire::Version { firmware: [0, 6, 9], ..identity.version }, ..identity })
+}
+
+#[test]
+fn a_second_master_stops_the_robot_and_one_who_only_asks_does_not() {
+    let mut rover = Rover::driving();
+    rover.bench.can(PortId(0), wire::Command::GetError.frame(1));
+    rover.drive(0.4, 100);
+    assert_eq!(rover.causes(), []);
+    let since = rover.bench.now();
+    rover.bench.can(PortId(0), wire::Command::SetInputVel(1.0).frame(1));
+    rover.drive(0.4, 100);
+    assert_eq!([1, 2].map(|node| rover.zero(node, since)), [Some(since); 2]);
+    assert_eq!(rover.causes()[0], (Hold::SecondMaster, "can.main"));
+}
+
+#[test]
+fn objects_of_canopen_are_refused_where_there_is_none() {
+    let mut rover = Rover::ready();
+    rover.bench.message(lowlevel::CmdSdo { node: 1, index: 0x1000, ..Default::default() });
+    rover.exchange();
+    assert_eq!(rover.answers.len(), 1);
+    assert_ne!(rover.answers[0].abort_code, 0);
+}
+
+#[test]
+fn a_bus_that_was_down_starts_the_drives_again() {
+    let mut rover = Rover::driving();
+    rover.bench.event(Event::Port { port: PortId(0), input: Input::Down("unplugged") });
+    rover.exchange();
+    let frames = rover.frames.len();
+    rover.drive(0.4, 1000);
+    assert_eq!(rover.frames.len(), frames, "frames for a port that is down");
+    assert_eq!(rover.causes()[0], (Hold::BusDown, "can.main"));
+    assert!(rover.drives.iter().all(|drive| !drive.is_armed()), "by their own time limit");
+    rover.bench.event(Event::Port { port: PortId(0), input: Input::Up });
+    rover.drive(0.4, 3000);
+    assert_eq!((rover.speeds(), rover.causes()), ([0.0; 2], vec![(Hold::NotReleased, "test")]));
+}
+
+#[test]
+fn a_module_that_ends_leaves_its_drives_without_torque() {
+    let mut rover = Rover::driving();
+    let state = State::Terminate as i8;
+    rover.bench.message(common::CmdState { module: NAME.into(), state, manual: true, ..Default::default() });
+    rover.exchange();
+    rover.pass(2000);
+    assert!(rover.ended && rover.drives.iter().all(|drive| !drive.is_armed()));
+    let estop = |frame: &can::Frame| matches!(wire::Command::decode(frame), Some((_, wire::Command::Estop)));
+    let stopped: Vec<Instant> = rover.frames.iter().filter(|(_, frame)| estop(frame)).map(|(at, _)| *at).collect();
+    assert_eq!(stopped.len(), 2);
+    assert!(rover.frames.iter().all(|(at, _)| *at <= stopped[1]), "nothing after it");
+}
