@@ -77,6 +77,11 @@ impl Builder {
         if next && octant < open.octant {
             self.revolution += 1;
         }
+        if self.samples.is_full() && wrap(open.front_rad - f64::from(open.octant) * EIGHTH_RAD) < step.angle_rad * 4.0 {
+            // The motor stands.
+            self.reset();
+            return shared.stale();
+        }
         if jumped || next || self.samples.is_full() {
             self.close(step, shared);
             return self.begin(octant, angle, sample);

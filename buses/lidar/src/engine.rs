@@ -267,6 +267,7 @@ impl<P: Protocol> Lidar<P> {
     /// used by the next start-up.
     pub fn handle_closed(&mut self, now: Instant) {
         if matches!(self.life, Life::Starting { .. } | Life::Running { .. }) {
+            while self.shared.tx.pop().is_some() {}
             self.lose(now, LostReason::Closed);
         }
     }
@@ -385,7 +386,6 @@ impl<P: Protocol> Lidar<P> {
 
     fn lose(&mut self, now: Instant, reason: LostReason) {
         self.life = Life::Resting { until: now + REST };
-        while self.shared.tx.pop().is_some() {}
         for fault in Fault::ALL {
             self.shared.fault(fault, false);
         }

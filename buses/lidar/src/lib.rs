@@ -14,6 +14,7 @@ pub mod emulated;
 mod engine;
 mod event;
 pub mod ld;
+pub mod rplidar;
 mod scan;
 
 pub use engine::{Bytes, Lidar, Optics, Progress, Protocol, REST, SILENT_AFTER, Shared};
