@@ -121,6 +121,11 @@ impl Shared {
         self.counters.rejected = self.counters.rejected.saturating_add(1);
     }
 
+    /// Notes that something valid arrived, which is not counted.
+    pub(crate) fn arrived_valid(&mut self) {
+        self.valid = Some(self.now);
+    }
+
     /// Counts a valid message without new measurements: the device repeats itself, or its motor stands.
     pub(crate) fn stale(&mut self) {
         self.valid = Some(self.now);

@@ -16,6 +16,7 @@ mod event;
 pub mod ld;
 pub mod rplidar;
 mod scan;
+pub mod sick;
 
 pub use engine::{Bytes, Lidar, Optics, Progress, Protocol, REST, SILENT_AFTER, Shared};
 pub use event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text};
