@@ -13,6 +13,7 @@ mod clock;
 pub mod emulated;
 mod engine;
 mod event;
+pub mod hokuyo;
 pub mod ld;
 pub mod rplidar;
 mod scan;
