@@ -55,6 +55,11 @@ impl Clock {
             return None;
         }
         let elapsed_ns = ticks * self.tick_ns;
+        if last.device_ns + elapsed_ns > now.as_nanos() {
+            // The device's clock was set to a time that the host has not reached.
+            self.last = Some(Last { counter, device_ns: 0, origin: now });
+            return Some(now);
+        }
         last.counter = counter;
         last.device_ns += elapsed_ns;
         let device = base::Duration::from_nanos(last.device_ns);
@@ -99,6 +104,17 @@ mod tests {
         assert_eq!(clock.at(now, 500), None);
         assert_eq!(clock.at(now, 3), None);
         assert!(clock.at(now + Duration::from_millis(4), 7).is_some());
+    }
+
+    #[test]
+    fn a_clock_that_was_set_forward_gives_no_instant_in_the_future() {
+        let mut clock = Clock::new(1 << 32, 1000);
+        let now = Instant::from_millis(10_000);
+        clock.at(now, 0).unwrap();
+        for n in 1..10 {
+            let now = now + Duration::from_millis(n);
+            assert!(clock.at(now, n * 9_000_000).unwrap() <= now);
+        }
     }
 
     #[test]

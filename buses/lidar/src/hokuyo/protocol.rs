@@ -163,9 +163,9 @@ impl Scip {
                     line == self.request
                 };
                 if is_echo {
-                    self.place = Place::Status
+                    self.place = Place::Status;
                 } else {
-                    self.lose_step(shared)
+                    self.lose_step(shared);
                 }
                 Progress::Pending
             }

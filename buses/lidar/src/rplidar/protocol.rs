@@ -409,7 +409,7 @@ impl Requests {
         if f64::from(self.node.count) * self.period_s > TURN_WITHIN_S {
             self.node.per_turn = 0;
             self.builder.reset();
-            if self.node.count % 64 == 0 {
+            if self.node.count.is_multiple_of(64) {
                 shared.stale();
             }
             return true;
@@ -417,7 +417,7 @@ impl Requests {
         if self.node.settled < SETTLED || self.node.per_turn == 0 {
             return true;
         }
-        if self.node.settled % 64 == 0 {
+        if self.node.settled.is_multiple_of(64) {
             shared.accept();
         }
         let step = Step { angle_rad: TAU / f64::from(self.node.per_turn), time_s: self.period_s };
