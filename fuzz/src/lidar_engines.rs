@@ -148,8 +148,8 @@ fn lines(bytes: &[u8]) -> Vec<u8> {
 
 /// Engines of lidars with arbitrary bytes, framed ones, hangs, closed connections and faults, at any time.
 ///
-/// Sectors are at most an eighth, bounded, finite and not from the future. After a call and its draining nothing is due.
-/// With a device at power-on the engine runs again.
+/// Sectors are at most an eighth, bounded, finite and not from the future. After a call and its draining nothing is
+/// due. With a device at power-on the engine runs again.
 pub fn lidar_engines(data: &[u8]) {
     let Some((kind, steps)) = crate::input::<(u8, Vec<Step<'_>>)>(data) else { return };
     let steps = &steps[..steps.len().min(60)];

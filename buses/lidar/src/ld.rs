@@ -1,7 +1,7 @@
 //! LDROBOT LD06, LD19 and STL-19P: a stream of packets, without commands.
 //!
-//! The device turns by itself and sends from power-on, 12 samples in a packet of 47 bytes, at 230400 bit/s, 8N1, towards
-//! the host only. It has no identity and no health; its packets have the speed of the motor and a clock of 1 ms.
+//! The device turns by itself and sends from power-on, 12 samples in a packet of 47 bytes, at 230400 bit/s, 8N1, to the
+//! host only. It has no identity and no health; its packets have the speed of the motor and a clock of 1 ms.
 //!
 //! Sources: LDROBOT, *LD06 Development Manual* V1.0 and *LD19 Development Manual* V2.3, section 3 (protocol, example
 //! packet, CRC table); LDROBOT's published driver `ldlidar_stl_ros2` (samples per second of each model).
@@ -47,7 +47,7 @@ pub enum NoEcho {
     /// Not measured (NaN): the safe choice.
     #[default]
     Unknown,
-    /// Nothing was received (`+inf`): for devices and places where it was shown that near and dark objects do not read 0.
+    /// Nothing was received (`+inf`): for devices and places where near and dark objects were shown not to read 0.
     Nothing,
 }
 

@@ -1,9 +1,10 @@
 //! 2D lidars: [`ld`] (LDROBOT LD06, LD19, STL-19P), [`rplidar`] (A1, A2, A3, C1, S2), [`sick`] (LMS1xx, TiM5xx, TiM7xx,
 //! CoLa A and B) and [`hokuyo`] (SCIP 2.0), each with its emulated device.
 //!
-//! Everything here is sans-IO: it reads no clock and owns no port. The engine, [`Lidar`], is the same for all devices; a
-//! protocol decides what is on the wire. Measurements come as [`Sector`]s of at most an eighth of a revolution, with the
-//! instant of their first beam. Memory is allocated once, when an engine is made; what arrives is bounded and counted.
+//! Everything here is sans-IO: it reads no clock and owns no port. The engine, [`Lidar`], is the same for all devices;
+//! a protocol decides what is on the wire. Measurements come as [`Sector`]s of at most an eighth of a revolution, with
+//! the instant of their first beam. Memory is allocated once, when an engine is made; what arrives is bounded and
+//! counted.
 //!
 //! **None of these is a safety device**, and no module uses the engines yet.
 //!

@@ -8,8 +8,8 @@
 //! have no checksum, only three fixed bits: prefer a capsule where the device has one.
 //!
 //! Sources: SLAMTEC, *RPLIDAR S & A & C series interface protocol and application notes* (LR001), chapters 2 (packets)
-//! and 4 (requests); SLAMTEC's published `rplidar_sdk`, `sl_lidar_cmd.h` (numbers) and its unpackers, for what the notes
-//! leave open: angles of ultra capsules, and which models have which control of the motor.
+//! and 4 (requests); SLAMTEC's published `rplidar_sdk`, `sl_lidar_cmd.h` (numbers) and its unpackers, for what the
+//! notes leave open: angles of ultra capsules, and which models have which control of the motor.
 
 mod capsule;
 pub mod emulated;
