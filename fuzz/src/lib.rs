@@ -37,6 +37,7 @@ targets! {
     lcm_eventlog,
     lcm_tcpq,
     lcm_types,
+    lidar_engines,
     logs,
     messages,
     modbus_engines,

@@ -1,0 +1,492 @@
+//! The start-up of an RPLIDAR, and its data to sectors.
+
+use super::capsule::{self, Capsule};
+use super::wire::{DESCRIPTOR, Descriptor, Info, Node, SYNC, SYNC_2, answer, conf, encode, get_conf, request};
+use super::{Config, Mode, Motor};
+use crate::builder::{Builder, Sample, Step};
+use crate::engine::{Optics, Progress, Protocol, Shared};
+use crate::event::{Fault, Health, LostReason, text};
+use crate::scan::wrap;
+use base::{Duration, Instant};
+use core::f64::consts::TAU;
+use heapless::Vec;
+
+/// Time after a stop in which what was under way arrives.
+const STOPPING: Duration = Duration::from_millis(30);
+/// Time limit of an answer.
+const ANSWER_WITHIN: Duration = Duration::from_millis(120);
+/// Time limit of the first data after a scan was asked for; they come while the motor spins up.
+const DATA_WITHIN: Duration = Duration::from_millis(1000);
+/// Attempts of a request.
+const TRIES: u8 = 3;
+/// Longest answer that is taken.
+const ANSWER_MAX: usize = 64;
+/// Speed of the motor, Hz: the widest range of the data sheets.
+const RATE_HZ: core::ops::RangeInclusive<f64> = 4.5..=16.0;
+/// A capsule or sample that is farther from the last than at this speed is not believed, Hz.
+const RATE_MAX_HZ: f64 = 25.0;
+/// Time limit of a revolution of single samples, s.
+const TURN_WITHIN_S: f64 = 0.35;
+/// Samples in order after which single samples are believed.
+const SETTLED: u16 = 16;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ask {
+    Info,
+    Health,
+    Rate,
+    Typical,
+    Period { mode: u16 },
+    Kind { mode: u16 },
+    Scan { mode: u16 },
+}
+
+#[derive(Debug)]
+enum Phase {
+    Off,
+    /// What arrives belongs to the scan before.
+    Stopping {
+        until: Instant,
+    },
+    Asking {
+        ask: Ask,
+        tries: u8,
+        until: Instant,
+    },
+    /// The first data are due by `until`; later ones by the rules of the engine.
+    Scanning {
+        until: Option<Instant>,
+    },
+}
+
+/// The protocol of RPLIDARs.
+#[derive(Debug)]
+pub struct Requests {
+    config: Config,
+    phase: Phase,
+    /// A device that reported an error was reset.
+    was_reset: bool,
+    rx: Vec<u8, ANSWER_MAX>,
+    descriptor: Option<Descriptor>,
+    /// The device answers requests for its configuration.
+    has_conf: bool,
+    /// Time of a sample, s.
+    period_s: f64,
+    capsule: Capsule,
+    last: Option<(Instant, Capsule)>,
+    in_step: bool,
+    /// Bytes since the last valid sample or capsule.
+    skipped: usize,
+    node: NodeState,
+    builder: Builder,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct NodeState {
+    angle_rad: Option<f64>,
+    settled: u16,
+    /// Samples since the revolution began, and of the last whole one.
+    count: u16,
+    per_turn: u16,
+    /// No sample of this revolution is missing.
+    is_whole: bool,
+}
+
+impl Requests {
+    pub(super) fn new(config: Config) -> Self {
+        Self {
+            config,
+            phase: Phase::Off,
+            was_reset: false,
+            rx: Vec::new(),
+            descriptor: None,
+            has_conf: false,
+            period_s: 0.0,
+            capsule: Capsule::new(),
+            last: None,
+            in_step: false,
+            skipped: 0,
+            node: NodeState::default(),
+            builder: Builder::new(true),
+        }
+    }
+
+    fn ask(&mut self, now: Instant, ask: Ask, tries: u8, shared: &mut Shared) {
+        self.rx.clear();
+        self.descriptor = None;
+        let request = match ask {
+            Ask::Info => encode(request::GET_INFO, &[]),
+            Ask::Health => encode(request::GET_HEALTH, &[]),
+            Ask::Rate => encode(request::GET_SAMPLERATE, &[]),
+            Ask::Typical => get_conf(conf::TYPICAL_MODE, None),
+            Ask::Period { mode } => get_conf(conf::US_PER_SAMPLE, Some(mode)),
+            Ask::Kind { mode } => get_conf(conf::ANSWER_TYPE, Some(mode)),
+            Ask::Scan { .. } if self.config.mode == Mode::Standard => encode(request::SCAN, &[]),
+            // Modes are below 16.
+            Ask::Scan { mode } => encode(request::EXPRESS_SCAN, &[mode as u8, 0, 0, 0, 0]),
+        };
+        shared.send(&request);
+        self.phase = Phase::Asking { ask, tries, until: now + ANSWER_WITHIN };
+    }
+
+    fn next(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
+        self.ask(now, ask, TRIES, shared);
+        Progress::Pending
+    }
+
+    fn kind(&self) -> u8 {
+        match self.config.mode {
+            Mode::Standard => answer::SAMPLES,
+            Mode::Express => answer::EXPRESS,
+            Mode::Ultra => answer::ULTRA,
+            Mode::Dense => answer::DENSE,
+        }
+    }
+
+    /// Takes the bytes of an answer, which is complete when this returns it.
+    fn receive(&mut self, byte: u8, shared: &mut Shared) -> Option<Descriptor> {
+        // There is room: the buffer is emptied before it is full.
+        let _ = self.rx.push(byte);
+        let Some(descriptor) = self.descriptor else {
+            let is_begin = match self.rx[..] {
+                [first] => first == SYNC,
+                [_, second, ..] => second == SYNC_2,
+                [] => true,
+            };
+            if !is_begin {
+                let again = byte == SYNC;
+                self.rx.clear();
+                if again {
+                    let _ = self.rx.push(byte);
+                } else {
+                    shared.reject();
+                }
+                return None;
+            }
+            let bytes = <&[u8; DESCRIPTOR]>::try_from(&self.rx[..]).ok()?;
+            let descriptor = Descriptor::decode(bytes);
+            self.rx.clear();
+            let descriptor = descriptor.filter(|it| it.many || (it.len as usize) < ANSWER_MAX);
+            if descriptor.is_none() {
+                shared.reject();
+            }
+            self.descriptor = descriptor;
+            return descriptor.filter(|descriptor| descriptor.many);
+        };
+        (self.rx.len() >= descriptor.len as usize).then_some(descriptor)
+    }
+
+    fn answered(&mut self, now: Instant, ask: Ask, descriptor: Descriptor, shared: &mut Shared) -> Progress {
+        self.descriptor = None;
+        let answer = core::mem::take(&mut self.rx);
+        let entry = |entry: u32| answer.strip_prefix(&entry.to_le_bytes());
+        shared.accept();
+        match (ask, descriptor.kind) {
+            (Ask::Info, answer::INFO) => {
+                let Some(info) = Info::decode(&answer) else { return self.unfit(shared) };
+                self.identified(now, &info, shared)
+            }
+            (Ask::Health, answer::HEALTH) => match answer[..] {
+                [status, low, high] => self.healthy(now, status, u16::from_le_bytes([low, high]).into(), shared),
+                _ => self.unfit(shared),
+            },
+            (Ask::Rate, answer::SAMPLERATE) => {
+                let [a, b, c, d] = answer[..] else { return self.unfit(shared) };
+                let [single, express] = [[a, b], [c, d]].map(u16::from_le_bytes);
+                let period = if self.config.mode == Mode::Standard { single } else { express };
+                self.timed(now, f64::from(period), 0, shared)
+            }
+            (Ask::Typical, answer::CONF) => match entry(conf::TYPICAL_MODE) {
+                Some([low, high, ..]) if *high == 0 && *low < 16 => {
+                    self.next(now, Ask::Kind { mode: u16::from(*low) }, shared)
+                }
+                _ => self.unfit(shared),
+            },
+            (Ask::Kind { mode }, answer::CONF) => match entry(conf::ANSWER_TYPE) {
+                Some([kind, ..]) if *kind == self.kind() => self.next(now, Ask::Period { mode }, shared),
+                // The recommended mode has other data: the others are tried in turn.
+                Some([_, ..]) if mode > 0 => self.next(now, Ask::Kind { mode: mode - 1 }, shared),
+                Some([kind, ..]) => Progress::Lost(LostReason::Refused { code: u32::from(*kind) }),
+                _ => self.unfit(shared),
+            },
+            (Ask::Period { mode }, answer::CONF) => match entry(conf::US_PER_SAMPLE) {
+                Some([a, b, c, d]) => {
+                    let us = f64::from(u32::from_le_bytes([*a, *b, *c, *d])) / 256.0;
+                    self.timed(now, us, mode, shared)
+                }
+                _ => self.unfit(shared),
+            },
+            (Ask::Scan { .. }, kind) if kind == self.kind() && descriptor.many => {
+                self.phase = Phase::Scanning { until: Some(now + DATA_WITHIN) };
+                Progress::Pending
+            }
+            _ => self.unfit(shared),
+        }
+    }
+
+    /// An answer that does not fit; the request is repeated when its time is over.
+    fn unfit(&mut self, shared: &mut Shared) -> Progress {
+        shared.reject();
+        Progress::Pending
+    }
+
+    fn identified(&mut self, now: Instant, info: &Info, shared: &mut Shared) -> Progress {
+        let serial = info.serial.iter().fold(0_u128, |all, byte| all << 8 | u128::from(*byte));
+        let (major, minor) = info.firmware;
+        shared.identify(text(format_args!(
+            "RPLIDAR model 0x{:02X} firmware {major}.{minor:02} hardware {} serial {serial:032X}",
+            info.model, info.hardware
+        )));
+        if info.model >> 4 != self.config.model.major() {
+            return Progress::Lost(LostReason::Identity);
+        }
+        self.has_conf = info.has_conf();
+        self.next(now, Ask::Health, shared)
+    }
+
+    fn healthy(&mut self, now: Instant, status: u8, code: u32, shared: &mut Shared) -> Progress {
+        let health = match status {
+            0 => Health::Good,
+            1 => Health::Warning { code },
+            _ => Health::Error { code },
+        };
+        shared.health(health);
+        if matches!(health, Health::Error { .. }) {
+            if !self.was_reset {
+                shared.send(&encode(request::RESET, &[]));
+            }
+            self.was_reset = !self.was_reset;
+            return Progress::Lost(LostReason::Device { code });
+        }
+        self.was_reset = false;
+        match self.config.model.motor() {
+            Motor::None => {}
+            Motor::Pwm(duty) => shared.send(&encode(request::SET_MOTOR_PWM, &duty.to_le_bytes())),
+            Motor::Rpm(rpm) => shared.send(&encode(request::SET_MOTOR_RPM, &rpm.to_le_bytes())),
+        }
+        let ask = match self.config.mode {
+            // Mode 0 is that of single samples.
+            Mode::Standard if self.has_conf => Ask::Period { mode: 0 },
+            _ if self.has_conf => Ask::Typical,
+            _ => Ask::Rate,
+        };
+        self.next(now, ask, shared)
+    }
+
+    fn timed(&mut self, now: Instant, us: f64, mode: u16, shared: &mut Shared) -> Progress {
+        if !(10.0..=2000.0).contains(&us) {
+            return self.unfit(shared);
+        }
+        self.period_s = us * 1e-6;
+        self.next(now, Ask::Scan { mode }, shared)
+    }
+
+    fn take_data(&mut self, now: Instant, byte: u8, shared: &mut Shared) {
+        let length = capsule::shape(self.config.mode).map_or(Node::LENGTH, |(length, _)| length);
+        // There is room: a whole capsule is taken below.
+        let _ = self.capsule.push(byte);
+        loop {
+            let may_begin = match self.config.mode {
+                Mode::Standard => Node::may_begin(&self.capsule),
+                _ => capsule::may_begin(&self.capsule),
+            };
+            let is_whole = self.capsule.len() == length;
+            if may_begin && !is_whole {
+                return;
+            }
+            let is_valid = is_whole && self.take_whole(now, shared);
+            if is_valid {
+                self.capsule.clear();
+                (self.in_step, self.skipped) = (true, 0);
+                self.phase = Phase::Scanning { until: None };
+                return;
+            }
+            self.skip(length, shared);
+            if self.capsule.is_empty() {
+                return;
+            }
+        }
+    }
+
+    /// Removes the first byte, and counts what is lost: once when the step is lost, and once for each length after it.
+    fn skip(&mut self, length: usize, shared: &mut Shared) {
+        if self.in_step || self.skipped >= length {
+            shared.reject();
+            self.skipped = 0;
+        }
+        self.in_step = false;
+        self.skipped += 1;
+        self.node = NodeState { per_turn: self.node.per_turn, ..NodeState::default() };
+        self.last = None;
+        let left = self.capsule.len() - 1;
+        self.capsule.copy_within(1.., 0);
+        self.capsule.truncate(left);
+    }
+
+    /// Takes a whole sample or capsule; false if it is not valid.
+    fn take_whole(&mut self, now: Instant, shared: &mut Shared) -> bool {
+        if self.config.mode == Mode::Standard {
+            let node = <&[u8; Node::LENGTH]>::try_from(&self.capsule[..]).ok().and_then(Node::decode);
+            return node.is_some_and(|node| self.take_node(now, node, shared));
+        }
+        if !capsule::is_valid(&self.capsule) {
+            return false;
+        }
+        let new = self.capsule.clone();
+        if capsule::is_first(&new) && self.last.is_some() {
+            // The device began again.
+            shared.reject();
+            self.builder.reset();
+        } else if let Some((arrived, last)) = self.last.take() {
+            self.take_capsule(arrived, &last, &new, shared);
+        }
+        self.last = Some((now, new));
+        true
+    }
+
+    fn on_wire(&self, bytes: usize) -> Duration {
+        Duration::from_secs_f64(bytes as f64 * 10.0 / f64::from(self.config.model.baud()))
+    }
+
+    fn range_m(&self, range_mm: f32) -> f32 {
+        let range_m = range_mm / 1000.0;
+        match range_m {
+            _ if range_m <= 0.0 => self.config.no_echo.range_m(),
+            _ if range_m < self.config.model.range_m().0 => f32::NEG_INFINITY,
+            _ => range_m,
+        }
+    }
+
+    fn take_capsule(&mut self, arrived: Instant, last: &Capsule, new: &Capsule, shared: &mut Shared) {
+        let samples = capsule::decode(self.config.mode, last, new);
+        let advance_rad = f64::from(capsule::advance_q6(last, new)) / f64::from(360 * 64) * TAU;
+        let step = Step { angle_rad: advance_rad / samples.len().max(1) as f64, time_s: self.period_s };
+        let rate_hz = step.angle_rad / TAU / self.period_s;
+        if advance_rad <= 0.0 {
+            self.builder.reset();
+            return shared.stale();
+        }
+        if rate_hz > RATE_MAX_HZ {
+            // Capsules between were lost.
+            self.builder.reset();
+            return shared.reject();
+        }
+        shared.accept();
+        shared.fault(Fault::Slow, !RATE_HZ.contains(&rate_hz));
+        // The last sample was measured when the capsule began on the wire.
+        let length = samples.len() as f64;
+        let first = arrived - self.on_wire(last.len()) - Duration::from_secs_f64(length * self.period_s);
+        for (n, sample) in samples.iter().enumerate() {
+            let at = first + Duration::from_secs_f64(n as f64 * self.period_s);
+            let range_m = self.range_m(sample.range_mm);
+            let intensity = if sample.range_mm > 0.0 { 1.0 } else { 0.0 };
+            self.builder.push(Sample { angle_rad: sample.angle_rad, at, range_m, intensity }, step, shared);
+        }
+    }
+
+    /// Takes a sample; false if it does not follow the last one.
+    fn take_node(&mut self, now: Instant, node: Node, shared: &mut Shared) -> bool {
+        let angle_rad = f64::from(node.angle_q6) / f64::from(360 * 64) * TAU;
+        let step_max = TAU * RATE_MAX_HZ * self.period_s;
+        let Some(before) = self.node.angle_rad.replace(angle_rad) else { return true };
+        let ahead = wrap(angle_rad - before);
+        // Angles are corrected for the range, and may go back a little.
+        if ahead > step_max.max(0.06) || ahead < -0.06 {
+            self.node.angle_rad = None;
+            return false;
+        }
+        self.node.settled = self.node.settled.saturating_add(1);
+        self.node.count = self.node.count.saturating_add(1);
+        if node.starts {
+            // A start that is not at the front, or is repeated by a motor that stands, is not one.
+            if self.node.is_whole && self.node.count > 32 && !(0.5..TAU - 0.5).contains(&angle_rad) {
+                self.node.per_turn = self.node.count;
+                let rate_hz = 1.0 / (f64::from(self.node.count) * self.period_s);
+                shared.fault(Fault::Slow, !RATE_HZ.contains(&rate_hz));
+            }
+            (self.node.count, self.node.is_whole) = (0, true);
+        }
+        if f64::from(self.node.count) * self.period_s > TURN_WITHIN_S {
+            self.node.per_turn = 0;
+            self.builder.reset();
+            if self.node.count.is_multiple_of(64) {
+                shared.stale();
+            }
+            return true;
+        }
+        if self.node.settled < SETTLED || self.node.per_turn == 0 {
+            return true;
+        }
+        if self.node.settled.is_multiple_of(64) {
+            shared.accept();
+        }
+        let step = Step { angle_rad: TAU / f64::from(self.node.per_turn), time_s: self.period_s };
+        let at = now - self.on_wire(Node::LENGTH) - Duration::from_secs_f64(self.period_s);
+        let range_mm = f32::from(node.range_q2) / 4.0;
+        let range_m = self.range_m(if node.quality == 0 { 0.0 } else { range_mm });
+        self.builder.push(Sample { angle_rad, at, range_m, intensity: node.quality.into() }, step, shared);
+        true
+    }
+}
+
+impl Protocol for Requests {
+    fn start(&mut self, now: Instant, shared: &mut Shared) {
+        self.rx.clear();
+        self.capsule.clear();
+        (self.descriptor, self.last, self.in_step, self.skipped) = (None, None, false, 0);
+        self.node = NodeState::default();
+        self.builder.reset();
+        shared.send(&encode(request::STOP, &[]));
+        self.phase = Phase::Stopping { until: now + STOPPING };
+    }
+
+    fn handle_rx(&mut self, now: Instant, bytes: &[u8], shared: &mut Shared) -> Progress {
+        for byte in bytes {
+            match self.phase {
+                Phase::Off | Phase::Stopping { .. } => {}
+                Phase::Scanning { .. } => self.take_data(now, *byte, shared),
+                Phase::Asking { ask, .. } => {
+                    if let Some(descriptor) = self.receive(*byte, shared) {
+                        let progress = self.answered(now, ask, descriptor, shared);
+                        if progress != Progress::Pending {
+                            return progress;
+                        }
+                    }
+                }
+            }
+        }
+        Progress::Pending
+    }
+
+    fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) -> Progress {
+        match self.phase {
+            Phase::Stopping { until } if until <= now => self.next(now, Ask::Info, shared),
+            Phase::Asking { tries: 1, until, .. } if until <= now => {
+                self.phase = Phase::Off;
+                Progress::Lost(LostReason::Silent)
+            }
+            Phase::Asking { ask, tries, until } if until <= now => {
+                self.ask(now, ask, tries - 1, shared);
+                Progress::Pending
+            }
+            Phase::Scanning { until: Some(until) } if until <= now => {
+                self.phase = Phase::Off;
+                Progress::Lost(LostReason::Silent)
+            }
+            _ => Progress::Pending,
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        match self.phase {
+            Phase::Off => None,
+            Phase::Stopping { until } | Phase::Asking { until, .. } => Some(until),
+            Phase::Scanning { until } => until,
+        }
+    }
+
+    fn optics(&self) -> Optics {
+        let (range_min_m, range_max_m) = self.config.model.range_m();
+        Optics { range_min_m, range_max_m, view_rad: TAU, rate_min_hz: *RATE_HZ.start() }
+    }
+}

@@ -1,0 +1,468 @@
+//! The start-up of a SICK lidar, and its scans to sectors.
+
+use super::wire::{Dialect, ETX, HEADER_B, Reader, STX, Scan, TELEGRAM_MAX, VALID_MIN, Writer, checksum, fields};
+use super::{Config, Family};
+use crate::clock::Clock;
+use crate::engine::{Optics, Progress, Protocol, Shared};
+use crate::event::{Fault, FieldResult, Health, LostReason, text};
+use crate::scan::{BEAMS_MAX, EIGHTH_RAD};
+use alloc::boxed::Box;
+use base::{Duration, Instant, earliest};
+use core::f64::consts::{FRAC_PI_2, TAU};
+use heapless::Vec;
+
+/// Time limit of an answer.
+const ANSWER_WITHIN: Duration = Duration::from_millis(250);
+/// Attempts of a request.
+const TRIES: u8 = 3;
+/// Time limit of the first scan after it was asked for.
+const SCAN_WITHIN: Duration = Duration::from_millis(1000);
+/// Interval in which the contamination is read.
+const CHECK_EVERY: Duration = Duration::from_secs(1);
+/// Password of the user level "authorized client", as it travels (telegram listing, log in).
+const CLIENT: (u8, u32) = (3, 0xF472_4744);
+/// Fields whose results are remembered.
+const FIELDS: usize = 48;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ask {
+    Identity,
+    State,
+    Login,
+    Start,
+    Run,
+    Scans,
+    Fields,
+}
+
+impl Ask {
+    /// Kind and name of the answer.
+    fn answer(self) -> &'static str {
+        match self {
+            Self::Identity => "sRA DeviceIdent",
+            Self::State => "sRA SCdevicestate",
+            Self::Login => "sAN SetAccessMode",
+            Self::Start => "sAN LMCstartmeas",
+            Self::Run => "sAN Run",
+            Self::Scans => "sEA LMDscandata",
+            Self::Fields => "sEA LFErec",
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    Off,
+    Asking {
+        ask: Ask,
+        tries: u8,
+        until: Instant,
+    },
+    /// The first scan is due by `until`.
+    Scanning {
+        until: Option<Instant>,
+    },
+}
+
+/// The protocol of SICK lidars.
+#[derive(Debug)]
+pub struct Cola {
+    config: Config,
+    phase: Phase,
+    /// Always there, except while its bytes are handled: it is allocated once.
+    rx: Option<Rx>,
+    in_step: bool,
+    skipped: usize,
+    clock: Clock,
+    /// Number and clock of the last scan, µs.
+    last: Option<(u16, u32)>,
+    revolution: u64,
+    /// When the contamination is read; `None`: the device does not know it.
+    check_at: Option<Instant>,
+    view: Optics,
+    fields: [FieldResult; FIELDS],
+}
+
+impl Cola {
+    pub(super) fn new(config: Config) -> Self {
+        Self {
+            config,
+            phase: Phase::Off,
+            rx: Some(Rx::default()),
+            in_step: false,
+            skipped: 0,
+            clock: Clock::new(1 << 32, 1000),
+            last: None,
+            revolution: 0,
+            check_at: None,
+            view: Optics {
+                range_min_m: config.range_min_m,
+                range_max_m: config.range_max_m,
+                view_rad: 0.0,
+                rate_min_hz: 0.0,
+            },
+            fields: [FieldResult::Unknown; FIELDS],
+        }
+    }
+
+    fn ask(&mut self, now: Instant, ask: Ask, tries: u8, shared: &mut Shared) {
+        let new = |name| Writer::<80>::new(self.config.dialect, name);
+        let request = match ask {
+            Ask::Identity => new("sRN DeviceIdent"),
+            Ask::State => new("sRN SCdevicestate"),
+            Ask::Login => {
+                let level = new("sMN SetAccessMode").blank();
+                match self.config.dialect {
+                    // As text the level has two digits.
+                    Dialect::Text => level.fixed("03").u32(CLIENT.1),
+                    Dialect::Binary => level.u8(CLIENT.0).u32(CLIENT.1),
+                }
+            }
+            Ask::Start => new("sMN LMCstartmeas"),
+            Ask::Run => new("sMN Run"),
+            Ask::Scans => new("sEN LMDscandata").blank().u8(1),
+            Ask::Fields => new("sEN LFErec").blank().u8(1),
+        };
+        shared.send(&request.frame());
+        self.phase = Phase::Asking { ask, tries, until: now + ANSWER_WITHIN };
+    }
+
+    fn next(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
+        self.ask(now, ask, TRIES, shared);
+        Progress::Pending
+    }
+
+    /// What follows a request that was answered, or can be left out.
+    fn proceed(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
+        let next = match ask {
+            Ask::Identity => Ask::State,
+            Ask::State if self.config.family == Family::Lms1xx => Ask::Login,
+            Ask::State | Ask::Run if self.config.fields => Ask::Fields,
+            Ask::State | Ask::Run | Ask::Fields => Ask::Scans,
+            Ask::Login => Ask::Start,
+            Ask::Start => Ask::Run,
+            Ask::Scans => {
+                self.phase = Phase::Scanning { until: Some(now + SCAN_WITHIN) };
+                self.check_at = Some(now + CHECK_EVERY);
+                return Progress::Pending;
+            }
+        };
+        self.next(now, next, shared)
+    }
+
+    /// Takes one whole telegram.
+    fn take(&mut self, now: Instant, telegram: &[u8], shared: &mut Shared) -> Progress {
+        let dialect = self.config.dialect;
+        let read = |name| Reader::new(dialect, telegram, name);
+        if let Some(values) = read("sSN LMDscandata").or_else(|| read("sRA LMDscandata")) {
+            if matches!(self.phase, Phase::Scanning { .. }) {
+                match Scan::decode(values) {
+                    Some(scan) => self.scan(now, &scan, shared),
+                    None => shared.reject(),
+                }
+            }
+            return Progress::Pending;
+        }
+        if let Some(values) = read("sSN LFErec") {
+            match fields(values) {
+                Some(results) => self.evaluated(&results, shared),
+                None => shared.reject(),
+            }
+            return Progress::Pending;
+        }
+        if let Some(mut values) = read("sRA LCMstate") {
+            match values.u8() {
+                Some(level) => self.contaminated(level, shared),
+                None => shared.reject(),
+            }
+            return Progress::Pending;
+        }
+        if let Some(mut values) = read("sFA") {
+            let code = match dialect {
+                Dialect::Text => values.u16(),
+                Dialect::Binary => values.u16().or(Some(0)),
+            };
+            return self.refused(now, code.unwrap_or(0).into(), shared);
+        }
+        match self.phase {
+            Phase::Asking { ask, .. } => match read(ask.answer()) {
+                Some(values) => self.answered(now, ask, values, shared),
+                // The answer to an earlier request.
+                None => Progress::Pending,
+            },
+            _ => Progress::Pending,
+        }
+    }
+
+    fn refused(&mut self, now: Instant, code: u32, shared: &mut Shared) -> Progress {
+        match self.phase {
+            Phase::Asking { ask: ask @ (Ask::Login | Ask::Start | Ask::Run | Ask::Fields | Ask::State), .. } => {
+                self.proceed(now, ask, shared)
+            }
+            Phase::Asking { .. } => Progress::Lost(LostReason::Refused { code }),
+            // It does not know the contamination.
+            Phase::Scanning { .. } => {
+                self.check_at = None;
+                Progress::Pending
+            }
+            Phase::Off => Progress::Pending,
+        }
+    }
+
+    fn answered(&mut self, now: Instant, ask: Ask, mut values: Reader<'_>, shared: &mut Shared) -> Progress {
+        match ask {
+            Ask::Identity => {
+                let (Some(name), Some(version)) = (values.text(), values.text()) else {
+                    shared.reject();
+                    return Progress::Pending;
+                };
+                let [shown, of] = [name, version].map(|part| core::str::from_utf8(part).unwrap_or("?").trim());
+                shared.identify(text(format_args!("{shown} {of}")));
+                if !name.starts_with(self.config.family.name_begins().as_bytes()) {
+                    return Progress::Lost(LostReason::Identity);
+                }
+            }
+            Ask::State => match values.u8() {
+                Some(1) => shared.health(Health::Good),
+                // Busy: asked again when the time of the answer is over.
+                Some(0) => return Progress::Pending,
+                Some(code) => {
+                    let code = code.into();
+                    shared.health(Health::Error { code });
+                    return Progress::Lost(LostReason::Device { code });
+                }
+                None => {
+                    shared.reject();
+                    return Progress::Pending;
+                }
+            },
+            Ask::Scans if values.u8() != Some(1) => return Progress::Lost(LostReason::Refused { code: 0 }),
+            _ => {}
+        }
+        self.proceed(now, ask, shared)
+    }
+
+    fn contaminated(&mut self, level: u8, shared: &mut Shared) {
+        let code = level.into();
+        shared.health(match level {
+            0 => Health::Good,
+            1 => Health::Warning { code },
+            _ => Health::Error { code },
+        });
+        shared.fault(Fault::Dirty, level == 1);
+        shared.fault(Fault::Blocked, level > 1);
+    }
+
+    fn evaluated(&mut self, results: &[(u8, FieldResult)], shared: &mut Shared) {
+        for (number, result) in results {
+            let known = usize::from(*number).checked_sub(1).and_then(|index| self.fields.get_mut(index));
+            if let Some(known) = known.filter(|known| **known != *result) {
+                *known = *result;
+                shared.field(*number, *result);
+            }
+        }
+    }
+
+    fn scan(&mut self, now: Instant, scan: &Scan<'_>, shared: &mut Shared) {
+        let Some(sent) = self.clock.at(now, scan.sent_us.into()) else {
+            self.last = None;
+            return shared.stale();
+        };
+        let frequency_hz = f64::from(scan.frequency) / 100.0;
+        if let Some((number, scanned_us)) = self.last.replace((scan.number, scan.scanned_us)) {
+            let scans = scan.number.wrapping_sub(number);
+            let period_s = f64::from(scan.scanned_us.wrapping_sub(scanned_us)) / 1e6 / f64::from(scans.max(1));
+            let slow = !(0.8..1.25).contains(&(period_s * frequency_hz));
+            if scans == 0 {
+                return shared.stale();
+            }
+            shared.fault(Fault::Slow, slow);
+        }
+        shared.fault(Fault::Device, scan.status & 0b101 == 0b001);
+        if self.check_at.is_none() || scan.status & 0b110 != 0 {
+            shared.fault(Fault::Dirty, scan.status & 0b110 == 0b010);
+            shared.fault(Fault::Blocked, scan.status & 0b100 != 0);
+        }
+        shared.accept();
+        self.phase = Phase::Scanning { until: None };
+
+        let distances = &scan.distances;
+        let step_rad = f64::from(distances.step) / 3_600_000.0 * TAU;
+        let start_rad = f64::from(distances.start) / 3_600_000.0 * TAU - FRAC_PI_2;
+        let beam_time_s = step_rad / TAU / frequency_hz;
+        let count = usize::from(distances.count);
+        // The clock at the scan is that of its begin or, on some models, of its end.
+        let lasted = beam_time_s * count as f64;
+        let before_s = (f64::from(scan.sent_us.wrapping_sub(scan.scanned_us)) / 1e6).clamp(lasted, lasted + 1.0);
+        let first = sent - Duration::from_secs_f64(before_s);
+        shared.optics = Optics { view_rad: step_rad * count as f64, rate_min_hz: 0.8 * frequency_hz, ..self.view };
+
+        let per_sector = ((EIGHTH_RAD / step_rad + 1e-6) as usize + 1).min(BEAMS_MAX);
+        let (no_echo, range_min_m) = (self.config.no_echo, self.config.range_min_m);
+        let range_m = |value: u16| match value {
+            0 => no_echo.range_m(),
+            _ if value < VALID_MIN => f32::NAN,
+            _ => match (f32::from(value) * distances.scale + distances.offset) / 1000.0 {
+                range if range < range_min_m => f32::NEG_INFINITY,
+                range => range,
+            },
+        };
+        let mut ranges = distances.values();
+        let mut intensities =
+            scan.intensities.as_ref().map(|channel| (channel.values(), channel.scale, channel.offset));
+        for begin in (0..count).step_by(per_sector) {
+            let beams = per_sector.min(count - begin);
+            shared.sector(self.revolution, |sector| {
+                sector.at = first + Duration::from_secs_f64(begin as f64 * beam_time_s);
+                sector.angle_min_rad = start_rad + begin as f64 * step_rad;
+                (sector.angle_step_rad, sector.beam_time_s) = (step_rad, beam_time_s);
+                // At most BEAMS_MAX.
+                sector.ranges_m.extend(ranges.by_ref().take(beams).map(range_m));
+                if let Some((values, scale, offset)) = &mut intensities {
+                    let scaled = values.by_ref().take(beams).map(|value| f32::from(value) * *scale + *offset);
+                    sector.intensities.extend(scaled);
+                }
+            });
+        }
+        self.revolution += 1;
+    }
+
+    /// Frame at the begin of the buffer: its telegram, and its whole length.
+    fn frame(&self, rx: &[u8]) -> Frame {
+        match self.config.dialect {
+            Dialect::Text => match rx {
+                [] => Frame::More,
+                [STX, rest @ ..] => match rest.last() {
+                    Some(&ETX) => Frame::Whole(1, rx.len() - 1),
+                    // A frame inside a frame: the first was cut.
+                    Some(&STX) => Frame::Wrong,
+                    _ => Frame::More,
+                },
+                _ => Frame::Wrong,
+            },
+            Dialect::Binary => {
+                let begins = rx.iter().take(4).all(|byte| *byte == STX);
+                let Some(length) = rx.get(4..HEADER_B).map(|it| u32::from_be_bytes([it[0], it[1], it[2], it[3]]))
+                else {
+                    return if begins { Frame::More } else { Frame::Wrong };
+                };
+                let length = length as usize;
+                if !begins || length == 0 || length > TELEGRAM_MAX - HEADER_B - 1 {
+                    return Frame::Wrong;
+                }
+                let end = HEADER_B + length;
+                match rx.get(end) {
+                    None => Frame::More,
+                    Some(sum) if *sum == checksum(&rx[HEADER_B..end]) => Frame::Whole(HEADER_B, end),
+                    Some(_) => Frame::Wrong,
+                }
+            }
+        }
+    }
+
+    fn receive(&mut self, now: Instant, bytes: &[u8], rx: &mut Rx, shared: &mut Shared) -> Progress {
+        for byte in bytes {
+            if rx.push(*byte).is_err() {
+                // A telegram of CoLa A without an end.
+                rx.clear();
+                shared.reject();
+                let _ = rx.push(*byte);
+            }
+            loop {
+                match self.frame(rx) {
+                    Frame::More => break,
+                    Frame::Wrong => self.skip(rx, shared),
+                    Frame::Whole(begin, end) => {
+                        (self.in_step, self.skipped) = (true, 0);
+                        shared.arrived_valid();
+                        let progress = self.take(now, &rx[begin..end], shared);
+                        rx.clear();
+                        if progress != Progress::Pending {
+                            return progress;
+                        }
+                    }
+                }
+            }
+        }
+        Progress::Pending
+    }
+
+    /// Removes bytes until the next possible begin of a frame.
+    fn skip(&mut self, rx: &mut Rx, shared: &mut Shared) {
+        if self.in_step || self.skipped >= SKIPPED {
+            shared.reject();
+            self.skipped = 0;
+        }
+        self.in_step = false;
+        let from = 1 + rx[1..].iter().position(|byte| *byte == STX).unwrap_or(rx.len() - 1);
+        self.skipped += from;
+        let left = rx.len() - from;
+        rx.copy_within(from.., 0);
+        rx.truncate(left);
+    }
+}
+
+/// Bytes that belong to no telegram, after which another one is counted as lost.
+const SKIPPED: usize = 1000;
+
+type Rx = Box<Vec<u8, TELEGRAM_MAX>>;
+
+enum Frame {
+    More,
+    Wrong,
+    /// Begin and end of the telegram.
+    Whole(usize, usize),
+}
+
+impl Protocol for Cola {
+    fn start(&mut self, now: Instant, shared: &mut Shared) {
+        self.rx.get_or_insert_default().clear();
+        (self.in_step, self.skipped, self.last, self.check_at) = (false, 0, None, None);
+        self.clock.reset();
+        self.fields = [FieldResult::Unknown; FIELDS];
+        self.ask(now, Ask::Identity, TRIES, shared);
+    }
+
+    fn handle_rx(&mut self, now: Instant, bytes: &[u8], shared: &mut Shared) -> Progress {
+        let mut rx = self.rx.take().unwrap_or_default();
+        let progress = self.receive(now, bytes, &mut rx, shared);
+        self.rx = Some(rx);
+        progress
+    }
+
+    fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) -> Progress {
+        match self.phase {
+            Phase::Asking { ask, tries: 1, until } if until <= now => {
+                if ask == Ask::Fields {
+                    return self.proceed(now, ask, shared);
+                }
+                self.phase = Phase::Off;
+                return Progress::Lost(LostReason::Silent);
+            }
+            Phase::Asking { ask, tries, until } if until <= now => self.ask(now, ask, tries - 1, shared),
+            Phase::Scanning { until: Some(until) } if until <= now => {
+                self.phase = Phase::Off;
+                return Progress::Lost(LostReason::Silent);
+            }
+            _ => {}
+        }
+        if self.check_at.is_some_and(|at| at <= now) {
+            self.check_at = Some(now + CHECK_EVERY);
+            shared.send(&Writer::<80>::new(self.config.dialect, "sRN LCMstate").frame());
+        }
+        Progress::Pending
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let until = match self.phase {
+            Phase::Off => None,
+            Phase::Asking { until, .. } => Some(until),
+            Phase::Scanning { until } => until,
+        };
+        earliest([until, self.check_at])
+    }
+
+    fn optics(&self) -> Optics {
+        self.view
+    }
+}

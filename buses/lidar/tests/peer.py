@@ -1,0 +1,103 @@
+"""Foreign readers of lidars: peer.py KIND PORT. The emulated device is at the TCP port; a pseudo-terminal between."""
+
+import math
+import os
+import socket
+import sys
+import threading
+import tty
+
+# Directions in degrees clockwise from the front, and ranges in mm: a wall at 2 m, 4 m on the right, 1 m behind.
+WALLS = [(0.0, 2000), (90.0, 4000), (180.0, 1000)]
+
+
+def terminal(port):
+    """Path of a pseudo-terminal whose bytes another process exchanges with the port: SDKs keep the interpreter busy."""
+    line = socket.create_connection(("127.0.0.1", port))
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    if os.fork() > 0:
+        line.close()
+        os.close(master)
+        return os.ttyname(slave)
+    os.close(slave)
+
+    def forward(read, write):
+        try:
+            while data := read():
+                write(data)
+        finally:
+            os._exit(0)
+
+    threading.Thread(target=forward, args=(lambda: line.recv(4096), lambda data: os.write(master, data))).start()
+    forward(lambda: os.read(master, 4096), line.sendall)
+
+
+def check(points, tolerance_mm):
+    """Points: degrees clockwise, mm."""
+    for direction, expected in WALLS:
+        near = [mm for degrees, mm in points if abs((degrees - direction + 180) % 360 - 180) < 5 and mm > 0]
+        assert near, f"nothing at {direction} degrees among {len(points)} points"
+        worst = max(abs(mm - expected) for mm in near)
+        assert worst <= tolerance_mm, f"{worst} mm off at {direction} degrees"
+    print(f"{len(points)} points")
+
+
+def lds2d(model, port):
+    from lds2d import Lidar
+    lidar = Lidar.open(model, terminal(port))
+    if model != "LD14P":
+        lidar.start()
+    scans = lidar.scans()
+    # The first one is cut.
+    next(scans)
+    for _ in range(3):
+        check([(point.angle_deg, point.dist_mm) for point in next(scans).points], 2)
+
+
+def slamtec(baud, port):
+    import pyrplidarsdk
+    driver = pyrplidarsdk.RplidarDriver(port=terminal(port), baudrate=baud)
+    assert driver.connect()
+    info, health = driver.get_device_info(), driver.get_health()
+    print(info.model, info.firmware_version, info.hardware_version, info.serial_number, health.status)
+    assert health.status == 0
+    assert driver.start_scan()
+    good = 0
+    for _ in range(60):
+        data = driver.get_scan_data()
+        if data and len(data[0]) > 100:
+            points = [(math.degrees(angle) % 360, meters * 1000) for angle, meters in zip(data[0], data[1])]
+            check(points, 20)
+            good += 1
+            if good == 3:
+                break
+    assert good == 3
+    driver.stop_scan()
+    driver.disconnect()
+
+
+def hokuyo(port):
+    from hokuyolx import HokuyoLX
+    sensor = HokuyoLX(addr=("127.0.0.1", port), tsync=False, convert_time=False)
+    print(sensor.model, sensor.dmin, sensor.dmax, sensor.ares, sensor.amin, sensor.amax, sensor.aforw)
+    assert (sensor.dmin, sensor.dmax, sensor.ares, sensor.amax) == (23, 60000, 1440, 1080)
+    angles = sensor.get_angles()
+    for _ in range(5):
+        # One scan at a time: hokuyolx takes what arrives at once as one answer, and so depends on the machine's speed.
+        _, scan = sensor.get_dist()
+        assert len(scan) == 1081
+        points = [(-math.degrees(angle) % 360, float(mm)) for angle, mm in zip(angles, scan)]
+        # Its view ends 45 degrees before the back.
+        check(points + [(180.0, 1000)], 2)
+    sensor.close()
+
+
+kind, port = sys.argv[1], int(sys.argv[2])
+if kind.startswith("lds2d:"):
+    lds2d(kind.removeprefix("lds2d:"), port)
+elif kind.startswith("slamtec:"):
+    slamtec(int(kind.removeprefix("slamtec:")), port)
+else:
+    hokuyo(port)
+print("done")
