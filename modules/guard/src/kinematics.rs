@@ -45,6 +45,12 @@ impl Direction {
         }
     }
 
+    /// The opposite direction.
+    #[must_use]
+    pub fn opposite(self) -> Self {
+        Self::ALL[self as usize ^ 1]
+    }
+
     /// True for a rotation on the spot.
     #[must_use]
     pub fn turns(self) -> bool {

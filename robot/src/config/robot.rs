@@ -279,6 +279,13 @@ impl Robot {
         plot::Footprint { length_m, width_m, rear_overhang_m }
     }
 
+    /// What its base does beside curves.
+    #[must_use]
+    pub fn abilities(&self) -> planner::search::Abilities {
+        let sideways = self.base.is_some_and(|base| base.goes_sideways());
+        planner::search::Abilities { turns: self.base.is_some(), sideways }
+    }
+
     /// Configuration of its guard: the outline, the sonars and the limits.
     #[must_use]
     pub fn guard_config(&self) -> guard::Config {
