@@ -295,7 +295,9 @@ impl Robot {
             guard::Sensor { id: id.into(), at: Point { x, y }, theta, beam }
         };
         let sensors = self.srfs.iter().map(sensor).collect();
-        guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors)
+        let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors);
+        let planner::search::Abilities { turns, sideways } = self.abilities();
+        guard::Config { base: guard::Base { turns, sideways, ..config.base }, ..config }
     }
 
     /// Deceleration when the motors lose their feed, m/s²: only a brake that needs no power acts then.
