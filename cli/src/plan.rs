@@ -2,9 +2,10 @@
 
 use super::{Common, Failed, Outcome, finite, print};
 use navitools::{Ackermann, Pose};
+use planner::Direction;
 use planner::map::{Field, Frame, Unknown};
 use planner::path::{self, PathPoint};
-use planner::search::{Budget, Footprint, Goal, Limits, Search, SearchError};
+use planner::search::{Abilities, Budget, Footprint, Goal, Limits, Search, SearchError};
 use robot::{config, map_file};
 use serde_json::json;
 use std::fmt::Write;
@@ -127,13 +128,15 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
     let given = (command.footprint.as_ref(), command.wheelbase, command.radius);
     // Overrides are checked even if the arguments leave nothing to the configuration.
     let loaded = if common.sets.is_empty() { None } else { Some(common.load(false)?.robot) };
-    let (length_m, width_m, rear_m, radius) = if let (Some(footprint), Some(wheelbase), Some(radius)) = given {
-        (footprint.0[0], footprint.0[1], (footprint.0[0] - wheelbase) / 2.0, radius)
+    let (length_m, width_m, rear_m, radius, abilities) = if let (Some(footprint), Some(wheelbase), Some(radius)) = given
+    {
+        (footprint.0[0], footprint.0[1], (footprint.0[0] - wheelbase) / 2.0, radius, Abilities::default())
     } else {
-        let config::Robot { geometry, limits, .. } = match loaded {
+        let robot = match loaded {
             Some(robot) => robot,
             None => common.load(false)?.robot,
         };
+        let config::Robot { geometry, limits, .. } = &robot;
         let (length, width) = given.0.map_or((geometry.length_m, geometry.width_m), |given| (given.0[0], given.0[1]));
         let rear = match (given.0, given.1) {
             (None, None) => geometry.rear_overhang_m,
@@ -141,7 +144,7 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
         };
         let wheelbase_m = given.1.unwrap_or(geometry.wheelbase_m);
         let sharpest = Ackermann { wheelbase_m, track_m: geometry.track_m }.curvature(limits.steering_rad);
-        (length, width, rear, given.2.unwrap_or(1.0 / sharpest))
+        (length, width, rear, given.2.unwrap_or(1.0 / sharpest), robot.abilities())
     };
     let sensible = [length_m, width_m, radius].iter().all(|size| (0.05..=100.0).contains(size)) && rear_m >= 0.0;
     if !sensible {
@@ -151,13 +154,20 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
         )
         .into());
     }
-    Ok(Limits::new(Footprint { length_m, width_m, rear_m }, radius))
+    Ok(Limits { abilities, ..Limits::new(Footprint { length_m, width_m, rear_m }, radius) })
 }
 
 fn csv(path: &path::Path) -> String {
     let mut text = String::from("x,y,theta,curvature,direction,s\n");
-    for PathPoint { pose, curvature, reverse, s } in path.points() {
-        let direction = if *reverse { -1 } else { 1 };
+    for PathPoint { pose, curvature, direction, s } in path.points() {
+        let direction = match direction {
+            Direction::Forward => 1,
+            Direction::Backward => -1,
+            Direction::Left => 2,
+            Direction::Right => -2,
+            Direction::TurnLeft => 3,
+            Direction::TurnRight => -3,
+        };
         let theta = pose.theta.radians();
         // Writing to a string does not fail.
         let _ = writeln!(text, "{:.6},{:.6},{theta:.6},{curvature:.6},{direction},{s:.6}", pose.x, pose.y);

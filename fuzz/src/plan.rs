@@ -2,6 +2,7 @@
 
 use navitools::Pose;
 use planner::map::{Field, Map, Obstacle, Unknown, pgm, yaml};
+use planner::path::Move;
 use planner::search::{Budget, Footprint, Goal, Limits, Search};
 
 type Request = ([f64; 3], (f64, f64, Option<f64>), f64, [f64; 4], Vec<[f64; 4]>, Vec<[f64; 3]>);
@@ -29,7 +30,8 @@ pub fn plan(data: &[u8]) {
     let goal = Goal { x: goal.0, y: goal.1, heading: goal.2, tolerance_m };
     let start = Pose::new(start[0], start[1], start[2]);
     if let Ok(path) = search.plan(&field, start, goal, Budget { first: 300, better: 100 }) {
-        assert!(path.arcs().iter().all(|arc| arc.curvature.abs() * radius <= 1.0 + 1e-9 && arc.length.is_finite()));
+        let is_sane = |part: &Move| part.curvature().abs() * radius <= 1.0 + 1e-9 && part.size().is_finite();
+        assert!(path.moves().iter().all(is_sane));
         assert!(path.points().iter().all(|point| point.pose.x.is_finite() && point.pose.y.is_finite()));
     }
 }

@@ -547,15 +547,16 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
         // One that is too large for a map is an open floor.
         None => world.and_then(|world| map_file::of_world(world).ok()),
     };
+    let abilities = robot.abilities();
     Ok(planner::Planner::new(planner::Config {
         body: (&robot.geometry).into(),
-        limits: planner::Limits::new(&robot.limits, &robot.planner.behaviour),
+        limits: planner::Limits::new(&robot.limits, &robot.planner.behaviour, abilities),
         behaviour: robot.planner.behaviour,
         law: robot.planner.behaviour.law(robot.guard.law(robot.limits.deceleration_mps2, robot.power_lost_mps2())),
         sonar_beam: robot.sensors.srf08.beam_rad,
         age_max: robot.sensors.age_max,
         has_sonars: !robot.srfs.is_empty() || robot.guard.ranging != ::guard::Ranging::None,
-        steers: robot.base.is_none(),
+        abilities,
         map,
     }))
 }

@@ -194,6 +194,12 @@ impl Base {
         }
     }
 
+    /// True for a base that goes sideways.
+    #[must_use]
+    pub fn goes_sideways(&self) -> bool {
+        matches!(self.layout, Layout::Mecanum(_) | Layout::Omni(_))
+    }
+
     /// Distance of its wheels' treads from the middle, m: what they roll for each rad of a turn on the spot.
     #[must_use]
     pub fn radius_m(&self) -> f64 {

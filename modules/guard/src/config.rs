@@ -1,6 +1,6 @@
 //! Settings of the guard; SI units.
 
-use crate::kinematics::Ackermann;
+use crate::kinematics::{Ackermann, Base};
 use crate::law::Law;
 use base::Duration;
 use navitools::Point;
@@ -78,7 +78,7 @@ pub struct Config {
     /// Sensors that the robot has; with [`Ranging::None`] they are not used.
     pub sensors: Vec<Sensor>,
     /// Kind of base.
-    pub base: Ackermann,
+    pub base: Base,
     /// Deceleration of a commanded stop, m/s².
     pub braking: f64,
     /// Deceleration when the motors lose their feed, m/s².
@@ -104,7 +104,7 @@ impl Settings {
 }
 
 impl Config {
-    /// Configuration of a robot of these measures.
+    /// Configuration of a robot of these measures that steers.
     #[must_use]
     pub fn of(settings: Settings, geometry: &Geometry, limits: &Limits, power_lost: f64, sensors: Vec<Sensor>) -> Self {
         let (front, rear, half) = (geometry.front_m(), -geometry.rear_overhang_m, geometry.width_m / 2.0);
@@ -117,7 +117,8 @@ impl Config {
                 wheelbase: geometry.wheelbase_m,
                 steering: limits.steering_rad,
                 steering_rate: limits.steering_rate_radps,
-            },
+            }
+            .into(),
             braking: limits.deceleration_mps2,
             power_lost,
             speed: limits.speed_mps,

@@ -200,6 +200,12 @@ impl<K: Kinematics> Fields<K> {
         &self.base
     }
 
+    /// Distance of the farthest corner with the whole margin, m: its way for each rad on the spot.
+    #[must_use]
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// The law.
     #[must_use]
     pub fn law(&self) -> &Law {

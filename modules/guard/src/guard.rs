@@ -2,11 +2,11 @@
 
 use crate::config::{Config, Ranging};
 use crate::fields::{Bound, Cause, Fields};
-use crate::kinematics::{Ackermann, Direction, Kinematics, Motion, Twist};
+use crate::kinematics::{Base, Direction, Kinematics, Motion, Twist};
 use crate::memory::{Memory, Obstacle};
 use crate::trail::Trail;
 use base::{Deadlines, Duration, Instant};
-use messages::lowlevel::{DataGuard, DataMotion, Field};
+use messages::lowlevel::{DataGuard, DataMotion, DataVelocity, Field};
 use messages::{Channel, Hold, Message};
 use module::{Actions, Event, Module};
 use std::fmt;
@@ -48,13 +48,15 @@ impl std::error::Error for NoOutline {}
 /// The module `guard`.
 #[derive(Debug)]
 pub struct Guard {
-    fields: Fields<Ackermann>,
+    fields: Fields<Base>,
     ranging: Ranging,
     window: Duration,
     /// Greatest plausible speed, m/s.
     speed_max: f64,
     memory: Memory,
     trail: Trail,
+    /// Measured steering angle of the curves of a base that does not steer, rad, and its instant.
+    curve: Option<(Instant, f64)>,
     /// Measured motion, and its instant.
     motion: Option<(Instant, Motion)>,
     obstacles: Vec<Obstacle>,
@@ -75,6 +77,7 @@ impl Guard {
             speed_max: PLAUSIBLE * config.speed,
             memory: Memory::new(config.settings, sensors),
             trail: Trail::default(),
+            curve: None,
             motion: None,
             obstacles: Vec::new(),
             deadlines: Deadlines::new(),
@@ -82,14 +85,33 @@ impl Guard {
     }
 
     fn on_motion(&mut self, at: Instant, motion: &DataMotion) {
-        let steering_max = (PLAUSIBLE * self.fields.base().steering).min(STEERING_MAX_RAD);
+        let base = *self.fields.base();
+        let steering_max = (PLAUSIBLE * base.curves.steering).min(STEERING_MAX_RAD);
         // What is not a number is not plausible either.
         let plausible = motion.speed.abs() <= self.speed_max && motion.steering.abs() <= steering_max;
         if !plausible {
-            self.motion = None;
+            (self.motion, self.curve) = (None, None);
             return;
         }
-        let velocity = self.fields.base().velocity(motion.speed, motion.steering);
+        if base.turns {
+            self.curve = Some((at, motion.steering));
+        } else {
+            self.moved(at, base.velocity(motion.speed, motion.steering), motion.steering);
+        }
+    }
+
+    /// Measured velocity of a base that does not steer: `LL_DATA_MOTION` has only a part of it.
+    fn on_velocity(&mut self, at: Instant, &DataVelocity { vx, vy, omega, .. }: &DataVelocity) {
+        let corner = omega.abs() * self.fields.radius();
+        let plausible = [vx.abs(), vy.abs(), corner].into_iter().all(|speed| speed <= self.speed_max);
+        let curve = self.curve.filter(|(since, _)| plausible && at.since(*since) <= MOTION_AGE_MAX);
+        match curve {
+            Some((_, steering)) => self.moved(at, Twist { vx, vy, omega }, steering),
+            None => self.motion = None,
+        }
+    }
+
+    fn moved(&mut self, at: Instant, velocity: Twist, steering: f64) {
         self.trail.on_motion(at, velocity, self.window);
         if !self.trail.is_sane() {
             // Where things were, relative to the robot, is lost with it: everything is unknown.
@@ -97,7 +119,7 @@ impl Guard {
             self.trail.on_motion(at, velocity, self.window);
             self.memory.forget();
         }
-        self.motion = Some((at, Motion { velocity, steering: motion.steering }));
+        self.motion = Some((at, Motion { velocity, steering }));
     }
 
     fn publish(&mut self, now: Instant, out: &mut Actions) {
@@ -159,7 +181,8 @@ fn described(cause: Option<Cause>) -> (i32, String) {
 
 impl Module for Guard {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::LlDataRanges, Channel::LlDataMotion]
+        let all = &[Channel::LlDataRanges, Channel::LlDataMotion, Channel::LlDataVelocity];
+        if self.fields.base().turns { all } else { &all[..2] }
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
@@ -172,6 +195,9 @@ impl Module for Guard {
                 self.memory.on_ranges(at.min(now), ranges, &self.trail);
             }
             Event::Message { at, message: Message::LlDataMotion(motion) } => self.on_motion(at.min(now), motion),
+            Event::Message { at, message: Message::LlDataVelocity(velocity) } if self.fields.base().turns => {
+                self.on_velocity(at.min(now), velocity);
+            }
             _ => {}
         }
         if self.deadlines.tick(Timer::Publish, now, PERIOD) {

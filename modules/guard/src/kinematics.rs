@@ -45,6 +45,12 @@ impl Direction {
         }
     }
 
+    /// The opposite direction.
+    #[must_use]
+    pub fn opposite(self) -> Self {
+        Self::ALL[self as usize ^ 1]
+    }
+
     /// True for a rotation on the spot.
     #[must_use]
     pub fn turns(self) -> bool {
@@ -104,6 +110,42 @@ impl Kinematics for Ackermann {
     }
 }
 
+/// Base of a robot: it drives on the curves of a base that steers, and may have turns on the spot and moves to the side
+/// beside them, each by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Base {
+    /// Curves.
+    pub curves: Ackermann,
+    /// It turns on the spot.
+    pub turns: bool,
+    /// It goes sideways.
+    pub sideways: bool,
+}
+
+impl From<Ackermann> for Base {
+    /// A base that steers.
+    fn from(curves: Ackermann) -> Self {
+        Self { curves, turns: false, sideways: false }
+    }
+}
+
+impl Kinematics for Base {
+    fn reachable(&self, direction: Direction, motion: &Motion, reaction: f64, paths: &mut Vec<Twist>) {
+        let (vx, vy, omega) = match direction {
+            Direction::Left if self.sideways => (0.0, 1.0, 0.0),
+            Direction::Right if self.sideways => (0.0, -1.0, 0.0),
+            Direction::TurnLeft if self.turns => (0.0, 0.0, 1.0),
+            Direction::TurnRight if self.turns => (0.0, 0.0, -1.0),
+            _ => return self.curves.reachable(direction, motion, reaction, paths),
+        };
+        paths.push(Twist { vx, vy, omega });
+    }
+
+    fn velocity(&self, speed: f64, steering: f64) -> Twist {
+        self.curves.velocity(speed, steering)
+    }
+}
+
 /// Any base, by a table: the paths of each direction, the usual one first, whatever its motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
@@ -146,6 +188,26 @@ mod tests {
         assert_eq!(angles(Direction::Forward, 0.0), [0.0, -0.07, 0.07]);
         assert_eq!(angles(Direction::Backward, 0.58), [0.58, 0.51, 0.61]);
         assert_eq!(angles(Direction::Forward, 0.63), [0.63, 0.56, 0.63], "beyond the stop as it was measured");
+    }
+
+    #[test]
+    fn other_bases_turn_on_the_spot_and_go_sideways_beside_the_same_curves() {
+        let base = Base { turns: true, ..BASE.into() };
+        for base in [base, Base { sideways: true, ..base }] {
+            let of = |direction| {
+                let mut paths = Vec::new();
+                base.reachable(direction, &Motion::default(), 0.1, &mut paths);
+                paths
+            };
+            assert_eq!(
+                [Direction::Forward, Direction::Backward].map(of),
+                [Direction::Forward, Direction::Backward].map(|direction| reachable(direction, 0.0))
+            );
+            let one = |vy, omega| vec![Twist { vx: 0.0, vy, omega }];
+            assert_eq!([Direction::TurnLeft, Direction::TurnRight].map(of), [one(0.0, 1.0), one(0.0, -1.0)]);
+            let aside = if base.sideways { [one(1.0, 0.0), one(-1.0, 0.0)] } else { [vec![], vec![]] };
+            assert_eq!([Direction::Left, Direction::Right].map(of), aside);
+        }
     }
 
     #[test]

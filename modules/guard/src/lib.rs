@@ -27,6 +27,6 @@ mod trail;
 
 pub use config::{Config, Ranging, Sensor, Settings};
 pub use guard::{Guard, NAME, NoOutline};
-pub use kinematics::{Ackermann, Direction, Kinematics, Motion, Table, Twist};
+pub use kinematics::{Ackermann, Base, Direction, Kinematics, Motion, Table, Twist};
 pub use polygon::Polygon;
 pub use trail::Trail;

@@ -6,6 +6,7 @@ use crate::obstacles::{Hit, Obstacles};
 use crate::people::Person;
 use crate::track::Sample;
 use base::{Duration, Instant};
+use guard::Direction;
 use navitools::{Point, Pose};
 
 /// Distance along the path that is checked, m; a leg returns an echo up to 2.5 m.
@@ -80,10 +81,10 @@ impl Ahead {
         let mut found = Self::default();
         let (mut next, mut last) = (here.distance, None);
         for sample in ahead.iter().take_while(|sample| sample.distance <= here.distance + HORIZON_M) {
-            if sample.distance < next && last == Some(sample.forward) {
+            if sample.distance < next && last == Some(sample.direction) {
                 continue;
             }
-            (next, last) = (sample.distance + STRIDE_M, Some(sample.forward));
+            (next, last) = (sample.distance + STRIDE_M, Some(sample.direction));
             let there_from_map = sample.pose.inverse().to_outer();
             let mut beside = LATERAL_SLOW_M;
             for (hit, keep, touched) in hits.iter_mut().filter(|(.., touched)| !touched) {
@@ -96,7 +97,7 @@ impl Ahead {
                     *touched = true;
                     found.contacts.push((sample.distance, hit.closing));
                     found.first = found.first.or(Some((sample.distance, hit.at)));
-                } else if at.x > -body.rear || !sample.forward {
+                } else if at.x > -body.rear || sample.direction != Direction::Forward {
                     beside = beside.min(gap);
                 }
             }
@@ -106,8 +107,7 @@ impl Ahead {
                     LATERAL_SPEED_MPS + LATERAL_SPEED_GAIN * (beside - behaviour.margin).max(0.0),
                 ));
             }
-            let nose = if sample.forward { body.front } else { -body.rear };
-            let nose = sample.pose * Point { x: nose, y: 0.0 };
+            let nose = sample.pose * nose(body, sample.direction);
             let ours = (sample.distance - here.distance) < STRIDE_M;
             if !ours && !obstacles.seen_within(now, nose, FREE_SPACE_VALID_FOR) {
                 found.slow.push((sample.distance, behaviour.speed_unseen));
@@ -175,7 +175,7 @@ impl PredictedPath {
     fn of(ahead: &[Sample]) -> Option<Self> {
         let first = ahead.first()?;
         let mut poses = [first.pose; PATH_STEPS];
-        let mut rest = ahead.iter().take_while(|sample| sample.forward == first.forward).peekable();
+        let mut rest = ahead.iter().take_while(|sample| sample.direction == first.direction).peekable();
         for step in 1..PATH_STEPS {
             poses[step] = poses[step - 1];
             while let Some(sample) =
@@ -197,7 +197,7 @@ impl PredictedPath {
         Pose::new(between(from.x, to.x), between(from.y, to.y), theta)
     }
 
-    /// Unit vector from the end of the path to its start; zero if it has no length.
+    /// Unit vector from the end of the path to its start; zero if it has no length, as on the spot.
     fn backwards(&self) -> (f64, f64) {
         let (from, to) = (self.0[PATH_STEPS - 1], self.0[0]);
         let length = from.point().distance(to.point());
@@ -224,6 +224,8 @@ impl PredictedPath {
         let known = (1.0 - person.velocity_sigma / goes.max(1e-3)).max(0.0);
         let (back_x, back_y) = self.backwards();
         let (vx, vy) = (person.velocity.0 * known + comes * back_x, person.velocity.1 * known + comes * back_y);
+        // To a robot that turns on the spot from anywhere.
+        let deviation = if (back_x, back_y) == (0.0, 0.0) { deviation + comes } else { deviation };
         let mut time = TIME_STEP_S;
         loop {
             let time_now = time.min(stands);
@@ -240,6 +242,20 @@ impl PredictedPath {
             time += TIME_STEP_S;
         }
     }
+}
+
+/// Point of the body that leads in a direction of travel; on the spot the corner at the front.
+fn nose(body: &Body, direction: Direction) -> Point {
+    let (middle, side) = ((body.front - body.rear) / 2.0, body.width / 2.0);
+    let (x, y) = match direction {
+        Direction::Forward => (body.front, 0.0),
+        Direction::Backward => (-body.rear, 0.0),
+        Direction::Left => (middle, side),
+        Direction::Right => (middle, -side),
+        Direction::TurnLeft => (body.front, side),
+        Direction::TurnRight => (body.front, -side),
+    };
+    Point { x, y }
 }
 
 /// Distance of a point in the robot's frame from its body, m; 0 within it.

@@ -1,6 +1,7 @@
 //! What the planner must know of the robot, and how it drives.
 
 use crate::map::Map;
+use crate::search::Abilities;
 use base::Duration;
 use guard::law::Law;
 use navitools::Point;
@@ -25,8 +26,9 @@ pub struct Config {
     /// It has sonars, or its guard expects some. Without, only the map says what is in the way, and `driver_canbus`
     /// bounds the speed.
     pub has_sonars: bool,
-    /// It has steered wheels, which take their time. Without, it drives the commanded curve from the beginning on.
-    pub steers: bool,
+    /// What the base does beside curves. Without any of it, it has steered wheels, which take their time; else it
+    /// drives the commanded curve from the beginning on.
+    pub abilities: Abilities,
     /// Walls and what else is known to stand; none: the floor is taken as free, and the sonars say what is not.
     pub map: Option<Map>,
 }
@@ -50,6 +52,12 @@ impl Body {
     pub fn covers(&self, point: Point, margin: f64) -> bool {
         (-self.rear - margin..=self.front + margin).contains(&point.x) && point.y.abs() <= self.width / 2.0 + margin
     }
+
+    /// Distance of the farthest corner from the origin, m: its way for each rad on the spot.
+    #[must_use]
+    pub fn arm(&self) -> f64 {
+        libm::hypot(self.front.max(self.rear), self.width / 2.0)
+    }
 }
 
 /// How the robot may move.
@@ -67,6 +75,8 @@ pub struct Limits {
     pub deceleration: f64,
     /// Sideways at the rear axle, m/s².
     pub lateral_acceleration: f64,
+    /// Rotation, rad/s; infinite for a base that steers: its curves bound it.
+    pub rotation: f64,
 }
 
 impl From<&robot::Geometry> for Body {
@@ -83,7 +93,7 @@ impl From<&robot::Geometry> for Body {
 impl Limits {
     /// What the robot may do, with the greatest speed at which the planner drives it.
     #[must_use]
-    pub fn new(limits: &robot::Limits, behaviour: &Behaviour) -> Self {
+    pub fn new(limits: &robot::Limits, behaviour: &Behaviour, abilities: Abilities) -> Self {
         let speed = limits.speed_autonomous_mps;
         Self {
             speed: behaviour.speed.map_or(speed, |own| own.min(speed)),
@@ -92,6 +102,7 @@ impl Limits {
             acceleration: limits.acceleration_mps2,
             deceleration: limits.deceleration_mps2,
             lateral_acceleration: limits.lateral_acceleration_mps2,
+            rotation: if abilities.turns { limits.rotation_radps } else { f64::INFINITY },
         }
     }
 }
@@ -113,7 +124,7 @@ settings! {
     pub struct Behaviour {
         /// Greatest speed forwards. Absent: `speed_autonomous_mps`.
         speed_mps as speed: Option<f64> = optional, 0.01..=10.0;
-        /// Speed backwards.
+        /// Speed backwards and sideways.
         speed_reverse_mps as speed_reverse: f64 = 0.3, 0.01..=2.0;
         /// Speed through space that was not seen within the last second.
         speed_unseen_mps as speed_unseen: f64 = 0.4, 0.01..=2.0;
@@ -169,7 +180,7 @@ mod tests {
         };
         for (own, speed) in [(None, 0.8), (Some(0.5), 0.5), (Some(2.0), 0.8)] {
             let behaviour = Behaviour { speed: own, ..Behaviour::usual() };
-            assert_eq!(Limits::new(&limits, &behaviour).speed, speed);
+            assert_eq!(Limits::new(&limits, &behaviour, Abilities::default()).speed, speed);
         }
     }
 }

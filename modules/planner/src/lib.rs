@@ -20,7 +20,7 @@
 //!
 //! // Arcs that the robot can drive one after the other, round the end of the wall to the goal.
 //! assert!(path.length() > 8.0 && path.length() < 12.0);
-//! let end = path.arcs().iter().fold(start, |pose, arc| pose.along(arc.motion()));
+//! let end = path.moves().iter().fold(start, |pose, part| part.from(pose));
 //! assert!(end.point().distance(Point { x: 7.0, y: 1.0 }) < 1e-6);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -43,4 +43,5 @@ pub mod senses;
 pub mod track;
 
 pub use config::{Behaviour, Body, Config, Limits, Settings};
+pub use guard::Direction;
 pub use planner::{NAME, Planner};

@@ -10,10 +10,11 @@ use crate::config::Config;
 use crate::goal::{Goal, Waypoint};
 use crate::goal_state::{GoalState, Hindrance};
 use crate::obstacles::Obstacles;
-use crate::path::Poses;
+use crate::path::{Move, Poses};
 use crate::route::{PlanningSpace, Progress, Route};
-use crate::track::{Motion, SPEED_MIN_MPS, STEERED_RAD, Track};
+use crate::track::{Axis, Motion, SPEED_MIN_MPS, STEERED_RAD, Track};
 use base::{Duration, Instant};
+use guard::Direction;
 use messages::Hold;
 use navitools::Pose;
 use std::collections::VecDeque;
@@ -58,10 +59,10 @@ pub struct StepInput<'a> {
     pub now: Instant,
     /// Pose of the robot in the map.
     pub robot: Pose,
-    /// Speed and steering angle of the robot.
+    /// Measured motion of the robot.
     pub motion: Motion,
-    /// Greatest speeds that the guard permits with the present steering, m/s: forward, backward.
-    pub permitted: [f64; 2],
+    /// Greatest speeds that the guard permits with the present steering, m/s and rad/s, by [`Direction`].
+    pub permitted: [f64; 6],
     /// Obstacles sensed by the sonars.
     pub obstacles: &'a Obstacles,
     /// Configuration.
@@ -239,7 +240,7 @@ impl Mission {
 
     /// Computes the command of a robot that may drive. Called at 20 Hz.
     pub fn step(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace) -> Motion {
-        let stand = Motion { speed: 0.0, steering: input.motion.steering };
+        let stand = Motion { speed: 0.0, ..input.motion };
         if self.goal.is_none() {
             return stand;
         }
@@ -420,25 +421,34 @@ impl Mission {
         }
         let speed = input.motion.speed.abs();
         let distance = speed * law.reaction + speed * speed / (2.0 * limits.deceleration) + MAP_CHECK_MARGIN_M;
-        let distance = if self.track.forward().unwrap_or(true) { distance } else { -distance };
-        let rotation = distance * libm::tan(input.motion.steering) / body.wheelbase;
-        let there = input.robot.along(navitools::Motion { translation: distance, rotation });
+        let along = |distance: f64| {
+            let rotation = distance * libm::tan(input.motion.steering) / body.wheelbase;
+            input.robot.along(navitools::Motion { translation: distance, rotation })
+        };
+        let there = match self.track.direction() {
+            Direction::Forward => along(distance),
+            Direction::Backward => along(-distance),
+            Direction::Left => Move::Aside(distance).from(input.robot),
+            Direction::Right => Move::Aside(-distance).from(input.robot),
+            Direction::TurnLeft => Move::Turn(distance / body.arm()).from(input.robot),
+            Direction::TurnRight => Move::Turn(-distance / body.arm()).from(input.robot),
+        };
         space.is_free(input.robot) && !space.is_free(there)
     }
 
     /// Speed that the guard allows in the direction of travel, of the one that is `planned`, m/s.
     fn allowed(&self, input: &StepInput<'_>, planned: f64) -> f64 {
-        let [forward, backward] = input.permitted;
-        let permitted = if self.track.forward().unwrap_or(true) { forward } else { backward };
+        let direction = self.track.direction();
+        let arm = if direction.turns() { input.config.body.arm() } else { 1.0 };
+        let permitted = arm * input.permitted[direction as usize];
         // Below this, the drive hardly turns.
         if permitted < SPEED_MIN_MPS { 0.0 } else { planned.min(permitted) }
     }
 
     /// Speed that the sonars allow on the path, m/s.
     fn planned(&self, input: &StepInput<'_>) -> f64 {
-        let forward = self.track.forward().unwrap_or(true);
         // Space that is not sensed may be occupied.
-        if input.obstacles.is_blind(input.now, forward, &input.config.body, input.config.age_max) {
+        if self.blind_end(input).is_some() {
             return 0.0;
         }
         let people = ahead::person_speed_limit(input.now, self.track.ahead(), input.obstacles, input.config);
@@ -462,7 +472,7 @@ impl Mission {
     ) -> Option<(Route, usize)> {
         let Config { body, limits, behaviour, .. } = input.config;
         let goal = self.goal.as_ref()?;
-        let (end, _) = self.track.end()?;
+        let end = self.track.end()?;
         let Some((mut route, to)) = next else {
             let to = goal.after(self.track.leads_to()?).filter(|_| self.track.remaining() < PLAN_AHEAD_M)?;
             let at = goal.waypoints[to];
@@ -526,14 +536,24 @@ impl Mission {
     }
 
     fn set_blocked(&mut self, input: &StepInput<'_>) {
-        let forward = self.track.forward().unwrap_or(true);
-        self.state = match self.ahead.first() {
-            _ if input.obstacles.is_blind(input.now, forward, &input.config.body, input.config.age_max) => {
-                GoalState::Blind { forward }
-            }
-            Some((_, at)) => GoalState::InTheWay(at),
-            None => GoalState::SomebodyNear,
+        self.state = match (self.blind_end(input), self.ahead.first()) {
+            (Some(forward), _) => GoalState::Blind { forward },
+            (None, Some((_, at))) => GoalState::InTheWay(at),
+            (None, None) => GoalState::SomebodyNear,
         };
+    }
+
+    /// End of the robot with a sonar in an unknown state that the direction of travel needs, true at the front: on the
+    /// spot and to the side it needs both.
+    fn blind_end(&self, input: &StepInput<'_>) -> Option<bool> {
+        let Config { body, age_max, .. } = input.config;
+        let is_blind = |forward: &bool| input.obstacles.is_blind(input.now, *forward, body, *age_max);
+        let ends: &[bool] = match self.track.direction() {
+            Direction::Forward => &[true],
+            Direction::Backward => &[false],
+            _ => &[true, false],
+        };
+        ends.iter().copied().find(is_blind)
     }
 
     fn wait(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, since: Instant, gone: Option<Instant>) {
@@ -565,12 +585,13 @@ impl Mission {
         let steps = (BACK_OUT_M / TRACE_STEP_M) as usize;
         let came = self.trace.back().map(|(_, forward)| *forward);
         let back = self.trace.iter().rev().take_while(|(_, was)| Some(*was) == came).take(steps);
-        let back = back.map(|(pose, was)| (*pose, !was)).collect::<Vec<_>>();
+        let direction = |forward: bool| if forward { Direction::Forward } else { Direction::Backward };
+        let back = back.map(|(pose, was)| (*pose, direction(!was))).collect::<Vec<_>>();
         let straight = |forward: bool| {
             let step = if forward { TRACE_STEP_M } else { -TRACE_STEP_M };
             let pose = move |n: usize| input.robot * Pose::new(step * n as f64, 0.0, 0.0);
             let free = (0..=steps).map(pose).take_while(|pose| space.is_free(*pose));
-            free.map(|pose| (pose, forward)).collect::<Vec<_>>()
+            free.map(|pose| (pose, direction(forward))).collect::<Vec<_>>()
         };
         let ways = [back, straight(false), straight(true)].map(|poses| Poses { poses, narrow: false });
         ways.iter().any(|poses| self.begin_backing_out(input, poses))
@@ -610,6 +631,11 @@ impl Mission {
 
     /// Records the driven path, for backing out, and the progress towards the waypoint.
     fn record_trace(&mut self, input: &StepInput<'_>) {
+        let along = input.motion.axis == Axis::Along;
+        if !along && input.motion.speed.abs() >= STANDSTILL_MPS {
+            // It does not back out over turns on the spot and moves to the side.
+            self.trace.clear();
+        }
         let last = self.trace.back().map(|(pose, _)| *pose);
         let step = last.map_or(TRACE_STEP_M, |last| last.point().distance(input.robot.point()));
         if step < TRACE_STEP_M || input.motion.speed.abs() < STANDSTILL_MPS {
@@ -618,7 +644,7 @@ impl Mission {
         if step > 4.0 * TRACE_STEP_M {
             self.trace.clear();
         }
-        if !matches!(self.phase, Phase::BackingOut { .. }) {
+        if along && !matches!(self.phase, Phase::BackingOut { .. }) {
             self.trace.push_back((input.robot, input.motion.speed > 0.0));
         }
         if self.trace.len() > (TRACE_LENGTH_M / TRACE_STEP_M) as usize {

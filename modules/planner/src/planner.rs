@@ -7,10 +7,11 @@ use crate::mission::{Mission, StepInput};
 use crate::obstacles::{Fired, Obstacles};
 use crate::ranges::{self, Sounding};
 use crate::route::PlanningSpace;
+use crate::search::Abilities;
 use crate::senses::{EstimateCheck, Senses, Wait};
-use crate::track::Motion;
+use crate::track::{Axis, Motion};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
-use messages::lowlevel::{CmdMotion, DataRanges};
+use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges};
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
 use module::{Actions, ActiveHold, Event, Holds, Module, State};
@@ -49,6 +50,8 @@ pub struct Planner {
     mission: Mission,
     /// Last motion command.
     command: Motion,
+    /// Session of `LL_CMD_VELOCITY`: the time of the start.
+    session: i64,
     /// Number of zero commands still to be sent.
     zeros: u32,
     /// True if the last estimate was not a number, or its time ran backwards.
@@ -76,6 +79,7 @@ impl Planner {
             obstacles: Obstacles::new(),
             mission: Mission::default(),
             command: Motion::default(),
+            session: 0,
             zeros: 0,
             estimate_bad: false,
             edge: None,
@@ -92,6 +96,7 @@ impl Planner {
         match message {
             Message::MlDataEstimate(estimate) => self.on_estimate(at, estimate, out),
             Message::LlDataMotion(motion) => self.senses.on_motion(at, motion),
+            Message::LlDataVelocity(velocity) => self.senses.on_velocity(velocity),
             Message::LlDataGuard(guard) => self.senses.on_guard(at, guard),
             Message::LlDataHold(holds) => self.senses.on_hold(at, holds),
             Message::LlEventStop(stop) => {
@@ -202,7 +207,7 @@ impl Planner {
                 let input = StepInput { now, robot: located.pose, motion, permitted, obstacles, config };
                 self.mission.step(&input, &mut self.space)
             }
-            _ => Motion { speed: 0.0, steering: self.motion().steering },
+            _ => Motion { speed: 0.0, ..self.motion() },
         };
         // With or without a goal, a motion ends with a zero command that is received.
         self.zeros = if wants { ZERO_COMMANDS } else { self.zeros };
@@ -211,23 +216,44 @@ impl Planner {
         }
         self.zeros -= 1;
         self.command = self.reachable(aim);
-        let Motion { speed, steering } = self.command;
-        let timestamp = out.timestamp(now);
-        out.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::PLANNER, source: NAME.into() });
+        let Motion { speed, steering, axis } = self.command;
+        let (timestamp, priority, source) = (out.timestamp(now), CmdMotion::PLANNER, NAME.into());
+        let (vx, vy, omega) = match axis {
+            Axis::Along if self.steers() || speed != 0.0 => {
+                return out.publish(CmdMotion { timestamp, speed, steering, priority, source });
+            }
+            Axis::Along => (0.0, 0.0, 0.0),
+            Axis::Aside => (0.0, speed, 0.0),
+            Axis::Spot => (0.0, 0.0, speed / self.config.body.arm()),
+        };
+        // A new session follows the release by the goal, so it is sent with the first zero already.
+        out.publish(CmdVelocity { timestamp, vx, vy, omega, priority, source, session: self.session });
     }
 
-    /// Speed and steering angle of the robot. At standstill a base that does not steer has no angle: that of the command
-    /// is the one with which it begins.
+    fn steers(&self) -> bool {
+        self.config.abilities == Abilities::default()
+    }
+
+    /// Measured motion.
+    fn measured(&self) -> Motion {
+        let Config { body, limits, .. } = &self.config;
+        let most = libm::tan(limits.steering) / body.wheelbase;
+        if self.steers() { self.senses.motion() } else { self.senses.motion_of_wheels(body.arm(), most) }
+    }
+
+    /// Measured motion and steering angle of the robot. At standstill a base that does not steer has no angle: that of
+    /// the command is the one with which it begins.
     fn motion(&self) -> Motion {
-        let motion = self.senses.motion();
-        if self.config.steers { motion } else { Motion { steering: self.command.steering, ..motion } }
+        let motion = self.measured();
+        if self.steers() { motion } else { Motion { steering: self.command.steering, ..motion } }
     }
 
     /// Command that the drives can follow until the next step. Decelerations take effect at once.
     fn reachable(&self, aim: Motion) -> Motion {
         let limits = &self.config.limits;
         let period = CONTROL_PERIOD.as_secs_f64();
-        let (last, now) = (self.command.speed, self.senses.motion().speed);
+        let axis = aim.axis;
+        let (last, now) = (self.command.along(axis), self.measured().along(axis));
         let step = limits.acceleration * period;
         // A new direction begins at standstill, and a start at the measured speed.
         let from = if last * aim.speed < 0.0 { 0.0 } else { last };
@@ -238,8 +264,13 @@ impl Planner {
         let turn = 2.0 * limits.steering_rate * period;
         let steering = aim.steering.clamp(self.command.steering - turn, self.command.steering + turn);
         let steering = steering.clamp(-limits.steering, limits.steering);
+        let curvature = libm::tan(steering).abs() / self.config.body.wheelbase;
+        let speed = match axis {
+            Axis::Along if speed.abs() * curvature > limits.rotation => (limits.rotation / curvature).copysign(speed),
+            _ => speed,
+        };
         let sane = speed.is_finite() && steering.is_finite();
-        if sane { Motion { speed, steering } } else { Motion { speed: 0.0, steering: 0.0 } }
+        if sane { Motion { speed, steering, axis } } else { Motion::default() }
     }
 
     /// Causes that prevent driving to a goal.
@@ -297,7 +328,7 @@ impl Planner {
 
 impl Module for Planner {
     fn subscriptions(&self) -> &[Channel] {
-        &[
+        const ALL: [Channel; 9] = [
             Channel::MlDataEstimate,
             Channel::LlDataMotion,
             Channel::LlDataGuard,
@@ -306,12 +337,16 @@ impl Module for Planner {
             Channel::LlDataSrfs,
             Channel::LlEventStop,
             Channel::MlCmdGoal,
-        ]
+            Channel::LlDataVelocity,
+        ];
+        // Of a robot that steers, `LL_DATA_MOTION` has it all.
+        if self.steers() { &ALL[..8] } else { &ALL }
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => {
+                self.session = out.timestamp(now);
                 for timer in [Timer::Control, Timer::Goal, Timer::Scene] {
                     self.deadlines.set(timer, now);
                 }

@@ -7,6 +7,7 @@ use crate::map::{Field, Frame, Map, Obstacle, Unknown};
 use crate::obstacles::Obstacles;
 use crate::path::{Path, Poses};
 use crate::search::{Budget, Footprint, Goal, Limits, Search, SearchError, Status};
+use guard::Direction;
 use navitools::{Point, Pose};
 
 /// Work units of the search per step of the control loop: a few milliseconds on the robot's computer, below half a
@@ -59,10 +60,15 @@ impl PlanningSpace {
     /// Field of the configured map; an open floor without one.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let Config { body, limits, map, .. } = config;
+        let Config { body, limits, map, abilities, .. } = config;
         let footprint = Footprint { length_m: body.front + body.rear, width_m: body.width, rear_m: body.rear };
         let radius = RADIUS_FACTOR * body.wheelbase / libm::tan(limits.steering);
-        let limits = Limits { margin_m: MARGIN_M, margin_least_m: MARGIN_LEAST_M, ..Limits::new(footprint, radius) };
+        let limits = Limits {
+            margin_m: MARGIN_M,
+            margin_least_m: MARGIN_LEAST_M,
+            abilities: *abilities,
+            ..Limits::new(footprint, radius)
+        };
         let still = map.as_ref().map(|map| Field::new(map, Unknown::Blocked));
         Self { has_map: still.is_some(), still, live: None, search: Search::new(limits) }
     }
@@ -180,15 +186,15 @@ impl Route {
     }
 }
 
-/// Poses of a path, each with true if it is driven to forwards; cusps occur twice.
-fn poses(path: &Path) -> Vec<(Pose, bool)> {
+/// Poses of a path, each with the direction in which it is driven to; cusps occur twice.
+fn poses(path: &Path) -> Vec<(Pose, Direction)> {
     let points = path.points();
     let mut poses = Vec::with_capacity(points.len() + 4);
     for (number, point) in points.iter().enumerate() {
-        let before = number.checked_sub(1).map_or(point.reverse, |before| points[before].reverse);
-        poses.push((point.pose, !before));
-        if before != point.reverse {
-            poses.push((point.pose, !point.reverse));
+        let before = number.checked_sub(1).map_or(point.direction, |before| points[before].direction);
+        poses.push((point.pose, before));
+        if before != point.direction {
+            poses.push((point.pose, point.direction));
         }
     }
     poses

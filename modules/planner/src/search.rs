@@ -1,10 +1,12 @@
-//! Hybrid A*: drivable path for the footprint of an Ackermann robot, forwards and in reverse.
+//! Hybrid A*: drivable path for the footprint of a robot, forwards and in reverse; of a base that can, with turns on
+//! the spot and moves to the side.
 //!
 //! D. Dolgov, S. Thrun, M. Montemerlo, J. Diebel, Practical search techniques in path planning for autonomous driving
 //! (2008). States are cells of the map and 72 headings, each with the exact pose of the path that reached it; steps are
-//! arcs with curvatures of zero, half and the whole limit. Two heuristics are combined: a path for a round robot around
-//! all obstacles (`reach`) and, near the goal, the path of a car without obstacles (Reeds and Shepp), which also ends
-//! the search where it is free. Then parts of the path are replaced by better curves (`smooth`).
+//! arcs with curvatures of zero, half and the whole limit, turns on the spot and moves to the side. Two heuristics are
+//! combined: a path for a round robot around all obstacles (`reach`) and, near the goal, the path of a car without
+//! obstacles (Reeds and Shepp), which also ends the search where it is free. Then parts of the path are replaced by
+//! better curves (`smooth`).
 //!
 //! An engine without a clock: [`Search::begin`], then [`Search::advance`] repeatedly. The budget counts work, in
 //! expanded states or operations of equal duration (a few microseconds), so that a request has the same result on every
@@ -23,13 +25,13 @@ mod smooth;
 
 pub use footprint::Footprint;
 pub use outline::Outline;
-pub use request::{Budget, Costs, Goal, Limits, SearchError, Status};
+pub use request::{Abilities, Budget, Costs, Goal, Limits, SearchError, Status};
 
 use crate::map::Field;
-use crate::path::Path;
+use crate::path::{Move, Path};
 use footprint::Body;
 use lattice::{HEADINGS, Lattice, ProximityCost, Sample};
-use navitools::{Arc, Pose, reeds_shepp_length};
+use navitools::{Pose, reeds_shepp_length, wrap};
 use open::{NONE, Node, Open};
 use reach::Reach;
 use request::Margin;
@@ -112,7 +114,7 @@ pub struct Search {
     shot: Shot,
     smoothing: Smoothing,
     /// Best path of the search, and the best smoothed path.
-    raw: Vec<Arc>,
+    raw: Vec<Move>,
     raw_cost: f32,
     path: Path,
     has_path: bool,
@@ -218,9 +220,9 @@ impl Search {
     fn is_sensible(&self) -> bool {
         let Limits { footprint, margin_m, margin_least_m, radius_m, costs, .. } = self.limits;
         let Footprint { length_m, width_m, rear_m } = footprint;
-        let sizes = [length_m, width_m, radius_m, costs.keep_m];
-        let (preferences, more) =
-            ([costs.reverse, costs.turn, costs.cusp, costs.steer, costs.near], [margin_m, margin_least_m, rear_m]);
+        let sizes = [length_m, width_m, radius_m, costs.keep_m, costs.spot];
+        let Costs { reverse, turn, cusp, aside, steer, near, .. } = costs;
+        let (preferences, more) = ([reverse, turn, cusp, aside, steer, near], [margin_m, margin_least_m, rear_m]);
         let Pose { x, y, theta } = self.start;
         let places = [x, y, theta.radians(), self.goal.x, self.goal.y, self.goal.heading.unwrap_or(0.0)];
         sizes.iter().all(|size| (1e-3..=1e3).contains(size))
@@ -237,13 +239,13 @@ impl Search {
             return;
         };
         self.margin = margin;
-        let Limits { footprint, radius_m, costs, .. } = self.limits;
+        let Limits { footprint, costs, .. } = self.limits;
         let body = Body::new(footprint.grown(margin.grown), field);
         let resolution = field.frame().resolution;
         if self.lattice_for != Some((resolution, margin)) {
             self.lattice_for = Some((resolution, margin));
-            let looks = |curvature: f64| (body.spacing(curvature, margin.deviation), body.way(curvature));
-            self.lattice.build(radius_m, resolution, looks, &costs);
+            let looks = |part: Move| (body.spacing(part, margin.deviation), body.way(part));
+            self.lattice.build(&self.limits, resolution, looks);
         }
         self.lattice.turn_to(self.start.theta.radians());
         self.toll = ProximityCost::new(body.inner, &costs);
@@ -388,6 +390,10 @@ impl Search {
         let around = (around - self.goal.tolerance_m as f32).max(0.0);
         let radius = self.limits.radius_m;
         match self.target {
+            Ok(target) if self.limits.abilities.turns => {
+                let turn = libm::fabs(wrap(target.theta.radians() - self.lattice.angle(heading)));
+                around.max((turn * self.limits.costs.turning(radius)) as f32 - self.goal.tolerance_m as f32)
+            }
             Ok(target) if f64::from(around) < CAR_PATH_RADII * radius => {
                 let pose = Pose::new(at.x, at.y, self.lattice.angle(heading));
                 let car = reeds_shepp_length(pose, target, radius) - self.goal.tolerance_m;
@@ -417,7 +423,7 @@ impl Search {
         let heading = usize::from(node.heading);
         let pose = Pose::new(node.x, node.y, self.lattice.angle(heading));
         if !node.touching && self.is_there(pose) && node.g < self.raw_cost {
-            self.take(index, &[], node.g);
+            self.take(index, node.g);
         }
         if self.until_shot == 0 && !node.touching {
             self.until_shot = (node.h * 3.0) as u32;
@@ -448,9 +454,7 @@ impl Search {
         if let Some(before) = self.lattice.steps.get(usize::from(node.step)) {
             let turned = (taken.steering - before.steering).unsigned_abs();
             changes += costs.steer * 0.25 * f64::from(turned);
-            if before.reverse != taken.reverse {
-                changes += costs.cusp;
-            }
+            changes += costs.change(before.direction, taken.direction);
         }
         let toll = self.toll.at(body.middle(field, x, y, end.sin, end.cos));
         let g = node.g + taken.cost * toll + changes as f32;
@@ -476,7 +480,7 @@ impl Search {
                 return;
             }
             let from = Pose::new(node.x, node.y, self.lattice.angle(heading));
-            if !self.contact && self.outline.drive(field, from, &[taken.arc]).is_err() {
+            if !self.contact && self.outline.drive(field, from, &[taken.part]).is_err() {
                 return;
             }
         } else if !body.is_free_along(field, (node.x, node.y), samples, taken.way) {
@@ -501,22 +505,21 @@ impl Search {
     /// Attempts to end with a curve to the goal.
     fn shoot(&mut self, field: &Field, index: u32, pose: Pose) {
         let node = self.open.node(index);
-        let before = self.lattice.steps.get(usize::from(node.step)).map(|step| step.arc);
+        let before = self.lattice.steps.get(usize::from(node.step)).map(|step| step.part);
         let (limits, deviation) = (&self.limits, self.margin.deviation);
         let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits, deviation };
         self.work += 2;
-        if let Some((cost, arcs)) = self.shot.best(&ruler, pose, before, self.target, self.raw_cost - node.g) {
+        if let Some((cost, parts)) = self.shot.best(&ruler, pose, before, self.target, self.raw_cost - node.g) {
             self.raw_cost = node.g + cost;
             self.open.trace(index, &self.lattice, &mut self.raw);
-            arcs.iter().for_each(|arc| append(&mut self.raw, *arc));
+            parts.iter().for_each(|part| append(&mut self.raw, *part));
         }
     }
 
     /// Records a path that ends with this state.
-    fn take(&mut self, index: u32, arcs: &[Arc], cost: f32) {
+    fn take(&mut self, index: u32, cost: f32) {
         self.raw_cost = cost;
         self.open.trace(index, &self.lattice, &mut self.raw);
-        arcs.iter().for_each(|arc| append(&mut self.raw, *arc));
     }
 
     /// Total work allowed.
@@ -569,12 +572,12 @@ impl Search {
 
     /// Takes the smoothed path, or the one before smoothing, as the result, if the exact check finds it free.
     fn accept(&mut self, field: &Field, cost: f32) {
-        for (arcs, cost) in [(self.smoothing.arcs(), cost), (&self.raw, self.raw_cost)] {
-            let driven = self.outline.drive(field, self.start, arcs);
+        for (moves, cost) in [(self.smoothing.moves(), cost), (&self.raw, self.raw_cost)] {
+            let driven = self.outline.drive(field, self.start, moves);
             let Ok((clearance, looks)) = driven else { continue };
             self.work += looks / LOOKS_PER_STATE;
             self.has_path = true;
-            self.path.arcs.clone_from(arcs);
+            self.path.moves.clone_from(moves);
             self.path.lay(self.start, 0.05);
             (self.path.cost, self.path.clearance, self.path.margin) = (cost, clearance, self.margin.margin);
             return;
@@ -582,16 +585,16 @@ impl Search {
     }
 }
 
-/// Appends an arc to a path, merged with the last one if it continues it.
-fn append(arcs: &mut Vec<Arc>, arc: Arc) {
-    match arcs.last_mut() {
+/// Appends a part to a path, merged with the last one if it continues it.
+fn append(moves: &mut Vec<Move>, part: Move) {
+    match moves.last_mut() {
         Some(last)
-            if libm::fabs(last.curvature - arc.curvature) < 1e-12 && (last.length < 0.0) == (arc.length < 0.0) =>
+            if libm::fabs(last.curvature() - part.curvature()) < 1e-12 && last.direction() == part.direction() =>
         {
-            last.length += arc.length;
+            *last = last.with(last.size() + part.size());
         }
-        _ if libm::fabs(arc.length) < 1e-9 => {}
-        _ => arcs.push(arc),
+        _ if part.extent() < 1e-9 => {}
+        _ => moves.push(part),
     }
 }
 

@@ -1,9 +1,11 @@
 //! State of the robot as other modules report it: pose, motion, and the causes that hold the robot.
 
 use crate::goal_state::FRONT;
+use crate::path::Move;
 use crate::ranges::{READING_VALID_FOR, Sounding};
+use crate::track::{Axis, Motion};
 use base::{Duration, Instant};
-use messages::lowlevel::{DataGuard, DataHold, DataMotion, EventStop};
+use messages::lowlevel::{DataGuard, DataHold, DataMotion, DataVelocity, EventStop};
 use messages::middlelevel::DataEstimate;
 use messages::{Hold, MOTION_MODULE, StopSource};
 use module::State;
@@ -27,6 +29,8 @@ const POSES_KEPT_FOR: Duration = Duration::from_millis(1200);
 const RANGES_TIMEOUT: Duration = Duration::from_millis(1500);
 /// An estimator whose timestamps run backwards for this long has restarted.
 const RESTART_AFTER: Duration = Duration::from_secs(1);
+/// Speed below which the robot is at standstill, m/s.
+const STANDSTILL_MPS: f64 = 0.03;
 /// Change between two estimates that counts as a jump (kidnapped robot, or first fix), m and rad.
 const JUMP_MIN: (f64, f64) = (0.5, 0.5);
 
@@ -39,6 +43,8 @@ pub struct Located {
     pub pose: Pose,
     /// Velocity, m/s and rad/s.
     pub moved: Moved,
+    /// Velocity to the left, m/s; 0 where it is not measured.
+    pub aside: f64,
     /// Standard deviation of the position, m.
     pub sigma: f64,
 }
@@ -66,8 +72,10 @@ pub struct Senses {
     /// Timestamp of the last accepted estimate, and the instant of its reception.
     stamp: Option<(i64, Instant)>,
     motion: Option<(Instant, DataMotion)>,
-    /// Greatest speeds that the guard permits, m/s: forward, backward.
-    guard: Option<(Instant, [f64; 2])>,
+    /// Measured velocity of a base that turns on the spot or goes sideways: forward, to the left, m/s, and rad/s.
+    velocity: Option<[f64; 3]>,
+    /// Greatest speeds that the guard permits, m/s and rad/s, in the order of `LL_DATA_GUARD`.
+    guard: Option<(Instant, [f64; 6])>,
     /// Causes reported by `driver_canbus` that hold the robot.
     holds: Option<(Instant, DataHold)>,
     /// When the PAUSE line was last reported engaged, and its source, with its name as reported.
@@ -103,7 +111,8 @@ impl Senses {
         }
         let sigma = libm::sqrt((sxx + syy).max(0.0) / 2.0);
         let moved = Moved { translation: speed, rotation };
-        let now = Located { at, pose: Pose::new(x, y, theta), moved, sigma };
+        let aside = self.velocity.map_or(0.0, |[_, aside, _]| aside);
+        let now = Located { at, pose: Pose::new(x, y, theta), moved, aside, sigma };
         let expected = self.estimates.back().map(|last| last.pose_at(at));
         let jumped = expected.is_none_or(|expected| {
             let turned = (now.pose.theta - expected.theta).radians().abs();
@@ -122,17 +131,24 @@ impl Senses {
         self.motion = sane.then(|| (at, motion.clone()));
     }
 
-    /// Processes `LL_DATA_GUARD`.
-    pub fn on_guard(&mut self, at: Instant, guard: &DataGuard) {
-        self.guard = Some((at, [guard.forward, guard.backward]));
+    /// Processes `LL_DATA_VELOCITY` of a base that turns on the spot or goes sideways.
+    pub fn on_velocity(&mut self, velocity: &DataVelocity) {
+        let velocity = [velocity.vx, velocity.vy, velocity.omega];
+        self.velocity = velocity.iter().all(|part| part.is_finite()).then_some(velocity);
     }
 
-    /// Greatest speeds that the guard permits with the present steering, m/s: forward, backward; infinite without a
-    /// guard. A value that is not a number permits nothing.
+    /// Processes `LL_DATA_GUARD`.
+    pub fn on_guard(&mut self, at: Instant, guard: &DataGuard) {
+        let &DataGuard { forward, backward, left, right, turn_left, turn_right, .. } = guard;
+        self.guard = Some((at, [forward, backward, left, right, turn_left, turn_right]));
+    }
+
+    /// Greatest speeds that the guard permits with the present steering, m/s and rad/s, in the order of
+    /// `LL_DATA_GUARD`; infinite without a guard. A value that is not a number permits nothing.
     #[must_use]
-    pub fn permitted(&self, now: Instant) -> [f64; 2] {
+    pub fn permitted(&self, now: Instant) -> [f64; 6] {
         let guard = self.guard.filter(|(at, _)| now.since(*at) < GUARD_AGE_MAX);
-        guard.map_or([f64::INFINITY; 2], |(_, bounds)| bounds.map(|bound| bound.max(0.0)))
+        guard.map_or([f64::INFINITY; 6], |(_, bounds)| bounds.map(|bound| bound.max(0.0)))
     }
 
     /// Processes `LL_DATA_HOLD`.
@@ -181,14 +197,35 @@ impl Senses {
         Some(Located { pose: before.pose_at(fired), at: fired, ..*before })
     }
 
-    /// Speed and steering angle of the robot; zero if the drives have not reported.
+    /// Speed and steering angle of a robot that steers; zero if the drives have not reported.
     #[must_use]
-    pub fn motion(&self) -> crate::track::Motion {
+    pub fn motion(&self) -> Motion {
         let motion = self.motion.as_ref().map(|(_, motion)| motion);
-        motion.map_or_else(Default::default, |motion| crate::track::Motion {
+        motion.map_or_else(Default::default, |motion| Motion {
             speed: motion.speed,
             steering: motion.steering,
+            axis: Axis::Along,
         })
+    }
+
+    /// Motion of a robot that turns on the spot or goes sideways, whose farthest corner is `arm` m away and whose
+    /// curves have a curvature of `most` 1/m at most. While it drives forward or backward, that counts; else the
+    /// greatest part, of the rotation what no curve explains. An unknown motion is not one along any path: it is
+    /// infinite.
+    #[must_use]
+    pub fn motion_of_wheels(&self, arm: f64, most: f64) -> Motion {
+        let steering = self.motion().steering;
+        let Some([along, aside, rotation]) = self.velocity else {
+            return Motion { speed: f64::INFINITY, steering, axis: Axis::Spot };
+        };
+        let spot = arm * (rotation.abs() - along.abs() * most).max(0.0).copysign(rotation);
+        let (speed, axis) = match () {
+            () if along.abs() >= STANDSTILL_MPS => (along, Axis::Along),
+            () if spot.abs() > aside.abs() && spot.abs() > along.abs() => (spot, Axis::Spot),
+            () if aside.abs() > along.abs() => (aside, Axis::Aside),
+            () => (along, Axis::Along),
+        };
+        Motion { speed, steering, axis }
     }
 
     /// Causes that hold the robot at `now`, the most important one first; empty if it may drive. `source` is the
@@ -296,7 +333,8 @@ impl Located {
         let time = at.since(self.at).as_secs_f64() - self.at.since(at).as_secs_f64();
         let time = time.clamp(-0.5, 0.5);
         let Moved { translation, rotation } = self.moved;
-        self.pose.along(Moved { translation: translation * time, rotation: rotation * time })
+        let pose = self.pose.along(Moved { translation: translation * time, rotation: rotation * time });
+        if self.aside == 0.0 { pose } else { Move::Aside(self.aside * time).from(pose) }
     }
 }
 

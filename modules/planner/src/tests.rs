@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::config::{Behaviour, Body, Limits};
+use guard::Direction;
 use messages::Hold;
 use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, EventStop, Reading};
 use messages::middlelevel::Waypoint;
@@ -19,6 +20,7 @@ const LIMITS: Limits = Limits {
     acceleration: 0.5,
     deceleration: 0.8,
     lateral_acceleration: 0.8,
+    rotation: f64::INFINITY,
 };
 /// Mounting of the sonars as on the reference robot.
 /// Degrees.
@@ -100,7 +102,7 @@ fn guarding() -> Bench {
             .map(corner)
             .into(),
         sensors: SRFS.iter().enumerate().map(sensor).collect(),
-        base: guard::Ackermann { wheelbase: BODY.wheelbase, steering: LIMITS.steering, steering_rate: 0.698 },
+        base: guard::Ackermann { wheelbase: BODY.wheelbase, steering: LIMITS.steering, steering_rate: 0.698 }.into(),
         braking: LIMITS.deceleration,
         power_lost: 1.5,
         speed: 1.2,
@@ -127,7 +129,7 @@ impl Robot {
             sonar_beam: 0.96,
             age_max: Duration::from_millis(600),
             has_sonars: true,
-            steers: true,
+            abilities: Abilities::default(),
             map,
         };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
@@ -230,7 +232,7 @@ impl Robot {
         let now = self.bench.now();
         let dt = STEP.as_secs_f64();
         let obeyed = now.since(self.commanded_at) < Duration::from_millis(250) && self.stands.is_none();
-        let aim = if obeyed { self.command } else { Motion { speed: 0.0, steering: self.steering } };
+        let aim = if obeyed { self.command } else { Motion { steering: self.steering, ..Motion::default() } };
         match self.permits {
             Some(permits) => self.bounds = permits(self.pose, self.steering),
             // A robot of that view has no guard.
@@ -310,8 +312,10 @@ impl Robot {
         for message in self.bench.published() {
             match message {
                 Message::LlCmdMotion(command) => {
-                    (self.command, self.commanded_at) =
-                        (Motion { speed: command.speed, steering: command.steering }, self.bench.now());
+                    (self.command, self.commanded_at) = (
+                        Motion { speed: command.speed, steering: command.steering, axis: Axis::Along },
+                        self.bench.now(),
+                    );
                     self.commands += 1;
                 }
                 Message::MlDataGoal(goal) => self.goal = goal,
@@ -801,8 +805,11 @@ fn it_returns_to_its_position_with_another_heading() {
 
 #[test]
 fn backing_out_leads_to_no_waypoint() {
-    let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false)).into();
+    let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), Direction::Backward)).into();
     let path = crate::path::Poses { poses, narrow: false };
     let mut track = crate::track::Track::new(&path, None, &BODY, &LIMITS, &Behaviour::default());
     assert_eq!((track.leads_to(), track.passed(), track.remaining()), (None, None, 0.5));
 }
+
+#[path = "tests/bases.rs"]
+mod bases;

@@ -2,11 +2,13 @@
 //! controller that keeps the robot on it.
 //!
 //! Forward and reverse legs meet in cusps, where the robot stops and steers first. Consecutive legs in the same
-//! direction are joined.
+//! direction are joined. Turns on the spot and moves to the side are legs of their own, which begin and end at
+//! standstill; of a turn, distance and speed are those of the farthest corner.
 
 use crate::config::{Behaviour, Body, Limits};
 use crate::path::Poses;
-use navitools::Pose;
+use guard::Direction;
+use navitools::{Pose, wrap};
 
 /// Highest speed on a path without the whole margin, m/s: up to it the guard widens the sides least (docs/guard.md).
 const NARROW_SPEED_MPS: f64 = 0.15;
@@ -19,8 +21,9 @@ const CURVATURE_WINDOW_M: f64 = 0.15;
 const DECELERATION_SHARE: f64 = 0.6;
 /// Share of the steering rate that the path may require.
 const STEERING_RATE_SHARE: f64 = 0.9;
-/// Distance from a leg's end that counts as reached, m.
+/// Distance from a leg's end that counts as reached, m, and that of the farthest corner at the end of a turn.
 const LEG_END_M: f64 = 0.03;
+const TURN_END_M: f64 = 0.01;
 /// Lowest commanded speed before an end, m/s: the drive hardly turns below it.
 pub const SPEED_MIN_MPS: f64 = 0.06;
 /// Remaining steering angle at which the robot starts to drive, rad.
@@ -35,8 +38,8 @@ const PREVIEW_S: f64 = 0.15;
 pub struct Sample {
     /// Pose in the map.
     pub pose: Pose,
-    /// True if driven forwards.
-    pub forward: bool,
+    /// Direction of travel to it.
+    pub direction: Direction,
     /// Distance along the track from its beginning, m.
     pub distance: f64,
     /// Curvature, 1/m, positive to the left.
@@ -47,13 +50,45 @@ pub struct Sample {
     pub speed: f64,
 }
 
-/// Motion command.
+/// What a motion changes: of several at once that of a curve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Axis {
+    /// Along the robot, on the curve of its steering angle.
+    #[default]
+    Along,
+    /// To its side.
+    Aside,
+    /// Its heading, on the spot.
+    Spot,
+}
+
+impl From<Direction> for Axis {
+    fn from(direction: Direction) -> Self {
+        match direction {
+            Direction::Forward | Direction::Backward => Self::Along,
+            Direction::Left | Direction::Right => Self::Aside,
+            Direction::TurnLeft | Direction::TurnRight => Self::Spot,
+        }
+    }
+}
+
+/// Motion, commanded or measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Speed, m/s; negative in reverse.
+    /// Speed, m/s; negative in reverse, to the right and clockwise. On the spot that of the farthest corner.
     pub speed: f64,
     /// Steering angle, rad.
     pub steering: f64,
+    /// What the speed is about.
+    pub axis: Axis,
+}
+
+impl Motion {
+    /// Speed along an axis, m/s.
+    #[must_use]
+    pub fn along(&self, axis: Axis) -> f64 {
+        if self.axis == axis { self.speed } else { 0.0 }
+    }
 }
 
 /// Path, and the robot's progress on it.
@@ -69,8 +104,8 @@ pub struct Track {
 }
 
 impl Track {
-    /// Creates a track to `waypoint`, if any, of poses driven forwards or in reverse, close enough to be joined by
-    /// straight lines. A pose may occur twice at a cusp.
+    /// Creates a track to `waypoint`, if any, of poses with directions of travel, close enough to be joined by straight
+    /// lines. A pose may occur twice at a cusp.
     #[must_use]
     pub fn new(path: &Poses, waypoint: Option<usize>, body: &Body, limits: &Limits, behaviour: &Behaviour) -> Self {
         let mut track = Self::default();
@@ -95,13 +130,18 @@ impl Track {
             mark.0 = mark.0.saturating_sub(passed);
             true
         });
-        for &(pose, forward) in &path.poses {
+        let arm = body.arm();
+        for &(pose, direction) in &path.poses {
             let last = self.samples.last().copied();
-            let step = last.map_or(0.0, |last| last.pose.point().distance(pose.point()));
-            let turned = last.is_none_or(|last| last.forward != forward);
+            let step = last.map_or(0.0, |last| match Axis::from(direction) {
+                Axis::Spot => arm * (pose.theta - last.pose.theta).radians().abs(),
+                _ => last.pose.point().distance(pose.point()),
+            });
+            let turned = last.is_none_or(|last| last.direction != direction);
             if step >= SAME_PLACE_M || turned {
                 let distance = last.map_or(0.0, |last| last.distance) + step;
-                self.samples.push(Sample { pose, forward, distance, curvature: 0.0, narrow: path.narrow, speed: 0.0 });
+                let sample = Sample { pose, direction, distance, curvature: 0.0, narrow: path.narrow, speed: 0.0 };
+                self.samples.push(sample);
             }
         }
         self.marks.extend(waypoint.map(|waypoint| (self.samples.len().saturating_sub(1), waypoint)));
@@ -120,7 +160,11 @@ impl Track {
                 let first = (begin..=number).rev().take_while(within).last().unwrap_or(number);
                 let last = (number..=end).take_while(within).last().unwrap_or(number);
                 let (a, b) = (self.samples[first], self.samples[last]);
-                let sign = if a.forward { 1.0 } else { -1.0 };
+                let sign = match a.direction {
+                    Direction::Forward => 1.0,
+                    Direction::Backward => -1.0,
+                    _ => 0.0,
+                };
                 let turn = (b.pose.theta - a.pose.theta).radians();
                 let curvature =
                     if b.distance - a.distance > SAME_PLACE_M { sign * turn / (b.distance - a.distance) } else { 0.0 };
@@ -135,7 +179,7 @@ impl Track {
         // Highest speed from which the robot can still brake for the next sample; ends and cusps are stops.
         for number in (0..count).rev() {
             let braked = match self.samples.get(number + 1) {
-                Some(next) if next.forward == self.samples[number].forward => {
+                Some(next) if next.direction == self.samples[number].direction => {
                     let step = next.distance - self.samples[number].distance;
                     libm::sqrt(next.speed * next.speed + 2.0 * DECELERATION_SHARE * limits.deceleration * step)
                 }
@@ -149,10 +193,15 @@ impl Track {
     /// Highest speed that curvature and steering rate allow.
     fn speed_at(&self, number: usize, body: &Body, limits: &Limits, behaviour: &Behaviour) -> f64 {
         let sample = &self.samples[number];
-        let straight = if sample.forward { limits.speed } else { behaviour.speed_reverse.min(limits.speed) };
+        let straight = match sample.direction {
+            Direction::Forward => limits.speed,
+            Direction::TurnLeft | Direction::TurnRight => (body.arm() * limits.rotation).min(limits.speed),
+            _ => behaviour.speed_reverse.min(limits.speed),
+        };
         let straight = if sample.narrow { straight.min(NARROW_SPEED_MPS) } else { straight };
         let curve = libm::sqrt(limits.lateral_acceleration / sample.curvature.abs().max(1e-6));
-        let neighbour = |other: Option<&Sample>| other.filter(|other| other.forward == sample.forward).copied();
+        let curve = curve.min(limits.rotation / sample.curvature.abs().max(1e-6));
+        let neighbour = |other: Option<&Sample>| other.filter(|other| other.direction == sample.direction).copied();
         let before = number.checked_sub(1).and_then(|other| neighbour(self.samples.get(other))).unwrap_or(*sample);
         let after = neighbour(self.samples.get(number + 1)).unwrap_or(*sample);
         let step = (after.distance - before.distance).max(SAME_PLACE_M);
@@ -164,8 +213,8 @@ impl Track {
 
     /// Last sample of the leg that contains `number`.
     fn leg_end(&self, number: usize) -> usize {
-        let forward = self.samples[number].forward;
-        let same = self.samples[number..].iter().take_while(|sample| sample.forward == forward).count();
+        let direction = self.samples[number].direction;
+        let same = self.samples[number..].iter().take_while(|sample| sample.direction == direction).count();
         number + same - 1
     }
 
@@ -175,10 +224,10 @@ impl Track {
         self.samples.get(self.at..).unwrap_or_default()
     }
 
-    /// Last pose, and true if it is driven to forwards.
+    /// Last pose.
     #[must_use]
-    pub fn end(&self) -> Option<(Pose, bool)> {
-        self.samples.last().map(|sample| (sample.pose, sample.forward))
+    pub fn end(&self) -> Option<Pose> {
+        self.samples.last().map(|sample| sample.pose)
     }
 
     /// Remaining length, m.
@@ -202,10 +251,10 @@ impl Track {
         self.samples.get(self.at).map_or(0.0, |sample| sample.distance)
     }
 
-    /// True if driven forwards here; `None` without a track.
+    /// Direction of travel here; without a track forwards.
     #[must_use]
-    pub fn forward(&self) -> Option<bool> {
-        self.samples.get(self.at).map(|sample| sample.forward)
+    pub fn direction(&self) -> Direction {
+        self.samples.get(self.at).map_or(Direction::Forward, |sample| sample.direction)
     }
 
     /// Waypoint whose end was passed; each is returned once.
@@ -238,17 +287,16 @@ impl Track {
     }
 
     /// Advances along the path with the robot, never backwards. On a leg's last sample it waits for standstill.
-    fn locate(&mut self, robot: Pose, speed: f64) {
+    fn locate(&mut self, robot: Pose, speed: f64, body: &Body) {
         if self.samples.is_empty() {
             return;
         }
         let end = self.leg_end(self.at);
         while self.at < end {
             let next = self.samples[self.at + 1];
-            let (sin, cos) = next.pose.theta.sin_cos();
-            let beyond = (robot.x - next.pose.x) * cos + (robot.y - next.pose.y) * sin;
-            let beyond = if next.forward { beyond } else { -beyond };
-            let near = if self.at + 1 == end { LEG_END_M } else { 0.0 };
+            let (beyond, _) = progress(next, robot, body);
+            let near = if next.direction.turns() { TURN_END_M } else { LEG_END_M };
+            let near = if self.at + 1 == end { near } else { 0.0 };
             if beyond < -near {
                 break;
             }
@@ -261,10 +309,17 @@ impl Track {
 
     /// Computes the command from the pose, the current motion, and the speed that other limits allow.
     pub fn follow(&mut self, robot: Pose, now: Motion, allowed: f64, body: &Body, limits: &Limits) -> Motion {
-        self.locate(robot, now.speed);
+        self.locate(robot, now.speed, body);
         let Some(here) = self.samples.get(self.at).copied() else { return Motion { speed: 0.0, ..now } };
         let end = self.leg_end(self.at);
-        let sign = if here.forward { 1.0 } else { -1.0 };
+        let axis = Axis::from(here.direction);
+        // The next leg begins when the last one has ended.
+        let allowed = if now.axis != axis && now.speed.abs() >= STANDSTILL_MPS { 0.0 } else { allowed };
+        if axis != Axis::Along {
+            return self.follow_straight(robot, now, allowed, body, limits);
+        }
+        let now = Motion { speed: now.along(axis), ..now };
+        let sign = if here.direction == Direction::Forward { 1.0 } else { -1.0 };
         // Position on the path between two samples.
         let (sin, cos) = here.pose.theta.sin_cos();
         let (dx, dy) = (robot.x - here.pose.x, robot.y - here.pose.y);
@@ -273,7 +328,7 @@ impl Track {
         let heading = here.pose.theta.radians() + here.curvature * sign * along;
         let (sin, cos) = libm::sincos(heading);
         let aside = dy * cos - dx * sin + here.curvature * along * along / 2.0;
-        let turned = navitools::wrap(robot.theta.radians() - heading);
+        let turned = wrap(robot.theta.radians() - heading);
         self.error = (aside, turned);
         // Over the distance travelled, e'' = u, with u the difference of the curvatures: a spring and a damper.
         let length = 0.45 + 0.4 * now.speed.abs();
@@ -296,7 +351,22 @@ impl Track {
         if self.at == end {
             speed = 0.0;
         }
-        Motion { speed: sign * speed, steering }
+        Motion { speed: sign * speed, steering, axis }
+    }
+
+    /// Command on a leg on the spot or to the side.
+    fn follow_straight(&mut self, robot: Pose, now: Motion, allowed: f64, body: &Body, limits: &Limits) -> Motion {
+        let (here, end) = (self.samples[self.at], self.leg_end(self.at));
+        let last = self.samples[end];
+        let (beyond, aside) = progress(here, robot, body);
+        let left = last.distance - here.distance - beyond;
+        let turned = if here.direction.turns() { 0.0 } else { (robot.theta - here.pose.theta).radians() };
+        self.error = (aside, turned);
+        let stopping = libm::sqrt(2.0 * DECELERATION_SHARE * limits.deceleration * left.max(0.0));
+        let speed = here.speed.max(SPEED_MIN_MPS).min(stopping.max(SPEED_MIN_MPS)).min(allowed);
+        let sign = if matches!(here.direction, Direction::Right | Direction::TurnRight) { -1.0 } else { 1.0 };
+        let speed = if self.at == end { 0.0 } else { sign * speed };
+        Motion { speed, axis: here.direction.into(), ..now }
     }
 
     /// About `most` points of the remaining path, x and y, including its end; for display.
@@ -306,5 +376,24 @@ impl Track {
         let step = ahead.len().div_ceil(most.max(1)).max(1);
         let last = ahead.last().filter(|_| !(ahead.len() - 1).is_multiple_of(step));
         ahead.iter().step_by(step).chain(last).map(|sample| (sample.pose.x, sample.pose.y)).unzip()
+    }
+}
+
+/// How far the robot is beyond a sample in its direction of travel, m, and beside it, m: to the left along the robot,
+/// ahead on the way to the side. On the spot the farthest corner counts, and the distance from the place is that
+/// beside it.
+fn progress(sample: Sample, robot: Pose, body: &Body) -> (f64, f64) {
+    let Sample { pose, direction, .. } = sample;
+    let (sin, cos) = pose.theta.sin_cos();
+    let (dx, dy) = (robot.x - pose.x, robot.y - pose.y);
+    let (ahead, left) = (dx * cos + dy * sin, dy * cos - dx * sin);
+    let turned = || body.arm() * wrap(robot.theta.radians() - pose.theta.radians());
+    match direction {
+        Direction::Forward => (ahead, left),
+        Direction::Backward => (-ahead, left),
+        Direction::Left => (left, ahead),
+        Direction::Right => (-left, ahead),
+        Direction::TurnLeft => (turned(), robot.point().distance(pose.point())),
+        Direction::TurnRight => (-turned(), robot.point().distance(pose.point())),
     }
 }

@@ -5,7 +5,7 @@
 
 use navitools::{Arc, Point, Pose};
 use planner::map::{Cell, Field, Map, Unknown};
-use planner::path::Path;
+use planner::path::{Move, Path};
 use planner::search::{Budget, Footprint, Goal, Limits, Search};
 
 /// The reference robot, a long narrow one, and one as wide as it is long.
@@ -104,7 +104,8 @@ impl Oracle<'_> {
         let Footprint { length_m, width_m, .. } = self.footprint;
         let mut deepest = self.depth(start);
         let mut from = start;
-        for arc in path.arcs() {
+        for part in path.moves() {
+            let Move::Arc(arc) = part else { panic!("{part:?} of a robot that steers") };
             let corner = 1.0 + libm::fabs(arc.curvature) * libm::hypot(length_m, width_m);
             let count = libm::ceil(libm::fabs(arc.length) * corner / 0.002).max(1.0);
             for part in 1..=count as u32 {

@@ -6,6 +6,7 @@ mod maze;
 use maze::{LENGTH_M, RADIUS_M, REAR_M, WIDTH_M, maze};
 use navitools::Arc;
 use planner::map::{Field, Unknown};
+use planner::path::Move;
 use planner::search::{Budget, Footprint, Goal, Limits, Search};
 
 #[test]
@@ -20,7 +21,8 @@ fn solvable_mazes_are_solved_by_drivable_paths() {
         let path = path.unwrap_or_else(|why| panic!("maze {number}, {}: {why}", maze.kind));
         assert!(path.length() < maze.way_m, "maze {number}: {} m, not {}", path.length(), maze.way_m);
         let mut pose = maze.start;
-        for arc in path.arcs() {
+        for part in path.moves() {
+            let Move::Arc(arc) = part else { panic!("{part:?} of a robot that steers") };
             assert!(libm::fabs(arc.curvature) * RADIUS_M <= 1.0 + 1e-9, "maze {number}: {arc:?}");
             let steps = libm::ceil(libm::fabs(arc.length) / 0.01);
             for _ in 0..steps as u32 {

@@ -279,6 +279,13 @@ impl Robot {
         plot::Footprint { length_m, width_m, rear_overhang_m }
     }
 
+    /// What its base does beside curves.
+    #[must_use]
+    pub fn abilities(&self) -> planner::search::Abilities {
+        let sideways = self.base.is_some_and(|base| base.goes_sideways());
+        planner::search::Abilities { turns: self.base.is_some(), sideways }
+    }
+
     /// Configuration of its guard: the outline, the sonars and the limits.
     #[must_use]
     pub fn guard_config(&self) -> guard::Config {
@@ -288,7 +295,9 @@ impl Robot {
             guard::Sensor { id: id.into(), at: Point { x, y }, theta, beam }
         };
         let sensors = self.srfs.iter().map(sensor).collect();
-        guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors)
+        let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors);
+        let planner::search::Abilities { turns, sideways } = self.abilities();
+        guard::Config { base: guard::Base { turns, sideways, ..config.base }, ..config }
     }
 
     /// Deceleration when the motors lose their feed, m/s²: only a brake that needs no power acts then.

@@ -22,7 +22,7 @@ fn config() -> Config {
         settings: Settings { ranging: Ranging::Sonar, ..Settings::usual() },
         footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
         sensors: front.into_iter().chain(rear).collect(),
-        base: BASE,
+        base: BASE.into(),
         braking: 0.8,
         power_lost: 0.25,
         speed: 1.2,

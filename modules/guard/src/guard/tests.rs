@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::config::{Sensor, Settings};
+use crate::kinematics::Ackermann;
 use messages::lowlevel::{DataRanges, Reading};
 use module::bench::Bench;
 use module::{Shell, ShellConfig};
@@ -31,7 +32,7 @@ fn config(ranging: Ranging) -> Config {
         settings: Settings { ranging, ..Settings::usual() },
         footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
         sensors: IDS.map(sensor).into(),
-        base: Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 },
+        base: Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 }.into(),
         braking: 0.8,
         power_lost: 0.8,
         speed: 1.2,
@@ -223,5 +224,58 @@ fn a_trail_that_is_lost_begins_anew_and_everything_is_unknown() {
             guard.memory.on_ranges(ms(at), &readings(at), &guard.trail);
         }
         assert!(!unknown(&mut guard, 1950), "{speed}");
+    }
+}
+
+/// A guard of a base with these motions, and what it says after a second in which the robot moved with this velocity,
+/// or did not publish any; the sonar ahead measures this distance.
+fn of_wheels(sideways: bool, velocity: Option<Twist>, ahead: f64) -> DataGuard {
+    let base = Base { turns: true, sideways, ..config(Ranging::Sonar).base };
+    let guard = Guard::new(&Config { base, ..config(Ranging::Sonar) }).expect("an outline");
+    let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(guard)));
+    bench.start();
+    let mut robot = Robot { bench, ..Robot::new(Ranging::Sonar) };
+    robot.distances[2] = ahead;
+    for _ in 0..40 {
+        if let Some(Twist { vx, vy, omega }) = velocity {
+            robot.bench.message(DataVelocity { vx, vy, omega, ..DataVelocity::default() });
+        }
+        robot.pass(50);
+    }
+    if let Some(Twist { vx, vy, omega }) = velocity {
+        robot.bench.message(DataVelocity { vx, vy, omega, ..DataVelocity::default() });
+    }
+    robot.pass(50).0
+}
+
+#[test]
+fn a_base_with_wheels_turns_on_the_spot_and_goes_sideways_slowly_where_nothing_looks() {
+    let blind = Settings::usual().speed_blind;
+    for sideways in [false, true] {
+        let guard = of_wheels(sideways, Some(Twist::default()), f64::INFINITY);
+        assert!(guard.forward > 0.6 && guard.backward > 0.6, "{guard:?}");
+        // The sides are not covered: the farthest corner is no faster than where nothing is sensed.
+        let turns = [guard.turn_left, guard.turn_right];
+        assert!(turns.iter().all(|turn| *turn > 0.1 && *turn * 0.8 <= blind), "{guard:?}");
+        let aside = if sideways { [blind; 2] } else { [0.0; 2] };
+        assert_eq!([guard.left, guard.right], aside);
+    }
+}
+
+#[test]
+fn beside_what_is_within_the_margin_it_turns_slowly() {
+    // An echo ahead, within the margin: the corners pass it at 0.1 m/s at most.
+    let guard = of_wheels(true, Some(Twist::default()), 0.13);
+    assert!(guard.forward == 0.0 && guard.turn_left * 0.9 <= 0.1 && guard.turn_right * 0.9 <= 0.1, "{guard:?}");
+    assert!(guard.backward > 0.6, "{guard:?}");
+}
+
+#[test]
+fn a_base_with_wheels_whose_velocity_is_unknown_may_not_move() {
+    let odd = |vx, vy, omega| Some(Twist { vx, vy, omega });
+    for velocity in [None, odd(0.0, f64::NAN, 0.0), odd(0.0, 3.0, 0.0), odd(0.0, 0.0, 9.0)] {
+        let guard = of_wheels(true, velocity, f64::INFINITY);
+        let bounds = [guard.forward, guard.backward, guard.left, guard.right, guard.turn_left, guard.turn_right];
+        assert_eq!((bounds, guard.code), ([0.0; 6], Hold::GuardMotion.code()), "{velocity:?}");
     }
 }

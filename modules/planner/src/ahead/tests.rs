@@ -4,6 +4,7 @@ use super::*;
 use crate::config::{Behaviour, Body, Limits};
 use crate::obstacles::Fired;
 use crate::ranges::{Measurement, Mount, Sounding};
+use crate::search::Abilities;
 
 const LEG: f64 = 0.06;
 
@@ -16,6 +17,7 @@ fn config() -> Config {
         acceleration: 0.5,
         deceleration: 0.8,
         lateral_acceleration: 0.8,
+        rotation: f64::INFINITY,
     };
     Config {
         body,
@@ -25,7 +27,7 @@ fn config() -> Config {
         sonar_beam: 0.96,
         age_max: base::Duration::from_millis(600),
         has_sonars: true,
-        steers: true,
+        abilities: Abilities::default(),
         map: None,
     }
 }
@@ -78,7 +80,7 @@ fn path(forward: bool) -> Vec<Sample> {
         let distance = 0.05 * f64::from(n);
         Sample {
             pose: Pose::new(along * f64::from(n), 0.0, 0.0),
-            forward,
+            direction: if forward { Direction::Forward } else { Direction::Backward },
             distance,
             curvature: 0.0,
             narrow: false,

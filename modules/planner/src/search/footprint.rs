@@ -2,7 +2,12 @@
 
 use super::lattice::Sample;
 use crate::map::Field;
+use crate::path::Move;
+use guard::Twist;
 use navitools::{Point, Pose};
+
+/// Largest turn between two checked poses on the spot, rad: a corner leaves the chord by less than a millimetre.
+const TURN_MAX_RAD: f64 = 0.08;
 
 /// Rectangle around the rear axle's middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -203,27 +208,34 @@ impl Body {
         true
     }
 
-    /// Way of the fastest point of the rectangle for each metre that the rear axle drives with this curvature.
-    pub(crate) fn way(&self, curvature: f64) -> f64 {
+    /// Way of the fastest point of the rectangle for each metre of a motion, or rad on the spot, m.
+    pub(crate) fn way(&self, part: Move) -> f64 {
+        let Twist { vx, vy, omega } = part.twist();
         let farthest = self.half_length + libm::fabs(self.ahead);
-        libm::hypot(1.0 + libm::fabs(curvature) * self.half_width, curvature * farthest)
+        libm::hypot(libm::fabs(vx) + libm::fabs(omega) * self.half_width, libm::fabs(vy) + libm::fabs(omega) * farthest)
     }
 
-    /// Largest distance between two poses on an arc, along the rear axle's way, such that nothing between them is
-    /// farther than `deviation` outside of both rectangles, m.
+    /// Largest distance between two poses of a motion, along the rear axle's way, m, or rad on the spot, such that
+    /// nothing between them is farther than `deviation` outside of both rectangles, m.
     ///
     /// A corner that moves by d, at the angle a to an edge, leaves a triangle between the rectangles, of the height
     /// d sin a cos a.
-    pub(crate) fn spacing(&self, curvature: f64, deviation: f64) -> f64 {
+    pub(crate) fn spacing(&self, part: Move, deviation: f64) -> f64 {
+        let Twist { vx, vy, omega } = part.twist();
         let ends = [self.ahead + self.half_length, self.ahead - self.half_length];
         let sides = [self.half_width, -self.half_width];
         let corners = ends.into_iter().flat_map(|x| sides.map(|y| (x, y)));
         let height = corners.map(|(x, y)| {
-            let (along, across) = (libm::fabs(1.0 - curvature * y), libm::fabs(curvature * x));
+            let (along, across) = (libm::fabs(vx - omega * y), libm::fabs(vy + omega * x));
             along * across / libm::hypot(along, across)
         });
         // No obstacle passes between two rectangles that overlap.
-        (deviation / height.fold(0.0, f64::max)).min(self.half_length)
+        let most = match part {
+            Move::Arc(_) => self.half_length,
+            Move::Aside(_) => self.half_width,
+            Move::Turn(_) => TURN_MAX_RAD,
+        };
+        (deviation / height.fold(0.0, f64::max)).min(most)
     }
 
     /// Penetration from which the robot cannot drive out, m.

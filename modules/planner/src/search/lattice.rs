@@ -1,11 +1,16 @@
 //! Motion primitives: steps of the robot and their costs.
 
-use super::request::Costs;
+use super::request::{Costs, Limits};
+use crate::path::Move;
+use guard::Direction;
 use navitools::{Arc, Pose};
 
 /// Number of headings: 5° apart.
 pub(crate) const HEADINGS: usize = 72;
 const STEP: f64 = 2.0 * core::f64::consts::PI / HEADINGS as f64;
+
+/// Turn of a step on the spot, in headings: as many as form one state in the coarse pass, so that it leaves its state.
+const SPOT_HEADINGS: i32 = 2;
 
 /// Maximum number of samples of a step, for a robot of odd dimensions: the whole path is checked once more.
 const SAMPLES_MAX: f64 = 500.0;
@@ -59,12 +64,12 @@ impl Sample {
 /// Step from any heading.
 #[derive(Clone, Debug)]
 pub(crate) struct Step {
-    pub(crate) arc: Arc,
+    pub(crate) part: Move,
     /// Change of the heading, in headings.
     pub(crate) turn: i32,
     /// Curvature in halves of the limit, -2 to 2.
     pub(crate) steering: i8,
-    pub(crate) reverse: bool,
+    pub(crate) direction: Direction,
     /// Cost without proximity and changes, m.
     pub(crate) cost: f32,
     /// Way of the fastest corner from one sample to the next, m.
@@ -85,9 +90,11 @@ pub(crate) struct Lattice {
 }
 
 impl Lattice {
-    /// Makes steps of at least three cells, with curvatures of zero, half and the whole limit. `looks` has the distance
-    /// between the samples of an arc, m, and the way of the fastest corner for each metre.
-    pub(crate) fn build(&mut self, radius: f64, resolution: f64, looks: impl Fn(f64) -> (f64, f64), costs: &Costs) {
+    /// Makes steps of at least three cells, with curvatures of zero, half and the whole limit, and those of a base that
+    /// turns on the spot or goes sideways. `looks` has the distance between the samples of a motion, m or rad, and the
+    /// way of the fastest corner for each metre or rad.
+    pub(crate) fn build(&mut self, limits: &Limits, resolution: f64, looks: impl Fn(Move) -> (f64, f64)) {
+        let radius = limits.radius_m;
         self.steps.clear();
         self.local.clear();
         self.heading = None;
@@ -104,21 +111,34 @@ impl Lattice {
                 };
                 let sign = if reverse { -1.0 } else { 1.0 };
                 let arc = Arc { curvature: f64::from(steering) / (2.0 * radius), length: sign * length };
-                let (spacing, way) = looks(arc.curvature);
-                let count = libm::ceil(length / spacing).min(SAMPLES_MAX) as usize;
-                let first = self.local.len();
-                for sample in 1..=count {
-                    let part = Arc { length: arc.length * sample as f64 / count as f64, ..arc };
-                    let Pose { x, y, theta } = part.end();
-                    let (sin, cos) = theta.sin_cos();
-                    self.local.push(Sample { x, y, sin, cos });
-                }
                 let turn = turn * i32::from(steering.signum()) * if reverse { -1 } else { 1 };
-                let cost = (length * costs.arc_cost(&arc, radius)) as f32;
-                let way = (length / count as f64 * way) as f32;
-                self.steps.push(Step { arc, turn, steering, reverse, cost, way, first, count });
+                self.add(Move::Arc(arc), turn, steering, limits, &looks);
             }
         }
+        for side in [1, -1] {
+            if limits.abilities.turns {
+                let turn = side * SPOT_HEADINGS;
+                self.add(Move::Turn(f64::from(turn) * STEP), turn, 0, limits, &looks);
+            }
+            if limits.abilities.sideways {
+                self.add(Move::Aside(f64::from(side) * length), 0, 0, limits, &looks);
+            }
+        }
+    }
+
+    fn add(&mut self, part: Move, turn: i32, steering: i8, limits: &Limits, looks: impl Fn(Move) -> (f64, f64)) {
+        let (spacing, way) = looks(part);
+        let length = part.extent();
+        let count = libm::ceil(length / spacing).min(SAMPLES_MAX) as usize;
+        let first = self.local.len();
+        for sample in 1..=count {
+            let Pose { x, y, theta } = part.with(part.size() * sample as f64 / count as f64).from(Pose::default());
+            let (sin, cos) = theta.sin_cos();
+            self.local.push(Sample { x, y, sin, cos });
+        }
+        let cost = (length * limits.costs.of(part, limits.radius_m)) as f32;
+        let way = (length / count as f64 * way) as f32;
+        self.steps.push(Step { part, turn, steering, direction: part.direction(), cost, way, first, count });
     }
 
     /// Turns the steps to headings that begin with `heading`.

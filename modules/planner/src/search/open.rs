@@ -1,7 +1,7 @@
 //! States of a search: open list, and the best path known to each.
 
 use super::lattice::Lattice;
-use navitools::Arc;
+use crate::path::Move;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -97,26 +97,26 @@ impl Open {
         None
     }
 
-    /// Arcs from the start to a state.
-    pub(crate) fn trace(&self, index: u32, lattice: &Lattice, arcs: &mut Vec<Arc>) {
-        arcs.clear();
+    /// Parts of the path from the start to a state.
+    pub(crate) fn trace(&self, index: u32, lattice: &Lattice, parts: &mut Vec<Move>) {
+        parts.clear();
         let mut node = &self.nodes[index as usize];
         while node.parent != NONE {
-            arcs.push(lattice.steps[usize::from(node.step)].arc);
+            parts.push(lattice.steps[usize::from(node.step)].part);
             node = &self.nodes[node.parent as usize];
         }
-        arcs.reverse();
+        parts.reverse();
         let mut kept = 0;
-        for from in 1..arcs.len() {
-            let arc = arcs[from];
-            if arcs[kept].curvature == arc.curvature && (arcs[kept].length < 0.0) == (arc.length < 0.0) {
-                arcs[kept].length += arc.length;
+        for from in 1..parts.len() {
+            let (last, part) = (parts[kept], parts[from]);
+            if last.curvature() == part.curvature() && last.direction() == part.direction() {
+                parts[kept] = last.with(last.size() + part.size());
             } else {
                 kept += 1;
-                arcs[kept] = arc;
+                parts[kept] = part;
             }
         }
-        arcs.truncate(kept + 1);
+        parts.truncate(kept + 1);
     }
 
     /// Slot of a key in the table, or the free slot for it.

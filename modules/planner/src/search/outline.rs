@@ -1,15 +1,17 @@
-//! Exact check of a whole path: a polygon that moves along arcs, against the squares of the occupied cells.
+//! Exact check of a whole path: a polygon that drives, turns and slides, against the squares of the occupied cells.
 //!
 //! The search looks at single poses. Here nothing is left between them: the distance of the polygon from the nearest
 //! obstacle is computed exactly, and the next pose is the one up to which no point of the polygon moves farther than
 //! that (conservative advancement). It shares no test with the search, so that an error of one is found by the other.
 
 use crate::map::Field;
-use navitools::{Arc, Point, Pose};
+use crate::path::Move;
+use navitools::{Point, Pose};
 
 /// Distance from an obstacle below which the polygon touches it, m.
 const TOUCH_M: f64 = 1e-4;
-/// Largest distance between two poses, along the arc, m: the clearance of a path is the smallest one at these poses.
+/// Largest distance between two poses, along the motion, m, or rad on the spot: the clearance of a path is the smallest
+/// one at these poses.
 const STEP_MAX_M: f64 = 0.1;
 /// Distances up to this are measured where the clearance found is already smaller, m: they make longer steps.
 const MEASURED_M: f64 = 0.15;
@@ -47,28 +49,28 @@ impl Outline {
         self.reach = corners.iter().map(|corner| corner.distance(self.middle)).fold(0.0, f64::max);
     }
 
-    /// Drives arcs from a pose. Returns the smallest distance from an obstacle, m, at most 1 m and 0 if the first pose
-    /// touches one, and the number of poses that were checked.
+    /// Drives the parts of a path from a pose. Returns the smallest distance from an obstacle, m, at most 1 m and 0 if
+    /// the first pose touches one, and the number of poses that were checked.
     ///
     /// # Errors
     /// The outline touches an obstacle or the edge of the map, at this pose. Contact at the start is no error until the
     /// outline has left it.
-    pub fn drive(&mut self, field: &Field, start: Pose, arcs: &[Arc]) -> Result<(f64, u32), Pose> {
+    pub fn drive(&mut self, field: &Field, start: Pose, parts: &[Move]) -> Result<(f64, u32), Pose> {
         let (mut least, mut looks) = (CLEARANCE_MAX_M, 1);
         let mut gap = self.gap(field, start, least);
         let mut leaving = gap < TOUCH_M;
         let mut from = start;
-        for arc in arcs {
-            let length = libm::fabs(arc.length);
-            let way =
-                self.corners.iter().map(|corner| libm::hypot(1.0 - arc.curvature * corner.y, arc.curvature * corner.x));
-            let way = way.fold(1e-9, f64::max);
+        for part in parts {
+            let (length, twist) = (part.extent(), part.twist());
+            let speed =
+                |corner: &Point| libm::hypot(twist.vx - twist.omega * corner.y, twist.vy + twist.omega * corner.x);
+            let way = self.corners.iter().map(speed).fold(1e-9, f64::max);
             let mut at = 0.0;
             while at < length {
                 least = least.min(if leaving { 0.0 } else { gap });
                 let step = if leaving { LEAVING_STEP_M } else { (gap / way).min(STEP_MAX_M) };
                 at = (at + step).min(length);
-                let pose = from.along(Arc { length: libm::copysign(at, arc.length), ..*arc }.motion());
+                let pose = part.with(libm::copysign(at, part.size())).from(from);
                 gap = self.gap(field, pose, least.max(MEASURED_M));
                 looks += 1;
                 if gap < TOUCH_M && !leaving {
@@ -76,7 +78,7 @@ impl Outline {
                 }
                 leaving &= gap < TOUCH_M;
             }
-            from = from.along(arc.motion());
+            from = part.from(from);
         }
         Ok((least.min(if leaving { 0.0 } else { gap }), looks))
     }
@@ -193,6 +195,7 @@ fn crosses(a: Point, b: Point, middle: Point, half: f64) -> bool {
 mod tests {
     use super::*;
     use crate::map::{Cell, Frame, Map, Obstacle, Unknown};
+    use navitools::Arc;
     use testing::Random;
 
     /// An L with its corner at the origin, 1 m long and 0.6 m high, 0.2 m thick.
@@ -253,7 +256,7 @@ mod tests {
         let mut number =
             move |low: f64, high: f64| low + (high - low) * random.below(1 << 20) as f64 / (1 << 20) as f64;
         let (mut free, mut touching) = (0, 0);
-        for _ in 0..300 {
+        for _ in 0..400 {
             let cells: Vec<_> = (0..6).map(|_| (number(30.0, 80.0) as usize, number(30.0, 80.0) as usize)).collect();
             let field = field(&cells);
             let mut ell = outline(&ELL);
@@ -261,11 +264,15 @@ mod tests {
             if ell.gap(&field, start, 1.0) < TOUCH_M {
                 continue;
             }
-            let arc = Arc { curvature: number(-1.5, 1.5), length: number(-2.0, 2.0) };
+            let part = match number(0.0, 5.0) as u32 {
+                0 => Move::Turn(number(-3.0, 3.0)),
+                1 => Move::Aside(number(-2.0, 2.0)),
+                _ => Move::Arc(Arc { curvature: number(-1.5, 1.5), length: number(-2.0, 2.0) }),
+            };
             let poses = 4000;
-            let pose = |part: i32| start.along(Arc { length: arc.length * f64::from(part) / 4000.0, ..arc }.motion());
-            let least = (0..=poses).map(|part| ell.gap(&field, pose(part), 1.0)).fold(1.0, f64::min);
-            match ell.drive(&field, start, &[arc]) {
+            let pose = |share: i32| part.with(part.size() * f64::from(share) / 4000.0).from(start);
+            let least = (0..=poses).map(|share| ell.gap(&field, pose(share), 1.0)).fold(1.0, f64::min);
+            match ell.drive(&field, start, &[part]) {
                 Ok((clearance, _)) => {
                     assert!(least > 0.0 && clearance >= least - 1e-5, "{least} {clearance}");
                     assert!(clearance < least + 0.1, "{least} {clearance}");
@@ -282,7 +289,7 @@ mod tests {
 
     #[test]
     fn contact_at_the_start_may_be_left_but_not_found_again() {
-        let ahead = |length: f64| [Arc { curvature: 0.0, length }];
+        let ahead = |length: f64| [Move::Arc(Arc { curvature: 0.0, length })];
         let mut bar = outline(&[(-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)]);
         // A cell at 0.1 to 0.2 m ahead, and another one 1 m behind it.
         let field = field(&[(51, 50), (41, 50)]);

@@ -1,9 +1,9 @@
 //! Request to a search, and its result.
 
 use super::footprint::Footprint;
-use crate::path::Path;
+use crate::path::{Move, Path};
 use base::listed;
-use navitools::Arc;
+use guard::Direction;
 
 /// Geometry of the robot, and preferences.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +17,8 @@ pub struct Limits {
     pub margin_least_m: f64,
     /// Minimum turning radius of the rear axle's middle, m; above zero.
     pub radius_m: f64,
+    /// What the base can do beside arcs.
+    pub abilities: Abilities,
     /// Preferences.
     pub costs: Costs,
     /// Maximum number of states in one search; about 64 bytes each.
@@ -24,11 +26,28 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of a robot with this footprint and turning radius; all others at their defaults.
+    /// Limits of a robot that steers, with this footprint and turning radius; all others at their defaults.
     #[must_use]
     pub fn new(footprint: Footprint, radius_m: f64) -> Self {
-        Self { footprint, margin_m: 0.02, margin_least_m: 0.0, radius_m, costs: Costs::default(), states_max: 400_000 }
+        Self {
+            footprint,
+            margin_m: 0.02,
+            margin_least_m: 0.0,
+            radius_m,
+            abilities: Abilities::default(),
+            costs: Costs::default(),
+            states_max: 400_000,
+        }
     }
+}
+
+/// Motions of a base beside arcs; a base that steers has none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Abilities {
+    /// It turns on the spot.
+    pub turns: bool,
+    /// It goes sideways.
+    pub sideways: bool,
 }
 
 /// Number of margins that are tried.
@@ -80,8 +99,13 @@ pub struct Costs {
     pub reverse: f64,
     /// Extra cost of a metre at the minimum radius.
     pub turn: f64,
-    /// Cost of a change between forwards and reverse.
+    /// Cost of a change between forwards and reverse, or between both sides; half of it is the cost of a change
+    /// between driving along, driving sideways and turning on the spot.
     pub cusp: f64,
+    /// Cost of a rad on the spot.
+    pub spot: f64,
+    /// Extra cost of a metre sideways.
+    pub aside: f64,
     /// Cost of steering from the minimum radius on one side to that on the other.
     pub steer: f64,
     /// Extra cost of a metre without clearance.
@@ -92,15 +116,35 @@ pub struct Costs {
 
 impl Default for Costs {
     fn default() -> Self {
-        Self { reverse: 0.7, turn: 0.1, cusp: 0.7, steer: 0.1, near: 1.5, keep_m: 0.35 }
+        Self { reverse: 0.7, turn: 0.1, cusp: 0.7, spot: 0.3, aside: 0.7, steer: 0.1, near: 1.5, keep_m: 0.35 }
     }
 }
 
 impl Costs {
-    /// Cost of an arc.
-    pub(crate) fn arc_cost(&self, arc: &Arc, radius: f64) -> f64 {
-        let reverse = if arc.length < 0.0 { self.reverse } else { 0.0 };
-        1.0 + reverse + self.turn * libm::fabs(arc.curvature) * radius
+    /// Cost of a metre of a motion, or of a rad on the spot.
+    pub(crate) fn of(&self, part: Move, radius: f64) -> f64 {
+        match part {
+            Move::Arc(arc) => {
+                let reverse = if arc.length < 0.0 { self.reverse } else { 0.0 };
+                1.0 + reverse + self.turn * libm::fabs(arc.curvature) * radius
+            }
+            Move::Turn(_) => self.spot,
+            Move::Aside(_) => 1.0 + self.aside,
+        }
+    }
+
+    /// Cost of a change of direction.
+    pub(crate) fn change(&self, before: Direction, after: Direction) -> f64 {
+        match () {
+            () if before == after => 0.0,
+            () if before.opposite() == after => self.cusp,
+            () => self.cusp / 2.0,
+        }
+    }
+
+    /// Lowest cost of a rad of a turn that is driven by arcs or on the spot.
+    pub(crate) fn turning(&self, radius: f64) -> f64 {
+        self.spot.min((1.0 + self.turn) * radius)
     }
 }
 

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::map::{Map, Unknown};
+use guard::Direction;
+use navitools::Arc;
 
 pub(crate) const ADVEE: Footprint = Footprint { length_m: 0.90, width_m: 0.60, rear_m: 0.15 };
 const RADIUS: f64 = 0.857;
@@ -28,7 +30,8 @@ fn check(field: &Field, start: Pose, path: &Path) {
     let points = path.points();
     assert_eq!(points[0].pose, start);
     let mut pose = start;
-    for arc in path.arcs() {
+    for arc in path.moves() {
+        let Move::Arc(arc) = arc else { panic!("{arc:?} of a robot that steers") };
         assert!(libm::fabs(arc.curvature) <= 1.0 / RADIUS + 1e-9, "{arc:?}");
         let pieces = libm::ceil(libm::fabs(arc.length) / 0.01).max(1.0);
         for _ in 0..pieces as u32 {
@@ -79,7 +82,7 @@ fn a_parking_place_is_entered_in_reverse_when_it_must_be() {
     let mut search = Search::new(limits());
     let path = search.plan(&field, start, goal, Budget::default()).unwrap();
     check(&field, start, path);
-    assert!(path.points().last().unwrap().reverse && path.cusps().count() % 2 == 1);
+    assert!(path.points().last().unwrap().direction == Direction::Backward && path.cusps().count() % 2 == 1);
 }
 
 #[test]
@@ -155,7 +158,7 @@ fn boxed_in_is_start_blocked_or_unreachable_and_touching_is_left() {
     let start = Pose::new(2.35, 3.0, 0.0);
     assert!(!ADVEE.is_free(&field, start));
     let path = search.plan(&field, start, pose_goal(6.0, 6.0, 0.0), Budget::default()).unwrap();
-    assert!(path.points()[0].reverse, "away from the wall");
+    assert!(path.points()[0].direction == Direction::Backward, "away from the wall");
     assert_eq!(path.clearance(), 0.0);
     let free_from = path.points().iter().position(|point| ADVEE.is_free(&field, point.pose)).unwrap();
     assert!(path.points()[free_from].s < 0.4);
@@ -311,3 +314,5 @@ fn the_footprint_check_equals_a_test_of_each_cell() {
         assert!(free > 100 && touching > 100, "{free} {touching}");
     }
 }
+
+mod bases;

@@ -1,0 +1,208 @@
+//! Planner with a simulated base that turns on the spot or goes sideways, on a map, in virtual time.
+
+use super::*;
+use crate::map::{Field, Map, Unknown};
+use crate::path::Move;
+use crate::search::{Abilities, Footprint};
+use core::f64::consts::{FRAC_PI_2, PI};
+use messages::lowlevel::DataVelocity;
+
+const COURIER: Body = Body { wheelbase: 0.30, front: 0.35, rear: 0.35, width: 0.50 };
+const TURNS: Abilities = Abilities { turns: true, sideways: false };
+const ALL: Abilities = Abilities { turns: true, sideways: true };
+const OF_COURIER: Limits = Limits {
+    speed: 0.5,
+    steering: 0.9,
+    steering_rate: 2.0,
+    acceleration: 0.5,
+    deceleration: 0.8,
+    lateral_acceleration: 0.8,
+    rotation: 1.2,
+};
+
+struct Wheels {
+    bench: Bench,
+    abilities: Abilities,
+    field: Field,
+    pose: Pose,
+    /// Velocity, and the commanded one: m/s forward and to the left, rad/s.
+    velocity: [f64; 3],
+    command: [f64; 3],
+    /// Greatest commanded value of each.
+    greatest: [f64; 3],
+    session: Option<i64>,
+    ticks: i64,
+    goal: DataGoal,
+}
+
+impl Wheels {
+    /// In a room of 10 m by 8 m with these walls.
+    fn new(abilities: Abilities, start: Pose, walls: &[[f64; 4]]) -> Self {
+        let mut map = Map::around((0.0, 0.0), (10.0, 8.0), 0.05).expect("a map");
+        walls.iter().for_each(|&[ax, ay, bx, by]| map.wall((ax, ay), (bx, by)));
+        let config = Config {
+            body: COURIER,
+            limits: OF_COURIER,
+            behaviour: Behaviour::default(),
+            law: guard::law::Law { reaction: 0.37, braking: 0.8, worst: 0.15, approach: 1.6, slow: 0.3 },
+            sonar_beam: 0.96,
+            age_max: Duration::from_millis(600),
+            has_sonars: false,
+            abilities,
+            map: Some(map.clone()),
+        };
+        let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config))));
+        bench.start();
+        let field = Field::new(&map, Unknown::Blocked);
+        let (goal, zero) = (DataGoal::default(), [0.0; 3]);
+        let (velocity, command, greatest) = (zero, zero, zero);
+        Self { bench, abilities, field, pose: start, velocity, command, greatest, session: None, ticks: 0, goal }
+    }
+
+    fn step(&mut self) {
+        let dt = STEP.as_secs_f64();
+        for (part, most) in [0.8, 0.8, 2.0].into_iter().enumerate() {
+            self.velocity[part] += (self.command[part] - self.velocity[part]).clamp(-most * dt, most * dt);
+        }
+        let [vx, vy, omega] = self.velocity;
+        // Wheels that are unequal: motion to the side turns the robot.
+        let omega = omega + 0.02 * vy;
+        let along = self.pose.along(Moved { translation: vx * dt, rotation: omega * dt });
+        self.pose = Move::Aside(vy * dt).from(along);
+        let Body { front, rear, width, .. } = COURIER;
+        let footprint = Footprint { length_m: front + rear, width_m: width, rear_m: rear };
+        assert!(footprint.is_free(&self.field, self.pose), "touches at {:?}", self.pose);
+        self.ticks += 1;
+        if self.ticks % 5 == 0 {
+            let (x, y, theta, timestamp) = (self.pose.x, self.pose.y, self.pose.theta.radians(), self.ticks);
+            let quality = DataEstimate::FINE;
+            let estimate =
+                DataEstimate { timestamp, x, y, theta, speed: vx, rotation: omega, quality, ..Default::default() };
+            self.bench.message(estimate);
+        }
+        if self.ticks % 5 == 1 {
+            let (timestamp, module, source) = (1, "driver_canbus".into(), NAME.into());
+            self.bench.message(DataHold { timestamp, module, holds: Vec::new() });
+            self.bench.message(DataMotion { speed: vx, source, homed: true, ..Default::default() });
+            self.bench.message(DataVelocity { vx, vy, omega, ..Default::default() });
+        }
+        self.bench.pass(STEP);
+        for message in self.bench.published() {
+            let command = match message {
+                Message::LlCmdMotion(command) => {
+                    assert!(command.speed != 0.0, "zero is a velocity of such a base");
+                    [command.speed, 0.0, command.speed * libm::tan(command.steering) / COURIER.wheelbase]
+                }
+                Message::LlCmdVelocity(command) => {
+                    assert!(self.session.is_none_or(|session| session == command.session));
+                    self.session = Some(command.session);
+                    let velocity = [command.vx, command.vy, command.omega];
+                    assert!(velocity.iter().filter(|part| **part != 0.0).count() <= 1, "one motion: {velocity:?}");
+                    assert!(command.vy == 0.0 || self.abilities.sideways);
+                    if command.omega != 0.0 || command.vy != 0.0 {
+                        assert!(self.velocity[0].abs() < 0.05, "at {} m/s", self.velocity[0]);
+                    }
+                    self.greatest[1] = self.greatest[1].max(command.vy.abs());
+                    self.greatest[2] = self.greatest[2].max(command.omega.abs());
+                    velocity
+                }
+                Message::MlDataGoal(goal) => {
+                    self.goal = goal;
+                    continue;
+                }
+                _ => continue,
+            };
+            assert!(command[2].abs() <= OF_COURIER.rotation + 1e-9, "{command:?}");
+            self.command = command;
+        }
+    }
+
+    /// Drives to a goal with a heading; the time that it took, s.
+    #[track_caller]
+    fn go(&mut self, to: Pose, seconds: f64) -> f64 {
+        let waypoint = Waypoint { x: to.x, y: to.y, theta: to.theta.radians(), tolerance: 0.0, heading: true };
+        let id = self.goal.id + 1;
+        self.bench.message(CmdGoal { id, waypoints: vec![waypoint], ..Default::default() });
+        self.greatest = [0.0; 3];
+        for n in 0..(seconds * 100.0) as u32 {
+            self.step();
+            if (self.goal.id, self.goal.status) == (id, DataGoal::REACHED) {
+                let (off, turned) = (self.pose.point().distance(to.point()), (self.pose.theta - to.theta).radians());
+                assert!(off < 0.12 && turned.abs() < crate::goal::HEADING_TOLERANCE_RAD, "{off} m, {turned} rad off");
+                assert!(self.velocity.iter().all(|part| part.abs() < 0.05), "{:?}", self.velocity);
+                return f64::from(n) / 100.0;
+            }
+            assert!(self.goal.status != DataGoal::FAILED, "{:?}", self.goal);
+        }
+        panic!("after {seconds} s at {:?}: {:?}", self.pose, self.goal);
+    }
+
+    fn turns(&self) -> bool {
+        self.greatest[2] > 0.3
+    }
+
+    fn slides(&self) -> bool {
+        self.greatest[1] > 0.1
+    }
+}
+
+#[test]
+fn the_opposite_heading_is_reached_by_a_turn_on_the_spot() {
+    for abilities in [TURNS, ALL] {
+        let mut robot = Wheels::new(abilities, Pose::new(5.0, 4.0, 0.0), &[]);
+        let time = robot.go(Pose::new(5.0, 4.0, PI), 12.0);
+        assert!(robot.turns() && !robot.slides(), "{:?}", robot.greatest);
+        assert!(robot.greatest[2] <= OF_COURIER.rotation + 1e-9 && time < 8.0, "{:?} {time}", robot.greatest);
+        // And with a way before it.
+        robot.go(Pose::new(2.0, 4.0, 0.0), 25.0);
+    }
+}
+
+#[test]
+fn out_of_a_dead_end_it_turns_around_and_drives_ahead() {
+    let walls = [[0.0, 3.35, 2.5, 3.35], [0.0, 4.65, 2.5, 4.65], [0.6, 3.35, 0.6, 4.65]];
+    for abilities in [TURNS, ALL] {
+        let mut robot = Wheels::new(abilities, Pose::new(1.3, 4.0, PI), &walls);
+        robot.go(Pose::new(7.0, 4.0, 0.0), 30.0);
+        assert!(robot.turns(), "{:?}", robot.greatest);
+    }
+}
+
+#[test]
+fn into_a_bay_and_out_of_it_one_that_can_goes_sideways() {
+    let walls = [[4.4, 3.4, 4.4, 4.4], [4.4, 3.4, 5.6, 3.4], [5.6, 3.4, 5.6, 4.4]];
+    let mut robot = Wheels::new(ALL, Pose::new(5.0, 5.4, 0.0), &walls);
+    for y in [4.0, 5.4] {
+        robot.go(Pose::new(5.0, y, 0.0), 30.0);
+        assert!(robot.slides(), "{:?}", robot.greatest);
+    }
+}
+
+#[test]
+fn several_goals_in_a_room_with_walls_are_reached_by_each_base() {
+    let walls = [[3.0, 0.0, 3.0, 5.0], [6.5, 3.0, 6.5, 8.0]];
+    for abilities in [TURNS, ALL] {
+        let mut robot = Wheels::new(abilities, Pose::new(1.5, 1.5, 0.0), &walls);
+        for (x, y, theta) in [(1.0, 4.0, -FRAC_PI_2), (5.0, 1.5, FRAC_PI_2), (8.5, 6.5, PI), (1.5, 1.5, 0.0)] {
+            robot.go(Pose::new(x, y, theta), 60.0);
+        }
+    }
+}
+
+#[test]
+fn an_unknown_velocity_begins_no_other_motion() {
+    let mut senses = Senses::default();
+    assert_eq!(senses.motion_of_wheels(0.4, 4.0).speed, f64::INFINITY);
+    let velocity = |vx, vy, omega| DataVelocity { vx, vy, omega, ..Default::default() };
+    for (sent, axis, speed) in [
+        (velocity(0.2, 0.0, 1.0), Axis::Along, 0.2),
+        (velocity(0.0, 0.0, -1.0), Axis::Spot, -0.4),
+        (velocity(0.02, 0.0, 0.08), Axis::Along, 0.02),
+        (velocity(0.01, -0.2, 0.1), Axis::Aside, -0.2),
+        (velocity(0.0, f64::NAN, 0.0), Axis::Spot, f64::INFINITY),
+    ] {
+        senses.on_velocity(&sent);
+        let motion = senses.motion_of_wheels(0.4, 4.0);
+        assert!(motion.axis == axis && motion.speed == speed, "{sent:?}: {motion:?}");
+    }
+}
