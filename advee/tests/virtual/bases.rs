@@ -28,6 +28,11 @@ struct Observed {
     estimate: middlelevel::DataEstimate,
     velocity: lowlevel::DataVelocity,
     goal: String,
+    /// The planner has commanded a turn on the spot, and motion to the side.
+    turned: bool,
+    slid: bool,
+    /// Greatest rotation that it has commanded, rad/s.
+    rotation: f64,
     /// Times at which a wheel ceased to be driven, by its number from 1: by an RPDO or by itself.
     stopped: Vec<(Instant, u16)>,
     moves: [bool; 8],
@@ -46,6 +51,11 @@ impl Observed {
                 Message::MlDataGoal(goal) => self.goal = goal.message.clone(),
                 Message::CmEventError(error) if error.severity == messages::common::Error::ERROR => {
                     self.errors.push((now, error.message.clone()));
+                }
+                Message::LlCmdVelocity(command) if command.source == "planner" => {
+                    self.turned |= command.omega != 0.0;
+                    self.slid |= command.vy != 0.0;
+                    self.rotation = self.rotation.max(command.omega.abs());
                 }
                 _ => {}
             },
@@ -79,17 +89,35 @@ struct Base {
     machine: Virtual,
     observed: Rc<RefCell<Observed>>,
     wheels: u16,
+    /// Number of the next goal.
+    goals: i32,
 }
 
 impl Base {
     /// Ready to drive in an empty hall, so that nothing is in its way.
     fn ready(name: &str, wheels: u16) -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-        let place = RobotLocation {
-            config: root.join("conf").join(name),
-            world: Some(root.join("conf/worlds/empty.toml")),
-            ..guarded_place()
-        };
+        Self::in_world(name, wheels, &Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml"))
+    }
+
+    /// Ready to drive in the empty hall with more walls, from a start.
+    fn among(name: &str, wheels: u16, start: [f64; 3], walls: &[[f64; 4]]) -> Self {
+        let empty = include_str!("../../../conf/worlds/empty.toml");
+        let more: String = walls.iter().map(|wall| format!("{wall:?}, ")).collect();
+        let world = empty
+            .replace("start = [10.0, 6.0, 0.0]", &format!("start = {start:?}"))
+            .replace("walls = [", &format!("walls = [{more}"))
+            .replace("x = 10.0, y = 11.9", "x = 8.0, y = 11.9");
+        let file =
+            Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}-{}.toml", start[0], std::process::id()));
+        std::fs::write(&file, world).expect("a file");
+        let base = Self::in_world(name, wheels, &file);
+        std::fs::remove_file(file).expect("the file");
+        base
+    }
+
+    fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        let place = RobotLocation { config, world: Some(world.into()), ..guarded_place() };
         let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect(name);
         let observed = Rc::new(RefCell::new(Observed::default()));
         let keep = observed.clone();
@@ -97,7 +125,7 @@ impl Base {
         machine.spawn("watchdog", State::Run).expect("the watchdog starts");
         machine.run_until(at(6.0));
         assert!(observed.borrow().velocity.ready, "{name}: {:?}", observed.borrow().velocity);
-        Self { machine, observed, wheels }
+        Self { machine, observed, wheels, goals: 1 }
     }
 
     fn pass(&mut self, seconds: f64) {
@@ -113,6 +141,36 @@ impl Base {
             let command = lowlevel::CmdVelocity { timestamp: 0, vx, vy, omega, priority, source, session: 1 };
             self.machine.inject(begin + n * Duration::from_millis(50), command);
         }
+    }
+
+    /// Sends a goal with a heading, and passes until it is reached, at most this long. Returns the time it took, s.
+    #[track_caller]
+    fn go(&mut self, name: &str, [x, y, theta]: [f64; 3], most: f64) -> f64 {
+        let id = self.goals;
+        self.goals += 1;
+        let waypoint = middlelevel::Waypoint { x, y, theta, tolerance: 0.1, heading: true };
+        let goal = middlelevel::CmdGoal { timestamp: 0, id, waypoints: vec![waypoint], ..Default::default() };
+        let begun = self.machine.now();
+        self.machine.inject(begun, goal);
+        self.pass(0.5);
+        while !self.observed.borrow().goal.contains("reached") {
+            let goal = self.observed.borrow().goal.clone();
+            let took = self.machine.now().since(begun).as_secs_f64();
+            assert!(took < most, "{name} to {x}, {y}, {theta} after {took} s: {goal}, {:?}", self.truth());
+            self.pass(0.1);
+        }
+        self.pass(0.5);
+        let truth = self.truth();
+        let (off, turned) = ((truth.x - x).hypot(truth.y - y), navitools::wrap(truth.theta - theta).abs());
+        assert!(off < 0.2 && turned < 0.3, "{name} to {x}, {y}, {theta}: {off} m, {turned} rad off");
+        assert_eq!(truth.collisions, 0, "{name} to {x}, {y}, {theta}");
+        self.machine.now().since(begun).as_secs_f64()
+    }
+
+    /// True if the planner has turned on the spot, and gone to the side, since the last call.
+    fn has_turned_and_slid(&self) -> (bool, bool) {
+        let mut observed = self.observed.borrow_mut();
+        (std::mem::take(&mut observed.turned), std::mem::take(&mut observed.slid))
     }
 
     fn truth(&self) -> DataTruth {
@@ -172,6 +230,44 @@ fn they_go_to_a_goal() {
         let off = (truth.x - 13.0).hypot(truth.y - 8.0);
         assert!(off < 0.2, "{name}: {off} m, {}", base.observed.borrow().goal);
         base.assert_located(name);
+    }
+}
+
+/// Times that goals took are printed.
+#[test]
+fn they_arrive_with_any_heading_and_turn_on_the_spot_in_a_dead_end() {
+    use std::f64::consts::PI;
+    // 1.3 m wide and deep, open to the right.
+    let dead_end = [[6.0, 5.35, 7.3, 5.35], [6.0, 6.65, 7.3, 6.65], [6.0, 5.35, 6.0, 6.65]];
+    for (name, wheels, _) in ROBOTS {
+        let mut base = Base::among(name, wheels, [9.0, 6.0, 0.0], &dead_end);
+        let there = base.go(name, [12.0, 6.0, PI], 40.0);
+        let into = base.go(name, [6.75, 6.0, PI], 60.0);
+        base.has_turned_and_slid();
+        let out = base.go(name, [11.0, 6.0, 0.0], 60.0);
+        assert!(base.has_turned_and_slid().0, "{name}");
+        let rotation = base.observed.borrow().rotation;
+        assert!(rotation <= 1.2 + 1e-9, "{name}: {rotation} rad/s");
+        base.assert_located(name);
+        println!("{name}: at the goal after {there:.1} s; into the dead end {into:.1} s, out of it {out:.1} s");
+    }
+}
+
+#[test]
+fn those_that_can_go_to_the_side_do_so_where_it_is_narrow() {
+    // A bay 1.2 m long and 0.95 m deep, open upwards.
+    let bay = [[9.4, 4.5, 10.6, 4.5], [9.4, 4.5, 9.4, 5.45], [10.6, 4.5, 10.6, 5.45]];
+    for (name, wheels, sideways) in ROBOTS {
+        if !sideways {
+            continue;
+        }
+        let mut base = Base::among(name, wheels, [10.0, 6.2, 0.0], &bay);
+        let into = base.go(name, [10.0, 5.0, 0.0], 60.0);
+        assert!(base.has_turned_and_slid().1, "{name}");
+        let out = base.go(name, [10.0, 6.2, 0.0], 60.0);
+        assert!(base.has_turned_and_slid().1, "{name}");
+        base.assert_located(name);
+        println!("{name}: into the bay {into:.1} s, out of it {out:.1} s");
     }
 }
 

@@ -56,7 +56,7 @@ impl Canbus {
             let who = match self.body.agreement(&wheels, tolerance) {
                 Some(Agreement::Wheel(wheel)) => format!("{} contradicts the other wheels", name(wheel)),
                 Some(Agreement::Swapped(one, other)) => format!("{} and {} are exchanged", name(one), name(other)),
-                _ => "the wheels contradict each other".into(),
+                _ => "no motion of the base has the speeds of its wheels".into(),
             };
             let what = format!("{who}, by {residual:.2} m/s (root mean square): the robot stops");
             out.raise(Severity::Error, Fault::WheelsDisagree, "", what);
