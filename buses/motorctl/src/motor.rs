@@ -89,8 +89,8 @@ impl Motor {
         self.velocity = velocity;
     }
 
-    /// Has counted so many turns, and turns at this velocity, turns/s: a motor in a body that somebody else moves, by
-    /// what [`Self::drive`] demands. From the first call on it moves by these calls alone.
+    /// Sets the counted turns and the velocity, turns/s, of a motor in a body that the caller moves as [`Self::drive`]
+    /// demands. From the first call on it moves by these calls alone.
     pub fn place(&mut self, turns: f64, velocity: f64) {
         (self.counted, self.velocity, self.is_placed) = (turns, velocity, true);
     }

@@ -1,7 +1,7 @@
 //! Wheels that contradict each other: no motion of the base has all the speeds that they measure.
 //!
 //! Only a base with more wheels than independent motions can tell: four mecanum wheels, or two axles of a skid-steer
-//! base. Which wheel is wrong is told only if the geometry decides ([`Chassis::agreement`](kinematics::Chassis)).
+//! base. A wheel is named only where the geometry decides which one is wrong ([`Chassis::agreement`](kinematics::Chassis)).
 
 use super::Canbus;
 use super::body::Measured;
@@ -40,6 +40,9 @@ impl AgreementWatch {
 impl Canbus {
     /// Judges the measured speeds of all wheels together; to be called after each decision.
     pub(super) fn watch_agreement(&mut self, now: Instant, out: &mut Actions) {
+        if !self.body.is_redundant() {
+            return;
+        }
         if self.agreement.stops && self.is_standing() {
             self.agreement = AgreementWatch::default();
             out.clear(Fault::WheelsDisagree, "", "the robot stands");

@@ -228,6 +228,11 @@ impl Body {
         estimate.map_or(unknown, |estimate| Measured { twist: estimate.twist, residual: estimate.residual_mps })
     }
 
+    /// True if wheels can contradict each other.
+    pub(super) fn is_redundant(&self) -> bool {
+        !self.steers && self.chassis.redundancy() > 0
+    }
+
     /// Which of these wheels disagree by more than `tolerance`, m/s; `None` if that is not known.
     pub(super) fn agreement(&self, wheels: &[WheelState], tolerance: f64) -> Option<Agreement> {
         self.chassis.agreement(wheels, tolerance)

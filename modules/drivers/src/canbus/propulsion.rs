@@ -303,7 +303,7 @@ impl Propulsion {
         }
     }
 
-    /// What it is told now, by its own state; none: it is not judged.
+    /// What it is commanded now, by its own state; [`Order::None`]: it is not judged.
     pub(super) fn order(&self) -> Order {
         match &self.motor {
             Motor::Controller(controller) if !controller.is_ready() => Order::None,
