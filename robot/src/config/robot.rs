@@ -365,8 +365,13 @@ impl Robot {
         }
     }
 
-    /// A drive on a CAN bus moves an axis that the base has.
+    /// A drive on a CAN bus moves an axis that the base has, and nothing else says what is driven.
     fn check_axes(&self, table: &Table<'_>) {
+        if self.base.is_some()
+            && let Some(geometry) = table.below("geometry").filter(|geometry| geometry.has("driven"))
+        {
+            geometry.refuse("driven", "nothing beside [base], whose wheels are all driven");
+        }
         let axes = self.axes();
         for bus in &self.can {
             let Some(table) = table.below("can").and_then(|buses| buses.below(&bus.name)) else { continue };
