@@ -64,6 +64,11 @@ const FAULTS: Readonly<Record<string, Known>> = {
     means: "Once it turns, it is faster than it is told.",
     value: { name: "Faster by", unit: "m/s", low: 0.05, high: 2, step: 0.05, usual: 0.3 },
   },
+  encoder: {
+    means: "Its encoder counts this times the truth: 0 dead, -1 reversed.",
+    value: { name: "Factor", unit: "", low: -2, high: 2, step: 0.01, usual: 0 },
+  },
+  swapped: { means: "It has the encoder of another wheel.", value: number("Wheel", 1, 255, 2) },
   layout: { means: "It is another version, with other PDOs; it starts anew." },
   noise: { means: "Each bit on it may be wrong.", value: { ...probability(0.0001), low: 0.000001, step: 0.000001 } },
   corrupt: { means: "Each frame whose number this divides is destroyed, and sent again.", value: number("Divisor", 1, 100_000, 10) },
