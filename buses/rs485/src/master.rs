@@ -49,6 +49,8 @@ struct Attempt {
     answer: Lengths,
     retries_left: u8,
     first: bool,
+    /// When the request was sent that the node executes; an answer that it repeats belongs to the first one.
+    asked: Option<Instant>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -162,7 +164,7 @@ impl Master {
         let answered = !no_ack && to != BROADCAST;
         let lost = self.health(to) == Health::Lost;
         let retries_left = if answered && !lost { self.config.retries } else { 0 };
-        let attempt = Attempt { to, instruction, answered, answer, retries_left, first: true };
+        let attempt = Attempt { to, instruction, answered, answer, retries_left, first: true, asked: None };
         self.state = State::Gap { attempt, until: self.quiet, latest: self.quiet + self.config.patience };
         Ok(())
     }
@@ -338,9 +340,10 @@ impl Master {
         {
             self.handle_timeout(now);
         }
-        let State::Ready { attempt, .. } = self.state else {
+        let State::Ready { mut attempt, .. } = self.state else {
             return None;
         };
+        attempt.asked.get_or_insert(now);
         let off = now + self.word * self.tx.len() as u32;
         self.state = State::Sending { attempt, started: now, off, until: off + self.config.patience };
         if self.config.full_duplex {
@@ -377,14 +380,14 @@ impl Master {
     }
 
     fn answered(&mut self, now: Instant, attempt: Attempt, started: Instant, status: Status, data: Data) -> State {
-        let Attempt { to, instruction, .. } = attempt;
+        let Attempt { to, instruction, asked, .. } = attempt;
         let change = self.node(to).and_then(|node| {
             let round_trip = now.since(started);
             node.statistics.round_trips.add(round_trip);
             node.recent.add(round_trip);
             node.errors.good()
         });
-        self.events.push(Event::Reply { to, instruction, status, data });
+        self.events.push(Event::Reply { to, instruction, asked: asked.unwrap_or(started), status, data });
         self.changed(to, change);
         self.watch.on_good(to, &mut self.events);
         State::Idle
@@ -425,7 +428,8 @@ impl Master {
         self.statistics.errors += 1;
         if attempt.retries_left > 0 {
             frame::set_flags(self.config.crc, &mut self.tx, flags);
-            let attempt = Attempt { retries_left: attempt.retries_left - 1, first: false, ..attempt };
+            let asked = attempt.asked.filter(|_| flags & RESEND != 0);
+            let attempt = Attempt { retries_left: attempt.retries_left - 1, first: false, asked, ..attempt };
             return State::Gap { attempt, until: self.quiet, latest: self.quiet + self.config.patience };
         }
         self.events.push(failure);

@@ -56,8 +56,8 @@ impl Board {
 /// Events on the bus that concern a driver.
 #[derive(Debug)]
 pub(crate) enum BusEvent {
-    /// A board answered.
-    Answer { to: u8, instruction: u8, data: Data },
+    /// A board answered what it measured after `asked`.
+    Answer { to: u8, instruction: u8, asked: Instant, data: Data },
     /// A request failed, which has been reported.
     Failed { to: u8, instruction: u8 },
     /// A lost board answers again; it may have lost its settings.
@@ -193,8 +193,8 @@ impl Line {
 
     fn on_event(&mut self, now: Instant, event: Event, out: &mut Actions) -> Option<BusEvent> {
         match event {
-            Event::Reply { to, instruction, status: Status::Ok, data } => {
-                return self.on_answer(to, instruction, data, out);
+            Event::Reply { to, instruction, asked, status: Status::Ok, data } => {
+                return self.on_answer(to, instruction, asked, data, out);
             }
             Event::Reply { to, instruction, status, .. } => {
                 self.on_refusal(to, instruction, status, out);
@@ -268,7 +268,14 @@ impl Line {
         None
     }
 
-    fn on_answer(&mut self, to: u8, instruction: u8, data: Data, out: &mut Actions) -> Option<BusEvent> {
+    fn on_answer(
+        &mut self,
+        to: u8,
+        instruction: u8,
+        asked: Instant,
+        data: Data,
+        out: &mut Actions,
+    ) -> Option<BusEvent> {
         let board = self.boards.iter_mut().find(|board| board.address == to)?;
         board.answered = true;
         if mem::take(&mut self.stuck) {
@@ -286,7 +293,7 @@ impl Line {
             let message = format!("{board} executes its instructions again, after {refusals} refusals");
             out.clear(Fault::BoardRefused, name, message);
         }
-        Some(BusEvent::Answer { to, instruction, data })
+        Some(BusEvent::Answer { to, instruction, asked, data })
     }
 
     fn on_refusal(&mut self, to: u8, instruction: u8, status: Status, out: &mut Actions) {

@@ -145,8 +145,13 @@ const LOOKED_AT: f64 = 8.0;
 const MISFITS: f64 = 0.2;
 /// Bearings of this time decide between the pose and its rivals.
 const LATELY: Duration = Duration::from_secs(3);
-/// Consecutive fitting bearings that end a doubt.
+/// Consecutive fitting bearings that end a doubt, and the deviations of the pose, m and rad, that they must have reached:
+/// less than is left of [`WIDENED`] where they do not determine all of the pose, as those of one or two beacons from one
+/// place.
 const GOOD_AGAIN: u32 = 6;
+const KNOWN_AGAIN: (f64, f64) = (0.3, 0.15);
+/// Standard deviations, m and rad, that a doubted pose is given where too few beacons are seen for the search.
+const WIDENED: (f64, f64) = (0.5, 0.25);
 /// Ratio of expected variance to measurement variance from which a bearing has leverage, and the log-likelihood ratio
 /// of all later bearings from which such a bearing is taken back.
 const LEVERAGE: f64 = 4.0;
@@ -613,7 +618,9 @@ impl<const N: usize> Kalman<N> {
                     self.widen();
                 }
             }
-            Some(_) if self.good >= GOOD_AGAIN && self.against < 1.0 && !self.is_vague() => self.doubt = None,
+            Some(_) if self.good >= GOOD_AGAIN && self.against < 1.0 && self.is_within(KNOWN_AGAIN) => {
+                self.doubt = None;
+            }
             Some(since) if now.since(since) >= GIVEN_UP || worst >= DOUBT => self.give_up(),
             _ => {}
         }
@@ -639,9 +646,9 @@ impl<const N: usize> Kalman<N> {
     /// recovers by itself.
     fn widen(&mut self) {
         let mut state = self.history.last().state;
-        state.cov[X][X] += 0.25;
-        state.cov[Y][Y] += 0.25;
-        state.cov[THETA][THETA] += 0.06;
+        state.cov[X][X] += WIDENED.0 * WIDENED.0;
+        state.cov[Y][Y] += WIDENED.0 * WIDENED.0;
+        state.cov[THETA][THETA] += WIDENED.1 * WIDENED.1;
         self.history.restart(&state);
         self.applied.fill(Applied::default());
     }
@@ -653,8 +660,12 @@ impl<const N: usize> Kalman<N> {
     }
 
     fn is_vague(&self) -> bool {
+        !self.is_within(VAGUE)
+    }
+
+    fn is_within(&self, (most, turn): (f64, f64)) -> bool {
         let (position, heading) = self.history.last().state.deviations();
-        position > VAGUE.0 || heading > VAGUE.1
+        position <= most && heading <= turn
     }
 
     fn has_misfits(&self) -> bool {

@@ -35,7 +35,7 @@ fn parse_bytes(tokens: &[&str]) -> Vec<u8> {
 
 fn write_event(event: &Event) -> String {
     match event {
-        Event::Reply { to, instruction, status, data } => {
+        Event::Reply { to, instruction, status, data, .. } => {
             let data: String = data.iter().map(|byte| format!(" {byte:02x}")).collect();
             format!("reply {to:02x} {instruction:02x} {status:?}{data}")
         }

@@ -5,6 +5,7 @@ use crate::crc::Crc8;
 use crate::frame::Status;
 use crate::instruction::Instruction;
 use base::Duration;
+use base::Instant;
 
 /// Configuration of a master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +86,8 @@ pub enum Event {
         to: u8,
         /// Instruction.
         instruction: u8,
+        /// When the request that it executed began to be sent: it measured what it answers after that.
+        asked: Instant,
         /// Status; never [`Status::BadCrc`].
         status: Status,
         /// The answer's data.

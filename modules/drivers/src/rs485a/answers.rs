@@ -20,13 +20,15 @@ const JUMP_REPORT_INTERVAL: Duration = Duration::from_secs(10);
 impl Rs485a {
     pub(super) fn on_bus_event(&mut self, now: Instant, event: &BusEvent, out: &mut Actions) {
         match event {
-            BusEvent::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
+            BusEvent::Answer { to, instruction, asked, data } => {
+                self.on_answer(now, *to, *instruction, *asked, data, out);
+            }
             BusEvent::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
             BusEvent::Recovered | BusEvent::Unsolicited { .. } => {}
         }
     }
 
-    fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
+    fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, asked: Instant, data: &[u8], out: &mut Actions) {
         let understood = match self.nodes.iter().find(|node| node.address == to).map(|node| node.kind) {
             // The board has released the PAUSE line.
             Some(Kind::Sd1) if instruction == sd1::CLEAR_PAUSE_SRC.code => return,
@@ -37,7 +39,7 @@ impl Rs485a {
             }
             Some(Kind::So1) => {
                 let counts = self.line.judge(to, wheels(data), out);
-                counts.map(|counts| self.on_ticks(now, to, counts, out))
+                counts.map(|counts| self.on_ticks(now, to, asked, counts, out))
             }
             Some(Kind::Sbs1 | Kind::Psc1) | None => return,
         };
@@ -94,8 +96,8 @@ impl Rs485a {
         self.repeat = now + RANGES_PERIOD_MAX;
     }
 
-    fn on_ticks(&mut self, now: Instant, board: u8, counts: (i16, i16), out: &mut Actions) {
-        match self.odometry.answer(now, out.timestamp(now), counts) {
+    fn on_ticks(&mut self, now: Instant, board: u8, asked: Instant, counts: (i16, i16), out: &mut Actions) {
+        match self.odometry.answer(asked, now, out.timestamp(now), counts) {
             Step::First => {}
             Step::Motion(odo) => out.publish(odo),
             Step::Jump { ticks: (left, right) } => {

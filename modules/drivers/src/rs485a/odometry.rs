@@ -39,10 +39,22 @@ pub struct Follower {
 
 #[derive(Clone, Copy, Debug)]
 struct Last {
-    at: Instant,
+    asked: Instant,
+    /// Maximum time from `asked` to the measurement.
+    late: Duration,
     counts: (i16, i16),
-    /// Ticks per second between the two answers before, if known.
-    speeds: Option<(f64, f64)>,
+    /// The interval that ended with it, if known.
+    interval: Option<Interval>,
+}
+
+/// Motion between two answers.
+#[derive(Clone, Copy, Debug)]
+struct Interval {
+    seconds: f64,
+    /// Ticks per second.
+    speeds: (f64, f64),
+    /// Uncertainty of `seconds`, since it is not known when exactly the board measured.
+    late: f64,
 }
 
 impl Follower {
@@ -59,22 +71,24 @@ impl Follower {
         }
     }
 
-    /// Processes the counters of an answer received at `at`, later than the previous one; `timestamp` goes into the
-    /// message.
-    pub fn answer(&mut self, at: Instant, timestamp: i64, counts: (i16, i16)) -> Step {
-        let first = Last { at, counts, speeds: None };
-        let Some(last) = self.last.replace(first).filter(|last| at.since(last.at) <= self.gap_max) else {
+    /// Processes the counters of an answer, which the board read between `asked` and its reception at `at`, later than
+    /// those of the previous one; `timestamp` goes into the message.
+    pub fn answer(&mut self, asked: Instant, at: Instant, timestamp: i64, counts: (i16, i16)) -> Step {
+        let first = Last { asked, late: at.since(asked), counts, interval: None };
+        let Some(last) = self.last.replace(first).filter(|last| asked.since(last.asked) <= self.gap_max) else {
             self.start(counts);
             return Step::First;
         };
-        let seconds = at.since(last.at).as_secs_f64().max(1e-6);
+        let seconds = asked.since(last.asked).as_secs_f64().max(1e-6);
+        let late = (first.late + last.late).as_secs_f64();
         let ticks = (tick_difference(counts.0, last.counts.0), tick_difference(counts.1, last.counts.1));
         let speeds = (f64::from(ticks.0) / seconds, f64::from(ticks.1) / seconds);
-        if self.is_too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
+        let interval = Interval { seconds, speeds, late };
+        if self.is_too_far(ticks, seconds + late) || self.was_reset(&last, counts, &interval) {
             self.start(counts);
             return Step::Jump { ticks };
         }
-        self.last = Some(Last { speeds: Some(speeds), ..first });
+        self.last = Some(Last { interval: Some(interval), ..first });
         let motion = self.odometry.update(counts.0, counts.1);
         let path = self.odometry.path();
         let (ticks_left, ticks_right) = self.odometry.ticks();
@@ -99,17 +113,21 @@ impl Follower {
     }
 
     /// True if both counters moved towards 0, as near as driving since a reset allows, with a jump of the speed.
-    fn was_reset(&self, last: &Last, counts: (i16, i16), speeds: (f64, f64), seconds: f64) -> bool {
-        let Some(before) = last.speeds else {
+    fn was_reset(&self, last: &Last, counts: (i16, i16), now: &Interval) -> bool {
+        let Some(before) = last.interval else {
             return false;
         };
-        let near = self.ticks_per_s * seconds + ROCKING_TICKS;
+        let near = self.ticks_per_s * now.seconds + ROCKING_TICKS;
         let nearer = |new: i16, old: i16| f64::from(new).abs() <= near && new.unsigned_abs() < old.unsigned_abs();
-        let change = (speeds.0 - before.0).abs().max((speeds.1 - before.1).abs()) * seconds;
+        let change = (now.speeds.0 - before.speeds.0).abs().max((now.speeds.1 - before.speeds.1).abs());
         // The speeds are means over two intervals: the acceleration acts over both.
+        let accelerated = ACCELERATION_MPS2 * (now.seconds + before.seconds) / self.metres_per_tick;
+        let fastest = [now.speeds.0, now.speeds.1, before.speeds.0, before.speeds.1].map(f64::abs);
+        let fastest = fastest.into_iter().fold(0.0, f64::max).min(self.ticks_per_s);
+        let unsure = fastest * (now.late + before.late * now.seconds / before.seconds);
         nearer(counts.0, last.counts.0)
             && nearer(counts.1, last.counts.1)
-            && change > 2.0 * ACCELERATION_MPS2 * seconds * seconds / self.metres_per_tick + ROCKING_TICKS
+            && change * now.seconds > accelerated * now.seconds + unsure + ROCKING_TICKS
     }
 }
 
@@ -118,7 +136,7 @@ mod tests {
     use super::*;
 
     fn follow(follower: &mut Follower, ms: u64, left: i16, right: i16) -> Step {
-        follower.answer(Instant::from_millis(ms), 0, (left, right))
+        follower.answer(Instant::from_millis(ms), Instant::from_millis(ms), 0, (left, right))
     }
 
     fn motion(step: Step) -> DataOdo {
@@ -194,5 +212,35 @@ mod tests {
             count += speed * 0.05 / 1.534e-4;
             assert!(matches!(follow(&mut follower, 50 * poll, count as i16, count as i16), Step::Motion(_)), "{poll}");
         }
+    }
+
+    /// At 1.2 m/s across 0, with one answer of which the host hears 5 to 45 ms late, and one that it asks for late.
+    #[test]
+    fn a_late_turn_of_the_host_is_no_reset() {
+        for late in (5..=45).step_by(5) {
+            for phase in 0..50 {
+                let mut follower = advee();
+                let counts = |ms: u64| (-4000.0 - 7.8 * phase as f64 + 7.823 * ms as f64) as i16;
+                for poll in 0..20 {
+                    let asked = 50 * poll + if poll == 14 { late } else { 0 };
+                    let at = asked + 3 + if poll == 9 { late } else { 0 };
+                    let read = asked + if poll == 9 { late } else { 1 };
+                    let (asked, at) = (Instant::from_millis(asked), Instant::from_millis(at));
+                    let step = follower.answer(asked, at, 0, (counts(read), counts(read)));
+                    assert!(!matches!(step, Step::Jump { .. }), "{late} ms late, poll {poll}, {phase}: {step:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_reset_after_a_late_answer_is_found() {
+        let mut follower = advee();
+        let mut answer = |asked: u64, at: u64, count: i16| {
+            follower.answer(Instant::from_millis(asked), Instant::from_millis(at), 0, (count, count))
+        };
+        answer(0, 3, 3000);
+        answer(50, 83, 3391);
+        assert_eq!(answer(100, 103, 5), Step::Jump { ticks: (-3386, -3386) });
     }
 }

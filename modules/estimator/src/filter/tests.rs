@@ -349,6 +349,50 @@ fn a_pose_that_is_wrong_by_little_is_put_right_while_the_robot_stands() {
     assert_eq!((wrong, filter.counts().doubted), (0, 1), "{:?}", filter.estimate(ms(39_500)));
 }
 
+/// A robot that stands at a known pose, is carried to another one at 8 s, and sees these beacons there five times a
+/// second. Qualities from the first doubt on.
+fn carried(to: Pose, sees: &[usize]) -> Vec<Quality> {
+    let mut filter = filter();
+    filter.odometry(ms(1000), Motion::default()).unwrap();
+    filter.set(pose(0), SURE).unwrap();
+    let mut told = Vec::new();
+    for now in (1200..60_000).step_by(200) {
+        let (at, sees) = if now < 8000 { (pose(0), &[0, 1, 2, 3][..]) } else { (to, sees) };
+        filter.odometry(ms(now), Motion::default()).unwrap();
+        for beacon in sees {
+            filter.bearing(ms(now - 20), BEACONS[*beacon].0, bearing(at, *beacon)).unwrap();
+        }
+        let quality = filter.estimate(ms(now)).quality;
+        if filter.counts().doubted > 0 {
+            told.push(quality);
+        }
+    }
+    told
+}
+
+#[test]
+fn a_carried_robot_that_sees_too_few_beacons_is_not_known_again() {
+    for (x, y) in [(17.0, 7.8), (12.0, 3.0), (4.5, 6.3)] {
+        for turn in 0..12 {
+            let to = Pose::new(x, y, f64::from(turn) * 0.5 - 3.0);
+            for sees in [&[0][..], &[2], &[1, 3]] {
+                let told = carried(to, sees);
+                let known = told.iter().filter(|quality| **quality >= Quality::Coarse).count();
+                assert!(known == 0, "{to:?} sees {sees:?}: known {known} times of {}", told.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_carried_robot_that_sees_three_beacons_is_known_again() {
+    for turn in 0..12 {
+        let to = Pose::new(12.0, 3.0, f64::from(turn) * 0.5 - 3.0);
+        let told = carried(to, &[0, 1, 2]);
+        assert!(told.last().is_some_and(|quality| *quality >= Quality::Coarse), "{to:?}: {:?}", told.last());
+    }
+}
+
 #[test]
 fn unequal_wheels_that_were_found_straight_ahead_are_known_in_a_turn() {
     let wheels = SteeredWheels::new(0.6, 0.5);
