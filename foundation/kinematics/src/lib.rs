@@ -12,10 +12,11 @@
 //! | [`Chassis::estimate`] | measured wheels | velocity by least squares, with the residual of each wheel |
 //! | [`Chassis::agreement`] | measured wheels | the wheel that disagrees, where the geometry can tell |
 //! | [`integrate`] | pose, velocity, time | pose at the end of the exact arc |
+//! | [`Polygon::contact`] | outline, path, point | length of the path up to the contact |
 //!
 //! SI units and radians. Robot frame: x forward, y left, angles counter-clockwise. The speed of a wheel is that of its
 //! tread on the floor, m/s; radius, gear and counts belong to its drive. Independent of messages, buses and clocks;
-//! allocates nothing.
+//! allocates nothing but the corners of an outline.
 //!
 //! The model is the one of the textbooks: rolling and sliding constraints of standard and Swedish wheels (Siegwart,
 //! Nourbakhsh, Scaramuzza: *Introduction to Autonomous Mobile Robots*, 2nd ed., 3.2 and 3.3) and omnidirectional and
@@ -57,6 +58,7 @@ mod error;
 mod kinds;
 mod least_squares;
 mod odometry;
+mod outline;
 mod twist;
 mod wheel;
 
@@ -65,9 +67,11 @@ pub use command::{Feasible, Refusal};
 pub use error::Error;
 pub use kinds::{Driven, End, SteeredBase};
 pub use odometry::{Agreement, Estimate};
+pub use outline::{Polygon, Turn};
 pub use twist::{Twist, integrate};
 pub use wheel::{Kind, Limits, PerWheel, Steering, WHEELS_MAX, Wheel, WheelState};
 
+extern crate alloc;
 #[cfg(test)]
 extern crate std;
 

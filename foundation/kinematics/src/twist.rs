@@ -1,18 +1,21 @@
 //! Velocity of the body, and the pose after it.
 
 use core::ops::{Add, Mul, Sub};
-use navitools::Pose;
+use navitools::{Point, Pose};
 
-/// Velocity of the body in its own frame (planar twist).
+/// Velocity of the body in its own frame (planar twist), or its path per unit: a path of constant curvature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Twist {
-    /// Forward, m/s.
+    /// Forward, m/s, or m per unit of path.
     pub vx: f64,
-    /// To the left, m/s.
+    /// To the left, m/s, or m per unit of path.
     pub vy: f64,
-    /// Counter-clockwise, rad/s.
+    /// Counter-clockwise, rad/s, or rad per unit of path.
     pub omega: f64,
 }
+
+/// Rotation below which a path counts as straight, rad/s, or rad per unit of path.
+const STRAIGHT: f64 = 1e-6;
 
 /// Maximum magnitude of a velocity, a wheel speed or a steering angle in m/s, rad/s or rad. Larger numbers are treated
 /// like those that are not finite: no robot has them, and products of them would overflow.
@@ -37,6 +40,13 @@ impl Twist {
     #[must_use]
     pub fn at(self, x_m: f64, y_m: f64) -> (f64, f64) {
         (self.vx - self.omega * y_m, self.vy + self.omega * x_m)
+    }
+
+    /// Centre of the rotation in the body's frame; `None` for a straight path.
+    #[must_use]
+    pub fn center(self) -> Option<Point> {
+        let turns = libm::fabs(self.omega) > STRAIGHT;
+        turns.then(|| Point { x: -self.vy / self.omega, y: self.vx / self.omega })
     }
 
     /// Itself; `None` if a component is not finite or beyond 1e6.

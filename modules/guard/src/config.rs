@@ -1,6 +1,6 @@
 //! Settings of the guard; SI units.
 
-use crate::kinematics::{Ackermann, Base};
+use crate::reach::{Ackermann, Base};
 use crate::law::Law;
 use base::Duration;
 use navitools::Point;

@@ -2,10 +2,10 @@
 //! something.
 
 use crate::config::{Config, Ranging, Sensor};
-use crate::kinematics::{Direction, Kinematics, Motion, Twist};
 use crate::law::{Law, SPEED_MIN};
 use crate::memory::Obstacle;
-use crate::polygon::{Polygon, Turn};
+use crate::reach::{Direction, Kinematics, Motion};
+use kinematics::{Polygon, Turn, Twist, integrate};
 use navitools::{Point, Pose};
 use std::cmp::Ordering;
 use std::ops::RangeInclusive;
@@ -140,8 +140,8 @@ impl Seen {
     fn square_before(self, path: Twist, point: Point) -> f64 {
         let Self { near: Near::Clear(out) | Near::Beside(_, out), edge: None } = self else { return 0.0 };
         // Seen from the robot the point moves along the path with this speed: it is not nearer than its distance.
-        let velocity = path.at(point);
-        out * out * NOT_NEARER / (velocity.x * velocity.x + velocity.y * velocity.y)
+        let (x, y) = path.at(point.x, point.y);
+        out * out * NOT_NEARER / (x * x + y * y)
     }
 }
 
@@ -359,8 +359,8 @@ impl<K: Kinematics> Fields<K> {
 
     /// Length of the path before the robot is too near to a point; 0 for what is no place: it may be anywhere.
     fn free(&self, outline: &Polygon, path: Twist, point: Point, seen: Seen) -> f64 {
-        let velocity = path.at(point);
-        let leaves = |edge: Point| velocity.x * edge.x + velocity.y * edge.y <= LEAVING;
+        let (x, y) = path.at(point.x, point.y);
+        let leaves = |edge: Point| x * edge.x + y * edge.y <= LEAVING;
         if seen.edge.is_some_and(|edge| !leaves(edge)) {
             return 0.0;
         }
@@ -416,7 +416,7 @@ impl Area {
     /// Extends the box to what a polygon covers on a length of a path: the extremes are reached by its corners, at
     /// both ends, or where their circles cross the axes.
     fn sweep(&mut self, outline: &Polygon, path: Twist, length: f64) {
-        let to_end = path.after(length).to_outer();
+        let to_end = integrate(Pose::default(), path, length).to_outer();
         for corner in outline.corners() {
             self.add(*corner);
             self.add(to_end(*corner));
@@ -444,26 +444,10 @@ fn is_place(point: Point) -> bool {
 
 /// Hull of an outline moved along a path.
 fn swept(outline: &Polygon, path: Twist, length: f64) -> Vec<Point> {
-    let places = [0.0, 0.5, 1.0].map(|part| path.after(part * length));
+    let places = [0.0, 0.5, 1.0].map(|part| integrate(Pose::default(), path, part * length));
     let corners = places.iter().flat_map(|pose| outline.corners().iter().map(|corner| *pose * *corner));
     let corners: Vec<Point> = corners.collect();
     Polygon::hull(&corners).map_or_else(Vec::new, |hull| hull.corners().to_vec())
-}
-
-impl Twist {
-    /// Pose of the robot after a length of the path, in the frame of the path's start.
-    #[must_use]
-    pub fn after(self, length: f64) -> Pose {
-        let turned = self.omega * length;
-        match self.center() {
-            Some(center) => {
-                let (sin, cos) = libm::sincos(turned);
-                let (x, y) = (center.x - cos * center.x + sin * center.y, center.y - sin * center.x - cos * center.y);
-                Pose::new(x, y, turned)
-            }
-            None => Pose::new(self.vx * length, self.vy * length, turned),
-        }
-    }
 }
 
 /// True if the cones of sensors cover the outline's width before it in a direction.

@@ -2,10 +2,11 @@
 
 use crate::config::{Config, Ranging};
 use crate::fields::{Bound, Cause, Fields};
-use crate::kinematics::{Base, Direction, Kinematics, Motion, Twist};
 use crate::memory::{Memory, Obstacle};
+use crate::reach::{Base, Direction, Kinematics, Motion};
 use crate::trail::Trail;
 use base::{Deadlines, Duration, Instant};
+use kinematics::Twist;
 use messages::lowlevel::{DataGuard, DataMotion, DataVelocity, Field};
 use messages::{Channel, Hold, Message};
 use module::{Actions, Event, Module};

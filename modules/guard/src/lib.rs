@@ -19,14 +19,12 @@
 mod config;
 pub mod fields;
 mod guard;
-mod kinematics;
+mod reach;
 pub mod law;
 pub mod memory;
-mod polygon;
 mod trail;
 
 pub use config::{Config, Ranging, Sensor, Settings};
 pub use guard::{Guard, NAME, NoOutline};
-pub use kinematics::{Ackermann, Base, Direction, Kinematics, Motion, Table, Twist};
-pub use polygon::Polygon;
+pub use reach::{Ackermann, Base, Direction, Kinematics, Motion, Table};
 pub use trail::Trail;

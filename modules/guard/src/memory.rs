@@ -321,7 +321,7 @@ mod tests {
     fn who_comes_nearer_approaches_and_a_wall_to_which_the_robot_drives_does_not() {
         let approaches = |speed: f64, distance: f64, closing: f64| {
             let mut bench = Bench::new();
-            let forward = crate::Twist { vx: speed, ..crate::Twist::default() };
+            let forward = kinematics::Twist { vx: speed, ..kinematics::Twist::default() };
             (0..=24).for_each(|n| bench.trail.on_motion(ms(n * 50), forward, base::Duration::from_secs(1)));
             for n in 0..3 {
                 bench.hear(600 + 210 * n, Reading::MEASURED, distance - closing * 0.21 * n as f64);
@@ -348,7 +348,7 @@ mod tests {
     #[test]
     fn an_echo_stays_where_it_was_while_the_robot_drives() {
         let mut bench = Bench::new();
-        let speed = crate::Twist { vx: 0.5, ..crate::Twist::default() };
+        let speed = kinematics::Twist { vx: 0.5, ..kinematics::Twist::default() };
         (0..=20).for_each(|n| bench.trail.on_motion(ms(n * 50), speed, base::Duration::from_secs(1)));
         (0..3).for_each(|n| bench.hear(800 + 100 * n, Reading::MEASURED, 1.0));
         let first = bench.trail.pose(ms(700)).x;

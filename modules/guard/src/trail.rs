@@ -1,7 +1,7 @@
 //! Where the robot was a moment ago: dead reckoning by the measured motion, for as long as a reading counts.
 
-use crate::kinematics::Twist;
 use base::{Duration, Instant};
+use kinematics::Twist;
 use navitools::{Motion, Pose};
 use std::collections::VecDeque;
 

@@ -1,6 +1,7 @@
 //! Planned path.
 
-use guard::{Direction, Twist};
+use guard::Direction;
+use kinematics::Twist;
 use navitools::{Arc, Pose};
 
 /// Turn between two poses of a path on which the robot turns on the spot, rad, at most.

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::Settings;
-use crate::kinematics::{Ackermann, Table};
+use crate::reach::{Ackermann, Table};
 use settings::Section;
 use testing::Random;
 

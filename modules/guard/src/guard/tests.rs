@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::{Sensor, Settings};
-use crate::kinematics::Ackermann;
+use crate::reach::Ackermann;
 use messages::lowlevel::{DataRanges, Reading};
 use module::bench::Bench;
 use module::{Shell, ShellConfig};

@@ -3,7 +3,7 @@
 use super::lattice::Sample;
 use crate::map::Field;
 use crate::path::Move;
-use guard::Twist;
+use kinematics::Twist;
 use navitools::{Point, Pose};
 
 /// Largest turn between two checked poses on the spot, rad: a corner leaves the chord by less than a millimetre.

@@ -1,15 +1,6 @@
 //! What a base can do next: the paths that it can take within the reaction time, for any kind of base.
 
-/// Velocity of the robot in its own frame, or path per unit: a path of constant curvature.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Twist {
-    /// Forward, m/s, or m per unit of path.
-    pub vx: f64,
-    /// To the left, m/s, or m per unit of path.
-    pub vy: f64,
-    /// Counter-clockwise, rad/s, or rad per unit of path.
-    pub omega: f64,
-}
+use kinematics::Twist;
 
 /// Way in which a base moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,11 +1,9 @@
-//! Convex polygons of the robot's frame: outline of the robot, and how far it may move before it touches a point.
+//! Convex outline of a body, and how far the body may move along a path before the outline touches a point.
 
-use crate::kinematics::Twist;
+use crate::twist::Twist;
+use alloc::vec::Vec;
+use core::f64::consts::TAU;
 use navitools::Point;
-use std::f64::consts::TAU;
-
-/// Rotation per unit of path below which a path counts as straight, rad.
-const STRAIGHT_RAD: f64 = 1e-6;
 
 /// Convex polygon, corners counter-clockwise, at least three.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,20 +200,24 @@ impl Polygon {
 }
 
 /// Angle of a turn, by multiples of its cosine and sine; ordered without computing it, since few of many are first.
-#[derive(Clone, Copy)]
-pub(crate) struct Turn {
+#[derive(Clone, Copy, Debug)]
+pub struct Turn {
+    /// Its cosine, times any positive number.
     pub cos: f64,
+    /// Its sine, times the same.
     pub sin: f64,
 }
 
 impl Turn {
     /// By an angle, rad, at least 0; `None` for a whole turn or more.
+    #[must_use]
     pub fn by(angle: f64) -> Option<Self> {
         let (sin, cos) = libm::sincos(angle);
         (angle < TAU).then_some(Self { cos, sin })
     }
 
     /// Grows with the angle, from 0 to 4 for a whole turn.
+    #[must_use]
     pub fn order(self) -> f64 {
         let part = self.cos / (self.cos.abs() + self.sin.abs());
         if self.sin >= 0.0 { 1.0 - part } else { 3.0 + part }
@@ -225,21 +227,6 @@ impl Turn {
     fn angle(self) -> f64 {
         let angle = libm::atan2(self.sin, self.cos);
         if angle < 0.0 { angle + TAU } else { angle }
-    }
-}
-
-impl Twist {
-    /// Centre of the rotation in the robot's frame; `None` for a straight path.
-    #[must_use]
-    pub fn center(self) -> Option<Point> {
-        let turns = self.omega.abs() > STRAIGHT_RAD;
-        turns.then(|| Point { x: -self.vy / self.omega, y: self.vx / self.omega })
-    }
-
-    /// Velocity, per unit of path, of the robot's point that is at `point`.
-    #[must_use]
-    pub fn at(self, point: Point) -> Point {
-        Point { x: self.vx - self.omega * point.y, y: self.vy + self.omega * point.x }
     }
 }
 
@@ -300,7 +287,7 @@ mod tests {
         // Radius 1 m to the left: after a quarter of a turn the front looks along y.
         let left = Twist { vx: 1.0, vy: 0.0, omega: 1.0 };
         let length = body().contact(left, point(1.0, 1.75));
-        assert!((length - std::f64::consts::FRAC_PI_2).abs() < 1e-9, "{length}");
+        assert!((length - core::f64::consts::FRAC_PI_2).abs() < 1e-9, "{length}");
         // On the spot: the front right corner comes round to the left.
         let spot = Twist { vx: 0.0, vy: 0.0, omega: 1.0 };
         let length = body().contact(spot, point(0.0, 0.5));
