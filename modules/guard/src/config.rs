@@ -1,7 +1,7 @@
 //! Settings of the guard; SI units.
 
-use crate::reach::{Ackermann, Base};
 use crate::law::Law;
+use crate::reach::{Ackermann, Base};
 use base::Duration;
 use navitools::Point;
 use settings::robot::{Geometry, Limits};

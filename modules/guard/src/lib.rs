@@ -19,9 +19,9 @@
 mod config;
 pub mod fields;
 mod guard;
-mod reach;
 pub mod law;
 pub mod memory;
+mod reach;
 mod trail;
 
 pub use config::{Config, Ranging, Sensor, Settings};

@@ -57,6 +57,8 @@ pub(super) struct Rule {
     on: Instant,
     /// That one may not have reached the driver, which then repeats its order.
     unheard: bool,
+    /// The last order to cut is such a repetition: the one to switch on may be carried out after it.
+    crossed: bool,
     /// Last set-point, and the time since which it was not lowered.
     set_point: f64,
     settled: Instant,
@@ -73,6 +75,7 @@ impl Rule {
             cut: None,
             on: Instant::ZERO,
             unheard: false,
+            crossed: false,
             set_point: 0.0,
             settled: Instant::ZERO,
             exceeds: None,
@@ -111,7 +114,7 @@ impl Rule {
             self.settled = now;
         }
         self.set_point = speed;
-        match self.cut.filter(|cut| *cut > self.on) {
+        match self.cut.filter(|cut| *cut > self.on && !self.crossed) {
             Some(cut) => Err(format!("{speed:.3} m/s, and nobody switched the motors on since the cut at {cut:?}")),
             None => Ok(()),
         }
@@ -134,6 +137,7 @@ impl Rule {
         // A feed that was cut, and that somebody switched on unheard by the driver, has returned by itself for it.
         let repeats = |cut| if cut > self.on { now.since(cut) < REPEATED } else { unheard };
         let repeated = self.cut.is_some_and(repeats);
+        self.crossed = unheard && self.cut.is_some_and(|cut| cut <= self.on);
         self.cut = Some(now);
         if repeated || is_unreached(now, facts) {
             return Ok(());

@@ -132,6 +132,9 @@ fn after_a_cut_only_a_person_who_switches_the_motors_on_lets_it_move() {
         check(&format!("{TOLD_TO_STOP} \n faster -0.02 10 \n cut \n +10 {release} \n begin pad 0.3 {rule}"));
     };
     script("feed", "");
+    // The driver repeats its order before it hears that one, and once more where it never does.
+    script("feed \n +2 cut", "");
+    script("feed \n +2 cut \n +500 cut", "! feed");
     script("operator driver RUN", "! feed");
     script("network feed", "! feed");
 }
