@@ -283,14 +283,17 @@ impl Common {
         }
     }
 
-    /// End of a sentence about a failure, if no robot runs in the usual run folder but a simulated one in another.
+    /// End of a sentence about a failure, if a simulated robot runs, but none in the run folder of this command, which
+    /// is the usual one or holds nothing.
     fn elsewhere(&self) -> Option<String> {
         let real = |folder: &Path| std::fs::canonicalize(folder).ok();
         let ours = real(&self.run_dir());
         let running: Vec<PathBuf> =
             holder::modules().filter(|running| running.place.sim).map(|running| running.place.run_dir).collect();
         let is_ours = |folder: &PathBuf| ours.is_some() && real(folder) == ours;
-        let other = running.first().filter(|_| self.run_dir.is_none() && !running.iter().any(is_ours))?;
+        let is_empty = |folder: &PathBuf| folder.read_dir().map_or(true, |mut entries| entries.next().is_none());
+        let is_likely = self.run_dir.as_ref().is_none_or(is_empty);
+        let other = running.first().filter(|_| is_likely && !running.iter().any(is_ours))?;
         Some(format!("; a simulated robot runs with --run-dir {}", other.display()))
     }
 

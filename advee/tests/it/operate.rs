@@ -116,6 +116,20 @@ fn the_goal_is_shown_and_a_measurement_is_no_module_of_the_robot() {
 }
 
 #[test]
+fn tools_of_an_empty_run_folder_say_where_a_simulated_robot_runs() {
+    let mut robot = running();
+    let elsewhere = robot.run_dir.join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    for arguments in [&["can", "scan"][..], &["rs485", "monitor"], &["web", "code"]] {
+        let output = advee(&robot.url, &elsewhere).args(arguments).stdin(Stdio::null()).output().unwrap();
+        let why = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success(), "{arguments:?}");
+        assert!(why.contains("; a simulated robot runs with --run-dir "), "{arguments:?}: {why}");
+    }
+    assert_eq!(robot.stop(), 0);
+}
+
+#[test]
 fn a_robot_that_a_driver_refuses_is_not_started() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("one-drive-{}", std::process::id()));
     let conf = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");

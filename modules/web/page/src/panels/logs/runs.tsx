@@ -48,7 +48,19 @@ const COLUMNS: Column<LogRun>[] = [
       </span>
     ),
   },
-  { head: "Size", figure: true, by: (run) => run.bytes, cell: (run) => bytes(run.bytes) },
+  {
+    head: "Size",
+    figure: true,
+    by: (run) => run.bytes,
+    // The rest is what the modules took in, for the replay.
+    cell: (run) => (
+      <span title="All files of the run: its log, and the inputs of its modules, from which it is replayed">
+        {bytes(run.bytes)}
+        <br />
+        <span class="muted">log {bytes(logged(run))}</span>
+      </span>
+    ),
+  },
   {
     head: "Look at",
     cell: (run) => (
@@ -84,6 +96,11 @@ const COLUMNS: Column<LogRun>[] = [
     ),
   },
 ];
+
+/** Size of the log itself, bytes. */
+function logged(run: LogRun): number {
+  return run.files.filter((file) => file.name.endsWith(".mcap")).reduce((sum, file) => sum + file.bytes, 0);
+}
 
 function Figures({ run }: { run: string }) {
   const summary = summaries.value.get(run);
