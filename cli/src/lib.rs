@@ -37,6 +37,7 @@ mod i2c;
 mod io;
 mod keep;
 mod lcm;
+mod lidar;
 mod log;
 mod neighbours;
 mod plan;
@@ -123,6 +124,9 @@ commands! {
         Power(power::Power) => power::power(common, command),
         /// Show inputs and outputs, or set an output
         Io(io::Io) => io::io(common, command),
+        /// See what the lidars measure
+        #[command(subcommand)]
+        Lidar(lidar::Lidar) => lidar::lidar(common, command),
         /// Home the steering
         Home(home::Home) => home::home(common, command),
         /// List what can be broken in the simulation, inject a fault, or end it

@@ -139,6 +139,7 @@ channels! {
     LlDataSrfs = "LL_DATA_SRFS": lowlevel::DataSrfs;
     LlDataIrs = "LL_DATA_IRS": lowlevel::DataIrs;
     LlDataRanges = "LL_DATA_RANGES": lowlevel::DataRanges;
+    LlDataScan = "LL_DATA_SCAN": lowlevel::DataScan;
     LlDataBeacons = "LL_DATA_BEACONS": lowlevel::DataBeacons;
     LlDataActiveBeacons = "LL_DATA_ACTIVE_BEACONS": lowlevel::DataActiveBeacons;
     LlCmdMotion = "LL_CMD_MOTION": lowlevel::CmdMotion;

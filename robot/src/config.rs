@@ -13,7 +13,9 @@ mod tests;
 mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
-pub use robot::{CanBus, Gamepad, General, I2cBus, Io, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1, gpio_bus};
+pub use robot::{
+    CanBus, Gamepad, General, I2cBus, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1, gpio_bus,
+};
 pub use scenario::{regressions, scenario};
 pub use world::{is_of_world, parsed as parsed_world, place as world_place, world};
 
@@ -138,8 +140,13 @@ impl Config {
                     modules.add_guard();
                 }
                 match &robot.io {
-                    Some(_) => modules.add_io(),
+                    Some(_) => modules.add(drivers::io::NAME),
                     None => modules.leave_out(drivers::io::NAME),
+                }
+                if robot.lidar.is_empty() {
+                    modules.leave_out(drivers::lidar::NAME);
+                } else {
+                    modules.add(drivers::lidar::NAME);
                 }
                 let Modules { hardware_watchdog, hardware_watchdog_timeout_s: timeout_s, modules } = modules;
                 let hardware_watchdog = hardware_watchdog.map(|path| HardwareWatchdog { path, timeout_s });

@@ -1,11 +1,12 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{CanBus, ConfigError, ModbusBus, Robot, gpio_bus};
+use crate::config::{CanBus, ConfigError, Lidar, ModbusBus, Robot, gpio_bus};
 use crate::place::{GAMEPAD_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
+use drivers::lidar::{LidarKeys, Model};
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
 use modbus::value::{Number, Place};
@@ -18,6 +19,7 @@ use simulator::boards::output::OutputConfig;
 use simulator::boards::sbs1::Sbs1Config;
 use simulator::boards::sd1::Sd1Config;
 use simulator::body::{Errors, Parameters};
+use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
     Axis, BoardConfig, BoardKind, CanConfig, Config, DeviceConfig, DriveConfig, DriveKind, I2cConfig, LineConfig,
@@ -76,6 +78,7 @@ pub(crate) fn config(
     let gpio = robot.io.iter().flat_map(|io| &io.gpio);
     Ok(Config {
         modbus: robot.io.iter().flat_map(|io| &io.modbus).map(modbus_line).collect(),
+        lidars: robot.lidar.iter().map(lidar).collect(),
         gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
@@ -91,6 +94,23 @@ pub(crate) fn config(
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },
         ..usual
     })
+}
+
+/// A lidar where it sits.
+fn lidar(lidar: &Lidar) -> LidarConfig {
+    let LidarKeys { model, x, y, theta, upside_down, dialect, .. } = lidar.driver;
+    LidarConfig {
+        bus: lidar.bus(),
+        baud: lidar.device().line_baud(),
+        model: match model {
+            Model::Ld(model) => LidarModel::Ld(model),
+            Model::Rplidar(model) => LidarModel::Rplidar(model),
+            Model::Sick(family) => LidarModel::Sick(family, dialect),
+            Model::Hokuyo(name) => LidarModel::hokuyo(name),
+        },
+        mount: Pose::new(x, y, theta),
+        upside_down,
+    }
 }
 
 /// A Modbus line, with devices that have the registers of its signals.

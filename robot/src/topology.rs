@@ -13,7 +13,7 @@ use ::host::ports::{GpioConfig, GpioInput, PortConfig};
 use ::host::{HostConfig, beats};
 use base::Duration;
 use drivers::rs485_bus::{Kind, Node};
-use drivers::{auxiliary, canbus, io, joydev, power, rs485a, rs485b};
+use drivers::{auxiliary, canbus, io, joydev, lidar, power, rs485a, rs485b};
 use logger::ros::{Sensor, Translator};
 use module::admission::Policy;
 use module::{Module, PortSpec, Shell, ShellConfig, State};
@@ -101,6 +101,7 @@ fn virtual_machine_made(
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
     config.full_duplex.extend(connections.map(ModbusBus::bus));
+    config.full_duplex.extend(read.robot.lidar.iter().map(config::Lidar::bus));
     let restart_delay_max = Some(config.restart_delay_max);
     let options = HostOptions { wire_time: false, seed: Some(config.seed), restart_delay_max, logs, guarded: true };
     let mut make = move |name: &str, wanted| {
@@ -184,6 +185,7 @@ pub(crate) fn shell_in(
         auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
         io::NAME => Box::new(inputs_and_outputs(robot)?),
+        lidar::NAME => Box::new(lidars(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, options)),
@@ -228,7 +230,7 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 14] = [
+const MODULES: [&str; 15] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -238,6 +240,7 @@ const MODULES: [&str; 14] = [
     joydev::NAME,
     auxiliary::NAME,
     io::NAME,
+    lidar::NAME,
     guard::NAME,
     estimator::NAME,
     planner::NAME,
@@ -280,6 +283,11 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
             (("modbus", _), side) => match robot.io.iter().flat_map(|io| &io.modbus).find(|line| line.bus() == bus) {
                 Some(line) if side => line.port.simulated(run_dir, bus),
                 Some(line) => Ok(line.port.port(run_dir)),
+                None => return missing(),
+            },
+            (("lidar", _), side) => match robot.lidar.iter().find(|lidar| lidar.bus() == bus) {
+                Some(lidar) if side => lidar.stream().simulated(run_dir, bus),
+                Some(lidar) => Ok(lidar.stream().port(run_dir)),
                 None => return missing(),
             },
             (("gpio", _), side) => match robot.io.iter().flat_map(|io| &io.gpio).find(|keys| gpio_bus(keys) == bus) {
@@ -329,6 +337,7 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
         "can" => robot.can.iter().find(|can| can.name == name)?.port.raw,
         "rs485" => robot.rs485.iter().find(|serial| serial.name == name)?.line.raw,
         "modbus" => robot.io.as_ref()?.modbus.iter().find(|line| line.name == name)?.port.raw,
+        "lidar" => robot.lidar.iter().find(|lidar| lidar.name == name)?.port.raw,
         "i2c" => robot.i2c.iter().find(|i2c| i2c.name == name)?.port.raw,
         _ => false,
     };
@@ -529,6 +538,14 @@ fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
         return refused("driver_io: robot.toml has no table [io]".into());
     };
     io::Io::new(config).or_else(|error| refused(format!("driver_io: {error}")))
+}
+
+/// `driver_lidar`: the lidars.
+fn lidars(robot: &Robot) -> Result<lidar::Lidars, ConfigError> {
+    if robot.lidar.is_empty() {
+        return refused("driver_lidar: robot.toml has no table [lidar.<name>]".into());
+    }
+    Ok(lidar::Lidars::new(lidar::Config { devices: robot.lidar.iter().map(config::Lidar::device).collect() }))
 }
 
 /// `driver_joydev`: the gamepad, within the limits of a manual source.

@@ -364,8 +364,8 @@ impl Checkers {
     fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
         let Id::Standard(id) = frame.id() else { return Ok(()) };
         let Some(wheel) = self.facts.limits.wheel(id) else {
-            self.stop.on_frame(now, id, frame.data(), &self.facts);
-            self.drives.on_frame(now, id, frame.data());
+            named("stop", self.stop.on_frame(now, id, frame.data(), &self.facts))?;
+            self.drives.on_frame(now, id, frame.data(), &self.facts);
             self.feed.on_frame(id, frame.data(), &self.facts);
             self.released.on_frame(now, id, frame.data(), &self.facts);
             return Ok(());
@@ -376,7 +376,7 @@ impl Checkers {
         let left_over = self.facts.is_left_over(now);
         let facts = &self.facts;
         let Some(speed) = facts.set_point.speed() else {
-            self.stop.on_still(now, facts);
+            named("stop", self.stop.on_still(now, facts))?;
             self.feed.on_still(now, facts);
             self.pause.on_still(now, facts);
             self.authority.on_still(facts.set_point);

@@ -11,6 +11,7 @@ mod faults;
 mod gamepad;
 mod guard;
 mod io;
+mod lidar;
 mod logs;
 mod loss;
 mod patrol;

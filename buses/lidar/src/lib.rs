@@ -6,7 +6,7 @@
 //! the instant of their first beam. Memory is allocated once, when an engine is made; what arrives is bounded and
 //! counted.
 //!
-//! **None of these is a safety device**, and no module uses the engines yet.
+//! **None of these is a safety device.** `driver_lidar` is the module on them.
 //!
 //! A lidar is started and measures. On a robot a host moves the bytes; here it is a loop:
 //!

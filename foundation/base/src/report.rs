@@ -234,6 +234,21 @@ faults! {
     /// A command for an output was refused: an unknown name, no output, no number, or out of its limits.
     OutputRefused = 0x0723, Unknown;
 
+    /// A lidar does not measure: what it looks at is unknown.
+    LidarLost = 0x0731, Device;
+    /// The optics of a lidar are dirty; it still measures.
+    LidarDirty = 0x0732, Device;
+    /// The optics of a lidar are too dirty to measure.
+    LidarBlocked = 0x0733, Device;
+    /// The motor of a lidar is too slow or too fast.
+    LidarSpeed = 0x0734, Device;
+    /// Part of what a lidar should measure does not arrive.
+    LidarIncomplete = 0x0735, Device;
+    /// The line of a lidar is disturbed.
+    LidarDisturbed = 0x0736, Device;
+    /// A lidar reports an error of its own.
+    LidarError = 0x0737, Device;
+
     /// No odometry is heard: the estimate goes by the drives, or by nothing.
     OdometrySilent = 0x0801, Timeout;
     /// Odometry says otherwise than the drives: a wheel or its encoder is stuck, or wheels slip.

@@ -204,13 +204,18 @@ settings! {
     check StreamPort::check;
 }
 
+/// One of a device file and an address.
+fn check_stream(table: &Table<'_>, port: Option<&PathBuf>, address: Option<SocketAddr>) {
+    match (port, address) {
+        (None, None) => table.refuse_missing("port", "a device file, or address"),
+        (Some(_), Some(_)) => table.refuse("address", "nothing beside port"),
+        _ => {}
+    }
+}
+
 impl StreamPort {
     fn check(&self, table: &Table<'_>) {
-        match (&self.port, self.address) {
-            (None, None) => table.refuse_missing("port", "a device file, or address"),
-            (Some(_), Some(_)) => table.refuse("address", "nothing beside port"),
-            _ => {}
-        }
+        check_stream(table, self.port.as_ref(), self.address);
     }
 
     /// The driver's port.
@@ -249,6 +254,49 @@ impl StreamPort {
                 "{bus}.port = {:?}: the simulator needs a name in the run folder",
                 port.as_deref().unwrap_or(Path::new(""))
             )),
+        }
+    }
+}
+
+settings! {
+    /// Keys of `[lidar.<name>]` for the port: one of `port` and `address`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct LidarPort {
+        /// Serial: device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the simulator's
+        /// pseudo-terminal, in the run folder.
+        port: Option<PathBuf> = optional;
+        /// TCP: address and port of the device, `"192.168.0.1:2111"`. In simulation one of this computer, as
+        /// `"127.0.0.1:2111"`.
+        address: Option<SocketAddr> = optional, Parsed(
+            |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.1:2111"
+        );
+        /// Serial: rate. Absent: the usual one of the model.
+        baud: Option<u32> = optional, 1200..=4_000_000;
+        /// Serial, USB adapters: received bytes are handed on at once, not after 16 ms.
+        low_latency: bool = true;
+        /// Every byte is published as `LL_DATA_RAW_<BUS>`.
+        raw: bool = false;
+    }
+    check LidarPort::check;
+}
+
+impl LidarPort {
+    fn check(&self, table: &Table<'_>) {
+        check_stream(table, self.port.as_ref(), self.address);
+    }
+
+    /// The same as a line of bytes, at this rate where the configuration names none: no parity.
+    #[must_use]
+    pub fn stream(&self, usual_baud: u32) -> StreamPort {
+        StreamPort {
+            port: self.port.clone(),
+            address: self.address,
+            baud: self.baud.unwrap_or(usual_baud),
+            parity: ByteParity::None,
+            setup: Vec::new(),
+            direction: None,
+            low_latency: self.low_latency,
+            raw: self.raw,
         }
     }
 }

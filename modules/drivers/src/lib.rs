@@ -33,6 +33,7 @@ pub mod canbus;
 mod gpio_line;
 pub mod io;
 pub mod joydev;
+pub mod lidar;
 mod line;
 pub mod power;
 pub mod rs485_bus;

@@ -41,6 +41,7 @@ pub mod disturbance;
 pub mod faults;
 mod gamepad;
 mod io;
+pub mod lidar;
 pub mod people;
 mod random;
 pub mod scene;

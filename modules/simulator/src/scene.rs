@@ -1,10 +1,10 @@
 //! The robot in its world, as the boards' sensors and drives meet it: a body that steps, and where it was a moment ago.
 
 use crate::body::{Body, Demand, Parameters, STEP};
-use crate::people::{self, Contact, Floor, Hull, Moment, Mover, People};
+use crate::people::{self, Contact, Floor, Hull, LEG, Moment, Mover, People};
 use crate::random::Random;
 use crate::sonar::{Cone, Echo, Sonar, floor_distance};
-use crate::world::World;
+use crate::world::{Column, World};
 use base::Instant;
 use kinematics::{Chassis, Twist};
 use navitools::{Point, Pose};
@@ -38,6 +38,22 @@ pub struct Scene {
     steps: u64,
     /// From which step on the body was where.
     past: VecDeque<(u64, Pose)>,
+}
+
+/// Surroundings of a lidar.
+pub(crate) struct View<'a> {
+    world: &'a World,
+    legs: Vec<Column>,
+    sensor: Pose,
+    reach: f64,
+}
+
+impl View<'_> {
+    /// Distance of the nearest object in a direction, rad counter-clockwise from the lidar's front.
+    pub fn distance(&self, angle: f64) -> Option<f64> {
+        let (sin, cos) = (self.sensor.theta + angle).sin_cos();
+        self.world.distance(&self.legs, self.sensor.point(), (cos, sin), self.reach)
+    }
 }
 
 impl Scene {
@@ -212,6 +228,15 @@ impl Scene {
         let sensor = self.pose_at(at) * mount;
         let people = self.people.legs(self.moment(at), sensor.point(), LEGS_WITHIN);
         self.cone.echo(&self.world, people, sensor, &mut Random::stream(self.seed, stream))
+    }
+
+    /// What surrounds a lidar at `mount` on the robot at an instant, up to `reach` m: walls, columns, legs.
+    #[must_use]
+    pub(crate) fn view(&self, mount: Pose, at: Instant, reach: f64) -> View<'_> {
+        let sensor = self.pose_at(at) * mount;
+        let legs = self.people.legs(self.moment(at), sensor.point(), reach + LEG);
+        let legs = legs.flatten().map(|centre| Column { centre, radius: LEG }).collect();
+        View { world: &self.world, legs, sensor, reach }
     }
 
     /// Distance at which a sonar at `mount` received the sound of another one sent at `at`, m.

@@ -16,6 +16,7 @@ use crate::body::{Parameters, STEP};
 use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
 use crate::io::{Io, LineConfig, ModbusConfig};
+use crate::lidar::{LidarConfig, Lidars};
 use crate::random::Random;
 use crate::scene::Scene;
 use crate::sonar::Sonar;
@@ -116,6 +117,8 @@ pub struct Config {
     pub modbus: Vec<ModbusConfig>,
     /// GPIO lines of `driver_io`.
     pub gpio: Vec<LineConfig>,
+    /// Lidars.
+    pub lidars: Vec<LidarConfig>,
     /// The PAUSE line makes the propulsion drive brake, and cuts the motors' feed after this time; zero: at once.
     pub pause_delay: Duration,
     /// Port of a gamepad, as in its driver: `joystick`. It is unplugged until requested.
@@ -142,6 +145,7 @@ impl Default for Config {
             line: None,
             modbus: Vec::new(),
             gpio: Vec::new(),
+            lidars: Vec::new(),
             pause_delay: Duration::ZERO,
             gamepad: None,
             wire_time: false,
@@ -167,7 +171,8 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, and the lines of `driver_io`.
+/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, the lines of `driver_io`, and the
+/// lidars.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
@@ -180,6 +185,7 @@ pub struct Simulator {
     auxiliary: Auxiliary,
     gamepad: Gamepad,
     io: Io,
+    lidars: Lidars,
     deadlines: Deadlines<Timer>,
     /// True if the motors are fed.
     motors: bool,
@@ -208,7 +214,12 @@ impl Simulator {
             .iter()
             .map(|modbus| PortSpec { bus: modbus.bus.clone(), line: Line::Serial { baud: modbus.line.baud() } });
         let gpio = config.gpio.iter().map(|line| PortSpec { bus: line.bus.clone(), line: Line::Gpio });
-        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).chain(modbus).chain(gpio);
+        let lidars = config
+            .lidars
+            .iter()
+            .map(|lidar| PortSpec { bus: lidar.bus.clone(), line: Line::Serial { baud: lidar.baud } });
+        let ports =
+            can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).chain(modbus).chain(gpio).chain(lidars);
         let ports = ports.collect();
         Self {
             scene: scene(&config, Instant::ZERO),
@@ -220,6 +231,7 @@ impl Simulator {
             auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
             gamepad: Gamepad::default(),
             io: Io::default(),
+            lidars: Lidars::default(),
             config,
             ports,
             deadlines: Deadlines::new(),
@@ -240,6 +252,7 @@ impl Simulator {
         (self.motors, self.cut) = (true, false);
         self.gamepad = Gamepad::default();
         self.io = Io::new(&self.config.modbus, &self.config.gpio);
+        self.lidars = Lidars::new(&self.config.lidars, now);
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
         let body = self.scene.body();
@@ -272,8 +285,21 @@ impl Simulator {
 
     /// The number of the line of `driver_io` at a port.
     fn io_of(&self, port: PortId) -> Option<usize> {
-        let count = self.config.modbus.len() + self.config.gpio.len();
-        (usize::from(port.0) + count).checked_sub(self.ports.len())
+        let place = usize::from(port.0).checked_sub(self.first_io())?;
+        (place < self.config.modbus.len() + self.config.gpio.len()).then_some(place)
+    }
+
+    /// The number of the lidar at a port.
+    fn lidar_of(&self, port: PortId) -> Option<usize> {
+        usize::from(port.0).checked_sub(self.first_lidar())
+    }
+
+    fn first_lidar(&self) -> usize {
+        self.ports.len() - self.config.lidars.len()
+    }
+
+    fn first_io(&self) -> usize {
+        self.first_lidar() - self.config.modbus.len() - self.config.gpio.len()
     }
 
     fn first_i2c(&self) -> usize {
@@ -448,6 +474,7 @@ impl Simulator {
             line.handle_timeout(now);
         }
         self.auxiliary.handle_timeout(now, self.scene.body().speed());
+        self.lidars.handle_timeout(now, &self.scene);
     }
 
     fn truth(&self, timestamp: i64) -> simulation::DataTruth {
@@ -553,7 +580,10 @@ impl Simulator {
         if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
             return self.lines[line].disturb(now, injected, until);
         }
-        if self.auxiliary.inject(now, target, injected, until) || self.io.inject(now, target, injected, until) {
+        if self.auxiliary.inject(now, target, injected, until)
+            || self.io.inject(now, target, injected, until)
+            || self.lidars.inject(now, target, injected, until)
+        {
             return true;
         }
         let board = boards(&mut self.lines).find(|board| board.name == target);
@@ -584,9 +614,13 @@ impl Simulator {
                 out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
             }
         }
-        let first = self.ports.len() - self.config.modbus.len() - self.config.gpio.len();
+        let first = self.first_io();
         while let Some((line, words)) = self.io.poll_tx(now) {
             out.push(module::Action::Send(PortId((first + line) as u8), Output::Words(words)));
+        }
+        let first = self.first_lidar();
+        while let Some((lidar, words)) = self.lidars.poll_tx(now) {
+            out.push(module::Action::Send(PortId((first + lidar) as u8), Output::Words(words)));
         }
         let first = self.first_i2c();
         while let Some((bus, outcome)) = self.auxiliary.poll_outcome(now) {
@@ -638,7 +672,9 @@ impl Module for Simulator {
             Event::Start => self.start(now, out),
             Event::Timer => self.timer(now, out),
             Event::Port { port, input: Input::Words(words) } => {
-                if let Some(line) = self.io_of(port) {
+                if let Some(lidar) = self.lidar_of(port) {
+                    self.lidars.on_words(now, lidar, words);
+                } else if let Some(line) = self.io_of(port) {
                     self.io.on_words(now, line, words);
                 } else if let Some(line) = self.line_of(port).and_then(|line| self.lines.get_mut(line)) {
                     line.handle_rx(now, words, &self.scene);
@@ -686,7 +722,8 @@ impl Module for Simulator {
         let parts = parts.chain(self.lines.iter().map(SerialLine::poll_timeout));
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
-        let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()].into_iter().flatten();
+        let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()];
+        let own = own.into_iter().chain([self.lidars.poll_timeout()]).flatten();
         own.chain(parts).chain(drives).min()
     }
 }

@@ -1,7 +1,7 @@
 //! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
 
 use base::Level;
-use drivers::{canbus, io};
+use drivers::canbus;
 use host::limits::Limits;
 use settings::{Blank, Choice, Section, Table, settings};
 use std::path::PathBuf;
@@ -82,14 +82,15 @@ impl Modules {
         self.modules.retain(|module| module.name() != name);
         self.modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
     }
-    /// Adds the module `driver_io` as the last one, unless it is listed already.
-    pub(super) fn add_io(&mut self) {
-        if self.modules.iter().any(|entry| entry.name() == io::NAME) {
+
+    /// Adds a module that no other waits for as the last one, unless it is listed already.
+    pub(super) fn add(&mut self, name: &str) {
+        if self.modules.iter().any(|entry| entry.name() == name) {
             return;
         }
         let simulator = self.modules.iter().find(|entry| entry.name() == SIMULATOR);
         let depends = simulator.map(|entry| entry.name().into()).into_iter().collect();
-        let guard = ModuleConfig { name: io::NAME.into(), depends, ..ModuleConfig::usual() };
+        let guard = ModuleConfig { name: name.into(), depends, ..ModuleConfig::usual() };
         let (limits, print_from, send_from) = (Limits::usual(), None, None);
         self.modules.push(ModuleEntry { guard, command: None, args: Vec::new(), limits, print_from, send_from });
     }

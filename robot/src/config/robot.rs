@@ -8,9 +8,9 @@ use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
-use drivers::{canbus, io, joydev, power, rs485_bus};
+use drivers::{canbus, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
-use host::ports::settings::{CanPort, GamepadPort, I2cPort, SerialPort, StreamPort, W1Port};
+use host::ports::settings::{CanPort, GamepadPort, I2cPort, LidarPort, SerialPort, StreamPort, W1Port};
 use module::admission::Commands;
 use navitools::Point;
 use settings::robot::{Base, Beacon, Geometry, Limits};
@@ -45,6 +45,8 @@ settings! {
         w1: Option<W1> = optional;
         /// Inputs and outputs by name (docs/io.md).
         io: Option<Io> = optional;
+        /// Lidars by name (docs/lidars.md).
+        lidar: Vec<Lidar> = named;
         /// Sonars.
         srfs: Vec<Ranger> = [];
         /// Infrared rangers.
@@ -169,6 +171,16 @@ settings! {
 }
 
 settings! {
+    /// `[lidar.<name>]`: a lidar, on a serial line or a TCP connection.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Lidar {
+        name: String = key;
+        port: LidarPort = flat;
+        driver: lidar::LidarKeys = flat;
+    }
+}
+
+settings! {
     /// `[sensors]`: properties of sensors.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Sensors {
@@ -245,6 +257,28 @@ impl Io {
 #[must_use]
 pub fn gpio_bus(keys: &io::GpioKeys) -> String {
     format!("gpio.{}", keys.name)
+}
+
+impl Lidar {
+    /// Its name as a bus.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        format!("lidar.{}", self.name)
+    }
+
+    /// Its line.
+    #[must_use]
+    pub fn stream(&self) -> StreamPort {
+        self.port.stream(self.driver.model.usual_baud())
+    }
+
+    /// For `driver_lidar`.
+    #[must_use]
+    pub fn device(&self) -> lidar::Device {
+        let line = self.stream();
+        let baud = line.address.is_none().then_some(line.baud);
+        lidar::Device { name: self.name.clone(), bus: self.bus(), baud, keys: self.driver }
+    }
 }
 
 impl ModbusBus {

@@ -4,7 +4,7 @@
 //! No set-point 200 ms after the drive's last heartbeat, nor after it has reported a fault or has restarted; and 300 ms
 //! later no wheel turns any more, by its last set-point and its own report, unless the body stands.
 
-use super::facts::{DELAY_MAX, Facts};
+use super::facts::{DELAY_MAX, Facts, QUEUE_AGE};
 use super::wire::Drive;
 use super::{Limits, Verdict};
 use base::{Duration, Instant};
@@ -24,7 +24,9 @@ const OPERATIONAL: u8 = 5;
 struct Watched {
     name: String,
     drive: Drive,
+    /// When its last heartbeat was sent, and until when that may have been received.
     heartbeat: Instant,
+    heard: Instant,
     /// Instant since which it is not started.
     reset: Option<Instant>,
     /// Instant since which it is in fault.
@@ -33,16 +35,24 @@ struct Watched {
 
 impl Watched {
     fn new(name: &str, drive: &Drive) -> Self {
-        Self { name: name.into(), drive: drive.clone(), heartbeat: Instant::ZERO, reset: None, fault: None }
+        Self {
+            name: name.into(),
+            drive: drive.clone(),
+            heartbeat: Instant::ZERO,
+            heard: Instant::ZERO,
+            reset: None,
+            fault: None,
+        }
     }
 
     fn is_heartbeat(&self, id: u16) -> bool {
         id == 0x700 + u16::from(self.drive.node)
     }
 
-    fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) {
+    fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
         if self.is_heartbeat(id) {
             self.heartbeat = now;
+            self.heard = if facts.is_disturbed(now) { now + QUEUE_AGE } else { now };
             match data.first() {
                 Some(&BOOT_UP) => self.reset = self.reset.or(Some(now)),
                 Some(&OPERATIONAL) => self.reset = None,
@@ -57,7 +67,7 @@ impl Watched {
 
     /// Instant since which it is missing. Input that waited while the driver was held up until `ill` is new to it.
     fn missing(&self, ill: Instant) -> Instant {
-        let silent = self.heartbeat.max(ill) + HEARTBEAT;
+        let silent = self.heard.max(ill) + HEARTBEAT;
         self.reset.or(self.fault).map_or(silent, |down| silent.min(down.max(ill)))
     }
 
@@ -87,8 +97,8 @@ impl Rule {
     }
 
     /// Processes a frame on the wire, except those to the propulsion.
-    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) {
-        self.watched.iter_mut().for_each(|drive| drive.on_frame(now, id, data));
+    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
+        self.watched.iter_mut().for_each(|drive| drive.on_frame(now, id, data, facts));
     }
 
     /// Processes a frame of a drive that no node received.

@@ -17,7 +17,7 @@ use module::admission::Sender;
 /// Delay that the driver's queue, the bus and a frame on it may add to a decision without faults.
 pub(super) const DELAY_MAX: Duration = Duration::from_millis(2);
 /// Maximum age of a frame in a port's queue, unless it is retransmitted.
-const QUEUE_AGE: Duration = Duration::from_millis(60);
+pub(super) const QUEUE_AGE: Duration = Duration::from_millis(60);
 /// Time after a fault of a bus in which nodes recover from bus-off, queues drain, and delayed frames arrive.
 const AFTERMATH: Duration = Duration::from_millis(100);
 /// Time after a foreign command to a drive, or a fault of it, in which it is stopped or booted again.

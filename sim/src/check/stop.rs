@@ -44,6 +44,8 @@ impl Lost {
 #[derive(Debug)]
 pub(super) struct Rule {
     lost: Option<Lost>,
+    /// The last two samples of the body's speed.
+    speeds: [f64; 2],
     /// True for each wheel that last reported Operation Enabled.
     enabled: Vec<bool>,
     /// Longest time to a reported stop.
@@ -52,7 +54,7 @@ pub(super) struct Rule {
 
 impl Rule {
     pub fn new(wheels: usize) -> Self {
-        Self { lost: None, enabled: vec![false; wheels], worst: None }
+        Self { lost: None, speeds: [0.0; 2], enabled: vec![false; wheels], worst: None }
     }
 
     /// A process died or hangs.
@@ -71,27 +73,31 @@ impl Rule {
     }
 
     /// Processes a frame on the wire, except those to the propulsion.
-    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        let Some((wheel, status)) = facts.limits.reported(id, data) else { return };
+    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) -> Verdict {
+        let Some((wheel, status)) = facts.limits.reported(id, data) else { return Ok(()) };
         // CiA 402-2, statusword: operation enabled.
         let enabled = status & 0x6F == 0x27;
         let stops = std::mem::replace(&mut self.enabled[wheel], enabled) && !enabled;
         let turns = |(other, set_point): (usize, &SetPoint)| other != wheel && set_point.speed().is_some();
         let others = facts.wheels.iter().enumerate().any(|wheel| turns(wheel) && self.enabled[wheel.0]);
-        if stops && !others {
-            self.on_still(now, facts);
-        }
+        if stops && !others { self.on_still(now, facts) } else { Ok(()) }
     }
 
     /// Processes an RPDO that does not move the robot, or the drive's report of its own stop.
-    pub fn on_still(&mut self, now: Instant, facts: &Facts) {
-        if let Some(lost) = self.lost.take() {
-            self.worst = self.worst.max(Some(now.since(lost.counts_from(now, facts))));
+    pub fn on_still(&mut self, now: Instant, facts: &Facts) -> Verdict {
+        let Some(lost) = self.lost.take() else { return Ok(()) };
+        let took = now.since(lost.counts_from(now, facts));
+        let [before, speed] = self.speeds;
+        if took > STOP_MAX + DELAY_MAX && speed > STANDSTILL_MPS && speed >= before - DECELERATION_MIN {
+            return Err(format!("{} is lost since {:?}, and the stop begins after {took:?}", lost.module, lost.at));
         }
+        self.worst = self.worst.max(Some(took));
+        Ok(())
     }
 
     /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        self.speeds = [self.speeds[1], speed.abs()];
         let Some(lost) = &mut self.lost else { return Ok(()) };
         let from = lost.counts_from(now, facts);
         if from > lost.at && facts.life(&lost.module).is_some_and(super::life::Life::is_well) {

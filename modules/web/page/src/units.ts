@@ -151,6 +151,18 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["lowlevel.data_raw_t", new Map([
     ["timestamp", "µs"],
   ])],
+  ["lowlevel.data_scan_t", new Map([
+    ["timestamp", "µs"],
+    ["x", "m"],
+    ["y", "m"],
+    ["theta", "rad"],
+    ["angle_min", "rad"],
+    ["angle_step", "rad"],
+    ["beam_time", "s"],
+    ["range_min", "m"],
+    ["range_max", "m"],
+    ["ranges", "m"],
+  ])],
   ["lowlevel.data_sdo_t", new Map([
     ["timestamp", "µs"],
     ["data", "bytes"],

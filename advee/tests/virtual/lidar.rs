@@ -1,0 +1,143 @@
+//! Lidars of the whole robot: driver and emulated devices, on a serial line and on a connection, in the hall.
+
+use super::{Robot, place};
+use base::{Duration, Instant};
+use messages::Message;
+use messages::lowlevel::DataScan;
+use messages::simulation::{CmdFault, DataTruth};
+use navitools::{Pose, wrap};
+use robot::place::RobotLocation;
+use sim::host::{Config, News};
+use std::cell::RefCell;
+use std::path::Path;
+use std::rc::Rc;
+
+const LIDARS: &str = r#"
+[lidar.front]
+model = "ld19"
+port = "lidar-front"
+x_m = 0.7
+[lidar.rear]
+model = "sick-tim7xx"
+address = "127.0.0.1:2112"
+x_m = -0.2
+y_m = 0.1
+theta_rad = 3.0
+upside_down = true
+"#;
+
+#[derive(Default)]
+struct Observed {
+    news: Vec<(Instant, String)>,
+    scans: Vec<DataScan>,
+    truth: DataTruth,
+}
+
+struct Rig {
+    robot: Robot,
+    place: RobotLocation,
+    observed: Rc<RefCell<Observed>>,
+}
+
+impl Rig {
+    fn new(name: &str) -> Self {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("lidar-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let shipped = place();
+        for file in ["sim.toml", "modules.toml"] {
+            std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
+        }
+        let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
+        std::fs::write(folder.join("robot.toml"), robot + LIDARS).expect("a file");
+        let world = shipped.config.join("../worlds/empty.toml");
+        let place = RobotLocation { config: folder, world: Some(world), ..shipped };
+        let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
+        let mut robot = Robot::at(&place, config);
+        let observed = Rc::new(RefCell::new(Observed::default()));
+        let keep = observed.clone();
+        robot.machine.observe(move |now, news| {
+            let mut keep = keep.borrow_mut();
+            match news {
+                News::Report { module: "driver_lidar", report } => {
+                    let told = format!("{:?} {} {}", report.severity, report.fault.name(), report.subject);
+                    keep.news.push((now, told));
+                }
+                News::State { module: "driver_lidar", state } => keep.news.push((now, state.to_string())),
+                News::Message { message: Message::LlDataScan(scan), .. } => keep.scans.push(scan.clone()),
+                News::Message { message: Message::SimDataTruth(truth), .. } => keep.truth = truth.clone(),
+                _ => {}
+            }
+        });
+        robot.pass(12.0);
+        Self { robot, place, observed }
+    }
+
+    fn scans(&self, name: &str) -> Vec<DataScan> {
+        self.observed.borrow().scans.iter().filter(|scan| scan.name == name).cloned().collect()
+    }
+
+    /// When it was told since then, if it was.
+    fn told(&self, since: Instant, what: &str) -> Option<Duration> {
+        let observed = self.observed.borrow();
+        let told = observed.news.iter().find(|(at, told)| *at >= since && told.contains(what));
+        told.map(|(at, _)| at.since(since))
+    }
+
+    fn fault(&mut self, target: &str, fault: &str, seconds: f64) -> Instant {
+        let now = self.robot.machine.now();
+        let fault = CmdFault { target: target.into(), fault: fault.into(), duration: seconds, ..CmdFault::default() };
+        self.robot.machine.inject(now, fault);
+        now
+    }
+}
+
+#[test]
+fn scans_say_where_the_walls_are() {
+    let rig = Rig::new("walls");
+    let world = robot::config::world(&rig.place.config, rig.place.world.as_deref(), &rig.place.sets).expect("a world");
+    let truth = rig.observed.borrow().truth.clone();
+    let robot = Pose::new(truth.x, truth.y, truth.theta);
+    for (name, per_turn, beams_min) in [("front", 10.0, 300), ("rear", 15.0, 200)] {
+        let scans = rig.scans(name);
+        let turns = scans.last().unwrap().revolution - scans[0].revolution;
+        let took = (scans.last().unwrap().timestamp - scans[0].timestamp) as f64 / 1e6;
+        assert!((turns as f64 / took / per_turn - 1.0).abs() < 0.05, "{name}: {turns} revolutions in {took} s");
+        let last: Vec<_> =
+            scans.iter().filter(|scan| scan.revolution == scans.last().unwrap().revolution - 1).collect();
+        assert!(last.len() >= 6, "{name}: {} sectors a revolution", last.len());
+        let mut beams = 0;
+        for scan in last {
+            let lidar = robot * Pose::new(scan.x, scan.y, scan.theta);
+            for (n, range) in scan.ranges.iter().enumerate().filter(|(_, range)| range.is_finite()) {
+                let angle = lidar.theta.radians() + wrap(scan.angle_min + n as f64 * scan.angle_step);
+                let hit = world.ray(lidar.point(), (angle.cos(), angle.sin()), 40.0).expect("walls all around");
+                // Half a degree of the surroundings' steps, beside the noise.
+                let step = 0.0045 * hit.distance / hit.cos_incidence.max(0.05);
+                let off = (f64::from(*range) - hit.distance).abs();
+                assert!(off < 0.06 + step, "{name}: {off} m off at {angle} rad, {} m", hit.distance);
+                beams += 1;
+            }
+        }
+        assert!(beams >= beams_min, "{name}: {beams} beams of a revolution");
+    }
+}
+
+#[test]
+fn a_lidar_that_is_cut_off_is_reported_and_comes_back() {
+    let mut rig = Rig::new("cut");
+    for (name, bus) in [("front", "lidar.front"), ("rear", "lidar.rear")] {
+        let cut = rig.fault(bus, "silent", 3.0);
+        rig.robot.pass(8.0);
+        let lost = rig.told(cut, &format!("Error LidarLost {bus}"));
+        assert!(lost.is_some_and(|lost| lost <= Duration::from_secs(1)), "{name}: {lost:?}");
+        let back = rig.told(cut, &format!("Notice LidarLost {bus}"));
+        let within = Duration::from_secs(3)..=Duration::from_secs(5);
+        assert!(back.is_some_and(|back| within.contains(&back)), "{name}: {back:?}");
+    }
+    let stalled = rig.fault("lidar.front", "stall", 2.0);
+    rig.robot.pass(1.5);
+    assert!(rig.told(stalled, "lidar.front").is_some_and(|told| told <= Duration::from_secs(1)));
+    let blind = rig.fault("lidar.rear", "blind", 2.0);
+    rig.robot.pass(1.5);
+    assert!(rig.told(blind, "LidarBlocked lidar.rear").is_some_and(|told| told <= Duration::from_secs(1)));
+}

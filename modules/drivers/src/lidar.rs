@@ -1,0 +1,278 @@
+//! 2D lidars, any number of them, each on a serial line or a TCP connection.
+//!
+//! Devices   by `[lidar.<name>]` of robot.toml (`docs/lidars.md`): LDROBOT, SLAMTEC, SICK, Hokuyo
+//! Protocol  the engines of `lidar`: identity and health, start of the scan, sectors of at most an eighth of a revolution
+//! Timing    a sector is published as soon as it is complete, with the instant of its first beam
+//! Silence   no measurement for 400 ms: reported, ERROR, started anew each time; what it looked at is unknown
+//! Data      `LL_DATA_SCAN` for each sector, with the place of the lidar; `LL_DATA_BUS` once a second for each line
+//!
+//! In STOP nothing is published. None of these is a safety device.
+
+mod config;
+
+use base::serial::Word;
+use base::{Fault, Instant, Severity, Ticker};
+use config::{BUS_PERIOD, Engine};
+pub use config::{Config, DEVICES_MAX, Device, LidarKeys, Model};
+use lidar::{Event as LidarEvent, Fault as LidarFault, Health, LostReason, Sector, Status};
+use messages::lowlevel::{DataBus, DataScan};
+use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
+
+/// Name of the module.
+pub const NAME: &str = "driver_lidar";
+
+/// Driver of lidars.
+#[derive(Debug)]
+pub struct Lidars {
+    ports: Vec<PortSpec>,
+    scanners: Vec<Scanner>,
+    state: State,
+    statistics: Ticker,
+    /// Last result reported to the shell: true if it works.
+    working: Option<bool>,
+}
+
+/// A lidar and its line.
+#[derive(Debug)]
+struct Scanner {
+    device: Device,
+    port: PortId,
+    engine: Box<dyn Engine>,
+    /// `None` until the host has reported the port.
+    up: Option<bool>,
+    /// It measures; `None`: not known yet.
+    measures: Option<bool>,
+    /// What it says that it is.
+    identity: String,
+    /// Bytes of this second, in both directions.
+    bytes: usize,
+    rx: Vec<u8>,
+}
+
+impl Lidars {
+    /// Creates the driver, not started yet. Devices beyond [`DEVICES_MAX`] are left out.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let devices = config.devices.into_iter().take(DEVICES_MAX);
+        let scanners: Vec<Scanner> =
+            devices.enumerate().map(|(n, device)| Scanner::new(device, PortId(n as u8))).collect();
+        let port = |scanner: &Scanner| {
+            let baud = scanner.device.line_baud();
+            PortSpec { bus: scanner.device.bus.clone(), line: module::Line::Serial { baud } }
+        };
+        Self {
+            ports: scanners.iter().map(port).collect(),
+            scanners,
+            state: State::Init,
+            statistics: Ticker::new(Instant::NEVER, BUS_PERIOD),
+            working: None,
+        }
+    }
+
+    /// Reports to the shell whether the module works, if that changed and is known of all lidars.
+    fn report_condition(&mut self, out: &mut Actions) {
+        let all = || self.scanners.iter().map(|scanner| scanner.measures);
+        let works = match all().any(|measures| measures == Some(false)) {
+            true => Some(false),
+            false => all().all(|measures| measures.is_some()).then_some(true),
+        };
+        if let Some(working) = works
+            && self.working.replace(working) != works
+        {
+            if working { out.working() } else { out.failed() }
+        }
+    }
+}
+
+impl Scanner {
+    fn new(device: Device, port: PortId) -> Self {
+        let engine = config::engine(&device);
+        let (identity, rx) = (String::new(), Vec::new());
+        Self { device, port, engine, up: None, measures: None, identity, bytes: 0, rx }
+    }
+
+    fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) {
+        let bus = self.device.bus.as_str();
+        match input {
+            Input::Up => {
+                out.clear(Fault::PortDown, bus, format!("{bus} is up"));
+                self.up = Some(true);
+            }
+            Input::Down(why) => {
+                out.raise(Severity::Error, Fault::PortDown, bus, format!("{bus} is down: {why}; retrying"));
+                self.engine.handle_closed(now);
+                (self.up, self.measures) = (Some(false), Some(false));
+            }
+            Input::Words(words) if self.up == Some(true) => {
+                self.bytes += words.len();
+                self.rx.clear();
+                self.rx.extend(words.iter().map(|word| word.byte));
+                self.engine.handle_rx(now, &self.rx);
+            }
+            _ => {}
+        }
+    }
+
+    fn serve(&mut self, now: Instant, publishes: bool, out: &mut Actions) {
+        if self.up == Some(true) {
+            self.engine.handle_timeout(now);
+        }
+        while let Some(request) = self.engine.poll_tx() {
+            self.bytes += request.len();
+            let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
+            out.send_words(self.port, &words);
+        }
+        let Self { device, engine, measures, identity, .. } = self;
+        while let Some(event) = engine.poll_event() {
+            match event {
+                LidarEvent::Sector(sector) if publishes => {
+                    out.publish(message(device, sector, out.timestamp(sector.at)))
+                }
+                LidarEvent::Sector(_) | LidarEvent::Field { .. } => {}
+                LidarEvent::Identity(text) => {
+                    let text = String::from_utf8_lossy(text);
+                    if *identity != text {
+                        out.note(format!("lidar {}: {text}", device.name));
+                        *identity = text.into_owned();
+                    }
+                }
+                LidarEvent::Health(health) => {
+                    if let Some(told) = told(health) {
+                        out.note(format!("lidar {} {told}", device.name));
+                    }
+                }
+                LidarEvent::Fault { fault, active } => report(device, fault, active, out),
+                LidarEvent::Lost { reason } => {
+                    *measures = Some(false);
+                    let message = format!("lidar {} {}: what it looks at is unknown", device.name, why(reason));
+                    out.raise(Severity::Error, Fault::LidarLost, device.bus.as_str(), message);
+                }
+                LidarEvent::Recovered { .. } => {
+                    *measures = Some(true);
+                    out.clear(Fault::LidarLost, device.bus.as_str(), format!("lidar {} measures", device.name));
+                }
+            }
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.engine.poll_timeout().filter(|_| self.up == Some(true))
+    }
+
+    /// Publishes `LL_DATA_BUS`, and begins a new second.
+    fn publish(&mut self, now: Instant, out: &mut Actions) {
+        let counters = self.engine.counters();
+        let bytes = std::mem::take(&mut self.bytes) as f64;
+        out.publish(DataBus {
+            timestamp: out.timestamp(now),
+            bus: self.device.bus.clone(),
+            // A character has ten bits.
+            load: self.device.baud.map_or(0.0, |baud| (10.0 * bytes / f64::from(baud)).min(1.0)),
+            frames: i64::from(counters.messages),
+            errors: i64::from(counters.rejected) + i64::from(counters.dropped),
+            state: if self.up == Some(true) { DataBus::ACTIVE } else { DataBus::CLOSED },
+            nodes: Vec::new(),
+        });
+    }
+}
+
+/// `LL_DATA_SCAN` of a sector. Upside down a lidar sees the other way round.
+fn message(device: &Device, sector: &Sector, timestamp: i64) -> DataScan {
+    let LidarKeys { x, y, theta, upside_down, range_max, .. } = device.keys;
+    let sign = if upside_down { -1.0 } else { 1.0 };
+    DataScan {
+        timestamp,
+        name: device.name.clone(),
+        revolution: i64::try_from(sector.revolution).unwrap_or(i64::MAX),
+        status: match sector.status {
+            Status::Ok => DataScan::OK,
+            Status::Blocked => DataScan::BLOCKED,
+            Status::Slow => DataScan::SLOW,
+            Status::Fault => DataScan::FAULT,
+        },
+        x,
+        y,
+        theta,
+        angle_min: sign * sector.angle_min_rad,
+        angle_step: sign * sector.angle_step_rad,
+        beam_time: sector.beam_time_s,
+        range_min: sector.range_min_m,
+        range_max: range_max.map_or(sector.range_max_m, |most| sector.range_max_m.min(most as f32)),
+        ranges: sector.ranges_m.to_vec(),
+        intensities: sector.intensities.to_vec(),
+    }
+}
+
+/// A health that is not good, in words.
+fn told(health: Health) -> Option<String> {
+    match health {
+        Health::Good => None,
+        Health::Warning { code } => Some(format!("warns: code {code}")),
+        Health::Error { code } => Some(format!("reports an error: code {code}")),
+    }
+}
+
+fn report(device: &Device, fault: LidarFault, active: bool, out: &mut Actions) {
+    let (number, severity, what) = match fault {
+        LidarFault::Dirty => (Fault::LidarDirty, Severity::Warning, "its optics are dirty"),
+        LidarFault::Blocked => (Fault::LidarBlocked, Severity::Error, "its optics are too dirty to measure"),
+        LidarFault::Slow => (Fault::LidarSpeed, Severity::Error, "its motor is too slow or too fast"),
+        LidarFault::Incomplete => (Fault::LidarIncomplete, Severity::Error, "part of its revolutions does not arrive"),
+        LidarFault::Noise => (Fault::LidarDisturbed, Severity::Error, "its line is disturbed"),
+        LidarFault::Device => (Fault::LidarError, Severity::Error, "it reports an error"),
+    };
+    let (bus, name) = (device.bus.as_str(), &device.name);
+    if active {
+        out.raise(severity, number, bus, format!("lidar {name}: {what}"));
+    } else {
+        out.clear(number, bus, format!("lidar {name}: not any more: {what}"));
+    }
+}
+
+/// Why it is lost, in words.
+fn why(reason: LostReason) -> String {
+    match reason {
+        LostReason::Silent => "is silent".into(),
+        LostReason::Garbled => "sends nothing that is valid: wrong model or rate".into(),
+        LostReason::Stalled => "sends nothing new: its motor stands".into(),
+        LostReason::Refused { code } => format!("refused a request, code {code}"),
+        LostReason::Identity => "is another model than configured".into(),
+        LostReason::Device { code } => format!("reports error {code}, and does not measure"),
+        LostReason::Closed => "is not connected".into(),
+    }
+}
+
+impl Module for Lidars {
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => self.statistics = Ticker::new(now + BUS_PERIOD, BUS_PERIOD),
+            Event::Port { port, input } => {
+                if let Some(scanner) = self.scanners.get_mut(usize::from(port.0)) {
+                    scanner.on_port(now, &input, out);
+                }
+            }
+            Event::State(state) => self.state = state,
+            Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
+        }
+        let publishes = !matches!(self.state, State::Stop | State::Terminate);
+        for scanner in &mut self.scanners {
+            scanner.serve(now, publishes, out);
+        }
+        if self.statistics.due(now) {
+            self.scanners.iter_mut().for_each(|scanner| scanner.publish(now, out));
+        }
+        self.report_condition(out);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let scanners = self.scanners.iter().filter_map(Scanner::poll_timeout);
+        scanners.chain([self.statistics.next()]).min()
+    }
+}
+
+#[cfg(test)]
+mod tests;

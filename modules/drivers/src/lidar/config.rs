@@ -1,0 +1,171 @@
+//! Which lidars there are, where they sit, and the engine of each.
+
+use base::Duration;
+use lidar::hokuyo::Hokuyo;
+use lidar::ld::{self, LdLidar, NoEcho};
+use lidar::rplidar::{self, Rplidar};
+use lidar::sick::{self, Dialect, Sick};
+use lidar::{Counters, Event, Lidar, Protocol};
+use settings::{Choice, settings};
+use std::fmt;
+
+/// Model of a lidar.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// LDROBOT.
+    Ld(ld::Model),
+    /// SLAMTEC.
+    Rplidar(rplidar::Model),
+    /// SICK.
+    Sick(sick::Family),
+    /// Hokuyo, by the begin of its model.
+    Hokuyo(&'static str),
+}
+
+const MODELS: Choice<Model> = Choice(&[
+    ("ld06", Model::Ld(ld::Model::Ld06)),
+    ("ld19", Model::Ld(ld::Model::Ld19)),
+    ("stl-19p", Model::Ld(ld::Model::Stl19p)),
+    ("rplidar-a1", Model::Rplidar(rplidar::Model::A1)),
+    ("rplidar-a2", Model::Rplidar(rplidar::Model::A2)),
+    ("rplidar-a3", Model::Rplidar(rplidar::Model::A3)),
+    ("rplidar-c1", Model::Rplidar(rplidar::Model::C1)),
+    ("rplidar-s2", Model::Rplidar(rplidar::Model::S2)),
+    ("sick-lms1xx", Model::Sick(sick::Family::Lms1xx)),
+    ("sick-tim5xx", Model::Sick(sick::Family::Tim5xx)),
+    ("sick-tim7xx", Model::Sick(sick::Family::Tim7xx)),
+    ("urg-04lx", Model::Hokuyo("URG-04LX")),
+    ("utm-30lx", Model::Hokuyo("UTM-30LX")),
+    ("ust-10lx", Model::Hokuyo("UST-10LX")),
+    ("ust-20lx", Model::Hokuyo("UST-20LX")),
+]);
+
+const NO_ECHO: Choice<NoEcho> = Choice(&[("unknown", NoEcho::Unknown), ("nothing", NoEcho::Nothing)]);
+
+const DIALECTS: Choice<Dialect> = Choice(&[("cola-a", Dialect::Text), ("cola-b", Dialect::Binary)]);
+
+settings! {
+    /// Keys of `[lidar.<name>]` for the driver.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct LidarKeys {
+        /// Model; a device that says that it is another one is refused.
+        model: Model = required, MODELS;
+        /// Where it sits: forward from the robot's reference point.
+        x_m as x: f64 = 0.0, -20.0..=20.0;
+        /// Where it sits: to the left.
+        y_m as y: f64 = 0.0, -20.0..=20.0;
+        /// Direction of its front in the robot, counter-clockwise.
+        theta_rad as theta: f64 = 0.0, -7.0..=7.0;
+        /// It hangs upside down.
+        upside_down: bool = false;
+        /// Distance up to which it surely measures the darkest surface around; where nothing was received it is free up
+        /// to there. Absent: the longest range of the model.
+        range_max_m as range_max: Option<f64> = optional, 0.1..=200.0;
+        /// LDROBOT, SLAMTEC, SICK: what a range of 0 means: `"unknown"`, or `"nothing"` was received, for a device and a
+        /// place where near and dark things were shown not to read 0.
+        no_echo: NoEcho = NoEcho::Unknown, NO_ECHO;
+        /// SICK: protocol, as set in the device.
+        dialect: Dialect = Dialect::Binary, DIALECTS;
+    }
+}
+
+/// A lidar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Device {
+    /// Its name in the configuration.
+    pub name: String,
+    /// Its port.
+    pub bus: String,
+    /// Rate of its serial line, Bd; `None`: a TCP connection.
+    pub baud: Option<u32>,
+    /// Its keys.
+    pub keys: LidarKeys,
+}
+
+/// All lidars.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Config {
+    /// At most [`DEVICES_MAX`].
+    pub devices: Vec<Device>,
+}
+
+/// Lidars of a robot at most.
+pub const DEVICES_MAX: usize = 16;
+
+impl Device {
+    /// Rate of its line, Bd; of a TCP connection that of Ethernet with 100 Mbit/s.
+    #[must_use]
+    pub fn line_baud(&self) -> u32 {
+        self.baud.unwrap_or(100_000_000)
+    }
+}
+
+impl Model {
+    /// Rate of a serial line as the device is delivered, Bd.
+    #[must_use]
+    pub fn usual_baud(self) -> u32 {
+        match self {
+            Self::Ld(_) => 230_400,
+            Self::Rplidar(model) => model.baud(),
+            Self::Sick(_) | Self::Hokuyo(_) => 115_200,
+        }
+    }
+}
+
+/// An engine of whatever protocol.
+pub(super) trait Engine: fmt::Debug {
+    fn handle_rx(&mut self, now: base::Instant, bytes: &[u8]);
+    fn handle_closed(&mut self, now: base::Instant);
+    fn handle_timeout(&mut self, now: base::Instant);
+    fn poll_tx(&mut self) -> Option<lidar::Bytes>;
+    fn poll_event(&mut self) -> Option<Event<'_>>;
+    fn poll_timeout(&self) -> Option<base::Instant>;
+    fn counters(&self) -> &Counters;
+}
+
+impl<P: Protocol + fmt::Debug> Engine for Lidar<P> {
+    fn handle_rx(&mut self, now: base::Instant, bytes: &[u8]) {
+        self.handle_rx(now, bytes);
+    }
+
+    fn handle_closed(&mut self, now: base::Instant) {
+        self.handle_closed(now);
+    }
+
+    fn handle_timeout(&mut self, now: base::Instant) {
+        self.handle_timeout(now);
+    }
+
+    fn poll_tx(&mut self) -> Option<lidar::Bytes> {
+        self.poll_tx()
+    }
+
+    fn poll_event(&mut self) -> Option<Event<'_>> {
+        self.poll_event()
+    }
+
+    fn poll_timeout(&self) -> Option<base::Instant> {
+        self.poll_timeout()
+    }
+
+    fn counters(&self) -> &Counters {
+        self.counters()
+    }
+}
+
+/// The engine of a device.
+pub(super) fn engine(device: &Device) -> Box<dyn Engine> {
+    let LidarKeys { model, no_echo, dialect, .. } = device.keys;
+    match model {
+        Model::Ld(model) => Box::new(LdLidar::new(ld::Config { model, no_echo })),
+        Model::Rplidar(model) => Box::new(Rplidar::new(rplidar::Config { no_echo, ..rplidar::Config::new(model) })),
+        Model::Sick(family) => Box::new(Sick::new(sick::Config { no_echo, ..sick::Config::new(family, dialect) })),
+        Model::Hokuyo(model) => {
+            let bytes_per_s = device.baud.map_or(0, |baud| baud / 10);
+            Box::new(Hokuyo::new(lidar::hokuyo::Config { bytes_per_s, ..lidar::hokuyo::Config::new(model) }))
+        }
+    }
+}
+
+/// Period of the statistics of lines.
+pub(super) const BUS_PERIOD: Duration = Duration::from_secs(1);

@@ -1,0 +1,244 @@
+//! Lidars in the world: each device is emulated on the wire, and sees walls, columns and the legs of people.
+
+use crate::faults::InjectedFault;
+use crate::scene::Scene;
+use base::serial::Word;
+use base::{Duration, Instant};
+use lidar::emulated::{DIRECTIONS, Device, Faults};
+use lidar::sick::{Dialect, Family};
+use lidar::{hokuyo, ld, rplidar, sick};
+use navitools::Pose;
+use std::f64::consts::TAU;
+
+/// Interval at which a device's surroundings are looked at anew.
+const LOOK: Duration = Duration::from_millis(25);
+/// Standard deviation of a distance, m.
+const NOISE_M: f64 = 0.01;
+/// Time without supply of a device that restarts.
+const RESTART: Duration = Duration::from_millis(300);
+/// Interval at which the bytes on a line are handed on, as adapters do.
+const PASSES: Duration = Duration::from_millis(2);
+/// Bytes that are handed on at once.
+const CHUNK: usize = 512;
+
+/// A lidar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LidarConfig {
+    /// Its port's name, as its driver has it: `lidar.front`. The target of faults.
+    pub bus: String,
+    /// Rate of its line, Bd, as its driver has it.
+    pub baud: u32,
+    /// What it is.
+    pub model: LidarModel,
+    /// Where it sits on the robot; its front is along x.
+    pub mount: Pose,
+    /// It hangs upside down.
+    pub upside_down: bool,
+}
+
+/// What a lidar is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LidarModel {
+    /// LDROBOT.
+    Ld(ld::Model),
+    /// SLAMTEC.
+    Rplidar(rplidar::Model),
+    /// SICK.
+    Sick(Family, Dialect),
+    /// Hokuyo.
+    Hokuyo(hokuyo::emulated::Model),
+}
+
+impl LidarModel {
+    /// A Hokuyo that says this name: a URG-04LX, or one with 270° in steps of 0.25°.
+    #[must_use]
+    pub fn hokuyo(name: &'static str) -> Self {
+        let like = match name {
+            "URG-04LX" => hokuyo::emulated::Model::URG_04LX,
+            _ => hokuyo::emulated::Model { name, ..hokuyo::emulated::Model::UTM_30LX },
+        };
+        Self::Hokuyo(like)
+    }
+
+    /// The device at power-on, and the distance up to which it sees, m.
+    fn device(self) -> (Box<dyn Device>, f64) {
+        match self {
+            Self::Ld(model) => (Box::new(ld::emulated::Device::new(model)), 12.0),
+            Self::Rplidar(model) => {
+                let reach = match model {
+                    rplidar::Model::A3 => 25.0,
+                    rplidar::Model::S2 => 30.0,
+                    _ => 12.0,
+                };
+                (Box::new(rplidar::emulated::Device::new(model)), reach)
+            }
+            Self::Sick(family, dialect) => {
+                let reach = f64::from(sick::Config::new(family, dialect).range_max_m);
+                (Box::new(sick::emulated::Device::new(family, dialect)), reach)
+            }
+            Self::Hokuyo(model) => {
+                let reach = f64::from(model.parameters.range_max_mm) / 1000.0;
+                (Box::new(hokuyo::emulated::Device::new(model)), reach)
+            }
+        }
+    }
+}
+
+/// All of them.
+#[derive(Default)]
+pub(crate) struct Lidars(Vec<Lidar>);
+
+struct Lidar {
+    config: LidarConfig,
+    device: Box<dyn Device>,
+    reach: f64,
+    look: Instant,
+    looks: u64,
+    /// When the bytes on its line are handed on again.
+    pass: Instant,
+    /// End of a fault.
+    until: Instant,
+}
+
+impl Lidars {
+    pub fn new(configs: &[LidarConfig], now: Instant) -> Self {
+        let lidar = |config: &LidarConfig| {
+            let (device, reach) = config.model.device();
+            Lidar { config: config.clone(), device, reach, look: now, looks: 0, pass: now, until: Instant::NEVER }
+        };
+        Self(configs.iter().map(lidar).collect())
+    }
+
+    pub fn on_words(&mut self, now: Instant, place: usize, words: &[Word]) {
+        let Some(lidar) = self.0.get_mut(place) else { return };
+        let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
+        lidar.device.handle_rx(now, &bytes);
+    }
+
+    /// Lets all measure.
+    pub fn handle_timeout(&mut self, now: Instant, scene: &Scene) {
+        for (place, lidar) in self.0.iter_mut().enumerate() {
+            if lidar.until <= now {
+                *lidar.device.faults() = Faults::default();
+                lidar.until = Instant::NEVER;
+            }
+            if lidar.look <= now {
+                lidar.look = now + LOOK;
+                lidar.looks += 1;
+                lidar.sees(now, scene, (place as u64) << 32 | lidar.looks);
+            }
+            lidar.device.handle_timeout(now);
+            if lidar.pass <= now {
+                lidar.pass = now + PASSES;
+            }
+        }
+    }
+
+    /// Next bytes, and the place of their lidar.
+    pub fn poll_tx(&mut self, now: Instant) -> Option<(usize, Vec<Word>)> {
+        self.0.iter_mut().enumerate().find_map(|(place, lidar)| {
+            let mut bytes = [0; CHUNK];
+            let count = lidar.device.poll_tx(now, &mut bytes);
+            (count > 0).then(|| (place, bytes[..count].iter().copied().map(Word::data).collect()))
+        })
+    }
+
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let ends = self.0.iter().map(|lidar| lidar.until).filter(|until| *until < Instant::NEVER);
+        // A line that carries bytes is due at once.
+        let due = |lidar: &Lidar| lidar.device.poll_timeout().map(|due| due.max(lidar.pass));
+        self.0.iter().filter_map(due).chain(ends).min()
+    }
+
+    /// Something is wrong with a lidar, or not any more; false if that is no target, or no fault of its kind.
+    pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
+        let Some(lidar) = self.0.iter_mut().find(|lidar| lidar.config.bus == target) else { return false };
+        let usual = Faults::default();
+        let (faults, until) = match injected {
+            InjectedFault::Silent => (Faults { cut: true, ..usual }, until),
+            InjectedFault::Garbled(part) => {
+                (Faults { noise_per_mille: (1000.0 * part).clamp(1.0, 1000.0) as u16, ..usual }, until)
+            }
+            InjectedFault::Stuck => (Faults { repeats: true, ..usual }, until),
+            InjectedFault::Blind => (Faults { blocked: true, ..usual }, until),
+            InjectedFault::Stall(_) => (Faults { motor_stopped: true, ..usual }, until),
+            InjectedFault::Reboot => (Faults { unpowered: true, ..usual }, now + RESTART),
+            InjectedFault::None => (usual, Instant::NEVER),
+            _ => return false,
+        };
+        *lidar.device.faults() = faults;
+        lidar.until = until;
+        true
+    }
+}
+
+impl Lidar {
+    /// What it would measure in each direction now.
+    fn sees(&mut self, now: Instant, scene: &Scene, stream: u64) {
+        let mut random = scene.random(stream ^ u64::from_le_bytes(*b"lidar   "));
+        let sign = if self.config.upside_down { -1.0 } else { 1.0 };
+        let ranges = &mut self.device.scene().0;
+        let view = scene.view(self.config.mount, now, self.reach);
+        for (n, range) in ranges.iter_mut().enumerate() {
+            let distance = view.distance(sign * n as f64 * TAU / DIRECTIONS as f64);
+            *range = distance.map_or(f32::INFINITY, |distance| (distance + NOISE_M * random.normal()).max(0.0) as f32);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::Parameters;
+    use crate::sonar::Sonar;
+    use crate::world::World;
+
+    #[test]
+    fn a_lidar_sees_the_walls_from_where_it_sits() {
+        let mut world = World::hall(20.0, 12.0);
+        world.start = Pose::new(5.0, 6.0, TAU / 4.0);
+        let scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1);
+        // Half a metre ahead of the robot, looking to its right, which is along x of the hall.
+        let config = |upside_down| LidarConfig {
+            bus: "lidar.a".into(),
+            baud: 230_400,
+            model: LidarModel::Sick(Family::Tim7xx, Dialect::Binary),
+            mount: Pose::new(0.5, 0.0, -TAU / 4.0),
+            upside_down,
+        };
+        for (upside_down, left, right) in [(false, 5.5, 6.5), (true, 6.5, 5.5)] {
+            let mut lidars = Lidars::new(&[config(upside_down)], Instant::ZERO);
+            lidars.handle_timeout(Instant::ZERO, &scene);
+            let seen = lidars.0[0].device.scene();
+            for (direction, distance) in [(0, 15.0), (DIRECTIONS / 4, left), (3 * DIRECTIONS / 4, right)] {
+                assert!((f64::from(seen.0[direction]) - distance).abs() < 0.06, "{direction}: {}", seen.0[direction]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_fault_ends_by_itself_and_others_are_refused() {
+        let config = LidarConfig {
+            bus: "lidar.a".into(),
+            baud: 230_400,
+            model: LidarModel::Ld(ld::Model::Ld19),
+            mount: Pose::default(),
+            upside_down: false,
+        };
+        let scene = Scene::new(Instant::ZERO, World::hall(20.0, 12.0), Parameters::default(), Sonar::default(), 1);
+        let mut lidars = Lidars::new(&[config], Instant::ZERO);
+        let ms = Instant::from_millis;
+        assert!(lidars.inject(ms(0), "lidar.a", InjectedFault::Silent, ms(200)));
+        assert!(!lidars.inject(ms(0), "lidar.a", InjectedFault::Hold, ms(200)));
+        assert!(!lidars.inject(ms(0), "lidar.b", InjectedFault::Silent, ms(200)));
+        let mut first = None;
+        for now in (0..1000).map(ms) {
+            lidars.handle_timeout(now, &scene);
+            if lidars.poll_tx(now).is_some() {
+                first.get_or_insert(now);
+            }
+        }
+        // Its motor spins up meanwhile.
+        assert!(first.is_some_and(|first| first >= ms(200)), "{first:?}");
+    }
+}
