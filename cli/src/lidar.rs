@@ -84,7 +84,9 @@ struct Seen {
     status: i8,
     beams: usize,
     measured: usize,
-    /// First and last revolution, with the instants of their first beams, µs.
+    /// The first revolution, which was not heard from its begin.
+    first: Option<i64>,
+    /// The next and the last one, with the instants of their first beams, µs.
     turns: Option<[(i64, i64); 2]>,
     /// Distance, m, and direction in the robot's frame, rad.
     nearest: Option<(f32, f64)>,
@@ -95,7 +97,9 @@ impl Seen {
         self.status = self.status.max(scan.status);
         self.beams += scan.ranges.len();
         let turn = (scan.revolution, scan.timestamp);
+        let is_first = *self.first.get_or_insert(scan.revolution) == scan.revolution;
         match &mut self.turns {
+            _ if is_first => {}
             Some([_, last]) if last.0 == turn.0 => {}
             Some([_, last]) => *last = turn,
             None => self.turns = Some([turn, turn]),

@@ -11,7 +11,7 @@
 mod config;
 
 use base::serial::Word;
-use base::{Fault, Instant, Severity, Ticker};
+use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use config::{BUS_PERIOD, Engine};
 pub use config::{Config, DEVICES_MAX, Device, LidarKeys, Model};
 use lidar::{Event as LidarEvent, Fault as LidarFault, Health, LostReason, Sector, Status};
@@ -20,6 +20,8 @@ use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
 
 /// Name of the module.
 pub const NAME: &str = "driver_lidar";
+/// Time in which a motor reaches its speed.
+const SPIN_UP: Duration = Duration::from_secs(3);
 
 /// Driver of lidars.
 #[derive(Debug)]
@@ -44,6 +46,11 @@ struct Scanner {
     measures: Option<bool>,
     /// What it says that it is.
     identity: String,
+    /// Its motor spins up until then: meanwhile it may be slow.
+    spins_until: Instant,
+    /// Its motor is too slow or too fast; that has been reported.
+    slow: bool,
+    told_slow: bool,
     /// Bytes of this second, in both directions.
     bytes: usize,
     rx: Vec<u8>,
@@ -87,8 +94,19 @@ impl Lidars {
 impl Scanner {
     fn new(device: Device, port: PortId) -> Self {
         let engine = config::engine(&device);
-        let (identity, rx) = (String::new(), Vec::new());
-        Self { device, port, engine, up: None, measures: None, identity, bytes: 0, rx }
+        Self {
+            device,
+            port,
+            engine,
+            up: None,
+            measures: None,
+            identity: String::new(),
+            spins_until: Instant::ZERO,
+            slow: false,
+            told_slow: false,
+            bytes: 0,
+            rx: Vec::new(),
+        }
     }
 
     fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) {
@@ -122,7 +140,7 @@ impl Scanner {
             let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
             out.send_words(self.port, &words);
         }
-        let Self { device, engine, measures, identity, .. } = self;
+        let Self { device, engine, measures, identity, spins_until, slow, .. } = self;
         while let Some(event) = engine.poll_event() {
             match event {
                 LidarEvent::Sector(sector) if publishes => {
@@ -141,6 +159,7 @@ impl Scanner {
                         out.note(format!("lidar {} {told}", device.name));
                     }
                 }
+                LidarEvent::Fault { fault: LidarFault::Slow, active } => *slow = active,
                 LidarEvent::Fault { fault, active } => report(device, fault, active, out),
                 LidarEvent::Lost { reason } => {
                     *measures = Some(false);
@@ -148,15 +167,26 @@ impl Scanner {
                     out.raise(Severity::Error, Fault::LidarLost, device.bus.as_str(), message);
                 }
                 LidarEvent::Recovered { .. } => {
-                    *measures = Some(true);
+                    (*measures, *spins_until) = (Some(true), now + SPIN_UP);
                     out.clear(Fault::LidarLost, device.bus.as_str(), format!("lidar {} measures", device.name));
                 }
             }
         }
     }
 
+    /// Reports the speed of the motor, after it had time to spin up.
+    fn report_speed(&mut self, now: Instant, out: &mut Actions) {
+        let spins = self.measures != Some(true) || now < self.spins_until;
+        if self.told_slow != self.slow && !(self.slow && spins) {
+            self.told_slow = self.slow;
+            report(&self.device, LidarFault::Slow, self.slow, out);
+        }
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
-        self.engine.poll_timeout().filter(|_| self.up == Some(true))
+        let engine = self.engine.poll_timeout().filter(|_| self.up == Some(true));
+        let spins = (self.slow && !self.told_slow && self.measures == Some(true)).then_some(self.spins_until);
+        earliest([engine, spins])
     }
 
     /// Publishes `LL_DATA_BUS`, and begins a new second.
@@ -261,6 +291,7 @@ impl Module for Lidars {
         let publishes = !matches!(self.state, State::Stop | State::Terminate);
         for scanner in &mut self.scanners {
             scanner.serve(now, publishes, out);
+            scanner.report_speed(now, out);
         }
         if self.statistics.due(now) {
             self.scanners.iter_mut().for_each(|scanner| scanner.publish(now, out));
