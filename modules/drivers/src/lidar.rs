@@ -144,7 +144,8 @@ impl Scanner {
         while let Some(event) = engine.poll_event() {
             match event {
                 LidarEvent::Sector(sector) if publishes => {
-                    out.publish(message(device, sector, out.timestamp(sector.at)))
+                    let timestamp = out.timestamp(sector.at);
+                    out.publish(message(device, sector, timestamp));
                 }
                 LidarEvent::Sector(_) | LidarEvent::Field { .. } => {}
                 LidarEvent::Identity(text) => {

@@ -44,8 +44,9 @@ impl Lost {
 #[derive(Debug)]
 pub(super) struct Rule {
     lost: Option<Lost>,
-    /// The last two samples of the body's speed.
+    /// The last two samples of the body's speed, and since which sample it decreases.
     speeds: [f64; 2],
+    slows: Option<Instant>,
     /// True for each wheel that last reported Operation Enabled.
     enabled: Vec<bool>,
     /// Longest time to a reported stop.
@@ -54,7 +55,7 @@ pub(super) struct Rule {
 
 impl Rule {
     pub fn new(wheels: usize) -> Self {
-        Self { lost: None, speeds: [0.0; 2], enabled: vec![false; wheels], worst: None }
+        Self { lost: None, speeds: [0.0; 2], slows: None, enabled: vec![false; wheels], worst: None }
     }
 
     /// A process died or hangs.
@@ -80,11 +81,18 @@ impl Rule {
         let stops = std::mem::replace(&mut self.enabled[wheel], enabled) && !enabled;
         let turns = |(other, set_point): (usize, &SetPoint)| other != wheel && set_point.speed().is_some();
         let others = facts.wheels.iter().enumerate().any(|wheel| turns(wheel) && self.enabled[wheel.0]);
-        if stops && !others { self.on_still(now, facts) } else { Ok(()) }
+        // A drive that stops by itself reports it within the period of its statusword; the body shows it earlier.
+        let begun = self.slows.map_or(now, |since| since.min(now));
+        if stops && !others { self.begins(begun, facts) } else { Ok(()) }
     }
 
-    /// Processes an RPDO that does not move the robot, or the drive's report of its own stop.
+    /// Processes an RPDO that does not move the robot.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) -> Verdict {
+        self.begins(now, facts)
+    }
+
+    /// The stop has begun.
+    fn begins(&mut self, now: Instant, facts: &Facts) -> Verdict {
         let Some(lost) = self.lost.take() else { return Ok(()) };
         let took = now.since(lost.counts_from(now, facts));
         let [before, speed] = self.speeds;
@@ -98,6 +106,8 @@ impl Rule {
     /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         self.speeds = [self.speeds[1], speed.abs()];
+        let slows = speed.abs() < self.speeds[0] - DECELERATION_MIN;
+        self.slows = slows.then(|| self.slows.unwrap_or(now));
         let Some(lost) = &mut self.lost else { return Ok(()) };
         let from = lost.counts_from(now, facts);
         if from > lost.at && facts.life(&lost.module).is_some_and(super::life::Life::is_well) {
