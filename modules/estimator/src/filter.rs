@@ -145,9 +145,9 @@ const LOOKED_AT: f64 = 8.0;
 const MISFITS: f64 = 0.2;
 /// Bearings of this time decide between the pose and its rivals.
 const LATELY: Duration = Duration::from_secs(3);
-/// Consecutive fitting bearings that end a doubt, and the deviations of the pose, m and rad, that they must have reached:
-/// less than is left of [`WIDENED`] where they do not determine all of the pose, as those of one or two beacons from one
-/// place.
+/// Consecutive fitting bearings that end a doubt, and the deviations of the pose, m and rad, that they must have
+/// reached: less than is left of [`WIDENED`] where they do not determine all of the pose, as those of one or two
+/// beacons from one place.
 const GOOD_AGAIN: u32 = 6;
 const KNOWN_AGAIN: (f64, f64) = (0.3, 0.15);
 /// Standard deviations, m and rad, that a doubted pose is given where too few beacons are seen for the search.

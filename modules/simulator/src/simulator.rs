@@ -171,8 +171,8 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, the lines of `driver_io`, and the
-/// lidars.
+/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, the lines of `driver_io`, and
+/// the lidars.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,

@@ -61,8 +61,8 @@ settings! {
         /// Distance up to which it surely measures the darkest surface around; where nothing was received it is free up
         /// to there. Absent: the longest range of the model.
         range_max_m as range_max: Option<f64> = optional, 0.1..=200.0;
-        /// LDROBOT, SLAMTEC, SICK: what a range of 0 means: `"unknown"`, or `"nothing"` was received, for a device and a
-        /// place where near and dark things were shown not to read 0.
+        /// LDROBOT, SLAMTEC, SICK: what a range of 0 means: `"unknown"`, or `"nothing"` was received, for a device and
+        /// a place where near and dark things were shown not to read 0.
         no_echo: NoEcho = NoEcho::Unknown, NO_ECHO;
         /// SICK: protocol, as set in the device.
         dialect: Dialect = Dialect::Binary, DIALECTS;
