@@ -679,6 +679,10 @@ fn a_steering_that_is_lost_stops_the_propulsion() {
         +190 begin pad 0.4
         +5 drive 0.4 ! drives",
     );
+    // A heartbeat that was sent while the bus was disturbed may have been received late.
+    let disturbed = "fault can delay 1 \n +50 quiet steering \n +190 begin pad 0.4";
+    check(&format!("{disturbed} \n +40 drive 0.4"));
+    check(&format!("{disturbed} \n +40 drive 0.4 \n +50 drive 0.4 ! drives"));
 }
 
 #[test]
