@@ -78,13 +78,13 @@ pub fn lidar(common: &Common, command: &Lidar) -> Outcome {
     }
 }
 
-/// What was heard of a lidar.
+/// Sectors of a lidar since the last line.
 #[derive(Default)]
 struct Seen {
     status: i8,
     beams: usize,
     measured: usize,
-    /// The first revolution, which was not heard from its begin.
+    /// The first revolution, of which the beginning is missing.
     first: Option<i64>,
     /// The next and the last one, with the instants of their first beams, µs.
     turns: Option<[(i64, i64); 2]>,
@@ -117,7 +117,7 @@ impl Seen {
 #[derive(Serialize)]
 struct Row<'a> {
     name: &'a str,
-    /// `SILENT`: nothing was heard of it for a second.
+    /// `SILENT`: no sector arrived for a second.
     status: &'static str,
     /// Revolutions per second.
     turns_per_s: Option<f64>,

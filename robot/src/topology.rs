@@ -545,6 +545,9 @@ fn lidars(robot: &Robot) -> Result<lidar::Lidars, ConfigError> {
     if robot.lidar.is_empty() {
         return refused("driver_lidar: robot.toml has no table [lidar.<name>]".into());
     }
+    if robot.lidar.len() > lidar::DEVICES_MAX {
+        return refused(format!("driver_lidar: robot.toml has more than {} tables [lidar.<name>]", lidar::DEVICES_MAX));
+    }
     Ok(lidar::Lidars::new(lidar::Config { devices: robot.lidar.iter().map(config::Lidar::device).collect() }))
 }
 

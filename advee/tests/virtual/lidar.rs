@@ -76,7 +76,7 @@ impl Rig {
         self.observed.borrow().scans.iter().filter(|scan| scan.name == name).cloned().collect()
     }
 
-    /// When it was told since then, if it was.
+    /// Time from `since` to the first report that contains `what`.
     fn told(&self, since: Instant, what: &str) -> Option<Duration> {
         let observed = self.observed.borrow();
         let told = observed.news.iter().find(|(at, told)| *at >= since && told.contains(what));
