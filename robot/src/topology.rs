@@ -546,7 +546,7 @@ fn lidars(robot: &Robot) -> Result<lidar::Lidars, ConfigError> {
         return refused("driver_lidar: robot.toml has no table [lidar.<name>]".into());
     }
     if robot.lidar.len() > lidar::DEVICES_MAX {
-        return refused(format!("driver_lidar: robot.toml has more than {} tables [lidar.<name>]", lidar::DEVICES_MAX));
+        return refused(format!("driver_lidar: more than {} tables [lidar.<name>] in robot.toml", lidar::DEVICES_MAX));
     }
     Ok(lidar::Lidars::new(lidar::Config { devices: robot.lidar.iter().map(config::Lidar::device).collect() }))
 }
