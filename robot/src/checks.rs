@@ -93,7 +93,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         ranging: ranging(robot),
         homing_at_start: robot.can.iter().any(homes_at_start),
         bus: can.bus.clone(),
-        promise: (robot.guard.ranging != ::guard::Ranging::None).then(|| Promise {
+        promise: robot.guard.ranging.has_sonars().then(|| Promise {
             guard: ::guard::NAME.into(),
             reaction_s: robot.guard.reaction + robot.guard.sensing,
             braking_mps2: robot.limits.deceleration_mps2,

@@ -63,6 +63,7 @@ pub(crate) fn policy(config: &Config) -> Policy {
         power: ours(power::NAME).filter(|_| config.robot.power.is_some()),
         guard: ours(guard::NAME),
         ranging: ours(rs485a::NAME).filter(|_| has_ranging),
+        lidar: ours(lidar::NAME),
         motion: ours(canbus::NAME),
         announcing: config.modules.iter().filter_map(|module| ours(module.name())).collect(),
     }
@@ -527,7 +528,7 @@ fn protection(guard: &guard::Settings, geometry: &Geometry) -> canbus::protectio
     canbus::protection::Config { guarded, speed_blind, creep, reach }
 }
 
-/// `guard`: the robot's outline and its sonars.
+/// `guard`: the robot's outline, its sonars and its lidars.
 fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
     guard::Guard::new(&robot.guard_config()).or_else(|error| refused(format!("guard: {error}")))
 }
@@ -575,7 +576,7 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
         law: robot.planner.behaviour.law(robot.guard.law(robot.limits.deceleration_mps2, robot.power_lost_mps2())),
         sonar_beam: robot.sensors.srf08.beam_rad,
         age_max: robot.sensors.age_max,
-        has_sonars: !robot.srfs.is_empty() || robot.guard.ranging != ::guard::Ranging::None,
+        has_sonars: !robot.srfs.is_empty() || robot.guard.ranging.has_sonars(),
         abilities,
         map,
     }))

@@ -85,8 +85,8 @@ impl Observed {
     }
 }
 
-struct Base {
-    machine: Virtual,
+pub struct Base {
+    pub machine: Virtual,
     observed: Rc<RefCell<Observed>>,
     wheels: u16,
     /// Number of the next goal.
@@ -95,12 +95,12 @@ struct Base {
 
 impl Base {
     /// Ready to drive in an empty hall, so that nothing is in its way.
-    fn ready(name: &str, wheels: u16) -> Self {
+    pub fn ready(name: &str, wheels: u16) -> Self {
         Self::in_world(name, wheels, &Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml"))
     }
 
     /// Ready to drive in the empty hall with more walls, from a start.
-    fn among(name: &str, wheels: u16, start: [f64; 3], walls: &[[f64; 4]]) -> Self {
+    pub fn among(name: &str, wheels: u16, start: [f64; 3], walls: &[[f64; 4]]) -> Self {
         let empty = include_str!("../../../conf/worlds/empty.toml");
         let more: String = walls.iter().map(|wall| format!("{wall:?}, ")).collect();
         let world = empty
@@ -128,12 +128,12 @@ impl Base {
         Self { machine, observed, wheels, goals: 1 }
     }
 
-    fn pass(&mut self, seconds: f64) {
+    pub fn pass(&mut self, seconds: f64) {
         self.machine.run_until(self.machine.now() + Duration::from_secs_f64(seconds));
     }
 
     /// Commands zero for half a second, then this velocity at 20 Hz for a while; queued in the machine.
-    fn drive(&mut self, twist: (f64, f64, f64), seconds: f64) {
+    pub fn drive(&mut self, twist: (f64, f64, f64), seconds: f64) {
         let (begin, priority) = (self.machine.now(), lowlevel::CmdMotion::REMOTE);
         for n in 0..(seconds * 20.0) as u32 {
             let (vx, vy, omega) = if n < 10 { (0.0, 0.0, 0.0) } else { twist };
@@ -173,7 +173,7 @@ impl Base {
         (std::mem::take(&mut observed.turned), std::mem::take(&mut observed.slid))
     }
 
-    fn truth(&self) -> DataTruth {
+    pub fn truth(&self) -> DataTruth {
         self.observed.borrow().truth.clone()
     }
 

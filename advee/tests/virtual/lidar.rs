@@ -1,5 +1,6 @@
 //! Lidars of the whole robot: driver and emulated devices, on a serial line and on a connection, in the hall.
 
+use super::bases::Base;
 use super::{Robot, place};
 use base::{Duration, Instant};
 use messages::Message;
@@ -140,4 +141,39 @@ fn a_lidar_that_is_cut_off_is_reported_and_comes_back() {
     let blind = rig.fault("lidar.rear", "blind", 2.0);
     rig.robot.pass(1.5);
     assert!(rig.told(blind, "LidarBlocked lidar.rear").is_some_and(|told| told <= Duration::from_secs(1)));
+}
+
+/// A courier in the empty hall that drives along the middle at 0.35 m/s by hand.
+fn driving_courier(seconds: f64) -> Base {
+    let mut courier = Base::ready("courier", 2);
+    courier.drive((0.35, 0.0, 0.0), seconds);
+    courier.pass(5.0);
+    let truth = courier.truth();
+    assert!(truth.speed > 0.3, "{truth:?}");
+    courier
+}
+
+#[test]
+fn a_courier_comes_to_stand_before_the_wall_that_its_lidar_sees() {
+    let mut courier = driving_courier(60.0);
+    courier.pass(54.0);
+    let truth = courier.truth();
+    assert!(truth.collisions == 0 && truth.x > 18.0, "{truth:?}");
+    assert!(truth.speed.abs() < 0.01 && (0.05..0.4).contains(&truth.clearance), "{truth:?}");
+}
+
+#[test]
+fn without_what_its_lidar_sees_a_courier_stands_and_goes_on_when_it_sees_again() {
+    for fault in ["silent", "stuck", "garbled", "stall"] {
+        let mut courier = driving_courier(30.0);
+        let fault = CmdFault { target: "lidar.top".into(), fault: fault.into(), duration: 4.0, ..CmdFault::default() };
+        courier.machine.inject(courier.machine.now(), fault.clone());
+        // Reported within 1 s, and braked from 0.35 m/s.
+        courier.pass(2.5);
+        let truth = courier.truth();
+        assert!(truth.speed.abs() < 0.01, "{fault:?}: {truth:?}");
+        courier.pass(6.5);
+        let truth = courier.truth();
+        assert!(truth.speed > 0.3 && truth.collisions == 0, "{fault:?}: {truth:?}");
+    }
 }

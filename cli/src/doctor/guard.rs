@@ -15,7 +15,16 @@ pub fn ranging(config: &Config) -> Finding {
             let what = format!("NOTHING SENSES WHAT IS IN THE WAY: AT MOST {speed_blind} m/s (guard.ranging)");
             Finding::warning(CHECK, what).why("Driven by hand it does not stop before a person. docs/guard.md")
         }
-        Settings { ranging: Ranging::Sonar, .. } => Finding::ok(CHECK, "bounds every speed by the sonars"),
+        Settings { ranging, .. } => Finding::ok(CHECK, format!("bounds every speed by the {}", named(ranging))),
+    }
+}
+
+fn named(ranging: Ranging) -> &'static str {
+    match ranging {
+        Ranging::None => "limit of a robot that senses nothing",
+        Ranging::Sonar => "sonars",
+        Ranging::Lidar => "lidars",
+        Ranging::SonarAndLidar => "sonars and lidars",
     }
 }
 

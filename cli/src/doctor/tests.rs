@@ -483,6 +483,7 @@ fn a_robot_that_senses_nothing_says_so_in_large_letters() {
     let blind = guarded(Ranging::None, &[]);
     says(&guard::ranging(&blind), Level::Warning, "NOTHING SENSES WHAT IS IN THE WAY: AT MOST 0.3 m/s", "");
     says(&guard::ranging(&guarded(Ranging::Sonar, &[])), Level::Ok, "by the sonars", "");
+    says(&guard::ranging(&guarded(Ranging::SonarAndLidar, &[])), Level::Ok, "by the sonars and lidars", "");
 }
 
 #[test]
@@ -511,6 +512,12 @@ fn a_direction_that_no_sensor_covers_is_named() {
     says(&check(&[front]).unwrap(), Level::Warning, "the width of the robot backward", "");
     says(&check(&[]).unwrap(), Level::Warning, "the width of the robot forward, backward", "");
     assert!(check(&[]).unwrap().why.contains("at most at 0.3 m/s"));
+    // A lidar on the front sees 270°: not what is right behind.
+    let mount = navitools::Pose::new(0.75, 0.0, 0.0);
+    let lidars = |view| vec![::guard::Lidar { name: "front".into(), mount, view }];
+    let scanned = |view| ::guard::Config { lidars: lidars(view), ..guarded(Ranging::Lidar, &[]) };
+    says(&guard::coverage(&scanned(4.7)).unwrap(), Level::Warning, "the width of the robot backward", "");
+    says(&guard::coverage(&scanned(6.3)).unwrap(), Level::Ok, "in every direction of travel", "");
     assert_eq!(guard::coverage(&guarded(Ranging::None, &[front])), None, "it is said that nothing senses");
     let flat = ::guard::Config { footprint: Vec::new(), ..guarded(Ranging::Sonar, &[front]) };
     for finding in [guard::coverage(&flat).unwrap(), guard::deceleration(&flat, &LIMITS, &canbus::Stop::usual())] {

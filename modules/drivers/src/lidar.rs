@@ -211,6 +211,8 @@ impl Scanner {
 fn message(device: &Device, sector: &Sector, timestamp: i64) -> DataScan {
     let LidarKeys { x, y, theta, upside_down, range_max, .. } = device.keys;
     let sign = if upside_down { -1.0 } else { 1.0 };
+    let half = device.keys.view_rad() / 2.0;
+    let used = |(k, range): (usize, &f32)| if sector.angle_rad(k).abs() <= half { *range } else { f32::NAN };
     DataScan {
         timestamp,
         name: device.name.clone(),
@@ -229,7 +231,7 @@ fn message(device: &Device, sector: &Sector, timestamp: i64) -> DataScan {
         beam_time: sector.beam_time_s,
         range_min: sector.range_min_m,
         range_max: range_max.map_or(sector.range_max_m, |most| sector.range_max_m.min(most as f32)),
-        ranges: sector.ranges_m.to_vec(),
+        ranges: sector.ranges_m.iter().enumerate().map(used).collect(),
         intensities: sector.intensities.to_vec(),
     }
 }

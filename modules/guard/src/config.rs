@@ -3,7 +3,7 @@
 use crate::law::Law;
 use crate::reach::{Ackermann, Base};
 use base::Duration;
-use navitools::Point;
+use navitools::{Point, Pose};
 use settings::robot::{Geometry, Limits};
 use settings::settings;
 
@@ -34,12 +34,16 @@ settings! {
         slow_mps as slow: f64 = 0.3, 0.05..=2.0;
         /// Distance at which a sensor still finds a leg in clothes.
         reach_m as reach: f64 = 2.5, 0.3..=50.0;
-        /// A sensor whose last reading is older than this is unknown.
+        /// A sonar whose last reading is older than this is unknown.
         age_max_s as age_max: Duration = 0.8, 0.05..=5.0;
         /// Number of readings within twice `window_s` by which a sensor proves its space free; as many refute an echo.
         readings: u32 = 3, 1..=20;
         /// Time for which an echo counts.
         window_s as window: Duration = 1.0, 0.1..=5.0;
+        /// Revolutions of a lidar in succession that must find something, or find a direction free.
+        evaluations: u32 = 2, 1..=16;
+        /// A direction of a lidar that was measured longer ago than this is unknown.
+        scan_age_max_s as scan_age_max: Duration = 0.3, 0.05..=1.0;
     }
     check Settings::check;
 }
@@ -52,6 +56,24 @@ settings! {
         None = "none",
         /// The sonars of `srfs`.
         Sonar = "sonar",
+        /// The lidars.
+        Lidar = "lidar",
+        /// Both: what either senses, or does not know, is in the way.
+        SonarAndLidar = "sonar+lidar",
+    }
+}
+
+impl Ranging {
+    /// True if the sonars count.
+    #[must_use]
+    pub fn has_sonars(self) -> bool {
+        matches!(self, Self::Sonar | Self::SonarAndLidar)
+    }
+
+    /// True if the lidars count.
+    #[must_use]
+    pub fn has_lidars(self) -> bool {
+        matches!(self, Self::Lidar | Self::SonarAndLidar)
     }
 }
 
@@ -68,6 +90,17 @@ pub struct Sensor {
     pub beam: f64,
 }
 
+/// A lidar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lidar {
+    /// Its name in `LL_DATA_SCAN`.
+    pub name: String,
+    /// Where it sits on the robot; its front is along x.
+    pub mount: Pose,
+    /// Full opening angle of its view, around its front, rad.
+    pub view: f64,
+}
+
 /// Configuration of the guard.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -75,8 +108,10 @@ pub struct Config {
     pub settings: Settings,
     /// Outline of the robot; its convex hull counts.
     pub footprint: Vec<Point>,
-    /// Sensors that the robot has; with [`Ranging::None`] they are not used.
+    /// Sonars that the robot has; they are used if the settings say so.
     pub sensors: Vec<Sensor>,
+    /// Lidars that it has, likewise.
+    pub lidars: Vec<Lidar>,
     /// Kind of base.
     pub base: Base,
     /// Deceleration of a commanded stop, m/s².
@@ -104,6 +139,18 @@ impl Settings {
 }
 
 impl Config {
+    /// The sonars that are used.
+    #[must_use]
+    pub fn sonars(&self) -> &[Sensor] {
+        if self.settings.ranging.has_sonars() { &self.sensors } else { &[] }
+    }
+
+    /// The lidars that are used.
+    #[must_use]
+    pub fn lidars(&self) -> &[Lidar] {
+        if self.settings.ranging.has_lidars() { &self.lidars } else { &[] }
+    }
+
     /// Configuration of a robot of these measures that steers.
     #[must_use]
     pub fn of(settings: Settings, geometry: &Geometry, limits: &Limits, power_lost: f64, sensors: Vec<Sensor>) -> Self {
@@ -113,6 +160,7 @@ impl Config {
             settings,
             footprint: [(rear, -half), (front, -half), (front, half), (rear, half)].map(corner).into(),
             sensors,
+            lidars: Vec::new(),
             base: Ackermann {
                 wheelbase: geometry.wheelbase_m,
                 steering: limits.steering_rad,

@@ -1,9 +1,9 @@
 //! Greatest speed in each direction: how far the robot's outline may move on each path within reach before it touches
 //! something.
 
-use crate::config::{Config, Ranging, Sensor};
+use crate::config::{Config, Lidar, Sensor};
 use crate::law::{Law, SPEED_MIN};
-use crate::memory::Obstacle;
+use crate::memory::{Obstacle, Source};
 use crate::reach::{Direction, Kinematics, Motion};
 use kinematics::{Polygon, Turn, Twist, integrate};
 use navitools::{Point, Pose};
@@ -42,12 +42,12 @@ const SHOWN_MPS: f64 = 0.1;
 /// What bounds the speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// Something within the protective field: number of the sensor.
-    Stops(i32),
-    /// Something within the warning field: number of the sensor.
-    Slows(i32),
-    /// A sensor of which nothing is known: its number.
-    Unknown(i32),
+    /// Something within the protective field: what senses it.
+    Stops(Source),
+    /// Something within the warning field: what senses it.
+    Slows(Source),
+    /// What does not know.
+    Unknown(Source),
     /// No sensor covers the direction.
     Blind,
 }
@@ -172,7 +172,7 @@ impl<K: Kinematics> Fields<K> {
         let body = Polygon::hull(&config.footprint)?;
         let settings = &config.settings;
         let margin = settings.uncertainty + settings.clearance;
-        let covered = |direction| settings.ranging != Ranging::None && is_covered(direction, &body, &config.sensors);
+        let covered = |direction| is_covered(direction, &body, config);
         Some(Self {
             law: settings.law(config.braking, config.power_lost),
             outlines: Direction::ALL.map(|direction| {
@@ -261,9 +261,9 @@ impl<K: Kinematics> Fields<K> {
         let slows = self.law.slows_within(straight.0 * scale);
         let blind = if self.blind[direction as usize] { self.speed_blind } else { f64::INFINITY };
         let speed = stops.min(slows).min(blind).min(self.speed_max);
-        let cause = |(_, by): (f64, Option<usize>), sensed: fn(i32) -> Cause| {
-            let Obstacle { sensor, sensed: known, .. } = *obstacles.get(by?)?;
-            Some(if known { sensed(sensor) } else { Cause::Unknown(sensor) })
+        let cause = |(_, by): (f64, Option<usize>), sensed: fn(Source) -> Cause| {
+            let Obstacle { source, sensed: known, .. } = *obstacles.get(by?)?;
+            Some(if known { sensed(source) } else { Cause::Unknown(source) })
         };
         let cause = match () {
             () if speed >= self.speed_max => None,
@@ -450,10 +450,10 @@ fn swept(outline: &Polygon, path: Twist, length: f64) -> Vec<Point> {
     Polygon::hull(&corners).map_or_else(Vec::new, |hull| hull.corners().to_vec())
 }
 
-/// True if the cones of sensors cover the outline's width before it in a direction.
-fn is_covered(direction: Direction, body: &Polygon, sensors: &[Sensor]) -> bool {
+/// True if what senses covers the outline's width before it in a direction.
+fn is_covered(direction: Direction, body: &Polygon, config: &Config) -> bool {
     if direction.turns() {
-        return Direction::ALL[..4].iter().all(|side| is_covered(*side, body, sensors));
+        return Direction::ALL[..4].iter().all(|side| is_covered(*side, body, config));
     }
     let (ahead_x, ahead_y) = direction.ahead();
     let along = |point: &Point| point.x * ahead_x + point.y * ahead_y;
@@ -464,7 +464,8 @@ fn is_covered(direction: Direction, body: &Polygon, sensors: &[Sensor]) -> bool 
     (0..=8).all(|n| {
         let (x, y) = (front + COVERED_AT_M, right + (left - right) * f64::from(n) / 8.0);
         let point = Point { x: x * ahead_x - y * ahead_y, y: x * ahead_y + y * ahead_x };
-        sensors.iter().any(|sensor| sensor.covers(point))
+        config.sonars().iter().any(|sonar| sonar.covers(point))
+            || config.lidars().iter().any(|lidar| lidar.covers(point))
     })
 }
 
@@ -474,6 +475,15 @@ impl Sensor {
     pub fn covers(&self, point: Point) -> bool {
         let bearing = libm::atan2(point.y - self.at.y, point.x - self.at.x);
         navitools::wrap(bearing - self.theta).abs() <= self.beam / 2.0
+    }
+}
+
+impl Lidar {
+    /// True if a point is within its view.
+    #[must_use]
+    pub fn covers(&self, point: Point) -> bool {
+        let Point { x, y } = self.mount.inverse() * point;
+        libm::atan2(y, x).abs() <= self.view / 2.0
     }
 }
 

@@ -2,12 +2,13 @@
 
 use crate::config::{Config, Ranging};
 use crate::fields::{Bound, Cause, Fields};
-use crate::memory::{Memory, Obstacle};
+use crate::memory::{Memory, Obstacle, Source};
 use crate::reach::{Base, Direction, Kinematics, Motion};
+use crate::scans::Scans;
 use crate::trail::Trail;
 use base::{Deadlines, Duration, Instant};
-use kinematics::Twist;
-use messages::lowlevel::{DataGuard, DataMotion, DataVelocity, Field};
+use kinematics::{Polygon, Twist};
+use messages::lowlevel::{DataGuard, DataMotion, DataScan, DataVelocity, Field};
 use messages::{Channel, Hold, Message};
 use module::{Actions, Event, Module};
 use std::fmt;
@@ -25,6 +26,8 @@ const PLAUSIBLE: f64 = 2.0;
 const STEERING_MAX_RAD: f64 = 1.5;
 /// Speed below which the robot counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
+/// What a lidar finds near the robot is published at once, but not sooner than this after the last message.
+const PAUSE: Duration = Duration::from_millis(10);
 
 base::deadlines! {
     /// Deadlines of the module.
@@ -55,6 +58,10 @@ pub struct Guard {
     /// Greatest plausible speed, m/s.
     speed_max: f64,
     memory: Memory,
+    scans: Scans,
+    subscriptions: Vec<Channel>,
+    /// Instant of the last message.
+    published: Instant,
     trail: Trail,
     /// Measured steering angle of the curves of a base that does not steer, rad, and its instant.
     curve: Option<(Instant, f64)>,
@@ -70,13 +77,19 @@ impl Guard {
     /// # Errors
     /// The outline of the robot has no area.
     pub fn new(config: &Config) -> Result<Self, NoOutline> {
-        let sensors = if config.settings.ranging == Ranging::None { &[][..] } else { &config.sensors };
+        let body = Polygon::hull(&config.footprint).ok_or(NoOutline)?;
+        let mut subscriptions = vec![Channel::LlDataRanges, Channel::LlDataMotion];
+        subscriptions.extend(config.base.turns.then_some(Channel::LlDataVelocity));
+        subscriptions.extend((!config.lidars().is_empty()).then_some(Channel::LlDataScan));
         Ok(Self {
             fields: Fields::new(config, config.base).ok_or(NoOutline)?,
             ranging: config.settings.ranging,
             window: config.settings.window,
             speed_max: PLAUSIBLE * config.speed,
-            memory: Memory::new(config.settings, sensors),
+            memory: Memory::new(config.settings, config.sonars()),
+            scans: Scans::new(config.settings, config.lidars(), &body),
+            subscriptions,
+            published: Instant::ZERO,
             trail: Trail::default(),
             curve: None,
             motion: None,
@@ -119,11 +132,27 @@ impl Guard {
             self.trail = Trail::default();
             self.trail.on_motion(at, velocity, self.window);
             self.memory.forget();
+            self.scans.forget();
         }
         self.motion = Some((at, Motion { velocity, steering }));
     }
 
+    /// A lidar has measured. What comes into a field is published at once.
+    fn on_scan(&mut self, now: Instant, at: Instant, scan: &DataScan, out: &mut Actions) {
+        let age = u64::try_from(out.timestamp(at).saturating_sub(scan.timestamp))
+            .map_or(Duration::ZERO, Duration::from_micros);
+        let Some(distance) = self.scans.on_scan(at, age, scan, &self.trail) else { return };
+        let velocity = self.motion.map_or_else(Twist::default, |(_, motion)| motion.velocity);
+        let speed = libm::hypot(velocity.vx, velocity.vy).max(velocity.omega.abs() * self.fields.radius());
+        let law = self.fields.law();
+        let field = self.fields.radius() + law.protective(speed).max(law.warning(speed));
+        if speed > STANDSTILL_MPS && distance <= field && now.since(self.published) >= PAUSE {
+            self.publish(now, out);
+        }
+    }
+
     fn publish(&mut self, now: Instant, out: &mut Actions) {
+        self.published = now;
         let timestamp = out.timestamp(now);
         let motion = self.motion.filter(|(at, _)| now.since(*at) <= MOTION_AGE_MAX).map(|(_, motion)| motion);
         let Some(motion) = motion else {
@@ -131,19 +160,37 @@ impl Guard {
             out.publish(DataGuard { timestamp, code: Hold::GuardMotion.code(), ..DataGuard::default() });
             return;
         };
+        self.obstacles.clear();
         self.memory.obstacles(now, &self.trail, &mut self.obstacles);
+        self.scans.obstacles(now, &self.trail, &mut self.obstacles);
         let robot_from_trail = self.trail.pose(now).inverse().to_outer();
         for obstacle in &mut self.obstacles {
             obstacle.at = robot_from_trail(obstacle.at);
         }
         let bounds = Direction::ALL.map(|direction| self.fields.bound(direction, &motion, &self.obstacles));
         let ahead = ahead(&motion.velocity, &bounds);
-        let (code, subject) = described(bounds[ahead as usize].cause);
+        let (code, subject) = self.described(bounds[ahead as usize].cause);
         let fields = if self.ranging == Ranging::None { Vec::new() } else { self.shown(&motion, &bounds) };
         let [forward, backward, left, right, turn_left, turn_right] = bounds.map(|bound| bound.speed);
         let message =
             DataGuard { timestamp, forward, backward, left, right, turn_left, turn_right, code, subject, fields };
         out.publish(message);
+    }
+
+    /// Number of a cause in `docs/holds.md`, and its subject.
+    fn described(&self, cause: Option<Cause>) -> (i32, String) {
+        let (hold, source) = match cause {
+            Some(Cause::Stops(source)) => (Hold::GuardStops, source),
+            Some(Cause::Slows(source)) => (Hold::GuardSlows, source),
+            Some(Cause::Unknown(source)) => (Hold::GuardUnknown, source),
+            Some(Cause::Blind) => return (Hold::GuardBlind.code(), String::new()),
+            None => return (0, String::new()),
+        };
+        let subject = match source {
+            Source::Sonar(id) => format!("sonar {id}"),
+            Source::Lidar(place) => format!("lidar {}", self.scans.name(place)),
+        };
+        (hold.code(), subject)
     }
 
     fn shown(&mut self, motion: &Motion, bounds: &[Bound; 6]) -> Vec<Field> {
@@ -168,22 +215,9 @@ fn ahead(velocity: &Twist, bounds: &[Bound; 6]) -> Direction {
     }
 }
 
-/// Number of a cause in `docs/holds.md`, and its subject.
-fn described(cause: Option<Cause>) -> (i32, String) {
-    let sensor = |id| format!("sonar {id}");
-    match cause {
-        Some(Cause::Stops(id)) => (Hold::GuardStops.code(), sensor(id)),
-        Some(Cause::Slows(id)) => (Hold::GuardSlows.code(), sensor(id)),
-        Some(Cause::Unknown(id)) => (Hold::GuardUnknown.code(), sensor(id)),
-        Some(Cause::Blind) => (Hold::GuardBlind.code(), String::new()),
-        None => (0, String::new()),
-    }
-}
-
 impl Module for Guard {
     fn subscriptions(&self) -> &[Channel] {
-        let all = &[Channel::LlDataRanges, Channel::LlDataMotion, Channel::LlDataVelocity];
-        if self.fields.base().turns { all } else { &all[..2] }
+        &self.subscriptions
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
@@ -195,6 +229,7 @@ impl Module for Guard {
             Event::Message { at, message: Message::LlDataRanges(ranges) } => {
                 self.memory.on_ranges(at.min(now), ranges, &self.trail);
             }
+            Event::Message { at, message: Message::LlDataScan(scan) } => self.on_scan(now, at.min(now), scan, out),
             Event::Message { at, message: Message::LlDataMotion(motion) } => self.on_motion(at.min(now), motion),
             Event::Message { at, message: Message::LlDataVelocity(velocity) } if self.fields.base().turns => {
                 self.on_velocity(at.min(now), velocity);

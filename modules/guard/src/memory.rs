@@ -1,4 +1,4 @@
-//! What is in the way according to the sensors: recent readings, each from where the robot was when it was made.
+//! What is in the way according to the sonars: recent readings, each from where the robot was when it was made.
 //!
 //! **Unknown is not free.** A sensor whose last reading is unknown or too old, and one that has not read often enough
 //! within the window, covers its whole cone. One echo is enough to occupy the arc from which it may have come: the
@@ -30,13 +30,22 @@ const SAME_M: f64 = 0.15;
 /// lower values are noise of two readings of a sonar, higher ones are echoes of two different things.
 const APPROACH_MPS: std::ops::Range<f64> = 0.3..3.2;
 
+/// What senses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// A sonar: its number in `LL_DATA_RANGES`.
+    Sonar(i32),
+    /// A lidar: its place in [`Config::lidars`](crate::Config::lidars).
+    Lidar(usize),
+}
+
 /// Something that may be there: a point in the frame of the trail, and which sensor says so.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Obstacle {
     /// Position, m.
     pub at: Point,
-    /// Number of the sensor.
-    pub sensor: i32,
+    /// What says so.
+    pub source: Source,
     /// False: nothing was measured there; the sensor does not know.
     pub sensed: bool,
     /// It approaches by itself, or nothing is known of it: it also counts in the warning field.
@@ -65,7 +74,7 @@ struct Cone {
     readings: VecDeque<Heard>,
 }
 
-/// Readings of all sensors.
+/// Readings of all sonars.
 #[derive(Debug)]
 pub struct Memory {
     settings: Settings,
@@ -109,9 +118,8 @@ impl Memory {
         self.cones.iter_mut().for_each(|cone| cone.readings.clear());
     }
 
-    /// Collects everything that may be in the way at `now`.
+    /// Adds everything that may be in the way at `now`.
     pub fn obstacles(&mut self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
-        found.clear();
         let here = trail.pose(now);
         for cone in &mut self.cones {
             let kept_for = self.settings.window * PROOF_WINDOWS;
@@ -154,6 +162,10 @@ impl Cone {
         !self.lost && fresh && self.readings.len() >= settings.readings as usize
     }
 
+    fn source(&self) -> Source {
+        Source::Sonar(self.sensor.id)
+    }
+
     /// Echoes that are not refuted.
     fn echoes(&self, now: Instant, settings: &Settings, found: &mut Vec<Obstacle>) {
         for (n, heard) in self.readings.iter().enumerate() {
@@ -178,7 +190,7 @@ impl Cone {
                 continue;
             }
             let obstacle =
-                |at: &Point| Obstacle { at: *at, sensor: self.sensor.id, sensed: true, approaches: heard.approaches };
+                |at: &Point| Obstacle { at: *at, source: self.source(), sensed: true, approaches: heard.approaches };
             found.extend(heard.arc.iter().map(obstacle));
         }
     }
@@ -196,7 +208,7 @@ impl Cone {
     /// The whole cone.
     fn cover(&self, here: Pose, reach: f64, found: &mut Vec<Obstacle>) {
         for radius in COVERED_M.into_iter().filter(|radius| *radius < reach).chain([reach]) {
-            let unknown = |at| Obstacle { at, sensor: self.sensor.id, sensed: false, approaches: true };
+            let unknown = |at| Obstacle { at, source: self.source(), sensed: false, approaches: true };
             found.extend(self.arc(here, radius).map(unknown));
         }
     }

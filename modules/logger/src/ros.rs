@@ -14,6 +14,7 @@
 
 mod kinds;
 mod robot;
+mod scans;
 mod scene;
 mod standard;
 mod state;

@@ -1,4 +1,4 @@
-//! Obstacle map around the robot from sonar readings: cells of 5 cm in the map frame.
+//! Obstacle map around the robot from sonar readings and scans of lidars: cells of 5 cm in the map frame.
 //!
 //! A reading counts once, at the instant at which its sonar fired, however often it is sent; an unknown reading neither
 //! frees nor marks anything. A sonar measures the nearest echo in its cone, but not its direction. An echo therefore
@@ -12,7 +12,7 @@
 //! saw no floor is an edge, which stays.
 
 use crate::config::Body;
-use crate::people::{People, Person, Reading};
+use crate::people::{People, Person, Reading, SONAR_DETECTION};
 use crate::ranges::{self, Mount, SONARS_MAX, Sounding};
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
@@ -20,6 +20,7 @@ use std::collections::VecDeque;
 use std::mem;
 
 mod hearing;
+mod scan;
 
 use hearing::Hearing;
 
@@ -232,19 +233,11 @@ impl Obstacles {
         let new: Vec<&Cone> = cones.iter().filter(|cone| cone.is_new).collect();
         let robot_from_map = robot.inverse().to_outer();
         let is_body = |point: Point| footprint(robot_from_map(point));
-        let near = CELL_M * f64::from(SIDE_CELLS) / 2.0 - CELL_M;
-        self.keep(|cell| {
-            let at = middle(cell.place);
-            let is_obstacle = cell.evidence >= OBSTACLE_EVIDENCE;
-            let limit = if is_obstacle { CELL_LIFETIME } else { CONFIRM_WITHIN };
-            let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
-            if !inside || now.since(cell.suspected) >= limit || is_body(at) {
-                return false;
-            }
+        self.expire(now, robot, is_body, |cell, is_obstacle| {
             // Readings that hear nothing refute a suspicion; an obstacle stays until several found its place free.
+            let at = middle(cell.place);
             let freed = new.iter().map(|cone| cone.frees(at, if is_obstacle { cone.free } else { cone.quiet }));
-            cell.evidence = cell.evidence.saturating_sub(freed.max().unwrap_or(0));
-            cell.evidence > 0
+            freed.max().unwrap_or(0)
         });
         self.round.clear();
         for cone in new {
@@ -256,6 +249,8 @@ impl Obstacles {
                 axis: (cone.cos, cone.sin),
                 spread: libm::tan(cone.half_beam),
                 echo: cone.echo,
+                reach: LEG_RANGE_M,
+                detection: SONAR_DETECTION,
                 mapped,
             });
         }
@@ -387,7 +382,8 @@ impl Obstacles {
                 continue;
             }
             last = Some(cell);
-            self.add(cone, cell);
+            let near = cone.echo.is_some_and(|distance| distance < NEAR_M);
+            self.suspect_cell(cell, cone.at, cone.closing, near);
         }
     }
 
@@ -411,9 +407,7 @@ impl Obstacles {
         self.people.around(now)
     }
 
-    fn add(&mut self, cone: &Cone, place: (i32, i32)) {
-        let Cone { at: suspected, closing, .. } = *cone;
-        let near = cone.echo.is_some_and(|distance| distance < NEAR_M);
+    fn suspect_cell(&mut self, place: (i32, i32), suspected: Instant, closing: f64, near: bool) {
         let slot = slot(place, SIDE_CELLS);
         match self.index[slot].checked_sub(1) {
             Some(number) => {
@@ -429,6 +423,29 @@ impl Obstacles {
             }
             None => {}
         }
+    }
+
+    /// Drops cells that are old, far away, or under the robot, and those that `freed` leaves without evidence: what it
+    /// takes from a cell, which is an obstacle or only suspected.
+    fn expire(
+        &mut self,
+        now: Instant,
+        robot: Pose,
+        is_body: impl Fn(Point) -> bool,
+        freed: impl Fn(&Cell, bool) -> u8,
+    ) {
+        let near = CELL_M * f64::from(SIDE_CELLS) / 2.0 - CELL_M;
+        self.keep(|cell| {
+            let at = middle(cell.place);
+            let is_obstacle = cell.evidence >= OBSTACLE_EVIDENCE;
+            let limit = if is_obstacle { CELL_LIFETIME } else { CONFIRM_WITHIN };
+            let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
+            if !inside || now.since(cell.suspected) >= limit || is_body(at) {
+                return false;
+            }
+            cell.evidence = cell.evidence.saturating_sub(freed(cell, is_obstacle));
+            cell.evidence > 0
+        });
     }
 
     fn keep(&mut self, mut wanted: impl FnMut(&mut Cell) -> bool) {

@@ -12,8 +12,6 @@ use navitools::Point;
 
 /// Maximum number of tracks.
 const TRACKS_MAX: usize = 24;
-/// Range within which a leg returns an echo, m.
-const LEG_RANGE_M: f64 = 2.5;
 /// Distance from the leg that returns the echo to the middle of the person, m.
 const LEG_TO_MIDDLE_M: f64 = 0.12;
 /// Standard deviation of a distance, m: noise, which of the two legs it was, and the age of the reading while the
@@ -40,7 +38,7 @@ const UNCONFIRM_BELOW: f64 = 0.3;
 /// Existence probability above which a track is reported; a single echo is enough.
 const REPORT_ABOVE: f64 = 0.2;
 /// Probability that a working sonar detects a person on its axis: within a metre, and beyond.
-const DETECTION_PROBABILITY: (f64, f64) = (0.75, 0.38);
+pub const SONAR_DETECTION: (f64, f64) = (0.75, 0.38);
 /// Time without an echo after which the existence probability is halved, s.
 const EXISTENCE_HALF_LIFE_S: f64 = 2.0;
 /// Tracks closer to each other than this are merged, m.
@@ -68,6 +66,10 @@ pub struct Reading {
     pub spread: f64,
     /// Measured distance, m; `None` without an echo.
     pub echo: Option<f64>,
+    /// Range within which a leg returns an echo, m.
+    pub reach: f64,
+    /// Probability that a person on the axis returns one: within a metre, and beyond.
+    pub detection: (f64, f64),
     /// True if the map explains the echo.
     pub mapped: bool,
 }
@@ -151,7 +153,7 @@ impl People {
 
     /// Updates all tracks with one reading, and starts a new track if the echo belongs to none of them.
     fn process(&mut self, reading: &Reading) {
-        let echo = reading.echo.filter(|distance| !reading.mapped && *distance <= LEG_RANGE_M);
+        let echo = reading.echo.filter(|distance| !reading.mapped && *distance <= reading.reach);
         let nearest = |(number, track): (usize, &Track)| {
             let echo = echo.map(|distance| Echo::of(reading, distance, track))?;
             (echo.off < GATE).then_some((number, echo))
@@ -195,6 +197,11 @@ impl People {
                 number += 1;
             }
         }
+    }
+
+    /// Where all tracks are.
+    pub fn places(&self) -> impl Iterator<Item = Point> + '_ {
+        self.tracks.iter().map(Track::at)
     }
 
     /// People who are present, or may be, extrapolated to `now`.
@@ -252,6 +259,12 @@ impl Echo {
 fn noise(distance: f64, spread: f64) -> (f64, f64) {
     let across = ACROSS_SIGMA_MIN_M + ACROSS_SIGMA_SHARE * spread * distance;
     (DISTANCE_SIGMA_M * DISTANCE_SIGMA_M, across * across)
+}
+
+impl Reading {
+    fn detection(&self, distance: f64) -> f64 {
+        if distance <= 1.0 { self.detection.0 } else { self.detection.1 }
+    }
 }
 
 impl Track {
@@ -343,7 +356,7 @@ impl Track {
         // Likelihood ratio of the echo: this person against a false alarm.
         let density = libm::exp(-echo.along * echo.along / (2.0 * echo.spread.0))
             / libm::sqrt(core::f64::consts::TAU * echo.spread.0);
-        let ratio = detection_probability(echo.distance) * density / FALSE_ALARMS_PER_M;
+        let ratio = reading.detection(echo.distance) * density / FALSE_ALARMS_PER_M;
         self.existence = self.existence * ratio / (self.existence * ratio + 1.0 - self.existence);
     }
 
@@ -353,7 +366,7 @@ impl Track {
         let (dx, dy) = (self.mean[0] - reading.from.x, self.mean[1] - reading.from.y);
         let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
         let hidden = reading.echo.is_some_and(|distance| distance + LEG_TO_MIDDLE_M < along);
-        if along <= 0.0 || along > LEG_RANGE_M || hidden {
+        if along <= 0.0 || along > reading.reach || hidden {
             return;
         }
         let off = across / (reading.spread * along);
@@ -363,14 +376,9 @@ impl Track {
         // Weighted by the probability that the person is within the beam at all.
         let wide = (reading.spread * along) * (reading.spread * along);
         let within = wide / (wide + self.variance(-sin, cos));
-        let miss = 1.0 - within * (1.0 - 0.5 * off * off) * detection_probability(along - LEG_TO_MIDDLE_M);
+        let miss = 1.0 - within * (1.0 - 0.5 * off * off) * reading.detection(along - LEG_TO_MIDDLE_M);
         self.existence = self.existence * miss / (self.existence * miss + 1.0 - self.existence);
     }
-}
-
-/// Detection probability of a person on the beam's axis at this distance.
-fn detection_probability(distance: f64) -> f64 {
-    if distance <= 1.0 { DETECTION_PROBABILITY.0 } else { DETECTION_PROBABILITY.1 }
 }
 
 #[cfg(test)]
@@ -381,7 +389,16 @@ mod tests {
 
     /// Sonar at the origin without an echo.
     fn silent(at: Instant, axis: (f64, f64)) -> Reading {
-        Reading { at, from: Point::default(), axis, spread: 0.52, echo: None, mapped: false }
+        Reading {
+            at,
+            from: Point::default(),
+            axis,
+            spread: 0.52,
+            echo: None,
+            reach: 2.5,
+            detection: SONAR_DETECTION,
+            mapped: false,
+        }
     }
 
     /// Readings of three sonars side by side, looking ahead, with a person at `at`.

@@ -8,10 +8,10 @@ use crate::obstacles::{Fired, Obstacles};
 use crate::ranges::{self, Sounding};
 use crate::route::PlanningSpace;
 use crate::search::Abilities;
-use crate::senses::{EstimateCheck, Senses, Wait};
+use crate::senses::{EstimateCheck, Located, Senses, Wait};
 use crate::track::{Axis, Motion};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
-use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges};
+use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges, DataScan};
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
 use module::{Actions, ActiveHold, Event, Holds, Module, State};
@@ -26,6 +26,12 @@ const CONTROL_PERIOD: Duration = Duration::from_millis(50);
 const GOAL_PERIOD_MAX: Duration = Duration::from_millis(200);
 /// Period of `ML_DATA_OBSTACLES`, and longest period of `ML_DATA_PLAN`.
 const SCENE_PERIOD: Duration = Duration::from_secs(1);
+/// Period at which scans change the path that is checked; obstacles are entered with each sector.
+const SCAN_PERIOD: Duration = Duration::from_millis(50);
+/// Greatest age of a sector; an older timestamp is of another clock.
+const SCAN_AGE_MAX: Duration = Duration::from_millis(300);
+/// Greatest coordinate of a lidar on the robot, m, and direction, rad.
+const MOUNT_MAX: f64 = 20.0;
 /// Number of zero commands after the last motion, in case some are lost.
 const ZERO_COMMANDS: u32 = 10;
 
@@ -47,6 +53,8 @@ pub struct Planner {
     space: PlanningSpace,
     senses: Senses,
     obstacles: Obstacles,
+    /// Instant of the last scan that was checked along the path.
+    scanned: Instant,
     mission: Mission,
     /// Last motion command.
     command: Motion,
@@ -77,6 +85,7 @@ impl Planner {
             config,
             senses: Senses::default(),
             obstacles: Obstacles::new(),
+            scanned: Instant::ZERO,
             mission: Mission::default(),
             command: Motion::default(),
             session: 0,
@@ -112,6 +121,7 @@ impl Planner {
                 self.on_floor(at, ranges);
                 self.on_soundings(now, &ranges::of_ranges(at, ranges));
             }
+            Message::LlDataScan(scan) => self.on_scan(now, at, scan, out),
             Message::LlDataSrfs(srfs) if self.senses.lacks_ranges(at) => {
                 self.on_soundings(now, &ranges::of_srfs(at, srfs, self.config.sonar_beam));
             }
@@ -154,13 +164,27 @@ impl Planner {
         let known = soundings.iter().filter(|sounding| sounding.is_known());
         let newest = known.map(|sounding| sounding.at).max().unwrap_or(now);
         let Some(last) = self.senses.when_fired(newest) else { return };
-        let (body, space) = (&self.config.body, &self.space);
-        // Accuracy of the pose, m, to either side.
-        let slack = 0.10 + 2.0 * last.sigma.min(0.2);
-        let robot = last.pose;
+        let (body, space, slack) = (&self.config.body, &self.space, slack(&last));
         let mapped = |point| space.is_mapped(point, slack);
-        self.obstacles.update(now, robot, &round, |point| body.covers(point, 0.0), mapped);
+        self.obstacles.update(now, last.pose, &round, |point| body.covers(point, 0.0), mapped);
         self.mission.check_ahead(now, &self.obstacles, &self.config);
+    }
+
+    fn on_scan(&mut self, now: Instant, at: Instant, scan: &DataScan, out: &Actions) {
+        // The middle of the sector stands for all of it.
+        let half = (scan.beam_time * scan.ranges.len() as f64 / 2.0 * 1e6).clamp(0.0, 1e5) as i64;
+        let age = out.timestamp(at).saturating_sub(scan.timestamp.saturating_add(half));
+        let age = Duration::from_micros(u64::try_from(age).unwrap_or(0)).min(SCAN_AGE_MAX);
+        let sits = [scan.x, scan.y, scan.theta].iter().all(|value| value.abs() <= MOUNT_MAX);
+        let Some(located) = self.senses.when_fired(at - age).filter(|_| sits) else { return };
+        let lidar = located.pose * Pose::new(scan.x, scan.y, scan.theta);
+        let (body, space, slack) = (&self.config.body, &self.space, slack(&located));
+        let mapped = |point| space.is_mapped(point, slack);
+        self.obstacles.on_scan(at - age, (located.pose, lidar), scan, |point| body.covers(point, 0.0), mapped);
+        if now.since(self.scanned) >= SCAN_PERIOD {
+            self.scanned = now;
+            self.mission.check_ahead(now, &self.obstacles, &self.config);
+        }
     }
 
     /// Remembers the edge that a board's floor rangers see, as long as it engages PAUSE for it.
@@ -326,21 +350,27 @@ impl Planner {
     }
 }
 
+/// Accuracy of a pose, m, to either side.
+fn slack(located: &Located) -> f64 {
+    0.10 + 2.0 * located.sigma.min(0.2)
+}
+
 impl Module for Planner {
     fn subscriptions(&self) -> &[Channel] {
-        const ALL: [Channel; 9] = [
+        const ALL: [Channel; 10] = [
             Channel::MlDataEstimate,
             Channel::LlDataMotion,
             Channel::LlDataGuard,
             Channel::LlDataHold,
             Channel::LlDataRanges,
+            Channel::LlDataScan,
             Channel::LlDataSrfs,
             Channel::LlEventStop,
             Channel::MlCmdGoal,
             Channel::LlDataVelocity,
         ];
         // Of a robot that steers, `LL_DATA_MOTION` has it all.
-        if self.steers() { &ALL[..8] } else { &ALL }
+        if self.steers() { &ALL[..9] } else { &ALL }
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {

@@ -102,6 +102,7 @@ fn guarding() -> Bench {
             .map(corner)
             .into(),
         sensors: SRFS.iter().enumerate().map(sensor).collect(),
+        lidars: Vec::new(),
         base: guard::Ackermann { wheelbase: BODY.wheelbase, steering: LIMITS.steering, steering_rate: 0.698 }.into(),
         braking: LIMITS.deceleration,
         power_lost: 1.5,

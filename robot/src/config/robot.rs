@@ -12,7 +12,7 @@ use drivers::{canbus, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{CanPort, GamepadPort, I2cPort, LidarPort, SerialPort, StreamPort, W1Port};
 use module::admission::Commands;
-use navitools::Point;
+use navitools::{Point, Pose};
 use settings::robot::{Base, Beacon, Geometry, Limits};
 use settings::{Bytes, Choice, Table, settings};
 use std::path::PathBuf;
@@ -320,7 +320,7 @@ impl Robot {
         planner::search::Abilities { turns: self.base.is_some(), sideways }
     }
 
-    /// Configuration of its guard: the outline, the sonars and the limits.
+    /// Configuration of its guard: the outline, the sonars, the lidars and the limits.
     #[must_use]
     pub fn guard_config(&self) -> guard::Config {
         let beam = self.sensors.srf08.beam_rad;
@@ -331,7 +331,13 @@ impl Robot {
         let sensors = self.srfs.iter().map(sensor).collect();
         let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors);
         let planner::search::Abilities { turns, sideways } = self.abilities();
-        guard::Config { base: guard::Base { turns, sideways, ..config.base }, ..config }
+        let lidar = |lidar: &Lidar| {
+            let keys = &lidar.driver;
+            let mount = Pose::new(keys.x, keys.y, keys.theta);
+            guard::Lidar { name: lidar.name.clone(), mount, view: keys.view_rad() }
+        };
+        let lidars = self.lidar.iter().map(lidar).collect();
+        guard::Config { lidars, base: guard::Base { turns, sideways, ..config.base }, ..config }
     }
 
     /// Deceleration when the motors lose their feed, m/s²: only a brake that needs no power acts then.
@@ -387,6 +393,12 @@ impl Robot {
                         .refuse("node", "a node that has no identifier of a drive without CANopen, nor has the master");
                 }
             }
+        }
+        if self.guard.ranging.has_lidars()
+            && self.lidar.is_empty()
+            && let Some(guard) = table.below("guard")
+        {
+            guard.refuse("ranging", "a robot with a table [lidar.<name>]");
         }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);

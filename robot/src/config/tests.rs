@@ -874,3 +874,21 @@ fn inputs_and_outputs_that_cannot_be_are_refused() {
         assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
     }
 }
+
+#[test]
+fn a_guard_by_lidars_needs_one() {
+    let with = |ranging: &str| format!("[guard]\nranging = {ranging:?}\n[limits]");
+    for ranging in ["lidar", "sonar+lidar"] {
+        let why = format!("robot.toml:12: guard.ranging = {ranging:?}: expected a robot with a table [lidar.<name>]");
+        refused("[limits]", &with(ranging), &[&why]);
+    }
+    let lidar =
+        "[lidar.front]\nmodel = \"ust-10lx\"\naddress = \"192.168.0.10:10940\"\ntheta_rad = 0.5\nview_rad = 3.0\n";
+    let robot = ROBOT.replacen("[limits]", &format!("{lidar}{}", with("lidar")), 1);
+    let config = load(&robot, "", &[], MODULES).unwrap();
+    let guard = config.robot.guard_config();
+    let [lidar] = guard.lidars() else { panic!("{guard:?}") };
+    assert_eq!((lidar.name.as_str(), lidar.view, lidar.mount.theta.radians()), ("front", 3.0, 0.5));
+    assert_eq!(guard.sonars(), []);
+    assert!(config.critical().any(|name| name == guard::NAME));
+}

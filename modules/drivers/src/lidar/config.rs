@@ -7,6 +7,7 @@ use lidar::rplidar::{self, Rplidar};
 use lidar::sick::{self, Dialect, Sick};
 use lidar::{Counters, Event, Lidar, Protocol};
 use settings::{Choice, settings};
+use std::f64::consts::TAU;
 use std::fmt;
 
 /// Model of a lidar.
@@ -58,6 +59,9 @@ settings! {
         theta_rad as theta: f64 = 0.0, -7.0..=7.0;
         /// It hangs upside down.
         upside_down: bool = false;
+        /// Opening angle around its front that is used; the robot itself is outside of it. Absent: all that the model
+        /// sees.
+        view_rad as view: Option<f64> = optional, 0.1..=6.3;
         /// Distance up to which it surely measures the darkest surface around; where nothing was received it is free up
         /// to there. Absent: the longest range of the model.
         range_max_m as range_max: Option<f64> = optional, 0.1..=200.0;
@@ -92,6 +96,15 @@ pub struct Config {
 /// Lidars of a robot at most.
 pub const DEVICES_MAX: usize = 16;
 
+impl LidarKeys {
+    /// Opening angle that is used, around its front, rad.
+    #[must_use]
+    pub fn view_rad(&self) -> f64 {
+        let all = self.model.view_rad();
+        self.view.map_or(all, |used| used.min(all))
+    }
+}
+
 impl Device {
     /// Rate of its line, Bd; of a TCP connection that of Ethernet with 100 Mbit/s.
     #[must_use]
@@ -101,6 +114,16 @@ impl Device {
 }
 
 impl Model {
+    /// Opening angle of what it sees, around its front, rad (data sheets of the makers).
+    #[must_use]
+    pub fn view_rad(self) -> f64 {
+        match self {
+            Self::Ld(_) | Self::Rplidar(_) => TAU,
+            Self::Hokuyo("URG-04LX") => TAU * 240.0 / 360.0,
+            Self::Sick(_) | Self::Hokuyo(_) => TAU * 270.0 / 360.0,
+        }
+    }
+
     /// Rate of a serial line as the device is delivered, Bd.
     #[must_use]
     pub fn usual_baud(self) -> u32 {

@@ -16,6 +16,7 @@ fn device(name: &str, model: Model) -> Device {
         y: -0.1,
         theta: 0.5,
         upside_down: false,
+        view: None,
         range_max: Some(6.0),
         no_echo: NoEcho::Unknown,
         dialect: Dialect::Binary,
@@ -226,4 +227,24 @@ fn a_line_that_is_down_sends_nothing_and_counts_as_lost() {
     rig.bench.event(Event::Port { port: PortId(0), input: Input::Up });
     rig.run(3000);
     assert!(rig.scans().len() > 40);
+}
+
+#[test]
+fn what_is_outside_of_the_view_that_is_used_is_not_measured() {
+    let (mut device, emulated) = devices().swap_remove(0);
+    assert_eq!(device.keys.view_rad(), std::f64::consts::TAU);
+    device.keys.view = Some(2.0);
+    let mut rig = Rig::new(vec![(device, emulated)]);
+    rig.run(3000);
+    let (mut within, mut outside) = (0, 0);
+    for (_, scan) in rig.scans() {
+        for (k, range) in scan.ranges.iter().enumerate() {
+            let angle = navitools::wrap(scan.angle_min + k as f64 * scan.angle_step);
+            match angle.abs() <= 1.0 {
+                true => within += u32::from(!range.is_nan()),
+                false => outside += u32::from(!range.is_nan()),
+            }
+        }
+    }
+    assert!(within > 1000 && outside == 0, "{within} {outside}");
 }

@@ -1,6 +1,7 @@
 //! The bounds against a simulation of the stop in small steps, over random fields, for three kinds of base.
 
 use super::*;
+use crate::config::Ranging;
 use crate::config::Settings;
 use crate::reach::{Ackermann, Table};
 use settings::Section;
@@ -22,6 +23,7 @@ fn config() -> Config {
         settings: Settings { ranging: Ranging::Sonar, ..Settings::usual() },
         footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
         sensors: front.into_iter().chain(rear).collect(),
+        lidars: Vec::new(),
         base: BASE.into(),
         braking: 0.8,
         power_lost: 0.25,
@@ -30,7 +32,7 @@ fn config() -> Config {
 }
 
 fn at(x: f64, y: f64) -> Obstacle {
-    Obstacle { at: Point { x, y }, sensor: 2, sensed: true, approaches: true }
+    Obstacle { at: Point { x, y }, source: Source::Sonar(2), sensed: true, approaches: true }
 }
 
 /// Within the robot itself, without any margin.
@@ -213,15 +215,15 @@ fn what_is_left_out_of_the_search_changes_nothing() {
         let motion = Motion { steering, ..Motion::default() };
         let reach = if random.below(2) == 0 { 0.6 } else { 3.0 };
         let place = |n| Obstacle {
-            sensor: n,
+            source: Source::Sonar(n),
             approaches: n % 3 == 0,
             ..at(between(&mut random, -reach, reach), between(&mut random, -1.0, 1.0))
         };
         let mut seen: Vec<Obstacle> = (0..12).map(place).collect();
         // Two sensors that measure the same, and two that are each other's mirror image.
         let (first, second) = (seen[0], seen[1]);
-        seen.push(Obstacle { sensor: 20, ..first });
-        seen.push(Obstacle { sensor: 21, at: Point { x: second.at.x, y: -second.at.y }, ..second });
+        seen.push(Obstacle { source: Source::Sonar(20), ..first });
+        seen.push(Obstacle { source: Source::Sonar(21), at: Point { x: second.at.x, y: -second.at.y }, ..second });
         let fields = Fields::new(&config(), BASE).expect("a body");
         for direction in [Direction::Forward, Direction::Backward] {
             let mut paths = Vec::new();
@@ -263,10 +265,10 @@ fn somebody_ahead_slows_first_and_stops_then() {
         let bound = fields.bound(Direction::Forward, &Motion::default(), &[at(0.9 + x, 0.1)]);
         ((bound.speed * 100.0).round() / 100.0, bound.cause)
     };
-    assert_eq!(ahead(2.0), (0.51, Some(Cause::Slows(2))));
-    assert_eq!(ahead(1.0), (0.3, Some(Cause::Slows(2))));
-    assert_eq!(ahead(0.2), (0.19, Some(Cause::Stops(2))));
-    assert_eq!(ahead(0.0), (0.0, Some(Cause::Stops(2))));
+    assert_eq!(ahead(2.0), (0.51, Some(Cause::Slows(Source::Sonar(2)))));
+    assert_eq!(ahead(1.0), (0.3, Some(Cause::Slows(Source::Sonar(2)))));
+    assert_eq!(ahead(0.2), (0.19, Some(Cause::Stops(Source::Sonar(2)))));
+    assert_eq!(ahead(0.0), (0.0, Some(Cause::Stops(Source::Sonar(2)))));
 }
 
 #[test]
@@ -349,7 +351,11 @@ fn a_point_that_is_not_a_place_counts_as_touching() {
             for direction in [Direction::Forward, Direction::Backward] {
                 let obstacle = Obstacle { approaches, ..at(x, y) };
                 let bound = fields.bound(direction, &motion, &[obstacle]);
-                assert_eq!((bound.speed, bound.cause), (0.0, Some(Cause::Stops(2))), "{x} {y} {steering}");
+                assert_eq!(
+                    (bound.speed, bound.cause),
+                    (0.0, Some(Cause::Stops(Source::Sonar(2)))),
+                    "{x} {y} {steering}"
+                );
             }
         }
     }

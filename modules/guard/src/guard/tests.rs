@@ -32,6 +32,7 @@ fn config(ranging: Ranging) -> Config {
         settings: Settings { ranging, ..Settings::usual() },
         footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
         sensors: IDS.map(sensor).into(),
+        lidars: Vec::new(),
         base: Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 }.into(),
         braking: 0.8,
         power_lost: 0.8,
@@ -210,6 +211,7 @@ fn a_trail_that_is_lost_begins_anew_and_everything_is_unknown() {
             guard.memory.on_ranges(ms(at), &readings(at), &guard.trail);
         }
         let unknown = |guard: &mut Guard, at| {
+            guard.obstacles.clear();
             guard.memory.obstacles(ms(at), &guard.trail, &mut guard.obstacles);
             assert!(guard.obstacles.iter().all(|obstacle| obstacle.at.x.is_finite() && obstacle.at.y.is_finite()));
             !guard.obstacles.is_empty()
@@ -278,4 +280,92 @@ fn a_base_with_wheels_whose_velocity_is_unknown_may_not_move() {
         let bounds = [guard.forward, guard.backward, guard.left, guard.right, guard.turn_left, guard.turn_right];
         assert_eq!((bounds, guard.code), ([0.0; 6], Hold::GuardMotion.code()), "{velocity:?}");
     }
+}
+
+/// A robot with a lidar ahead, ten revolutions a second of eight sectors with 45 beams, that drives at 0.5 m/s.
+struct Scanned {
+    bench: Bench,
+    sectors: u64,
+    /// Range of the beams up to 10° beside the front, m; elsewhere nothing is.
+    ahead: f32,
+}
+
+/// Time of a sector.
+const SECTOR: Duration = Duration::from_micros(12_500);
+
+impl Scanned {
+    fn new(evaluations: u32, ranging: Ranging) -> Self {
+        let config = config(ranging);
+        let lidar = crate::Lidar { name: "front".into(), mount: navitools::Pose::new(0.7, 0.0, 0.0), view: 6.3 };
+        let settings = Settings { evaluations, reach: 4.0, ..config.settings };
+        let guard = Guard::new(&Config { settings, lidars: vec![lidar], ..config }).expect("an outline");
+        let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(guard)));
+        bench.start();
+        Self { bench, sectors: 0, ahead: f32::INFINITY }
+    }
+
+    /// A sector, and the motion; the messages of the guard.
+    fn sector(&mut self) -> Vec<DataGuard> {
+        let begun = self.bench.now();
+        self.bench.message(DataMotion { speed: 0.5, ..DataMotion::default() });
+        self.bench.pass(SECTOR);
+        let (turn, first) = (self.sectors / 8, self.sectors % 8 * 45);
+        self.sectors += 1;
+        let degrees = |k: u64| (first + k) as f64 - 180.0;
+        let ranges = (0..45).map(|k| if degrees(k).abs() <= 10.0 { self.ahead } else { f32::INFINITY }).collect();
+        let scan = DataScan {
+            timestamp: (begun.as_nanos() / 1000) as i64,
+            name: "front".into(),
+            revolution: turn as i64,
+            angle_min: degrees(0).to_radians(),
+            angle_step: 1f64.to_radians(),
+            beam_time: SECTOR.as_secs_f64() / 45.0,
+            range_max: 8.0,
+            ranges,
+            ..DataScan::default()
+        };
+        self.bench.message(scan);
+        let said = self.bench.published().into_iter().filter_map(|message| match message {
+            Message::LlDataGuard(guard) => Some(guard),
+            _ => None,
+        });
+        said.collect()
+    }
+}
+
+#[test]
+fn what_comes_into_the_field_of_a_lidar_is_told_after_so_many_revolutions_and_at_once() {
+    for evaluations in [1, 2] {
+        let mut worst = Duration::ZERO;
+        for phase in 0..200 {
+            let mut robot = Scanned::new(evaluations, Ranging::Lidar);
+            let before = (0..80 + phase % 8).flat_map(|_| robot.sector()).last().expect("20 Hz");
+            assert!(before.forward > 0.6, "{before:?}");
+            robot.bench.pass(Duration::from_micros(1_700 * (phase % 30)));
+            robot.ahead = 0.4;
+            let appeared = robot.bench.now();
+            let told = loop {
+                let said = robot.sector();
+                if let Some(guard) = said.iter().find(|guard| guard.forward < 0.4) {
+                    assert_eq!((guard.code, guard.subject.as_str()), (Hold::GuardStops.code(), "lidar front"));
+                    break robot.bench.now().since(appeared);
+                }
+                assert!(robot.bench.now().since(appeared) < Duration::from_secs(1), "{phase}");
+            };
+            worst = worst.max(told);
+        }
+        // A sector is published when it is complete.
+        let most = Duration::from_millis(100) * evaluations + SECTOR;
+        assert!(worst <= most, "{evaluations}: {worst:?}");
+    }
+}
+
+#[test]
+fn a_robot_with_both_moves_where_neither_is_unknown() {
+    let mut robot = Scanned::new(2, Ranging::SonarAndLidar);
+    let last = (0..80).flat_map(|_| robot.sector()).last().expect("20 Hz");
+    assert_eq!((last.forward, last.code), (0.0, Hold::GuardUnknown.code()), "its sonars are silent");
+    let mut robot = Scanned::new(2, Ranging::Sonar);
+    let last = (0..80).flat_map(|_| robot.sector()).last().expect("20 Hz");
+    assert_eq!(last.forward, 0.0, "its lidar does not count");
 }

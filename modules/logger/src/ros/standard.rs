@@ -13,6 +13,7 @@ listed! {
         Odometry => "nav_msgs/Odometry",
         Pose => "geometry_msgs/PoseWithCovarianceStamped",
         Range => "sensor_msgs/Range",
+        LaserScan => "sensor_msgs/LaserScan",
         Path => "nav_msgs/Path",
         Battery => "sensor_msgs/BatteryState",
         Temperature => "sensor_msgs/Temperature",
@@ -105,6 +106,12 @@ const TEXTS: &[(&str, &str)] = &[
          float32[] cell_temperature\nstring location\nstring serial_number\n",
     ),
     ("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n"),
+    (
+        "sensor_msgs/LaserScan",
+        "std_msgs/Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\n\
+         float32 time_increment\nfloat32 scan_time\nfloat32 range_min\nfloat32 range_max\n\
+         float32[] ranges\nfloat32[] intensities\n",
+    ),
     (
         "sensor_msgs/Range",
         "uint8 ULTRASOUND=0\nuint8 INFRARED=1\n\

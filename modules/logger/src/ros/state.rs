@@ -10,6 +10,7 @@ use messages::middlelevel::{DataEstimate, DataPlan};
 use messages::{Channel, Message, fault_name};
 
 use super::robot::{RobotScene, Sensor};
+use super::scans::Scans;
 use super::scene::{self, Scene};
 use super::standard::Standard;
 use super::write::{Pose, To};
@@ -42,6 +43,7 @@ pub struct State {
     sonars: Sensors,
     infrared: Sensors,
     rangers: Sensors,
+    scans: Scans,
     /// Timestamp of the last `LL_DATA_RANGES`: while they arrive, the view of 2011 is ignored.
     ranges: Option<i64>,
     temperatures: BTreeMap<String, Arc<str>>,
@@ -94,6 +96,7 @@ pub fn has_standard(channel: Channel) -> bool {
             | Channel::LlDataSrfs
             | Channel::LlDataIrs
             | Channel::LlDataRanges
+            | Channel::LlDataScan
             | Channel::LlDataPower
             | Channel::LlDataTemperature
             | Channel::MlDataEstimate
@@ -131,6 +134,7 @@ impl State {
                 self.infrared.translate_old(INFRARED, robot.infrared, infrared.timestamp, &infrared.irs, to);
             }
             Message::LlDataRanges(ranges) => self.ranges(robot, ranges, to),
+            Message::LlDataScan(scan) => self.scans.translate(scan, to),
             Message::LlDataPower(power) => battery(power, to),
             Message::LlDataTemperature(temperatures) => self.temperatures(temperatures, to),
             Message::MlDataEstimate(estimate) => {

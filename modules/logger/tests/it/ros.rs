@@ -368,6 +368,53 @@ fn readings_have_their_own_stamps_and_unknown_is_nan() {
 }
 
 #[test]
+fn a_revolution_of_a_lidar_is_one_scan_in_the_order_in_which_it_was_measured() {
+    for sign in [1.0, -1.0] {
+        let mut translator = translator();
+        let step = sign * std::f64::consts::TAU / 8.0;
+        // Two sectors of four beams; the second one follows the first.
+        let sector = |revolution: i64, half: usize, ranges: [f32; 4]| lowlevel::DataScan {
+            timestamp: NOW + 100_000 * revolution + 50_000 * half as i64,
+            name: "front left".into(),
+            revolution,
+            x: 0.3,
+            angle_min: 1.0 + 4.0 * step * half as f64,
+            angle_step: step,
+            beam_time: 0.0125,
+            range_min: 0.02,
+            range_max: 12.0,
+            ranges: ranges.into(),
+            intensities: vec![7.0; 4],
+            ..Default::default()
+        };
+        let topic = "/scan/front_left";
+        let begun = told(&mut translator, sector(5, 0, [1.0, 2.0, f32::INFINITY, f32::NAN]));
+        assert!(!begun.contains_key(topic), "it is not whole yet");
+        assert_eq!(begun["/tf"]["transforms"][0]["child_frame_id"], "lidar_front_left");
+        told(&mut translator, sector(5, 1, [5.0, 6.0, 7.0, 8.0]));
+        let scan = told(&mut translator, sector(6, 0, [1.0; 4])).remove(topic).unwrap();
+        assert_eq!(scan["ranges"], json!([1.0, 2.0, "inf", "nan", 5.0, 6.0, 7.0, 8.0]));
+        assert_eq!(scan["intensities"].as_array().unwrap().len(), 8);
+        assert_eq!(scan["header"]["frame_id"], "lidar_front_left");
+        let number = |name: &str| scan[name].as_f64().unwrap();
+        let near = |name: &str, expected: f64| assert!((number(name) - expected).abs() < 1e-6, "{name}: {scan}");
+        near("angle_min", 1.0);
+        near("angle_max", 1.0 + 7.0 * step);
+        near("angle_increment", step);
+        near("time_increment", 0.0125);
+        near("scan_time", 0.1);
+    }
+    // Angles that are none, and lidars without end, are left out.
+    let mut translator = translator();
+    for odd in [0.0, f64::NAN, f64::INFINITY, 1e-9] {
+        for revolution in 0..2 {
+            let odd = lowlevel::DataScan { revolution, angle_step: odd, ranges: vec![1.0; 3], ..Default::default() };
+            assert!(!told(&mut translator, odd).keys().any(|topic| topic.starts_with("/scan")));
+        }
+    }
+}
+
+#[test]
 fn the_guard_s_fields_are_outlines_in_the_robot_s_frame_and_filled_while_something_is_in_them() {
     let mut translator = translator();
     let (x, y) = (vec![0.75, 1.5, 1.5, 0.75], vec![-0.3, -0.3, 0.3, 0.3]);

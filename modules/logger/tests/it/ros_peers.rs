@@ -12,6 +12,7 @@ use crate::translated::{lcm_json, pairs, read, samples, scene, schema, translate
 use lcm_gen::dynamic::Types;
 use lcm_gen::{Schema, build};
 use logger::ros::{Topic, Translator};
+use messages::{Message, lowlevel};
 use serde_json::{Value as Json, json};
 use testing::Random;
 
@@ -65,7 +66,20 @@ fn every_message_of_the_robot_is_decoded_by_independent_readers() {
     let Some(python) = python() else { return };
     let (schema, types, mut translator) = (schema(), Types::new(&schema()), translator());
     let (mut all, mut expected) = (Vec::new(), Vec::new());
-    for (channel, data) in samples(4, 10) {
+    // Of random angles there is hardly a revolution.
+    let scan = |revolution| lowlevel::DataScan {
+        revolution,
+        angle_step: 1.5,
+        ranges: vec![1.0, f32::NAN, f32::INFINITY, 0.25],
+        intensities: vec![0.5; 4],
+        ..Default::default()
+    };
+    let scans = [1, 2].map(|revolution| {
+        let mut data = Vec::new();
+        Message::from(scan(revolution)).encode(&mut data).unwrap();
+        ("LL_DATA_SCAN".to_owned(), data)
+    });
+    for (channel, data) in samples(4, 10).into_iter().chain(scans) {
         for (i, (topic, cdr)) in translate(&mut translator, &channel, &data).unwrap().into_iter().enumerate() {
             // The own type equals the LCM message; the standard ones equal the result of this project's reader, which
             // other tests verify.
@@ -89,6 +103,7 @@ fn every_message_of_the_robot_is_decoded_by_independent_readers() {
         "nav_msgs/msg/Path",
         "rcl_interfaces/msg/Log",
         "sensor_msgs/msg/BatteryState",
+        "sensor_msgs/msg/LaserScan",
         "sensor_msgs/msg/Range",
         "sensor_msgs/msg/Temperature",
         "tf2_msgs/msg/TFMessage",

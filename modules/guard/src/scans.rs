@@ -1,0 +1,301 @@
+//! What is in the way according to the lidars: the last revolutions of each, in the frame of the trail.
+//!
+//! **Unknown is not free.** A direction in which a lidar has measured nothing for `scan_age_max_s`, or in fewer than
+//! `evaluations` revolutions in succession since, counts as occupied from the outline on. Something counts after that
+//! many revolutions in succession have found it in the same place, as far as a person walks in one; then for two
+//! revolutions more, so that one that misses it frees nothing.
+
+use crate::config::{Lidar, Settings};
+use crate::memory::{Obstacle, Source};
+use crate::trail::Trail;
+use base::{Duration, Instant};
+use kinematics::Polygon;
+use messages::lowlevel::DataScan;
+use navitools::{Point, wrap};
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+/// Part of the view that is known, or is not: at the reach of 2.5 m it is 9 cm wide, narrower than a leg.
+const SLICE_RAD: f64 = TAU / 180.0;
+/// Revolutions kept: enough for [`BASELINE`] at 40 Hz.
+const TURNS_MAX: usize = 12;
+/// Revolutions before the present one whose findings count.
+const TURNS_COUNTED: usize = 2;
+/// Findings of a revolution that are kept: more than any of these devices has beams.
+const HITS_MAX: usize = 4096;
+/// Accuracy of a finding against that of the revolution before, m: noise, and the robot's motion in between.
+const SAME_M: f64 = 0.05;
+/// Fastest walk, m/s (ISO 13855).
+const WALK_MPS: f64 = 1.6;
+/// Longest time between two revolutions for which somebody walks, s.
+const TURN_MAX_S: f64 = 0.2;
+/// Directions into which findings are sorted, seen from the lidar.
+const BINS: usize = 360;
+/// Bins on either side of a beam in which something stood before if it has not come nearer.
+const BESIDE: usize = 2;
+/// Time over which something comes nearer.
+const BASELINE: Duration = Duration::from_millis(250);
+/// Speed, m/s, and distance, m, by which it must: lower values are noise, higher ones are two different things.
+const APPROACH_MPS: std::ops::Range<f64> = 0.3..3.2;
+const APPROACH_M: f64 = 0.08;
+/// Age beyond which the timestamp of a sector is taken for that of another clock.
+const AGE_MAX: Duration = Duration::from_millis(300);
+/// Steps in which the outline is looked for, m.
+const OUTLINE_M: f64 = 0.01;
+/// Distances along an unknown direction, from the outline on, m; the last one is the reach.
+const COVERED_M: [f64; 6] = [0.02, 0.15, 0.4, 0.8, 1.3, 1.9];
+
+/// Something that a beam met.
+#[derive(Clone, Copy, Debug)]
+struct Hit {
+    /// Where, in the frame of the trail, m.
+    at: Point,
+    /// Revolutions in succession that have found it, up to `evaluations`.
+    turns: u32,
+    /// It came nearer by itself.
+    approaches: bool,
+}
+
+/// A revolution.
+#[derive(Debug)]
+struct Turn {
+    number: i64,
+    since: Instant,
+    hits: Vec<Hit>,
+}
+
+/// A part of the view.
+#[derive(Clone, Debug, Default)]
+struct Slice {
+    /// Last measurement in it.
+    at: Instant,
+    /// Its revolution, and how many there were in succession, up to `evaluations`.
+    number: i64,
+    turns: u32,
+    /// The points that it covers while it is unknown, in the robot's frame, m.
+    cover: Vec<Point>,
+}
+
+/// What one lidar has seen.
+#[derive(Debug)]
+struct Eye {
+    lidar: Lidar,
+    place: usize,
+    slices: Vec<Slice>,
+    turns: VecDeque<Turn>,
+}
+
+/// What the lidars have seen.
+#[derive(Debug)]
+pub struct Scans {
+    settings: Settings,
+    eyes: Vec<Eye>,
+}
+
+impl Scans {
+    /// Creates a memory of these lidars on a robot with this outline; nothing is known yet.
+    #[must_use]
+    pub fn new(settings: Settings, lidars: &[Lidar], body: &Polygon) -> Self {
+        let eye = |(place, lidar): (usize, &Lidar)| Eye {
+            lidar: lidar.clone(),
+            place,
+            slices: slices(lidar, body, settings.reach),
+            turns: VecDeque::new(),
+        };
+        Self { settings, eyes: lidars.iter().enumerate().map(eye).collect() }
+    }
+
+    /// Name of a lidar.
+    #[must_use]
+    pub fn name(&self, place: usize) -> &str {
+        self.eyes.get(place).map_or("", |eye| &eye.lidar.name)
+    }
+
+    /// Processes a sector received at `received`, whose first beam was measured `age` before. Returns the distance from
+    /// the robot's reference point to the nearest thing that counts from now on, m.
+    pub fn on_scan(&mut self, received: Instant, age: Duration, scan: &DataScan, trail: &Trail) -> Option<f64> {
+        let eye = self.eyes.iter_mut().find(|eye| eye.lidar.name == scan.name)?;
+        let duration = scan.beam_time * scan.ranges.len() as f64;
+        if !(0.0..=TURN_MAX_S).contains(&duration) || !(scan.angle_min + scan.angle_step).is_finite() {
+            return None;
+        }
+        let age = if age > AGE_MAX { Duration::from_secs_f64(duration) } else { age };
+        eye.see(received, received - age, scan, trail, &self.settings)
+    }
+
+    /// Forgets everything: each direction is unknown until it has been measured again.
+    pub fn forget(&mut self) {
+        for eye in &mut self.eyes {
+            eye.turns.clear();
+            eye.slices.iter_mut().for_each(|slice| slice.turns = 0);
+        }
+    }
+
+    /// Adds everything that may be in the way at `now`.
+    pub fn obstacles(&mut self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
+        let to_trail = trail.pose(now).to_outer();
+        let Settings { evaluations, window, .. } = self.settings;
+        for eye in &mut self.eyes {
+            let source = Source::Lidar(eye.place);
+            eye.turns.retain(|turn| now.since(turn.since) <= window);
+            let counted = eye.turns.iter().rev().take(1 + TURNS_COUNTED).flat_map(|turn| &turn.hits);
+            let sensed = counted.filter(|hit| hit.turns >= evaluations);
+            found.extend(sensed.map(|hit| Obstacle { at: hit.at, source, sensed: true, approaches: hit.approaches }));
+            let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.settings));
+            let covered = unknown.flat_map(|slice| &slice.cover);
+            found.extend(covered.map(|at| Obstacle { at: to_trail(*at), source, sensed: false, approaches: true }));
+        }
+    }
+}
+
+impl Eye {
+    /// Processes a sector whose first beam was measured at `at`. Returns the distance from the robot's reference point
+    /// to the nearest thing that counts from now on, m.
+    fn see(&mut self, now: Instant, at: Instant, scan: &DataScan, trail: &Trail, settings: &Settings) -> Option<f64> {
+        self.begin(at, scan.revolution);
+        let robot = trail.pose(at);
+        let here = (robot * self.lidar.mount).point();
+        let (begun, before, old) = self.earlier()?;
+        let period = before.map_or(TURN_MAX_S, |before| begun.since(before.since).as_secs_f64().min(TURN_MAX_S));
+        let baseline = old.map_or(f64::INFINITY, |old| begun.since(old.since).as_secs_f64());
+        let (before, old) = (View::new(here, before), View::new(here, old));
+        let same = SAME_M + WALK_MPS * period;
+        let (mut hits, mut nearest, mut nears) = (Vec::new(), f64::INFINITY, false);
+        for (k, range) in scan.ranges.iter().enumerate().filter(|(_, range)| !range.is_nan()) {
+            let angle = wrap(scan.angle_min + k as f64 * scan.angle_step);
+            let Some(slice) = slice_of(&self.lidar, angle) else { continue };
+            if let Some(slice) = self.slices.get_mut(slice)
+                && scan.status == DataScan::OK
+            {
+                slice.measured(now, scan.revolution, settings);
+            }
+            // What is too near to be measured is right before the lidar.
+            let range = f64::from(if *range < 0.0 { scan.range_min } else { *range });
+            if range > settings.reach + same {
+                nears = false;
+                continue;
+            }
+            let pose = trail.pose(at + Duration::from_secs_f64(k as f64 * scan.beam_time)) * self.lidar.mount;
+            let (sin, cos) = (pose.theta + angle).sin_cos();
+            let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
+            let (bin, distance) = seen_from(here, point);
+            let found = before.turns(bin, distance, same);
+            let closing = old.nearest(bin) - distance;
+            let comes_nearer = closing > APPROACH_M && APPROACH_MPS.contains(&(closing / baseline));
+            // Noise seldom brings two beams nearer, one beside the other.
+            let approaches = comes_nearer && nears;
+            nears = comes_nearer;
+            let hit = Hit { at: point, turns: settings.evaluations.min(found + 1), approaches };
+            if approaches || hit.turns == settings.evaluations && found < hit.turns {
+                nearest = nearest.min(robot.point().distance(point));
+            }
+            hits.push(hit);
+        }
+        let turn = self.turns.back_mut()?;
+        let room = HITS_MAX.saturating_sub(turn.hits.len());
+        turn.hits.extend(hits.into_iter().take(room));
+        nearest.is_finite().then_some(nearest)
+    }
+
+    /// Begins a new revolution if this is one.
+    fn begin(&mut self, at: Instant, number: i64) {
+        if self.turns.back().is_some_and(|turn| turn.number == number) {
+            return;
+        }
+        let oldest = if self.turns.len() == TURNS_MAX { self.turns.pop_front() } else { None };
+        let mut hits = oldest.map_or_else(Vec::new, |oldest| oldest.hits);
+        hits.clear();
+        self.turns.push_back(Turn { number, since: at, hits });
+    }
+
+    /// Beginning of the present revolution, the one before it, and one that is earlier by [`BASELINE`].
+    fn earlier(&self) -> Option<(Instant, Option<&Turn>, Option<&Turn>)> {
+        let mut turns = self.turns.iter().rev();
+        let since = turns.next()?.since;
+        let old = turns.clone().find(|turn| since.since(turn.since) >= BASELINE);
+        Some((since, turns.next(), old))
+    }
+}
+
+impl Slice {
+    /// Something was measured in it, or that nothing is there.
+    fn measured(&mut self, now: Instant, number: i64, settings: &Settings) {
+        if now.since(self.at) > settings.scan_age_max {
+            self.turns = 0;
+        }
+        if self.turns == 0 || self.number != number {
+            self.turns = settings.evaluations.min(self.turns + 1);
+        }
+        (self.at, self.number) = (now, number);
+    }
+
+    fn is_known(&self, now: Instant, settings: &Settings) -> bool {
+        self.turns >= settings.evaluations && now.since(self.at) <= settings.scan_age_max
+    }
+}
+
+/// A revolution as it looks from somewhere: in each direction the nearest finding's distance, m, and its revolutions.
+struct View([(f64, u32); BINS]);
+
+impl View {
+    fn new(from: Point, turn: Option<&Turn>) -> Self {
+        let mut nearest = [(f64::INFINITY, 0); BINS];
+        for hit in turn.into_iter().flat_map(|turn| &turn.hits) {
+            let (bin, distance) = seen_from(from, hit.at);
+            if distance < nearest[bin].0 {
+                nearest[bin] = (distance, hit.turns);
+            }
+        }
+        Self(nearest)
+    }
+
+    /// Bins up to `beside` places off.
+    fn around(&self, bin: usize, beside: usize) -> impl Iterator<Item = (f64, u32)> {
+        let first = BINS + bin - beside;
+        (first..=first + 2 * beside).map(|bin| self.0[bin % BINS])
+    }
+
+    /// Most revolutions that have found something at a place, or up to `same` m from it; 0: none.
+    fn turns(&self, bin: usize, distance: f64, same: f64) -> u32 {
+        let beside = libm::asin((same / distance).min(1.0)) / TAU * BINS as f64;
+        let near = self.around(bin, beside as usize).filter(|(other, _)| (other - distance).abs() <= same);
+        near.map(|(_, turns)| turns).max().unwrap_or(0)
+    }
+
+    /// The nearest in a direction, m.
+    fn nearest(&self, bin: usize) -> f64 {
+        self.around(bin, BESIDE).map(|(distance, _)| distance).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Direction and distance of a point from another.
+fn seen_from(from: Point, point: Point) -> (usize, f64) {
+    let (x, y) = (point.x - from.x, point.y - from.y);
+    let part = (libm::atan2(y, x) / TAU + 1.0) * BINS as f64;
+    (part as usize % BINS, libm::hypot(x, y))
+}
+
+/// The part of a lidar's view in which a direction is, from its front; `None` outside of its view.
+fn slice_of(lidar: &Lidar, angle: f64) -> Option<usize> {
+    (angle.abs() <= lidar.view / 2.0).then_some(((angle + lidar.view / 2.0) / SLICE_RAD) as usize)
+}
+
+/// The parts of a lidar's view, of which nothing is known yet.
+fn slices(lidar: &Lidar, body: &Polygon, reach: f64) -> Vec<Slice> {
+    let count = libm::ceil(lidar.view.clamp(0.0, TAU) / SLICE_RAD) as usize;
+    let to_robot = lidar.mount.to_outer();
+    let farthest = body.radius(lidar.mount.point());
+    let slice = |n: usize| {
+        let (sin, cos) = libm::sincos((n as f64 + 0.5) * SLICE_RAD - lidar.view / 2.0);
+        let at = |distance: f64| to_robot(Point { x: distance * cos, y: distance * sin });
+        // It begins where the ray leaves the robot.
+        let within = (0..=(farthest / OUTLINE_M) as u32).map(|n| f64::from(n) * OUTLINE_M);
+        let outline = within.filter(|distance| body.outside(at(*distance)) <= 0.0).fold(0.0, f64::max);
+        let covered = COVERED_M.into_iter().chain([reach]).map(|beyond| at(outline + beyond));
+        Slice { cover: covered.collect(), ..Slice::default() }
+    };
+    (0..count).map(slice).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,316 @@
+//! A lidar with 360 beams and ten revolutions a second, on a robot of 0.8 m by 0.5 m, before walls and people.
+
+use super::*;
+use kinematics::Twist;
+use navitools::Pose;
+use settings::Section;
+
+const BEAMS: usize = 360;
+const SECTORS: usize = 8;
+
+/// Something round: its middle at an instant, s, and its radius, m.
+type Round<'a> = &'a dyn Fn(f64) -> (Point, f64);
+
+/// Changes the ranges of a sector.
+type Spoils<'a> = Box<dyn FnMut(&mut [f32]) + 'a>;
+
+struct Bench<'a> {
+    scans: Scans,
+    trail: Trail,
+    velocity: Twist,
+    robot: Pose,
+    us: u64,
+    turn: i64,
+    status: i8,
+    things: Vec<Round<'a>>,
+    spoils: Spoils<'a>,
+}
+
+fn settings() -> Settings {
+    Settings { reach: 4.0, ..Settings::usual() }
+}
+
+fn lidar(x: f64, theta: f64) -> Lidar {
+    Lidar { name: "front".into(), mount: Pose::new(x, 0.0, theta), view: TAU }
+}
+
+fn body() -> Polygon {
+    let corners = [(-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25)].map(|(x, y)| Point { x, y });
+    Polygon::hull(&corners).expect("a body")
+}
+
+impl<'a> Bench<'a> {
+    fn new(settings: Settings, lidar: &Lidar) -> Self {
+        Self {
+            scans: Scans::new(settings, std::slice::from_ref(lidar), &body()),
+            trail: Trail::default(),
+            velocity: Twist::default(),
+            robot: Pose::default(),
+            us: 1_000_000,
+            turn: 0,
+            status: DataScan::OK,
+            things: Vec::new(),
+            spoils: Box::new(|_| ()),
+        }
+    }
+
+    fn now(&self) -> Instant {
+        Instant::from_nanos(1000 * self.us)
+    }
+
+    /// A revolution, during which the robot moves on; true if something new was reported.
+    fn revolve(&mut self) -> bool {
+        let mount = self.scans.eyes[0].lidar.mount;
+        let (per_sector, beam_us) = (BEAMS / SECTORS, 100_000 / BEAMS as u64);
+        let mut news = false;
+        for sector in 0..SECTORS {
+            self.trail.on_motion(self.now(), self.velocity, Duration::from_secs(1));
+            let (begun, first) = (self.now(), sector * per_sector);
+            let mut ranges = Vec::new();
+            for k in first..first + per_sector {
+                let at =
+                    kinematics::integrate(self.robot, self.velocity, self.now().since(begun).as_secs_f64()) * mount;
+                let angle = (at.theta + (k as f64 * TAU / BEAMS as f64 - TAU / 2.0)).radians();
+                ranges.push(self.range(at.point(), angle));
+                self.us += beam_us;
+            }
+            self.robot = kinematics::integrate(self.robot, self.velocity, self.now().since(begun).as_secs_f64());
+            (self.spoils)(&mut ranges);
+            let scan = DataScan {
+                name: "front".into(),
+                revolution: self.turn,
+                status: self.status,
+                angle_min: first as f64 * TAU / BEAMS as f64 - TAU / 2.0,
+                angle_step: TAU / BEAMS as f64,
+                beam_time: beam_us as f64 / 1e6,
+                range_min: 0.02,
+                range_max: 12.0,
+                ranges,
+                ..DataScan::default()
+            };
+            let now = self.now();
+            news |= self.scans.on_scan(now, now.since(begun), &scan, &self.trail).is_some();
+        }
+        self.turn += 1;
+        news
+    }
+
+    fn revolve_times(&mut self, times: usize) {
+        for _ in 0..times {
+            self.revolve();
+        }
+    }
+
+    fn range(&self, from: Point, angle: f64) -> f32 {
+        let (sin, cos) = libm::sincos(angle);
+        let seconds = self.us as f64 / 1e6;
+        let met = self.things.iter().filter_map(|thing| {
+            let (middle, radius) = thing(seconds);
+            let (x, y) = (middle.x - from.x, middle.y - from.y);
+            let (along, across) = (x * cos + y * sin, y * cos - x * sin);
+            let within = radius * radius - across * across;
+            (within > 0.0).then(|| along - libm::sqrt(within)).filter(|distance| *distance > 0.0)
+        });
+        met.fold(f64::INFINITY, f64::min) as f32
+    }
+
+    /// What is found in the robot's frame: sensed and unknown.
+    fn found(&mut self) -> (Vec<Obstacle>, Vec<Obstacle>) {
+        let mut found = Vec::new();
+        self.scans.obstacles(self.now(), &self.trail, &mut found);
+        let to_robot = self.trail.pose(self.now()).inverse().to_outer();
+        found.iter_mut().for_each(|obstacle| obstacle.at = to_robot(obstacle.at));
+        found.into_iter().partition(|obstacle| obstacle.sensed)
+    }
+
+    fn counts(&mut self) -> (usize, usize) {
+        let (sensed, unknown) = self.found();
+        (sensed.len(), unknown.len())
+    }
+}
+
+fn leg(x: f64, y: f64) -> impl Fn(f64) -> (Point, f64) {
+    move |_| (Point { x, y }, 0.06)
+}
+
+#[test]
+fn a_direction_is_unknown_until_it_was_measured_in_two_revolutions_and_again_when_it_is_not() {
+    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let all = 180 * (COVERED_M.len() + 1);
+    assert_eq!(bench.counts(), (0, all));
+    bench.revolve();
+    assert_eq!(bench.counts(), (0, all), "once is not enough");
+    bench.revolve();
+    assert_eq!(bench.counts(), (0, 0), "nothing is there");
+    // A quarter of the view is not measured any more.
+    bench.spoils = Box::new(|ranges| {
+        let last = ranges.len() / 2;
+        ranges[..last].fill(f32::NAN);
+    });
+    bench.revolve_times(2);
+    assert_eq!(bench.counts(), (0, 0), "for 0.3 s it is known");
+    bench.revolve_times(2);
+    let (sensed, unknown) = bench.counts();
+    assert!(sensed == 0 && (all * 2 / 5..=all * 3 / 5).contains(&unknown), "{unknown} of {all}");
+    bench.us += 301_000;
+    assert_eq!(bench.counts(), (0, all), "it is silent");
+    bench.spoils = Box::new(|_| ());
+    bench.revolve();
+    assert_eq!(bench.counts(), (0, all), "and begins anew");
+    bench.revolve();
+    assert_eq!(bench.counts(), (0, 0));
+}
+
+#[test]
+fn what_is_unknown_begins_at_the_outline() {
+    for (x, view) in [(0.0, TAU), (0.39, 4.7), (0.41, TAU)] {
+        let lidar = Lidar { view, ..lidar(x, 0.0) };
+        let mut bench = Bench::new(settings(), &lidar);
+        let (_, unknown) = bench.found();
+        let outside = |obstacle: &Obstacle| body().outside(obstacle.at);
+        assert!(unknown.iter().all(|obstacle| outside(obstacle) > 0.0), "{x}");
+        let beside = unknown.iter().filter(|obstacle| outside(obstacle) < 0.05).count();
+        assert!(beside >= (view / SLICE_RAD) as usize / 2, "{x}: {beside}");
+        let behind = unknown.iter().any(|obstacle| obstacle.at.x < -0.4 && obstacle.at.y.abs() < 0.1);
+        assert_eq!(behind, view == TAU, "{x}");
+    }
+}
+
+#[test]
+fn two_revolutions_find_something_and_a_wild_beam_is_nothing() {
+    let thing = leg(1.5, 0.1);
+    for (evaluations, counts) in [(1, [true, true]), (2, [false, true]), (3, [false, false])] {
+        let mut bench = Bench::new(Settings { evaluations, ..settings() }, &lidar(0.3, 0.0));
+        bench.revolve_times(4);
+        bench.things.push(&thing);
+        let mut counted = false;
+        for expected in counts {
+            let news = bench.revolve();
+            let (sensed, _) = bench.found();
+            assert_eq!((!sensed.is_empty(), news), (expected, expected && !counted), "{evaluations}");
+            counted = expected;
+            let right = |hit: &Obstacle| (hit.at.x - 1.45).abs() < 0.05 && (hit.at.y - 0.1).abs() < 0.1;
+            assert!(sensed.iter().all(right), "{sensed:?}");
+        }
+    }
+    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    for turn in 0..40 {
+        // Each revolution the wild beams are a degree farther on; those of every eighth are near each other.
+        bench.spoils = Box::new(move |ranges| {
+            if turn % 2 == 0 {
+                ranges[turn % 45] = 0.7;
+            }
+        });
+        bench.revolve();
+        assert_eq!(bench.found().0, [], "{turn}");
+    }
+}
+
+#[test]
+fn what_one_revolution_misses_is_still_there() {
+    let thing = leg(1.5, 0.1);
+    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    bench.things.push(&thing);
+    bench.revolve_times(4);
+    let things = std::mem::take(&mut bench.things);
+    bench.revolve();
+    assert!(!bench.found().0.is_empty());
+    bench.things = things;
+    for _ in 0..4 {
+        bench.revolve();
+        assert!(!bench.found().0.is_empty());
+    }
+    bench.things.clear();
+    bench.revolve_times(3);
+    assert_eq!(bench.counts(), (0, 0), "it has gone");
+}
+
+#[test]
+fn a_lidar_that_reports_a_fault_finds_things_and_frees_nothing() {
+    let thing = leg(1.5, 0.1);
+    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    bench.things.push(&thing);
+    bench.status = DataScan::SLOW;
+    bench.revolve_times(5);
+    let (sensed, unknown) = bench.counts();
+    assert!(sensed > 0 && unknown == 180 * (COVERED_M.len() + 1), "{sensed} {unknown}");
+}
+
+#[test]
+fn what_is_too_near_to_be_measured_is_at_the_lidar() {
+    let mut bench = Bench::new(settings(), &lidar(0.41, 0.0));
+    bench.spoils = Box::new(|ranges| ranges[3] = f32::NEG_INFINITY);
+    bench.revolve_times(3);
+    let (sensed, unknown) = bench.found();
+    assert!(unknown.is_empty() && sensed.len() >= SECTORS);
+    assert!(sensed.iter().all(|hit| hit.at.distance(Point { x: 0.41, y: 0.0 }) < 0.03), "{sensed:?}");
+}
+
+#[test]
+fn the_robot_s_own_motion_is_taken_out() {
+    // A column stands still; the robot drives a curve, and the lidar looks to its left.
+    let column = |_: f64| (Point { x: 3.0, y: 0.4 }, 0.2);
+    for omega in [0.0, 0.8, -0.8] {
+        let mut bench = Bench::new(settings(), &lidar(0.3, TAU / 4.0));
+        bench.things.push(&column);
+        bench.velocity = Twist { vx: 0.7, vy: 0.0, omega };
+        for _ in 0..18 {
+            bench.revolve();
+            let middle = bench.robot.inverse() * Point { x: 3.0, y: 0.4 };
+            for hit in bench.found().0 {
+                assert!((hit.at.distance(middle) - 0.2).abs() < 0.03, "{omega}: {hit:?}, column at {middle:?}");
+                assert!(!hit.approaches, "{omega}: {hit:?}");
+            }
+        }
+        assert!(bench.counts().0 > 3, "{omega}");
+    }
+}
+
+#[test]
+fn who_comes_nearer_approaches() {
+    for (speed, robot, expected) in
+        [(0.0, 0.0, false), (0.0, 0.8, false), (0.15, 0.0, false), (0.6, 0.0, true), (1.6, 0.0, true), (1.0, 0.6, true)]
+    {
+        // Someone at 3.5 m comes to the robot, past a wall behind.
+        let person = move |at: f64| (Point { x: 3.8 - speed * (at - 1.0), y: 0.1 }, 0.08);
+        let wall = |_: f64| (Point { x: 103.0, y: 0.0 }, 98.5);
+        let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+        bench.velocity = Twist { vx: robot, ..Twist::default() };
+        bench.things.extend([&person as Round<'_>, &wall]);
+        let mut approaches = 0;
+        for _ in 0..8 {
+            bench.revolve();
+            approaches += bench.found().0.iter().filter(|hit| hit.approaches).count();
+        }
+        assert_eq!(approaches > 0, expected, "{speed} {robot}: {approaches}");
+    }
+}
+
+#[test]
+fn nothing_that_can_arrive_does_harm() {
+    let mut random = testing::Random::new(5);
+    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0, 1e-9, 1.0, 1e300, f64::MIN_POSITIVE, 3.0];
+    let mut pick = || odd[random.below(odd.len() as u64) as usize];
+    for n in 0..20_000_u64 {
+        let scan = DataScan {
+            name: "front".into(),
+            revolution: (n / 3) as i64,
+            status: (n % 5) as i8,
+            angle_min: pick(),
+            angle_step: pick(),
+            beam_time: pick() / 100.0,
+            range_min: pick() as f32,
+            ranges: (0..n % 50).map(|_| pick() as f32).collect(),
+            ..DataScan::default()
+        };
+        let age = Duration::from_micros((pick().abs() * 1e5).min(1e12) as u64);
+        bench.scans.on_scan(Instant::from_millis(1000 + n), age, &scan, &bench.trail);
+        assert!(bench.scans.eyes[0].turns.len() <= TURNS_MAX);
+    }
+    let full = DataScan { name: "front".into(), beam_time: 1e-6, ranges: vec![1.0; 100_000], ..DataScan::default() };
+    bench.scans.on_scan(Instant::from_millis(30_000), Duration::ZERO, &full, &bench.trail);
+    assert!(bench.scans.eyes[0].turns.iter().all(|turn| turn.hits.len() <= HITS_MAX));
+    let stranger = DataScan { name: "rear".into(), ..full };
+    assert_eq!(bench.scans.on_scan(Instant::from_millis(30_000), Duration::ZERO, &stranger, &bench.trail), None);
+}

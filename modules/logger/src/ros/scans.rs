@@ -1,0 +1,147 @@
+//! `LL_DATA_SCAN` as `sensor_msgs/LaserScan`: the sectors of a revolution, put together in the order in which they were
+//! measured. A lidar that turns clockwise has a negative `angle_increment`.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use messages::lowlevel::DataScan;
+
+use super::standard::Standard;
+use super::write::{Pose, To};
+
+/// Lidars with topics at most.
+const LIDARS_MAX: usize = 64;
+/// Longest name of a lidar with a topic, bytes.
+const NAME_BYTES_MAX: usize = 64;
+/// Beams of a revolution at most: more than any lidar has.
+const BEAMS_MAX: f64 = 16_384.0;
+/// Period at which the mounting is repeated: µs.
+const MOUNTING_PERIOD_US: u64 = 1_000_000;
+
+/// Lidars by name.
+#[derive(Clone, Debug, Default)]
+pub struct Scans(BTreeMap<String, Lidar>);
+
+#[derive(Clone, Debug)]
+struct Lidar {
+    topic: String,
+    frame: String,
+    /// The present revolution.
+    turn: Option<Turn>,
+    /// Timestamp of the last mounting.
+    shown: Option<i64>,
+}
+
+/// A revolution, as far as it has arrived.
+#[derive(Clone, Debug)]
+struct Turn {
+    number: i64,
+    timestamp: i64,
+    angle_min: f64,
+    angle_step: f64,
+    beam_time: f64,
+    limits: [f32; 2],
+    ranges: Vec<f32>,
+    /// Of the beams, or none.
+    intensities: Vec<f32>,
+    /// Place of the last beam, and one.
+    used: usize,
+}
+
+impl Scans {
+    /// A sector. A revolution is sent when the next one begins.
+    pub fn translate(&mut self, scan: &DataScan, to: &mut To<'_, '_>) {
+        if !self.0.contains_key(&scan.name) {
+            if self.0.len() == LIDARS_MAX || scan.name.len() > NAME_BYTES_MAX {
+                return to.topics.leave_out();
+            }
+            let word = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '_' };
+            let word: String = scan.name.chars().map(word).collect();
+            let (topic, frame) = (format!("/scan/{word}"), format!("lidar_{word}"));
+            self.0.insert(scan.name.clone(), Lidar { topic, frame, turn: None, shown: None });
+        }
+        let Some(lidar) = self.0.get_mut(&scan.name) else { return };
+        if lidar.turn.as_ref().is_none_or(|turn| turn.number != scan.revolution) {
+            if let Some(whole) = lidar.turn.take() {
+                whole.send(lidar, scan.timestamp, to);
+            }
+            lidar.turn = Turn::new(scan);
+            lidar.show(scan, to);
+        }
+        if let Some(turn) = &mut lidar.turn {
+            turn.add(scan);
+        }
+    }
+}
+
+impl Lidar {
+    /// Where it sits, once a second.
+    fn show(&mut self, scan: &DataScan, to: &mut To<'_, '_>) {
+        let place = Pose { x: scan.x, y: scan.y, theta: scan.theta };
+        let is_due = self.shown.is_none_or(|shown| shown.abs_diff(scan.timestamp) >= MOUNTING_PERIOD_US);
+        if is_due && place.is_finite() {
+            self.shown = Some(scan.timestamp);
+            to.send("/tf", Standard::Transforms, |fields| {
+                fields.to.count(1);
+                fields.transform(scan.timestamp, "base_link", &self.frame, place);
+            });
+        }
+    }
+}
+
+impl Turn {
+    /// The revolution that a sector begins; `None` if its angles are none.
+    fn new(scan: &DataScan) -> Option<Self> {
+        let &DataScan { timestamp, angle_min, angle_step, beam_time, .. } = scan;
+        let count = TAU / angle_step.abs();
+        let is_one = angle_min.is_finite() && (1.0..=BEAMS_MAX).contains(&count);
+        is_one.then(|| Self {
+            number: scan.revolution,
+            timestamp,
+            angle_min,
+            angle_step,
+            beam_time,
+            limits: [scan.range_min, scan.range_max],
+            ranges: vec![f32::NAN; count.round() as usize],
+            intensities: Vec::new(),
+            used: 0,
+        })
+    }
+
+    fn add(&mut self, scan: &DataScan) {
+        let count = self.ranges.len();
+        if scan.intensities.len() == scan.ranges.len() && !scan.ranges.is_empty() {
+            self.intensities.resize(count, 0.0);
+        }
+        for (k, range) in scan.ranges.iter().enumerate().take(count) {
+            let ahead = (scan.angle_min + k as f64 * scan.angle_step - self.angle_min) * self.angle_step.signum();
+            let place = (ahead.rem_euclid(TAU) / self.angle_step.abs()).round() as usize % count;
+            self.used = self.used.max(place + 1);
+            // The nearer of two.
+            if self.ranges[place].is_nan() || *range < self.ranges[place] {
+                self.ranges[place] = *range;
+                if let (Some(to), Some(from)) = (self.intensities.get_mut(place), scan.intensities.get(k)) {
+                    *to = *from;
+                }
+            }
+        }
+    }
+
+    fn send(&self, lidar: &Lidar, next: i64, to: &mut To<'_, '_>) {
+        let used = self.used.max(1);
+        let angle_max = self.angle_min + (used - 1) as f64 * self.angle_step;
+        let scan_time = next.saturating_sub(self.timestamp) as f64 / 1e6;
+        to.send(&lidar.topic, Standard::LaserScan, |fields| {
+            fields.header(self.timestamp, &lidar.frame);
+            for number in [self.angle_min, angle_max, self.angle_step, self.beam_time, scan_time] {
+                fields.to.f32(number as f32);
+            }
+            self.limits.into_iter().for_each(|limit| fields.to.f32(limit));
+            for list in [&self.ranges, &self.intensities] {
+                let list = &list[..used.min(list.len())];
+                fields.to.count(list.len());
+                list.iter().for_each(|number| fields.to.f32(*number));
+            }
+        });
+    }
+}
