@@ -1,6 +1,6 @@
 //! Model: the latest value of everything.
 
-use crate::{Errors, ModuleRow, Modules, Slot, Texts, Traffic, guard};
+use crate::{Errors, ModuleRow, Modules, Scans, Slot, Texts, Traffic, guard};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel, simulation};
 use std::collections::BTreeMap;
@@ -56,6 +56,8 @@ pub struct Model {
     pub infrareds: Slot<lowlevel::DataIrs>,
     /// Sonars and infrared sensors, each at its own instant.
     pub ranges: Slot<lowlevel::DataRanges>,
+    /// Lidars.
+    pub scans: Scans,
     /// Sighted beacons.
     pub beacons: Slot<lowlevel::DataBeacons>,
     /// Drives.
@@ -115,6 +117,7 @@ impl Model {
             sonars: Slot::every(ms(250)),
             infrareds: Slot::every(ms(250)),
             ranges: Slot::every(ms(250)),
+            scans: Scans::default(),
             beacons: Slot::every(ms(1000)),
             axes: Slot::every(ms(200)),
             power: Slot::every(ms(1000)),
@@ -167,6 +170,7 @@ impl Model {
             Some(Message::LlDataSrfs(sonars)) => self.sonars.put(at, sonars),
             Some(Message::LlDataIrs(infrareds)) => self.infrareds.put(at, infrareds),
             Some(Message::LlDataRanges(ranges)) => self.ranges.put(at, ranges),
+            Some(Message::LlDataScan(scan)) => self.scans.on_scan(at, &scan),
             Some(Message::LlDataBeacons(beacons)) => self.beacons.put(at, beacons),
             Some(Message::LlDataAxes(axes)) => self.axes.put(at, axes),
             Some(Message::LlDataPower(power)) => self.power.put(at, power),

@@ -1,6 +1,6 @@
 //! Complete view at one instant: the output of `--json` and the data of the web page.
 
-use crate::{Bound, ChannelRow, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
+use crate::{Bound, ChannelRow, HoldRow, Model, ModuleRow, Scan, Shown, ShownGroup, ShownText, Status};
 use base::Instant;
 use messages::{common, lowlevel, middlelevel, simulation};
 use serde::Serialize;
@@ -44,6 +44,8 @@ pub struct View<'a> {
     pub infrareds: Shown<'a, lowlevel::DataIrs>,
     /// Sonars and infrared sensors, each at its own instant, with the status of its reading.
     pub ranges: Shown<'a, lowlevel::DataRanges>,
+    /// What lidars see.
+    pub scans: Vec<Shown<'a, Scan>>,
     /// Sighted beacons.
     pub beacons: Shown<'a, lowlevel::DataBeacons>,
     /// Odometry.
@@ -127,6 +129,7 @@ impl Model {
             sonars: self.sonars.shown(now),
             infrareds: self.infrareds.shown(now),
             ranges: self.ranges.shown(now),
+            scans: self.scans.shown(now),
             beacons: self.beacons.shown(now),
             odometry: self.odometry.shown(now),
             axes: self.axes.shown(now),

@@ -65,6 +65,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("foundation/diagnostics/src/holds.rs", "HoldRow"),
             same("foundation/diagnostics/src/guard.rs", "Bound"),
             same("foundation/diagnostics/src/view.rs", "Ellipse"),
+            same("foundation/diagnostics/src/scans.rs", "Scan"),
             same("modules/web/src/center/authority.rs", "Holder"),
             same("foundation/diagnostics/src/modules.rs", "ModuleRow"),
             renamed("foundation/diagnostics/src/errors.rs", "ShownGroup", "ErrorGroup"),

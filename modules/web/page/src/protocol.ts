@@ -295,6 +295,8 @@ export interface SensorsPart {
   infrareds: Shown<DataIrs>;
   /** All range finders, each with its own instant; `sonars` and `infrareds` are the view of 2011. */
   ranges: Shown<DataRanges>;
+  /** What lidars see, each in its last revolution. */
+  scans: Shown<Scan>[];
   beacons: Shown<DataBeacons>;
   /** True places of people: only the simulation knows them. */
   people: Shown<DataPeople>;
@@ -468,6 +470,18 @@ export interface Ellipse {
   angle: number;
   /** Two standard deviations of the heading, rad. */
   heading: number;
+}
+
+/** What a lidar has seen in its last whole revolution. */
+export interface Scan {
+  /** Its name. */
+  name: string;
+  /** State of the lidar: one of the constants of `LL_DATA_SCAN`. */
+  status: number;
+  /** Where its beams met something, robot frame: forward, m, to the centimetre; at most 720. */
+  x: number[];
+  /** To the left, m; as many. */
+  y: number[];
 }
 
 /** Holder of the motion authority. */

@@ -4,7 +4,8 @@ use super::authority::Holder;
 use super::demo::Playing;
 use base::Instant;
 use diagnostics::{
-    Bound, ChannelRow, Concern, Ellipse, HoldRow, Model, ModuleRow, Reported, Shown, ShownGroup, ShownText, Status,
+    Bound, ChannelRow, Concern, Ellipse, HoldRow, Model, ModuleRow, Reported, Scan, Shown, ShownGroup, ShownText,
+    Status,
 };
 use messages::{common, lowlevel, middlelevel, simulation};
 use serde::Serialize;
@@ -88,6 +89,8 @@ pub struct SensorsPart<'a> {
     infrareds: Shown<'a, lowlevel::DataIrs>,
     /// All range finders, each with its own instant; `sonars` and `infrareds` are the view of 2011.
     ranges: Shown<'a, lowlevel::DataRanges>,
+    /// What lidars see, each in its last revolution.
+    scans: Vec<Shown<'a, Scan>>,
     beacons: Shown<'a, lowlevel::DataBeacons>,
     /// True places of people: only the simulation knows them.
     people: Shown<'a, simulation::DataPeople>,
@@ -100,6 +103,7 @@ impl<'a> SensorsPart<'a> {
             sonars: model.sonars.shown(now),
             infrareds: model.infrareds.shown(now),
             ranges: model.ranges.shown(now),
+            scans: model.scans.shown(now),
             beacons: model.beacons.shown(now),
             people: model.people.shown(now),
         }

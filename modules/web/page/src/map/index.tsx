@@ -4,7 +4,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { isHeld } from "../holds";
 import { take } from "../operate";
 import { num } from "../format";
-import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
+import { authority, connection, demo, drive, fresh, holder, may, scene, sensors, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
 import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
@@ -171,6 +171,7 @@ function Layers() {
     ["plan", "plan", "plan"],
     ["obstacles", "obstacle", "sensed obstacles"],
     ...(drive.value?.bound ? ([["fields", "protective", "guard: protective field stops, dashed one slows; hatched: occupied"]] as [Layer, string, string][]) : []),
+    ...(sensors.value?.scans.length ? ([["scan", "scan", "lidar; pale: it reports a fault, or is silent"]] as [Layer, string, string][]) : []),
     ["sonar", "sonar", "sonar; dotted: nothing within range, dashed: not known"],
     ["floor", "ir", "▽ no floor seen by infrared; open: not known"],
     ["beacons", "beacon", "beacons; filled: seen"],

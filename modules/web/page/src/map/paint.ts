@@ -10,7 +10,7 @@ import { fieldsOn, from, hatch, type Pose } from "./fields";
 import { trail } from "./trail";
 import { isLost } from "./words";
 
-const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
+const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "scan", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
 export type Inks = Record<(typeof INKS)[number] | "ink" | "surface" | "muted", string>;
 
 /** The colours of the theme that is shown. */
@@ -44,6 +44,7 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
   if (scene.value && isOn("beacons")) beacons(brush, scene.value, drive.value, sensors.value);
   if (scene.value && drive.value) {
     if (isOn("fields")) fields(brush, drive.value);
+    if (sensors.value && isOn("scan")) scans(brush, drive.value, sensors.value);
     if (sensors.value && isOn("sonar")) cones(brush, scene.value, drive.value, sensors.value);
     if (isOn("truth")) truth(brush, scene.value, drive.value);
     robot(brush, scene.value, drive.value);
@@ -224,6 +225,23 @@ function cones(brush: Brush, scene: ScenePart, drive: DrivePart, sensors: Sensor
     on.stroke();
   }
   on.setLineDash([]);
+  on.globalAlpha = 1;
+}
+
+/** What the beams of lidars met, from where the robot is now. */
+function scans({ on, ink, at }: Brush, drive: DrivePart, sensors: SensorsPart): void {
+  const robot = pose(drive);
+  if (!robot) return;
+  on.fillStyle = ink.scan;
+  for (const scan of sensors.scans) {
+    if (!scan.value) continue;
+    const { status, x, y } = scan.value;
+    on.globalAlpha = stale(scan) || status !== 0 ? 0.3 : 0.95;
+    for (let k = 0; k < x.length; k++) {
+      const [sx, sy] = at(...from(robot, x[k] ?? 0, y[k] ?? 0));
+      on.fillRect(sx - 1.5, sy - 1.5, 3, 3);
+    }
+  }
   on.globalAlpha = 1;
 }
 

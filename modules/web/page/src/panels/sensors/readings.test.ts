@@ -14,6 +14,7 @@ function part(readings: Reading[] | null, srfs: Range[] | null): SensorsPart {
     sonars: shown(srfs ? { timestamp: 1, srfs } : null),
     infrareds: shown<{ timestamp: number; irs: Range[] }>(null),
     ranges: shown(readings ? { timestamp: 10_000_000, readings } : null),
+    scans: [],
     beacons: shown<{ timestamp: number; beacons: [] }>(null),
     people: shown<{ timestamp: number; x: number[]; y: number[]; radius: number[] }>(null),
   };
