@@ -86,7 +86,11 @@ impl LidarModel {
 
 /// All of them.
 #[derive(Default)]
-pub(crate) struct Lidars(Vec<Lidar>);
+pub(crate) struct Lidars {
+    all: Vec<Lidar>,
+    /// Cosine and sine of the directions in which the devices look.
+    directions: Vec<(f64, f64)>,
+}
 
 struct Lidar {
     config: LidarConfig,
@@ -106,18 +110,22 @@ impl Lidars {
             let (device, reach) = config.model.device();
             Lidar { config: config.clone(), device, reach, look: now, looks: 0, pass: now, until: Instant::NEVER }
         };
-        Self(configs.iter().map(lidar).collect())
+        let direction = |n| {
+            let (sin, cos) = libm::sincos(n as f64 * TAU / DIRECTIONS as f64);
+            (cos, sin)
+        };
+        Self { all: configs.iter().map(lidar).collect(), directions: (0..DIRECTIONS).map(direction).collect() }
     }
 
     pub fn on_words(&mut self, now: Instant, place: usize, words: &[Word]) {
-        let Some(lidar) = self.0.get_mut(place) else { return };
+        let Some(lidar) = self.all.get_mut(place) else { return };
         let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
         lidar.device.handle_rx(now, &bytes);
     }
 
     /// Lets all measure.
     pub fn handle_timeout(&mut self, now: Instant, scene: &Scene) {
-        for (place, lidar) in self.0.iter_mut().enumerate() {
+        for (place, lidar) in self.all.iter_mut().enumerate() {
             if lidar.until <= now {
                 *lidar.device.faults() = Faults::default();
                 lidar.until = Instant::NEVER;
@@ -125,7 +133,7 @@ impl Lidars {
             if lidar.look <= now {
                 lidar.look = now + LOOK;
                 lidar.looks += 1;
-                lidar.sees(now, scene, (place as u64) << 32 | lidar.looks);
+                lidar.sees(now, scene, &self.directions, (place as u64) << 32 | lidar.looks);
             }
             lidar.device.handle_timeout(now);
             if lidar.pass <= now {
@@ -136,7 +144,7 @@ impl Lidars {
 
     /// Next bytes, and the place of their lidar.
     pub fn poll_tx(&mut self, now: Instant) -> Option<(usize, Vec<Word>)> {
-        self.0.iter_mut().enumerate().find_map(|(place, lidar)| {
+        self.all.iter_mut().enumerate().find_map(|(place, lidar)| {
             let mut bytes = [0; CHUNK];
             let count = lidar.device.poll_tx(now, &mut bytes);
             (count > 0).then(|| (place, bytes[..count].iter().copied().map(Word::data).collect()))
@@ -144,15 +152,15 @@ impl Lidars {
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
-        let ends = self.0.iter().map(|lidar| lidar.until).filter(|until| *until < Instant::NEVER);
+        let ends = self.all.iter().map(|lidar| lidar.until).filter(|until| *until < Instant::NEVER);
         // A line that carries bytes is due at once.
         let due = |lidar: &Lidar| lidar.device.poll_timeout().map(|due| due.max(lidar.pass));
-        self.0.iter().filter_map(due).chain(ends).min()
+        self.all.iter().filter_map(due).chain(ends).min()
     }
 
     /// Something is wrong with a lidar, or not any more; false if that is no target, or no fault of its kind.
     pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
-        let Some(lidar) = self.0.iter_mut().find(|lidar| lidar.config.bus == target) else { return false };
+        let Some(lidar) = self.all.iter_mut().find(|lidar| lidar.config.bus == target) else { return false };
         let usual = Faults::default();
         let (faults, until) = match injected {
             InjectedFault::Silent => (Faults { cut: true, ..usual }, until),
@@ -174,14 +182,15 @@ impl Lidars {
 
 impl Lidar {
     /// What it would measure in each direction now.
-    fn sees(&mut self, now: Instant, scene: &Scene, stream: u64) {
+    fn sees(&mut self, now: Instant, scene: &Scene, directions: &[(f64, f64)], stream: u64) {
         let mut random = scene.random(stream ^ u64::from_le_bytes(*b"lidar   "));
-        let sign = if self.config.upside_down { -1.0 } else { 1.0 };
+        let distances = scene.view(self.config.mount, now, self.reach).distances(directions);
+        let noisy = distances.into_iter().map(|distance| (distance + NOISE_M * random.normal()).max(0.0) as f32);
         let ranges = &mut self.device.scene().0;
-        let view = scene.view(self.config.mount, now, self.reach);
-        for (n, range) in ranges.iter_mut().enumerate() {
-            let distance = view.distance(sign * n as f64 * TAU / DIRECTIONS as f64);
-            *range = distance.map_or(f32::INFINITY, |distance| (distance + NOISE_M * random.normal()).max(0.0) as f32);
+        ranges.iter_mut().zip(noisy).for_each(|(range, noisy)| *range = noisy);
+        if self.config.upside_down {
+            // The front stays where it is.
+            ranges[1..].reverse();
         }
     }
 }
@@ -209,7 +218,7 @@ mod tests {
         for (upside_down, left, right) in [(false, 5.5, 6.5), (true, 6.5, 5.5)] {
             let mut lidars = Lidars::new(&[config(upside_down)], Instant::ZERO);
             lidars.handle_timeout(Instant::ZERO, &scene);
-            let seen = lidars.0[0].device.scene();
+            let seen = lidars.all[0].device.scene();
             for (direction, distance) in [(0, 15.0), (DIRECTIONS / 4, left), (3 * DIRECTIONS / 4, right)] {
                 assert!((f64::from(seen.0[direction]) - distance).abs() < 0.06, "{direction}: {}", seen.0[direction]);
             }

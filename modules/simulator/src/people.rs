@@ -8,7 +8,7 @@
 mod contact;
 mod floor;
 
-pub use contact::{Contact, Mover, NoContact, TOWARDS};
+pub use contact::{Contact, Mover, NoContact, TOWARDS, Touched};
 
 use crate::random::Random;
 use crate::world::{Crowd, World};
@@ -351,8 +351,8 @@ impl People {
             if gap > TOUCH {
                 continue;
             }
-            let moves = track.gone > part;
-            let towards = if moves { -dot(person.velocity, found.normal) } else { 0.0 };
+            let velocity = if track.gone > part { person.velocity } else { (0.0, 0.0) };
+            let (towards_mps, speed_mps) = (-dot(velocity, found.normal), libm::hypot(velocity.0, velocity.1));
             let mover = if found.towards > TOWARDS { Mover::Robot } else { Mover::Person };
             blocked |= mover == Mover::Robot;
             track.gone = track.gone.min(part);
@@ -360,7 +360,7 @@ impl People {
             // A person who was bumped into, and is then pushed, counts twice.
             if person.touches.is_none() || (person.touches, mover) == (Some(Mover::Person), Mover::Robot) {
                 person.touches = Some(mover);
-                let person = Some((number as u32, towards));
+                let person = Some(Touched { number: number as u32, towards_mps, speed_mps });
                 contacts.push(Contact { mover, person, robot_mps: found.towards, at });
             }
         }

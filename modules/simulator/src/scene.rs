@@ -4,11 +4,12 @@ use crate::body::{Body, Demand, Parameters, STEP};
 use crate::people::{self, Contact, Floor, Hull, LEG, Moment, Mover, People};
 use crate::random::Random;
 use crate::sonar::{Cone, Echo, Sonar, floor_distance};
-use crate::world::{Column, World};
+use crate::world::{Column, Segment, World, first_hit};
 use base::Instant;
 use kinematics::{Chassis, Twist};
-use navitools::{Point, Pose};
+use navitools::{Point, Pose, wrap};
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 
 /// Number of poses kept: steps of the greatest age of the beacon scanner's answer (a sweep of 1 s), and some.
 const MEMORY: usize = 256;
@@ -49,10 +50,35 @@ pub(crate) struct View<'a> {
 }
 
 impl View<'_> {
-    /// Distance of the nearest object in a direction, rad counter-clockwise from the lidar's front.
-    pub fn distance(&self, angle: f64) -> Option<f64> {
-        let (sin, cos) = (self.sensor.theta + angle).sin_cos();
-        self.world.distance(&self.legs, self.sensor.point(), (cos, sin), self.reach)
+    /// Distances of the nearest objects in `directions`, equal steps all around, counter-clockwise from the lidar's
+    /// front: cosine and sine; infinite: nothing is within reach. Each object is looked for where it can be seen only.
+    pub fn distances(&self, directions: &[(f64, f64)]) -> Vec<f64> {
+        let (sin, cos) = self.sensor.theta.sin_cos();
+        let turned = |&(x, y): &(f64, f64)| (x * cos - y * sin, x * sin + y * cos);
+        let directions: Vec<(f64, f64)> = directions.iter().map(turned).collect();
+        let mut distances = vec![f64::INFINITY; directions.len()];
+        let from = self.sensor.point();
+        let per_rad = directions.len() as f64 / TAU;
+        let mut look = |(middle, half): (f64, f64), walls: &[Segment], columns: &[Column]| {
+            let first = libm::floor((wrap(middle) + TAU - half) * per_rad) as usize;
+            let count = (libm::ceil(2.0 * half * per_rad) as usize + 2).min(directions.len());
+            for place in (first..first + count).map(|place| place % directions.len()) {
+                let nearest = distances[place].min(self.reach);
+                if let Some(hit) = first_hit(walls, columns, from, directions[place], nearest) {
+                    distances[place] = hit.distance;
+                }
+            }
+        };
+        let bearing = |to: Point| libm::atan2(to.y - from.y, to.x - from.x) - self.sensor.theta.radians();
+        for wall in &self.world.walls {
+            let (a, between) = (bearing(wall.a), wrap(bearing(wall.b) - bearing(wall.a)));
+            look((a + between / 2.0, between.abs() / 2.0), std::slice::from_ref(wall), &[]);
+        }
+        for column in self.world.columns.iter().chain(&self.legs) {
+            let sine = column.radius / from.distance(column.centre);
+            look((bearing(column.centre), libm::asin(sine.min(1.0))), &[], std::slice::from_ref(column));
+        }
+        distances
     }
 }
 
@@ -282,6 +308,34 @@ mod tests {
 
     fn put_at(scene: &mut Scene, x: f64, y: f64) -> bool {
         scene.put(Pose::new(x, y, 1.0))
+    }
+
+    #[test]
+    fn what_is_looked_for_where_it_can_be_is_what_a_ray_in_each_direction_meets() {
+        let point = |x, y| Point { x, y };
+        let mut hall = World::hall(20.0, 12.0);
+        let wall = |a, b| Segment { a, b };
+        hall.walls.extend([wall(point(6.0, 0.0), point(6.0, 8.0)), wall(point(9.0, 3.0), point(15.0, 7.0))]);
+        hall.columns.extend([(3.0, 9.0), (14.0, 10.0)].map(|(x, y)| Column { centre: point(x, y), radius: 0.3 }));
+        hall.places = vec![point(2.0, 2.0), point(18.0, 10.0), point(10.0, 1.0)];
+        hall.people.count = 12;
+        let directions: Vec<(f64, f64)> =
+            (0..720).map(|n| libm::sincos(f64::from(n) * TAU / 720.0)).map(|(sin, cos)| (cos, sin)).collect();
+        let mut random = Random::stream(3, 1);
+        for n in 0..40 {
+            let (x, y) = (0.5 + 19.0 * random.uniform(), 0.5 + 11.0 * random.uniform());
+            let world = World { start: Pose::new(x, y, TAU * random.uniform()), ..hall.clone() };
+            let scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), n);
+            let view = scene.view(Pose::new(0.3, -0.1, 0.4), Instant::ZERO, 12.0);
+            let from = view.sensor.point();
+            for (place, distance) in view.distances(&directions).into_iter().enumerate() {
+                let (sin, cos) = (view.sensor.theta + place as f64 * TAU / 720.0).sin_cos();
+                let still = view.world.ray(from, (cos, sin), 12.0).map_or(12.0, |hit| hit.distance);
+                let leg = first_hit(&[], &view.legs, from, (cos, sin), still).map_or(still, |hit| hit.distance);
+                let off = distance.min(12.0) - leg;
+                assert!(off.abs() < 1e-6, "{n}: {place}: {distance}, by a ray {leg}");
+            }
+        }
     }
 
     #[test]

@@ -164,7 +164,13 @@ impl Ahead {
     }
 }
 
-fn first_hit(walls: &[Segment], columns: &[Column], from: Point, (dx, dy): (f64, f64), reach: f64) -> Option<Hit> {
+pub(crate) fn first_hit(
+    walls: &[Segment],
+    columns: &[Column],
+    from: Point,
+    (dx, dy): (f64, f64),
+    reach: f64,
+) -> Option<Hit> {
     let mut hit: Option<Hit> = None;
     let mut best = reach;
     for wall in walls {
@@ -276,13 +282,6 @@ impl World {
     #[must_use]
     pub fn ray(&self, from: Point, direction: (f64, f64), reach: f64) -> Option<Hit> {
         first_hit(&self.walls, &self.columns, from, direction, reach)
-    }
-
-    /// Distance of the nearest object, or of the nearest of `others`, that a ray hits, as [`Self::ray`].
-    pub(crate) fn distance(&self, others: &[Column], from: Point, direction: (f64, f64), reach: f64) -> Option<f64> {
-        let distance = self.ray(from, direction, reach).map(|hit| hit.distance);
-        let nearer = first_hit(&[], others, from, direction, distance.unwrap_or(reach));
-        nearer.map(|hit| hit.distance).or(distance)
     }
 
     /// Objects that rays from `sensor` can hit which deviate from its axis by at most a right angle and end within

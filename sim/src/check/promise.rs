@@ -6,8 +6,8 @@
 //! at its beginning, is the distance of what was touched. If the sonar missed the echo once in that time, nothing is
 //! proven: by the guard's law one echo counts until the next reading.
 //!
-//! Not judged: contacts below [`CONTACT_MPS`], with somebody who walks, of a robot that creeps or rolls without power,
-//! and after a disturbance on the way from the sonar to the wheel.
+//! Not judged: contacts below [`CONTACT_MPS`], with somebody who walks, in whatever direction, of a robot that creeps or
+//! rolls without power, and after a disturbance on the way from the sonar to the wheel.
 
 use super::Verdict;
 use super::blind::answer;
@@ -113,7 +113,7 @@ impl Rule {
     /// The simulator has reported a contact.
     pub fn on_contact(&self, now: Instant, contact: &Contact, facts: &Facts) -> Verdict {
         let Some(promise) = &facts.limits.promise else { return Ok(()) };
-        let stands = contact.person.is_none_or(|(_, speed)| speed.abs() < STANDS_MPS);
+        let stands = contact.person.is_none_or(|person| person.speed_mps < STANDS_MPS);
         if contact.mover != Mover::Robot || contact.robot_mps <= CONTACT_MPS || !stands {
             return Ok(());
         }

@@ -44,8 +44,8 @@ impl Lost {
 #[derive(Debug)]
 pub(super) struct Rule {
     lost: Option<Lost>,
-    /// The last two samples of the body's speed, and since which sample it decreases.
-    speeds: [f64; 2],
+    /// The last sample of the body's speed, and since which sample it decreases.
+    speed: f64,
     slows: Option<Instant>,
     /// True for each wheel that last reported Operation Enabled.
     enabled: Vec<bool>,
@@ -55,7 +55,7 @@ pub(super) struct Rule {
 
 impl Rule {
     pub fn new(wheels: usize) -> Self {
-        Self { lost: None, speeds: [0.0; 2], slows: None, enabled: vec![false; wheels], worst: None }
+        Self { lost: None, speed: 0.0, slows: None, enabled: vec![false; wheels], worst: None }
     }
 
     /// A process died or hangs.
@@ -81,9 +81,7 @@ impl Rule {
         let stops = std::mem::replace(&mut self.enabled[wheel], enabled) && !enabled;
         let turns = |(other, set_point): (usize, &SetPoint)| other != wheel && set_point.speed().is_some();
         let others = facts.wheels.iter().enumerate().any(|wheel| turns(wheel) && self.enabled[wheel.0]);
-        // A drive that stops by itself reports it within the period of its statusword; the body shows it earlier.
-        let begun = self.slows.map_or(now, |since| since.min(now));
-        if stops && !others { self.begins(begun, facts) } else { Ok(()) }
+        if stops && !others { self.begins(now, facts) } else { Ok(()) }
     }
 
     /// Processes an RPDO that does not move the robot.
@@ -91,12 +89,16 @@ impl Rule {
         self.begins(now, facts)
     }
 
-    /// The stop has begun.
+    /// The stop has begun, at the latest now: a drive that stops by itself reports it within the period of its
+    /// statusword, and a robot that slows down already may be told to stand only then. The body shows it earlier.
     fn begins(&mut self, now: Instant, facts: &Facts) -> Verdict {
         let Some(lost) = self.lost.take() else { return Ok(()) };
-        let took = now.since(lost.counts_from(now, facts));
-        let [before, speed] = self.speeds;
-        if took > STOP_MAX + DELAY_MAX && speed > STANDSTILL_MPS && speed >= before - DECELERATION_MIN {
+        if self.speed <= STANDSTILL_MPS {
+            return Ok(());
+        }
+        let begun = self.slows.map_or(now, |since| since.min(now));
+        let took = begun.since(lost.counts_from(now, facts));
+        if took > STOP_MAX + DELAY_MAX {
             return Err(format!("{} is lost since {:?}, and the stop begins after {took:?}", lost.module, lost.at));
         }
         self.worst = self.worst.max(Some(took));
@@ -105,8 +107,8 @@ impl Rule {
 
     /// Processes a sample of the body's speed.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
-        self.speeds = [self.speeds[1], speed.abs()];
-        let slows = speed.abs() < self.speeds[0] - DECELERATION_MIN;
+        let before = std::mem::replace(&mut self.speed, speed.abs());
+        let slows = self.speed < before - DECELERATION_MIN;
         self.slows = slows.then(|| self.slows.unwrap_or(now));
         let Some(lost) = &mut self.lost else { return Ok(()) };
         let from = lost.counts_from(now, facts);

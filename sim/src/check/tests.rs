@@ -1053,15 +1053,17 @@ fn what_stands_and_was_answered_is_not_hit() {
     let wall = "contact: by robot, robot 0.500 m/s, wall, at 9.250 0.000";
     let nothing = |_: &mut Bench| {};
     assert_eq!(touches(0.5, wall, &[], nothing), Some("promise"));
-    let leg = "contact: by robot, robot 0.500 m/s, person 3 0.050 m/s, at 10.200 0.100";
+    let leg = "contact: by robot, robot 0.500 m/s, person 3 0.050 of 0.050 m/s, at 10.200 0.100";
     assert_eq!(touches(0.5, leg, &[], nothing), Some("promise"));
     for other in [
-        "contact: by person, robot 0.500 m/s, person 3 0.050 m/s, at 10.200 0.100",
+        "contact: by person, robot 0.500 m/s, person 3 0.050 of 0.050 m/s, at 10.200 0.100",
         "contact: by robot, robot 0.040 m/s, wall, at 9.250 0.000",
-        "contact: by robot, robot 0.500 m/s, person 3 0.900 m/s, at 10.200 0.100",
-        "contact: by robot, robot 0.500 m/s, person 3 0.050 m/s, at 9.500 1.500",
+        "contact: by robot, robot 0.500 m/s, person 3 0.900 of 0.900 m/s, at 10.200 0.100",
+        // One who walks past, too.
+        "contact: by robot, robot 0.500 m/s, person 3 0.005 of 0.270 m/s, at 10.200 0.100",
+        "contact: by robot, robot 0.500 m/s, person 3 0.050 of 0.050 m/s, at 9.500 1.500",
         // A leg answered that is farther away than the body before it: the other one, or the rear one of a stride.
-        "contact: by robot, robot 0.500 m/s, person 3 0.050 m/s, at 9.960 0.100",
+        "contact: by robot, robot 0.500 m/s, person 3 0.050 of 0.050 m/s, at 9.960 0.100",
     ] {
         assert_eq!(touches(0.5, other, &[], nothing), None, "{other}");
     }

@@ -30,7 +30,7 @@ impl Contacts {
         match (contact.mover, contact.person) {
             (Mover::Robot, None) => self.robot_into_wall.take(contact.robot_mps),
             (Mover::Robot, Some(_)) => self.robot_into_person.take(contact.robot_mps),
-            (Mover::Person, person) => self.person_into_robot.take(person.map_or(0.0, |(_, speed)| speed)),
+            (Mover::Person, person) => self.person_into_robot.take(person.map_or(0.0, |person| person.towards_mps)),
         }
     }
 
@@ -162,8 +162,8 @@ mod tests {
         for line in [
             "contact: by robot, robot 0.400 m/s, wall, at 0.000 0.000",
             "contact: by robot, robot 0.200 m/s, wall, at 0.000 0.000",
-            "contact: by robot, robot 0.300 m/s, person 3 -0.500 m/s, at 1.000 0.000",
-            "contact: by person, robot -0.100 m/s, person 3 1.250 m/s, at 1.000 0.000",
+            "contact: by robot, robot 0.300 m/s, person 3 -0.500 of 0.500 m/s, at 1.000 0.000",
+            "contact: by person, robot -0.100 m/s, person 3 1.250 of 1.250 m/s, at 1.000 0.000",
         ] {
             contacts.take(&line.parse().unwrap());
         }

@@ -133,7 +133,8 @@ fn a_contact_says_who_moved() {
     let mut people = one(Point { x: 10.951, y: 6.0 }, (0.0, 0.0));
     assert!(people.meet(0, &robot, &mut contacts), "he is in its way");
     let [contact] = contacts[..] else { panic!("{contacts:?}") };
-    assert_eq!((contact.mover, contact.person, contact.robot_mps), (Mover::Robot, Some((0, 0.0)), 0.5));
+    let stands = Touched { number: 0, towards_mps: 0.0, speed_mps: 0.0 };
+    assert_eq!((contact.mover, contact.person, contact.robot_mps), (Mover::Robot, Some(stands), 0.5));
     assert!(people.meet(NS / 20, &robot, &mut contacts) && contacts.len() == 1, "once");
     // It stands, and somebody walks into its side.
     contacts.clear();
@@ -146,7 +147,10 @@ fn a_contact_says_who_moved() {
     }
     let [contact] = contacts[..] else { panic!("{contacts:?}") };
     assert_eq!((contact.mover, contact.robot_mps), (Mover::Person, 0.0));
-    assert!((contact.person.unwrap().1 - 1.2).abs() < 1e-9 && (contact.at.y - 5.5).abs() < 0.007, "{contact}");
+    assert!(
+        (contact.person.unwrap().towards_mps - 1.2).abs() < 1e-9 && (contact.at.y - 5.5).abs() < 0.007,
+        "{contact}"
+    );
     // He stops there, and steps back.
     assert_eq!(people.at(NS).next().unwrap().0, contact.at);
     let world = World::hall(20.0, 12.0);
