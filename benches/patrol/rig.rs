@@ -267,7 +267,7 @@ impl Seen {
             let within = (echo.pose.theta + -bearing).radians().abs() < echo.beam / 2.0 + 0.1;
             let off = from.distance(contact.at) - PERSON_M - echo.distance;
             // Who walks was elsewhere.
-            let walked = contact.person.map_or(0.0, |(_, speed)| speed.abs()) * (seconds - echo.at);
+            let walked = contact.person.map_or(0.0, |person| person.towards_mps.abs()) * (seconds - echo.at);
             within && off.abs() < ANSWER_M + walked
         };
         let mut answers: Vec<(i32, f64)> =

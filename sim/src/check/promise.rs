@@ -6,8 +6,8 @@
 //! at its beginning, is the distance of what was touched. If the sonar missed the echo once in that time, nothing is
 //! proven: by the guard's law one echo counts until the next reading.
 //!
-//! Not judged: contacts below [`CONTACT_MPS`], with somebody who walks, in whatever direction, of a robot that creeps or
-//! rolls without power, and after a disturbance on the way from the sonar to the wheel.
+//! Not judged: contacts below [`CONTACT_MPS`], with somebody who walks, in whatever direction, of a robot that creeps
+//! or rolls without power, and after a disturbance on the way from the sonar to the wheel.
 
 use super::Verdict;
 use super::blind::answer;
