@@ -233,6 +233,12 @@ impl Robot {
         &self.grounds[(episode % self.grounds.len() as u64) as usize]
     }
 
+    /// The faults of an episode.
+    #[must_use]
+    pub fn faults(&self, number: u64) -> Vec<Fault> {
+        draw(&self.scenario, self.seed, number)
+    }
+
     /// Runs one episode with some of its faults, or all.
     ///
     /// # Errors
@@ -279,7 +285,7 @@ impl Robot {
         let work = || {
             loop {
                 let Some(number) = left.lock().unwrap_or_else(PoisonError::into_inner).next() else { return };
-                let outcome = self.run(number, &draw(&self.scenario, self.seed, number), None, progress.stop());
+                let outcome = self.run(number, &self.faults(number), None, progress.stop());
                 if outcome.as_ref().is_ok_and(|outcome| !outcome.complete) {
                     return;
                 }
@@ -311,7 +317,7 @@ impl Robot {
         trace: Option<Trace>,
         progress: &Progress,
     ) -> Result<Report, String> {
-        let mut faults = draw(&self.scenario, self.seed, number);
+        let mut faults = self.faults(number);
         if let Some(Numbers(only)) = only {
             if let Some(none) = only.iter().find(|place| **place >= faults.len()) {
                 return Err(format!("--faults {none}: episode {number} has {} faults, from 0 on", faults.len()));
@@ -341,7 +347,7 @@ impl Robot {
     }
 
     fn fewest(&self, number: u64, rule: &str, progress: &Progress) -> Option<Minimal> {
-        let all: Vec<(usize, Fault)> = draw(&self.scenario, self.seed, number).into_iter().enumerate().collect();
+        let all: Vec<(usize, Fault)> = self.faults(number).into_iter().enumerate().collect();
         let mut runs = 0;
         let faults = shrink(&all, TRIES, |some| {
             if progress.stop().load(Ordering::Relaxed) {

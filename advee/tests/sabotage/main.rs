@@ -9,7 +9,7 @@ use cli::soak::Robot;
 use module::sabotage::{self, Bug};
 use robot::config;
 use robot::place::RobotLocation;
-use sim::soak::{Kind, Scenario, Violation, draw};
+use sim::soak::{Kind, Scenario, Violation};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -122,14 +122,14 @@ fn soak(bug: Option<Bug>) -> Option<(f64, Violation)> {
     if let Some(kind) = alone(bug) {
         scenario.kinds = vec![kind];
     }
-    let robot = robot(scenario.clone());
+    let robot = robot(scenario);
     sabotage::set(bug);
     let mut passed = 0.0;
     for number in 0.. {
         if passed >= HOUR_S {
             break;
         }
-        let outcome = robot.episode(number, &draw(&scenario, SEED, number)).expect("the robot is made");
+        let outcome = robot.episode(number, &robot.faults(number)).expect("the robot is made");
         passed += outcome.time.as_secs_f64();
         if let Some(violation) = outcome.violation {
             return Some((passed, violation)).filter(|_| passed <= HOUR_S);
