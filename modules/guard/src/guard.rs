@@ -27,7 +27,7 @@ const STEERING_MAX_RAD: f64 = 1.5;
 /// Speed below which the robot counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
 /// What a lidar finds near the robot is published at once, but not sooner than this after the last message.
-const PAUSE: Duration = Duration::from_millis(10);
+const SPACING: Duration = Duration::from_millis(10);
 
 base::deadlines! {
     /// Deadlines of the module.
@@ -146,7 +146,7 @@ impl Guard {
         let speed = libm::hypot(velocity.vx, velocity.vy).max(velocity.omega.abs() * self.fields.radius());
         let law = self.fields.law();
         let field = self.fields.radius() + law.protective(speed).max(law.warning(speed));
-        if speed > STANDSTILL_MPS && distance <= field && now.since(self.published) >= PAUSE {
+        if speed > STANDSTILL_MPS && distance <= field && now.since(self.published) >= SPACING {
             self.publish(now, out);
         }
     }

@@ -56,21 +56,22 @@ struct Hit {
     approaches: bool,
 }
 
-/// A revolution.
+/// A revolution: it ends where a part of the view is seen again, whatever number the device gives it.
 #[derive(Debug)]
 struct Turn {
-    number: i64,
     since: Instant,
+    /// The parts of the view that it has seen, without those at the ends of sectors.
+    seen: Vec<bool>,
     hits: Vec<Hit>,
 }
 
 /// A part of the view.
 #[derive(Clone, Debug, Default)]
 struct Slice {
-    /// Last measurement in it.
+    /// First measurement in it in the last revolution that has one.
     at: Instant,
-    /// Its revolution, and how many there were in succession, up to `evaluations`.
-    number: i64,
+    /// That revolution, and how many there were in succession, up to `evaluations`.
+    number: u64,
     turns: u32,
     /// The points that it covers while it is unknown, in the robot's frame, m.
     cover: Vec<Point>,
@@ -83,6 +84,8 @@ struct Eye {
     place: usize,
     slices: Vec<Slice>,
     turns: VecDeque<Turn>,
+    /// Number of the last revolution; the first one is 1.
+    count: u64,
 }
 
 /// What the lidars have seen.
@@ -101,6 +104,7 @@ impl Scans {
             place,
             slices: slices(lidar, body, settings.reach),
             turns: VecDeque::new(),
+            count: 0,
         };
         Self { settings, eyes: lidars.iter().enumerate().map(eye).collect() }
     }
@@ -132,12 +136,11 @@ impl Scans {
     }
 
     /// Adds everything that may be in the way at `now`.
-    pub fn obstacles(&mut self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
+    pub fn obstacles(&self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
         let to_trail = trail.pose(now).to_outer();
-        let Settings { evaluations, window, .. } = self.settings;
-        for eye in &mut self.eyes {
+        let Settings { evaluations, .. } = self.settings;
+        for eye in &self.eyes {
             let source = Source::Lidar(eye.place);
-            eye.turns.retain(|turn| now.since(turn.since) <= window);
             let counted = eye.turns.iter().rev().take(1 + TURNS_COUNTED).flat_map(|turn| &turn.hits);
             let sensed = counted.filter(|hit| hit.turns >= evaluations);
             found.extend(sensed.map(|hit| Obstacle { at: hit.at, source, sensed: true, approaches: hit.approaches }));
@@ -152,7 +155,9 @@ impl Eye {
     /// Processes a sector whose first beam was measured at `at`. Returns the distance from the robot's reference point
     /// to the nearest thing that counts from now on, m.
     fn see(&mut self, now: Instant, at: Instant, scan: &DataScan, trail: &Trail, settings: &Settings) -> Option<f64> {
-        self.begin(at, scan.revolution);
+        let angle = |k: usize| wrap(scan.angle_min + k as f64 * scan.angle_step);
+        let slices: Vec<Option<usize>> = (0..scan.ranges.len()).map(|k| slice_of(&self.lidar, angle(k))).collect();
+        self.begin(at, &slices);
         let robot = trail.pose(at);
         let here = (robot * self.lidar.mount).point();
         let (begun, before, old) = self.earlier()?;
@@ -161,13 +166,20 @@ impl Eye {
         let (before, old) = (View::new(here, before), View::new(here, old));
         let same = SAME_M + WALK_MPS * period;
         let (mut hits, mut nearest, mut nears) = (Vec::new(), f64::INFINITY, false);
+        let room = HITS_MAX.saturating_sub(self.turns.back()?.hits.len());
+        // Nothing was received: that frees no more than the range at which dark things are seen.
+        let frees = |range: f32| range < f32::INFINITY || f64::from(scan.range_max) >= settings.reach;
         for (k, range) in scan.ranges.iter().enumerate().filter(|(_, range)| !range.is_nan()) {
-            let angle = wrap(scan.angle_min + k as f64 * scan.angle_step);
-            let Some(slice) = slice_of(&self.lidar, angle) else { continue };
+            // What there is no room for would be in the way unseen: from there on nothing is known.
+            if hits.len() == room {
+                break;
+            }
+            let Some(slice) = slices[k] else { continue };
             if let Some(slice) = self.slices.get_mut(slice)
                 && scan.status == DataScan::OK
+                && frees(*range)
             {
-                slice.measured(now, scan.revolution, settings);
+                slice.measured(now, self.count, settings);
             }
             // What is too near to be measured is right before the lidar.
             let range = f64::from(if *range < 0.0 { scan.range_min } else { *range });
@@ -176,7 +188,7 @@ impl Eye {
                 continue;
             }
             let pose = trail.pose(at + Duration::from_secs_f64(k as f64 * scan.beam_time)) * self.lidar.mount;
-            let (sin, cos) = (pose.theta + angle).sin_cos();
+            let (sin, cos) = (pose.theta + angle(k)).sin_cos();
             let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
             let (bin, distance) = seen_from(here, point);
             let found = before.turns(bin, distance, same);
@@ -191,21 +203,29 @@ impl Eye {
             }
             hits.push(hit);
         }
-        let turn = self.turns.back_mut()?;
-        let room = HITS_MAX.saturating_sub(turn.hits.len());
-        turn.hits.extend(hits.into_iter().take(room));
+        self.turns.back_mut()?.hits.append(&mut hits);
         nearest.is_finite().then_some(nearest)
     }
 
-    /// Begins a new revolution if this is one.
-    fn begin(&mut self, at: Instant, number: i64) {
-        if self.turns.back().is_some_and(|turn| turn.number == number) {
-            return;
+    /// Begins a new revolution if the middle of the sector was seen in this one; `slices` are those of its beams.
+    fn begin(&mut self, at: Instant, slices: &[Option<usize>]) {
+        let slices: Vec<usize> = slices.iter().flatten().copied().collect();
+        let (Some(first), Some(last)) = (slices.first(), slices.last()) else { return };
+        let middle = slices[slices.len() / 2];
+        if self.turns.back().is_none_or(|turn| turn.seen.get(middle).is_none_or(|seen| *seen)) {
+            let oldest = if self.turns.len() == TURNS_MAX { self.turns.pop_front() } else { None };
+            let mut hits = oldest.map_or_else(Vec::new, |oldest| oldest.hits);
+            hits.clear();
+            self.count += 1;
+            let seen = vec![false; self.slices.len()];
+            self.turns.push_back(Turn { since: at, seen, hits });
         }
-        let oldest = if self.turns.len() == TURNS_MAX { self.turns.pop_front() } else { None };
-        let mut hits = oldest.map_or_else(Vec::new, |oldest| oldest.hits);
-        hits.clear();
-        self.turns.push_back(Turn { number, since: at, hits });
+        let Some(turn) = self.turns.back_mut() else { return };
+        for slice in slices.iter().filter(|slice| *slice != first && *slice != last) {
+            if let Some(seen) = turn.seen.get_mut(*slice) {
+                *seen = true;
+            }
+        }
     }
 
     /// Beginning of the present revolution, the one before it, and one that is earlier by [`BASELINE`].
@@ -219,13 +239,12 @@ impl Eye {
 
 impl Slice {
     /// Something was measured in it, or that nothing is there.
-    fn measured(&mut self, now: Instant, number: i64, settings: &Settings) {
-        if now.since(self.at) > settings.scan_age_max {
-            self.turns = 0;
+    fn measured(&mut self, now: Instant, number: u64, settings: &Settings) {
+        if self.number == number {
+            return;
         }
-        if self.turns == 0 || self.number != number {
-            self.turns = settings.evaluations.min(self.turns + 1);
-        }
+        let follows = now.since(self.at) <= settings.scan_age_max;
+        self.turns = if follows { settings.evaluations.min(self.turns + 1) } else { 1 };
         (self.at, self.number) = (now, number);
     }
 

@@ -90,7 +90,7 @@ impl Rule {
     }
 
     /// The stop has begun, at the latest now: a drive that stops by itself reports it within the period of its
-    /// statusword, and a robot that slows down already may be told to stand only then. The body shows it earlier.
+    /// statusword, and a robot that already slows down may receive the order to stand later. The body shows it earlier.
     fn begins(&mut self, now: Instant, facts: &Facts) -> Verdict {
         let Some(lost) = self.lost.take() else { return Ok(()) };
         if self.speed <= STANDSTILL_MPS {

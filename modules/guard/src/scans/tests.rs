@@ -21,6 +21,9 @@ struct Bench<'a> {
     robot: Pose,
     us: u64,
     turn: i64,
+    /// The number that the sectors have.
+    numbers: fn(turn: i64, sector: usize) -> i64,
+    range_max: f32,
     status: i8,
     things: Vec<Round<'a>>,
     spoils: Spoils<'a>,
@@ -48,6 +51,8 @@ impl<'a> Bench<'a> {
             robot: Pose::default(),
             us: 1_000_000,
             turn: 0,
+            numbers: |turn, _| turn,
+            range_max: 12.0,
             status: DataScan::OK,
             things: Vec::new(),
             spoils: Box::new(|_| ()),
@@ -78,13 +83,13 @@ impl<'a> Bench<'a> {
             (self.spoils)(&mut ranges);
             let scan = DataScan {
                 name: "front".into(),
-                revolution: self.turn,
+                revolution: (self.numbers)(self.turn, sector),
                 status: self.status,
                 angle_min: first as f64 * TAU / BEAMS as f64 - TAU / 2.0,
                 angle_step: TAU / BEAMS as f64,
                 beam_time: beam_us as f64 / 1e6,
                 range_min: 0.02,
-                range_max: 12.0,
+                range_max: self.range_max,
                 ranges,
                 ..DataScan::default()
             };
@@ -237,6 +242,36 @@ fn a_lidar_that_reports_a_fault_finds_things_and_frees_nothing() {
 }
 
 #[test]
+fn a_wrong_number_of_the_revolution_neither_frees_nor_hides_anything() {
+    let thing = leg(1.5, 0.1);
+    let numbers: [fn(i64, usize) -> i64; 3] = [|_, _| 7, |turn, sector| 8 * turn + sector as i64, |turn, _| -turn];
+    for numbers in numbers {
+        let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+        bench.numbers = numbers;
+        bench.revolve_times(4);
+        assert_eq!(bench.counts(), (0, 0));
+        bench.things.push(&thing);
+        bench.revolve();
+        assert_eq!(bench.counts(), (0, 0));
+        for _ in 0..20 {
+            bench.revolve();
+            assert!(bench.counts().0 > 0);
+        }
+    }
+}
+
+#[test]
+fn nothing_received_frees_no_more_than_the_range_at_which_dark_things_are_seen() {
+    let all = 180 * (COVERED_M.len() + 1);
+    for (range_max, unknown) in [(4.0, 0), (3.9, all), (f32::NAN, all)] {
+        let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+        bench.range_max = range_max;
+        bench.revolve_times(4);
+        assert_eq!(bench.counts(), (0, unknown), "{range_max}");
+    }
+}
+
+#[test]
 fn what_is_too_near_to_be_measured_is_at_the_lidar() {
     let mut bench = Bench::new(settings(), &lidar(0.41, 0.0));
     bench.spoils = Box::new(|ranges| ranges[3] = f32::NEG_INFINITY);
@@ -311,6 +346,16 @@ fn nothing_that_can_arrive_does_harm() {
     let full = DataScan { name: "front".into(), beam_time: 1e-6, ranges: vec![1.0; 100_000], ..DataScan::default() };
     bench.scans.on_scan(Instant::from_millis(30_000), Duration::ZERO, &full, &bench.trail);
     assert!(bench.scans.eyes[0].turns.iter().all(|turn| turn.hits.len() <= HITS_MAX));
+    // What is measured after that frees nothing.
+    let at = Instant::from_millis(31_000);
+    let more =
+        DataScan { angle_step: 0.0, angle_min: 1.0, ranges: vec![f32::INFINITY; 10], range_max: 9.0, ..full.clone() };
+    for _ in 0..2 {
+        bench.scans.on_scan(at, Duration::ZERO, &full, &bench.trail);
+    }
+    bench.scans.on_scan(at, Duration::ZERO, &more, &bench.trail);
+    let measured = bench.scans.eyes[0].slices.iter().filter(|slice| slice.at == at).count();
+    assert!(measured <= 1, "{measured}: that of the full revolution alone");
     let stranger = DataScan { name: "rear".into(), ..full };
     assert_eq!(bench.scans.on_scan(Instant::from_millis(30_000), Duration::ZERO, &stranger, &bench.trail), None);
 }
