@@ -473,7 +473,7 @@ const LIMITS: Limits = Limits {
 /// ahead.
 fn guarded(ranging: Ranging, sensors: &[(f64, f64)]) -> ::guard::Config {
     let at = |x| navitools::Point { x, y: 0.0 };
-    let sensor = |&(x, theta): &(f64, f64)| ::guard::Sensor { id: 0, at: at(x), theta, beam: 1.2 };
+    let sensor = |&(x, theta): &(f64, f64)| ::guard::Sonar { id: 0, at: at(x), theta, beam: 1.2 };
     let settings = ::guard::Settings { ranging, ..::guard::Settings::usual() };
     ::guard::Config::of(settings, &GEOMETRY, &LIMITS, 0.25, sensors.iter().map(sensor).collect())
 }

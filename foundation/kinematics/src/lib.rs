@@ -13,10 +13,11 @@
 //! | [`Chassis::agreement`] | measured wheels | the wheel that disagrees, where the geometry can tell |
 //! | [`integrate`] | pose, velocity, time | pose at the end of the exact arc |
 //! | [`Polygon::contact`] | outline, path, point | length of the path up to the contact |
+//! | [`reach::Kinematics::reachable`] | direction, measured motion, time | the paths that the base can take by then |
 //!
 //! SI units and radians. Robot frame: x forward, y left, angles counter-clockwise. The speed of a wheel is that of its
 //! tread on the floor, m/s; radius, gear and counts belong to its drive. Independent of messages, buses and clocks;
-//! allocates nothing but the corners of an outline.
+//! allocates nothing but the corners of an outline and lists of paths.
 //!
 //! The model is the one of the textbooks: rolling and sliding constraints of standard and Swedish wheels (Siegwart,
 //! Nourbakhsh, Scaramuzza: *Introduction to Autonomous Mobile Robots*, 2nd ed., 3.2 and 3.3) and omnidirectional and
@@ -59,6 +60,7 @@ mod kinds;
 mod least_squares;
 mod odometry;
 mod outline;
+pub mod reach;
 mod twist;
 mod wheel;
 
@@ -68,6 +70,7 @@ pub use error::Error;
 pub use kinds::{Driven, End, SteeredBase};
 pub use odometry::{Agreement, Estimate};
 pub use outline::{Polygon, Turn};
+pub use reach::Direction;
 pub use twist::{Twist, integrate};
 pub use wheel::{Kind, Limits, PerWheel, Steering, WHEELS_MAX, Wheel, WheelState};
 

@@ -1,11 +1,12 @@
 //! Settings of the guard; SI units.
 
 use crate::law::Law;
-use crate::reach::{Ackermann, Base};
 use base::Duration;
-use navitools::{Point, Pose};
+use kinematics::reach::{Ackermann, Base};
+use navitools::Point;
 use settings::robot::{Geometry, Limits};
 use settings::settings;
+use surroundings::{Lidar, Rules, Sonar};
 
 settings! {
     /// `[guard]`: with what the robot senses what is in its way, and how fast it may be (docs/guard.md). With
@@ -77,30 +78,6 @@ impl Ranging {
     }
 }
 
-/// Mounting of a range finder in the robot's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensor {
-    /// Number in `LL_DATA_RANGES`.
-    pub id: i32,
-    /// Position, m.
-    pub at: Point,
-    /// Direction of its beam's axis, rad.
-    pub theta: f64,
-    /// Full opening angle of its beam, rad.
-    pub beam: f64,
-}
-
-/// A lidar.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Lidar {
-    /// Its name in `LL_DATA_SCAN`.
-    pub name: String,
-    /// Where it sits on the robot; its front is along x.
-    pub mount: Pose,
-    /// Full opening angle of its view, around its front, rad.
-    pub view: f64,
-}
-
 /// Configuration of the guard.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -109,7 +86,7 @@ pub struct Config {
     /// Outline of the robot; its convex hull counts.
     pub footprint: Vec<Point>,
     /// Sonars that the robot has; they are used if the settings say so.
-    pub sensors: Vec<Sensor>,
+    pub sonars: Vec<Sonar>,
     /// Lidars that it has, likewise.
     pub lidars: Vec<Lidar>,
     /// Kind of base.
@@ -136,13 +113,20 @@ impl Settings {
         let worst = braking.min(power_lost);
         Law { reaction: self.reaction + self.sensing, braking, worst, approach: self.approach, slow: self.slow }
     }
+
+    /// What proves space free, and for how long.
+    #[must_use]
+    pub fn rules(&self) -> Rules {
+        let &Self { reach, uncertainty, age_max, readings, window, evaluations, scan_age_max, .. } = self;
+        Rules { reach, uncertainty, age_max, readings, window, evaluations, scan_age_max }
+    }
 }
 
 impl Config {
     /// The sonars that are used.
     #[must_use]
-    pub fn sonars(&self) -> &[Sensor] {
-        if self.settings.ranging.has_sonars() { &self.sensors } else { &[] }
+    pub fn sonars(&self) -> &[Sonar] {
+        if self.settings.ranging.has_sonars() { &self.sonars } else { &[] }
     }
 
     /// The lidars that are used.
@@ -153,13 +137,13 @@ impl Config {
 
     /// Configuration of a robot of these measures that steers.
     #[must_use]
-    pub fn of(settings: Settings, geometry: &Geometry, limits: &Limits, power_lost: f64, sensors: Vec<Sensor>) -> Self {
+    pub fn of(settings: Settings, geometry: &Geometry, limits: &Limits, power_lost: f64, sonars: Vec<Sonar>) -> Self {
         let (front, rear, half) = (geometry.front_m(), -geometry.rear_overhang_m, geometry.width_m / 2.0);
         let corner = |(x, y)| Point { x, y };
         Self {
             settings,
             footprint: [(rear, -half), (front, -half), (front, half), (rear, half)].map(corner).into(),
-            sensors,
+            sonars,
             lidars: Vec::new(),
             base: Ackermann {
                 wheelbase: geometry.wheelbase_m,

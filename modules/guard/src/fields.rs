@@ -1,14 +1,14 @@
 //! Greatest speed in each direction: how far the robot's outline may move on each path within reach before it touches
 //! something.
 
-use crate::config::{Config, Lidar, Sensor};
+use crate::config::Config;
 use crate::law::{Law, SPEED_MIN};
-use crate::memory::{Obstacle, Source};
-use crate::reach::{Direction, Kinematics, Motion};
+use kinematics::reach::{Direction, Kinematics, Motion};
 use kinematics::{Polygon, Turn, Twist, integrate};
 use navitools::{Point, Pose};
 use std::cmp::Ordering;
 use std::ops::RangeInclusive;
+use surroundings::{Obstacle, Source};
 
 /// Parts of the clearance that remain beside the robot, and the speed that each permits, m/s: narrow gaps are passed
 /// slowly. Ahead, the whole clearance applies.
@@ -467,24 +467,6 @@ fn is_covered(direction: Direction, body: &Polygon, config: &Config) -> bool {
         config.sonars().iter().any(|sonar| sonar.covers(point))
             || config.lidars().iter().any(|lidar| lidar.covers(point))
     })
-}
-
-impl Sensor {
-    /// True if a point is within its cone.
-    #[must_use]
-    pub fn covers(&self, point: Point) -> bool {
-        let bearing = libm::atan2(point.y - self.at.y, point.x - self.at.x);
-        navitools::wrap(bearing - self.theta).abs() <= self.beam / 2.0
-    }
-}
-
-impl Lidar {
-    /// True if a point is within its view.
-    #[must_use]
-    pub fn covers(&self, point: Point) -> bool {
-        let Point { x, y } = self.mount.inverse() * point;
-        libm::atan2(y, x).abs() <= self.view / 2.0
-    }
 }
 
 #[cfg(test)]

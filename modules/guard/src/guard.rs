@@ -2,16 +2,14 @@
 
 use crate::config::{Config, Ranging};
 use crate::fields::{Bound, Cause, Fields};
-use crate::memory::{Memory, Obstacle, Source};
-use crate::reach::{Base, Direction, Kinematics, Motion};
-use crate::scans::Scans;
-use crate::trail::Trail;
 use base::{Deadlines, Duration, Instant};
+use kinematics::reach::{Base, Direction, Kinematics, Motion};
 use kinematics::{Polygon, Twist};
 use messages::lowlevel::{DataGuard, DataMotion, DataScan, DataVelocity, Field};
 use messages::{Channel, Hold, Message};
 use module::{Actions, Event, Module};
 use std::fmt;
+use surroundings::{Echoes, Obstacle, Scans, Source, Trail};
 
 /// Name of the module.
 pub const NAME: &str = "guard";
@@ -57,7 +55,7 @@ pub struct Guard {
     window: Duration,
     /// Greatest plausible speed, m/s.
     speed_max: f64,
-    memory: Memory,
+    echoes: Echoes,
     scans: Scans,
     subscriptions: Vec<Channel>,
     /// Instant of the last message.
@@ -78,6 +76,7 @@ impl Guard {
     /// The outline of the robot has no area.
     pub fn new(config: &Config) -> Result<Self, NoOutline> {
         let body = Polygon::hull(&config.footprint).ok_or(NoOutline)?;
+        let rules = config.settings.rules();
         let mut subscriptions = vec![Channel::LlDataRanges, Channel::LlDataMotion];
         subscriptions.extend(config.base.turns.then_some(Channel::LlDataVelocity));
         subscriptions.extend((!config.lidars().is_empty()).then_some(Channel::LlDataScan));
@@ -86,8 +85,8 @@ impl Guard {
             ranging: config.settings.ranging,
             window: config.settings.window,
             speed_max: PLAUSIBLE * config.speed,
-            memory: Memory::new(config.settings, config.sonars()),
-            scans: Scans::new(config.settings, config.lidars(), &body),
+            echoes: Echoes::new(rules, config.sonars()),
+            scans: Scans::new(rules, config.lidars(), &body),
             subscriptions,
             published: Instant::ZERO,
             trail: Trail::default(),
@@ -131,7 +130,7 @@ impl Guard {
             // Where things were, relative to the robot, is lost with it: everything is unknown.
             self.trail = Trail::default();
             self.trail.on_motion(at, velocity, self.window);
-            self.memory.forget();
+            self.echoes.forget();
             self.scans.forget();
         }
         self.motion = Some((at, Motion { velocity, steering }));
@@ -161,7 +160,7 @@ impl Guard {
             return;
         };
         self.obstacles.clear();
-        self.memory.obstacles(now, &self.trail, &mut self.obstacles);
+        self.echoes.obstacles(now, &self.trail, &mut self.obstacles);
         self.scans.obstacles(now, &self.trail, &mut self.obstacles);
         let robot_from_trail = self.trail.pose(now).inverse().to_outer();
         for obstacle in &mut self.obstacles {
@@ -227,7 +226,7 @@ impl Module for Guard {
                 out.working();
             }
             Event::Message { at, message: Message::LlDataRanges(ranges) } => {
-                self.memory.on_ranges(at.min(now), ranges, &self.trail);
+                self.echoes.on_ranges(at.min(now), ranges, &self.trail);
             }
             Event::Message { at, message: Message::LlDataScan(scan) } => self.on_scan(now, at.min(now), scan, out),
             Event::Message { at, message: Message::LlDataMotion(motion) } => self.on_motion(at.min(now), motion),

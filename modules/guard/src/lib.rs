@@ -1,8 +1,8 @@
 //! The greatest speeds that can still be stopped before what is sensed or unknown (docs/guard.md).
 //!
-//! Read [`law`] first (how long the fields are), then [`memory`] and [`scans`] (what is in the way), [`fields`] (how
-//! fast the robot may be), and [`Guard`], the module around them. It depends neither on the planner nor on the
-//! estimator, nor on a map.
+//! Read [`law`] first (how long the fields are), then [`surroundings`] (what is in the way), [`fields`] (how fast the
+//! robot may be), and [`Guard`], the module around them. It depends neither on the planner nor on the estimator, nor on
+//! a map.
 //!
 //! A robot with one sonar, before which somebody stands at 1.2 m:
 //!
@@ -20,12 +20,8 @@ mod config;
 pub mod fields;
 mod guard;
 pub mod law;
-pub mod memory;
-mod reach;
-pub mod scans;
-mod trail;
 
-pub use config::{Config, Lidar, Ranging, Sensor, Settings};
+pub use config::{Config, Ranging, Settings};
 pub use guard::{Guard, NAME, NoOutline};
-pub use reach::{Ackermann, Base, Direction, Kinematics, Motion, Table};
-pub use trail::Trail;
+pub use kinematics::reach::{Ackermann, Base, Direction, Motion};
+pub use surroundings::{Lidar, Sonar};

@@ -6,7 +6,7 @@ use crate::obstacles::{Hit, Obstacles};
 use crate::people::Person;
 use crate::track::Sample;
 use base::{Duration, Instant};
-use guard::Direction;
+use kinematics::Direction;
 use navitools::{Point, Pose};
 
 /// Distance along the path that is checked, m; a leg returns an echo up to 2.5 m.

@@ -43,5 +43,5 @@ pub mod senses;
 pub mod track;
 
 pub use config::{Behaviour, Body, Config, Limits, Settings};
-pub use guard::Direction;
+pub use kinematics::Direction;
 pub use planner::{NAME, Planner};

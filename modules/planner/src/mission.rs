@@ -14,7 +14,7 @@ use crate::path::{Move, Poses};
 use crate::route::{PlanningSpace, Progress, Route};
 use crate::track::{Axis, Motion, SPEED_MIN_MPS, STEERED_RAD, Track};
 use base::{Duration, Instant};
-use guard::Direction;
+use kinematics::Direction;
 use messages::Hold;
 use navitools::Pose;
 use std::collections::VecDeque;

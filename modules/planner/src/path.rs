@@ -1,6 +1,6 @@
 //! Planned path.
 
-use guard::Direction;
+use kinematics::Direction;
 use kinematics::Twist;
 use navitools::{Arc, Pose};
 

@@ -7,7 +7,7 @@ use crate::map::{Field, Frame, Map, Obstacle, Unknown};
 use crate::obstacles::Obstacles;
 use crate::path::{Path, Poses};
 use crate::search::{Budget, Footprint, Goal, Limits, Search, SearchError, Status};
-use guard::Direction;
+use kinematics::Direction;
 use navitools::{Point, Pose};
 
 /// Work units of the search per step of the control loop: a few milliseconds on the robot's computer, below half a

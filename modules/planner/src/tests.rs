@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::{Behaviour, Body, Limits};
-use guard::Direction;
+use kinematics::Direction;
 use messages::Hold;
 use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, EventStop, Reading};
 use messages::middlelevel::Waypoint;
@@ -90,7 +90,7 @@ struct Robot {
 fn guarding() -> Bench {
     let Body { front, rear, width, .. } = BODY;
     let corner = |(x, y)| Point { x, y };
-    let sensor = |(id, &(x, y, degrees)): (usize, &(f64, f64, f64))| guard::Sensor {
+    let sensor = |(id, &(x, y, degrees)): (usize, &(f64, f64, f64))| guard::Sonar {
         id: id as i32,
         at: Point { x, y },
         theta: degrees.to_radians(),
@@ -101,7 +101,7 @@ fn guarding() -> Bench {
         footprint: [(-rear, -width / 2.0), (front, -width / 2.0), (front, width / 2.0), (-rear, width / 2.0)]
             .map(corner)
             .into(),
-        sensors: SRFS.iter().enumerate().map(sensor).collect(),
+        sonars: SRFS.iter().enumerate().map(sensor).collect(),
         lidars: Vec::new(),
         base: guard::Ackermann { wheelbase: BODY.wheelbase, steering: LIMITS.steering, steering_rate: 0.698 }.into(),
         braking: LIMITS.deceleration,

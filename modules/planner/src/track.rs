@@ -7,7 +7,7 @@
 
 use crate::config::{Behaviour, Body, Limits};
 use crate::path::Poses;
-use guard::Direction;
+use kinematics::Direction;
 use navitools::{Pose, wrap};
 
 /// Highest speed on a path without the whole margin, m/s: up to it the guard widens the sides least (docs/guard.md).

@@ -324,12 +324,12 @@ impl Robot {
     #[must_use]
     pub fn guard_config(&self) -> guard::Config {
         let beam = self.sensors.srf08.beam_rad;
-        let sensor = |sonar: &Ranger| {
-            let Ranger { id, x, y, theta, .. } = *sonar;
-            guard::Sensor { id: id.into(), at: Point { x, y }, theta, beam }
+        let sonar = |ranger: &Ranger| {
+            let Ranger { id, x, y, theta, .. } = *ranger;
+            guard::Sonar { id: id.into(), at: Point { x, y }, theta, beam }
         };
-        let sensors = self.srfs.iter().map(sensor).collect();
-        let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sensors);
+        let sonars = self.srfs.iter().map(sonar).collect();
+        let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sonars);
         let planner::search::Abilities { turns, sideways } = self.abilities();
         let lidar = |lidar: &Lidar| {
             let keys = &lidar.driver;

@@ -3,14 +3,15 @@
 use super::*;
 use crate::config::Ranging;
 use crate::config::Settings;
-use crate::reach::{Ackermann, Table};
+use kinematics::reach::{Ackermann, Table};
 use settings::Section;
+use surroundings::Sonar;
 use testing::Random;
 
 const BASE: Ackermann = Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 };
 
-fn sensor(id: i32, x: f64, y: f64, degrees: f64) -> Sensor {
-    Sensor { id, at: Point { x, y }, theta: degrees.to_radians(), beam: 0.96 }
+fn sensor(id: i32, x: f64, y: f64, degrees: f64) -> Sonar {
+    Sonar { id, at: Point { x, y }, theta: degrees.to_radians(), beam: 0.96 }
 }
 
 fn config() -> Config {
@@ -22,7 +23,7 @@ fn config() -> Config {
     Config {
         settings: Settings { ranging: Ranging::Sonar, ..Settings::usual() },
         footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
-        sensors: front.into_iter().chain(rear).collect(),
+        sonars: front.into_iter().chain(rear).collect(),
         lidars: Vec::new(),
         base: BASE.into(),
         braking: 0.8,
@@ -320,7 +321,7 @@ fn an_obstacle_that_touches_is_left_but_not_pressed() {
 #[test]
 fn a_direction_without_sensors_is_blind() {
     let mut config = config();
-    config.sensors.retain(|sensor| sensor.at.x > 0.0);
+    config.sonars.retain(|sensor| sensor.at.x > 0.0);
     let mut fields = Fields::new(&config, BASE).expect("a body");
     let bound = fields.bound(Direction::Backward, &Motion::default(), &[]);
     assert_eq!((bound.speed, bound.cause), (0.3, Some(Cause::Blind)));

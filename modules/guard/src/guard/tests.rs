@@ -1,13 +1,14 @@
 //! The module on its bench: what it publishes, also when it knows nothing.
 
 use super::*;
-use crate::config::{Sensor, Settings};
-use crate::reach::Ackermann;
+use crate::config::Settings;
+use kinematics::reach::Ackermann;
 use messages::lowlevel::{DataRanges, Reading};
 use module::bench::Bench;
 use module::{Shell, ShellConfig};
 use navitools::Point;
 use settings::Section;
+use surroundings::Sonar;
 
 const IDS: [(i32, f64, f64, f64); 8] = [
     (0, 0.75, 0.28, 60.0),
@@ -22,7 +23,7 @@ const IDS: [(i32, f64, f64, f64); 8] = [
 
 fn config(ranging: Ranging) -> Config {
     let corner = |(x, y)| Point { x, y };
-    let sensor = |(id, x, y, degrees): (i32, f64, f64, f64)| Sensor {
+    let sensor = |(id, x, y, degrees): (i32, f64, f64, f64)| Sonar {
         id,
         at: Point { x, y },
         theta: degrees.to_radians(),
@@ -31,7 +32,7 @@ fn config(ranging: Ranging) -> Config {
     Config {
         settings: Settings { ranging, ..Settings::usual() },
         footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
-        sensors: IDS.map(sensor).into(),
+        sonars: IDS.map(sensor).into(),
         lidars: Vec::new(),
         base: Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 }.into(),
         braking: 0.8,
@@ -208,11 +209,11 @@ fn a_trail_that_is_lost_begins_anew_and_everything_is_unknown() {
         };
         for at in (0..1000).step_by(50) {
             guard.on_motion(ms(at), &DataMotion::default());
-            guard.memory.on_ranges(ms(at), &readings(at), &guard.trail);
+            guard.echoes.on_ranges(ms(at), &readings(at), &guard.trail);
         }
         let unknown = |guard: &mut Guard, at| {
             guard.obstacles.clear();
-            guard.memory.obstacles(ms(at), &guard.trail, &mut guard.obstacles);
+            guard.echoes.obstacles(ms(at), &guard.trail, &mut guard.obstacles);
             assert!(guard.obstacles.iter().all(|obstacle| obstacle.at.x.is_finite() && obstacle.at.y.is_finite()));
             !guard.obstacles.is_empty()
         };
@@ -223,7 +224,7 @@ fn a_trail_that_is_lost_begins_anew_and_everything_is_unknown() {
         assert!(unknown(&mut guard, 1000), "{speed}");
         for at in (1050..2000).step_by(50) {
             guard.on_motion(ms(at), &DataMotion::default());
-            guard.memory.on_ranges(ms(at), &readings(at), &guard.trail);
+            guard.echoes.on_ranges(ms(at), &readings(at), &guard.trail);
         }
         assert!(!unknown(&mut guard, 1950), "{speed}");
     }

@@ -2,7 +2,7 @@
 
 use super::request::{Costs, Limits};
 use crate::path::Move;
-use guard::Direction;
+use kinematics::Direction;
 use navitools::{Arc, Pose};
 
 /// Number of headings: 5° apart.

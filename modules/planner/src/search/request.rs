@@ -3,7 +3,7 @@
 use super::footprint::Footprint;
 use crate::path::{Move, Path};
 use base::listed;
-use guard::Direction;
+use kinematics::Direction;
 
 /// Geometry of the robot, and preferences.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::map::{Map, Unknown};
-use guard::Direction;
+use kinematics::Direction;
 use navitools::Arc;
 
 pub(crate) const ADVEE: Footprint = Footprint { length_m: 0.90, width_m: 0.60, rear_m: 0.15 };

@@ -5,7 +5,7 @@ use kinematics::Twist;
 use navitools::{Motion, Pose};
 use std::collections::VecDeque;
 
-/// Poses kept: more than a window of [`Settings::window`](crate::Settings) at the rate of the measured motion.
+/// Poses kept: more than a window of [`Rules::window`](crate::Rules) at the rate of the measured motion.
 const POSES_MAX: usize = 256;
 /// Distance from the start up to which a pose keeps its metres, m: no robot comes so far.
 const AWAY_MAX_M: f64 = 1e6;

@@ -1,9 +1,9 @@
 //! A lidar with 360 beams and ten revolutions a second, on a robot of 0.8 m by 0.5 m, before walls and people.
 
 use super::*;
+use crate::tests::RULES;
 use kinematics::Twist;
 use navitools::Pose;
-use settings::Section;
 
 const BEAMS: usize = 360;
 const SECTORS: usize = 8;
@@ -29,8 +29,8 @@ struct Bench<'a> {
     spoils: Spoils<'a>,
 }
 
-fn settings() -> Settings {
-    Settings { reach: 4.0, ..Settings::usual() }
+fn rules() -> Rules {
+    Rules { reach: 4.0, ..RULES }
 }
 
 fn lidar(x: f64, theta: f64) -> Lidar {
@@ -43,9 +43,9 @@ fn body() -> Polygon {
 }
 
 impl<'a> Bench<'a> {
-    fn new(settings: Settings, lidar: &Lidar) -> Self {
+    fn new(rules: Rules, lidar: &Lidar) -> Self {
         Self {
-            scans: Scans::new(settings, std::slice::from_ref(lidar), &body()),
+            scans: Scans::new(rules, std::slice::from_ref(lidar), &body()),
             trail: Trail::default(),
             velocity: Twist::default(),
             robot: Pose::default(),
@@ -140,7 +140,7 @@ fn leg(x: f64, y: f64) -> impl Fn(f64) -> (Point, f64) {
 
 #[test]
 fn a_direction_is_unknown_until_it_was_measured_in_two_revolutions_and_again_when_it_is_not() {
-    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
     let all = 180 * (COVERED_M.len() + 1);
     assert_eq!(bench.counts(), (0, all));
     bench.revolve();
@@ -170,7 +170,7 @@ fn a_direction_is_unknown_until_it_was_measured_in_two_revolutions_and_again_whe
 fn what_is_unknown_begins_at_the_outline() {
     for (x, view) in [(0.0, TAU), (0.39, 4.7), (0.41, TAU)] {
         let lidar = Lidar { view, ..lidar(x, 0.0) };
-        let mut bench = Bench::new(settings(), &lidar);
+        let mut bench = Bench::new(rules(), &lidar);
         let (_, unknown) = bench.found();
         let outside = |obstacle: &Obstacle| body().outside(obstacle.at);
         assert!(unknown.iter().all(|obstacle| outside(obstacle) > 0.0), "{x}");
@@ -185,7 +185,7 @@ fn what_is_unknown_begins_at_the_outline() {
 fn two_revolutions_find_something_and_a_wild_beam_is_nothing() {
     let thing = leg(1.5, 0.1);
     for (evaluations, counts) in [(1, [true, true]), (2, [false, true]), (3, [false, false])] {
-        let mut bench = Bench::new(Settings { evaluations, ..settings() }, &lidar(0.3, 0.0));
+        let mut bench = Bench::new(Rules { evaluations, ..rules() }, &lidar(0.3, 0.0));
         bench.revolve_times(4);
         bench.things.push(&thing);
         let mut counted = false;
@@ -198,7 +198,7 @@ fn two_revolutions_find_something_and_a_wild_beam_is_nothing() {
             assert!(sensed.iter().all(right), "{sensed:?}");
         }
     }
-    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
     for turn in 0..40 {
         // Each revolution the wild beams are a degree farther on; those of every eighth are near each other.
         bench.spoils = Box::new(move |ranges| {
@@ -214,7 +214,7 @@ fn two_revolutions_find_something_and_a_wild_beam_is_nothing() {
 #[test]
 fn what_one_revolution_misses_is_still_there() {
     let thing = leg(1.5, 0.1);
-    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
     bench.things.push(&thing);
     bench.revolve_times(4);
     let things = std::mem::take(&mut bench.things);
@@ -233,7 +233,7 @@ fn what_one_revolution_misses_is_still_there() {
 #[test]
 fn a_lidar_that_reports_a_fault_finds_things_and_frees_nothing() {
     let thing = leg(1.5, 0.1);
-    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
     bench.things.push(&thing);
     bench.status = DataScan::SLOW;
     bench.revolve_times(5);
@@ -246,7 +246,7 @@ fn a_wrong_number_of_the_revolution_neither_frees_nor_hides_anything() {
     let thing = leg(1.5, 0.1);
     let numbers: [fn(i64, usize) -> i64; 3] = [|_, _| 7, |turn, sector| 8 * turn + sector as i64, |turn, _| -turn];
     for numbers in numbers {
-        let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
         bench.numbers = numbers;
         bench.revolve_times(4);
         assert_eq!(bench.counts(), (0, 0));
@@ -264,7 +264,7 @@ fn a_wrong_number_of_the_revolution_neither_frees_nor_hides_anything() {
 fn nothing_received_frees_no_more_than_the_range_at_which_dark_things_are_seen() {
     let all = 180 * (COVERED_M.len() + 1);
     for (range_max, unknown) in [(4.0, 0), (3.9, all), (f32::NAN, all)] {
-        let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
         bench.range_max = range_max;
         bench.revolve_times(4);
         assert_eq!(bench.counts(), (0, unknown), "{range_max}");
@@ -273,7 +273,7 @@ fn nothing_received_frees_no_more_than_the_range_at_which_dark_things_are_seen()
 
 #[test]
 fn what_is_too_near_to_be_measured_is_at_the_lidar() {
-    let mut bench = Bench::new(settings(), &lidar(0.41, 0.0));
+    let mut bench = Bench::new(rules(), &lidar(0.41, 0.0));
     bench.spoils = Box::new(|ranges| ranges[3] = f32::NEG_INFINITY);
     bench.revolve_times(3);
     let (sensed, unknown) = bench.found();
@@ -286,7 +286,7 @@ fn the_robot_s_own_motion_is_taken_out() {
     // A column stands still; the robot drives a curve, and the lidar looks to its left.
     let column = |_: f64| (Point { x: 3.0, y: 0.4 }, 0.2);
     for omega in [0.0, 0.8, -0.8] {
-        let mut bench = Bench::new(settings(), &lidar(0.3, TAU / 4.0));
+        let mut bench = Bench::new(rules(), &lidar(0.3, TAU / 4.0));
         bench.things.push(&column);
         bench.velocity = Twist { vx: 0.7, vy: 0.0, omega };
         for _ in 0..18 {
@@ -309,7 +309,7 @@ fn who_comes_nearer_approaches() {
         // Someone at 3.5 m comes to the robot, past a wall behind.
         let person = move |at: f64| (Point { x: 3.8 - speed * (at - 1.0), y: 0.1 }, 0.08);
         let wall = |_: f64| (Point { x: 103.0, y: 0.0 }, 98.5);
-        let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
         bench.velocity = Twist { vx: robot, ..Twist::default() };
         bench.things.extend([&person as Round<'_>, &wall]);
         let mut approaches = 0;
@@ -324,7 +324,7 @@ fn who_comes_nearer_approaches() {
 #[test]
 fn nothing_that_can_arrive_does_harm() {
     let mut random = testing::Random::new(5);
-    let mut bench = Bench::new(settings(), &lidar(0.3, 0.0));
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
     let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0, 1e-9, 1.0, 1e300, f64::MIN_POSITIVE, 3.0];
     let mut pick = || odd[random.below(odd.len() as u64) as usize];
     for n in 0..20_000_u64 {

@@ -6,8 +6,7 @@
 //! confirmed it, it is dropped when the window has passed, or when as many newer readings as prove space free have
 //! found nothing.
 
-use crate::config::{Sensor, Settings};
-use crate::trail::Trail;
+use crate::{Obstacle, Rules, Sonar, Source, Trail};
 use base::Instant;
 use messages::lowlevel::{DataRanges, Reading};
 use navitools::{Point, Pose};
@@ -30,28 +29,6 @@ const SAME_M: f64 = 0.15;
 /// lower values are noise of two readings of a sonar, higher ones are echoes of two different things.
 const APPROACH_MPS: std::ops::Range<f64> = 0.3..3.2;
 
-/// What senses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Source {
-    /// A sonar: its number in `LL_DATA_RANGES`.
-    Sonar(i32),
-    /// A lidar: its place in [`Config::lidars`](crate::Config::lidars).
-    Lidar(usize),
-}
-
-/// Something that may be there: a point in the frame of the trail, and which sensor says so.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Obstacle {
-    /// Position, m.
-    pub at: Point,
-    /// What says so.
-    pub source: Source,
-    /// False: nothing was measured there; the sensor does not know.
-    pub sensed: bool,
-    /// It approaches by itself, or nothing is known of it: it also counts in the warning field.
-    pub approaches: bool,
-}
-
 #[derive(Debug)]
 struct Heard {
     /// Instant of the measurement, and the message's name for it.
@@ -68,32 +45,32 @@ struct Heard {
 
 #[derive(Debug)]
 struct Cone {
-    sensor: Sensor,
+    sonar: Sonar,
     /// The newest message said that nothing is known.
     lost: bool,
     readings: VecDeque<Heard>,
 }
 
-/// Readings of all sonars.
+/// Recent readings of all sonars.
 #[derive(Debug)]
-pub struct Memory {
-    settings: Settings,
+pub struct Echoes {
+    rules: Rules,
     cones: Vec<Cone>,
 }
 
-impl Memory {
-    /// Creates a memory of these sensors, of which nothing is known yet.
+impl Echoes {
+    /// Creates a memory of these sonars, of which nothing is known yet.
     #[must_use]
-    pub fn new(settings: Settings, sensors: &[Sensor]) -> Self {
-        let cone = |sensor: &Sensor| Cone { sensor: *sensor, lost: false, readings: VecDeque::new() };
-        Self { settings, cones: sensors.iter().map(cone).collect() }
+    pub fn new(rules: Rules, sonars: &[Sonar]) -> Self {
+        let cone = |sonar: &Sonar| Cone { sonar: *sonar, lost: false, readings: VecDeque::new() };
+        Self { rules, cones: sonars.iter().map(cone).collect() }
     }
 
     /// Processes readings received at `received`; instants follow from their ages in the message. A sensor that the
     /// message leaves out keeps its readings, which grow older.
     pub fn on_ranges(&mut self, received: Instant, message: &DataRanges, trail: &Trail) {
         for reading in message.readings.iter().filter(|reading| reading.kind != Reading::INFRARED) {
-            let Some(cone) = self.cones.iter_mut().find(|cone| cone.sensor.id == reading.id) else { continue };
+            let Some(cone) = self.cones.iter_mut().find(|cone| cone.sonar.id == reading.id) else { continue };
             let age = u64::try_from(message.timestamp.saturating_sub(reading.timestamp)).unwrap_or(0);
             let at = received - base::Duration::from_micros(age);
             let distance = match reading.status {
@@ -109,7 +86,7 @@ impl Memory {
             if cone.readings.len() == READINGS_MAX {
                 cone.readings.pop_front();
             }
-            cone.hear(Heard::new(at, reading.timestamp, distance, trail.pose(at)), self.settings.reach);
+            cone.hear(Heard::new(at, reading.timestamp, distance, trail.pose(at)), self.rules.reach);
         }
     }
 
@@ -122,14 +99,14 @@ impl Memory {
     pub fn obstacles(&mut self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
         let here = trail.pose(now);
         for cone in &mut self.cones {
-            let kept_for = self.settings.window * PROOF_WINDOWS;
+            let kept_for = self.rules.window * PROOF_WINDOWS;
             while cone.readings.front().is_some_and(|old| now.since(old.at) > kept_for) {
                 cone.readings.pop_front();
             }
-            if cone.is_known(now, &self.settings) {
-                cone.echoes(now, &self.settings, found);
+            if cone.is_known(now, &self.rules) {
+                cone.echoes(now, &self.rules, found);
             } else {
-                cone.cover(here, self.settings.reach, found);
+                cone.cover(here, self.rules.reach, found);
             }
         }
     }
@@ -157,24 +134,24 @@ impl Cone {
         self.readings.push_back(heard);
     }
 
-    fn is_known(&self, now: Instant, settings: &Settings) -> bool {
-        let fresh = self.readings.back().is_some_and(|last| now.since(last.at) <= settings.age_max);
-        !self.lost && fresh && self.readings.len() >= settings.readings as usize
+    fn is_known(&self, now: Instant, rules: &Rules) -> bool {
+        let fresh = self.readings.back().is_some_and(|last| now.since(last.at) <= rules.age_max);
+        !self.lost && fresh && self.readings.len() >= rules.readings as usize
     }
 
     fn source(&self) -> Source {
-        Source::Sonar(self.sensor.id)
+        Source::Sonar(self.sonar.id)
     }
 
     /// Echoes that are not refuted.
-    fn echoes(&self, now: Instant, settings: &Settings, found: &mut Vec<Obstacle>) {
+    fn echoes(&self, now: Instant, rules: &Rules, found: &mut Vec<Obstacle>) {
         for (n, heard) in self.readings.iter().enumerate() {
-            if heard.arc.is_empty() || now.since(heard.at) > settings.window {
+            if heard.arc.is_empty() || now.since(heard.at) > rules.window {
                 continue;
             }
             // A later reading would find it farther away at most by the robot's motion since.
             let farther = |later: &Heard| {
-                let beyond = later.distance - heard.distance - SAME_M - settings.uncertainty;
+                let beyond = later.distance - heard.distance - SAME_M - rules.uncertainty;
                 beyond > 0.0 && !later.moved_by(heard, beyond)
             };
             let near = |other: &&Heard| {
@@ -186,7 +163,7 @@ impl Cone {
             let are_farther = |count: usize| later.len() >= count && later.clone().rev().take(count).all(farther);
             // A single echo may be crosstalk: the robot brakes for it until the next reading. A leg in clothes returns
             // an echo now and then: after two echoes it counts until it has been missed repeatedly.
-            if are_farther(1) && (!is_confirmed() || are_farther(settings.readings as usize)) {
+            if are_farther(1) && (!is_confirmed() || are_farther(rules.readings as usize)) {
                 continue;
             }
             let obstacle =
@@ -197,7 +174,7 @@ impl Cone {
 
     /// Speed at which the distance shrank beyond what the robot's own motion does to anything in the beam, m/s.
     fn closing(&self, before: &Heard, after: &Heard) -> f64 {
-        let Sensor { at, theta, beam, .. } = self.sensor;
+        let Sonar { at, theta, beam, .. } = self.sonar;
         let (from, to) = (before.pose * at, after.pose * at);
         let course = libm::atan2(to.y - from.y, to.x - from.x);
         let off = (after.pose.theta + (theta - course)).radians().abs();
@@ -215,7 +192,7 @@ impl Cone {
 
     /// Points on the arc at a distance.
     fn arc(&self, pose: Pose, distance: f64) -> impl Iterator<Item = Point> + use<> {
-        let Sensor { at, theta, beam, .. } = self.sensor;
+        let Sonar { at, theta, beam, .. } = self.sonar;
         let steps = libm::ceil(distance * beam / STEP_M).clamp(2.0, f64::from(STEPS_MAX)) as u32;
         let to_trail = pose.to_outer();
         (0..=steps).map(move |n| {
@@ -228,13 +205,13 @@ impl Cone {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use settings::Section;
+    use crate::tests::RULES;
 
     fn ms(ms: u64) -> Instant {
         Instant::from_millis(ms)
     }
 
-    const SONAR: Sensor = Sensor { id: 2, at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam: 0.96 };
+    const SONAR: Sonar = Sonar { id: 2, at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam: 0.96 };
 
     /// A message at `at` with one reading of the sonar, made 100 ms before.
     fn ranges(at: u64, status: i8, distance: f64) -> DataRanges {
@@ -251,23 +228,23 @@ mod tests {
     }
 
     struct Bench {
-        memory: Memory,
+        echoes: Echoes,
         trail: Trail,
     }
 
     impl Bench {
         fn new() -> Self {
-            Self { memory: Memory::new(Settings::usual(), &[SONAR]), trail: Trail::default() }
+            Self { echoes: Echoes::new(RULES, &[SONAR]), trail: Trail::default() }
         }
 
         fn hear(&mut self, at: u64, status: i8, distance: f64) {
-            self.memory.on_ranges(ms(at), &ranges(at, status, distance), &self.trail);
+            self.echoes.on_ranges(ms(at), &ranges(at, status, distance), &self.trail);
         }
 
         /// Sensed and unknown points at `at`, and the least x of any.
         fn found(&mut self, at: u64) -> (usize, usize, f64) {
             let mut found = Vec::new();
-            self.memory.obstacles(ms(at), &self.trail, &mut found);
+            self.echoes.obstacles(ms(at), &self.trail, &mut found);
             let sensed = found.iter().filter(|obstacle| obstacle.sensed).count();
             let nearest = found.iter().map(|obstacle| obstacle.at.x).fold(f64::INFINITY, f64::min);
             (sensed, found.len() - sensed, nearest)
@@ -324,7 +301,7 @@ mod tests {
         let message = ranges(100, Reading::SILENT, f64::NAN);
         for at in [100, 120, 140, 160] {
             let message = DataRanges { timestamp: at * 1000, ..message.clone() };
-            bench.memory.on_ranges(ms(at as u64), &message, &bench.trail);
+            bench.echoes.on_ranges(ms(at as u64), &message, &bench.trail);
         }
         assert!(matches!(bench.found(160), (0, 1.., _)));
     }
@@ -339,7 +316,7 @@ mod tests {
                 bench.hear(600 + 210 * n, Reading::MEASURED, distance - closing * 0.21 * n as f64);
             }
             let mut found = Vec::new();
-            bench.memory.obstacles(ms(1100), &bench.trail, &mut found);
+            bench.echoes.obstacles(ms(1100), &bench.trail, &mut found);
             assert!(!found.is_empty());
             found.iter().any(|obstacle| obstacle.approaches)
         };

@@ -5,9 +5,7 @@
 //! many revolutions in succession have found it in the same place, as far as a person walks in one; then for two
 //! revolutions more, so that one that misses it frees nothing.
 
-use crate::config::{Lidar, Settings};
-use crate::memory::{Obstacle, Source};
-use crate::trail::Trail;
+use crate::{Lidar, Obstacle, Rules, Source, Trail};
 use base::{Duration, Instant};
 use kinematics::Polygon;
 use messages::lowlevel::DataScan;
@@ -91,22 +89,22 @@ struct Eye {
 /// What the lidars have seen.
 #[derive(Debug)]
 pub struct Scans {
-    settings: Settings,
+    rules: Rules,
     eyes: Vec<Eye>,
 }
 
 impl Scans {
     /// Creates a memory of these lidars on a robot with this outline; nothing is known yet.
     #[must_use]
-    pub fn new(settings: Settings, lidars: &[Lidar], body: &Polygon) -> Self {
+    pub fn new(rules: Rules, lidars: &[Lidar], body: &Polygon) -> Self {
         let eye = |(place, lidar): (usize, &Lidar)| Eye {
             lidar: lidar.clone(),
             place,
-            slices: slices(lidar, body, settings.reach),
+            slices: slices(lidar, body, rules.reach),
             turns: VecDeque::new(),
             count: 0,
         };
-        Self { settings, eyes: lidars.iter().enumerate().map(eye).collect() }
+        Self { rules, eyes: lidars.iter().enumerate().map(eye).collect() }
     }
 
     /// Name of a lidar.
@@ -124,7 +122,7 @@ impl Scans {
             return None;
         }
         let age = if age > AGE_MAX { Duration::from_secs_f64(duration) } else { age };
-        eye.see(received, received - age, scan, trail, &self.settings)
+        eye.see(received, received - age, scan, trail, &self.rules)
     }
 
     /// Forgets everything: each direction is unknown until it has been measured again.
@@ -138,13 +136,13 @@ impl Scans {
     /// Adds everything that may be in the way at `now`.
     pub fn obstacles(&self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
         let to_trail = trail.pose(now).to_outer();
-        let Settings { evaluations, .. } = self.settings;
+        let Rules { evaluations, .. } = self.rules;
         for eye in &self.eyes {
             let source = Source::Lidar(eye.place);
             let counted = eye.turns.iter().rev().take(1 + TURNS_COUNTED).flat_map(|turn| &turn.hits);
             let sensed = counted.filter(|hit| hit.turns >= evaluations);
             found.extend(sensed.map(|hit| Obstacle { at: hit.at, source, sensed: true, approaches: hit.approaches }));
-            let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.settings));
+            let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.rules));
             let covered = unknown.flat_map(|slice| &slice.cover);
             found.extend(covered.map(|at| Obstacle { at: to_trail(*at), source, sensed: false, approaches: true }));
         }
@@ -154,7 +152,7 @@ impl Scans {
 impl Eye {
     /// Processes a sector whose first beam was measured at `at`. Returns the distance from the robot's reference point
     /// to the nearest thing that counts from now on, m.
-    fn see(&mut self, now: Instant, at: Instant, scan: &DataScan, trail: &Trail, settings: &Settings) -> Option<f64> {
+    fn see(&mut self, now: Instant, at: Instant, scan: &DataScan, trail: &Trail, rules: &Rules) -> Option<f64> {
         let angle = |k: usize| wrap(scan.angle_min + k as f64 * scan.angle_step);
         let slices: Vec<Option<usize>> = (0..scan.ranges.len()).map(|k| slice_of(&self.lidar, angle(k))).collect();
         self.begin(at, &slices);
@@ -168,7 +166,7 @@ impl Eye {
         let (mut hits, mut nearest, mut nears) = (Vec::new(), f64::INFINITY, false);
         let room = HITS_MAX.saturating_sub(self.turns.back()?.hits.len());
         // Nothing was received: that frees no more than the range at which dark things are seen.
-        let frees = |range: f32| range < f32::INFINITY || f64::from(scan.range_max) >= settings.reach;
+        let frees = |range: f32| range < f32::INFINITY || f64::from(scan.range_max) >= rules.reach;
         for (k, range) in scan.ranges.iter().enumerate().filter(|(_, range)| !range.is_nan()) {
             // What there is no room for would be in the way unseen: from there on nothing is known.
             if hits.len() == room {
@@ -179,11 +177,11 @@ impl Eye {
                 && scan.status == DataScan::OK
                 && frees(*range)
             {
-                slice.measured(now, self.count, settings);
+                slice.measured(now, self.count, rules);
             }
             // What is too near to be measured is right before the lidar.
             let range = f64::from(if *range < 0.0 { scan.range_min } else { *range });
-            if range > settings.reach + same {
+            if range > rules.reach + same {
                 nears = false;
                 continue;
             }
@@ -197,8 +195,8 @@ impl Eye {
             // Noise seldom brings two beams nearer, one beside the other.
             let approaches = comes_nearer && nears;
             nears = comes_nearer;
-            let hit = Hit { at: point, turns: settings.evaluations.min(found + 1), approaches };
-            if approaches || hit.turns == settings.evaluations && found < hit.turns {
+            let hit = Hit { at: point, turns: rules.evaluations.min(found + 1), approaches };
+            if approaches || hit.turns == rules.evaluations && found < hit.turns {
                 nearest = nearest.min(robot.point().distance(point));
             }
             hits.push(hit);
@@ -239,17 +237,17 @@ impl Eye {
 
 impl Slice {
     /// Something was measured in it, or that nothing is there.
-    fn measured(&mut self, now: Instant, number: u64, settings: &Settings) {
+    fn measured(&mut self, now: Instant, number: u64, rules: &Rules) {
         if self.number == number {
             return;
         }
-        let follows = now.since(self.at) <= settings.scan_age_max;
-        self.turns = if follows { settings.evaluations.min(self.turns + 1) } else { 1 };
+        let follows = now.since(self.at) <= rules.scan_age_max;
+        self.turns = if follows { rules.evaluations.min(self.turns + 1) } else { 1 };
         (self.at, self.number) = (now, number);
     }
 
-    fn is_known(&self, now: Instant, settings: &Settings) -> bool {
-        self.turns >= settings.evaluations && now.since(self.at) <= settings.scan_age_max
+    fn is_known(&self, now: Instant, rules: &Rules) -> bool {
+        self.turns >= rules.evaluations && now.since(self.at) <= rules.scan_age_max
     }
 }
 

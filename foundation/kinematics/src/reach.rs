@@ -1,6 +1,7 @@
 //! What a base can do next: the paths that it can take within the reaction time, for any kind of base.
 
-use kinematics::Twist;
+use crate::Twist;
+use alloc::vec::Vec;
 
 /// Way in which a base moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// All of them, in the order of `LL_DATA_GUARD`.
+    /// All of them, each beside its opposite.
     pub const ALL: [Self; 6] =
         [Self::Forward, Self::Backward, Self::Left, Self::Right, Self::TurnLeft, Self::TurnRight];
 
@@ -157,6 +158,7 @@ impl Kinematics for Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alloc::vec;
 
     const BASE: Ackermann = Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 };
 
