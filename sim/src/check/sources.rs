@@ -109,7 +109,7 @@ pub(super) struct Source {
     ttl: Duration,
     /// Begin of the period without silence beyond its time to live.
     pub unbroken: Instant,
-    /// Time at which the command that ended its last silence was served.
+    /// Time at which the command was served that ended its last silence, or what the driver took for one.
     pub resumed: Instant,
     /// First moving command after zero, or of all: served to the driver's present process.
     pub begun: Option<Instant>,
@@ -160,9 +160,13 @@ impl Source {
         if self.said.back().is_some_and(|said| at < said.at && velocity != said.velocity) {
             return;
         }
-        let silent = self.said.back().is_none_or(|said| at.since(said.at) + DELAY_MAX >= self.ttl);
-        if silent {
-            (self.unbroken, self.resumed) = (at, now);
+        let silent = |until: Instant| self.said.back().is_none_or(|said| until.since(said.at) + DELAY_MAX >= self.ttl);
+        if silent(at) {
+            self.unbroken = at;
+        }
+        // To a driver that hung, a source was silent that was not: it is served only now.
+        if silent(now) {
+            self.resumed = now;
         }
         if zero {
             self.ended = self.ended.or(Some(now));

@@ -523,6 +523,27 @@ fn a_stop_for_the_planner_s_silence_is_one_although_its_next_command_overtakes_i
 }
 
 #[test]
+fn to_a_driver_that_hung_the_planner_was_silent_and_continues() {
+    check(
+        "goal
+        estimate
+        say planner 0.7
+        drive 0.7
+        +30 hang driver
+        +225 resume driver
+        estimate
+        say planner 0.7 205   # waited for the driver
+        say planner 0.7 5
+        stop                  # decided before: the last command that it knew had expired
+        drive 0.7
+        +50 say planner 0.7
+        +10 stop              # not for silence
+        +10 say planner 0.7
+        drive 0.7 ! resumes",
+    );
+}
+
+#[test]
 fn a_driver_that_was_restarted_needs_zero_from_every_source() {
     let restarted = "exit driver
         start driver
