@@ -6,6 +6,7 @@
 mod access;
 mod book;
 mod decode;
+mod identify;
 mod link;
 mod lss;
 mod monitor;
@@ -25,6 +26,8 @@ commands! {
     pub enum Can {
         /// Ask every node id who is there
         Scan(scan::Scan) => scan::scan(common, command),
+        /// Write the lines of robot.toml for the drives on the bus
+        Identify(identify::Identify) => identify::identify(common, command),
         /// Start, stop or reset nodes
         Nmt(nmt::Nmt) => nmt::nmt(common, command),
         /// Read and write objects of a node

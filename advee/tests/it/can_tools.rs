@@ -7,6 +7,7 @@ use crate::support::{Robot, advee, can_port, workspace};
 use base::{Duration, Instant};
 use canopen::dictionary::{Access, DataType, Entry};
 use canopen::drives::{epos, icla};
+use canopen::eds::Eds;
 use canopen::lss::BitRate;
 use canopen::{Dictionary, NmtState, Node};
 use host::clock;
@@ -51,6 +52,10 @@ struct Bus {
 
 impl Bus {
     fn new() -> Self {
+        Self::of(nodes)
+    }
+
+    fn of(nodes: fn() -> Vec<Node>) -> Self {
         let port = can_port();
         let folder = std::env::temp_dir().join(format!("advee-can-{}-{port}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -130,6 +135,60 @@ fn scan_finds_and_identifies_the_nodes_on_the_bus() {
     assert_eq!((&json[0]["vendor"], &json[0]["device_name"]), (&0xFB.into(), &"EPOS".into()));
     let nobody = bus.run(&["scan", "--from", "20", "--to", "22", "--timeout", "20"]).bad();
     assert!(nobody.contains("nobody answers"), "{nobody}");
+}
+
+const COURIER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../conf/courier");
+
+/// A drive of the courier, and one that says of itself what would be lines of the file.
+fn wheels() -> Vec<Node> {
+    let sheet = std::fs::read(format!("{COURIER}/wheel.eds")).unwrap();
+    let sheet = Eds::parse(&sheet).unwrap();
+    let ms = Duration::from_millis(20);
+    let mut second = sheet.dictionary(4);
+    second.set_bytes(0x1008, 0, b"wheel\n[limits]\nspeed_mps = 9");
+    vec![Node::new(sheet.dictionary(2), ms), Node::new(second, ms)]
+}
+
+#[test]
+fn identify_writes_the_configuration_of_the_drives_on_the_bus() {
+    let bus = Bus::new();
+    let told = bus.run(&["identify"]).good();
+    let has = |told: &str, lines: &str| assert!(told.contains(lines), "{lines}\n\n{told}");
+    has(
+        &told,
+        "# Node 5: EPOS, CiA 402, vendor 0x000000FB, product 0x64100000, revision 0x20330000, serial 0x00000001",
+    );
+    has(&told, "[[can.main.nodes]]\nid = 5\naxis = \"propulsion\"            # ? turn it by hand");
+    has(&told, "driver = \"epos\"\ngear = 1                       # ? turns of the motor per turn of the wheel");
+    has(&told, "id = 9\naxis = \"steering\"");
+    has(&told, "driver = \"icla\"");
+
+    let bus = Bus::of(wheels);
+    let folder = Path::new(&bus.folder).join("conf");
+    std::fs::create_dir_all(&folder).unwrap();
+    let config = ["--config", folder.to_str().unwrap()];
+    let told = bus.run(&[&["identify"], &config[..]].concat()).good();
+    has(&told, "# No data sheet with this vendor and product: give the maker's EDS by --eds.");
+    assert!(!told.contains("[[can.main.nodes]]"), "{told}");
+    let sheet = format!("{COURIER}/wheel.eds");
+    let told = bus.run(&[&["identify", "--eds", &sheet], &config[..]].concat()).good();
+    has(&told, "eds = \"wheel.eds\"              # copy it beside robot.toml: ");
+
+    // A robot without drives becomes one by these lines alone.
+    let courier = std::fs::read_to_string(format!("{COURIER}/robot.toml")).unwrap();
+    let (before, drives) = courier.split_once("[can.main]").unwrap();
+    let (_, after) = drives.split_once("[rs485.b]").unwrap();
+    for name in ["modules.toml", "wheel.eds"] {
+        std::fs::copy(format!("{COURIER}/{name}"), folder.join(name)).unwrap();
+    }
+    let told = bus.run(&[&["identify"], &config[..]].concat()).good();
+    std::fs::write(folder.join("robot.toml"), format!("{before}{told}\n[rs485.b]{after}")).unwrap();
+    let check = |command: &mut Command| Outcome::of(command.output().unwrap());
+    let mut command = advee("udpm://239.255.76.67:7667?ttl=0", &bus.folder);
+    check(command.args(["config", "check"]).args(config)).good();
+    let again = bus.run(&[&["identify"], &config[..]].concat()).good();
+    has(&again, "id = 2\naxis = \"left\"\ndriver = \"cia402\"\neds = \"wheel.eds\"\n");
+    has(&again, "id = 4\naxis = \"right\"\ndriver = \"cia402\"\neds = \"wheel.eds\"\n");
 }
 
 #[test]

@@ -18,6 +18,16 @@ use std::process::ExitCode;
 pub struct Scan {
     #[command(flatten)]
     place: Where,
+    #[command(flatten)]
+    asked: Asked,
+    /// JSON lines: one a node
+    #[arg(long)]
+    json: bool,
+}
+
+/// Who is asked, common to the commands that ask every node.
+#[derive(clap::Args)]
+pub struct Asked {
     /// First node id
     #[arg(long, value_name = "NODE", default_value = "1", value_parser = clap::value_parser!(u8).range(1..=127))]
     from: u8,
@@ -27,9 +37,6 @@ pub struct Scan {
     /// Time limit of a node's answer, ms; where a module holds the bus, its limit counts
     #[arg(long, value_name = "MS", default_value = "200", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     timeout: u64,
-    /// JSON lines: one a node
-    #[arg(long)]
-    json: bool,
 }
 
 /// Objects read from a node, in this order: device type, identity, names and versions.
@@ -46,7 +53,7 @@ const HEARTBEATS: Duration = Duration::from_millis(300);
 
 /// A node that is being asked.
 #[derive(Default)]
-struct Row {
+pub struct Row {
     /// Answers in the order of [`OBJECTS`].
     said: Vec<Option<Vec<u8>>>,
     tries: u32,
@@ -55,19 +62,39 @@ struct Row {
     state: Option<NmtState>,
 }
 
+/// Who answered.
+struct Answers {
+    access: Access,
+    rows: BTreeMap<u8, Row>,
+    interrupted: bool,
+}
+
+impl Asked {
+    fn ask(&self, target: &Target) -> Result<Answers, Failed> {
+        let mut access = Access::open(target, Duration::from_millis(self.timeout))?;
+        // The module does not ask itself.
+        let itself = target.master.filter(|_| access.held.is_some());
+        let ids = (self.from..=self.to).filter(|node| Some(*node) != itself);
+        let (rows, interrupted) = ask(&mut access, ids.collect())?;
+        let rows = rows.into_iter().filter(|(_, row)| row.took.is_some()).collect();
+        Ok(Answers { access, rows, interrupted })
+    }
+
+    /// Asks who is there. Fails if nobody is, or when it is interrupted.
+    pub fn nodes(&self, target: &Target) -> Result<BTreeMap<u8, Row>, Failed> {
+        let Answers { rows, interrupted, .. } = self.ask(target)?;
+        ended(target, interrupted, rows.len()).map(|()| rows)
+    }
+}
+
 pub fn scan(common: &Common, command: &Scan) -> Outcome {
     let target = command.place.find(common)?;
-    let mut access = Access::open(&target, Duration::from_millis(command.timeout))?;
-    // The module does not ask itself.
-    let itself = target.master.filter(|_| access.held.is_some());
-    let ids = (command.from..=command.to).filter(|node| Some(*node) != itself);
-    let (rows, interrupted) = ask(&mut access, ids.collect())?;
-    let mut found: BTreeMap<u8, Row> = rows.into_iter().filter(|(_, row)| row.took.is_some()).collect();
+    let Answers { mut access, rows: mut found, interrupted } = command.asked.ask(&target)?;
     let nodes: Vec<u8> = found.keys().copied().collect();
     let states = access.states(&nodes, if interrupted { Duration::ZERO } else { HEARTBEATS })?;
     found.iter_mut().for_each(|(node, row)| row.state = states.get(node).copied());
     let answered = found.len();
-    let range = command.from..=command.to;
+    let range = command.asked.from..=command.asked.to;
     for known in target.known.iter().filter(|known| range.contains(&known.id)) {
         found.entry(known.id).or_default();
     }
@@ -81,13 +108,19 @@ pub fn scan(common: &Common, command: &Scan) -> Outcome {
         let s = if answered == 1 { "" } else { "s" };
         print(format!("{answered} node{s} on {}{through}{until}", target.name))?;
     }
+    ended(&target, interrupted, answered)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Whether everybody was asked, and anybody answered.
+fn ended(target: &Target, interrupted: bool, answered: usize) -> Result<(), Failed> {
     match (interrupted, answered) {
         (true, _) => Err("interrupted".into()),
         (false, 0) => {
             let what = format!("{}: nobody answers", target.name);
             Err(format!("{what}: power, wires, termination and bit rate are what to look at").into())
         }
-        _ => Ok(ExitCode::SUCCESS),
+        _ => Ok(()),
     }
 }
 
@@ -140,9 +173,16 @@ impl Row {
         self.said.len() < OBJECTS.len()
     }
 
-    fn number(&self, at: usize) -> Option<u32> {
+    /// Device type, vendor, product, revision or serial number: 0 to 4.
+    pub fn number(&self, at: usize) -> Option<u32> {
         let data = self.said.get(at)?.as_ref()?;
         value::number(data).and_then(|number| u32::try_from(number).ok())
+    }
+
+    /// Its names and versions, for people.
+    pub fn device(&self) -> String {
+        let texts = (NUMBERS..OBJECTS.len()).filter_map(|at| self.text(at)).filter(|text| !text.is_empty());
+        texts.collect::<Vec<_>>().join(", ")
     }
 
     fn text(&self, at: usize) -> Option<String> {
@@ -178,7 +218,6 @@ impl Row {
             Some(device_type) => format!("CiA {}", device_type & 0xFFFF),
             None => "-".into(),
         };
-        let texts = (NUMBERS..OBJECTS.len()).filter_map(|at| self.text(at)).filter(|text| !text.is_empty());
         [
             self.state.map_or("-", state_name).into(),
             profile,
@@ -187,7 +226,7 @@ impl Row {
             hex(3),
             hex(4),
             self.took.map_or(String::new(), |took| format!("{:.2}", took.as_secs_f64() * 1e3)),
-            texts.collect::<Vec<_>>().join(", "),
+            self.device(),
         ]
     }
 }

@@ -1,0 +1,349 @@
+//! `advee can identify`: the drives on a bus, as the lines of `robot.toml` by which they are driven.
+//!
+//! A drive is known by its identity (0x1018): from the data sheets in the configuration folder and those that are
+//! given, else from the built-in tables. What nobody but a person knows is marked by a question mark.
+
+use super::scan::{Asked, Row};
+use super::target::{Target, Where};
+use crate::{Common, Failed, Outcome, print};
+use canopen::axis::modes::Mode;
+use canopen::drives::derive::{Derived, Description, Limits, Quirks, Refusal, VelocityUnit, derive};
+use canopen::drives::{epos, icla};
+use canopen::eds::Eds;
+use canopen::master::Expect;
+use host::ports::PortConfig;
+use std::f64::consts::TAU;
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Identify {
+    #[command(flatten)]
+    place: Where,
+    #[command(flatten)]
+    asked: Asked,
+    /// Data sheet of a drive (EDS, DCF), or a folder of them, beside those in the configuration folder; may be given
+    /// often
+    #[arg(long = "eds", value_name = "PATH")]
+    sheets: Vec<PathBuf>,
+}
+
+/// A data sheet.
+struct Sheet {
+    path: PathBuf,
+    eds: Eds,
+    /// It lies beside `robot.toml`.
+    beside: bool,
+}
+
+/// What drives a node.
+enum Driver<'a> {
+    /// A built-in driver.
+    BuiltIn(&'static str),
+    Sheet(&'a Sheet),
+    /// A drive of which there is no sheet.
+    Unknown,
+    /// Of another profile, or of none.
+    NoDrive,
+}
+
+/// Low word of 0x1000.
+const PROFILE: u32 = 402;
+/// Column of a remark.
+const REMARK: usize = 31;
+/// A usual wheel: its circumference, m, and motion, for values that a sheet may not take.
+const WHEEL_M: f64 = 0.5;
+const LIMITS: Limits = Limits { velocity: 0.5, acceleration: 0.5, deceleration: 0.5, quick_stop: 1.0 };
+/// A usual steering: position counts per turn of the motor, and its end, rad.
+const COUNTS: u32 = 4096;
+const STEERING_RAD: f64 = 0.8;
+
+pub fn identify(common: &Common, command: &Identify) -> Outcome {
+    let target = command.place.find(common)?;
+    let sheets = sheets(&common.config_dir(), &command.sheets)?;
+    let rows = command.asked.nodes(&target)?;
+    print(
+        text(&target, &axes(common), &rows.iter().map(|(id, row)| (*id, row)).collect::<Vec<_>>(), &sheets).trim_end(),
+    )?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Axes of the configured robot; those of a base with two wheels where there is none.
+fn axes(common: &Common) -> Vec<&'static str> {
+    let configured = [false, true].into_iter().find_map(|sim| common.load(sim).ok());
+    configured.map_or_else(|| vec!["left", "right"], |config| config.robot.axes().to_vec())
+}
+
+/// The sheets in the configuration folder, if there is one, and those that are given.
+fn sheets(config: &Path, given: &[PathBuf]) -> Result<Vec<Sheet>, Failed> {
+    let beside = if config.is_dir() { files(config)? } else { Vec::new() };
+    let mut sheets = beside.into_iter().map(|path| read(path, true)).collect::<Result<Vec<Sheet>, Failed>>()?;
+    for path in given {
+        let files = if path.is_dir() { files(path)? } else { vec![path.clone()] };
+        for file in files {
+            sheets.push(read(file, false)?);
+        }
+    }
+    Ok(sheets)
+}
+
+/// Data sheets in a folder, by name.
+fn files(folder: &Path) -> Result<Vec<PathBuf>, Failed> {
+    let list = fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let is_sheet = |path: &PathBuf| {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        matches!(extension.as_deref(), Some("eds" | "dcf"))
+    };
+    let mut files: Vec<PathBuf> = list.flatten().map(|entry| entry.path()).filter(is_sheet).collect();
+    files.sort();
+    Ok(files)
+}
+
+fn read(path: PathBuf, beside: bool) -> Result<Sheet, Failed> {
+    let file = fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let eds = Eds::parse(&file).map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok(Sheet { path, eds, beside })
+}
+
+impl Sheet {
+    /// True if vendor and product are a node's; a sheet that names no product is its vendor's only one.
+    fn is_of(&self, node: u8, row: &Row) -> bool {
+        let (device, dictionary) = (self.eds.device(), self.eds.dictionary(node));
+        let object = |sub| dictionary.get(0x1018, sub).and_then(|number| u32::try_from(number).ok());
+        let stated = |sub, device: Option<u32>| object(sub).filter(|number| *number != 0).or(device);
+        let same = |at: u8, device| {
+            stated(at, device).filter(|number| *number != 0).map(|it| row.number(at.into()) == Some(it))
+        };
+        same(1, device.vendor) == Some(true) && same(2, device.product) != Some(false)
+    }
+
+    fn name(&self) -> String {
+        self.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+    }
+}
+
+fn driver<'a>(node: u8, row: &Row, sheets: &'a [Sheet]) -> Driver<'a> {
+    if row.number(0).is_some_and(|device| device & 0xFFFF != PROFILE) {
+        return Driver::NoDrive;
+    }
+    if let Some(sheet) = sheets.iter().find(|sheet| sheet.is_of(node, row)) {
+        return Driver::Sheet(sheet);
+    }
+    let is = |expected: &[Expect]| {
+        let said = |sub: u8| row.number(sub.into());
+        let identity = expected.iter().filter(|expect| expect.index == 0x1018);
+        identity.clone().count() > 0
+            && identity.into_iter().all(|expect| {
+                said(expect.sub).is_some_and(|value| (expect.min..=expect.max).contains(&(value & expect.mask)))
+            })
+    };
+    let built_in = [("epos", &epos::TABLE), ("icla", &icla::TABLE)];
+    let known = built_in.into_iter().find(|(_, table)| is(&table.identity));
+    known.map_or(Driver::Unknown, |(name, _)| Driver::BuiltIn(name))
+}
+
+/// What a person reads, and pastes.
+fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[Sheet]) -> String {
+    let mut lines = Lines::default();
+    let count = if rows.len() == 1 { "1 node answers".into() } else { format!("{} nodes answer", rows.len()) };
+    lines.remark(&format!("{count} on {}. Check the lines with a question mark.", target.name));
+    lines.blank();
+    lines.add("[can.main]", "");
+    if let Some(interface) = interface(&target.port) {
+        lines.add(&format!("interface = {}", quoted(&interface)), "");
+    }
+    lines.add(&format!("bitrate = {}", target.bitrate), "");
+    // Axes keep the nodes that they have.
+    let configured = |node: u8| target.known.iter().find(|known| known.id == node).map(|known| known.name.as_str());
+    let mut free = axes.iter().filter(|axis| !target.known.iter().any(|known| known.name == **axis));
+    for (node, row) in rows {
+        lines.blank();
+        lines.remark(&title(*node, row));
+        let driver = driver(*node, row, sheets);
+        if matches!(driver, Driver::NoDrive) {
+            lines.remark("No drive of CiA 402.");
+            continue;
+        }
+        if matches!(driver, Driver::Unknown) {
+            lines.remark("No data sheet with this vendor and product: give the maker's EDS by --eds.");
+            continue;
+        }
+        let Some(axis) = configured(*node).or_else(|| free.next().copied()) else {
+            lines.remark("The robot has no further axis.");
+            continue;
+        };
+        let is_sure = configured(*node).is_some();
+        let check =
+            if is_sure { "" } else { "? turn it by hand, and see whose position changes: advee can monitor --changes" };
+        match driver {
+            Driver::Sheet(sheet) => by_sheet(&mut lines, *node, (axis, check), sheet),
+            Driver::BuiltIn(name) => {
+                lines.node(*node, (axis, check), name);
+                lines.add("gear = 1", "? turns of the motor per turn of the wheel; negative: the other way round");
+                if axis == STEERING {
+                    lines.steering();
+                }
+            }
+            Driver::Unknown | Driver::NoDrive => {}
+        }
+    }
+    lines.0
+}
+
+const STEERING: &str = "steering";
+
+/// The lines of a drive that its sheet describes.
+fn by_sheet(lines: &mut Lines, node: u8, axis: (&str, &str), sheet: &Sheet) {
+    let tried = Tried::of(&sheet.eds, node, axis.0 == STEERING);
+    let Tried { unit, counts, gear, derived } = match tried {
+        Ok(tried) => tried,
+        Err(refusal) => {
+            lines.remark(&format!("Not driven by {}: {}", quoted(&sheet.name()), clean(&refusal.to_string())));
+            return;
+        }
+    };
+    lines.node(node, axis, "cia402");
+    let beside = if sheet.beside {
+        String::new()
+    } else {
+        format!("copy it beside robot.toml: {}", clean(&sheet.path.display().to_string()))
+    };
+    lines.add(&format!("eds = {}", quoted(&sheet.name())), &beside);
+    match gear {
+        Some(_) => lines.add("gear = 1", "? turns of the motor per turn of the wheel; negative: the other way round"),
+        None => lines.remark("gear: by 0x6091 of the sheet; mounted the other way round it needs a negative one here"),
+    }
+    if unit.is_some() {
+        lines.add("velocity_unit = \"rpm\"", "? the sheet does not say it: see the manual");
+    }
+    if let Some(counts) = counts {
+        lines.add(&format!("counts_per_turn = {counts}"), "? position counts per turn of the motor");
+    }
+    if axis.0 == STEERING {
+        lines.steering();
+    }
+    for lacks in &derived.reservations {
+        lines.remark(&format!(
+            "Needs [stop] second_way, or its manual and stops_without: {}",
+            clean(&lacks.to_string())
+        ));
+    }
+}
+
+/// Unit of velocity, counts and gear, as far as they are given.
+type Way = (Option<VelocityUnit>, Option<u32>, Option<f64>);
+
+/// The fewest lines with which a sheet describes a drive.
+struct Tried {
+    unit: Option<VelocityUnit>,
+    counts: Option<u32>,
+    gear: Option<f64>,
+    derived: Derived,
+}
+
+impl Tried {
+    fn of(eds: &Eds, node: u8, steers: bool) -> Result<Self, Refusal> {
+        let mode = if steers { Mode::ProfilePosition } else { Mode::ProfileVelocity };
+        let description = |second_way, (unit, counts, gear): Way| Description {
+            mode,
+            per_turn: if steers { TAU } else { WHEEL_M },
+            gear,
+            counts_per_turn: counts,
+            velocity_unit: unit,
+            limits: LIMITS,
+            range: steers.then_some([-STEERING_RAD, STEERING_RAD]),
+            homing: None,
+            sync: None,
+            master: 127,
+            second_way,
+            quirks: Quirks::default(),
+        };
+        let mut counts = vec![None];
+        counts.extend(steers.then_some(Some(COUNTS)));
+        let mut ways = Vec::new();
+        for second_way in [false, true] {
+            for unit in [None, Some(VelocityUnit::Rpm)] {
+                for counts in &counts {
+                    ways.extend([None, Some(1.0)].map(|gear| (second_way, (unit, *counts, gear))));
+                }
+            }
+        }
+        let tried = |(second_way, way): (bool, Way)| {
+            let (unit, counts, gear) = way;
+            let derived = derive(eds, node, &description(second_way, way))?;
+            Ok(Self { unit, counts, gear, derived })
+        };
+        // If none does, what is in the way of the last one cannot be given by any line.
+        let last = (true, (Some(VelocityUnit::Rpm), steers.then_some(COUNTS), Some(1.0)));
+        ways.into_iter().find_map(|way| tried(way).ok()).map_or_else(|| tried(last), Ok)
+    }
+}
+
+/// Lines of TOML.
+#[derive(Default)]
+struct Lines(String);
+
+impl Lines {
+    fn blank(&mut self) {
+        self.0.push('\n');
+    }
+
+    /// Writing to a string does not fail.
+    fn add(&mut self, line: &str, remark: &str) {
+        let _ = match remark {
+            "" => writeln!(self.0, "{line}"),
+            remark => writeln!(self.0, "{line:<0$}# {remark}", REMARK.max(line.len() + 1)),
+        };
+    }
+
+    fn remark(&mut self, text: &str) {
+        let _ = writeln!(self.0, "# {text}");
+    }
+
+    fn node(&mut self, node: u8, (axis, check): (&str, &str), driver: &str) {
+        self.add("[[can.main.nodes]]", "");
+        self.add(&format!("id = {node}"), "");
+        self.add(&format!("axis = {}", quoted(axis)), check);
+        self.add(&format!("driver = \"{driver}\""), "");
+    }
+
+    /// What a steering needs beside that.
+    fn steering(&mut self) {
+        self.add("switch_rad = -0.6", "? angle at which the homing switch closes");
+        self.add("homing_speed_radps = 0.1", "? speed towards it");
+    }
+}
+
+fn title(node: u8, row: &Row) -> String {
+    let device = Some(clean(&row.device())).filter(|device| !device.is_empty());
+    let profile = match row.number(0).map(|device| device & 0xFFFF) {
+        Some(0) | None => String::new(),
+        Some(profile) => format!(", CiA {profile}"),
+    };
+    let number = |name: &str, at| row.number(at).map(|number| format!(", {name} 0x{number:08X}")).unwrap_or_default();
+    let numbers = [("vendor", 1), ("product", 2), ("revision", 3), ("serial", 4)].map(|(name, at)| number(name, at));
+    let device = device.map(|device| format!(": {device}")).unwrap_or_default();
+    format!("Node {node}{device}{profile}{}", numbers.concat())
+}
+
+/// The key `interface`; none for a bus of the simulated robot, which is not its own.
+fn interface(port: &PortConfig) -> Option<String> {
+    match port {
+        PortConfig::CanSocket { interface } => Some(interface.clone()),
+        PortConfig::CanSlcan { path, .. } => Some(format!("slcan:{}", path.display())),
+        PortConfig::CanUdp { bus } => Some(format!("udp:{bus}")),
+        _ => None,
+    }
+}
+
+/// What a node or a file says of itself, within a line.
+fn clean(text: &str) -> String {
+    text.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect()
+}
+
+/// A string of TOML.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", clean(text).replace('\\', "\\\\").replace('"', "\\\""))
+}
