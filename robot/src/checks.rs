@@ -37,7 +37,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let simulated = simulated::config(place, World::default(), robot, false)?;
     let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
     let can = simulated.can.ok_or_else(missing)?;
-    if let Some(drive) = can.drives.iter().find(|drive| matches!(drive.kind, DriveKind::Odrive { .. })) {
+    if let Some(drive) = can.drives.iter().find(|drive| matches!(drive.kind, DriveKind::Controller { .. })) {
         let why = format!("checks: the {} drive is no CANopen node, and the rules judge only those", drive.name);
         return Err(ConfigError(vec![why]));
     }
@@ -70,7 +70,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         steering,
         homed: match steering_drive.map(|drive| &drive.kind) {
             Some(DriveKind::Cia402(drive)) => drive.homed,
-            Some(DriveKind::Epos { .. } | DriveKind::Icla(_) | DriveKind::Odrive { .. }) => {
+            Some(DriveKind::Epos { .. } | DriveKind::Icla(_) | DriveKind::Controller { .. }) => {
                 canopen::drives::icla::HOMED
             }
             None => 0,
@@ -114,7 +114,7 @@ fn units_per_mps(drive: &DriveConfig, circumference: f64) -> f64 {
     match &drive.kind {
         DriveKind::Cia402(own) => own.velocity_units(drive.node, circumference),
         DriveKind::Epos { gear, .. } => 60.0 * gear / circumference,
-        DriveKind::Icla(_) | DriveKind::Odrive { .. } => f64::NAN,
+        DriveKind::Icla(_) | DriveKind::Controller { .. } => f64::NAN,
     }
 }
 

@@ -165,14 +165,14 @@ fn wheel(robot: &Robot, node: &canbus::Node) -> u8 {
 fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError> {
     let name = node.axis.name();
     let missing = || ConfigError(vec![format!("simulator: the data sheet of the {name} drive was not read")]);
+    let controller = |gear, device| DriveKind::Controller { wheel: wheel(robot, node), gear, device };
     let kind = match &node.drive {
         canbus::Drive::Epos(epos) => DriveKind::Epos { wheel: wheel(robot, node), gear: epos.gear },
         canbus::Drive::Icla(icla) => {
             DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
         }
-        canbus::Drive::Odrive(keys) => {
-            DriveKind::Odrive { wheel: wheel(robot, node), gear: keys.gear, device: keys.device(node.id) }
-        }
+        canbus::Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
+        canbus::Drive::Vesc(keys) => controller(keys.gear, keys.device(node.id)),
         canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
             axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Wheel(wheel(robot, node)) },
             sheet: node.sheet.clone().ok_or_else(missing)?,
@@ -273,7 +273,7 @@ mod tests {
                 DriveKind::Epos { gear, .. } => (*gear == 26.0).then_some(false),
                 DriveKind::Icla(gearing) => (gearing.gear == 180.0).then_some(false),
                 DriveKind::Cia402(own) => (own.homed == 1 << 15).then_some(true),
-                DriveKind::Odrive { .. } => None,
+                DriveKind::Controller { .. } => None,
             });
             assert_eq!(are.collect::<Vec<_>>(), by_sheet.map(Some));
         }

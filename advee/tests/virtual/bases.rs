@@ -19,6 +19,9 @@ const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 /// Messages of CAN Simple by an identifier's lowest five bits: heartbeat, and velocity set-point of an ODrive.
 const ODRIVE_HEARTBEAT: u16 = 0x01;
 const ODRIVE_INPUT_VEL: u16 = 0x0D;
+/// Commands of a VESC with a frame of their own: CAN_PACKET_SET_CURRENT_BRAKE, CAN_PACKET_SET_RPM.
+const VESC_SET_CURRENT_BRAKE: u32 = 2;
+const VESC_SET_RPM: u32 = 3;
 /// State of an ODrive in its heartbeat.
 const CLOSED_LOOP: u8 = 8;
 
@@ -64,8 +67,17 @@ impl Observed {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &can::Frame) {
-        let can::Id::Standard(id) = frame.id() else { return };
         let data = frame.data();
+        let id = match frame.id() {
+            can::Id::Standard(id) => id,
+            can::Id::Extended(id) => {
+                return match id >> 8 {
+                    VESC_SET_RPM => self.set(now, u16::from(id as u8), data != [0; 4]),
+                    VESC_SET_CURRENT_BRAKE => self.set(now, u16::from(id as u8), false),
+                    _ => {}
+                };
+            }
+        };
         let (wheel, moves) = match id & 0x780 {
             RPDO if data.len() == 6 => (id & 0x7F, data[0] & 0x0F == 0x0F && data[2..] != [0; 4]),
             // Only that it is not enabled says something.
@@ -78,6 +90,10 @@ impl Observed {
             },
             _ => return,
         };
+        self.set(now, wheel, moves);
+    }
+
+    fn set(&mut self, now: Instant, wheel: u16, moves: bool) {
         let Some(before) = self.moves.get_mut(usize::from(wheel)) else { return };
         if std::mem::replace(before, moves) && !moves {
             self.stopped.push((now, wheel));
@@ -116,7 +132,11 @@ impl Base {
     }
 
     fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
-        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        Self::of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name), name, wheels, world)
+    }
+
+    fn of(config: &Path, name: &str, wheels: u16, world: &Path) -> Self {
+        let config = config.into();
         let place = RobotLocation { config, world: Some(world.into()), ..guarded_place() };
         let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect(name);
         let observed = Rc::new(RefCell::new(Observed::default()));
@@ -387,4 +407,79 @@ impl Base {
         let after = self.truth();
         assert_eq!((before.x, before.y, before.theta), (after.x, after.y, after.theta), "{what}: it moves");
     }
+}
+
+/// The rover with a VESC for each wheel in place of its ODrives; the folder is removed afterwards.
+fn on_vescs(test: &str, then: impl FnOnce(&dyn Fn() -> Base)) {
+    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{test}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for file in ["modules.toml", "sim.toml"] {
+        std::fs::copy(conf.join("rover").join(file), folder.join(file)).expect("a copy");
+    }
+    let rover = std::fs::read_to_string(conf.join("rover/robot.toml")).expect("the rover");
+    let of_odrives = ["hardware", "firmware", "enable_watchdog", "watchdog_timeout"];
+    let lines = rover.lines().filter(|line| !of_odrives.iter().any(|key| line.starts_with(key)));
+    let vesc = "driver = \"vesc\"\npole_pairs = 7\nerpm_min = 60";
+    let robot: String = lines.map(|line| line.replace("driver = \"odrive\"", vesc) + "\n").collect();
+    std::fs::write(folder.join("robot.toml"), robot).expect("a file");
+    then(&|| Base::of(&folder, "rover on VESCs", 2, &conf.join("worlds/empty.toml")));
+    std::fs::remove_dir_all(folder).expect("the folder");
+}
+
+#[test]
+fn a_rover_on_vescs_moves_as_commanded_and_knows_where_it_is() {
+    on_vescs("vescs-move", |rover| {
+        let mut base = rover();
+        for twist in [(0.25, 0.0, 0.0), (0.2, 0.0, 0.5), (0.0, 0.0, -0.6), (-0.2, 0.0, 0.0)] {
+            base.drive(twist, 5.0);
+            base.pass(4.0);
+            let velocity = base.observed.borrow().velocity.clone();
+            let measured = [velocity.vx - twist.0, velocity.vy - twist.1, velocity.omega - twist.2];
+            assert!(measured.iter().all(|gap| gap.abs() < 0.02), "{twist:?}: {velocity:?}");
+            base.pass(3.0);
+            base.assert_located("rover on VESCs");
+        }
+        base.go("rover on VESCs", [13.0, 8.0, 0.0], 60.0);
+    });
+}
+
+#[test]
+fn a_rover_on_vescs_stops_if_one_is_lost_or_the_driver_is() {
+    on_vescs("vescs-stop", |rover| {
+        let driving = || {
+            let mut base = rover();
+            base.drive((0.25, 0.0, 0.3), 8.0);
+            base.pass(2.0);
+            base.observed.borrow_mut().stopped.clear();
+            base
+        };
+        for (victim, name) in [(1, "left"), (2, "right")] {
+            for fault in ["silent", "fault", "reboot", "runaway"] {
+                let mut base = driving();
+                let since = base.machine.now();
+                let (target, fault) = (name.into(), fault.to_owned());
+                let what = format!("{fault} of {name}");
+                base.machine.inject(since, CmdFault { target, fault, value: 0.5, duration: 5.0, ..Default::default() });
+                base.pass(3.0);
+                base.assert_stopped(&what, since, STOP_MAX, Some(victim));
+            }
+        }
+        // The devices stop by themselves, which is not on the bus: the body says it.
+        for hangs in [true, false] {
+            let mut base = driving();
+            let pid = base.machine.pid("driver_canbus").expect("it runs");
+            let before = base.truth().speed;
+            if hangs {
+                base.machine.hang(pid);
+            } else {
+                base.machine.kill(pid);
+            }
+            base.pass(STOP_MAX.as_secs_f64());
+            let after = base.truth().speed;
+            assert!(after < before - 0.01, "{hangs}: {before} m/s, then {after} m/s");
+            base.pass(3.0);
+            base.assert_stands("rover on VESCs, without its driver");
+        }
+    });
 }

@@ -1,5 +1,5 @@
 //! Motor controllers without CANopen: [`odrive`] (CAN Simple), [`roboclaw`] (packet serial) and [`vesc`] (CAN and
-//! UART), each with its emulated device.
+//! UART), each with its emulated device; [`can`] has one engine for any of them that is on CAN.
 //!
 //! Everything here is sans-IO: it reads no clock and owns no port. The [`Engine`] is the same for all devices; a
 //! protocol decides what is on the wire. No motion leaves before the device is identified, its command time limit is
@@ -40,6 +40,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod can;
 mod config;
 pub mod crc;
 mod engine;

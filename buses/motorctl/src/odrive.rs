@@ -12,7 +12,7 @@
 //! source of 0.5.6, `can_simple.cpp`, every one to the axis; setpoints do in each), and whether it expires in IDLE
 //! (it does in 0.5.6). The start-up needs neither.
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Timing};
 use crate::engine::Engine;
 use base::Duration;
 
@@ -68,10 +68,16 @@ impl Odrive {
     /// What is wrong with the configuration.
     pub fn new(config: &Config<1>, device: Device) -> Result<Self, ConfigError> {
         config.check()?;
+        Ok(Self::with(CanSimple::checked(device, config.timing)?, config))
+    }
+}
+
+impl CanSimple {
+    pub(crate) fn checked(device: Device, timing: Timing) -> Result<Self, ConfigError> {
         let heartbeat = device.heartbeat_within;
         if device.node > wire::NODE_MAX || heartbeat.is_zero() || heartbeat > crate::FEEDBACK_WITHIN_MAX {
             return Err(ConfigError::Device);
         }
-        Ok(Self::with(CanSimple::new(device, config.timing), config))
+        Ok(Self::new(device, timing))
     }
 }

@@ -16,7 +16,7 @@
 //!
 //! Not verified: the firmware was read, not run; behaviour of the second motor of dual controllers.
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Timing};
 use crate::engine::Engine;
 use base::Instant;
 
@@ -113,10 +113,16 @@ impl VescCan {
     /// What is wrong with the configuration.
     pub fn can(config: &Config<1>, device: Device, host: u8) -> Result<Self, ConfigError> {
         config.check()?;
+        Ok(Self::with(Commands::on_can(device, host, config.timing)?, config))
+    }
+}
+
+impl Commands<can::Link> {
+    pub(crate) fn on_can(device: Device, host: u8, timing: Timing) -> Result<Self, ConfigError> {
         device.check()?;
         if host == device.id || [host, device.id].contains(&can::TO_ALL) {
             return Err(ConfigError::Device);
         }
-        Ok(Self::with(Commands::new(device, config.timing, can::Link::host(host, device.id)), config))
+        Ok(Self::new(device, timing, can::Link::host(host, device.id)))
     }
 }

@@ -102,7 +102,9 @@ fn sheet(known: &Known) -> Result<Eds, Failed> {
                 Drive::Epos(_) => EPOS,
                 Drive::Icla(_) => ICLA,
                 Drive::Cia402(_) => return Err(format!("{}: no data sheet is configured", known.name).into()),
-                Drive::Odrive(_) => return Err(format!("{}: an ODrive is no CANopen node", known.name).into()),
+                Drive::Odrive(_) | Drive::Vesc(_) => {
+                    return Err(format!("{}: this drive is no CANopen node", known.name).into());
+                }
             };
             Eds::parse(text.as_bytes()).map_err(|error| format!("the built-in data sheet: {error}").into())
         }

@@ -106,7 +106,7 @@ impl Target {
     }
 
     fn of(place: &RobotLocation, bus: &CanBus) -> Result<Self, Failed> {
-        let nodes = bus.driver.nodes.iter().filter(|node| !matches!(node.drive, Drive::Odrive(_)));
+        let nodes = bus.driver.nodes.iter().filter(|node| node.is_canopen());
         let known = nodes.map(|node| Known {
             id: node.id,
             name: node.axis.name().into(),

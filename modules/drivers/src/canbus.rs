@@ -5,6 +5,7 @@
 //! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
 //!
 //! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; any drive of CiA 402 by its data sheet; ODrive
+//!           and VESC
 //! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
 //! Silence   of a drive: all others stop, the node is booted again, nothing resumes by itself. The same after 2 s
 //!           if the drive sends heartbeats but does not answer
@@ -23,6 +24,7 @@ mod controller;
 mod drive;
 mod feed_output;
 mod ignored;
+mod keys;
 mod objection;
 mod odrive;
 mod pause;
@@ -37,6 +39,7 @@ mod speed_monitor;
 mod steering;
 #[cfg(test)]
 mod tests;
+mod vesc;
 mod wheels;
 
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
@@ -45,8 +48,10 @@ pub use config::{
     PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
-pub use odrive::{ControllerConfig, OdriveConfig, Release};
+pub use keys::ControllerConfig;
+pub use odrive::{OdriveConfig, Release};
 pub use pause::Paused;
+pub use vesc::VescConfig;
 
 use agreement::AgreementWatch;
 use arbiter::{Arbiter, Course, Request, Verdict};

@@ -133,6 +133,23 @@ pub enum Command {
     ClearErrors,
 }
 
+impl Command {
+    /// True if it asks for something, and changes nothing.
+    #[must_use]
+    pub fn asks(&self) -> bool {
+        matches!(
+            self,
+            Self::GetVersion | Self::GetError | Self::GetIq | Self::GetTemperature | Self::GetBus | Self::Read { .. }
+        )
+    }
+}
+
+/// Node id in an identifier.
+#[must_use]
+pub const fn node_of(id: u16) -> u8 {
+    (id >> 5) as u8
+}
+
 /// Message of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Message {
@@ -181,7 +198,7 @@ fn frame(node: u8, command: u8, data: &[u8]) -> Frame {
 /// Node and command of a frame; none for one that is not CAN Simple.
 fn address(frame: &Frame) -> Option<(u8, u8)> {
     match frame.id() {
-        Id::Standard(id) => Some(((id >> 5) as u8, (id & 0x1F) as u8)),
+        Id::Standard(id) => Some((node_of(id), (id & 0x1F) as u8)),
         Id::Extended(_) => None,
     }
 }

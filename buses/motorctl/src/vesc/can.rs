@@ -23,12 +23,34 @@ const PROCESS_SHORT: u32 = 8;
 /// The payload of a command with a frame of its own begins with the number of the frame's command and this.
 const PAYLOAD_OFFSET: u32 = 5;
 
+/// Commands that move the motor and have frames of their own: duty cycle, current, brake current, ERPM, position, and
+/// the currents relative to their limits.
+const SETS: [u32; 9] = [0, SET_CURRENT, 2, SET_RPM, 4, 10, 11, 12, 13];
+/// Payloads that move the motor or configure it: COMM_SET_DUTY to COMM_SET_SERVO_POS, COMM_SET_MCCONF,
+/// COMM_SET_APPCONF (`datatypes.h`).
+const SETS_IN_PAYLOADS: [u8; 10] = [5, 6, 7, 8, 9, 10, 11, 12, 13, 16];
+
 /// Bytes of a payload that go in one frame.
 const SHORT_MAX: usize = 6;
 /// Greatest offset of one byte.
 const FILL_OFFSET_MAX: usize = 255;
 /// Frames of the longest payload, and some more.
 const FRAMES: usize = 96;
+
+/// True for a frame by which anybody but the host `own` commands or configures the device `id`, or all. Frames of
+/// commands do not name their sender: those of the host count, too.
+#[must_use]
+pub(crate) fn is_command(frame: &Frame, id: u8, own: u8) -> bool {
+    let Id::Extended(identifier) = frame.id() else { return false };
+    if ![id, TO_ALL].contains(&(identifier as u8)) || frame.is_remote() {
+        return false;
+    }
+    match (identifier >> 8, frame.data()) {
+        (PROCESS_SHORT, [sender, _, command, ..]) => *sender != own && SETS_IN_PAYLOADS.contains(command),
+        (FILL, [0, command, ..]) => SETS_IN_PAYLOADS.contains(command),
+        (command, _) => SETS.contains(&command),
+    }
+}
 
 /// Whether a payload is a request, or the answer to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,10 +2,12 @@
 
 use super::cia402::{Cia402, Cia402Config};
 use super::feed_output::{GpioConfig, OutputConfig};
-use super::odrive::{ControllerConfig, OdriveConfig, is_ambiguous};
+use super::keys::{ControllerConfig, not_zero, refuse_canopen};
+use super::odrive::{OdriveConfig, is_ambiguous};
 use super::protection;
 use super::ranging::RangingBoard;
 use super::requests::may_be_listed;
+use super::vesc::VescConfig;
 use base::Duration;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
@@ -38,7 +40,7 @@ settings! {
     /// `[[can.<name>.nodes]]`: a drive.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Node {
-        /// CANopen node; of an ODrive its node id.
+        /// CANopen node; of an ODrive its node id, of a VESC its VESC id.
         id: u8 = required, 1..=127;
         /// Axis that it moves.
         axis: Axis = required;
@@ -206,6 +208,8 @@ settings! {
         Cia402(Cia402Config) = "cia402",
         /// ODrive by CAN Simple, for a wheel (`docs/motor-controllers.md`).
         Odrive(OdriveConfig) = "odrive",
+        /// VESC on CAN, for a wheel (`docs/motor-controllers.md`).
+        Vesc(VescConfig) = "vesc",
     }
 }
 
@@ -342,7 +346,7 @@ pub struct Config {
 pub struct PropulsionConfig {
     /// What it moves.
     pub axis: Axis,
-    /// Node id, 1..=127; of an ODrive at most 62.
+    /// Node id, 1..=127; of an ODrive at most 62; the id of a VESC.
     pub node: u8,
     /// Which one.
     pub drive: PropulsionDrive,
@@ -434,7 +438,8 @@ impl BusConfig {
     #[must_use]
     pub fn is_ambiguous(&self, canopen: u8) -> bool {
         let others = self.nodes.iter().filter(|node| !node.is_canopen());
-        others.clone().any(|node| [canopen, self.master].iter().any(|other| is_ambiguous(node.id, *other)))
+        let odrives = others.filter(|node| matches!(node.drive, Drive::Odrive(_)));
+        odrives.clone().any(|node| [canopen, self.master].iter().any(|other| is_ambiguous(node.id, *other)))
     }
 
     fn node(&self, axis: Axis) -> Option<&Node> {
@@ -442,14 +447,12 @@ impl BusConfig {
     }
 
     fn wheel_drive(&self, node: &Node, circumference: f64) -> Option<PropulsionConfig> {
+        let controller = |gear, device| PropulsionDrive::Controller(ControllerConfig { gear, device, circumference });
         let drive = match &node.drive {
             Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
             Drive::Cia402(keys) => PropulsionDrive::Cia402 { drive: node.by_sheet(keys), circumference },
-            Drive::Odrive(keys) => PropulsionDrive::Controller(ControllerConfig {
-                gear: keys.gear,
-                device: keys.device(node.id),
-                circumference,
-            }),
+            Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
+            Drive::Vesc(keys) => controller(keys.gear, keys.device(node.id)),
             Drive::Icla(_) => return None,
         };
         Some(PropulsionConfig { axis: node.axis, node: node.id, drive, writable: node.writable.clone() })
@@ -478,7 +481,7 @@ impl BusConfig {
                 let drive = SteeringDrive::Cia402(node.by_sheet(keys));
                 steering(drive, keys.switch?, keys.homing_method, keys.homing_speed?, keys.homing_timeout)
             }
-            Drive::Epos(_) | Drive::Odrive(_) => return None,
+            Drive::Epos(_) | Drive::Odrive(_) | Drive::Vesc(_) => return None,
         })
     }
 
@@ -527,7 +530,7 @@ impl Node {
     fn check(&self, table: &Table<'_>) {
         let steers = self.axis == Axis::Steering;
         match &self.drive {
-            Drive::Epos(_) | Drive::Odrive(_) if steers => {
+            Drive::Epos(_) | Drive::Odrive(_) | Drive::Vesc(_) if steers => {
                 table.refuse("axis", r#""propulsion" or a wheel: this driver cannot steer"#);
             }
             Drive::Icla(_) if !steers => {
@@ -535,6 +538,7 @@ impl Node {
             }
             Drive::Cia402(keys) => keys.check_axis(self.axis, table),
             Drive::Odrive(_) => OdriveConfig::check_node(self.id, table),
+            Drive::Vesc(_) => refuse_canopen(table),
             Drive::Epos(_) | Drive::Icla(_) => {}
         }
         if !self.writable.iter().all(|index| may_be_listed(*index)) {
@@ -547,7 +551,7 @@ impl Node {
     /// True for a CANopen node.
     #[must_use]
     pub fn is_canopen(&self) -> bool {
-        !matches!(self.drive, Drive::Odrive(_))
+        !matches!(self.drive, Drive::Odrive(_) | Drive::Vesc(_))
     }
 
     fn by_sheet(&self, keys: &Cia402Config) -> Cia402 {
@@ -561,7 +565,7 @@ impl Drive {
     pub fn by_sheet(&self) -> Option<&Cia402Config> {
         match self {
             Self::Cia402(keys) => Some(keys),
-            Self::Epos(_) | Self::Icla(_) | Self::Odrive(_) => None,
+            Self::Epos(_) | Self::Icla(_) | Self::Odrive(_) | Self::Vesc(_) => None,
         }
     }
 }
@@ -575,11 +579,5 @@ impl EposConfig {
 impl IclaConfig {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
-    }
-}
-
-fn not_zero(table: &Table<'_>, gear: f64) {
-    if gear == 0.0 {
-        table.refuse("gear", "a number that is not 0");
     }
 }

@@ -1,12 +1,13 @@
 //! A motor controller without CANopen that turns a wheel (docs/motor-controllers.md): its engine, and what the module
 //! must know of it.
 //!
-//! Device    ODrive by CAN Simple, facts in `motorctl::odrive`
+//! Device    ODrive by CAN Simple, VESC: facts in `motorctl::odrive`, `motorctl::vesc`
 //! Timing    set-points every 20 ms, a quick stop at once; the command time limit of the device is 200 ms, and proven
-//! Silence   of the device for 80 ms: lost, all others stop; of the driver: the device disarms itself, and rolls
+//! Silence   of the device for 80 ms: lost, all others stop; of the driver: an ODrive disarms itself, and rolls, a VESC
+//!           brakes by `timeout_brake_current`, if that is not 0
 
 use super::drive::{Objection, Trouble};
-use super::odrive::{ControllerConfig, IDENTIFIERS};
+use super::keys::ControllerConfig;
 use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
@@ -14,8 +15,7 @@ use canopen::axis::Goal;
 use messages::Hold;
 use messages::lowlevel::{Axis, Node};
 use module::Actions;
-use motorctl::odrive::Odrive;
-use motorctl::odrive::wire::Command;
+use motorctl::can::{Device, OnCan};
 use motorctl::{Event, LostReason, Refusal, State, Step};
 use std::f64::consts::TAU;
 use std::fmt;
@@ -79,7 +79,8 @@ pub(super) struct Controller {
     node: u8,
     /// m per rad of the wheel.
     radius: f64,
-    engine: Odrive,
+    device: Device,
+    engine: OnCan,
     availability: Availability,
     /// After a loss, a refusal or trouble it is not enabled before a deliberate act.
     locked: bool,
@@ -109,11 +110,12 @@ impl Controller {
             // Those of the base are followed; the steepest one is that of a command that was not renewed.
             acceleration_radps2: ramp * MARGIN / radius,
         };
-        let engine = Odrive::new(&motorctl::Config::new([axis]), device);
+        let engine = OnCan::new(&motorctl::Config::new([axis]), device);
         Ok(Self {
             name: own.axis.name(),
             node: own.node,
             radius,
+            device,
             engine: engine.map_err(|error| ConfigError::Controller { axis: own.axis, error })?,
             availability: Availability::Starting,
             locked: false,
@@ -166,24 +168,12 @@ impl Controller {
 
     /// True for a frame of its device, or to it.
     pub(super) fn is_own(&self, frame: &Frame) -> bool {
-        matches!(frame.id(), base::can::Id::Standard(id) if id / IDENTIFIERS == u16::from(self.node))
+        self.device.owns(frame)
     }
 
     /// Its name, if another program commands its device by this frame; one that asks it for something does not.
     pub(super) fn foreign_command_to(&self, frame: &Frame) -> Option<&'static str> {
-        let asks = |command| {
-            matches!(
-                command,
-                Command::GetVersion
-                    | Command::GetError
-                    | Command::GetIq
-                    | Command::GetTemperature
-                    | Command::GetBus
-                    | Command::Read { .. }
-            )
-        };
-        let (node, command) = Command::decode(frame)?;
-        (node == self.node && !asks(command)).then_some(self.name)
+        self.device.is_commanded_by(frame).then_some(self.name)
     }
 
     /// A frame of its device; the speed, m/s, if it was measured.

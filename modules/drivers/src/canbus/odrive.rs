@@ -1,14 +1,13 @@
 //! Keys of an ODrive by CAN Simple, and its place on the bus.
 
+use super::keys::{not_zero, refuse_canopen};
 use base::Duration;
-use motorctl::odrive;
+use motorctl::{can, odrive};
 use settings::{Parsed, Table, settings};
 use std::fmt;
 
 /// Greatest node id of an ODrive on CAN.
 const NODE_MAX: u8 = odrive::wire::NODE_MAX;
-/// Identifiers of a node of CAN Simple.
-pub(super) const IDENTIFIERS: u16 = 32;
 
 settings! {
     /// An ODrive with firmware 0.6 by CAN Simple, for a wheel (docs/motor-controllers.md).
@@ -50,9 +49,7 @@ impl fmt::Display for Release {
 
 impl OdriveConfig {
     fn check(&self, table: &Table<'_>) {
-        if self.gear == 0.0 {
-            table.refuse("gear", "a number that is not 0");
-        }
+        not_zero(table, self.gear);
         if self.enable_watchdog == self.watchdog_timeout {
             table.refuse("watchdog_timeout", "another endpoint than enable_watchdog");
         }
@@ -63,16 +60,14 @@ impl OdriveConfig {
         if id > NODE_MAX {
             table.refuse("id", format_args!("an integer from 1 to {NODE_MAX}: that of an ODrive"));
         }
-        for key in ["eds", "writable"].into_iter().filter(|key| table.has(key)) {
-            table.refuse(key, "nothing: an ODrive is no CANopen node");
-        }
+        refuse_canopen(table);
     }
 
     /// What it must be; `node`: its id.
     #[must_use]
-    pub fn device(&self, node: u8) -> odrive::Device {
+    pub fn device(&self, node: u8) -> can::Device {
         let usual = odrive::Device::EXAMPLE;
-        odrive::Device {
+        can::Device::Odrive(odrive::Device {
             node,
             version: odrive::wire::Version { hardware: self.hardware.0, firmware: self.firmware.0, ..usual.version },
             endpoints: odrive::Endpoints {
@@ -80,28 +75,17 @@ impl OdriveConfig {
                 watchdog_timeout: self.watchdog_timeout,
             },
             heartbeat_within: self.heartbeat_within,
-        }
+        })
     }
 }
 
 /// True if identifiers of the ODrive with this node id are those of CANopen's services or of this node of CANopen.
-pub(super) fn is_ambiguous(odrive: u8, canopen: u8) -> bool {
-    let node = u16::from(canopen);
+pub(super) fn is_ambiguous(node: u8, canopen: u8) -> bool {
+    let other = u16::from(canopen);
     // NMT; SYNC and emergencies; TIME; PDOs, SDOs and heartbeats of the node; LSS (CiA 301, CiA 305).
     let services = [0, 0x80, 0x100, 0x7E4, 0x7E5].into_iter();
-    let own = [0x80].into_iter().chain((0x180..=0x600).step_by(0x80)).chain([0x700]).map(|first| first + node);
-    services.chain(own).any(|id: u16| id / IDENTIFIERS == u16::from(odrive))
-}
-
-/// A motor controller.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ControllerConfig {
-    /// Motor turns per wheel turn.
-    pub gear: f64,
-    /// Which one it must be.
-    pub device: odrive::Device,
-    /// Circumference of the wheel, m.
-    pub circumference: f64,
+    let own = [0x80].into_iter().chain((0x180..=0x600).step_by(0x80)).chain([0x700]).map(|first| first + other);
+    services.chain(own).any(|id: u16| odrive::wire::node_of(id) == node)
 }
 
 #[cfg(test)]

@@ -46,7 +46,7 @@ impl CanopenDrive {
             DriveKind::Cia402(own) => {
                 Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body, reading)))
             }
-            DriveKind::Odrive { .. } => return None,
+            DriveKind::Controller { .. } => return None,
         };
         let node = node(dictionary);
         Some(Self { device, layout: Layout::Usual, node, turned: 0.0, encoder })

@@ -7,8 +7,8 @@ use super::encoder::{Encoder, Reading};
 use crate::body::Body;
 use base::can::Frame;
 use base::{Duration, Instant};
+use motorctl::can::{Device, Emulated};
 use motorctl::motor::Drive;
-use motorctl::odrive::{self, device::Device};
 
 /// From power or reset to the first message.
 const BOOT_TIME: Duration = Duration::from_millis(100);
@@ -17,8 +17,8 @@ const BOOT_TIME: Duration = Duration::from_millis(100);
 pub(super) struct Controller {
     pub encoder: Encoder,
     gear: f64,
-    identity: odrive::Device,
-    device: Device,
+    identity: Device,
+    device: Emulated,
     /// It has its supply.
     fed: bool,
     /// When it has started.
@@ -27,14 +27,14 @@ pub(super) struct Controller {
 
 impl Controller {
     /// Of a wheel of this number; `gear`: motor turns per turn of the wheel.
-    pub fn new(wheel: u8, gear: f64, identity: odrive::Device) -> Self {
-        let device = Device::new(identity);
+    pub fn new(wheel: u8, gear: f64, identity: Device) -> Self {
+        let device = Emulated::new(identity);
         Self { encoder: Encoder::new(wheel), gear, identity, device, fed: true, started: Instant::ZERO }
     }
 
     /// Switches it on, or off and on again: what was written to it is forgotten.
     pub fn power_on(&mut self, now: Instant, body: &Body) {
-        self.device = Device::new(self.identity);
+        self.device = Emulated::new(self.identity);
         self.started = now + BOOT_TIME;
         self.place(body);
     }
@@ -57,7 +57,7 @@ impl Controller {
     fn place(&mut self, body: &Body) {
         let scale = self.turns_per_metre(body);
         let Reading { way, speed } = self.encoder.read(body);
-        self.device.motor.place(way * scale, speed * scale);
+        self.device.motor_mut().place(way * scale, speed * scale);
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame, body: &Body) {
@@ -74,19 +74,19 @@ impl Controller {
         }
     }
 
-    /// Raises errors, as its own checks do.
-    pub fn fault(&mut self, errors: u16) {
-        self.device.raise(errors.into());
+    /// Raises a fault, as its own checks do.
+    pub fn fault(&mut self, fault: u16) {
+        self.device.raise(fault);
     }
 
     /// True if time alone changes nothing.
     pub fn rests(&self) -> bool {
-        !matches!(self.device.motor.drive, Drive::Velocity(turns) if turns != 0.0)
+        !matches!(self.device.motor().drive, Drive::Velocity(turns) if turns != 0.0)
     }
 
     /// Speed that its motor demands of the wheel, m/s; none without torque.
     pub fn demand(&self, body: &Body) -> Option<f64> {
-        match self.device.motor.drive {
+        match self.device.motor().drive {
             Drive::Free => None,
             Drive::Brake => Some(0.0),
             Drive::Velocity(turns) => Some(turns / self.turns_per_metre(body)),

@@ -9,7 +9,7 @@ use crate::body::Body;
 use base::Instant;
 use base::can::Frame;
 use canopen::{Dictionary, drives};
-use motorctl::odrive;
+use motorctl::can;
 
 /// What a drive moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +26,7 @@ pub enum Axis {
 pub struct DriveConfig {
     /// Name, the target of faults: `propulsion`.
     pub name: String,
-    /// Node id; of an ODrive that of CAN Simple.
+    /// Node id; of an ODrive that of CAN Simple, of a VESC its VESC id.
     pub node: u8,
     /// Which one.
     pub kind: DriveKind,
@@ -46,14 +46,14 @@ pub enum DriveKind {
     Icla(Gearing),
     /// Any drive of CiA 402, by its data sheet.
     Cia402(Box<Cia402Config>),
-    /// ODrive, which drives a wheel.
-    Odrive {
+    /// A motor controller without CANopen, which drives a wheel.
+    Controller {
         /// Number of the wheel.
         wheel: u8,
         /// Motor turns per turn of the wheel.
         gear: f64,
         /// Which one it is.
-        device: odrive::Device,
+        device: can::Device,
     },
 }
 
@@ -62,7 +62,7 @@ impl DriveKind {
     #[must_use]
     pub fn axis(&self) -> Axis {
         match self {
-            Self::Epos { wheel, .. } | Self::Odrive { wheel, .. } => Axis::Wheel(*wheel),
+            Self::Epos { wheel, .. } | Self::Controller { wheel, .. } => Axis::Wheel(*wheel),
             Self::Icla(_) => Axis::Steering,
             Self::Cia402(config) => config.axis,
         }
@@ -74,14 +74,14 @@ impl DriveKind {
             Self::Epos { .. } => Some(drives::epos::dictionary(node)),
             Self::Icla(_) => Some(drives::icla::dictionary(node)),
             Self::Cia402(config) => Some(config.sheet.dictionary(node)),
-            Self::Odrive { .. } => None,
+            Self::Controller { .. } => None,
         }
     }
 
     /// The same of another version, with other PDOs; none: there is no other.
     pub(super) fn other_version(&self, node: u8) -> Option<Dictionary> {
         match self {
-            Self::Epos { .. } | Self::Odrive { .. } => None,
+            Self::Epos { .. } | Self::Controller { .. } => None,
             Self::Icla(_) => Some(drives::icla::dictionary_of_profile(node)),
             Self::Cia402(config) => Some(cia402::other_version(&config.sheet, node)),
         }
@@ -127,7 +127,7 @@ impl Drive {
     /// A drive of `body`, switched off.
     pub fn new(config: DriveConfig, body: &Body) -> Self {
         let end = match (CanopenDrive::new(&config, body), &config.kind) {
-            (_, DriveKind::Odrive { wheel, gear, device }) => {
+            (_, DriveKind::Controller { wheel, gear, device }) => {
                 End::Controller(Box::new(Controller::new(*wheel, *gear, *device)))
             }
             (Some(node), _) => End::Canopen(Box::new(node)),

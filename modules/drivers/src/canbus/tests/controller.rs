@@ -1,10 +1,12 @@
-//! Wheels on motor controllers without CANopen: emulated ODrives, whose motors turn without a body.
+//! Wheels on motor controllers without CANopen: emulated ODrives and VESCs, whose motors turn without a body.
 
 use super::super::{Axis, ControllerConfig};
 use super::*;
 use base::can::Id;
+use motorctl::can::{Device, Emulated};
 use motorctl::motor::Encoder;
-use motorctl::odrive::{self, device::Device, wire};
+use motorctl::odrive::{self, wire};
+use motorctl::vesc;
 use settings::robot::{Base, Differential, Layout};
 use std::f64::consts::TAU;
 
@@ -12,17 +14,21 @@ const GEAR: f64 = 8.0;
 /// Radius of the wheels, m.
 const RADIUS: f64 = 0.085;
 
-fn identity(node: u8) -> odrive::Device {
-    odrive::Device { node, ..odrive::Device::EXAMPLE }
+fn odrive(node: u8) -> Device {
+    Device::Odrive(odrive::Device { node, ..odrive::Device::EXAMPLE })
 }
 
-fn on_odrives() -> Config {
+fn vesc(id: u8) -> Device {
+    Device::Vesc { device: vesc::Device { id, erpm_min: 60.0, ..vesc::Device::EXAMPLE }, host: 128 + id }
+}
+
+fn on(device: fn(u8) -> Device) -> Config {
     let wheel = |(node, axis)| PropulsionConfig {
         axis,
         node,
         drive: PropulsionDrive::Controller(ControllerConfig {
             gear: GEAR,
-            device: identity(node),
+            device: device(node),
             circumference: TAU * RADIUS,
         }),
         writable: Vec::new(),
@@ -37,10 +43,10 @@ fn on_odrives() -> Config {
     }
 }
 
-/// The module and two ODrives on a wire without delay.
+/// The module and two controllers on a wire without delay.
 struct Rover {
     bench: Bench,
-    drives: [Device; 2],
+    drives: [Emulated; 2],
     frames: Vec<(Instant, can::Frame)>,
     holds: lowlevel::DataHold,
     axes: Option<lowlevel::DataAxes>,
@@ -51,11 +57,11 @@ struct Rover {
 }
 
 impl Rover {
-    fn new() -> Self {
-        let canbus = Canbus::new(on_odrives()).expect("a good configuration");
+    fn new(device: fn(u8) -> Device) -> Self {
+        let canbus = Canbus::new(on(device)).expect("a good configuration");
         let mut rover = Self {
             bench: Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(canbus))),
-            drives: [1, 2].map(|node| Device::new(identity(node))),
+            drives: [1, 2].map(|node| Emulated::new(device(node))),
             frames: Vec::new(),
             holds: lowlevel::DataHold::default(),
             axes: None,
@@ -69,8 +75,8 @@ impl Rover {
     }
 
     /// Started, without a command.
-    fn ready() -> Self {
-        let mut rover = Self::new();
+    fn ready(device: fn(u8) -> Device) -> Self {
+        let mut rover = Self::new(device);
         rover.pass(2000);
         assert_eq!((rover.bench.shell.state(), rover.causes()), (State::Run, vec![(Hold::NobodyCommands, "")]));
         rover
@@ -127,17 +133,36 @@ impl Rover {
     }
 
     /// It drives at 0.4 m/s.
-    fn driving() -> Self {
-        let mut rover = Self::ready();
+    fn driving(device: fn(u8) -> Device) -> Self {
+        let mut rover = Self::ready(device);
         rover.drive(0.0, 50);
         rover.drive(0.4, 1500);
-        assert!(rover.speeds().iter().all(|speed| (speed - 0.4).abs() < 1e-3), "{:?}", rover.causes());
+        assert!(rover.is_at(0.4), "{:?}", rover.causes());
         rover
+    }
+
+    /// Both wheels turn at this speed, m/s; a VESC is commanded in whole ERPM.
+    fn is_at(&self, speed: f64) -> bool {
+        self.speeds().iter().all(|each| (each - speed).abs() < 2e-3)
+    }
+
+    fn odrive(&mut self, place: usize) -> &mut odrive::device::Device {
+        let Emulated::Odrive(drive) = &mut self.drives[place] else { panic!("it is none") };
+        drive
+    }
+
+    fn vesc(&mut self, place: usize) -> &mut vesc::device::Device<vesc::can::Link> {
+        let Emulated::Vesc(drive) = &mut self.drives[place] else { panic!("it is none") };
+        drive
+    }
+
+    fn are_armed(&self) -> [bool; 2] {
+        [0, 1].map(|n: usize| matches!(&self.drives[n], Emulated::Odrive(drive) if drive.is_armed()))
     }
 
     /// Speeds of the wheels, m/s.
     fn speeds(&self) -> [f64; 2] {
-        [0, 1].map(|n: usize| self.drives[n].motor.velocity() / GEAR * TAU * RADIUS)
+        [0, 1].map(|n: usize| self.drives[n].motor().velocity() / GEAR * TAU * RADIUS)
     }
 
     fn causes(&self) -> Vec<(Hold, &str)> {
@@ -147,9 +172,10 @@ impl Rover {
 
     /// When the wheel of this node was first commanded zero at or after this instant.
     fn zero(&self, node: u8, since: Instant) -> Option<Instant> {
-        let is_zero = |frame: &can::Frame| match wire::Command::decode(frame) {
-            Some((to, wire::Command::SetInputVel(speed))) => to == node && speed == 0.0,
-            _ => false,
+        let is_zero = |frame: &can::Frame| match frame.id() {
+            Id::Standard(_) => wire::Command::decode(frame) == Some((node, wire::Command::SetInputVel(0.0))),
+            // CAN_PACKET_SET_CURRENT_BRAKE.
+            Id::Extended(id) => id == 0x0200 | u32::from(node),
         };
         self.frames.iter().find(|(at, frame)| *at >= since && is_zero(frame)).map(|(at, _)| *at)
     }
@@ -157,10 +183,10 @@ impl Rover {
 
 #[test]
 fn two_odrives_are_started_and_drive_and_no_frame_is_one_of_canopen() {
-    let mut rover = Rover::new();
+    let mut rover = Rover::new(odrive);
     rover.drive(0.4, 300);
-    assert!(rover.drives.iter().all(|drive| drive.motor.velocity() == 0.0), "it moved before it was started");
-    rover = Rover::driving();
+    assert!(rover.speeds() == [0.0; 2], "it moved before it was started");
+    rover = Rover::driving(odrive);
     let own = |frame: &can::Frame| matches!(frame.id(), Id::Standard(id) if [1, 2].contains(&(id >> 5)));
     assert!(rover.frames.iter().all(|(_, frame)| own(frame)));
     let row = |axis: &lowlevel::Axis| (axis.name.clone(), axis.nmt_state, axis.statusword, axis.error_code);
@@ -175,7 +201,7 @@ fn two_odrives_are_started_and_drive_and_no_frame_is_one_of_canopen() {
 
 #[test]
 fn a_source_that_falls_silent_is_a_stop_at_once_and_does_not_resume() {
-    let mut rover = Rover::driving();
+    let mut rover = Rover::driving(odrive);
     let last = rover.bench.now() - 50 * MS;
     rover.pass(300);
     // The time to live of the command, to the millisecond.
@@ -186,27 +212,27 @@ fn a_source_that_falls_silent_is_a_stop_at_once_and_does_not_resume() {
     assert_eq!((rover.speeds(), rover.causes()), ([0.0; 2], vec![(Hold::NotReleased, "test")]));
     rover.drive(0.0, 50);
     rover.drive(0.4, 1500);
-    assert!(rover.speeds().iter().all(|speed| (speed - 0.4).abs() < 1e-3));
+    assert!(rover.is_at(0.4));
 }
 
 #[test]
 fn the_other_wheel_stops_if_one_is_lost_refuses_or_lies() {
-    type Harm = fn(&mut Device);
+    type Harm = fn(&mut Rover);
     let fault = (Hold::DriveFault, Fault::DriveFault);
     let lost = (Hold::DriveLost, Fault::DriveLost);
     let untrue = (Hold::DriveNoTarget, Fault::DriveFault);
     let harms: [(&str, Harm, u32, (Hold, Fault)); 6] = [
-        ("fault", |drive| drive.raise(wire::error::CURRENT_LIMIT_VIOLATION), 20, fault),
-        ("silent", |drive| drive.faults.unplugged = true, 80, lost),
-        ("mute", |drive| drive.faults.mute = true, 80, lost),
-        ("reboot", |drive| *drive = Device::new(identity(2)), 20, lost),
-        ("dead encoder", |drive| drive.motor.encoder = Encoder::Dead, 230, untrue),
-        ("reversed encoder", |drive| drive.motor.encoder = Encoder::Reversed, 230, fault),
+        ("fault", |rover| rover.odrive(1).raise(wire::error::CURRENT_LIMIT_VIOLATION), 20, fault),
+        ("silent", |rover| rover.odrive(1).faults.unplugged = true, 80, lost),
+        ("mute", |rover| rover.odrive(1).faults.mute = true, 80, lost),
+        ("reboot", |rover| rover.drives[1] = Emulated::new(odrive(2)), 20, lost),
+        ("dead encoder", |rover| rover.odrive(1).motor.encoder = Encoder::Dead, 230, untrue),
+        ("reversed encoder", |rover| rover.odrive(1).motor.encoder = Encoder::Reversed, 230, fault),
     ];
     for (what, harm, within_ms, (hold, report)) in harms {
-        let mut rover = Rover::driving();
+        let mut rover = Rover::driving(odrive);
         let since = rover.bench.now();
-        harm(&mut rover.drives[1]);
+        harm(&mut rover);
         rover.drive(0.4, 300);
         let took = rover.zero(1, since).map(|at| at.since(since));
         assert!(took.is_some_and(|took| took <= within_ms * MS), "{what}: {took:?}");
@@ -219,18 +245,18 @@ fn the_other_wheel_stops_if_one_is_lost_refuses_or_lies() {
 
 #[test]
 fn a_drive_that_comes_back_is_started_again_and_waits_for_an_act() {
-    let mut rover = Rover::driving();
-    rover.drives[1].faults.unplugged = true;
+    let mut rover = Rover::driving(odrive);
+    rover.odrive(1).faults.unplugged = true;
     rover.drive(0.4, 500);
     // Its own time limit has acted.
-    assert!(!rover.drives[1].is_armed());
-    rover.drives[1].faults.unplugged = false;
+    assert!(!rover.are_armed()[1]);
+    rover.odrive(1).faults.unplugged = false;
     rover.drive(0.4, 4000);
     assert_eq!((rover.speeds(), rover.causes()), ([0.0; 2], vec![(Hold::NotReleased, "test")]));
-    assert!(rover.drives.iter().all(Device::is_armed), "they hold zero");
+    assert_eq!(rover.are_armed(), [true; 2], "they hold zero");
     rover.drive(0.0, 50);
     rover.drive(0.4, 1500);
-    assert!(rover.speeds().iter().all(|speed| (speed - 0.4).abs() < 1e-3));
+    assert!(rover.is_at(0.4));
 }
 
 #[test]
@@ -238,10 +264,10 @@ fn another_firmware_and_a_dead_watchdog_are_refused() {
     type Harm = fn(&mut Rover);
     let harms: [(Harm, Fault); 2] = [
         (|rover| rover.drives[0] = other_firmware(), Fault::DriveMismatch),
-        (|rover| rover.drives[0].faults.watchdog_dead = true, Fault::DriveBootFailed),
+        (|rover| rover.odrive(0).faults.watchdog_dead = true, Fault::DriveBootFailed),
     ];
     for (harm, report) in harms {
-        let mut rover = Rover::new();
+        let mut rover = Rover::new(odrive);
         harm(&mut rover);
         rover.drive(0.0, 3000);
         rover.drive(0.4, 1000);
@@ -250,14 +276,15 @@ fn another_firmware_and_a_dead_watchdog_are_refused() {
     }
 }
 
-fn other_firmware() -> Device {
-    let identity = identity(1);
-    Device::new(odrive::Device { version: wire::Version { firmware: [0, 6, 9], ..identity.version }, ..identity })
+fn other_firmware() -> Emulated {
+    let usual = odrive::Device { node: 1, ..odrive::Device::EXAMPLE };
+    let version = wire::Version { firmware: [0, 6, 9], ..usual.version };
+    Emulated::new(Device::Odrive(odrive::Device { version, ..usual }))
 }
 
 #[test]
 fn a_second_master_stops_the_robot_and_one_who_only_asks_does_not() {
-    let mut rover = Rover::driving();
+    let mut rover = Rover::driving(odrive);
     rover.bench.can(PortId(0), wire::Command::GetError.frame(1));
     rover.drive(0.4, 100);
     assert_eq!(rover.causes(), []);
@@ -270,7 +297,7 @@ fn a_second_master_stops_the_robot_and_one_who_only_asks_does_not() {
 
 #[test]
 fn objects_of_canopen_are_refused_where_there_is_none() {
-    let mut rover = Rover::ready();
+    let mut rover = Rover::ready(odrive);
     rover.bench.message(lowlevel::CmdSdo { node: 1, index: 0x1000, ..Default::default() });
     rover.exchange();
     assert_eq!(rover.answers.len(), 1);
@@ -279,14 +306,14 @@ fn objects_of_canopen_are_refused_where_there_is_none() {
 
 #[test]
 fn a_bus_that_was_down_starts_the_drives_again() {
-    let mut rover = Rover::driving();
+    let mut rover = Rover::driving(odrive);
     rover.bench.event(Event::Port { port: PortId(0), input: Input::Down("unplugged") });
     rover.exchange();
     let frames = rover.frames.len();
     rover.drive(0.4, 1000);
     assert_eq!(rover.frames.len(), frames, "frames for a port that is down");
     assert_eq!(rover.causes()[0], (Hold::BusDown, "can.main"));
-    assert!(rover.drives.iter().all(|drive| !drive.is_armed()), "by their own time limit");
+    assert!(rover.are_armed() == [false; 2], "by their own time limit");
     rover.bench.event(Event::Port { port: PortId(0), input: Input::Up });
     rover.drive(0.4, 3000);
     assert_eq!((rover.speeds(), rover.causes()), ([0.0; 2], vec![(Hold::NotReleased, "test")]));
@@ -294,14 +321,82 @@ fn a_bus_that_was_down_starts_the_drives_again() {
 
 #[test]
 fn a_module_that_ends_leaves_its_drives_without_torque() {
-    let mut rover = Rover::driving();
+    let mut rover = Rover::driving(odrive);
     let state = State::Terminate as i8;
     rover.bench.message(common::CmdState { module: NAME.into(), state, manual: true, ..Default::default() });
     rover.exchange();
     rover.pass(2000);
-    assert!(rover.ended && rover.drives.iter().all(|drive| !drive.is_armed()));
+    assert!(rover.ended && rover.are_armed() == [false; 2]);
     let estop = |frame: &can::Frame| matches!(wire::Command::decode(frame), Some((_, wire::Command::Estop)));
     let stopped: Vec<Instant> = rover.frames.iter().filter(|(_, frame)| estop(frame)).map(|(at, _)| *at).collect();
     assert_eq!(stopped.len(), 2);
     assert!(rover.frames.iter().all(|(at, _)| *at <= stopped[1]), "nothing after it");
+}
+
+#[test]
+fn two_vescs_drive_and_the_other_stops_if_one_is_lost_or_lies() {
+    type Harm = fn(&mut Rover);
+    let fault = (Hold::DriveFault, Fault::DriveFault);
+    let lost = (Hold::DriveLost, Fault::DriveLost);
+    let untrue = (Hold::DriveNoTarget, Fault::DriveFault);
+    let harms: [(&str, Harm, u32, (Hold, Fault)); 5] = [
+        ("fault", |rover| rover.vesc(1).raise(3), 40, fault),
+        ("silent", |rover| rover.vesc(1).faults.unplugged = true, 80, lost),
+        ("mute", |rover| rover.vesc(1).faults.mute = true, 80, lost),
+        ("deaf", |rover| rover.vesc(1).faults.deaf = true, 260, lost),
+        ("dead encoder", |rover| rover.vesc(1).motor.encoder = Encoder::Dead, 250, untrue),
+    ];
+    for (what, harm, within_ms, (hold, report)) in harms {
+        let mut rover = Rover::driving(vesc);
+        let own = |frame: &can::Frame| matches!(frame.id(), Id::Extended(id) if [1, 2].contains(&(id as u8)));
+        assert!(rover.frames.iter().all(|(_, frame)| own(frame)), "a frame of CANopen");
+        let since = rover.bench.now();
+        harm(&mut rover);
+        rover.drive(0.4, 300);
+        let took = rover.zero(1, since).map(|at| at.since(since));
+        assert!(took.is_some_and(|took| took <= within_ms * MS), "{what}: {took:?}");
+        let causes = rover.causes();
+        assert!(causes.contains(&(hold, "right")) && rover.errors.contains(&report), "{what}: {causes:?}");
+        rover.drive(0.4, 3000);
+        assert_eq!(rover.speeds()[0], 0.0, "{what}: it moves by itself");
+    }
+}
+
+#[test]
+fn a_vesc_brakes_without_commands_and_one_whose_timeout_is_long_or_dead_is_refused() {
+    let mut rover = Rover::driving(vesc);
+    // The wire is cut on the driver's side: nothing arrives, and the devices act by themselves.
+    rover.bench.event(Event::Port { port: PortId(0), input: Input::Down("unplugged") });
+    rover.exchange();
+    rover.pass(1000);
+    assert!(rover.speeds() == [0.0; 2] && rover.vesc(0).is_timed_out());
+    type Harm = fn(&mut Rover);
+    let harms: [Harm; 3] = [
+        |rover| rover.vesc(0).timeout_ms = 1000,
+        |rover| rover.vesc(0).timeout_ms = 0,
+        |rover| rover.vesc(0).faults.timeout_dead = true,
+    ];
+    for harm in harms {
+        let mut rover = Rover::new(vesc);
+        harm(&mut rover);
+        rover.drive(0.0, 3000);
+        rover.drive(0.4, 1000);
+        assert!(rover.errors.contains(&Fault::DriveBootFailed), "{:?}", rover.errors);
+        assert_eq!((rover.speeds(), rover.causes()[0]), ([0.0; 2], (Hold::DriveBootFailed, "left")));
+    }
+}
+
+#[test]
+fn a_second_master_of_a_vesc_stops_the_robot_and_one_who_only_asks_does_not() {
+    let mut rover = Rover::driving(vesc);
+    let frame = |id: u32, data: &[u8]| can::Frame::new(Id::Extended(id), data).unwrap();
+    // COMM_GET_VALUES for 7, who is answered there.
+    rover.bench.can(PortId(0), frame(0x0801, &[7, 0, 4]));
+    rover.drive(0.4, 100);
+    assert_eq!(rover.causes(), []);
+    rover.bench.can(PortId(0), frame(0x0301, &[0, 0, 3, 0xE8]));
+    rover.drive(0.4, 100);
+    assert_eq!(rover.causes()[0], (Hold::SecondMaster, "can.main"));
+    rover.drive(0.4, 2000);
+    assert_eq!(rover.speeds(), [0.0; 2]);
 }
