@@ -144,6 +144,10 @@ impl Base {
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));
         machine.spawn("watchdog", State::Run).expect("the watchdog starts");
         machine.run_until(at(6.0));
+        // One that is homed takes longer.
+        while !observed.borrow().velocity.ready && machine.now() < at(20.0) {
+            machine.run_until(machine.now() + Duration::from_millis(500));
+        }
         assert!(observed.borrow().velocity.ready, "{name}: {:?}", observed.borrow().velocity);
         Self { machine, observed, wheels, goals: 1 }
     }

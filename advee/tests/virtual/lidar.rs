@@ -143,37 +143,48 @@ fn a_lidar_that_is_cut_off_is_reported_and_comes_back() {
     assert!(rig.told(blind, "LidarBlocked lidar.rear").is_some_and(|told| told <= Duration::from_secs(1)));
 }
 
-/// A courier in the empty hall that drives along the middle at 0.35 m/s by hand.
-fn driving_courier(seconds: f64) -> Base {
-    let mut courier = Base::ready("courier", 2);
-    courier.drive((0.35, 0.0, 0.0), seconds);
-    courier.pass(5.0);
-    let truth = courier.truth();
-    assert!(truth.speed > 0.3, "{truth:?}");
-    courier
+/// The shipped robots that the lidars guard, the number of wheels that are driven each by itself, and their lidars.
+const GUARDED: [(&str, u16, &[&str]); 2] =
+    [("courier", 2, &["lidar.top"]), ("advee-lidar", 0, &["lidar.front", "lidar.rear"])];
+
+/// A robot in the empty hall that drives along the middle at 0.35 m/s by hand.
+fn driving(name: &str, wheels: u16, seconds: f64) -> Base {
+    let mut robot = Base::ready(name, wheels);
+    robot.drive((0.35, 0.0, 0.0), seconds);
+    robot.pass(5.0);
+    let truth = robot.truth();
+    assert!(truth.speed > 0.3, "{name}: {truth:?}");
+    robot
 }
 
 #[test]
-fn a_courier_comes_to_stand_before_the_wall_that_its_lidar_sees() {
-    let mut courier = driving_courier(60.0);
-    courier.pass(54.0);
-    let truth = courier.truth();
-    assert!(truth.collisions == 0 && truth.x > 18.0, "{truth:?}");
-    assert!(truth.speed.abs() < 0.01 && (0.05..0.4).contains(&truth.clearance), "{truth:?}");
+fn a_robot_comes_to_stand_before_the_wall_that_its_lidars_see() {
+    for (name, wheels, _) in GUARDED {
+        let mut robot = driving(name, wheels, 60.0);
+        robot.pass(54.0);
+        let truth = robot.truth();
+        assert!(truth.collisions == 0 && truth.x > 18.0, "{name}: {truth:?}");
+        assert!(truth.speed.abs() < 0.01 && (0.05..0.4).contains(&truth.clearance), "{name}: {truth:?}");
+    }
 }
 
 #[test]
-fn without_what_its_lidar_sees_a_courier_stands_and_goes_on_when_it_sees_again() {
-    for fault in ["silent", "stuck", "garbled", "stall"] {
-        let mut courier = driving_courier(30.0);
-        let fault = CmdFault { target: "lidar.top".into(), fault: fault.into(), duration: 4.0, ..CmdFault::default() };
-        courier.machine.inject(courier.machine.now(), fault.clone());
-        // Reported within 1 s, and braked from 0.35 m/s.
-        courier.pass(2.5);
-        let truth = courier.truth();
-        assert!(truth.speed.abs() < 0.01, "{fault:?}: {truth:?}");
-        courier.pass(6.5);
-        let truth = courier.truth();
-        assert!(truth.speed > 0.3 && truth.collisions == 0, "{fault:?}: {truth:?}");
+fn without_what_a_lidar_sees_a_robot_stands_and_goes_on_when_it_sees_again() {
+    for (name, wheels, lidars) in GUARDED {
+        for (lidar, fault) in
+            lidars.iter().flat_map(|lidar| ["silent", "stuck", "garbled", "stall"].map(|fault| (lidar, fault)))
+        {
+            let mut robot = driving(name, wheels, 30.0);
+            let (target, fault) = ((*lidar).into(), fault.into());
+            let fault = CmdFault { target, fault, duration: 4.0, ..CmdFault::default() };
+            robot.machine.inject(robot.machine.now(), fault.clone());
+            // Reported within 1 s, and braked from 0.35 m/s.
+            robot.pass(2.5);
+            let truth = robot.truth();
+            assert!(truth.speed.abs() < 0.01, "{name}, {fault:?}: {truth:?}");
+            robot.pass(6.5);
+            let truth = robot.truth();
+            assert!(truth.speed > 0.3 && truth.collisions == 0, "{name}, {fault:?}: {truth:?}");
+        }
     }
 }
