@@ -47,6 +47,7 @@ targets! {
     ros,
     rs485_engines,
     rs485_line,
+    rtps,
     web_command,
 }
 
