@@ -353,15 +353,18 @@ impl Participant {
         match submessage {
             Submessage::Data(data) => match data.writer {
                 Entity::PUBLICATIONS_WRITER | Entity::SUBSCRIPTIONS_WRITER => self.on_endpoint(now, place, &data),
-                writer if !data.gone => {
-                    self.on_sample(now, guid(writer), data.reader, data.number, data.payload);
+                writer => {
+                    // The end of an instance means nothing without keys, and takes a number.
+                    let payload = (!data.gone).then_some(data.payload);
+                    self.on_sample(now, guid(writer), data.reader, data.number, payload);
                 }
-                _ => {}
             },
             Submessage::DataFrag(frag) => match frag.writer {
                 writer @ (Entity::PUBLICATIONS_WRITER | Entity::SUBSCRIPTIONS_WRITER) => {
                     let proxy = remote.discovery(writer);
-                    if let Some(payload) = proxy.assemble(&frag, self.config.limits.sample) {
+                    if frag.sample as usize > self.config.limits.sample {
+                        self.counters.dropped_in += u64::from(proxy.skip(frag.number));
+                    } else if let Some(payload) = proxy.assemble(&frag) {
                         let (reader, number) = (frag.reader, frag.number);
                         let data = Data { reader, writer, number, payload: &payload, gone: false, key: None };
                         self.on_endpoint(now, place, &data);
@@ -372,10 +375,11 @@ impl Participant {
                         let reader = &mut self.readers[n].endpoint;
                         let is_asked = frag.reader == Entity::UNKNOWN || frag.reader == reader.entity;
                         let proxy = reader.proxies.iter_mut().find(|proxy| proxy.guid == guid(writer));
-                        if let Some(proxy) = proxy.filter(|_| is_asked)
-                            && let Some(payload) = proxy.assemble(&frag, self.config.limits.sample)
-                        {
-                            self.offer(now, n, guid(writer), frag.number, &payload);
+                        let Some(proxy) = proxy.filter(|_| is_asked) else { continue };
+                        if frag.sample as usize > self.config.limits.sample {
+                            self.counters.dropped_in += u64::from(proxy.skip(frag.number));
+                        } else if let Some(payload) = proxy.assemble(&frag) {
+                            self.offer(now, n, guid(writer), frag.number, Some(&payload));
                         }
                     }
                 }
@@ -430,7 +434,7 @@ impl Participant {
         Some((writer?, &mut self.out))
     }
 
-    fn on_sample(&mut self, now: Instant, writer: Guid, reader: Entity, number: i64, payload: &[u8]) {
+    fn on_sample(&mut self, now: Instant, writer: Guid, reader: Entity, number: i64, payload: Option<&[u8]>) {
         for n in 0..self.readers.len() {
             if reader == Entity::UNKNOWN || self.readers[n].endpoint.entity == reader {
                 self.offer(now, n, writer, number, payload);
@@ -438,15 +442,19 @@ impl Participant {
         }
     }
 
-    /// A whole sample for the reader at `n`, if that listens to its writer.
-    fn offer(&mut self, now: Instant, n: usize, writer: Guid, number: i64, payload: &[u8]) {
+    /// A whole sample for the reader at `n`, if that listens to its writer; `None`: it has no content.
+    fn offer(&mut self, now: Instant, n: usize, writer: Guid, number: i64, payload: Option<&[u8]>) {
         let reader = &mut self.readers[n].endpoint;
         let Some(proxy) = reader.proxies.iter_mut().find(|proxy| proxy.guid == writer) else { return };
         if !proxy.expects(number) {
             return;
         }
+        let Some(payload) = payload.filter(|payload| payload.len() <= self.config.limits.sample) else {
+            self.counters.dropped_in += u64::from(payload.is_some());
+            return proxy.take(number);
+        };
         // A reliable one is sent again later; it is not lost where there is no place now.
-        if self.events.len() >= self.config.limits.events || payload.len() > self.config.limits.sample {
+        if self.events.len() >= self.config.limits.events {
             self.counters.dropped_in += 1;
             return;
         }

@@ -63,10 +63,19 @@ impl Proxy {
         self.assembly = None;
     }
 
-    /// A fragment; the whole sample, with the last one that was missing.
-    pub fn assemble(&mut self, frag: &DataFrag<'_>, sample_max: usize) -> Option<Vec<u8>> {
+    /// The sample is left out; false: it is not the next one.
+    pub fn skip(&mut self, number: i64) -> bool {
+        let is_next = self.expects(number);
+        if is_next {
+            self.take(number);
+        }
+        is_next
+    }
+
+    /// A fragment of a sample that is not too long; the whole sample, with the last one that was missing.
+    pub fn assemble(&mut self, frag: &DataFrag<'_>) -> Option<Vec<u8>> {
         let sample = frag.sample as usize;
-        if !self.expects(frag.number) || sample > sample_max {
+        if !self.expects(frag.number) {
             return None;
         }
         let size = usize::from(frag.size);

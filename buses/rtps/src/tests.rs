@@ -258,6 +258,25 @@ fn samples_that_nobody_takes_are_bounded() {
     assert_eq!((net.taken(1).len(), counters.dropped_in), (Limits::default().events, 300 - 256));
 }
 
+#[test]
+fn a_sample_that_is_too_long_is_left_out_and_the_next_one_comes() {
+    let mut net = Net::new(2);
+    let writer = net.all[0].add_writer(net.now, TOPIC.0, TOPIC.1, Qos::RELIABLE).unwrap();
+    net.all[1].add_reader(net.now, TOPIC.0, TOPIC.1, Qos::RELIABLE).unwrap();
+    net.run(300);
+    for length in [4, 100_000, 8] {
+        let now = net.now;
+        net.all[0].write(now, writer, 0, &payload(1, length));
+        net.run(50);
+    }
+    assert_eq!(net.taken(1), [payload(1, 4), payload(1, 8)]);
+    assert_eq!(net.all[1].counters().dropped_in, 1);
+    net.run(500);
+    net.sent = 0;
+    net.run(2000);
+    assert!(net.sent <= 4, "nothing is asked for again: {}", net.sent);
+}
+
 /// Datagrams of a whole acquaintance, as they were sent.
 fn recorded() -> Vec<(usize, Vec<u8>)> {
     let mut net = Net::new(2);
