@@ -45,6 +45,7 @@ targets! {
     motorctl_engines,
     plan,
     ros,
+    ros2,
     rs485_engines,
     rs485_line,
     rtps,
