@@ -9,7 +9,10 @@ pub fn ros2(data: &[u8]) {
     let input = Input::ALL[usize::from(*which) % Input::ALL.len()];
     if let Ok(Command::Message(message)) = read(input, 1_000_000, sample) {
         let finite = match &*message {
-            Message::MlCmdGoal(goal) => goal.waypoints.iter().all(|at| [at.x, at.y, at.theta].iter().all(|v| v.is_finite())),
+            Message::MlCmdGoal(goal) => {
+                let numbers = goal.waypoints.iter().flat_map(|at| [at.x, at.y, at.theta]);
+                numbers.into_iter().all(f64::is_finite)
+            }
             Message::MlCmdEstimate(estimate) => {
                 let covariance = estimate.covariance.as_flattened();
                 [estimate.x, estimate.y, estimate.theta].iter().chain(covariance).all(|value| value.is_finite())

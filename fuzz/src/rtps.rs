@@ -12,7 +12,8 @@ const TYPE: &str = "std_msgs::msg::dds_::String_";
 /// Checks that what arrives is survived, that nothing is due after it was done, and that all limits hold.
 pub fn rtps(data: &[u8]) {
     let address = |n: u8| SocketAddrV4::new([127, 0, 0, n].into(), 7410);
-    let limits = Limits { participants: 4, endpoints: 8, matches: 4, events: 16, outbox: 64 << 10, ..Limits::default() };
+    let usual = Limits::default();
+    let limits = Limits { participants: 4, endpoints: 8, matches: 4, events: 16, outbox: 64 << 10, ..usual };
     let mut participant = Participant::new(Config {
         domain: 77,
         prefix: OWN,

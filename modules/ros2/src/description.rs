@@ -1,4 +1,5 @@
-//! `/robot_description` and `/joint_states`: what the robot looks like, from its configuration, and how its wheels stand.
+//! `/robot_description` and `/joint_states`: what the robot looks like, by its configuration, and how its wheels
+//! stand.
 //!
 //! A wheel has a link and a joint that turns about the wheel's axle; a steered one has another joint above it. Their
 //! transforms are on `/tf` as well, so that no `robot_state_publisher` is needed.
@@ -109,7 +110,8 @@ impl Description {
                 Some(_) => {
                     let _ = writeln!(
                         text,
-                        "  <link name=\"{name}_steering\"/>\n  <joint name=\"{name}_steering_joint\" type=\"continuous\">\
+                        "  <link name=\"{name}_steering\"/>\n  <joint name=\"{name}_steering_joint\" \
+                         type=\"continuous\">\
                          <parent link=\"base_link\"/><child link=\"{name}_steering\"/>{origin}<axis xyz=\"0 0 1\"/>\
                          </joint>",
                     );
@@ -125,7 +127,8 @@ impl Description {
         for (frame, Pose { x, y, theta }) in &self.sensors {
             let _ = writeln!(
                 text,
-                "  <link name=\"{frame}\"/>\n  <joint name=\"{frame}_joint\" type=\"fixed\"><parent link=\"base_link\"/>\
+                "  <link name=\"{frame}\"/>\n  <joint name=\"{frame}_joint\" type=\"fixed\">\
+                 <parent link=\"base_link\"/>\
                  <child link=\"{frame}\"/><origin xyz=\"{x} {y} 0\" rpy=\"0 0 {theta}\"/></joint>",
             );
         }

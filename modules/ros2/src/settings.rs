@@ -12,7 +12,7 @@ settings! {
         enabled: bool = false;
         /// Domain: `ROS_DOMAIN_ID` of the others.
         domain: u32 = 0, 0..=232;
-        /// Address of this computer by which others reach the robot. A loopback address: only programs on this computer.
+        /// Address of this computer by which others reach it. A loopback address: programs on this computer only.
         address: Ipv4Addr = Ipv4Addr::LOCALHOST, Parsed(
             |text| text.parse().ok().filter(is_own), "an IPv4 address of this computer", "127.0.0.1"
         );
