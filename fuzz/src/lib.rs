@@ -45,8 +45,10 @@ targets! {
     motorctl_engines,
     plan,
     ros,
+    ros2,
     rs485_engines,
     rs485_line,
+    rtps,
     web_command,
 }
 

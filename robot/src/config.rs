@@ -143,6 +143,10 @@ impl Config {
                     Some(_) => modules.add(drivers::io::NAME),
                     None => modules.leave_out(drivers::io::NAME),
                 }
+                match robot.ros2.enabled {
+                    true => modules.add(ros2::NAME),
+                    false => modules.leave_out(ros2::NAME),
+                }
                 if robot.lidar.is_empty() {
                     modules.leave_out(drivers::lidar::NAME);
                 } else {

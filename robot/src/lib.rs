@@ -33,6 +33,8 @@ pub mod checks;
 pub mod config;
 mod launch;
 pub mod map_file;
+#[cfg(feature = "ros2")]
+mod node;
 pub mod picture;
 pub mod place;
 pub mod preflight;

@@ -3,6 +3,8 @@
 use crate::config::{self, CanBus, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
 use crate::launch::launcher;
 use crate::map_file;
+#[cfg(feature = "ros2")]
+use crate::node;
 use crate::picture;
 use crate::place::{self, GAMEPAD_BUS, LOG_BUS, RobotLocation, W1_BUS};
 use crate::recording;
@@ -96,7 +98,7 @@ fn virtual_machine_made(
 ) -> Result<Virtual, ConfigError> {
     // Nobody can look into virtual time; what is recorded there says so, too.
     let mut place = place.clone();
-    place.sets.push("web.enabled=false".into());
+    place.sets.extend(["web.enabled=false", "ros2.enabled=false"].map(String::from));
     let read = Config::load(&place.config, place.sim, &place.sets)?;
     config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
@@ -189,6 +191,10 @@ pub(crate) fn shell_in(
         lidar::NAME => Box::new(lidars(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
+        #[cfg(feature = "ros2")]
+        ros2::NAME => Box::new(ros2::Ros2::new(node::settings(place, robot, world.as_ref()))),
+        #[cfg(not(feature = "ros2"))]
+        ros2::NAME => return refused("ros2: this executable was built without the feature \"ros2\"".into()),
         logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
             let usual = simulated::config(place, world.unwrap_or_default(), robot, options.wire_time)?;
@@ -217,7 +223,8 @@ fn without_logger(config: &Config) -> Config {
 }
 
 /// Those that know where what is: their map is of the world, where that is simulated.
-const MAPPED: [&str; 6] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME, web::NAME, logger::NAME];
+const MAPPED: [&str; 7] =
+    [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME, web::NAME, ros2::NAME, logger::NAME];
 
 /// The robot with the beacons of a world, if that has any.
 pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
@@ -231,7 +238,7 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 15] = [
+const MODULES: [&str; 16] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -246,6 +253,7 @@ const MODULES: [&str; 15] = [
     estimator::NAME,
     planner::NAME,
     web::NAME,
+    ros2::NAME,
     logger::NAME,
 ];
 /// The watchdog ends modules one after the other, those that others depend on last.

@@ -35,7 +35,10 @@ use topics::Topics;
 
 pub use kinds::Kind;
 pub use robot::{Beacon, RobotScene, Sensor};
+pub use scans::lidar_frame;
+pub use state::has_standard;
 pub use topics::{Sink, TOPICS_MAX, Topic};
+pub use write::{Fields, Pose};
 
 /// Reason why a message has no ROS 2 form. The message itself is still recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,6 +84,8 @@ pub struct Translator {
     channels: BTreeMap<String, Vec<(usize, u16)>>,
     topics: Topics,
     state: State,
+    /// Poses of the sensors by their frames; only for a live network.
+    mounted: Option<BTreeMap<String, Pose>>,
     buffer: Vec<u8>,
 }
 
@@ -107,8 +112,16 @@ impl Translator {
             channels: BTreeMap::new(),
             topics: Topics::default(),
             state: State::default(),
+            mounted: None,
             buffer: Vec::new(),
         }
+    }
+
+    /// The same for a live network, whose frames are those of REP 105: poses of sensors come on `/tf_static`, all in
+    /// each message, and that of the robot in `map` not as a transform, because `odom` lies between both.
+    #[must_use]
+    pub fn live(self) -> Self {
+        Self { mounted: Some(BTreeMap::new()), ..self }
     }
 
     /// Type of a message on a channel, as recorded with the message; `None` if unknown.
@@ -171,7 +184,8 @@ impl Translator {
         if data.len() > STANDARD_MAX {
             self.topics.leave_out();
         } else if let Ok(message) = Message::decode(channel, data) {
-            let mut to = write::To { topics: &mut self.topics, buffer: &mut self.buffer, sink };
+            let mounted = self.mounted.as_mut();
+            let mut to = write::To { topics: &mut self.topics, buffer: &mut self.buffer, sink, mounted };
             self.state.translate(&mut self.scene, &message, &mut to);
         }
     }
@@ -179,7 +193,7 @@ impl Translator {
     /// Converts a mark set at `timestamp`, µs since the epoch. [`translate`](Self::translate) does so for marks
     /// received over the bus.
     pub fn mark(&mut self, timestamp: i64, text: &str, sink: &mut Sink<'_>) {
-        let mut to = write::To { topics: &mut self.topics, buffer: &mut self.buffer, sink };
+        let mut to = write::To { topics: &mut self.topics, buffer: &mut self.buffer, sink, mounted: None };
         state::mark(&self.scene.robot.name, timestamp, text, &mut to);
     }
 }

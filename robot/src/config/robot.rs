@@ -13,6 +13,7 @@ use estimator::filter;
 use host::ports::settings::{CanPort, GamepadPort, I2cPort, LidarPort, SerialPort, StreamPort, W1Port};
 use module::admission::Commands;
 use navitools::{Point, Pose};
+use ros2::settings::Ros2;
 use settings::robot::{Base, Beacon, Geometry, Limits};
 use settings::{Bytes, Choice, Table, settings};
 use std::path::PathBuf;
@@ -70,6 +71,8 @@ settings! {
         log: Log = table;
         /// The web server.
         web: Web = table;
+        /// The robot as a node of ROS 2 (docs/ros2.md).
+        ros2: Ros2 = table;
     }
     check Robot::check;
 }

@@ -296,7 +296,8 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           i2c, w1, io, lidar, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web"],
+           i2c, w1, io, lidar, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web, \
+           ros2"],
     );
 }
 

@@ -55,9 +55,7 @@ impl Scans {
             if self.0.len() == LIDARS_MAX || scan.name.len() > NAME_BYTES_MAX {
                 return to.topics.leave_out();
             }
-            let word = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '_' };
-            let word: String = scan.name.chars().map(word).collect();
-            let (topic, frame) = (format!("/scan/{word}"), format!("lidar_{word}"));
+            let (topic, frame) = (format!("/scan/{}", word(&scan.name)), lidar_frame(&scan.name));
             self.0.insert(scan.name.clone(), Lidar { topic, frame, turn: None, shown: None });
         }
         let Some(lidar) = self.0.get_mut(&scan.name) else { return };
@@ -74,6 +72,17 @@ impl Scans {
     }
 }
 
+/// Frame of a lidar that is called so.
+#[must_use]
+pub fn lidar_frame(name: &str) -> String {
+    format!("lidar_{}", word(name))
+}
+
+/// A name as a part of those of ROS.
+fn word(name: &str) -> String {
+    name.chars().map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '_' }).collect()
+}
+
 impl Lidar {
     /// Where it sits, once a second.
     fn show(&mut self, scan: &DataScan, to: &mut To<'_, '_>) {
@@ -81,10 +90,7 @@ impl Lidar {
         let is_due = self.shown.is_none_or(|shown| shown.abs_diff(scan.timestamp) >= MOUNTING_PERIOD_US);
         if is_due && place.is_finite() {
             self.shown = Some(scan.timestamp);
-            to.send("/tf", Standard::Transforms, |fields| {
-                fields.to.count(1);
-                fields.transform(scan.timestamp, "base_link", &self.frame, place);
-            });
+            to.mount(scan.timestamp, &[(self.frame.clone(), place)]);
         }
     }
 }

@@ -355,15 +355,9 @@ impl Sensors {
 type Frame = (String, Pose);
 
 fn transforms(timestamp: i64, frames: &[Frame], to: &mut To<'_, '_>) {
-    if frames.is_empty() {
-        return;
+    if !frames.is_empty() {
+        to.mount(timestamp, frames);
     }
-    to.send("/tf", Standard::Transforms, |fields| {
-        fields.to.count(frames.len());
-        for (frame, pose) in frames {
-            fields.transform(timestamp, "base_link", frame, *pose);
-        }
-    });
 }
 
 fn pose(message: &DataEstimate, to: &mut To<'_, '_>) {
@@ -373,7 +367,8 @@ fn pose(message: &DataEstimate, to: &mut To<'_, '_>) {
         fields.pose(pose);
         fields.covariance(&message.covariance);
     });
-    if pose.is_finite() {
+    // On a live network the odometry's frame lies between both.
+    if pose.is_finite() && to.mounted.is_none() {
         to.send("/tf", Standard::Transforms, |fields| {
             fields.to.count(1);
             fields.transform(message.timestamp, "map", "base_link", pose);

@@ -26,6 +26,7 @@ const RESERVED_NAMES: &[&str] = &[
     "/scene",
     "/temperature/",
     "/tf",
+    "/tf_static",
 ];
 
 /// ROS 2 topic.

@@ -1,5 +1,7 @@
 //! Building blocks of standard messages.
 
+use std::collections::BTreeMap;
+
 use lcm_gen::cdr::Writer;
 
 use super::standard::Standard;
@@ -11,13 +13,17 @@ pub type Color = [f32; 4];
 /// Position and heading in the plane: m, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
+    /// Position, x, m.
     pub x: f64,
+    /// Position, y, m.
     pub y: f64,
+    /// Heading, counter-clockwise from x, rad.
     pub theta: f64,
 }
 
 impl Pose {
     /// True if all values are finite: viewers fail on others.
+    #[must_use]
     pub fn is_finite(self) -> bool {
         self.x.is_finite() && self.y.is_finite() && self.theta.is_finite()
     }
@@ -28,24 +34,58 @@ pub struct To<'a, 's> {
     pub topics: &'a mut Topics,
     pub buffer: &'a mut Vec<u8>,
     pub sink: &'a mut Sink<'s>,
+    /// Poses of the sensors on the robot, by their frames, where these are sent as in [`Self::mount`].
+    pub mounted: Option<&'a mut BTreeMap<String, Pose>>,
 }
 
 impl To<'_, '_> {
     /// Sends one message, whose fields `write` writes, unless there are too many topics.
     pub fn send(&mut self, topic: &str, ty: Standard, write: impl FnOnce(&mut Fields<'_>)) {
         let Some(id) = self.topics.standard(topic, ty) else { return };
-        self.buffer.clear();
-        write(&mut Fields { to: Writer::new(self.buffer) });
+        write(&mut Fields::new(self.buffer));
         (self.sink)(self.topics.get(id), self.buffer);
+    }
+
+    /// Sends the poses of sensors on the robot. For a log: as they are, each second. For a live network: all together,
+    /// when one has changed, because who comes later gets the last message.
+    pub fn mount(&mut self, timestamp: i64, frames: &[(String, Pose)]) {
+        let Some(mounted) = &mut self.mounted else {
+            return self.transforms("/tf", timestamp, frames);
+        };
+        let mut has_changed = false;
+        for (frame, pose) in frames {
+            has_changed |= mounted.insert(frame.clone(), *pose) != Some(*pose);
+        }
+        if has_changed {
+            let all: Vec<_> = mounted.iter().map(|(frame, pose)| (frame.clone(), *pose)).collect();
+            self.transforms("/tf_static", timestamp, &all);
+        }
+    }
+
+    fn transforms(&mut self, topic: &str, timestamp: i64, frames: &[(String, Pose)]) {
+        self.send(topic, Standard::Transforms, |fields| {
+            fields.to.count(frames.len());
+            for (frame, pose) in frames {
+                fields.transform(timestamp, "base_link", frame, *pose);
+            }
+        });
     }
 }
 
 /// Writer for the fields of a message, in the order of its type.
+#[derive(Debug)]
 pub struct Fields<'a> {
+    /// Writer of single values.
     pub to: Writer<'a>,
 }
 
-impl Fields<'_> {
+impl<'a> Fields<'a> {
+    /// Begins a message in `buffer`, which is emptied.
+    pub fn new(buffer: &'a mut Vec<u8>) -> Self {
+        buffer.clear();
+        Self { to: Writer::new(buffer) }
+    }
+
     /// `builtin_interfaces/Time` from µs since the epoch, saturated to its range.
     pub fn time(&mut self, timestamp: i64) {
         let seconds = timestamp.div_euclid(1_000_000);

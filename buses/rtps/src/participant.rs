@@ -1,0 +1,636 @@
+//! The participant: discovery of others (8.5), and the way of each submessage to the endpoint that it concerns.
+
+use crate::guid::{Entity, Guid, Prefix};
+use crate::outbox::{Outbox, Transmit};
+use crate::parameters::{EndpointData, NAME_MAX, ParticipantData, key, key_of};
+use crate::qos::Qos;
+use crate::reader::{self, Reader};
+use crate::wire::{self, Builder, Data, Submessage};
+use crate::writer::Writer;
+use alloc::collections::VecDeque;
+use alloc::string::String;
+use alloc::vec::Vec;
+use base::{Duration, Instant};
+use core::net::SocketAddrV4;
+
+/// Announcements in quick succession at the start.
+const FIRST_ANNOUNCEMENTS: u8 = 5;
+const FIRST_PERIOD: Duration = Duration::from_millis(100);
+/// Samples and durability of the discovery of endpoints.
+const DISCOVERY: Qos = Qos { depth: u16::MAX, ..Qos::LATCHED };
+
+/// What a participant is, and how it is found.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Number of the domain, 0..=232.
+    pub domain: u32,
+    /// Own identifier, which no other participant of the domain has.
+    pub prefix: Prefix,
+    /// Where it is reached.
+    pub locators: Vec<SocketAddrV4>,
+    /// Where its announcements go: to a multicast group, to peers.
+    pub announce_to: Vec<SocketAddrV4>,
+    /// Period of the announcements.
+    pub announce_period: Duration,
+    /// Time after the last announcement from which others take it for gone.
+    pub lease: Duration,
+    /// Name for people.
+    pub name: String,
+    /// What a user of DDS has others know; ROS 2 has its enclave there.
+    pub user_data: Vec<u8>,
+    /// Bounds of memory.
+    pub limits: Limits,
+}
+
+/// Bounds of what others can make a participant keep. What exceeds them is left out and counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Other participants.
+    pub participants: usize,
+    /// Endpoints of one of them.
+    pub endpoints: usize,
+    /// Endpoints of others that one own endpoint talks to.
+    pub matches: usize,
+    /// Longest received sample, bytes.
+    pub sample: usize,
+    /// Received samples that are not taken yet.
+    pub events: usize,
+    /// Datagrams that are not sent yet, bytes.
+    pub outbox: usize,
+    /// Longest time without a sign of life that another may ask for.
+    pub lease: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            participants: 32,
+            endpoints: 256,
+            matches: 32,
+            sample: 64 << 10,
+            events: 256,
+            outbox: 2 << 20,
+            lease: Duration::from_secs(60),
+        }
+    }
+}
+
+/// Counters since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Datagrams that are no RTPS, or malformed from some place on.
+    pub malformed: u64,
+    /// Participants, endpoints or matches beyond the limits.
+    pub refused: u64,
+    /// Received samples that were dropped because nobody took the earlier ones, or because they were too long.
+    pub dropped_in: u64,
+    /// Datagrams that were dropped because the earlier ones were not sent yet.
+    pub dropped_out: u64,
+}
+
+/// A writer of the participant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct WriterId(u16);
+
+/// A reader of the participant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ReaderId(u16);
+
+/// A received sample.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sample {
+    /// The reader that it is for.
+    pub reader: ReaderId,
+    /// Who wrote it.
+    pub writer: Guid,
+    /// When its last datagram was received.
+    pub at: Instant,
+    /// Encapsulation and content, and up to three bytes behind it: its length is a multiple of four.
+    pub payload: Vec<u8>,
+}
+
+/// Topic and type of an own endpoint.
+#[derive(Debug)]
+struct Named<T> {
+    topic: String,
+    type_name: String,
+    endpoint: T,
+}
+
+/// Another participant.
+#[derive(Debug)]
+struct Remote {
+    prefix: Prefix,
+    lease: Duration,
+    until: Instant,
+    metatraffic: SocketAddrV4,
+    default: SocketAddrV4,
+    publications: reader::Proxy,
+    subscriptions: reader::Proxy,
+    endpoints: Vec<EndpointData>,
+}
+
+/// A participant. It reads no clock and owns no port: the caller feeds datagrams and time, then drains.
+#[derive(Debug)]
+pub struct Participant {
+    config: Config,
+    announcement: Vec<u8>,
+    announce_due: Instant,
+    announced: u8,
+    publications: Writer,
+    subscriptions: Writer,
+    writers: Vec<Named<Writer>>,
+    readers: Vec<Named<Reader>>,
+    remotes: Vec<Remote>,
+    out: Outbox,
+    events: VecDeque<Sample>,
+    counters: Counters,
+}
+
+impl Participant {
+    /// Creates a participant, which announces itself at the next [`handle_timeout`](Self::handle_timeout).
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let prefix = config.prefix;
+        let announcement = ParticipantData {
+            prefix,
+            domain: Some(config.domain),
+            lease: config.lease,
+            metatraffic: config.locators.clone(),
+            default: config.locators.clone(),
+            name: config.name.clone(),
+            user_data: config.user_data.clone(),
+        };
+        Self {
+            announcement: announcement.encode(),
+            announce_due: Instant::ZERO,
+            announced: 0,
+            publications: Writer::new(prefix, Entity::PUBLICATIONS_WRITER, DISCOVERY),
+            subscriptions: Writer::new(prefix, Entity::SUBSCRIPTIONS_WRITER, DISCOVERY),
+            writers: Vec::new(),
+            readers: Vec::new(),
+            remotes: Vec::new(),
+            out: Outbox::new(config.limits.outbox),
+            events: VecDeque::new(),
+            counters: Counters::default(),
+            config,
+        }
+    }
+
+    /// Own identifier.
+    #[must_use]
+    pub fn guid(&self) -> Guid {
+        Guid { prefix: self.config.prefix, entity: Entity::PARTICIPANT }
+    }
+
+    /// Own identifier of a writer.
+    #[must_use]
+    pub fn writer_guid(&self, id: WriterId) -> Guid {
+        Guid { prefix: self.config.prefix, entity: Entity::writer(id.0 + 1) }
+    }
+
+    /// Own identifier of a reader.
+    #[must_use]
+    pub fn reader_guid(&self, id: ReaderId) -> Guid {
+        Guid { prefix: self.config.prefix, entity: Entity::reader(id.0 + 1) }
+    }
+
+    /// Offers a topic; `None`: too many writers, or a name that is too long. Both names are those of DDS:
+    /// `rt/odom`, `nav_msgs::msg::dds_::Odometry_`.
+    pub fn add_writer(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<WriterId> {
+        let id = WriterId(u16::try_from(self.writers.len()).ok().filter(|n| *n < u16::MAX)?);
+        let data = self.describe(self.writer_guid(id), topic, type_name, qos)?;
+        let mut writer = Writer::new(self.config.prefix, data.guid.entity, qos);
+        for remote in &self.remotes {
+            for theirs in remote.endpoints.iter().filter(|theirs| is_reader(theirs.guid)) {
+                if fits(&data, theirs, true) && writer.matched() < self.config.limits.matches {
+                    let to = theirs.unicast.first().copied().unwrap_or(remote.default);
+                    writer.add(now, theirs.guid, to, theirs.qos, &mut self.out);
+                }
+            }
+        }
+        self.writers.push(Named { topic: topic.into(), type_name: type_name.into(), endpoint: writer });
+        self.publications.write(now, 0, &data.encode(), &mut self.out);
+        Some(id)
+    }
+
+    /// Asks for a topic; as [`add_writer`](Self::add_writer).
+    pub fn add_reader(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<ReaderId> {
+        let id = ReaderId(u16::try_from(self.readers.len()).ok().filter(|n| *n < u16::MAX)?);
+        let data = self.describe(self.reader_guid(id), topic, type_name, qos)?;
+        let mut reader = Reader { entity: data.guid.entity, qos, proxies: Vec::new() };
+        for remote in &self.remotes {
+            for theirs in remote.endpoints.iter().filter(|theirs| !is_reader(theirs.guid)) {
+                if fits(&data, theirs, false) && reader.proxies.len() < self.config.limits.matches {
+                    let to = theirs.unicast.first().copied().unwrap_or(remote.default);
+                    let mut proxy = reader::Proxy::new(theirs.guid, to, qos, theirs.qos);
+                    proxy.greet(self.config.prefix, reader.entity, &mut self.out);
+                    reader.proxies.push(proxy);
+                }
+            }
+        }
+        self.readers.push(Named { topic: topic.into(), type_name: type_name.into(), endpoint: reader });
+        self.subscriptions.write(now, 0, &data.encode(), &mut self.out);
+        Some(id)
+    }
+
+    fn describe(&self, guid: Guid, topic: &str, type_name: &str, qos: Qos) -> Option<EndpointData> {
+        let (topic, type_name) = (String::from(topic), String::from(type_name));
+        let fits = topic.len() <= NAME_MAX && type_name.len() <= NAME_MAX;
+        fits.then_some(EndpointData { guid, topic, type_name, qos, is_special: false, unicast: Vec::new() })
+    }
+
+    /// Number of readers of others that hear a writer.
+    #[must_use]
+    pub fn matched(&self, id: WriterId) -> usize {
+        self.writers.get(usize::from(id.0)).map_or(0, |writer| writer.endpoint.matched())
+    }
+
+    /// Number of writers of others that a reader hears.
+    #[must_use]
+    pub fn matched_writers(&self, id: ReaderId) -> usize {
+        self.readers.get(usize::from(id.0)).map_or(0, |reader| reader.endpoint.proxies.len())
+    }
+
+    /// Number of other participants.
+    #[must_use]
+    pub fn participants(&self) -> usize {
+        self.remotes.len()
+    }
+
+    /// Counters since the start.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        Counters { dropped_out: self.out.dropped, ..self.counters }
+    }
+
+    /// Writes a sample: `payload` with its encapsulation, `micros` its time, µs since the UNIX epoch.
+    pub fn write(&mut self, now: Instant, id: WriterId, micros: i64, payload: &[u8]) {
+        if let Some(writer) = self.writers.get_mut(usize::from(id.0)) {
+            writer.endpoint.write(now, micros, payload, &mut self.out);
+        }
+    }
+
+    /// Tells the others that it is gone: the last thing to be sent.
+    pub fn leave(&mut self) {
+        let mut message = Builder::new(self.config.prefix);
+        message.disposed(Entity::SPDP_WRITER, 2, &key(self.guid()));
+        let message = message.build();
+        for to in self.remotes.iter().map(|remote| remote.metatraffic) {
+            self.out.push(to, message.clone());
+        }
+        self.remotes.clear();
+    }
+
+    /// The next datagram to be sent.
+    pub fn poll_tx(&mut self) -> Option<Transmit> {
+        self.out.pop()
+    }
+
+    /// The next received sample.
+    pub fn poll_event(&mut self) -> Option<Sample> {
+        self.events.pop_front()
+    }
+
+    /// When [`handle_timeout`](Self::handle_timeout) is to be called.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let writers = self.writers.iter().map(|writer| &writer.endpoint);
+        let heartbeats = writers.chain([&self.publications, &self.subscriptions]).filter_map(Writer::poll_timeout);
+        let leases = self.remotes.iter().map(|remote| remote.until);
+        heartbeats.chain(leases).chain([self.announce_due]).min()
+    }
+
+    /// Does what is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        if self.announce_due <= now {
+            self.announced = self.announced.saturating_add(1);
+            let is_first = self.announced < FIRST_ANNOUNCEMENTS;
+            self.announce_due = now + if is_first { FIRST_PERIOD } else { self.config.announce_period };
+            for n in 0..self.config.announce_to.len() {
+                self.announce(self.config.announce_to[n]);
+            }
+        }
+        while let Some(n) = self.remotes.iter().position(|remote| remote.until <= now) {
+            self.forget(self.remotes[n].prefix);
+        }
+        self.publications.handle_timeout(now, &mut self.out);
+        self.subscriptions.handle_timeout(now, &mut self.out);
+        self.writers.iter_mut().for_each(|writer| writer.endpoint.handle_timeout(now, &mut self.out));
+    }
+
+    /// A datagram, received at `now` from `from`. Whatever it contains, it is survived.
+    pub fn handle_rx(&mut self, now: Instant, from: SocketAddrV4, datagram: &[u8]) {
+        let Some((mut source, submessages)) = wire::parse(datagram) else {
+            self.counters.malformed += 1;
+            return;
+        };
+        let own = self.config.prefix;
+        let mut is_for_us = true;
+        for submessage in submessages {
+            let Ok(submessage) = submessage else {
+                self.counters.malformed += 1;
+                return;
+            };
+            match submessage {
+                Submessage::Source(prefix) => source = prefix,
+                Submessage::Destination(prefix) => is_for_us = prefix == own || prefix == Prefix::default(),
+                _ if !is_for_us || source == own => {}
+                Submessage::Data(data) if data.writer == Entity::SPDP_WRITER => {
+                    self.on_participant(now, from, source, &data);
+                }
+                other => self.on_submessage(now, source, other),
+            }
+        }
+    }
+
+    /// One from a participant that is known; others are not heard.
+    fn on_submessage(&mut self, now: Instant, source: Prefix, submessage: Submessage<'_>) {
+        let Some(place) = self.remotes.iter().position(|remote| remote.prefix == source) else { return };
+        let remote = &mut self.remotes[place];
+        remote.until = now + remote.lease;
+        let guid = |entity| Guid { prefix: source, entity };
+        match submessage {
+            Submessage::Data(data) => match data.writer {
+                Entity::PUBLICATIONS_WRITER | Entity::SUBSCRIPTIONS_WRITER => self.on_endpoint(now, place, &data),
+                writer => {
+                    // The end of an instance means nothing without keys, and takes a number.
+                    let payload = (!data.gone).then_some(data.payload);
+                    self.on_sample(now, guid(writer), data.reader, data.number, payload);
+                }
+            },
+            Submessage::DataFrag(frag) => match frag.writer {
+                writer @ (Entity::PUBLICATIONS_WRITER | Entity::SUBSCRIPTIONS_WRITER) => {
+                    let proxy = remote.discovery(writer);
+                    if frag.sample as usize > self.config.limits.sample {
+                        self.counters.dropped_in += u64::from(proxy.skip(frag.number));
+                    } else if let Some(payload) = proxy.assemble(&frag) {
+                        let (reader, number) = (frag.reader, frag.number);
+                        let data = Data { reader, writer, number, payload: &payload, gone: false, key: None };
+                        self.on_endpoint(now, place, &data);
+                    }
+                }
+                writer => {
+                    for n in 0..self.readers.len() {
+                        let reader = &mut self.readers[n].endpoint;
+                        let is_asked = frag.reader == Entity::UNKNOWN || frag.reader == reader.entity;
+                        let proxy = reader.proxies.iter_mut().find(|proxy| proxy.guid == guid(writer));
+                        let Some(proxy) = proxy.filter(|_| is_asked) else { continue };
+                        if frag.sample as usize > self.config.limits.sample {
+                            self.counters.dropped_in += u64::from(proxy.skip(frag.number));
+                        } else if let Some(payload) = proxy.assemble(&frag) {
+                            self.offer(now, n, guid(writer), frag.number, Some(&payload));
+                        }
+                    }
+                }
+            },
+            Submessage::Heartbeat(heartbeat) => match heartbeat.writer {
+                writer @ (Entity::PUBLICATIONS_WRITER | Entity::SUBSCRIPTIONS_WRITER) => {
+                    let reader = discovery_reader(writer);
+                    remote.discovery(writer).on_heartbeat(self.config.prefix, reader, &heartbeat, &mut self.out);
+                }
+                writer => {
+                    for Named { endpoint: reader, .. } in &mut self.readers {
+                        let is_asked = heartbeat.reader == Entity::UNKNOWN || heartbeat.reader == reader.entity;
+                        let proxy = reader.proxies.iter_mut().find(|proxy| proxy.guid == guid(writer));
+                        if let Some(proxy) = proxy.filter(|_| is_asked) {
+                            proxy.on_heartbeat(self.config.prefix, reader.entity, &heartbeat, &mut self.out);
+                        }
+                    }
+                }
+            },
+            Submessage::Gap(gap) => match gap.writer {
+                writer @ (Entity::PUBLICATIONS_WRITER | Entity::SUBSCRIPTIONS_WRITER) => {
+                    remote.discovery(writer).on_gap(&gap);
+                }
+                writer => {
+                    for Named { endpoint: reader, .. } in &mut self.readers {
+                        let is_asked = gap.reader == Entity::UNKNOWN || gap.reader == reader.entity;
+                        let proxy = reader.proxies.iter_mut().find(|proxy| proxy.guid == guid(writer));
+                        proxy.filter(|_| is_asked).into_iter().for_each(|proxy| proxy.on_gap(&gap));
+                    }
+                }
+            },
+            Submessage::AckNack(acknack) => {
+                if let Some((writer, out)) = self.own_writer(acknack.writer) {
+                    writer.on_acknack(now, guid(acknack.reader), &acknack, out);
+                }
+            }
+            Submessage::NackFrag(nack) => {
+                if let Some((writer, out)) = self.own_writer(nack.writer) {
+                    writer.on_nack_frag(guid(nack.reader), &nack, out);
+                }
+            }
+            Submessage::Source(_) | Submessage::Destination(_) | Submessage::Other => {}
+        }
+    }
+
+    fn own_writer(&mut self, entity: Entity) -> Option<(&mut Writer, &mut Outbox)> {
+        let writer = match entity {
+            Entity::PUBLICATIONS_WRITER => Some(&mut self.publications),
+            Entity::SUBSCRIPTIONS_WRITER => Some(&mut self.subscriptions),
+            _ => self.writers.iter_mut().map(|writer| &mut writer.endpoint).find(|writer| writer.entity == entity),
+        };
+        Some((writer?, &mut self.out))
+    }
+
+    fn on_sample(&mut self, now: Instant, writer: Guid, reader: Entity, number: i64, payload: Option<&[u8]>) {
+        for n in 0..self.readers.len() {
+            if reader == Entity::UNKNOWN || self.readers[n].endpoint.entity == reader {
+                self.offer(now, n, writer, number, payload);
+            }
+        }
+    }
+
+    /// A whole sample for the reader at `n`, if that listens to its writer; `None`: it has no content.
+    fn offer(&mut self, now: Instant, n: usize, writer: Guid, number: i64, payload: Option<&[u8]>) {
+        let reader = &mut self.readers[n].endpoint;
+        let Some(proxy) = reader.proxies.iter_mut().find(|proxy| proxy.guid == writer) else { return };
+        if !proxy.expects(number) {
+            return;
+        }
+        let Some(payload) = payload.filter(|payload| payload.len() <= self.config.limits.sample) else {
+            self.counters.dropped_in += u64::from(payload.is_some());
+            return proxy.take(number);
+        };
+        // A reliable one is sent again later; it is not lost where there is no place now.
+        if self.events.len() >= self.config.limits.events {
+            self.counters.dropped_in += 1;
+            return;
+        }
+        proxy.take(number);
+        self.events.push_back(Sample { reader: ReaderId(n as u16), writer, at: now, payload: payload.to_vec() });
+    }
+
+    fn on_participant(&mut self, now: Instant, from: SocketAddrV4, source: Prefix, data: &Data<'_>) {
+        if data.gone {
+            let guid = data.key.or_else(|| key_of(data.payload));
+            if guid.is_some_and(|guid| guid.prefix == source) {
+                self.forget(source);
+            }
+            return;
+        }
+        let Some(theirs) = ParticipantData::decode(data.payload) else {
+            self.counters.malformed += 1;
+            return;
+        };
+        if theirs.prefix != source || theirs.domain.is_some_and(|domain| domain != self.config.domain) {
+            return;
+        }
+        let (Some(metatraffic), Some(default)) = (choose(from, &theirs.metatraffic), choose(from, &theirs.default))
+        else {
+            return;
+        };
+        let lease = theirs.lease.min(self.config.limits.lease);
+        if let Some(known) = self.remotes.iter_mut().find(|remote| remote.prefix == source) {
+            if (known.metatraffic, known.default) == (metatraffic, default) {
+                (known.lease, known.until) = (lease, now + lease);
+                return;
+            }
+            // It is reached elsewhere now: all begins anew.
+            self.forget(source);
+        }
+        if self.remotes.len() >= self.config.limits.participants {
+            self.counters.refused += 1;
+            return;
+        }
+        // It may not have heard of this one yet.
+        self.announce(metatraffic);
+        let own = self.config.prefix;
+        let mut proxy = |writer, reader| {
+            let guid = Guid { prefix: source, entity: writer };
+            let mut proxy = reader::Proxy::new(guid, metatraffic, DISCOVERY, DISCOVERY);
+            proxy.greet(own, reader, &mut self.out);
+            proxy
+        };
+        let publications = proxy(Entity::PUBLICATIONS_WRITER, Entity::PUBLICATIONS_READER);
+        let subscriptions = proxy(Entity::SUBSCRIPTIONS_WRITER, Entity::SUBSCRIPTIONS_READER);
+        let until = now + lease;
+        let endpoints = Vec::new();
+        let remote =
+            Remote { prefix: source, lease, until, metatraffic, default, publications, subscriptions, endpoints };
+        self.remotes.push(remote);
+        let reader = |entity| Guid { prefix: source, entity };
+        self.publications.add(now, reader(Entity::PUBLICATIONS_READER), metatraffic, DISCOVERY, &mut self.out);
+        self.subscriptions.add(now, reader(Entity::SUBSCRIPTIONS_READER), metatraffic, DISCOVERY, &mut self.out);
+    }
+
+    /// News of an endpoint, from the participant at `place`.
+    fn on_endpoint(&mut self, now: Instant, place: usize, data: &Data<'_>) {
+        let limits = self.config.limits;
+        let remote = &mut self.remotes[place];
+        let proxy = remote.discovery(data.writer);
+        if !proxy.expects(data.number) || data.payload.len() > limits.sample {
+            return;
+        }
+        proxy.take(data.number);
+        let (prefix, default) = (remote.prefix, remote.default);
+        if data.gone {
+            let guid = data.key.or_else(|| key_of(data.payload)).filter(|guid| guid.prefix == prefix);
+            if let Some(guid) = guid.filter(|guid| guid.entity != Entity::PARTICIPANT) {
+                remote.endpoints.retain(|endpoint| endpoint.guid != guid);
+                self.unmatch(guid);
+            }
+            return;
+        }
+        let Some(theirs) = EndpointData::decode(data.payload) else {
+            self.counters.malformed += 1;
+            return;
+        };
+        // One speaks of one's own endpoints only, and of writers and readers where they belong.
+        let is_publication = data.writer == Entity::PUBLICATIONS_WRITER;
+        if theirs.guid.prefix != prefix || is_reader(theirs.guid) == is_publication {
+            return;
+        }
+        if let Some(known) = remote.endpoints.iter().position(|known| known.guid == theirs.guid) {
+            if remote.endpoints[known] == theirs {
+                return;
+            }
+            remote.endpoints.swap_remove(known);
+        } else if remote.endpoints.len() >= limits.endpoints {
+            self.counters.refused += 1;
+            return;
+        }
+        remote.endpoints.push(theirs.clone());
+        self.unmatch(theirs.guid);
+        let to = theirs.unicast.first().copied().unwrap_or(default);
+        self.match_endpoint(now, &theirs, to);
+    }
+
+    fn match_endpoint(&mut self, now: Instant, theirs: &EndpointData, to: SocketAddrV4) {
+        let limits = self.config.limits;
+        let is_named = |topic: &str, type_name: &str| theirs.topic == topic && theirs.type_name == type_name;
+        if is_reader(theirs.guid) {
+            for Named { topic, type_name, endpoint: writer } in &mut self.writers {
+                let fits = is_named(topic, type_name) && !theirs.is_special && writer.qos().satisfies(theirs.qos);
+                if fits && writer.matched() >= limits.matches {
+                    self.counters.refused += 1;
+                } else if fits {
+                    writer.add(now, theirs.guid, to, theirs.qos, &mut self.out);
+                }
+            }
+            return;
+        }
+        for Named { topic, type_name, endpoint: reader } in &mut self.readers {
+            let fits = is_named(topic, type_name) && !theirs.is_special && theirs.qos.satisfies(reader.qos);
+            if fits && reader.proxies.len() >= limits.matches {
+                self.counters.refused += 1;
+            } else if fits {
+                let mut proxy = reader::Proxy::new(theirs.guid, to, reader.qos, theirs.qos);
+                proxy.greet(self.config.prefix, reader.entity, &mut self.out);
+                reader.proxies.push(proxy);
+            }
+        }
+    }
+
+    fn unmatch(&mut self, guid: Guid) {
+        self.writers.iter_mut().for_each(|writer| writer.endpoint.remove(guid));
+        self.readers.iter_mut().for_each(|reader| reader.endpoint.remove(guid));
+    }
+
+    fn forget(&mut self, prefix: Prefix) {
+        let guid = Guid { prefix, entity: Entity::PARTICIPANT };
+        self.remotes.retain(|remote| remote.prefix != prefix);
+        self.publications.remove(guid);
+        self.subscriptions.remove(guid);
+        self.unmatch(guid);
+    }
+
+    fn announce(&mut self, to: SocketAddrV4) {
+        let mut message = Builder::new(self.config.prefix);
+        message.data(Entity::SPDP_READER, Entity::SPDP_WRITER, 1, &self.announcement);
+        self.out.push(to, message.build());
+    }
+}
+
+impl Remote {
+    /// What is known of one of its writers of the discovery.
+    fn discovery(&mut self, writer: Entity) -> &mut reader::Proxy {
+        match writer {
+            Entity::PUBLICATIONS_WRITER => &mut self.publications,
+            _ => &mut self.subscriptions,
+        }
+    }
+}
+
+fn discovery_reader(writer: Entity) -> Entity {
+    match writer {
+        Entity::PUBLICATIONS_WRITER => Entity::PUBLICATIONS_READER,
+        _ => Entity::SUBSCRIPTIONS_READER,
+    }
+}
+
+/// Readers of users have the kinds 4 and 7.
+fn is_reader(guid: Guid) -> bool {
+    matches!(guid.entity.0[3] & 0x0f, 4 | 7)
+}
+
+fn fits(own: &EndpointData, theirs: &EndpointData, own_writes: bool) -> bool {
+    let (offered, asked) = if own_writes { (own.qos, theirs.qos) } else { (theirs.qos, own.qos) };
+    own.topic == theirs.topic && own.type_name == theirs.type_name && !theirs.is_special && offered.satisfies(asked)
+}
+
+/// Where one of several addresses is reached: that by which it reached us, else the first.
+fn choose(from: SocketAddrV4, locators: &[SocketAddrV4]) -> Option<SocketAddrV4> {
+    locators.iter().find(|locator| locator.ip() == from.ip()).or(locators.first()).copied()
+}

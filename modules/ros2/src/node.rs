@@ -1,0 +1,455 @@
+//! The robot as a node of ROS 2: messages of the bus and datagrams in, messages and datagrams out. It owns no port and
+//! no clock.
+
+use crate::drive::{self, Drive};
+use crate::incoming::{self, Command, Input};
+use crate::outgoing::{self, Outgoing};
+use crate::topics::{Quality, Topic};
+use base::{Epoch, Instant};
+use lcm_gen::cdr::Writer;
+use messages::Message;
+use rtps::{Counters, Guid, Participant, Qos, ReaderId, Transmit, WriterId};
+use std::collections::{BTreeMap, VecDeque};
+use std::net::SocketAddrV4;
+
+/// Writers at most: of each sensor one.
+const WRITERS_MAX: usize = 256;
+/// Messages for the bus, and notes, that wait at most.
+const WAITING_MAX: usize = 16;
+
+/// What the node is.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Its name: that of the robot, as ROS takes it.
+    pub name: String,
+    /// Prefix of its topics, empty or as `/robot1`.
+    pub namespace: String,
+    /// The participant.
+    pub participant: rtps::Config,
+    /// What is told.
+    pub outgoing: outgoing::Config,
+    /// Topics whose content does not change: `/map`, `/robot_description`.
+    pub fixed: Vec<(Topic, Vec<u8>)>,
+    /// How ROS drives; `None`: it may not command.
+    pub drive: Option<drive::Config>,
+    /// Time of the messages.
+    pub epoch: Epoch,
+}
+
+/// The node.
+#[derive(Debug)]
+pub struct Node {
+    namespace: String,
+    name: String,
+    participant: Participant,
+    outgoing: Outgoing,
+    epoch: Epoch,
+    /// Writers by the names of their topics; `None`: there are too many.
+    writers: BTreeMap<String, Option<WriterId>>,
+    readers: Vec<(ReaderId, Input)>,
+    /// Tells which endpoints are this node's, as `ros2 node info` shows it.
+    graph: Option<WriterId>,
+    graph_is_old: bool,
+    drive: Option<Drive>,
+    /// The module may act: it is not in PAUSE or STOP.
+    acts: bool,
+    messages: VecDeque<Message>,
+    notes: VecDeque<String>,
+}
+
+/// Topic of the graph of ROS, and its type; it is no topic of a user's.
+const GRAPH: (&str, &str) = ("ros_discovery_info", "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_");
+
+impl Node {
+    /// Creates the node at the time `now`.
+    #[must_use]
+    pub fn new(config: Config, now: Instant) -> Self {
+        let mut participant = Participant::new(config.participant);
+        let mut readers = Vec::new();
+        if config.drive.is_some() {
+            for input in Input::ALL {
+                let topic = input.topic();
+                let (name, quality) = (topic.dds_name(&config.namespace), qos(topic.quality));
+                let reader = participant.add_reader(now, &name, &topic.dds_type(), quality);
+                readers.extend(reader.map(|reader| (reader, input)));
+            }
+        }
+        let graph = participant.add_writer(now, GRAPH.0, GRAPH.1, Qos::LATCHED);
+        let mut node = Self {
+            namespace: config.namespace,
+            name: config.name,
+            participant,
+            outgoing: Outgoing::new(config.outgoing),
+            epoch: config.epoch,
+            writers: BTreeMap::new(),
+            readers,
+            graph,
+            graph_is_old: true,
+            drive: config.drive.map(Drive::new),
+            acts: true,
+            messages: VecDeque::new(),
+            notes: VecDeque::new(),
+        };
+        for (topic, cdr) in &config.fixed {
+            node.write(now, topic, cdr);
+        }
+        node
+    }
+
+    /// A message of the robot's bus.
+    pub fn on_bus(&mut self, now: Instant, channel: &str, data: &[u8]) {
+        let listeners = self.participant.participants() > 0;
+        // Lent to the translation.
+        let Self { outgoing, participant, writers, namespace, graph_is_old, epoch, .. } = self;
+        outgoing.translate(channel, data, listeners, &mut |topic, cdr| {
+            let writer = writer(participant, writers, graph_is_old, namespace, now, topic);
+            // What only those get who are there: without them it costs nothing more.
+            let is_kept = matches!(topic.quality, Quality::Latched | Quality::History);
+            if let Some(writer) = writer.filter(|writer| is_kept || participant.matched(*writer) > 0) {
+                participant.write(now, writer, epoch.timestamp(now), cdr);
+            }
+        });
+    }
+
+    fn write(&mut self, now: Instant, topic: &Topic, cdr: &[u8]) {
+        let Self { participant, writers, namespace, graph_is_old, epoch, .. } = self;
+        if let Some(writer) = writer(participant, writers, graph_is_old, namespace, now, topic) {
+            participant.write(now, writer, epoch.timestamp(now), cdr);
+        }
+    }
+
+    /// A datagram, received at `at` from `from`.
+    pub fn on_datagram(&mut self, now: Instant, at: Instant, from: SocketAddrV4, datagram: &[u8]) {
+        self.participant.handle_rx(at, from, datagram);
+        while let Some(sample) = self.participant.poll_event() {
+            let input = self.readers.iter().find(|(reader, _)| *reader == sample.reader).map(|(_, input)| *input);
+            if let Some(input) = input.filter(|_| self.acts) {
+                self.on_sample(now, sample.at, input, sample.writer, &sample.payload);
+            }
+        }
+    }
+
+    fn on_sample(&mut self, now: Instant, at: Instant, input: Input, from: Guid, sample: &[u8]) {
+        match incoming::read(input, self.epoch.timestamp(now), sample) {
+            Ok(Command::Velocity(velocity)) => {
+                let drive = self.drive.as_mut();
+                if drive.is_some_and(|drive| !drive.on_velocity(now, at, session(from), velocity)) {
+                    self.note(format!("{}: a command that waited too long is dropped", input.topic().name));
+                }
+            }
+            Ok(Command::Message(message)) if self.messages.len() < WAITING_MAX => self.messages.push_back(*message),
+            Ok(Command::Message(_)) => self.note(format!("{}: too many at a time", input.topic().name)),
+            Err(refusal) => self.note(format!("{}: a message is refused: {refusal}", input.topic().name)),
+        }
+    }
+
+    fn note(&mut self, text: String) {
+        if self.notes.len() < WAITING_MAX && !self.notes.contains(&text) {
+            self.notes.push_back(text);
+        }
+    }
+
+    /// The module may act, or not any more.
+    pub fn set_acts(&mut self, acts: bool) {
+        self.acts = acts;
+        if let Some(drive) = self.drive.as_mut().filter(|_| !acts) {
+            drive.end();
+            self.messages.clear();
+        }
+    }
+
+    /// Does what is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        if self.graph_is_old {
+            self.graph_is_old = false;
+            let graph = self.graph();
+            if let Some(writer) = self.graph {
+                self.participant.write(now, writer, self.epoch.timestamp(now), &graph);
+            }
+        }
+        self.participant.handle_timeout(now);
+        let timestamp = self.epoch.timestamp(now);
+        let command = self.drive.as_mut().and_then(|drive| drive.poll(now, timestamp));
+        self.messages.extend(command.map(Message::from));
+    }
+
+    /// When [`handle_timeout`](Self::handle_timeout) is to be called.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let graph = self.graph_is_old.then_some(Instant::ZERO);
+        let drive = self.drive.as_ref().and_then(Drive::poll_timeout);
+        [graph, drive, self.participant.poll_timeout()].into_iter().flatten().min()
+    }
+
+    /// The next datagram to be sent.
+    pub fn poll_tx(&mut self) -> Option<Transmit> {
+        self.participant.poll_tx()
+    }
+
+    /// The next message for the bus.
+    pub fn poll_message(&mut self) -> Option<Message> {
+        self.messages.pop_front()
+    }
+
+    /// The next note for people.
+    pub fn poll_note(&mut self) -> Option<String> {
+        self.notes.pop_front()
+    }
+
+    /// Tells the others that it is gone: then [`poll_tx`](Self::poll_tx) for the last time.
+    pub fn leave(&mut self) {
+        self.participant.leave();
+    }
+
+    /// Counters of what was dropped.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        self.participant.counters()
+    }
+
+    /// `rmw_dds_common/msg/ParticipantEntitiesInfo`, as of Iron and later.
+    fn graph(&self) -> Vec<u8> {
+        let mut cdr = Vec::new();
+        let mut to = Writer::new(&mut cdr);
+        let gids = |to: &mut Writer<'_>, gids: &[Guid]| {
+            to.count(gids.len());
+            gids.iter().flat_map(|gid| gid.bytes()).for_each(|byte| to.u8(byte));
+        };
+        let readers: Vec<Guid> = self.readers.iter().map(|(reader, _)| self.participant.reader_guid(*reader)).collect();
+        let writers: Vec<Guid> = self.writers.values().flatten().map(|id| self.participant.writer_guid(*id)).collect();
+        self.participant.guid().bytes().into_iter().for_each(|byte| to.u8(byte));
+        to.count(1);
+        to.string(if self.namespace.is_empty() { "/" } else { &self.namespace });
+        to.string(&self.name);
+        gids(&mut to, &readers);
+        gids(&mut to, &writers);
+        cdr
+    }
+}
+
+/// The writer of a topic, made with its first message.
+fn writer(
+    participant: &mut Participant,
+    writers: &mut BTreeMap<String, Option<WriterId>>,
+    graph_is_old: &mut bool,
+    namespace: &str,
+    now: Instant,
+    topic: &Topic,
+) -> Option<WriterId> {
+    if let Some(known) = writers.get(&topic.name) {
+        return *known;
+    }
+    (writers.len() < WRITERS_MAX).then_some(())?;
+    let made = participant.add_writer(now, &topic.dds_name(namespace), &topic.dds_type(), qos(topic.quality));
+    writers.insert(topic.name.clone(), made);
+    *graph_is_old = true;
+    made
+}
+
+fn qos(quality: Quality) -> Qos {
+    match quality {
+        // It is never sent again.
+        Quality::Sensor => Qos { depth: 1, ..Qos::SENSOR },
+        Quality::Reliable => Qos::RELIABLE,
+        Quality::Latched => Qos::LATCHED,
+        Quality::History => Qos { depth: 100, ..Qos::LATCHED },
+    }
+}
+
+/// Number of a publisher, as sources of motion have it: two programs of ROS that drive at a time are two.
+fn session(from: Guid) -> i64 {
+    let bytes = from.bytes();
+    let half = |at: usize| bytes[at..at + 8].iter().fold(0_u64, |sum, byte| (sum << 8) | u64::from(*byte));
+    (half(0).rotate_left(32) ^ half(8)).cast_signed()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::description::Description;
+    use base::Duration;
+    use logger::ros::RobotScene;
+    use messages::lowlevel::{CmdVelocity, DataVelocity};
+    use rtps::{Limits, Prefix};
+
+    fn address(n: u8) -> SocketAddrV4 {
+        SocketAddrV4::new([127, 0, 0, n].into(), 7410)
+    }
+
+    fn participant(n: u8, peer: u8) -> rtps::Config {
+        rtps::Config {
+            domain: 0,
+            prefix: Prefix([n; 12]),
+            locators: vec![address(n)],
+            announce_to: vec![address(peer)],
+            announce_period: Duration::from_secs(3),
+            lease: Duration::from_secs(20),
+            name: String::new(),
+            user_data: Vec::new(),
+            limits: Limits::default(),
+        }
+    }
+
+    /// The node, and somebody of ROS.
+    struct Bench {
+        now: Instant,
+        node: Node,
+        ros: Participant,
+        told: Vec<CmdVelocity>,
+        others: Vec<Message>,
+    }
+
+    impl Bench {
+        fn new(commands: bool) -> Self {
+            let [ttl, driver_ttl] = [500, 250].map(Duration::from_millis);
+            let source = outgoing::OdometrySource::Drives;
+            let scene = RobotScene::default();
+            let config = Config {
+                name: "courier".into(),
+                namespace: "/r1".into(),
+                participant: participant(1, 2),
+                outgoing: outgoing::Config {
+                    scene,
+                    odometry: source,
+                    lidars: 0,
+                    simulated: false,
+                    description: Description::default(),
+                },
+                fixed: Vec::new(),
+                drive: commands.then_some(drive::Config { priority: 1, ttl, driver_ttl }),
+                epoch: Epoch::default(),
+            };
+            let now = Instant::from_millis(1);
+            let (node, ros) = (Node::new(config, now), Participant::new(participant(2, 1)));
+            Self { now, node, ros, told: Vec::new(), others: Vec::new() }
+        }
+
+        fn run(&mut self, millis: u64) {
+            for _ in 0..millis {
+                self.now += Duration::from_millis(1);
+                let now = self.now;
+                self.node.handle_timeout(now);
+                self.ros.handle_timeout(now);
+                while let Some(sent) = self.node.poll_tx() {
+                    self.ros.handle_rx(now, address(1), &sent.datagram);
+                }
+                while let Some(sent) = self.ros.poll_tx() {
+                    self.node.on_datagram(now, now, address(2), &sent.datagram);
+                }
+                while let Some(message) = self.node.poll_message() {
+                    match message {
+                        Message::LlCmdVelocity(command) => self.told.push(command),
+                        other => self.others.push(other),
+                    }
+                }
+            }
+        }
+
+        fn twist(&mut self, writer: WriterId, vx: f64) {
+            let mut cdr = Vec::new();
+            let mut to = Writer::new(&mut cdr);
+            [vx, 0.0, 0.0, 0.0, 0.0, 0.0].into_iter().for_each(|number| to.f64(number));
+            let now = self.now;
+            self.ros.write(now, writer, 0, &cdr);
+        }
+
+        fn writer(&mut self) -> WriterId {
+            let name = "geometry_msgs::msg::dds_::Twist_";
+            self.ros.add_writer(self.now, "rt/r1/cmd_vel", name, Qos::RELIABLE).unwrap()
+        }
+
+        fn bus(&mut self, message: impl Into<Message>) {
+            let (message, mut data) = (message.into(), Vec::new());
+            message.encode(&mut data).unwrap();
+            self.node.on_bus(self.now, &message.channel_name(), &data);
+        }
+    }
+
+    #[test]
+    fn ros_drives_only_where_it_may_command() {
+        for commands in [false, true] {
+            let mut bench = Bench::new(commands);
+            let writer = bench.writer();
+            bench.run(300);
+            assert_eq!(bench.ros.matched(writer), usize::from(commands));
+            bench.twist(writer, 0.4);
+            bench.run(1000);
+            // The first one a millisecond after its reception, the others every 50 ms until 250 ms.
+            assert_eq!(bench.told.len(), if commands { 5 } else { 0 });
+            assert!(bench.told.iter().all(|command| (command.vx, &*command.source) == (0.4, "ros2")));
+        }
+    }
+
+    #[test]
+    fn two_publishers_are_two_sessions() {
+        let mut bench = Bench::new(true);
+        let writers = [bench.writer(), bench.writer()];
+        bench.run(300);
+        for writer in writers {
+            bench.twist(writer, 0.4);
+            bench.run(100);
+        }
+        let sessions: Vec<i64> = bench.told.iter().map(|command| command.session).collect();
+        assert_ne!(sessions.first(), sessions.last());
+    }
+
+    #[test]
+    fn a_module_that_does_not_act_is_silent_at_once() {
+        let mut bench = Bench::new(true);
+        let writer = bench.writer();
+        bench.run(300);
+        bench.twist(writer, 0.4);
+        bench.run(20);
+        assert_eq!(bench.told.len(), 1);
+        bench.node.set_acts(false);
+        bench.run(500);
+        bench.twist(writer, 0.4);
+        bench.run(500);
+        assert_eq!(bench.told.len(), 1);
+        bench.node.set_acts(true);
+        bench.twist(writer, 0.4);
+        bench.run(20);
+        assert_eq!(bench.told.len(), 2);
+    }
+
+    #[test]
+    fn a_refusal_is_noted_once_until_it_is_read() {
+        let mut bench = Bench::new(true);
+        let name = "geometry_msgs::msg::dds_::PoseStamped_";
+        let writer = bench.ros.add_writer(bench.now, "rt/r1/goal_pose", name, Qos::RELIABLE).unwrap();
+        bench.run(300);
+        for _ in 0..3 {
+            let now = bench.now;
+            bench.ros.write(now, writer, 0, &[0, 1, 0, 0, 1, 2, 3, 4]);
+            bench.run(10);
+        }
+        assert_eq!(bench.node.poll_note().as_deref(), Some("/goal_pose: a message is refused: it is malformed"));
+        assert_eq!((bench.node.poll_note(), bench.others.len()), (None, 0));
+    }
+
+    #[test]
+    fn topics_are_told_to_who_listens_and_the_graph_names_the_node() {
+        let mut bench = Bench::new(false);
+        let odom = "nav_msgs::msg::dds_::Odometry_";
+        let odom = bench.ros.add_reader(bench.now, "rt/r1/odom", odom, Qos::RELIABLE).unwrap();
+        let graph = bench.ros.add_reader(bench.now, GRAPH.0, GRAPH.1, Qos::LATCHED).unwrap();
+        let at = |timestamp| DataVelocity { timestamp, ..Default::default() };
+        bench.bus(at(1));
+        bench.run(300);
+        bench.bus(at(50_001));
+        bench.run(300);
+        let (mut odoms, mut graphs) = (0, Vec::new());
+        while let Some(sample) = bench.ros.poll_event() {
+            if sample.reader == odom {
+                odoms += 1;
+            } else if sample.reader == graph {
+                graphs = sample.payload;
+            }
+        }
+        assert_eq!(odoms, 1);
+        let text = String::from_utf8_lossy(&graphs);
+        assert!(text.contains("courier\0") && text.contains("/r1\0"), "{text:?}");
+        // The participant, and the writers of /odom and /tf.
+        assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 3);
+    }
+}

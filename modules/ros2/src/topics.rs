@@ -1,0 +1,103 @@
+//! Names, types and qualities of topics, in ROS and in DDS.
+
+/// How samples of a topic are delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// Measurements of sensors: best effort, as the drivers of the field do.
+    Sensor,
+    /// Reliable, the last ten.
+    Reliable,
+    /// Reliable; who comes later gets the last one.
+    Latched,
+    /// Reliable; who comes later gets the last hundred.
+    History,
+}
+
+/// A topic of the robot.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Topic {
+    /// Name in ROS, without the namespace: `/odom`.
+    pub name: String,
+    /// Type in ROS: `nav_msgs/msg/Odometry`.
+    pub type_name: String,
+    /// Delivery.
+    pub quality: Quality,
+}
+
+/// Topics that are the computer's, not the robot's: they have no namespace.
+const GLOBAL: [&str; 3] = ["/clock", "/diagnostics", "/rosout"];
+
+impl Topic {
+    pub(crate) fn new(name: &str, type_name: &str, quality: Quality) -> Self {
+        Self { name: name.into(), type_name: type_name.into(), quality }
+    }
+
+    /// Topic of a message that the translation of logs has on the topic `name`; `None`: it is not for ROS. Names there
+    /// may be such that ROS refuses: a part of a name does not begin with a digit.
+    pub(crate) fn of_translated(name: &str, type_name: &str, one_lidar: bool) -> Option<Self> {
+        let (name, quality) = match name {
+            "/battery" => ("/battery_state".to_owned(), Quality::Reliable),
+            "/diagnostics" | "/plan" => (name.to_owned(), Quality::Reliable),
+            "/pose" => ("/amcl_pose".to_owned(), Quality::Latched),
+            "/rosout" => (name.to_owned(), Quality::History),
+            "/scene" => (name.to_owned(), Quality::Sensor),
+            "/tf_static" => (name.to_owned(), Quality::Latched),
+            _ => {
+                if let Some(id) = name.strip_prefix("/range/") {
+                    let kind = if id.starts_with(|c: char| c.is_ascii_digit()) { "sonar_" } else { "" };
+                    (format!("/range/{kind}{id}"), Quality::Sensor)
+                } else if let Some(lidar) = name.strip_prefix("/scan/") {
+                    (if one_lidar { "/scan".to_owned() } else { format!("/scan_{lidar}") }, Quality::Sensor)
+                } else {
+                    (format!("/temperature_{}", name.strip_prefix("/temperature/")?), Quality::Sensor)
+                }
+            }
+        };
+        Some(Self { name, type_name: type_name.into(), quality })
+    }
+
+    /// Name in DDS, in a namespace of ROS.
+    #[must_use]
+    pub fn dds_name(&self, namespace: &str) -> String {
+        let namespace = if GLOBAL.contains(&&*self.name) { "" } else { namespace };
+        format!("rt{namespace}{}", self.name)
+    }
+
+    /// Type in DDS: `nav_msgs::msg::dds_::Odometry_`.
+    #[must_use]
+    pub fn dds_type(&self) -> String {
+        let (package, name) = self.type_name.rsplit_once('/').unwrap_or(("", &self.type_name));
+        format!("{}::dds_::{name}_", package.replace('/', "::"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_of_dds() {
+        let odom = Topic::new("/odom", "nav_msgs/msg/Odometry", Quality::Reliable);
+        assert_eq!(odom.dds_type(), "nav_msgs::msg::dds_::Odometry_");
+        assert_eq!([odom.dds_name(""), odom.dds_name("/r1")], ["rt/odom", "rt/r1/odom"]);
+        assert_eq!(Topic::new("/rosout", "", Quality::History).dds_name("/r1"), "rt/rosout");
+    }
+
+    #[test]
+    fn every_part_of_a_translated_name_is_one_that_ros_takes() {
+        let name = |name| Topic::of_translated(name, "x/msg/X", false).map(|topic| topic.name);
+        let expected = [
+            ("/range/7", Some("/range/sonar_7")),
+            ("/range/ir_1", Some("/range/ir_1")),
+            ("/scan/2nd", Some("/scan_2nd")),
+            ("/temperature/1_wire", Some("/temperature_1_wire")),
+            ("/battery", Some("/battery_state")),
+            ("/odometry", None),
+            ("/LL_DATA_ODO", None),
+        ];
+        for (from, to) in expected {
+            assert_eq!(name(from).as_deref(), to, "{from}");
+        }
+        assert_eq!(Topic::of_translated("/scan/top", "x/msg/X", true).unwrap().name, "/scan");
+    }
+}
