@@ -135,7 +135,7 @@ fn ros_drives_the_robot_and_its_silence_or_a_bad_value_stops_it() {
             sources.extend(motion.map(|motion| motion.source.clone()));
         });
         assert!((0.2..0.35).contains(&number(&driven["speed"])), "{driven}");
-        // The time to live of 0.5 s, a quick stop of 0.2 s, and what a busy machine adds.
+        // The time to live of 0.25 s, a quick stop of 0.2 s, and what a busy machine adds.
         assert!((0.3..2.0).contains(&number(&driven["stood_after"])), "{driven}");
         assert!(number(&driven["without_zero"]) < 0.02, "{driven}");
         assert!(number(&driven["stood_after_nan"]) < 1.5, "{driven}");
