@@ -148,6 +148,11 @@ impl Description {
         [rolled, steered.unwrap_or((f64::NAN, f64::NAN))]
     }
 
+    /// True if the axis of this name turns a wheel.
+    pub fn has_wheel(&self, axis: &str) -> bool {
+        self.wheels.iter().any(|wheel| wheel.axis.as_deref() == Some(axis))
+    }
+
     /// `sensor_msgs/msg/JointState` of the axes, in `buffer`; of joints that are measured.
     pub fn joint_states(&self, axes: &DataAxes, buffer: &mut Vec<u8>) -> Topic {
         let mut joints = Vec::new();

@@ -43,6 +43,7 @@ pub mod settings;
 pub mod topics;
 #[cfg(feature = "rtps")]
 mod transport;
+mod ways;
 
 #[cfg(feature = "rtps")]
 pub use self::module::{Ros2, Settings};

@@ -4,6 +4,7 @@
 use crate::description::Description;
 use crate::odometry::{Motion, Odometry};
 use crate::topics::{Quality, Topic};
+use crate::ways::Ways;
 use logger::ros::{Fields, Pose, RobotScene, Translator, has_standard};
 use messages::{Channel, Message};
 use planner::map::{Cell, Map};
@@ -45,6 +46,7 @@ pub struct Outgoing {
     /// Topics by their names in the translation of logs; `None`: not for ROS.
     translated: BTreeMap<Arc<str>, Option<Topic>>,
     odometry: Odometry,
+    ways: Ways,
     own: Own,
     buffer: Vec<u8>,
 }
@@ -74,6 +76,7 @@ impl Outgoing {
             translator: Translator::new(config.scene.clone()).live(),
             translated: BTreeMap::new(),
             odometry: Odometry::default(),
+            ways: Ways::default(),
             own,
             buffer: Vec::new(),
             config,
@@ -118,9 +121,11 @@ impl Outgoing {
                 self.odometry.on_velocity(velocity)
             }
             Message::LlDataAxes(axes) => {
-                let joints = self.config.description.joint_states(axes, &mut self.buffer);
+                let mut axes = axes.clone();
+                self.ways.complete(&mut axes, |name| self.config.description.has_wheel(name));
+                let joints = self.config.description.joint_states(&axes, &mut self.buffer);
                 sink(&joints, &self.buffer);
-                self.config.description.transforms(axes, &mut self.buffer);
+                self.config.description.transforms(&axes, &mut self.buffer);
                 sink(&self.own.tf, &self.buffer);
                 None
             }
