@@ -115,9 +115,20 @@ impl Base {
         base
     }
 
+    /// Ready to drive in an empty hall, with this laid over its configuration.
+    pub fn with(name: &str, wheels: u16, sets: &[&str]) -> Self {
+        let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml");
+        Self::in_world_with(name, wheels, &world, sets)
+    }
+
     fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
+        Self::in_world_with(name, wheels, world, &[])
+    }
+
+    fn in_world_with(name: &str, wheels: u16, world: &Path, sets: &[&str]) -> Self {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
-        let place = RobotLocation { config, world: Some(world.into()), ..guarded_place() };
+        let mut place = RobotLocation { config, world: Some(world.into()), ..guarded_place() };
+        place.sets.extend(sets.iter().map(|set| (*set).to_owned()));
         let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect(name);
         let observed = Rc::new(RefCell::new(Observed::default()));
         let keep = observed.clone();
