@@ -467,6 +467,8 @@ fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
             }
         },
         active_max: rs485::boards::sbs1::BEACONS,
+        // The first one by its name.
+        imu: robot.imu.iter().map(|imu| imu.name.clone()).min(),
     };
     estimator::Estimator::new(config).or_else(|error| refused(format!("estimator: {error}")))
 }

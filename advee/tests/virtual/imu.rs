@@ -5,7 +5,9 @@ use super::bases::Base;
 use base::{Duration, Instant};
 use messages::Message;
 use messages::lowlevel::DataImu;
+use messages::middlelevel::DataEstimate;
 use messages::simulation::{CmdFault, DataTruth};
+use module::admission::{Process, Sender, Way};
 use navitools::wrap;
 use sim::host::News;
 use std::cell::RefCell;
@@ -28,6 +30,7 @@ struct Observed {
     reports: Vec<(Instant, String)>,
     units: Vec<DataImu>,
     truths: Vec<DataTruth>,
+    estimate: DataEstimate,
 }
 
 struct Rig {
@@ -50,6 +53,7 @@ impl Rig {
                 }
                 News::Message { message: Message::LlDataImu(imu), .. } => keep.units.push(imu.clone()),
                 News::Message { message: Message::SimDataTruth(truth), .. } => keep.truths.push(truth.clone()),
+                News::Message { message: Message::MlDataEstimate(estimate), .. } => keep.estimate = estimate.clone(),
                 _ => {}
             }
         });
@@ -171,4 +175,53 @@ fn a_zero_that_is_too_far_off_is_found_while_the_robot_stands() {
     assert_eq!(rig.last("serial").status, DataImu::IMPLAUSIBLE);
     rig.base.pass(4.0);
     assert_eq!(rig.last("serial").status, DataImu::OK);
+}
+
+const ONE: [&str; 2] = ["imu.base.model=witmotion", "imu.base.port=imu-base"];
+
+#[test]
+fn only_its_driver_is_believed() {
+    // Rotation of the estimate, while somebody says for two seconds that the robot that stands turns at 2 rad/s.
+    let turned = |pid: fn(&Rig) -> u32| {
+        let mut rig = Rig::new(&ONE);
+        // The beacons have been seen by then.
+        rig.base.pass(6.0);
+        let process = Some(Process { pid: pid(&rig), uid: 0 });
+        let (begin, before) = (rig.base.machine.now(), rig.observed.borrow().estimate.theta);
+        // Each a millisecond newer than one of the driver.
+        let clock = rig.last("base").timestamp + 1000;
+        for n in 0..200 {
+            let at = n * Duration::from_millis(10);
+            let timestamp = clock + (at.as_nanos() / 1000) as i64;
+            let imu = DataImu { timestamp, name: "base".into(), rotation: [0.0, 0.0, 2.0], ..DataImu::default() };
+            rig.base.machine.inject_by(begin + at, Sender { way: Way::Memory, process }, imu);
+        }
+        rig.base.pass(2.0);
+        wrap(rig.observed.borrow().estimate.theta - before).abs()
+    };
+    let of_nobody = turned(|_| 0);
+    let of_its_driver = turned(|rig| rig.base.machine.pid("driver_imu").unwrap());
+    assert!(of_nobody < 0.02, "{of_nobody} rad");
+    assert!(of_its_driver > 0.3, "{of_its_driver} rad");
+}
+
+#[test]
+fn a_wheel_that_counts_wrongly_turns_the_estimate_only_where_there_is_no_unit() {
+    let off = |sets: &[&str]| {
+        let mut rig = Rig::new(sets);
+        rig.base.pass(4.0);
+        // No bearing corrects it.
+        rig.fault("sbs1", "silent", 0.0, 30.0);
+        let begin = rig.fault("left", "encoder", 1.5, 30.0);
+        rig.base.drive((0.3, 0.0, 0.0), 6.0);
+        rig.base.pass(6.0);
+        let observed = rig.observed.borrow();
+        let (truth, estimate) = (observed.truths.last().unwrap(), &observed.estimate);
+        (wrap(estimate.theta - truth.theta).abs(), rig.told(begin, "estimator Warning RotationDisagrees rotation"))
+    };
+    let (by_wheels, none) = off(&[]);
+    let (by_unit, told) = off(&ONE);
+    assert!(by_wheels > 0.5 && none.is_none(), "{by_wheels} rad, {none:?}");
+    assert!(by_unit < 0.1, "{by_unit} rad");
+    assert!(told.is_some_and(|told| told < Duration::from_secs(3)), "{told:?}");
 }

@@ -272,6 +272,8 @@ faults! {
     PoseLost = 0x0804, Unknown;
     /// A measurement or a pose by hand was refused: a number that is none, or beyond what any robot does.
     MeasurementBad = 0x0805, Unknown;
+    /// The wheels turn the robot otherwise than an inertial unit measures: wheels slip, or one of both errs.
+    RotationDisagrees = 0x0806, Device;
 
     /// A goal that no robot can be sent to was refused.
     GoalRefused = 0x0811, Unknown;

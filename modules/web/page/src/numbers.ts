@@ -81,6 +81,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string }> = new 
   [0x0803, { name: "BeaconUnknown", means: "A beacon was sighted that is not on the map." }],
   [0x0804, { name: "PoseLost", means: "Where the robot is was known and is not: it was carried away, or saw no beacons for too long." }],
   [0x0805, { name: "MeasurementBad", means: "A measurement or a pose by hand was refused: a number that is none, or beyond what any robot does." }],
+  [0x0806, { name: "RotationDisagrees", means: "The wheels turn the robot otherwise than an inertial unit measures: wheels slip, or one of both errs." }],
   [0x0811, { name: "GoalRefused", means: "A goal that no robot can be sent to was refused." }],
   [0x0812, { name: "EstimateBad", means: "The estimate that the planner drives by is no number, or its time runs backwards: the robot stands." }],
 ]);
