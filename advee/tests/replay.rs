@@ -70,13 +70,18 @@ type File = Rc<RefCell<Vec<u8>>>;
 
 /// Recorded run in virtual time: homed, driven, with a killed module.
 fn recorded(name: &str) -> Run {
+    recorded_with(name, &[])
+}
+
+/// The same of a robot with this laid over its configuration.
+fn recorded_with(name: &str, sets: &[&str]) -> Run {
     let run = Run(std::env::temp_dir().join(format!("advee-replay-{name}-{}", std::process::id())));
     fs::create_dir_all(run.0.join("inputs")).expect("a folder");
     let place = RobotLocation {
         config: support::workspace().join("conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-        sets: Vec::new(),
+        sets: sets.iter().map(|set| (*set).to_owned()).collect(),
         sim: true,
         world: None,
     };
@@ -125,6 +130,26 @@ fn a_run_in_virtual_time_is_replayed_bit_for_bit() {
     assert!(lines.iter().all(|line| line["events"].as_u64().unwrap() > 50), "{lines:?}");
     let (code, lines) = Run::replay(&run.0, &["--module", "driver_rs485a"]);
     assert_eq!((code, lines.len()), (0, 2), "both its lives");
+}
+
+#[test]
+fn a_run_with_inertial_units_is_replayed_bit_for_bit() {
+    let units = [
+        "imu.base.model=witmotion",
+        "imu.base.port=imu-base",
+        "imu.chip.model=bno055",
+        "imu.chip.bus=i2c.aux",
+        "imu.rear.model=xsens-mti",
+        "imu.rear.bus=can.main",
+    ];
+    let run = recorded_with("imu", &units);
+    let (code, lines) = Run::replay(&run.0, &[]);
+    assert_eq!(code, 0, "{lines:?}");
+    assert!(lines.iter().all(|line| line["result"] == "same"), "{lines:?}");
+    for module in ["driver_imu", "estimator", "simulator"] {
+        let of = lines.iter().find(|line| line["file"] == module).unwrap_or_else(|| panic!("{module}: {lines:?}"));
+        assert!(of["events"].as_u64().unwrap() > 1000, "{of}");
+    }
 }
 
 /// Number of occurrences of `what` in the group of this name.

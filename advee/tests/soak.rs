@@ -250,12 +250,15 @@ fn every_kind_of_fault_of_the_shipped_scenario_has_an_effect() {
         lasts: 0.0,
     };
     let shipped = place("hall");
-    // A courier has a lidar.
+    // A courier has a lidar; here another one has an inertial unit, too.
     let courier = RobotLocation { config: root().join("conf/courier"), ..shipped.clone() };
-    let without = [&shipped, &courier].map(|place| effect_on(place, &scenario, std::slice::from_ref(&kill)).0);
+    let mut oriented = courier.clone();
+    oriented.sets.extend(["imu.base.model=witmotion", "imu.base.port=imu-base"].map(String::from));
+    let places = [&shipped, &courier, &oriented];
+    let without = places.map(|place| effect_on(place, &scenario, std::slice::from_ref(&kill)).0);
     for kind in &scenario.kinds {
-        let (place, without) =
-            if kind.name.starts_with("lidar") { (&courier, without[1]) } else { (&shipped, without[0]) };
+        let robot = ["lidar", "imu"].iter().position(|name| kind.name.starts_with(name)).map_or(0, |place| place + 1);
+        let (place, without) = (places[robot], without[robot]);
         let (target, fault) = (kind.targets[0].clone(), kind.fault.clone());
         let fault =
             Fault { at, kind: kind.name.clone(), target, fault, value: kind.value.1, lasts: kind.lasts.1.min(15.0) };

@@ -34,6 +34,7 @@ mod help;
 mod holder;
 mod home;
 mod i2c;
+mod imu;
 mod io;
 mod keep;
 mod lcm;
@@ -127,6 +128,9 @@ commands! {
         /// See what the lidars measure
         #[command(subcommand)]
         Lidar(lidar::Lidar) => lidar::lidar(common, command),
+        /// See what the inertial measurement units measure
+        #[command(subcommand)]
+        Imu(imu::Imu) => imu::imu(common, command),
         /// Home the steering
         Home(home::Home) => home::home(common, command),
         /// List what can be broken in the simulation, inject a fault, or end it

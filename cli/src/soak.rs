@@ -199,10 +199,10 @@ impl Robot {
         let offered = preflight::faults(&place)?;
         let wheels: Vec<&str> = limits.wheels.iter().map(|wheel| wheel.name.as_str()).collect();
         let has = |target: &str| offered.iter().any(|(name, _)| name == target);
-        // Of a robot like the reference one, which may have lidars, a scenario names what there is: another name is a
-        // mistake.
+        // Of a robot like the reference one, which may have lidars and inertial units, a scenario names what there is:
+        // another name is a mistake.
         let is_other = limits.base.is_some() || limits.tread_ratio > 1.0;
-        let is_due = |target: &str| !is_other && !target.starts_with("lidar.");
+        let is_due = |target: &str| !is_other && !target.starts_with("lidar.") && !target.starts_with("imu.");
         let (scenario, without) = scenario.suited(&wheels, |target| has(target) || is_due(target));
         let without = if is_other { without } else { BTreeSet::new() };
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };

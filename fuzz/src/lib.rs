@@ -30,6 +30,7 @@ targets! {
     foxglove,
     gamepad,
     i2c_engines,
+    imu_engines,
     inputs,
     lcm_codec,
     lcm_datagram,

@@ -140,6 +140,7 @@ channels! {
     LlDataIrs = "LL_DATA_IRS": lowlevel::DataIrs;
     LlDataRanges = "LL_DATA_RANGES": lowlevel::DataRanges;
     LlDataScan = "LL_DATA_SCAN": lowlevel::DataScan;
+    LlDataImu = "LL_DATA_IMU": lowlevel::DataImu;
     LlDataBeacons = "LL_DATA_BEACONS": lowlevel::DataBeacons;
     LlDataActiveBeacons = "LL_DATA_ACTIVE_BEACONS": lowlevel::DataActiveBeacons;
     LlCmdMotion = "LL_CMD_MOTION": lowlevel::CmdMotion;

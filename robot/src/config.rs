@@ -14,7 +14,7 @@ mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{
-    CanBus, Gamepad, General, I2cBus, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1, gpio_bus,
+    CanBus, Gamepad, General, I2cBus, Imu, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1, gpio_bus,
 };
 pub use scenario::{regressions, scenario};
 pub use world::{is_of_world, parsed as parsed_world, place as world_place, world};
@@ -151,6 +151,11 @@ impl Config {
                     modules.leave_out(drivers::lidar::NAME);
                 } else {
                     modules.add(drivers::lidar::NAME);
+                }
+                if robot.imu.is_empty() {
+                    modules.leave_out(drivers::imu::NAME);
+                } else {
+                    modules.add(drivers::imu::NAME);
                 }
                 let Modules { hardware_watchdog, hardware_watchdog_timeout_s: timeout_s, modules } = modules;
                 let hardware_watchdog = hardware_watchdog.map(|path| HardwareWatchdog { path, timeout_s });

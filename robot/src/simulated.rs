@@ -1,6 +1,6 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{CanBus, ConfigError, Lidar, ModbusBus, Robot, gpio_bus};
+use crate::config::{CanBus, ConfigError, Imu, Lidar, ModbusBus, Robot, gpio_bus};
 use crate::place::{GAMEPAD_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
@@ -19,6 +19,7 @@ use simulator::boards::output::OutputConfig;
 use simulator::boards::sbs1::Sbs1Config;
 use simulator::boards::sd1::Sd1Config;
 use simulator::body::{Errors, Parameters};
+use simulator::imu::ImuConfig;
 use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
@@ -79,6 +80,7 @@ pub(crate) fn config(
     Ok(Config {
         modbus: robot.io.iter().flat_map(|io| &io.modbus).map(modbus_line).collect(),
         lidars: robot.lidar.iter().map(lidar).collect(),
+        imus: robot.imu.iter().map(|unit| imu(unit, can.as_ref())).collect::<Result<_, _>>()?,
         gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
@@ -111,6 +113,23 @@ fn lidar(lidar: &Lidar) -> LidarConfig {
         mount: Pose::new(x, y, theta),
         upside_down,
     }
+}
+
+/// An inertial measurement unit as it is mounted.
+fn imu(imu: &Imu, can: Option<&CanConfig>) -> Result<ImuConfig, ConfigError> {
+    let (subject, bus) = (imu.subject(), imu.bus());
+    let refused = |why: &str| Err(ConfigError(vec![format!("{subject}.bus = {bus:?}: {why}")]));
+    let Some(model) = imu.driver.model() else { return refused("the address of the device is none") };
+    if model == imu::Model::Xsens && can.is_none_or(|can| can.bus != bus) {
+        return refused("the simulator has only the CAN bus of the drives");
+    }
+    Ok(ImuConfig {
+        baud: imu.port.bus.is_none().then_some(imu.port.baud),
+        mount: [imu.driver.roll, imu.driver.pitch, imu.driver.yaw],
+        name: subject,
+        bus,
+        model,
+    })
 }
 
 /// A Modbus line, with devices that have the registers of its signals.

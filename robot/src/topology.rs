@@ -15,10 +15,10 @@ use ::host::ports::{GpioConfig, GpioInput, PortConfig};
 use ::host::{HostConfig, beats};
 use base::Duration;
 use drivers::rs485_bus::{Kind, Node};
-use drivers::{auxiliary, canbus, io, joydev, lidar, power, rs485a, rs485b};
+use drivers::{auxiliary, canbus, imu, io, joydev, lidar, power, rs485a, rs485b};
 use logger::ros::{Sensor, Translator};
 use module::admission::Policy;
-use module::{Module, PortSpec, Shell, ShellConfig, State};
+use module::{Line, Module, PortSpec, Shell, ShellConfig, State};
 use navitools::Point;
 use record::{Recorder, Sink};
 use settings::robot::{Beacon, DrivenAxle, Geometry};
@@ -39,7 +39,11 @@ pub fn module(place: &RobotLocation, name: &str, wanted: State) -> Result<(Shell
     let ports = shell.module().ports().iter().map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
     let ports = ports.collect::<Result<_, _>>()?;
     // One side tells of what crosses a wire.
-    let raw = |port: &PortSpec| if simulated_side { None } else { raw_name(&config.robot, &port.bus) };
+    // On CAN each receives all: the frames are published by the driver of the drives.
+    let raw = |port: &PortSpec| {
+        let others = simulated_side || (name == imu::NAME && matches!(port.line, Line::Can { .. }));
+        if others { None } else { raw_name(&config.robot, &port.bus) }
+    };
     let raw = shell.module().ports().iter().map(raw).collect();
     let launch = match name {
         watchdog::NAME => Some(launcher(place, &config, notices)?),
@@ -66,6 +70,7 @@ pub(crate) fn policy(config: &Config) -> Policy {
         guard: ours(guard::NAME),
         ranging: ours(rs485a::NAME).filter(|_| has_ranging),
         lidar: ours(lidar::NAME),
+        imu: ours(imu::NAME),
         motion: ours(canbus::NAME),
         announcing: config.modules.iter().filter_map(|module| ours(module.name())).collect(),
     }
@@ -105,6 +110,7 @@ fn virtual_machine_made(
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
     config.full_duplex.extend(connections.map(ModbusBus::bus));
     config.full_duplex.extend(read.robot.lidar.iter().map(config::Lidar::bus));
+    config.full_duplex.extend(read.robot.imu.iter().map(config::Imu::bus));
     let restart_delay_max = Some(config.restart_delay_max);
     let options = HostOptions { wire_time: false, seed: Some(config.seed), restart_delay_max, logs, guarded: true };
     let mut make = move |name: &str, wanted| {
@@ -189,6 +195,7 @@ pub(crate) fn shell_in(
         joydev::NAME => Box::new(joydev(robot)?),
         io::NAME => Box::new(inputs_and_outputs(robot)?),
         lidar::NAME => Box::new(lidars(robot)?),
+        imu::NAME => Box::new(imus(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         web::NAME => Box::new(Web::new(web_settings(place, config, robot, world.as_ref()))),
         #[cfg(feature = "ros2")]
@@ -238,7 +245,7 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 16] = [
+const MODULES: [&str; 17] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -249,6 +256,7 @@ const MODULES: [&str; 16] = [
     auxiliary::NAME,
     io::NAME,
     lidar::NAME,
+    imu::NAME,
     guard::NAME,
     estimator::NAME,
     planner::NAME,
@@ -299,6 +307,11 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(lidar) => Ok(lidar.stream().port(run_dir)),
                 None => return missing(),
             },
+            (("imu", _), side) => match robot.imu.iter().find(|imu| imu.bus() == bus) {
+                Some(imu) if side => imu.port.stream().simulated(run_dir, bus),
+                Some(imu) => Ok(imu.port.stream().port(run_dir)),
+                None => return missing(),
+            },
             (("gpio", _), side) => match robot.io.iter().flat_map(|io| &io.gpio).find(|keys| gpio_bus(keys) == bus) {
                 Some(keys) => gpio_line(run_dir, keys, side),
                 None => return missing(),
@@ -347,6 +360,7 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
         "rs485" => robot.rs485.iter().find(|serial| serial.name == name)?.line.raw,
         "modbus" => robot.io.as_ref()?.modbus.iter().find(|line| line.name == name)?.port.raw,
         "lidar" => robot.lidar.iter().find(|lidar| lidar.name == name)?.port.raw,
+        "imu" => robot.imu.iter().find(|imu| imu.name == name)?.port.raw,
         "i2c" => robot.i2c.iter().find(|i2c| i2c.name == name)?.port.raw,
         _ => false,
     };
@@ -461,6 +475,8 @@ fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
             }
         },
         active_max: rs485::boards::sbs1::BEACONS,
+        // The first one by its name.
+        imu: robot.imu.iter().map(|imu| imu.name.clone()).min(),
     };
     estimator::Estimator::new(config).or_else(|error| refused(format!("estimator: {error}")))
 }
@@ -558,6 +574,17 @@ fn lidars(robot: &Robot) -> Result<lidar::Lidars, ConfigError> {
         return refused(format!("driver_lidar: more than {} tables [lidar.<name>] in robot.toml", lidar::DEVICES_MAX));
     }
     Ok(lidar::Lidars::new(lidar::Config { devices: robot.lidar.iter().map(config::Lidar::device).collect() }))
+}
+
+/// `driver_imu`: the inertial measurement units.
+fn imus(robot: &Robot) -> Result<imu::Imus, ConfigError> {
+    if robot.imu.is_empty() {
+        return refused("driver_imu: robot.toml has no table [imu.<name>]".into());
+    }
+    if robot.imu.len() > imu::DEVICES_MAX {
+        return refused(format!("driver_imu: more than {} tables [imu.<name>] in robot.toml", imu::DEVICES_MAX));
+    }
+    Ok(imu::Imus::new(imu::Config { devices: robot.imu.iter().filter_map(|imu| imu.device(robot)).collect() }))
 }
 
 /// `driver_joydev`: the gamepad, within the limits of a manual source.

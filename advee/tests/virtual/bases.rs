@@ -131,13 +131,25 @@ impl Base {
         base
     }
 
-    fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
-        Self::of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name), name, wheels, world)
+    /// Ready to drive in an empty hall, with this laid over its configuration.
+    pub fn with(name: &str, wheels: u16, sets: &[&str]) -> Self {
+        let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml");
+        Self::in_world_with(name, wheels, &world, sets)
     }
 
-    fn of(config: &Path, name: &str, wheels: u16, world: &Path) -> Self {
+    fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
+        Self::in_world_with(name, wheels, world, &[])
+    }
+
+    fn in_world_with(name: &str, wheels: u16, world: &Path, sets: &[&str]) -> Self {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        Self::of(&config, name, wheels, world, sets)
+    }
+
+    fn of(config: &Path, name: &str, wheels: u16, world: &Path, sets: &[&str]) -> Self {
         let config = config.into();
-        let place = RobotLocation { config, world: Some(world.into()), ..guarded_place() };
+        let mut place = RobotLocation { config, world: Some(world.into()), ..guarded_place() };
+        place.sets.extend(sets.iter().map(|set| (*set).to_owned()));
         let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect(name);
         let observed = Rc::new(RefCell::new(Observed::default()));
         let keep = observed.clone();
@@ -427,7 +439,7 @@ fn on_vescs(test: &str, then: impl FnOnce(&dyn Fn() -> Base)) {
     let vesc = "driver = \"vesc\"\npole_pairs = 7\nerpm_min = 60";
     let robot: String = lines.map(|line| line.replace("driver = \"odrive\"", vesc) + "\n").collect();
     std::fs::write(folder.join("robot.toml"), robot).expect("a file");
-    then(&|| Base::of(&folder, "rover on VESCs", 2, &conf.join("worlds/empty.toml")));
+    then(&|| Base::of(&folder, "rover on VESCs", 2, &conf.join("worlds/empty.toml"), &[]));
     std::fs::remove_dir_all(folder).expect("the folder");
 }
 

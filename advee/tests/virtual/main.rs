@@ -10,6 +10,7 @@ mod estimator;
 mod faults;
 mod gamepad;
 mod guard;
+mod imu;
 mod io;
 mod lidar;
 mod logs;

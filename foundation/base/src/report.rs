@@ -249,6 +249,19 @@ faults! {
     /// A lidar reports an error of its own.
     LidarError = 0x0737, Device;
 
+    /// An inertial measurement unit does not measure: nothing goes by it.
+    ImuLost = 0x0741, Device;
+    /// The line of an inertial measurement unit is disturbed.
+    ImuDisturbed = 0x0742, Device;
+    /// An inertial measurement unit measures what no robot does, or turns at standstill: nothing goes by it.
+    ImuImplausible = 0x0743, Device;
+    /// An inertial measurement unit repeats the same values: nothing goes by it.
+    ImuFrozen = 0x0744, Device;
+    /// The gyroscope of an inertial measurement unit is not calibrated: nothing goes by it.
+    ImuUncalibrated = 0x0745, Device;
+    /// An inertial measurement unit reports an error of its own.
+    ImuError = 0x0746, Device;
+
     /// No odometry is heard: the estimate goes by the drives, or by nothing.
     OdometrySilent = 0x0801, Timeout;
     /// Odometry says otherwise than the drives: a wheel or its encoder is stuck, or wheels slip.
@@ -259,6 +272,8 @@ faults! {
     PoseLost = 0x0804, Unknown;
     /// A measurement or a pose by hand was refused: a number that is none, or beyond what any robot does.
     MeasurementBad = 0x0805, Unknown;
+    /// The wheels turn the robot otherwise than an inertial unit measures: wheels slip, or one of both errs.
+    RotationDisagrees = 0x0806, Device;
 
     /// A goal that no robot can be sent to was refused.
     GoalRefused = 0x0811, Unknown;

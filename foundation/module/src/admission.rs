@@ -13,7 +13,7 @@
 //! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
-//! | `LL_DATA_SCAN` | the process of the lidars' driver, likewise |
+//! | `LL_DATA_SCAN`, `LL_DATA_IMU` | the process of the lidars' driver, and of that of the inertial units, likewise |
 //! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too | the process of the motion's driver, likewise |
 //! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
 //! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
@@ -28,12 +28,13 @@ use messages::lowlevel::{DataGuard, DataRanges, Reading};
 use messages::{Channel, Message, StopSource};
 
 /// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
-pub const RELEASES: [Channel; 7] = [
+pub const RELEASES: [Channel; 8] = [
     Channel::CmDataProcesses,
     Channel::LlEventStop,
     Channel::LlDataGuard,
     Channel::LlDataRanges,
     Channel::LlDataScan,
+    Channel::LlDataImu,
     Channel::LlDataMotion,
     Channel::LlDataVelocity,
 ];
@@ -130,6 +131,7 @@ enum Witness {
     Guard,
     Ranging,
     Lidar,
+    Imu,
     Motion,
 }
 
@@ -146,6 +148,8 @@ pub struct Policy {
     pub ranging: Option<String>,
     /// Module of the lidars.
     pub lidar: Option<String>,
+    /// Module of the inertial measurement units.
+    pub imu: Option<String>,
     /// Module that moves the robot, and measures how it moves.
     pub motion: Option<String>,
     /// Modules whose senders can be identified: their watchdog accepts their announcements from them alone.
@@ -159,6 +163,7 @@ impl Policy {
             Witness::Guard => &self.guard,
             Witness::Ranging => &self.ranging,
             Witness::Lidar => &self.lidar,
+            Witness::Imu => &self.imu,
             Witness::Motion => &self.motion,
         };
         module.as_deref()
@@ -173,7 +178,7 @@ pub struct Admission {
     watchdog: Option<Process>,
     /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; within, `None` if they had no
     /// process then. Processes of the watchdog's user. `None`: it never listed one.
-    witnesses: [Option<Option<Process>>; 5],
+    witnesses: [Option<Option<Process>>; 6],
     /// Number of lists of the watchdog, up to [`STARTING_LISTS`].
     lists: u32,
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
@@ -185,7 +190,7 @@ impl Admission {
     /// Rules for a process that is guarded by the process `watchdog`, if by any.
     #[must_use]
     pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
-        Self { policy, watchdog, witnesses: [None; 5], lists: 0, own: Vec::new() }
+        Self { policy, watchdog, witnesses: [None; 6], lists: 0, own: Vec::new() }
     }
 
     /// From now on that process guards this one. Without a watchdog it stays so.
@@ -263,7 +268,9 @@ impl Admission {
     fn learn(&mut self, message: &Message, uid: u32) {
         let Message::CmDataProcesses(list) = message else { return };
         self.lists = STARTING_LISTS.min(self.lists + 1);
-        for witness in [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Lidar, Witness::Motion] {
+        let witnesses =
+            [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Lidar, Witness::Imu, Witness::Motion];
+        for witness in witnesses {
             let name = self.policy.module(witness);
             let process = name.and_then(|name| process_of(name, list, uid));
             let known = &mut self.witnesses[witness as usize];
@@ -291,6 +298,7 @@ fn effect(heard: &Message) -> Effect {
         Message::LlDataRanges(ranges) if measures_nothing(ranges) => Effect::Stops,
         Message::LlDataRanges(_) => Effect::Frees(Witness::Ranging),
         Message::LlDataScan(_) => Effect::Frees(Witness::Lidar),
+        Message::LlDataImu(_) => Effect::Frees(Witness::Imu),
         Message::LlDataMotion(_) | Message::LlDataVelocity(_) => Effect::Frees(Witness::Motion),
         Message::CmDataProcesses(_) => Effect::SaysThatProcessesRun,
         // Sensor drivers measure in PAUSE, too: there a critical module counts as working.
@@ -328,6 +336,7 @@ mod tests {
     const GUARD: u32 = 108;
     const RANGING: u32 = 109;
     const LIDAR: u32 = 110;
+    const IMU: u32 = 111;
     const MOTION: u32 = 105;
     const USER: u32 = 1000;
 
@@ -341,8 +350,13 @@ mod tests {
 
     fn list() -> Message {
         let process = |module: &str, pid| common::Process { module: module.into(), pid, ..Default::default() };
-        let witnesses =
-            [("driver_power", POWER), ("guard", GUARD), ("driver_rs485a", RANGING), ("driver_lidar", LIDAR)];
+        let witnesses = [
+            ("driver_power", POWER),
+            ("guard", GUARD),
+            ("driver_rs485a", RANGING),
+            ("driver_lidar", LIDAR),
+            ("driver_imu", IMU),
+        ];
         let witnesses = witnesses.map(|(module, pid)| process(module, pid as i32));
         let processes = [vec![process("driver_canbus", MOTION as i32)], witnesses.to_vec()].concat();
         common::DataProcesses { timestamp: 0, processes }.into()
@@ -362,10 +376,11 @@ mod tests {
     }
 
     fn policy(commands: Commands) -> Policy {
-        let [power, guard, ranging, lidar, motion] =
-            ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_canbus"].map(|name| Some(name.into()));
+        let [power, guard, ranging, lidar, imu, motion] =
+            ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_imu", "driver_canbus"]
+                .map(|name| Some(name.into()));
         let announcing = ["driver_power", "guard"].map(String::from).into();
-        Policy { commands, power, guard, ranging, lidar, motion, announcing }
+        Policy { commands, power, guard, ranging, lidar, imu, motion, announcing }
     }
 
     /// Bounds of the guard, ahead.
@@ -503,8 +518,17 @@ mod tests {
         let scan = Message::from(lowlevel::DataScan { ranges: vec![1.0], ..Default::default() });
         // One that measures nothing would take the place of a revolution.
         let nothing = Message::from(lowlevel::DataScan { ranges: vec![f32::NAN], ..Default::default() });
-        let table =
-            [(bounds(0.5), GUARD), (bounds(f64::NAN), GUARD), (measured, RANGING), (scan, LIDAR), (nothing, LIDAR)];
+        // One that says nothing of use, too: what goes by it would go by that of nobody.
+        let imu = |status| Message::from(lowlevel::DataImu { status, ..Default::default() });
+        let table = [
+            (bounds(0.5), GUARD),
+            (bounds(f64::NAN), GUARD),
+            (measured, RANGING),
+            (scan, LIDAR),
+            (nothing, LIDAR),
+            (imu(lowlevel::DataImu::OK), IMU),
+            (imu(lowlevel::DataImu::FAULT), IMU),
+        ];
         for (message, due) in table {
             let mut believed = |pid| admission.judge(&message, by(Way::Memory, pid));
             assert_eq!(believed(due), Err(Refusal::NotYet), "nobody has listed it yet: {message:?}");

@@ -301,6 +301,51 @@ impl LidarPort {
     }
 }
 
+settings! {
+    /// Keys of `[imu.<name>]` for the port: one of `port` and `bus`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ImuPort {
+        /// Serial: device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the simulator's
+        /// pseudo-terminal, in the run folder.
+        port: Option<PathBuf> = optional;
+        /// I2C, CAN: the bus that the device is on, `"i2c.main"` for `[i2c.main]`, `"can.main"` for `[can.main]`. Other
+        /// devices may be on it.
+        bus: Option<String> = optional;
+        /// Serial: rate.
+        baud: u32 = 115_200, 1200..=4_000_000;
+        /// Serial, USB adapters: received bytes are handed on at once, not after 16 ms.
+        low_latency: bool = true;
+        /// Serial: every byte is published as `LL_DATA_RAW_<BUS>`.
+        raw: bool = false;
+    }
+    check ImuPort::check;
+}
+
+impl ImuPort {
+    fn check(&self, table: &Table<'_>) {
+        match (&self.port, &self.bus) {
+            (None, None) => table.refuse_missing("port", "a device file, or bus"),
+            (Some(_), Some(_)) => table.refuse("bus", "nothing beside port"),
+            _ => {}
+        }
+    }
+
+    /// The serial line as one of bytes without parity.
+    #[must_use]
+    pub fn stream(&self) -> StreamPort {
+        StreamPort {
+            port: self.port.clone(),
+            address: None,
+            baud: self.baud,
+            parity: ByteParity::None,
+            setup: Vec::new(),
+            direction: None,
+            low_latency: self.low_latency,
+            raw: self.raw,
+        }
+    }
+}
+
 /// Where an I2C bus is found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum I2cPlace {

@@ -31,6 +31,7 @@
 pub mod auxiliary;
 pub mod canbus;
 mod gpio_line;
+pub mod imu;
 pub mod io;
 pub mod joydev;
 pub mod lidar;

@@ -2,21 +2,24 @@
 //!
 //! Takes    `LL_DATA_ODO` (20 Hz), `LL_DATA_BEACONS` (each bearing at its own instant), `LL_DATA_MOTION` (motion of the
 //!          drives, while the odometry is silent or stuck), `ML_CMD_ESTIMATE` (a pose set by hand); of a base that does
-//!          not steer `LL_DATA_VELOCITY` in place of odometry and drives
+//!          not steer `LL_DATA_VELOCITY` in place of odometry and drives; `LL_DATA_IMU`, where a unit is configured
+//! Rotation by that unit while it is OK, else by the wheels; where they disagree the wheels slip, and their way counts
+//!          for less
 //! Gives    `ML_DATA_ESTIMATE` at 20 Hz, predicted to the present; `LL_DATA_ACTIVE_BEACONS` every five seconds
 //! Silence  without odometry the drives count, without them nothing does: at most COARSE then
 //! States   in PAUSE and STOP it goes on estimating; in STOP it publishes nothing
 
 use crate::active;
 use crate::filter::{self, Filter, Noise, Quality, Refused};
+use crate::gyro::{Gyro, Turn};
 use crate::motion_source::{MotionSources, Source};
 use base::{Duration, Epoch, Fault, Instant, Severity, Ticker};
-use messages::lowlevel::{DataActiveBeacons, DataBeacons, DataMotion, DataOdo, DataVelocity};
+use messages::lowlevel::{DataActiveBeacons, DataBeacons, DataImu, DataMotion, DataOdo, DataVelocity};
 use messages::middlelevel::{CmdEstimate, DataEstimate};
 use messages::{Channel, Message};
 use module::{Actions, Event, Module, State};
-use navitools::Pose;
 use navitools::odometry::SteeredWheels;
+use navitools::{Motion, Pose};
 
 /// The module's name.
 pub const NAME: &str = "estimator";
@@ -30,6 +33,11 @@ const DRIVES_NOISE: Noise = Noise { along_per_m: 0.05, along_per_s: 0.03, turn_p
 /// Noise while odometry and drives contradict each other: bearings decide.
 const CONFLICT_NOISE: Noise = Noise { along_per_m: 0.3, along_per_s: 0.2, turn_per_m: 0.2, turn_per_s: 0.1 };
 
+/// Deviation of the heading by an inertial measurement unit, rad/√s: its noise, and what its zero is off.
+const GYRO_TURN_PER_S: f64 = 0.003;
+/// Deviation of the way while wheels slip, m/√m and m/√s.
+const SLIP_ALONG: (f64, f64) = (CONFLICT_NOISE.along_per_m, CONFLICT_NOISE.along_per_s);
+
 /// Configuration of the module.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -39,6 +47,20 @@ pub struct Config {
     pub wheels: Wheels,
     /// Maximum number of beacons that the scanner takes at once.
     pub active_max: usize,
+    /// Name of the inertial measurement unit by which it measures its rotation, if the robot has one.
+    pub imu: Option<String>,
+}
+
+impl Config {
+    fn subscriptions(&self) -> Vec<Channel> {
+        let all: &[Channel] = match self.wheels {
+            Wheels::Steered { .. } => {
+                &[Channel::LlDataOdo, Channel::LlDataBeacons, Channel::LlDataMotion, Channel::MlCmdEstimate]
+            }
+            Wheels::Driven { .. } => &[Channel::LlDataVelocity, Channel::LlDataBeacons, Channel::MlCmdEstimate],
+        };
+        all.iter().copied().chain(self.imu.iter().map(|_| Channel::LlDataImu)).collect()
+    }
 }
 
 /// Wheels that measure the robot's way.
@@ -65,6 +87,10 @@ pub struct Estimator {
     config: Config,
     filter: Filter,
     sources: MotionSources,
+    gyro: Option<Gyro>,
+    /// The disagreement of wheels and unit has been reported.
+    slips: bool,
+    subscriptions: Vec<Channel>,
     tick: Option<Ticker>,
     ticks: u32,
     active: Vec<i32>,
@@ -93,6 +119,9 @@ impl Estimator {
             Wheels::Driven { radius_m } => (None, radius_m, MotionSources::new(radius_m, radius_m)),
         };
         Ok(Self {
+            gyro: config.imu.clone().map(Gyro::new),
+            slips: false,
+            subscriptions: config.subscriptions(),
             filter: Filter::new(filter::Config { wheels, spin, ..config.filter.clone() })?,
             sources,
             config,
@@ -114,8 +143,46 @@ impl Estimator {
         let rates = self.sources.on_odo(at, odo);
         self.judge_source(at, out);
         if self.source == Source::Wheels {
-            let taken = self.filter.odometry(at, rates);
+            let stands = rates == Motion::default();
+            let taken = match self.turn(at, rates.rotation, stands, out) {
+                Some(turn) => self.filter.turned(at, rates.translation, 0.0, turn.radps, self.noise(turn)),
+                None => self.filter.odometry(at, rates),
+            };
             self.judge(taken, "odometry", out);
+        }
+    }
+
+    fn on_imu(&mut self, at: Instant, imu: &DataImu, out: &mut Actions) {
+        let at = moment(out.epoch(), imu.timestamp, at);
+        if let Some(gyro) = &mut self.gyro {
+            gyro.on_imu(at, imu);
+            self.report_slip(out);
+        }
+    }
+
+    /// Rotation of the step up to `at` by the inertial measurement unit, if that is to count.
+    fn turn(&mut self, at: Instant, by_wheels: f64, wheels_stand: bool, out: &mut Actions) -> Option<Turn> {
+        let turn = self.gyro.as_mut()?.turn(self.filter.at(), at, by_wheels, wheels_stand);
+        self.report_slip(out);
+        turn
+    }
+
+    fn noise(&self, turn: Turn) -> Noise {
+        let Noise { along_per_m, along_per_s, .. } = self.config.filter.odometry;
+        let (along_per_m, along_per_s) = if turn.slips { SLIP_ALONG } else { (along_per_m, along_per_s) };
+        Noise { along_per_m, along_per_s, turn_per_m: 0.0, turn_per_s: GYRO_TURN_PER_S }
+    }
+
+    fn report_slip(&mut self, out: &mut Actions) {
+        let slips = self.gyro.as_ref().is_some_and(Gyro::slips);
+        if std::mem::replace(&mut self.slips, slips) == slips {
+            return;
+        }
+        if slips {
+            let why = "wheels and inertial unit disagree: wheels slip, or one of both errs; the rotation is the unit's";
+            out.raise(Severity::Warning, Fault::RotationDisagrees, "rotation", why);
+        } else {
+            out.clear(Fault::RotationDisagrees, "rotation", "wheels and inertial unit agree, or the unit is not used");
         }
     }
 
@@ -128,7 +195,11 @@ impl Estimator {
         let at = moment(out.epoch(), velocity.timestamp, at);
         self.sources.on_velocity(at);
         self.judge_source(at, out);
-        let taken = self.filter.velocity(at, vx, vy, omega);
+        let stands = vx == 0.0 && vy == 0.0 && omega == 0.0;
+        let taken = match self.turn(at, omega, stands, out) {
+            Some(turn) => self.filter.turned(at, vx, vy, turn.radps, self.noise(turn)),
+            None => self.filter.velocity(at, vx, vy, omega),
+        };
         self.judge(taken, "velocity", out);
     }
 
@@ -274,12 +345,7 @@ fn moment(epoch: Epoch, timestamp: i64, came: Instant) -> Instant {
 
 impl Module for Estimator {
     fn subscriptions(&self) -> &[Channel] {
-        match self.config.wheels {
-            Wheels::Steered { .. } => {
-                &[Channel::LlDataOdo, Channel::LlDataBeacons, Channel::LlDataMotion, Channel::MlCmdEstimate]
-            }
-            Wheels::Driven { .. } => &[Channel::LlDataVelocity, Channel::LlDataBeacons, Channel::MlCmdEstimate],
-        }
+        &self.subscriptions
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
@@ -293,6 +359,7 @@ impl Module for Estimator {
                 Message::LlDataBeacons(beacons) => self.on_beacons(at, beacons, out),
                 Message::LlDataMotion(motion) => self.on_motion(at, motion, out),
                 Message::LlDataVelocity(velocity) => self.on_velocity(at, velocity, out),
+                Message::LlDataImu(imu) => self.on_imu(at, imu, out),
                 Message::MlCmdEstimate(command) => self.on_command(command, out),
                 _ => {}
             },

@@ -334,11 +334,20 @@ impl<const N: usize> Kalman<N> {
     /// # Errors
     /// The measurement is refused; the state is unchanged.
     pub fn velocity(&mut self, at: Instant, forward: f64, left: f64, rotation: f64) -> Result<(), Refused> {
-        // Backward is a negative way, whichever direction it goes aside.
-        let drift =
-            if left == 0.0 { 0.0 } else { libm::atan2(libm::copysign(left, forward * left), libm::fabs(forward)) };
-        let translation = libm::copysign(libm::hypot(forward, left), forward);
-        self.take_way(at, Motion { translation, rotation }, drift, self.config.odometry, None)
+        let (way, drift) = along(forward, left);
+        self.take_way(at, Motion { rotation, ..way }, drift, self.config.odometry, None)
+    }
+
+    /// Takes the same where the rotation was not measured by the wheels, with the noise of both.
+    ///
+    /// # Errors
+    /// The measurement is refused; the state is unchanged.
+    pub fn turned(&mut self, at: Instant, forward: f64, left: f64, rotation: f64, noise: Noise) -> Result<(), Refused> {
+        let (way, drift) = along(forward, left);
+        self.take(at, Motion { rotation, ..way }, |seconds, rates, spin| {
+            let step = step(seconds, rates, noise, None, spin);
+            Step { drift, bend: Motion::default(), gyro: true, ..step }
+        })
     }
 
     /// Takes a velocity from a source with other noise.
@@ -356,6 +365,16 @@ impl<const N: usize> Kalman<N> {
         drift: f64,
         noise: Noise,
         wheels: Option<SteeredWheels>,
+    ) -> Result<(), Refused> {
+        self.take(at, rates, |time, rates, spin| Step { drift, ..step(time, rates, noise, wheels, spin) })
+    }
+
+    /// Takes a way with the step that it makes of the time since the last one.
+    fn take(
+        &mut self,
+        at: Instant,
+        rates: Motion,
+        step: impl FnOnce(Duration, Motion, f64) -> Step,
     ) -> Result<(), Refused> {
         // Comparisons with NaN are false.
         if !(rates.translation.abs() <= SPEED_MAX && rates.rotation.abs() <= ROTATION_MAX) {
@@ -375,8 +394,8 @@ impl<const N: usize> Kalman<N> {
             return Err(Refused::Backwards);
         }
         self.counts.ways += 1;
-        let step = step(at.since(self.at()), rates, noise, wheels, self.config.spin);
-        self.push(at, Step { drift, ..step });
+        let step = step(at.since(self.at()), rates, self.config.spin);
+        self.push(at, step);
         Ok(())
     }
 
@@ -853,6 +872,13 @@ impl<const N: usize> Kalman<N> {
     }
 }
 
+/// The way, m/s, and its direction in the robot's frame, rad, of a velocity forward and to the left.
+fn along(forward: f64, left: f64) -> (Motion, f64) {
+    // Backward is a negative way, whichever direction it goes aside.
+    let drift = if left == 0.0 { 0.0 } else { libm::atan2(libm::copysign(left, forward * left), libm::fabs(forward)) };
+    (Motion { translation: libm::copysign(libm::hypot(forward, left), forward), rotation: 0.0 }, drift)
+}
+
 /// Motion step of this duration at these velocities, by these wheels if they are known; `spin`: way of the wheels by a
 /// turn on the spot, m/rad.
 pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<SteeredWheels>, spin: f64) -> Step {
@@ -875,5 +901,5 @@ pub(crate) fn step(time: Duration, rates: Motion, noise: Noise, wheels: Option<S
     let bend = Motion { translation: more.translation * way.translation, rotation: more.rotation * way.translation };
     let turn = variance(noise.turn_per_m, noise.turn_per_s);
     let along = variance(noise.along_per_m, noise.along_per_s) + more.translation * more.translation * turn;
-    Step { seconds, way, drift: 0.0, bend, along, turn: more.rotation * more.rotation * turn }
+    Step { seconds, way, drift: 0.0, bend, along, turn: more.rotation * more.rotation * turn, gyro: false }
 }

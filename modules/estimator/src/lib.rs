@@ -36,6 +36,7 @@
 mod active;
 mod estimator;
 pub mod filter;
+mod gyro;
 mod motion_source;
 pub mod recorded;
 mod search;

@@ -81,10 +81,18 @@ impl Auxiliary {
         Self { buses, thermometers, news: VecDeque::new(), climate: Climate::default(), second }
     }
 
-    /// Takes a transfer of a bus's master; with `wire_time` its outcome comes after its duration on the wire.
-    pub fn on_asked(&mut self, now: Instant, bus: usize, transfer: &Transfer, wire_time: bool) {
+    /// Takes a transfer of a bus's master, which a device that is not one of these has `answered`, if any; with
+    /// `wire_time` its outcome comes after its duration on the wire.
+    pub fn on_asked(
+        &mut self,
+        now: Instant,
+        bus: usize,
+        transfer: &Transfer,
+        answered: Option<Outcome>,
+        wire_time: bool,
+    ) {
         let Some(bus) = self.buses.get_mut(bus) else { return };
-        let mut outcome = Err(Error::NoAddress);
+        let mut outcome = answered.unwrap_or(Err(Error::NoAddress));
         for fan in &mut bus.fans {
             fan.advance(now, &self.climate);
             if let Some(answer) = fan.answer(now, transfer) {

@@ -34,6 +34,9 @@
 //! | a Modbus line | `silent` | its devices neither hear nor answer |
 //! | `output`, `line` of `[stop]` | `silent` | it neither answers nor obeys |
 //! | `line` | `stuck` | it keeps its level, whatever is set |
+//! | an inertial unit | `silent`, `garbled`, `stuck`, `reboot` | cut off, noise, the same again and again |
+//! | an inertial unit | `wrong` | it measures a tenth of the acceleration |
+//! | an inertial unit | `biased` | it measures `value` rad/s (0: 0.2) too much about the vertical axis |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
 //! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |
@@ -137,6 +140,8 @@ pub enum InjectedFault {
     Encoder(f64),
     /// It has the encoder of the wheel of this number, from 1 on.
     Swapped(u8),
+    /// Measures so much more rotation than there is, rad/s.
+    Biased(f64),
     /// Another version, with other PDOs.
     Layout,
     /// Garbles each bit on the bus with this probability.
@@ -192,6 +197,7 @@ pub const NAMES: &[&str] = &[
     "runaway",
     "encoder",
     "swapped",
+    "biased",
     "layout",
     "noise",
     "corrupt",
@@ -224,7 +230,7 @@ pub fn about(name: &str) -> &'static str {
         "stop_button" => "the stop button is pressed",
         "battery" => "the battery has VALUE V at rest, 8 to 40",
         "power_off" => "the main switch is turned: the supply is cut in VALUE s (0: 30)",
-        "wrong" => "what it sends is damaged",
+        "wrong" => "what it sends is damaged; of an inertial unit: a tenth of the acceleration",
         "hold" => "holds the bus: nobody can send there; of the gamepad: the dead-man button is held",
         "stall" => "its fan VALUE, 1 or 2 (0: 1), or its motor, is blocked",
         "hot" => "is VALUE degrees Celsius warm (0: 90)",
@@ -241,6 +247,7 @@ pub fn about(name: &str) -> &'static str {
         "runaway" => "once it turns, is VALUE m/s (0: 0.3) faster than commanded",
         "encoder" => "its encoder counts VALUE times the truth: 0 dead, -1 reversed, 1.3 slipping",
         "swapped" => "it has the encoder of the wheel VALUE, from 1 on",
+        "biased" => "measures VALUE rad/s (0: 0.2) more rotation than there is",
         "layout" => "is another version, with other PDOs; it restarts",
         "noise" => "each bit on it is wrong with probability VALUE (0: 0.0001)",
         "corrupt" => "each frame whose number VALUE divides (0: 10) is destroyed, and sent again",
@@ -306,6 +313,7 @@ impl InjectedFault {
             "runaway" => Some(Self::Runaway(or(value, 0.3).min(2.0))),
             "encoder" => value.is_finite().then(|| Self::Encoder(value.clamp(-2.0, 2.0))),
             "swapped" => (1..=u8::MAX).find(|wheel| f64::from(*wheel) == value).map(Self::Swapped),
+            "biased" => Some(Self::Biased(or(value, 0.2).min(30.0))),
             "layout" => Some(Self::Layout),
             "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
             "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),

@@ -40,6 +40,7 @@ pub mod body;
 pub mod disturbance;
 pub mod faults;
 mod gamepad;
+pub mod imu;
 mod io;
 pub mod lidar;
 pub mod people;

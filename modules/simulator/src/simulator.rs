@@ -15,6 +15,7 @@ use crate::boards::so1::So1;
 use crate::body::{Parameters, STEP};
 use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
+use crate::imu::{ImuConfig, Imus};
 use crate::io::{Io, LineConfig, ModbusConfig};
 use crate::lidar::{LidarConfig, Lidars};
 use crate::random::Random;
@@ -119,6 +120,8 @@ pub struct Config {
     pub gpio: Vec<LineConfig>,
     /// Lidars.
     pub lidars: Vec<LidarConfig>,
+    /// Inertial measurement units; those on CAN are on the bus of the drives.
+    pub imus: Vec<ImuConfig>,
     /// The PAUSE line makes the propulsion drive brake, and cuts the motors' feed after this time; zero: at once.
     pub pause_delay: Duration,
     /// Port of a gamepad, as in its driver: `joystick`. It is unplugged until requested.
@@ -146,6 +149,7 @@ impl Default for Config {
             modbus: Vec::new(),
             gpio: Vec::new(),
             lidars: Vec::new(),
+            imus: Vec::new(),
             pause_delay: Duration::ZERO,
             gamepad: None,
             wire_time: false,
@@ -171,8 +175,8 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, the lines of `driver_io`, and
-/// the lidars.
+/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, the lines of `driver_io`, the
+/// lidars, and the inertial measurement units that have a line of their own.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
@@ -186,6 +190,7 @@ pub struct Simulator {
     gamepad: Gamepad,
     io: Io,
     lidars: Lidars,
+    imus: Imus,
     deadlines: Deadlines<Timer>,
     /// True if the motors are fed.
     motors: bool,
@@ -218,8 +223,11 @@ impl Simulator {
             .lidars
             .iter()
             .map(|lidar| PortSpec { bus: lidar.bus.clone(), line: Line::Serial { baud: lidar.baud } });
-        let ports =
-            can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).chain(modbus).chain(gpio).chain(lidars);
+        let own_line =
+            |imu: &ImuConfig| Some(PortSpec { bus: imu.bus.clone(), line: Line::Serial { baud: imu.baud? } });
+        let imus = config.imus.iter().filter_map(own_line);
+        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).chain(modbus).chain(gpio);
+        let ports = ports.chain(lidars).chain(imus);
         let ports = ports.collect();
         Self {
             scene: scene(&config, Instant::ZERO),
@@ -232,6 +240,7 @@ impl Simulator {
             gamepad: Gamepad::default(),
             io: Io::default(),
             lidars: Lidars::default(),
+            imus: Imus::default(),
             config,
             ports,
             deadlines: Deadlines::new(),
@@ -253,6 +262,7 @@ impl Simulator {
         self.gamepad = Gamepad::default();
         self.io = Io::new(&self.config.modbus, &self.config.gpio);
         self.lidars = Lidars::new(&self.config.lidars, now);
+        self.imus = Imus::new(&self.config.imus, now, &self.scene);
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
         let body = self.scene.body();
@@ -291,11 +301,21 @@ impl Simulator {
 
     /// The number of the lidar at a port.
     fn lidar_of(&self, port: PortId) -> Option<usize> {
-        usize::from(port.0).checked_sub(self.first_lidar())
+        let place = usize::from(port.0).checked_sub(self.first_lidar())?;
+        (place < self.config.lidars.len()).then_some(place)
+    }
+
+    /// True for the port of an inertial measurement unit: nothing is sent to it.
+    fn is_imu(&self, port: PortId) -> bool {
+        usize::from(port.0) >= self.first_imu()
+    }
+
+    fn first_imu(&self) -> usize {
+        self.ports.len() - self.config.imus.iter().filter(|imu| imu.baud.is_some()).count()
     }
 
     fn first_lidar(&self) -> usize {
-        self.ports.len() - self.config.lidars.len()
+        self.first_imu() - self.config.lidars.len()
     }
 
     fn first_io(&self) -> usize {
@@ -475,6 +495,7 @@ impl Simulator {
         }
         self.auxiliary.handle_timeout(now, self.scene.body().speed());
         self.lidars.handle_timeout(now, &self.scene);
+        self.imus.handle_timeout(now, &self.scene);
     }
 
     fn truth(&self, timestamp: i64) -> simulation::DataTruth {
@@ -583,6 +604,7 @@ impl Simulator {
         if self.auxiliary.inject(now, target, injected, until)
             || self.io.inject(now, target, injected, until)
             || self.lidars.inject(now, target, injected, until)
+            || self.imus.inject(now, target, injected, until)
         {
             return true;
         }
@@ -621,6 +643,15 @@ impl Simulator {
         let first = self.first_lidar();
         while let Some((lidar, words)) = self.lidars.poll_tx(now) {
             out.push(module::Action::Send(PortId((first + lidar) as u8), Output::Words(words)));
+        }
+        let first = self.first_imu();
+        while let Some((line, words)) = self.imus.poll_tx() {
+            out.push(module::Action::Send(PortId((first + line) as u8), Output::Words(words)));
+        }
+        while let Some(frame) = self.imus.poll_frame() {
+            if self.config.can.is_some() && self.can.passes(now, &frame) {
+                out.send_can(PortId(0), frame);
+            }
         }
         let first = self.first_i2c();
         while let Some((bus, outcome)) = self.auxiliary.poll_outcome(now) {
@@ -671,7 +702,7 @@ impl Module for Simulator {
         match event {
             Event::Start => self.start(now, out),
             Event::Timer => self.timer(now, out),
-            Event::Port { port, input: Input::Words(words) } => {
+            Event::Port { port, input: Input::Words(words) } if !self.is_imu(port) => {
                 if let Some(lidar) = self.lidar_of(port) {
                     self.lidars.on_words(now, lidar, words);
                 } else if let Some(line) = self.io_of(port) {
@@ -681,8 +712,9 @@ impl Module for Simulator {
                 }
             }
             Event::Port { port, input: Input::I2cRequested(transfer) } => {
-                if let Some(bus) = self.i2c_of(port) {
-                    self.auxiliary.on_asked(now, bus, transfer, self.config.wire_time);
+                if let Some(bus) = self.i2c_of(port).filter(|bus| *bus < self.config.i2c.len()) {
+                    let answered = self.imus.answer(now, &self.config.i2c[bus].bus, transfer);
+                    self.auxiliary.on_asked(now, bus, transfer, answered, self.config.wire_time);
                 }
             }
             Event::Port { port, input: Input::Up } => self.on_port_state(now, port, true, out),
@@ -723,7 +755,7 @@ impl Module for Simulator {
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
         let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()];
-        let own = own.into_iter().chain([self.lidars.poll_timeout()]).flatten();
+        let own = own.into_iter().chain([self.lidars.poll_timeout(), self.imus.poll_timeout()]).flatten();
         own.chain(parts).chain(drives).min()
     }
 }

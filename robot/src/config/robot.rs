@@ -8,9 +8,12 @@ use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
-use drivers::{canbus, io, joydev, lidar, power, rs485_bus};
+use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
-use host::ports::settings::{CanPort, GamepadPort, I2cPort, LidarPort, SerialPort, StreamPort, W1Port};
+use host::ports::settings::{
+    CanInterface, CanPort, GamepadPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
+};
+use module::Line;
 use module::admission::Commands;
 use navitools::{Point, Pose};
 use ros2::settings::Ros2;
@@ -48,6 +51,8 @@ settings! {
         io: Option<Io> = optional;
         /// Lidars by name (docs/lidars.md).
         lidar: Vec<Lidar> = named;
+        /// Inertial measurement units by name (docs/imu.md).
+        imu: Vec<Imu> = named;
         /// Sonars.
         srfs: Vec<Ranger> = [];
         /// Infrared rangers.
@@ -184,6 +189,16 @@ settings! {
 }
 
 settings! {
+    /// `[imu.<name>]`: an inertial measurement unit, on a serial line, an I2C or a CAN bus.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Imu {
+        name: String = key;
+        port: ImuPort = flat;
+        driver: imu::ImuKeys = flat;
+    }
+}
+
+settings! {
     /// `[sensors]`: properties of sensors.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Sensors {
@@ -284,6 +299,32 @@ impl Lidar {
     }
 }
 
+impl Imu {
+    /// Its name with its kind: subject and target of its faults.
+    #[must_use]
+    pub fn subject(&self) -> String {
+        format!("imu.{}", self.name)
+    }
+
+    /// The name of its port: its own line, or the bus that it is on.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        self.port.bus.clone().unwrap_or_else(|| self.subject())
+    }
+
+    /// For `driver_imu`; absent if the robot does not have its bus.
+    #[must_use]
+    pub fn device(&self, robot: &Robot) -> Option<imu::Device> {
+        let line = match self.port.bus.as_deref().map(|bus| bus.split_once('.').unwrap_or((bus, ""))) {
+            None => Line::Serial { baud: self.port.baud },
+            Some(("i2c", name)) => Line::I2c { hz: robot.i2c.iter().find(|bus| bus.name == name)?.port.hz },
+            Some(("can", name)) => Line::Can { bitrate: robot.can.iter().find(|bus| bus.name == name)?.driver.bitrate },
+            Some(_) => return None,
+        };
+        Some(imu::Device { name: self.name.clone(), bus: self.bus(), line, keys: self.driver })
+    }
+}
+
 impl ModbusBus {
     /// Its name as a bus.
     #[must_use]
@@ -379,6 +420,7 @@ impl Robot {
 
     fn check(&self, table: &Table<'_>) {
         self.check_axes(table);
+        self.check_imus(table);
         self.check_rangers(table, "srfs", &self.srfs, 7);
         self.check_rangers(table, "irs", &self.irs, 1);
         let ids: Vec<u8> = self.beacons.iter().map(|beacon| beacon.id).collect();
@@ -411,6 +453,39 @@ impl Robot {
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
             }
+        }
+    }
+
+    /// The bus of an inertial measurement unit is of its kind, and can be shared with what else is on it.
+    fn check_imus(&self, table: &Table<'_>) {
+        for imu in &self.imu {
+            let Some(table) = table.below("imu").and_then(|imus| imus.below(&imu.name)) else { continue };
+            let bus = imu.port.bus.as_deref().map(|bus| bus.split_once('.').unwrap_or((bus, "")));
+            let expected = match (imu.driver.model, bus) {
+                (imu::Model::WitMotion, None) => continue,
+                (imu::Model::Bno055, Some(("i2c", name))) => match self.i2c.iter().find(|bus| bus.name == name) {
+                    // Two processes cannot both make the clock.
+                    Some(bus) if matches!(bus.port.place, I2cPlace::Gpio { .. }) && !bus.driver.chips.is_empty() => {
+                        "a bus of an adapter of the kernel, or one without chips: two lines have one master"
+                    }
+                    Some(_) => continue,
+                    None => "the name of an I2C bus of this file, as \"i2c.main\"",
+                },
+                (imu::Model::Xsens, Some(("can", name))) => match self.can.iter().find(|bus| bus.name == name) {
+                    Some(bus) if matches!(bus.port.interface, CanInterface::Slcan(_)) => {
+                        "a bus of a network interface: the serial device of an slcan adapter has one user"
+                    }
+                    Some(bus) if bus.driver.nodes.iter().any(|node| matches!(node.drive, canbus::Drive::Odrive(_))) => {
+                        "a bus without ODrive controllers, which have identifiers of the device"
+                    }
+                    Some(_) => continue,
+                    None => "the name of a CAN bus of this file, as \"can.main\"",
+                },
+                (imu::Model::WitMotion, Some(_)) => "none: this model has a serial line, port",
+                (imu::Model::Bno055, _) => "the name of an I2C bus of this file, as \"i2c.main\"",
+                (imu::Model::Xsens, _) => "the name of a CAN bus of this file, as \"can.main\"",
+            };
+            if table.has("bus") { table.refuse("bus", expected) } else { table.refuse_missing("bus", expected) }
         }
     }
 

@@ -296,7 +296,7 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           i2c, w1, io, lidar, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web, \
+           i2c, w1, io, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web, \
            ros2"],
     );
 }
@@ -916,4 +916,41 @@ fn a_guard_by_lidars_needs_one() {
     assert_eq!((lidar.name.as_str(), lidar.view, lidar.mount.theta.radians()), ("front", 3.0, 0.5));
     assert_eq!(guard.sonars(), []);
     assert!(config.critical().any(|name| name == guard::NAME));
+}
+
+#[test]
+fn an_inertial_unit_is_on_a_bus_of_its_kind_that_it_can_share() {
+    let unit = |keys: &str| format!("[imu.base]\n{keys}\n[limits]");
+    let i2c = r#"expected the name of an I2C bus of this file, as "i2c.main""#;
+    let can = r#"expected the name of a CAN bus of this file, as "can.main""#;
+    let table = [
+        ("model = \"bno055\"\nbus = \"i2c.main\"", format!("robot.toml:13: imu.base.bus = \"i2c.main\": {i2c}")),
+        ("model = \"bno055\"\nbus = \"can.main\"", format!("robot.toml:13: imu.base.bus = \"can.main\": {i2c}")),
+        ("model = \"xsens-mti\"\nbus = \"can.b\"", format!("robot.toml:13: imu.base.bus = \"can.b\": {can}")),
+        (
+            "model = \"witmotion\"\nbus = \"can.main\"",
+            "robot.toml:13: imu.base.bus = \"can.main\": expected none: this model has a serial line, port".into(),
+        ),
+    ];
+    for (keys, why) in table {
+        refused("[limits]", &unit(keys), &[&why]);
+    }
+    let bus = |place: &str, chips: &str| format!("[i2c.main]\nbus = {place:?}\n{chips}");
+    let on = |bus: String| {
+        let units = "[imu.base]\nmodel = \"bno055\"\nbus = \"i2c.main\"\naddress = 0x29\n";
+        let robot = ROBOT.replacen("[limits]", &format!("{units}{bus}[limits]"), 1);
+        load(&robot, "", &[], MODULES)
+    };
+    let chips = "chips = [ { address = 0x18, driver = \"max6615\" } ]\n";
+    let config = on(bus("/dev/i2c-1", chips)).unwrap();
+    let device = config.robot.imu[0].device(&config.robot).unwrap();
+    assert_eq!((device.bus.as_str(), device.keys.address), ("i2c.main", 0x29));
+    assert!(config.modules.iter().any(|module| module.name() == drivers::imu::NAME));
+    // Two lines have one master: alone it may be on them.
+    let lines = "gpio:/dev/gpiochip0:2:3";
+    assert!(on(bus(lines, "")).is_ok());
+    let why = on(bus(lines, chips)).unwrap_err().join("\n");
+    assert!(why.contains("two lines have one master"), "{why}");
+    let without = load(ROBOT, "", &[], MODULES).unwrap();
+    assert!(without.modules.iter().all(|module| module.name() != drivers::imu::NAME));
 }

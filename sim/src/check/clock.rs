@@ -1,5 +1,5 @@
 //! Timestamps never decrease on a channel of a process, whatever the wall clock does (docs/design.md, section 5). Those
-//! of scans are of their first beams: they never decrease for a lidar.
+//! of scans are of their first beams, those of inertial units of their measurements: they never decrease for a device.
 
 use super::Verdict;
 use messages::{Channel, Message};
@@ -11,8 +11,8 @@ type Last = [i64; Channel::ALL.len()];
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     living: Vec<(u32, Last)>,
-    /// Process and lidar, and the last timestamp.
-    lidars: Vec<(u32, String, i64)>,
+    /// Process, channel and name of a device, and the last timestamp.
+    devices: Vec<(u32, Channel, String, i64)>,
 }
 
 impl Rule {
@@ -24,13 +24,15 @@ impl Rule {
     /// A process ended.
     pub fn on_exited(&mut self, pid: u32) {
         self.living.retain(|(living, _)| *living != pid);
-        self.lidars.retain(|(living, ..)| *living != pid);
+        self.devices.retain(|(living, ..)| *living != pid);
     }
 
     /// A message was sent.
     pub fn on_message(&mut self, pid: u32, message: &Message) -> Verdict {
-        if let Message::LlDataScan(scan) = message {
-            return self.on_scan(pid, &scan.name, scan.timestamp);
+        match message {
+            Message::LlDataScan(scan) => return self.on_device(pid, message.channel(), &scan.name, scan.timestamp),
+            Message::LlDataImu(imu) => return self.on_device(pid, message.channel(), &imu.name, imu.timestamp),
+            _ => {}
         }
         let Some((_, last)) = self.living.iter_mut().find(|(living, _)| *living == pid) else { return Ok(()) };
         let (channel, timestamp) = (message.channel(), message.timestamp());
@@ -42,16 +44,17 @@ impl Rule {
         Ok(())
     }
 
-    fn on_scan(&mut self, pid: u32, lidar: &str, timestamp: i64) -> Verdict {
-        let of_it = |(of, name, _): &&mut (u32, String, i64)| *of == pid && name == lidar;
-        let Some((.., last)) = self.lidars.iter_mut().find(of_it) else {
-            self.lidars.push((pid, lidar.into(), timestamp));
+    fn on_device(&mut self, pid: u32, channel: Channel, device: &str, timestamp: i64) -> Verdict {
+        let of_it =
+            |(of, on, name, _): &&mut (u32, Channel, String, i64)| (*of, *on) == (pid, channel) && name == device;
+        let Some((.., last)) = self.devices.iter_mut().find(of_it) else {
+            self.devices.push((pid, channel, device.into(), timestamp));
             return Ok(());
         };
         let before = std::mem::replace(last, timestamp);
         if timestamp < before {
-            let by = before.saturating_sub(timestamp);
-            return Err(format!("process {pid} sends a scan of {lidar} with a timestamp {by} us back"));
+            let (by, channel) = (before.saturating_sub(timestamp), channel.name());
+            return Err(format!("process {pid} sends {channel} of {device} with a timestamp {by} us back"));
         }
         Ok(())
     }

@@ -12,7 +12,7 @@ use syn::visit::{self, Visit};
 use syn::{Attribute, Expr, ExprPath, ExprStruct, ImplItemFn, ItemFn, ItemImpl, ItemMod, Meta};
 
 /// Modules, and the place of each: a file, the folder of the same name, or both.
-const MODULES: [(&str, &str); 15] = [
+const MODULES: [(&str, &str); 16] = [
     ("`driver_canbus`", "modules/drivers/src/canbus"),
     ("`driver_rs485a`", "modules/drivers/src/rs485a"),
     ("`driver_rs485b`", "modules/drivers/src/rs485b"),
@@ -21,6 +21,7 @@ const MODULES: [(&str, &str); 15] = [
     ("`driver_joydev`", "modules/drivers/src/joydev"),
     ("`driver_io`", "modules/drivers/src/io"),
     ("`driver_lidar`", "modules/drivers/src/lidar"),
+    ("`driver_imu`", "modules/drivers/src/imu"),
     ("`guard`", "modules/guard/src"),
     ("`estimator`", "modules/estimator/src"),
     ("`planner`", "modules/planner/src"),

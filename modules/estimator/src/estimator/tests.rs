@@ -21,6 +21,11 @@ struct Rig {
     odometry: bool,
     stuck: bool,
     drives: bool,
+    beacons: bool,
+    /// What the wheels turn the robot by, beside the truth, rad/s.
+    slip: f64,
+    /// State of its inertial measurement unit, if it has one that measures.
+    imu: Option<i8>,
 }
 
 impl Rig {
@@ -29,14 +34,20 @@ impl Rig {
     }
 
     fn of(wheels: Wheels, twist: Twist) -> Self {
+        Self::with(wheels, twist, None)
+    }
+
+    fn with(wheels: Wheels, twist: Twist, imu: Option<&str>) -> Self {
         let beacons = BEACONS.iter().map(|(id, x, y)| Beacon { id: *id, at: Point { x: *x, y: *y } }).collect();
         // The heading of a base that keeps turning on the spot is known as well as the delay of the bearings.
         let filter = filter::Config { beacons, range: 30.0, delay: 0.1, ..filter::Config::default() };
-        let module = Estimator::new(Config { filter, wheels, active_max: 8 }).unwrap();
+        let module = Estimator::new(Config { filter, wheels, active_max: 8, imu: imu.map(Into::into) }).unwrap();
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
         bench.start();
         let is_base = matches!(wheels, Wheels::Driven { .. });
-        Self { bench, twist, is_base, odometry: true, stuck: false, drives: true }
+        let (odometry, stuck, drives, beacons) = (true, false, true, true);
+        let imu = imu.map(|_| lowlevel::DataImu::OK);
+        Self { bench, twist, is_base, odometry, stuck, drives, beacons, slip: 0.0, imu }
     }
 
     fn at(&self) -> f64 {
@@ -54,6 +65,13 @@ impl Rig {
             let (at, timestamp) = (self.at(), (self.at() * 1e6).round() as i64);
             let (translation, path) = if self.stuck { (0.0, 1.0) } else { (SPEED, SPEED * at) };
             let Twist { vx, vy, omega } = self.twist;
+            // The last five measurements of a unit of 100 Hz.
+            for age in self.imu.iter().flat_map(|_| [40, 30, 20, 10, 0]) {
+                let (name, status) = ("base".into(), self.imu.unwrap());
+                let (timestamp, rotation) = (timestamp - 1000 * age, [0.0, 0.0, omega]);
+                self.bench.message(lowlevel::DataImu { timestamp, name, status, rotation, ..Default::default() });
+            }
+            let omega = omega + self.slip;
             if self.odometry && self.is_base {
                 self.bench.message(lowlevel::DataVelocity { timestamp, vx, vy, omega, ..Default::default() });
             } else if self.odometry {
@@ -62,7 +80,7 @@ impl Rig {
             if self.drives {
                 self.bench.message(lowlevel::DataMotion { timestamp, speed: SPEED, ..Default::default() });
             }
-            if timestamp % 1_000_000 == 0 {
+            if self.beacons && timestamp % 1_000_000 == 0 {
                 let beacons = BEACONS.iter().enumerate().map(|(n, (id, x, y))| {
                     let then = timestamp - 1000 - 200_000 * n as i64;
                     let place = self.pose(then as f64 * 1e-6);
@@ -233,4 +251,67 @@ fn a_clock_that_is_another_s_does_no_harm() {
     for timestamp in [0, -5, 5_000_000, 7_000_000, i64::MAX, i64::MIN] {
         assert_eq!(moment(epoch, timestamp, came), came);
     }
+}
+
+const DRIVEN: Wheels = Wheels::Driven { radius_m: 0.21 };
+
+#[test]
+fn while_wheels_slip_the_rotation_is_that_of_the_inertial_unit_and_the_way_is_uncertain() {
+    let off = |imu: Option<&str>| {
+        let mut rig = Rig::with(DRIVEN, Twist::new(0.3, 0.0, 0.1), imu);
+        rig.drive(15);
+        (rig.beacons, rig.slip) = (false, 0.5);
+        let before = rig.estimates().pop().unwrap();
+        let begun = rig.bench.now();
+        rig.drive(4);
+        let reports: Vec<_> = rig.bench.done();
+        let slip = |(at, action): &(Instant, Action)| match action {
+            Action::Report(report) if report.fault == Fault::RotationDisagrees => Some((*at, report.severity)),
+            _ => None,
+        };
+        let slips: Vec<_> = reports.iter().filter_map(slip).collect();
+        let estimate = |(_, action)| match action {
+            Action::Publish(Message::MlDataEstimate(estimate)) => Some(estimate),
+            _ => None,
+        };
+        let after = reports.into_iter().filter_map(estimate).last().unwrap();
+        let truth = rig.pose(after.timestamp as f64 * 1e-6);
+        let heading = wrap(after.theta - truth.theta.radians()).abs();
+        let grown = |after: &DataEstimate, before: &DataEstimate| after.covariance[0][0] - before.covariance[0][0];
+        (heading, slips, begun, grown(&after, &before) + after.covariance[1][1] - before.covariance[1][1])
+    };
+    let (by_wheels, none, ..) = off(None);
+    let (by_unit, slips, begun, grown) = off(Some("base"));
+    assert!(by_wheels > 1.5 && none.is_empty(), "{by_wheels} {none:?}");
+    assert!(by_unit < 0.05, "{by_unit}");
+    assert!(slips.len() == 1 && slips[0].1 == Severity::Warning, "{slips:?}");
+    assert!(slips[0].0.since(begun) <= Duration::from_millis(400), "{slips:?}");
+    // 0.3 m/√m and 0.2 m/√s over 1.2 m and 4 s.
+    assert!((0.15..0.6).contains(&grown), "{grown}");
+}
+
+#[test]
+fn a_unit_that_is_silent_or_not_ok_changes_nothing_and_its_return_is_used() {
+    let run = |imu: Option<&str>, status: Option<i8>| {
+        let mut rig = Rig::with(DRIVEN, Twist::new(0.3, 0.0, 0.2), imu);
+        rig.imu = status;
+        rig.drive(10);
+        rig.estimates()
+    };
+    let without = run(None, None);
+    assert_eq!(run(Some("base"), None), without);
+    assert_eq!(run(Some("base"), Some(lowlevel::DataImu::FAULT)), without);
+    assert_eq!(run(Some("top"), Some(lowlevel::DataImu::OK)), without, "of another unit");
+    let with = run(Some("base"), Some(lowlevel::DataImu::OK));
+    assert_ne!(with, without);
+    let mut rig = Rig::with(DRIVEN, Twist::new(0.3, 0.0, 0.1), Some("base"));
+    rig.imu = None;
+    rig.drive(12);
+    rig.imu = Some(lowlevel::DataImu::OK);
+    rig.drive(1);
+    (rig.beacons, rig.slip) = (false, 0.5);
+    rig.drive(3);
+    let after = rig.estimates().pop().unwrap();
+    let truth = rig.pose(after.timestamp as f64 * 1e-6);
+    assert!(wrap(after.theta - truth.theta.radians()).abs() < 0.05, "{after:?} {truth:?}");
 }

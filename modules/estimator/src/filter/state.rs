@@ -51,6 +51,8 @@ pub struct Step {
     pub along: f64,
     /// Variance of the rotation, rad².
     pub turn: f64,
+    /// The rotation was not measured by the wheels: the errors of those are not its own.
+    pub gyro: bool,
 }
 
 impl Step {
@@ -64,6 +66,7 @@ impl Step {
             bend: times(self.bend),
             along: self.along * part,
             turn: self.turn * part,
+            gyro: self.gyro,
         }
     }
 
@@ -168,7 +171,8 @@ impl<const N: usize> State<N> {
     pub fn corrected(&self, step: &Step) -> Motion {
         let Step { way, bend, .. } = step;
         let translation = (1.0 + self.mean[SCALE]) * way.translation + self.mean[BEND] * bend.translation;
-        Motion { translation, rotation: (1.0 + self.mean[TRACK]) * way.rotation + self.mean[BEND] * bend.rotation }
+        let track = if step.gyro { 0.0 } else { self.mean[TRACK] };
+        Motion { translation, rotation: (1.0 + track) * way.rotation + self.mean[BEND] * bend.rotation }
     }
 
     /// Covariance of the pose; m², m rad, rad².
@@ -191,7 +195,8 @@ impl<const N: usize> State<N> {
         (self.mean[X], self.mean[Y], self.mean[THETA]) = (end.x, end.y, end.theta.radians());
         // A rotation moves the position across the chord.
         let (across_x, across_y) = (-way.translation * sin, way.translation * cos);
-        let (d, a, bend) = (step.way.translation, step.way.rotation, step.bend);
+        let a = if step.gyro { 0.0 } else { step.way.rotation };
+        let (d, bend) = (step.way.translation, step.bend);
         // Derivatives of x, y, θ by scale, bend and track; those by mounting angle and delay are zero.
         let rest = [
             [d * cos, bend.translation * cos + across_x * bend.rotation / 2.0, across_x * a / 2.0],
@@ -366,7 +371,7 @@ mod tests {
     fn covariance_goes_along(drift: f64) {
         let way = Motion { translation: 0.15, rotation: 0.02 };
         let bend = Motion { translation: -0.03, rotation: 0.2 };
-        let step = Step { seconds: 0.25, way, drift, bend, along: 0.0, turn: 0.0 };
+        let step = Step { seconds: 0.25, way, drift, bend, along: 0.0, turn: 0.0, gyro: false };
         let after = |state: &State| {
             let mut state = *state;
             state.predict(&step, &[0.0; N]);

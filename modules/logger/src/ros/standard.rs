@@ -14,6 +14,7 @@ listed! {
         Pose => "geometry_msgs/PoseWithCovarianceStamped",
         Range => "sensor_msgs/Range",
         LaserScan => "sensor_msgs/LaserScan",
+        Imu => "sensor_msgs/Imu",
         Path => "nav_msgs/Path",
         Battery => "sensor_msgs/BatteryState",
         Temperature => "sensor_msgs/Temperature",
@@ -106,6 +107,12 @@ const TEXTS: &[(&str, &str)] = &[
          float32[] cell_temperature\nstring location\nstring serial_number\n",
     ),
     ("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n"),
+    (
+        "sensor_msgs/Imu",
+        "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n\
+         geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n\
+         geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance\n",
+    ),
     (
         "sensor_msgs/LaserScan",
         "std_msgs/Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\n\

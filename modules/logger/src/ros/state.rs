@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use base::Fault;
 use messages::common::{self, CmdLog, DataFaults, DataProcesses, DataState, Error, EventText, Process};
-use messages::lowlevel::{DataHold, DataOdo, DataPower, DataRanges, DataTemperature, Hold, Range, Reading};
+use messages::lowlevel::{DataHold, DataImu, DataOdo, DataPower, DataRanges, DataTemperature, Hold, Range, Reading};
 use messages::middlelevel::{DataEstimate, DataPlan};
 use messages::{Channel, Message, fault_name};
 
@@ -13,7 +13,7 @@ use super::robot::{RobotScene, Sensor};
 use super::scans::Scans;
 use super::scene::{self, Scene};
 use super::standard::Standard;
-use super::write::{Pose, To};
+use super::write::{Fields, Pose, To};
 
 /// Period at which sensor mountings are repeated: µs.
 const MOUNTING_PERIOD_US: u64 = 1_000_000;
@@ -23,12 +23,12 @@ const RANGES_TIMEOUT_US: u64 = 1_500_000;
 const ODOMETRY_GAP_US: i64 = 1_000_000;
 /// Longest plausible distance in that gap, m; a longer one means that the odometry restarted.
 const ODOMETRY_STEP_MAX_M: f64 = 5.0;
-/// Maximum number of range finders, and of thermometers, with topics.
+/// Maximum number of range finders, of thermometers, and of inertial measurement units, with topics.
 const SENSORS_MAX: usize = 64;
 /// Maximum number of modules whose active faults have statuses, and of faults of each.
 const MODULES_MAX: usize = 200;
 const FAULTS_MAX: usize = 256;
-/// Longest name of a thermometer with a topic, bytes.
+/// Longest name of a thermometer or an inertial measurement unit with a topic, bytes.
 const NAME_BYTES_MAX: usize = 64;
 
 const OK: u8 = 0;
@@ -47,6 +47,7 @@ pub struct State {
     /// Timestamp of the last `LL_DATA_RANGES`: while they arrive, the view of 2011 is ignored.
     ranges: Option<i64>,
     temperatures: BTreeMap<String, Arc<str>>,
+    imus: BTreeMap<String, Arc<str>>,
     faults: Faults,
 }
 
@@ -97,6 +98,7 @@ pub fn has_standard(channel: Channel) -> bool {
             | Channel::LlDataIrs
             | Channel::LlDataRanges
             | Channel::LlDataScan
+            | Channel::LlDataImu
             | Channel::LlDataPower
             | Channel::LlDataTemperature
             | Channel::MlDataEstimate
@@ -135,6 +137,7 @@ impl State {
             }
             Message::LlDataRanges(ranges) => self.ranges(robot, ranges, to),
             Message::LlDataScan(scan) => self.scans.translate(scan, to),
+            Message::LlDataImu(imu) => self.imu(imu, to),
             Message::LlDataPower(power) => battery(power, to),
             Message::LlDataTemperature(temperatures) => self.temperatures(temperatures, to),
             Message::MlDataEstimate(estimate) => {
@@ -160,19 +163,32 @@ impl State {
         transforms(message.timestamp, &[sonars, infrared, others].concat(), to);
     }
 
+    /// Only what is OK: the standard type has no status.
+    fn imu(&mut self, message: &DataImu, to: &mut To<'_, '_>) {
+        if message.status != DataImu::OK {
+            return;
+        }
+        let Some(topic) = topic_of(&mut self.imus, "/imu/", &message.name) else { return to.topics.leave_out() };
+        // Covariances are not known: 0; an orientation that there is none of begins with -1.
+        let covariance = |fields: &mut Fields<'_>, first: f64| {
+            (0..9).for_each(|n| fields.to.f64(if n == 0 { first } else { 0.0 }));
+        };
+        to.send(&topic, Standard::Imu, |fields| {
+            fields.header(message.timestamp, "base_link");
+            message.orientation.iter().for_each(|part| fields.to.f64(*part));
+            covariance(fields, if message.oriented { 0.0 } else { -1.0 });
+            for [x, y, z] in [message.rotation, message.acceleration] {
+                fields.vector(x, y, z);
+                covariance(fields, 0.0);
+            }
+        });
+    }
+
     fn temperatures(&mut self, message: &DataTemperature, to: &mut To<'_, '_>) {
         for thermometer in &message.temperatures {
-            let topic = match self.temperatures.get(&thermometer.name) {
-                Some(topic) => topic.clone(),
-                None if self.temperatures.len() < SENSORS_MAX && thermometer.name.len() <= NAME_BYTES_MAX => {
-                    let word = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '_' };
-                    let topic = format!("/temperature/{}", thermometer.name.chars().map(word).collect::<String>());
-                    self.temperatures.entry(thermometer.name.clone()).or_insert(topic.into()).clone()
-                }
-                None => {
-                    to.topics.leave_out();
-                    continue;
-                }
+            let Some(topic) = topic_of(&mut self.temperatures, "/temperature/", &thermometer.name) else {
+                to.topics.leave_out();
+                continue;
             };
             to.send(&topic, Standard::Temperature, |fields| {
                 fields.header(message.timestamp, "base_link");
@@ -181,6 +197,19 @@ impl State {
             });
         }
     }
+}
+
+/// Topic of a sensor by its name, as far as there is room for it.
+fn topic_of(known: &mut BTreeMap<String, Arc<str>>, prefix: &str, name: &str) -> Option<Arc<str>> {
+    if let Some(topic) = known.get(name) {
+        return Some(topic.clone());
+    }
+    if known.len() == SENSORS_MAX || name.len() > NAME_BYTES_MAX {
+        return None;
+    }
+    let word = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '_' };
+    let topic = format!("{prefix}{}", name.chars().map(word).collect::<String>());
+    Some(known.entry(name.into()).or_insert(topic.into()).clone())
 }
 
 impl Faults {

@@ -415,6 +415,33 @@ fn a_revolution_of_a_lidar_is_one_scan_in_the_order_in_which_it_was_measured() {
 }
 
 #[test]
+fn an_inertial_unit_that_works_is_an_imu_in_the_robot_s_frame() {
+    let mut translator = translator();
+    let measured = lowlevel::DataImu {
+        timestamp: NOW,
+        name: "base left".into(),
+        acceleration: [0.5, -0.25, 9.81],
+        rotation: [0.125, 0.0, -1.0],
+        orientation: [0.0, 0.0, 0.6, 0.8],
+        oriented: true,
+        ..Default::default()
+    };
+    let imu = told(&mut translator, measured.clone()).remove("/imu/base_left").unwrap();
+    assert_eq!(imu["header"]["frame_id"], "base_link");
+    assert_eq!(imu["orientation"], json!({"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}));
+    assert_eq!(imu["angular_velocity"], json!({"x": 0.125, "y": 0.0, "z": -1.0}));
+    assert_eq!(imu["linear_acceleration"], json!({"x": 0.5, "y": -0.25, "z": 9.81}));
+    assert_eq!(imu["orientation_covariance"][0], 0.0);
+    let without = lowlevel::DataImu { oriented: false, ..measured.clone() };
+    assert_eq!(told(&mut translator, without).remove("/imu/base_left").unwrap()["orientation_covariance"][0], -1.0);
+    // What nothing may go by has no place in a message that cannot say so.
+    for status in [lowlevel::DataImu::UNCALIBRATED, lowlevel::DataImu::IMPLAUSIBLE, lowlevel::DataImu::FAULT] {
+        let other = lowlevel::DataImu { status, ..measured.clone() };
+        assert!(!told(&mut translator, other).contains_key("/imu/base_left"), "{status}");
+    }
+}
+
+#[test]
 fn the_guard_s_fields_are_outlines_in_the_robot_s_frame_and_filled_while_something_is_in_them() {
     let mut translator = translator();
     let (x, y) = (vec![0.75, 1.5, 1.5, 0.75], vec![-0.3, -0.3, 0.3, 0.3]);

@@ -79,7 +79,12 @@ fn every_message_of_the_robot_is_decoded_by_independent_readers() {
         Message::from(scan(revolution)).encode(&mut data).unwrap();
         ("LL_DATA_SCAN".to_owned(), data)
     });
-    for (channel, data) in samples(4, 10).into_iter().chain(scans) {
+    // Of random states few are OK.
+    let mut imu = Vec::new();
+    let measured = lowlevel::DataImu { name: "base".into(), orientation: [0.0, 0.0, 0.6, 0.8], ..Default::default() };
+    Message::from(measured).encode(&mut imu).unwrap();
+    let imu = ("LL_DATA_IMU".to_owned(), imu);
+    for (channel, data) in samples(4, 10).into_iter().chain(scans).chain([imu]) {
         for (i, (topic, cdr)) in translate(&mut translator, &channel, &data).unwrap().into_iter().enumerate() {
             // The own type equals the LCM message; the standard ones equal the result of this project's reader, which
             // other tests verify.
@@ -103,6 +108,7 @@ fn every_message_of_the_robot_is_decoded_by_independent_readers() {
         "nav_msgs/msg/Path",
         "rcl_interfaces/msg/Log",
         "sensor_msgs/msg/BatteryState",
+        "sensor_msgs/msg/Imu",
         "sensor_msgs/msg/LaserScan",
         "sensor_msgs/msg/Range",
         "sensor_msgs/msg/Temperature",

@@ -27,7 +27,7 @@ fn transfer(write: &[u8], read: Read) -> Transfer {
 }
 
 fn read(all: &mut Auxiliary, now: Instant, register: u8) -> Outcome {
-    all.on_asked(now, 0, &transfer(&[register], Read::Exactly(1)), false);
+    all.on_asked(now, 0, &transfer(&[register], Read::Exactly(1)), None, false);
     all.poll_outcome(now).unwrap().1
 }
 
@@ -40,15 +40,15 @@ fn the_chip_answers_and_others_do_not() {
     let mut all = made();
     assert_eq!(read(&mut all, at(0), register::MANUFACTURER).unwrap()[..], [0x4D]);
     let other = Transfer { address: Address::new(0x19).unwrap(), ..transfer(&[0], Read::Exactly(1)) };
-    all.on_asked(at(0), 0, &other, false);
+    all.on_asked(at(0), 0, &other, None, false);
     assert_eq!(all.poll_outcome(at(0)), Some((0, Err(Error::NoAddress))));
 }
 
 #[test]
 fn where_there_is_no_wire_its_time_is_played_one_transfer_after_the_other() {
     let mut all = made();
-    all.on_asked(at(0), 0, &transfer(&[0], Read::Exactly(1)), true);
-    all.on_asked(at(0), 0, &transfer(&[0], Read::Exactly(1)), true);
+    all.on_asked(at(0), 0, &transfer(&[0], Read::Exactly(1)), None, true);
+    all.on_asked(at(0), 0, &transfer(&[0], Read::Exactly(1)), None, true);
     assert_eq!(all.poll_outcome(at(0)), None);
     assert_eq!(all.poll_timeout(), Instant::ZERO + Duration::from_micros(400));
     assert!(all.poll_outcome(all.poll_timeout()).is_some());

@@ -101,6 +101,10 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["timestamp", "µs"],
     ["holds.since", "µs"],
   ])],
+  ["lowlevel.data_imu_t", new Map([
+    ["timestamp", "µs"],
+    ["rotation", "rad/s"],
+  ])],
   ["lowlevel.data_io_t", new Map([
     ["timestamp", "µs"],
   ])],
