@@ -54,6 +54,10 @@ const FAULTS: Readonly<Record<string, Known>> = {
     momentary: true,
   },
   wrong: { means: "What it says is damaged." },
+  biased: {
+    means: "It measures this much more rotation than there is.",
+    value: { name: "Rotation", unit: "rad/s", low: 0.01, high: 30, step: 0.01, usual: 0.2 },
+  },
   hold: { means: "It blocks its bus: no node can send." },
   stall: { means: "A fan is blocked.", value: number("Fan", 1, 2, 1) },
   hot: { means: "It is this warm.", value: warm },
