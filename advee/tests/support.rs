@@ -4,7 +4,7 @@
 
 use lcm::live::Lcm;
 use lcm::origin::Origin;
-use messages::{Channel, Hold, Message, common, lowlevel, simulation};
+use messages::{Channel, Hold, Message, common, lowlevel, middlelevel, simulation};
 use module::State;
 use nix::fcntl::{Flock, FlockArg};
 use std::cell::RefCell;
@@ -218,6 +218,7 @@ pub struct View {
     /// Causes that hold the modules, by module.
     pub holds: BTreeMap<String, lowlevel::DataHold>,
     pub odo: Option<lowlevel::DataOdo>,
+    pub estimate: Option<middlelevel::DataEstimate>,
     pub joydev: Option<lowlevel::DataJoydev>,
     pub processes: BTreeMap<String, common::Process>,
     pub errors: Vec<common::Error>,
@@ -234,6 +235,7 @@ impl View {
             Ok(Message::LlDataMotion(motion)) => self.motion = Some(motion),
             Ok(Message::LlDataHold(list)) => drop(self.holds.insert(list.module.clone(), list)),
             Ok(Message::LlDataOdo(odo)) => self.odo = Some(odo),
+            Ok(Message::MlDataEstimate(estimate)) => self.estimate = Some(estimate),
             Ok(Message::LlDataJoydev(joydev)) => self.joydev = Some(joydev),
             Ok(Message::CmDataProcesses(list)) => {
                 self.processes = list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();

@@ -2,6 +2,7 @@
 //! domain of its own.
 
 use crate::support::{self, Robot, View, workspace};
+use messages::middlelevel::DataEstimate;
 use serde_json::Value as Json;
 use std::io::Read;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
@@ -38,6 +39,11 @@ fn courier(domain: u32, extra: &[&str]) -> Robot {
     let mut robot = Robot::start(&[&common[..], extra].concat());
     robot.until("all modules RUN and nothing but a command is missing", 30.0, |view| {
         view.all_run() && view.runs("ros2") && view.is_free()
+    });
+    // Before its first sightings of beacons an estimate is anywhere.
+    robot.until("the robot knows where it is", 30.0, |view| {
+        let fine = |estimate: &DataEstimate| estimate.quality == DataEstimate::FINE;
+        view.estimate.as_ref().is_some_and(fine)
     });
     robot
 }
