@@ -344,7 +344,7 @@ impl Participant {
         }
     }
 
-    /// One from a participant that is known; others are not heard.
+    /// A submessage; those of unknown participants are ignored.
     fn on_submessage(&mut self, now: Instant, source: Prefix, submessage: Submessage<'_>) {
         let Some(place) = self.remotes.iter().position(|remote| remote.prefix == source) else { return };
         let remote = &mut self.remotes[place];
@@ -494,7 +494,7 @@ impl Participant {
             self.counters.refused += 1;
             return;
         }
-        // It may not have heard of this one yet.
+        // It may not know this one yet.
         self.announce(metatraffic);
         let own = self.config.prefix;
         let mut proxy = |writer, reader| {

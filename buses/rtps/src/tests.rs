@@ -32,7 +32,7 @@ struct Net {
     now: Instant,
     all: Vec<Participant>,
     random: Random,
-    /// One of so many datagrams is lost; 0: none.
+    /// A datagram is lost with a probability of one divided by this; 0: never.
     loss: u64,
     sent: usize,
 }

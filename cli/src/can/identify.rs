@@ -70,7 +70,7 @@ pub fn identify(common: &Common, command: &Identify) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Axes of the configured robot; those of a base with two wheels where there is none.
+/// Axes of the configured robot; without a configuration those of a base with two wheels.
 fn axes(common: &Common) -> Vec<&'static str> {
     let configured = [false, true].into_iter().find_map(|sim| common.load(sim).ok());
     configured.map_or_else(|| vec!["left", "right"], |config| config.robot.axes().to_vec())
@@ -146,11 +146,13 @@ fn driver<'a>(node: u8, row: &Row, sheets: &'a [Sheet]) -> Driver<'a> {
 
 /// What a person reads, and pastes.
 fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[Sheet]) -> String {
-    let mut lines = Lines::default();
+    // An interface that is no bus of the configuration becomes its first one.
+    let bus = if target.name.starts_with("can.") { target.name.as_str() } else { "can.main" };
+    let mut lines = Lines { text: String::new(), bus };
     let count = if rows.len() == 1 { "1 node answers".into() } else { format!("{} nodes answer", rows.len()) };
     lines.remark(&format!("{count} on {}. Check the lines with a question mark.", target.name));
     lines.blank();
-    lines.add("[can.main]", "");
+    lines.add(&format!("[{}]", lines.bus), "");
     if let Some(interface) = interface(&target.port) {
         lines.add(&format!("interface = {}", quoted(&interface)), "");
     }
@@ -189,13 +191,13 @@ fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[S
             Driver::Unknown | Driver::NoDrive => {}
         }
     }
-    lines.0
+    lines.text
 }
 
 const STEERING: &str = "steering";
 
 /// The lines of a drive that its sheet describes.
-fn by_sheet(lines: &mut Lines, node: u8, axis: (&str, &str), sheet: &Sheet) {
+fn by_sheet(lines: &mut Lines<'_>, node: u8, axis: (&str, &str), sheet: &Sheet) {
     let tried = Tried::of(&sheet.eds, node, axis.0 == STEERING);
     let Tried { unit, counts, gear, derived } = match tried {
         Ok(tried) => tried,
@@ -282,28 +284,31 @@ impl Tried {
 }
 
 /// Lines of TOML.
-#[derive(Default)]
-struct Lines(String);
+struct Lines<'a> {
+    text: String,
+    /// Table of the bus.
+    bus: &'a str,
+}
 
-impl Lines {
+impl Lines<'_> {
     fn blank(&mut self) {
-        self.0.push('\n');
+        self.text.push('\n');
     }
 
     /// Writing to a string does not fail.
     fn add(&mut self, line: &str, remark: &str) {
         let _ = match remark {
-            "" => writeln!(self.0, "{line}"),
-            remark => writeln!(self.0, "{line:<0$}# {remark}", REMARK.max(line.len() + 1)),
+            "" => writeln!(self.text, "{line}"),
+            remark => writeln!(self.text, "{line:<0$}# {remark}", REMARK.max(line.len() + 1)),
         };
     }
 
     fn remark(&mut self, text: &str) {
-        let _ = writeln!(self.0, "# {text}");
+        let _ = writeln!(self.text, "# {text}");
     }
 
     fn node(&mut self, node: u8, (axis, check): (&str, &str), driver: &str) {
-        self.add("[[can.main.nodes]]", "");
+        self.add(&format!("[[{}.nodes]]", self.bus), "");
         self.add(&format!("id = {node}"), "");
         self.add(&format!("axis = {}", quoted(axis)), check);
         self.add(&format!("driver = \"{driver}\""), "");

@@ -1,6 +1,6 @@
 //! What is around a robot according to its range finders, from the last second of measurements; no map.
 //!
-//! [`Trail`] is the robot's own motion meanwhile, [`Echoes`] what sonars have heard, [`Scans`] what lidars have seen.
+//! [`Trail`] is the robot's own motion meanwhile, [`Echoes`] the readings of sonars, [`Scans`] those of lidars.
 //! Both say [`Obstacle`]s: points where something was measured, and points where nobody knows. **Unknown is not free**:
 //! a direction is free only while its sensor goes on proving it. Users: `guard`.
 //!

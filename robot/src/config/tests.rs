@@ -137,11 +137,18 @@ fn a_wheel_may_be_on_a_vesc() {
     let driver = robot.can[0].driver.driver("can.main".into(), robot.base, &robot.geometry, robot.limits).unwrap();
     let devices: Vec<String> = driver.wheels.iter().map(|wheel| format!("{:?}", wheel.drive)).collect();
     assert!(devices[0].contains("host: 129") && devices[1].contains("host: 130"), "{devices:?}");
+    // Its identifiers are none of CANopen, whatever its id.
+    let epos = "{ id = 2, driver = \"epos\", axis = \"right\", gear = 26 }";
+    for id in [1, 4, 16] {
+        assert!(load(&based(base, &[&vesc(id, "left", ""), epos]), "", &[], MODULES).is_ok(), "{id}");
+    }
     for (left, found) in [
         (vesc(1, "left", ", eds = \"a.eds\""), "eds = \"a.eds\": expected nothing: this drive is no CANopen node"),
         (vesc(1, "left", "").replace("gear = 8", "gear = 0"), "gear = 0: expected a number that is not 0"),
         (vesc(1, "left", "").replace("pole_pairs = 7", "pole_pairs = 0"), "pole_pairs = 0: expected an integer from 1"),
         (vesc(1, "steering", ""), "axis"),
+        (vesc(1, "left", ", host_id = 2"), "host_id = 2: expected one by which no other VESC of the bus is answered"),
+        (vesc(1, "left", ", host_id = 130"), "host_id = 130: expected one by which no other VESC"),
     ] {
         let why = with(&left).unwrap_err().join("\n");
         assert!(why.contains(found), "{left}: {why}");

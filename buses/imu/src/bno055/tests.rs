@@ -9,7 +9,7 @@ use base::Instant;
 use base::i2c::{Address, Bytes, Error, Outcome, Read, Transfer};
 use std::vec::Vec;
 
-/// The registers from 0x08 to 0x27, typed by the tables of the data sheet: 0.5, -0.25 and 9.81 m/s², no magnetic field,
+/// The registers from 0x08 to 0x27, typed by the register map: 0.5, -0.25 and 9.81 m/s², no magnetic field,
 /// 0.1, -0.2 and 1 rad/s, Euler angles that are not used, a quarter of a turn to the left.
 const MOTION: [u8; 32] = [
     0x32, 0x00, 0xE7, 0xFF, 0xD5, 0x03, // 50, -25, 981

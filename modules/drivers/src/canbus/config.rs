@@ -419,10 +419,27 @@ impl BusConfig {
         }
         let axes: Vec<Axis> = self.nodes.iter().map(|node| node.axis).collect();
         table.unique("nodes", "axis", &axes, "one that no other node has");
-        for (n, node) in self.nodes.iter().enumerate().filter(|(_, node)| !node.is_canopen()) {
+        self.check_hosts(table);
+        let is_odrive = |node: &Node| matches!(node.drive, Drive::Odrive(_));
+        for (n, node) in self.nodes.iter().enumerate().filter(|(_, node)| is_odrive(node)) {
             if self.canopen_ids().any(|other| is_ambiguous(node.id, other)) {
                 let expected = "one whose 32 identifiers no CANopen node of the bus has";
                 let _ = table.item("nodes", n).map(|item| item.refuse("id", expected));
+            }
+        }
+    }
+
+    /// A VESC answers to an id of its own, which no VESC has.
+    fn check_hosts(&self, table: &Table<'_>) {
+        let vescs = self.nodes.iter().enumerate().filter_map(|(n, node)| match &node.drive {
+            Drive::Vesc(keys) => Some((n, node.id, keys.host(node.id))),
+            _ => None,
+        });
+        for (n, _, host) in vescs.clone() {
+            let is_taken = |(other, id, taken): (usize, u8, u8)| id == host || other != n && taken == host;
+            if vescs.clone().any(is_taken) {
+                let expected = "one by which no other VESC of the bus is answered, and that is no VESC's id";
+                let _ = table.item("nodes", n).map(|item| item.refuse("host_id", expected));
             }
         }
     }

@@ -38,10 +38,13 @@ impl VescConfig {
     #[must_use]
     pub fn device(&self, id: u8) -> can::Device {
         let &Self { pole_pairs, erpm_min, hold_current_a, quick_stop_current_a, .. } = self;
-        let host = self.host_id.unwrap_or(HOST_ID.saturating_add(id).min(254));
-        can::Device::Vesc {
-            device: vesc::Device { id, pole_pairs, erpm_min, hold_current_a, quick_stop_current_a },
-            host,
-        }
+        let device = vesc::Device { id, pole_pairs, erpm_min, hold_current_a, quick_stop_current_a };
+        can::Device::Vesc { device, host: self.host(id) }
+    }
+
+    /// The id to which a VESC with this id answers.
+    pub(super) fn host(&self, id: u8) -> u8 {
+        // Of 127, the greatest id, it would be that of all devices.
+        self.host_id.unwrap_or(HOST_ID.saturating_add(id).min(254))
     }
 }
