@@ -5,6 +5,7 @@ use crate::support::{self, Robot, advee};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
+use std::time::{Duration, Instant};
 
 /// Bus without participants, and so without a port that another test may use.
 const ALONE: &str = "memq://";
@@ -79,21 +80,33 @@ fn ctrl_c_ends_a_measurement_with_its_report() {
     assert!(text.contains("the live host's loop, normal scheduler") && text.contains("late by"), "{text}");
 }
 
+/// This row of the first measurement of two seconds, with at least half of the beats in them, that is `right`. A busy
+/// machine disturbs a measurement: the next is taken, for a minute.
+fn row_within(robot: &Robot, what: &[&str], name: &str, right: impl Fn(&Value) -> bool) -> Value {
+    let until = Instant::now() + Duration::from_secs(60);
+    loop {
+        let report = json(&robot.advee(&[&["bench", "jitter", "--for", "2", "--json"], what].concat()));
+        let rows = report["rows"].as_array().unwrap();
+        let row = rows.iter().find(|row| row["name"] == name).unwrap_or_else(|| panic!("no {name}: {report}"));
+        if row["count"].as_u64().unwrap() >= 20 && right(row) {
+            return row.clone();
+        }
+        assert!(Instant::now() < until, "{report}");
+    }
+}
+
 #[test]
 fn a_running_robot_is_measured_on_its_bus_and_in_its_heartbeat_pages() {
     let robot = Robot::ready(&[]);
     let can = format!("udp:239.74.163.2:{}", robot::topology::can_port_beside(robot.port));
-    let report = json(&robot.advee(&["bench", "jitter", "--can", &can, "--for", "2", "--json"]));
-    let rows = report["rows"].as_array().unwrap();
-    let master = rows.iter().find(|row| row["name"] == "0x77f heartbeat 127").expect("the master's heartbeat");
-    let period = master["period_us"].as_u64().unwrap();
-    assert!((45_000..55_000).contains(&period) && master["count"].as_u64().unwrap() >= 30, "{report}");
-
-    let report = json(&robot.advee(&["bench", "jitter", "--beats", "--for", "2", "--json"]));
-    let rows = report["rows"].as_array().unwrap();
-    let driver = rows.iter().find(|row| row["name"] == "driver_canbus main").expect("the driver's main thread");
-    let gap = driver["mean_us"].as_f64().unwrap();
-    assert!((35_000.0..70_000.0).contains(&gap) && driver["count"].as_u64().unwrap() >= 20, "{report}");
+    let master = row_within(&robot, &["--can", &can], "0x77f heartbeat 127", |row| {
+        (45_000..55_000).contains(&row["period_us"].as_u64().unwrap())
+    });
+    assert!(master["longest_gap_us"].as_u64() >= master["period_us"].as_u64(), "{master}");
+    let driver = row_within(&robot, &["--beats"], "driver_canbus main", |row| {
+        (35_000.0..70_000.0).contains(&row["mean_us"].as_f64().unwrap())
+    });
+    assert_eq!(driver["period_us"].as_u64().unwrap(), 50_000);
 
     let elsewhere = robot.run_dir.join("nobody");
     let nobody = advee(&robot.url, &elsewhere).args(["bench", "jitter", "--beats", "--for", "1"]).output().unwrap();
