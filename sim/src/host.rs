@@ -90,7 +90,6 @@ struct Process {
     second_robot: Option<Instant>,
     /// Actions, with the epoch at the start of the process.
     out: Actions,
-    due: Option<(Instant, u64)>,
     /// The loss of inputs was reported.
     told_of_gaps: bool,
     /// Time of its last timer event, and the number of them at that time.
@@ -121,6 +120,10 @@ pub struct Virtual {
     agenda: BinaryHeap<Reverse<Entry>>,
     processes: Vec<Process>,
     wires: Vec<Wire>,
+    /// Timers of the processes and of the wires, in their order: apart from them, since all are compared before every
+    /// event.
+    process_timers: Vec<Timer>,
+    wire_timers: Vec<Timer>,
     next_pid: u32,
     kept: Vec<Kept>,
     /// State of each module that is kept for the next watchdog.
@@ -135,6 +138,9 @@ pub struct Virtual {
     bytes: Vec<u8>,
     ports: Vec<Owner>,
 }
+
+/// Deadline of a process or a wire, and its number in order of scheduling; `None`: there is none.
+type Timer = Option<(Instant, u64)>;
 
 /// Next event.
 enum Next {
@@ -155,6 +161,8 @@ impl Virtual {
             agenda: BinaryHeap::new(),
             processes: Vec::new(),
             wires: Vec::new(),
+            process_timers: Vec::new(),
+            wire_timers: Vec::new(),
             next_pid: FIRST_PID,
             kept: Vec::new(),
             remembered: BTreeMap::new(),
@@ -312,18 +320,18 @@ impl Virtual {
     fn next(&self) -> Option<(Instant, Next)> {
         // There are at most a dozen, and this is called before every event: plain loops instead of chained iterators.
         let mut first = self.agenda.peek().map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
-        let mut sooner = |due: Option<(Instant, u64)>, next| {
-            if let Some(due) = due
+        let mut sooner = |timer: &Timer, next| {
+            if let Some(due) = *timer
                 && first.as_ref().is_none_or(|(key, _)| due < *key)
             {
                 first = Some((due, next));
             }
         };
-        for (place, wire) in self.wires.iter().enumerate() {
-            sooner(wire.due, Next::Wire(place));
+        for (place, timer) in self.wire_timers.iter().enumerate() {
+            sooner(timer, Next::Wire(place));
         }
-        for (place, process) in self.processes.iter().enumerate() {
-            sooner(process.due, Next::Process(place));
+        for (place, timer) in self.process_timers.iter().enumerate() {
+            sooner(timer, Next::Process(place));
         }
         first.map(|((at, _), next)| (at, next))
     }
@@ -355,8 +363,10 @@ impl Virtual {
         let mut wires = Vec::with_capacity(specs.len());
         for spec in specs {
             wires.push(open(&mut self.wires, &self.config, &spec.bus, spec.line)?);
+            self.wire_timers.resize(self.wires.len(), None);
         }
         self.next_pid += 1;
+        self.process_timers.push(None);
         self.processes.push(Process {
             pid,
             parent,
@@ -367,7 +377,6 @@ impl Virtual {
             admission: Admission::new(self.config.policy.clone(), (parent != 0).then(|| of_robot(parent))),
             second_robot: None,
             out: Actions::new(self.config.epoch),
-            due: None,
             told_of_gaps: false,
             spin: (Instant::ZERO, 0),
         });
@@ -872,6 +881,7 @@ impl Virtual {
     fn end(&mut self, pid: u32, status: ExitStatus) {
         let Some(place) = self.place(pid) else { return };
         let process = self.processes.remove(place);
+        self.process_timers.remove(place);
         for place in 0..self.wires.len() {
             if self.wires[place].close(pid) {
                 self.gamepad_tells(place, Owner { pid, port: PortId(0) }, GamepadEvent::Gone);
@@ -890,8 +900,7 @@ impl Virtual {
         let life = &process.life;
         let due = if life.started && life.hung.is_none() { process.shell.poll_timeout() } else { None };
         let due = due.map(|due| due + life.late);
-        let old = process.due;
-        self.processes[place].due = self.rearmed(old, due);
+        self.process_timers[place] = self.rearmed(self.process_timers[place], due);
     }
 
     fn arm_wire(&mut self, place: usize) {
@@ -899,12 +908,12 @@ impl Virtual {
             let bus = self.wires[place].bus.clone();
             self.news(&News::Dropped { whose: &bus, count });
         }
-        let (old, due) = (self.wires[place].due, self.wires[place].poll_timeout());
-        self.wires[place].due = self.rearmed(old, due);
+        let due = self.wires[place].poll_timeout();
+        self.wire_timers[place] = self.rearmed(self.wire_timers[place], due);
     }
 
     /// An unchanged timer keeps its number: it is served in the order in which it was set.
-    fn rearmed(&mut self, old: Option<(Instant, u64)>, due: Option<Instant>) -> Option<(Instant, u64)> {
+    fn rearmed(&mut self, old: Timer, due: Option<Instant>) -> Timer {
         match (old, due) {
             (Some((at, number)), Some(due)) if at == due => Some((at, number)),
             (_, due) => due.map(|due| (due, self.number())),

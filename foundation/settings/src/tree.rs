@@ -85,7 +85,7 @@ impl Node {
     /// # Errors
     /// One line for each syntax error.
     pub fn parse(path: &Path, text: &str) -> Result<Self, Vec<String>> {
-        let source = Source { file: path.display().to_string().into(), text };
+        let source = Source::new(path.display().to_string(), text);
         let (table, errors) = DeTable::parse_recoverable(text);
         let mut problems: Vec<String> = errors
             .iter()
@@ -122,7 +122,7 @@ impl Node {
             return Err(malformed());
         }
         let text = value.trim();
-        let source = Source { file: "--set".into(), text };
+        let source = Source::new("--set", text);
         let value = match DeValue::parse(text) {
             Ok(value) => source.value(value.get_ref(), &mut Vec::new()).unwrap_or(Value::String(text.into())),
             Err(_) => Value::String(text.into()),
@@ -184,15 +184,19 @@ impl Node {
 }
 
 /// Text with its name, to convert spans to locations.
-struct Source<'a> {
+struct Source {
     file: Rc<str>,
-    text: &'a str,
+    /// Where each line ends, in order.
+    line_ends: Vec<usize>,
 }
 
-impl Source<'_> {
+impl Source {
+    fn new(file: impl Into<Rc<str>>, text: &str) -> Self {
+        Self { file: file.into(), line_ends: text.match_indices('\n').map(|(at, _)| at).collect() }
+    }
+
     fn origin(&self, at: usize) -> Origin {
-        let before = &self.text.as_bytes()[..at.min(self.text.len())];
-        Origin::File(self.file.clone(), 1 + before.iter().filter(|byte| **byte == b'\n').count())
+        Origin::File(self.file.clone(), 1 + self.line_ends.partition_point(|end| *end < at))
     }
 
     fn table(&self, table: &DeTable<'_>, at: usize, problems: &mut Vec<String>) -> Node {

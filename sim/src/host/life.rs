@@ -108,8 +108,8 @@ impl Virtual {
         if process.life.hung.is_none() {
             process.life.beat(now);
             process.life.hung = Some(now);
-            process.due = None;
             let module = process.module.clone();
+            self.process_timers[place] = None;
             self.schedule(now + UNSUPERVISED_MAX, Happening::Lonely(pid));
             self.look();
             self.news(&News::Hung { module: &module, pid });

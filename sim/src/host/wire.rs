@@ -18,11 +18,10 @@ use simulator::disturbance::Disturbance;
 use simulator::faults::InjectedFault;
 use std::rc::Rc;
 
-/// A wire and its next deadline.
+/// A wire.
 pub(super) struct Wire {
     pub bus: Rc<str>,
     pub kind: Kind,
-    pub due: Option<(Instant, u64)>,
     disturbance: Disturbance,
     random: Random,
     /// Number of dropped items already reported.
@@ -191,6 +190,6 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         Line::Store => Kind::Store(Served::default()),
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
-    wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random, told_dropped: 0 });
+    wires.push(Wire { bus: bus.into(), kind, disturbance, random, told_dropped: 0 });
     Ok(wires.len() - 1)
 }

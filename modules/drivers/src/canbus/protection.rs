@@ -58,7 +58,8 @@ pub struct Protection {
     config: Config,
     /// By [`Way`].
     bounds: [f64; 6],
-    code: i32,
+    /// Cause of the last bounds.
+    said: Said,
     subject: String,
     /// Code and subject are about driving forward; `None`: that is not certain.
     about_forward: Option<bool>,
@@ -67,6 +68,24 @@ pub struct Protection {
     /// Source that holds the second input, and its session.
     creeper: (String, i64),
     deadlines: Deadlines<Timer>,
+}
+
+/// Cause that the guard names for its bounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Said {
+    /// None: nothing is near.
+    Nothing,
+    /// One that this version knows.
+    Known(Hold),
+    /// One of a later version.
+    Unknown,
+}
+
+impl Said {
+    fn of(code: i32) -> Self {
+        let known = || Hold::from_code(code).filter(|hold| hold.is_notice() && code >= GUARD_CODES);
+        if code == 0 { Self::Nothing } else { known().map_or(Self::Unknown, Self::Known) }
+    }
 }
 
 /// A way of moving, in the order of the guard's bounds.
@@ -117,7 +136,7 @@ impl Protection {
         Self {
             config,
             bounds: [0.0; 6],
-            code: 0,
+            said: Said::Nothing,
             subject: String::new(),
             about_forward: None,
             speeds: [0.0; 2],
@@ -147,7 +166,7 @@ impl Protection {
         let bound = |speed: f64| if speed.is_finite() { speed.max(0.0) } else { 0.0 };
         let lowlevel::DataGuard { forward, backward, left, right, turn_left, turn_right, .. } = *guard;
         self.bounds = [forward, backward, left, right, turn_left, turn_right].map(bound);
-        self.code = guard.code;
+        self.said = Said::of(guard.code);
         self.subject.clone_from(&guard.subject);
         let at_rest = self.bounds[Way::Forward as usize] <= self.bounds[Way::Backward as usize];
         let [now, before] = self.speeds.map(|speed| match speed {
@@ -209,19 +228,18 @@ impl Protection {
 
     /// What bounds a direction, as far as the guard has said. Whoever is sent to a sensor must find the cause there.
     fn cause(&self, bound: f64, way: Way) -> Hold {
-        let said = Hold::from_code(self.code).filter(|hold| hold.is_notice() && self.code >= GUARD_CODES);
         let this_way = match way {
             Way::Forward => self.about_forward == Some(true),
             Way::Backward => self.about_forward == Some(false),
             _ => false,
         };
-        match said {
-            Some(Hold::GuardMotion) => Hold::GuardMotion,
-            Some(Hold::GuardStops | Hold::GuardSlows | Hold::GuardUnknown) if self.subject.is_empty() => {
+        match self.said {
+            Said::Known(Hold::GuardMotion) => Hold::GuardMotion,
+            Said::Known(Hold::GuardStops | Hold::GuardSlows | Hold::GuardUnknown) if self.subject.is_empty() => {
                 Hold::GuardBounds
             }
-            Some(hold) if this_way => hold,
-            None if self.code == 0 && this_way && bound > 0.0 => Hold::GuardReach,
+            Said::Known(hold) if this_way => hold,
+            Said::Nothing if this_way && bound > 0.0 => Hold::GuardReach,
             _ => Hold::GuardBounds,
         }
     }
