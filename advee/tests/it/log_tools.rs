@@ -5,6 +5,7 @@ use crate::command::Outcome;
 use crate::support::{Robot, advee, alone, listen, python, unique_port, workspace};
 use lcm::eventlog;
 use lcm::live::{Hub, Lcm};
+use lcm::tcpq::hub::{Limits, Overflow};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, WriteOptions, Writer};
 use messages::{Channel, Message, common, lowlevel};
@@ -599,6 +600,85 @@ fn the_official_logger_records_what_is_played() {
     // As recorded by the logger: 0.99 s from the first to the last.
     let took = (got[99].0 - got[0].0) as f64 / 1e6;
     assert!((took - 0.99).abs() < 0.05, "{took}");
+}
+
+/// As fast as the slowest takes it: of two clients one does not read before the hub has stopped reading for its sake.
+#[test]
+fn without_pace_nothing_is_lost_over_a_hub_that_waits() {
+    const COUNT: u64 = 30_000;
+    let Some(python) = python() else { return };
+    let bench = Bench::new();
+    let (log, recorded) = (bench.path("long.lcmlog"), bench.path("recorded.lcmlog"));
+    let mut writer = eventlog::Writer::new(Vec::new());
+    for n in 0..COUNT {
+        // A message an hour: nobody waits for that.
+        writer.write(n as i64 * 3_600_000_000, "LONG", &[n.to_be_bytes(); 125].concat()).unwrap();
+    }
+    fs::write(&log, writer.into_inner()).unwrap();
+    let limits = Limits { queue: 64 << 10, overflow: Overflow::Wait, ..Limits::default() };
+    let mut hub = Hub::with_limits(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0), limits).unwrap();
+    let SocketAddr::V4(address) = hub.address().unwrap() else { panic!("an IPv4 address") };
+    let url = lcm::Url::Tcpq(address);
+    let mut logger = Command::new(python.with_file_name("lcm-logger"));
+    logger.args(["-q", "-f", "-l", &url.to_string(), "--flush-interval=100"]).arg(&recorded);
+    let _logger = Tool(logger.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
+    let mut slow = Lcm::new(&url).unwrap();
+    slow.subscribe("LONG").unwrap();
+    let until = Instant::now() + Duration::from_secs(60);
+    while hub.clients().filter(|(_, _, client)| client.subscriptions == 1).count() < 2 {
+        assert!(Instant::now() < until, "not all clients come");
+        slow.recv().unwrap();
+        hub.wait(Duration::from_millis(10)).unwrap();
+        hub.serve_once().unwrap();
+    }
+    let (held, stop) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+    let (holds, stopped) = (held.clone(), stop.clone());
+    let server = std::thread::spawn(move || {
+        while !stopped.load(Ordering::Relaxed) {
+            hub.wait(Duration::from_millis(10)).unwrap();
+            hub.serve_once().unwrap();
+            holds.fetch_or(hub.holds(), Ordering::Relaxed);
+        }
+        hub.stats()
+    });
+    let mut player = advee(&url.to_string(), &bench.folder.join("run"));
+    player.args(["log", "play", &log, "--speed", "0", "--json"]).stdin(Stdio::null()).stdout(Stdio::piped());
+    let player = player.spawn().unwrap();
+    while !held.load(Ordering::Relaxed) {
+        assert!(Instant::now() < until, "the hub never waits");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    for n in 0..COUNT {
+        let message = loop {
+            assert!(Instant::now() < until, "{n} came");
+            if let Some(message) = slow.recv_timeout(Duration::from_millis(100)).unwrap() {
+                break message.payload[..8].to_vec();
+            }
+        };
+        assert_eq!(message, n.to_be_bytes());
+    }
+    let told = player.wait_with_output().unwrap();
+    let told: Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert_eq!((&told["messages"], &told["refused"]), (&json!(COUNT), &json!(0)));
+    // The logger writes the last ones when a later one comes.
+    let events = || {
+        let bytes = fs::read(&recorded).unwrap();
+        let mut reader = eventlog::Reader::new(&bytes[..]);
+        let number = || {
+            let event = reader.next_event().ok()??;
+            (event.channel == "LONG").then(|| event.payload[..8].to_vec())
+        };
+        std::iter::from_fn(number).collect::<Vec<_>>()
+    };
+    while events().len() < COUNT as usize {
+        assert!(Instant::now() < until, "{} in the official log", events().len());
+        slow.publish("LATER", b"").unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert!(events().into_iter().eq((0..COUNT).map(|n| n.to_be_bytes().to_vec())));
+    stop.store(true, Ordering::Relaxed);
+    let stats = server.join().unwrap();
+    assert!(stats.published > COUNT && stats.delivered > 2 * COUNT && stats.dropped == 0, "{stats:?}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use crate::bus::{interrupt, wait};
 use crate::{Failed, Outcome, complain, print, seconds};
 use base::{Duration, Instant};
 use host::clock;
-use lcm::tcpq::hub::Stats;
+use lcm::tcpq::hub::{Limits, Overflow, Stats};
 use lcm::url::TCPQ_PORT;
 use serde_json::json;
 use std::io::{self, Write};
@@ -18,6 +18,10 @@ pub struct Hub {
     /// Address to listen on; other hosts reach it only at an address of this host's network
     #[arg(value_name = "ADDRESS:PORT", value_parser = address, default_value_t = DEFAULT)]
     address: SocketAddrV4,
+    /// Lose nothing: publishers wait for the slowest program, in place of dropping its oldest messages; one that takes
+    /// nothing for 4 s is disconnected
+    #[arg(long)]
+    lossless: bool,
     /// JSON lines: {"listening"}, and at the end the counters
     #[arg(long)]
     json: bool,
@@ -30,7 +34,9 @@ const DEFAULT: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, TCPQ_PORT);
 
 pub fn hub(command: &Hub) -> Outcome {
     let interrupt = interrupt()?;
-    let mut hub = lcm::live::Hub::bind(command.address).map_err(failed)?;
+    let overflow = if command.lossless { Overflow::Wait } else { Overflow::DropOldest };
+    let limits = Limits { overflow, ..Limits::default() };
+    let mut hub = lcm::live::Hub::with_limits(command.address, limits).map_err(failed)?;
     let address = hub.address().map_err(failed)?;
     if command.json {
         print(json!({"listening": format!("tcpq://{address}")}))?;

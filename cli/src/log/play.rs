@@ -32,7 +32,7 @@ nothing is played; with --force what its own modules publish, and others decide 
 pub struct Play {
     /// A run's folder, an MCAP file, or an LCM event log
     log: PathBuf,
-    /// Speed factor
+    /// Speed factor; 0: as fast as the bus takes it
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = speed)]
     speed: f64,
     /// Begin in pause
@@ -63,16 +63,22 @@ pub struct Play {
 /// Step of an arrow key, ns.
 const STEP: u64 = 5_000_000_000;
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
+/// Speed at which nothing is waited for but the bus.
+const UNPACED: f64 = 0.0;
 /// Period of updates of the terminal line, and longest wait for anything.
 const RENEW: Duration = Duration::from_millis(100);
 /// Delay from which the rest is shifted: the log was not available, or the process did not run.
 const LATE: Duration = Duration::from_millis(500);
 /// Number of retries with a full kernel buffer, one each millisecond.
 const TRIES: u32 = 200;
+/// Time limit for a connection to the hub at the beginning, and for it to take the rest at the end.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Time between two looks whether the bus takes more.
+const ROOM: Duration = Duration::from_millis(1);
 
 fn speed(text: &str) -> Result<f64, String> {
-    let speed = text.parse().ok().filter(|speed| SPEEDS.contains(speed));
-    speed.ok_or_else(|| format!("expected a factor from {} to {}", SPEEDS.start(), SPEEDS.end()))
+    let speed = text.parse().ok().filter(|speed| *speed == UNPACED || SPEEDS.contains(speed));
+    speed.ok_or_else(|| format!("expected 0, or a factor from {} to {}", SPEEDS.start(), SPEEDS.end()))
 }
 
 fn rename(text: &str) -> Result<(String, String), String> {
@@ -92,6 +98,9 @@ struct Pace {
 
 impl Pace {
     fn due(&self, log_ns: u64) -> Instant {
+        if self.speed == UNPACED {
+            return self.at;
+        }
         let ahead = log_ns.saturating_sub(self.log_ns) as f64 / self.speed;
         self.at + Duration::from_nanos(ahead as u64)
     }
@@ -117,6 +126,8 @@ struct Played {
 
 struct Player<'a> {
     command: &'a Play,
+    /// Of the bus.
+    url: String,
     log: Arc<Log>,
     selection: Selection,
     lcm: Lcm,
@@ -163,6 +174,7 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
     let begin = selection.from.max(log.span().map_or(0, |span| span.0));
     let mut player = Player {
         command,
+        url: name,
         log,
         selection,
         lcm,
@@ -178,10 +190,12 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
         played: Played::default(),
         status: std::io::stderr().is_terminal().then_some(Instant::ZERO),
     };
+    player.settle()?;
     let start = clock::now();
     let outcome = player.run(command.time.map_or(Instant::NEVER, |time| start + time));
     player.clear();
     outcome?;
+    player.settle()?;
     player.report(clock::now().since(start))
 }
 
@@ -234,24 +248,53 @@ impl Player<'_> {
         for _ in 0..64 {
             let Some(item) = self.batch.get(self.next) else { break };
             let now = clock::now();
-            let pace = *self.pace.get_or_insert(Pace { log_ns: item.log_time, at: now, speed });
+            let from_now = Pace { log_ns: item.log_time, at: now, speed };
+            let pace = *self.pace.get_or_insert(from_now);
             let due = pace.due(item.log_time);
             if due > now {
                 self.pause(due.min(until).min(now + RENEW))?;
                 break;
             }
             let late = now.since(due);
-            if late > LATE {
-                self.pace = Some(Pace { log_ns: item.log_time, at: now, speed });
+            if late > LATE || speed == UNPACED {
+                self.pace = Some(from_now);
             }
             let name = self.name_on_the_bus(item.channel);
             if is_played(item.channel, name, self.command.commands, self.beside_a_robot) {
-                self.played.latest = self.played.latest.max(late);
-                send(&mut self.lcm, &self.command.rename, &item, &mut self.played)?;
+                let tries = if speed == UNPACED { 1 } else { TRIES };
+                let taken = send(&mut self.lcm, &self.command.rename, &item, tries, &mut self.played)?;
+                if !taken && speed == UNPACED {
+                    self.pause(now + ROOM)?;
+                    break;
+                }
+                self.played.refused += u64::from(!taken);
+                if speed != UNPACED {
+                    self.played.latest = self.played.latest.max(late);
+                }
             }
             self.next += 1;
         }
         Ok(Turn::On)
+    }
+
+    /// Waits until the bus has taken all that was published, as long as it takes anything, and until Ctrl-C. At the
+    /// beginning that is a connection.
+    fn settle(&mut self) -> Result<(), Failed> {
+        let mut progress = (self.lcm.stats().sent, clock::now());
+        while !self.lcm.is_sent().map_err(|error| Failed::from(format!("LCM bus: {error}")))? {
+            let (now, sent) = (clock::now(), self.lcm.stats().sent);
+            if sent != progress.0 {
+                progress = (sent, now);
+            }
+            if now.since(progress.1) > PATIENCE {
+                return Err(format!("the hub at {} takes nothing", self.url).into());
+            }
+            if matches!(self.interrupt.read_signal(), Ok(Some(_))) {
+                break;
+            }
+            self.pause(now + ROOM)?;
+        }
+        Ok(())
     }
 
     /// The name under which a channel is published.
@@ -269,6 +312,7 @@ impl Player<'_> {
             },
             Key::Back => self.seek(at.unwrap_or_default().saturating_sub(STEP))?,
             Key::Forward => self.seek(at.unwrap_or_default().saturating_add(STEP))?,
+            Key::Faster | Key::Slower if self.speed == UNPACED => {}
             Key::Faster | Key::Slower => {
                 let factor = if key == Key::Faster { 1.25 } else { 0.8 };
                 self.speed = (self.speed * factor).clamp(*SPEEDS.start(), *SPEEDS.end());
@@ -312,7 +356,11 @@ impl Player<'_> {
         let at = self.paused_at.or(self.pace.map(|pace| pace.log_ns(now))).unwrap_or(start);
         let second = |ns: u64| ns.saturating_sub(start) as f64 / 1e9;
         let paused = if self.paused_at.is_some() { ", in pause" } else { "" };
-        let line = format!("\r\x1b[K{:.1} of {:.1} s, {:.2} ×{paused}", second(at), second(end), self.speed);
+        let speed = match self.speed {
+            UNPACED => "as fast as it is taken".into(),
+            speed => format!("{speed:.2} ×"),
+        };
+        let line = format!("\r\x1b[K{:.1} of {:.1} s, {speed}{paused}", second(at), second(end));
         let _ = std::io::stderr().write_all(line.as_bytes());
     }
 
@@ -341,10 +389,11 @@ impl Player<'_> {
                 "latest_s": latest,
             }))?;
         } else {
-            print(format_args!(
-                "{messages} messages on {channels} channels in {s:.1} s, {:.2} ms late at most",
-                latest * 1e3
-            ))?;
+            let pace = match self.command.speed {
+                UNPACED => format!("{:.1} MB/s", bytes as f64 / 1e6 / s.max(1e-9)),
+                _ => format!("{:.2} ms late at most", latest * 1e3),
+            };
+            print(format_args!("{messages} messages on {channels} channels in {s:.1} s, {pace}"))?;
         }
         Ok(ExitCode::SUCCESS)
     }
@@ -358,29 +407,36 @@ fn is_played(channel: &str, name: &str, commands: bool, beside_a_robot: bool) ->
     is_safe && (commands || !is_command)
 }
 
-fn send(lcm: &mut Lcm, names: &[(String, String)], item: &Item<'_>, played: &mut Played) -> Result<(), Failed> {
+/// Publishes a message; false: the bus has no room for it, at none of `tries`, one each millisecond.
+fn send(
+    lcm: &mut Lcm,
+    names: &[(String, String)],
+    item: &Item<'_>,
+    tries: u32,
+    played: &mut Played,
+) -> Result<bool, Failed> {
     let to = names.iter().find(|(from, _)| from == item.channel).map_or(item.channel, |(_, to)| to);
-    for _ in 0..TRIES {
+    for left in (0..tries).rev() {
         match lcm.publish(to, item.data) {
             Ok(()) => {
                 (played.messages, played.bytes) = (played.messages + 1, played.bytes + item.data.len() as u64);
                 if !played.channels.contains(to) {
                     played.channels.insert(to.into());
                 }
-                return Ok(());
+                return Ok(true);
             }
-            Err(PublishError::Busy) => std::thread::sleep(Duration::from_millis(1)),
+            Err(PublishError::Busy) if left > 0 => std::thread::sleep(Duration::from_millis(1)),
+            Err(PublishError::Busy) => {}
             Err(PublishError::Encode(error)) => {
                 if played.impossible.len() < 100 {
                     played.impossible.entry(to.into()).or_insert_with(|| error.to_string());
                 }
-                return Ok(());
+                return Ok(true);
             }
             Err(PublishError::Io(error)) => return Err(format!("LCM publish: {error}").into()),
         }
     }
-    played.refused += 1;
-    Ok(())
+    Ok(false)
 }
 
 #[cfg(test)]

@@ -168,6 +168,18 @@ impl Lcm {
         provider!(&mut self.0, it => it.publish(channel, payload))
     }
 
+    /// True if the system has taken all that was published. Over TCPQ it is false while messages wait for room in the
+    /// connection, and while there is none: a program that ends then loses them. Never blocks.
+    ///
+    /// # Errors
+    /// As [`Lcm::recv`].
+    pub fn is_sent(&mut self) -> io::Result<bool> {
+        match &mut self.0 {
+            Provider::Tcpq(tcpq) => tcpq.is_sent(),
+            Provider::Udpm(_) | Provider::Memq(_) | Provider::File(_) => Ok(true),
+        }
+    }
+
     /// Receives the channels that `pattern` matches as a whole; see [`crate::subscription::Pattern`]. A message that
     /// several subscriptions match is received once. What waits to be received is limited by the receive buffer.
     ///

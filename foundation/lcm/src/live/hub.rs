@@ -14,6 +14,7 @@
 //! # Ok::<(), std::io::Error>(())
 //! ```
 
+use super::clock::Timer;
 use super::tcpq::{prepare, write};
 use super::{context, wait};
 use crate::tcpq::DecodeError;
@@ -28,8 +29,12 @@ use std::net::{SocketAddr, SocketAddrV4, TcpListener, TcpStream};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::time::Duration;
 
-/// The listening socket among the clients' numbers, which count from 0.
+/// The listening socket and the timer among the clients' numbers, which count from 0.
 const LISTENER: u64 = u64::MAX;
+const TIMER: u64 = u64::MAX - 1;
+/// Time without a byte taken after which a client is disconnected for which a hub without loss waits. Less than the 6 s
+/// after which a publisher that is not read gives its connection up.
+const STALL_MAX: Duration = Duration::from_secs(4);
 /// Maximum number of sockets one [`Hub::serve_once`] serves, how much it reads of each and how many it accepts.
 const SERVED_MAX: usize = 64;
 const CHUNK: usize = 64 << 10;
@@ -61,6 +66,8 @@ pub enum What {
     Malformed(DecodeError),
     /// The connection broke.
     Broken(io::Error),
+    /// All others waited for it, and it took nothing for 4 s.
+    Stalled,
 }
 
 impl fmt::Display for Event {
@@ -73,6 +80,7 @@ impl fmt::Display for Event {
             }
             What::Malformed(error) => write!(f, "closed: {error}"),
             What::Broken(error) => write!(f, "lost: {error}"),
+            What::Stalled => write!(f, "closed: it took nothing for 4 s, and all others waited for it"),
         }
     }
 }
@@ -86,6 +94,10 @@ pub struct Hub {
     connections: BTreeMap<ClientId, Connection>,
     events: VecDeque<Event>,
     chunk: Box<[u8]>,
+    /// No client is read: one of them has to take its output first.
+    holds: bool,
+    /// Set while it holds: from then on each client that blocks has time to take something.
+    timer: Timer,
     /// Given up for a moment to accept and close a connection when there are no descriptors left: unaccepted it would
     /// keep the listener readable.
     reserve: Option<OwnedFd>,
@@ -97,6 +109,10 @@ struct Connection {
     address: SocketAddr,
     /// The kernel takes no more now; the epoll looks for room to write.
     full: bool,
+    /// Took something since the timer was set.
+    took: bool,
+    /// What the epoll looks for.
+    watched: EpollFlags,
 }
 
 impl Hub {
@@ -118,6 +134,8 @@ impl Hub {
         listener.set_nonblocking(true)?;
         let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(context("cannot make an epoll"))?;
         epoll.add(&listener, EpollEvent::new(EpollFlags::EPOLLIN, LISTENER)).map_err(context("cannot watch"))?;
+        let timer = Timer::new()?;
+        epoll.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER)).map_err(context("cannot watch"))?;
         let reserve = epoll.0.try_clone().ok();
         Ok(Self {
             hub: crate::tcpq::hub::Hub::new(limits),
@@ -126,6 +144,8 @@ impl Hub {
             connections: BTreeMap::new(),
             events: VecDeque::new(),
             chunk: vec![0; CHUNK].into(),
+            holds: false,
+            timer,
             reserve,
         })
     }
@@ -151,6 +171,7 @@ impl Hub {
         for event in &ready[..count] {
             match event.data() {
                 LISTENER => self.accept()?,
+                TIMER => self.end_stalled()?,
                 id => self.serve(ClientId(id), event.events()),
             }
         }
@@ -159,7 +180,7 @@ impl Hub {
                 self.write(id);
             }
         }
-        Ok(())
+        self.hold_or_go_on()
     }
 
     /// Waits until [`Hub::serve_once`] has something to do, at most `timeout`; false when it has not, or a signal came.
@@ -173,6 +194,12 @@ impl Hub {
     /// Next event of a client; the oldest first, at most 1024 wait.
     pub fn poll_event(&mut self) -> Option<Event> {
         self.events.pop_front()
+    }
+
+    /// True while nobody is read, since a client has to take its output first ([`crate::tcpq::hub::Overflow::Wait`]).
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.holds
     }
 
     /// Counters of everything.
@@ -213,7 +240,8 @@ impl Hub {
                 self.hub.disconnect(id);
                 continue;
             }
-            self.connections.insert(id, Connection { stream, address, full: false });
+            let watched = EpollFlags::EPOLLIN;
+            self.connections.insert(id, Connection { stream, address, full: false, took: false, watched });
             self.tell(id, address, What::Come);
         }
         Ok(())
@@ -224,7 +252,10 @@ impl Hub {
             self.write(id);
         }
         let Some(connection) = self.connections.get(&id) else { return };
-        if !events.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR) {
+        let over = events.intersects(EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR);
+        // Also between two clients of one call: what is read must find room.
+        let reads = events.contains(EpollFlags::EPOLLIN) && !self.hub.is_full();
+        if !(over || reads) {
             return;
         }
         match recv(connection.stream.as_raw_fd(), &mut self.chunk, MsgFlags::MSG_DONTWAIT) {
@@ -259,6 +290,7 @@ impl Hub {
             match write(&connection.stream, &pieces[..count]) {
                 Ok(written) => {
                     self.hub.handle_tx(id, written);
+                    connection.took |= written > 0;
                     if written < wanted {
                         break true;
                     }
@@ -266,13 +298,55 @@ impl Hub {
                 Err(errno) => return self.close(id, What::Broken(errno.into())),
             }
         };
-        if full != connection.full {
-            connection.full = full;
-            let events = if full { EpollFlags::EPOLLIN | EpollFlags::EPOLLOUT } else { EpollFlags::EPOLLIN };
-            if let Err(errno) = self.epoll.modify(&connection.stream, &mut EpollEvent::new(events, id.0)) {
-                self.close(id, What::Broken(errno.into()));
-            }
+        connection.full = full;
+        self.watch(id);
+    }
+
+    /// Looks for what can be done with a client now.
+    fn watch(&mut self, id: ClientId) {
+        let Some(connection) = self.connections.get_mut(&id) else { return };
+        let mut wanted = EpollFlags::empty();
+        wanted.set(EpollFlags::EPOLLIN, !self.holds);
+        wanted.set(EpollFlags::EPOLLOUT, connection.full);
+        if wanted == connection.watched {
+            return;
         }
+        connection.watched = wanted;
+        if let Err(errno) = self.epoll.modify(&connection.stream, &mut EpollEvent::new(wanted, id.0)) {
+            self.close(id, What::Broken(errno.into()));
+        }
+    }
+
+    /// Reads no client while one has to take its output first.
+    fn hold_or_go_on(&mut self) -> io::Result<()> {
+        let holds = self.hub.is_full();
+        if holds == self.holds {
+            return Ok(());
+        }
+        self.holds = holds;
+        match holds {
+            true => self.await_stalled(),
+            false => self.timer.clear(),
+        }?;
+        let ids: Vec<ClientId> = self.connections.keys().copied().collect();
+        ids.into_iter().for_each(|id| self.watch(id));
+        Ok(())
+    }
+
+    fn await_stalled(&mut self) -> io::Result<()> {
+        self.connections.values_mut().for_each(|connection| connection.took = false);
+        self.timer.set_after(STALL_MAX)
+    }
+
+    /// Disconnects the clients that block all others and took nothing in their time.
+    fn end_stalled(&mut self) -> io::Result<()> {
+        if !self.timer.expired() || !self.holds {
+            return Ok(());
+        }
+        let stalled = self.connections.iter().filter(|(id, connection)| !connection.took && self.hub.blocks(**id));
+        let stalled: Vec<ClientId> = stalled.map(|(id, _)| *id).collect();
+        stalled.into_iter().for_each(|id| self.close(id, What::Stalled));
+        self.await_stalled()
     }
 
     fn close(&mut self, id: ClientId, what: What) {

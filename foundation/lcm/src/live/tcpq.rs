@@ -159,6 +159,11 @@ impl Tcpq {
         self.watch().map_err(PublishError::Io)
     }
 
+    pub(super) fn is_sent(&mut self) -> io::Result<bool> {
+        self.drive()?;
+        Ok(matches!(self.link, Link::Up(_)) && self.outbox.is_empty())
+    }
+
     pub(super) fn subscribe(&mut self, pattern: &str, queue: Queue) -> Result<SubscriptionId, SubscribeError> {
         let too_long = || PatternError { pattern: pattern.into(), why: format!("longer than {TEXT_MAX} bytes") };
         if pattern.len() > TEXT_MAX {

@@ -4,7 +4,9 @@
 //! ([`Pattern`]), also to the publisher. It is stored once, however many wait for it.
 //!
 //! No client can stall another: what is to be written to one waits in an outbox of its own, and when that is full the
-//! oldest whole messages in it are dropped and counted. The official hub writes to each in turn and waits.
+//! oldest whole messages in it are dropped and counted. The official hub writes to each in turn and waits. A hub with
+//! [`Overflow::Wait`] drops nothing: its host reads no client while [`Hub::is_full`], so publishers wait for the
+//! slowest client, which the host disconnects if it takes nothing at all.
 //! The host, after any input: drains [`Hub::poll_pending`] until `None`, writes to each client what [`Hub::poll_tx`]
 //! returns, and reports to [`Hub::handle_tx`] the number of bytes taken; the rest is written when the connection takes
 //! more.
@@ -46,12 +48,24 @@ pub struct Limits {
     /// Maximum size of waiting output for one client, with 64 bytes added for each message; one message is accepted
     /// regardless of its size.
     pub queue: usize,
+    /// What happens when that is reached.
+    pub overflow: Overflow,
+}
+
+/// What a hub does when too much waits for a client.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overflow {
+    /// The oldest messages for that client are dropped.
+    #[default]
+    DropOldest,
+    /// Nothing is dropped, and [`Hub::is_full`] is true: the host reads no more until the client has taken some.
+    Wait,
 }
 
 impl Default for Limits {
-    /// 64 clients, 256 subscriptions each, messages of 16 MiB, 16 MiB waiting for each client.
+    /// 64 clients, 256 subscriptions each, messages of 16 MiB, 16 MiB waiting for each client, the oldest dropped.
     fn default() -> Self {
-        Self { clients: 64, subscriptions: 256, message: 16 << 20, queue: 16 << 20 }
+        Self { clients: 64, subscriptions: 256, message: 16 << 20, queue: 16 << 20, overflow: Overflow::DropOldest }
     }
 }
 
@@ -209,6 +223,18 @@ impl Hub {
         }
     }
 
+    /// True while a client has to take some of its output before the host may read on; never of a hub that drops.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.relay.limits.overflow == Overflow::Wait && self.relay.clients.keys().any(|&id| self.blocks(id))
+    }
+
+    /// True if more waits for this client than the limit.
+    #[must_use]
+    pub fn blocks(&self, id: ClientId) -> bool {
+        self.relay.clients.get(&id).is_some_and(|client| client.outbox.cost() > self.relay.limits.queue)
+    }
+
     /// Counters so far.
     #[must_use]
     pub fn stats(&self) -> Stats {
@@ -254,9 +280,11 @@ impl Relay {
         let message: Arc<[u8]> = wire.into();
         for &id in wanting {
             let Some(client) = self.clients.get_mut(&id) else { continue };
-            let dropped = client.outbox.make_room(message.len(), self.limits.queue);
-            client.stats.dropped += dropped;
-            self.stats.dropped += dropped;
+            if self.limits.overflow == Overflow::DropOldest {
+                let dropped = client.outbox.make_room(message.len(), self.limits.queue);
+                client.stats.dropped += dropped;
+                self.stats.dropped += dropped;
+            }
             client.outbox.push(message.clone(), 0);
             client.notify(id, &mut self.pending);
         }

@@ -107,6 +107,32 @@ fn a_client_that_does_not_read_loses_its_oldest_messages_and_nobody_else_any() {
 }
 
 #[test]
+fn a_hub_that_waits_drops_nothing_and_is_full_until_the_client_takes_some() {
+    let mut hub = hub(3, Limits { queue: 3500, overflow: Overflow::Wait, ..Limits::default() });
+    send(&mut hub, 0, &subscribe("A"));
+    send(&mut hub, 1, &subscribe("A"));
+    let payload = |n: usize| format!("{n:01000}");
+    for n in 0..5 {
+        assert_eq!(hub.is_full(), n > 3, "each message costs 1077 bytes, the fourth is more than the limit");
+        publish(&mut hub, 2, "A", &payload(n));
+        take(&mut hub, 1);
+    }
+    assert!(hub.blocks(ClientId(0)) && !hub.blocks(ClientId(1)));
+    // The length of two messages.
+    hub.handle_tx(ClientId(0), 2 * 1013);
+    assert!(!hub.is_full());
+    assert_eq!(take(&mut hub, 0), [2, 3, 4].map(|n| format!("A {}", payload(n))));
+    assert_eq!((hub.stats().dropped, hub.stats().delivered), (0, 10));
+    for n in 0..9 {
+        publish(&mut hub, 2, "A", &payload(n));
+    }
+    assert!(hub.is_full());
+    hub.disconnect(ClientId(0));
+    take(&mut hub, 1);
+    assert!(!hub.is_full(), "who is gone stalls nobody");
+}
+
+#[test]
 fn one_message_waits_whatever_its_size() {
     let mut hub = hub(2, Limits { queue: 10, ..Limits::default() });
     send(&mut hub, 0, &subscribe("A"));

@@ -3,7 +3,7 @@
 use super::{PATIENCE, Relay, payload, receive, settle};
 use lcm::live::{Hub, Lcm, PublishError};
 use lcm::subscription::Queue;
-use lcm::tcpq::hub::Limits;
+use lcm::tcpq::hub::{Limits, Overflow};
 use lcm::url::Url;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, TcpStream};
@@ -108,6 +108,37 @@ fn a_client_without_a_hub_sleeps_between_its_tries() {
     }
     // Tries at about 0, 50, 150 and 350 ms, each of which is refused at once or a wake-up later.
     assert!(woken <= 10, "{woken}");
+}
+
+#[test]
+fn a_client_that_takes_nothing_stalls_a_hub_that_waits_for_a_moment_only() {
+    let relay = Relay::start(Limits { queue: 64 << 10, overflow: Overflow::Wait, ..Limits::default() });
+    let (mut asleep, mut other) = (relay.client(), relay.client());
+    asleep.subscribe("A").unwrap();
+    settle(&mut asleep, "A");
+    other.subscribe("END").unwrap();
+    settle(&mut other, "END");
+    let message = payload(1 << 20);
+    let until = Instant::now() + PATIENCE;
+    // More than all buffers on the way hold: the last ones are taken after the one who sleeps was cut off.
+    let mut publish = |channel: &str, payload: &[u8]| {
+        while let Err(error) = other.publish(channel, payload) {
+            assert!(matches!(error, PublishError::Busy), "{error:?}");
+            assert!(Instant::now() < until, "the hub waits for ever");
+            other.wait(Duration::from_millis(10)).unwrap();
+        }
+    };
+    for _ in 0..100 {
+        publish("A", &message);
+    }
+    publish("END", b"");
+    assert_eq!(receive(&mut other).0, "END");
+    let (stats, events) = relay.end();
+    assert_eq!(stats.dropped, 0);
+    assert!(
+        events.iter().any(|event| event.ends_with("took nothing for 4 s, and all others waited for it")),
+        "{events:?}"
+    );
 }
 
 #[test]
