@@ -10,7 +10,7 @@ use super::{Common, Failed, Outcome, print};
 use base::Duration;
 use inputs::Inputs;
 use robot::checks;
-use robot::config::{self, ConfigError, scenario};
+use robot::config::{self, ConfigError, built_in_scenario, scenario};
 use robot::place::RobotLocation;
 use robot::preflight;
 use robot::topology::{virtual_machine, virtual_machine_recorded};
@@ -44,7 +44,7 @@ pub struct Soak {
     /// The simulated world: a file, or a name in conf/worlds [default: those of the scenario, in turn]
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
-    /// What happens [default: scenarios/default.toml in a checkout, else beside the configuration]
+    /// What happens [default: scenarios/default.toml in a checkout or beside the configuration, else as built in]
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Episodes at once [default: as many as there are processors]
@@ -214,8 +214,8 @@ impl Robot {
     }
 
     fn load(common: &Common, command: &Soak) -> Result<Self, Failed> {
-        let path = command.scenario.clone().unwrap_or_else(|| usual_scenario(&common.config_dir()));
-        let scenario = scenario(&path)?;
+        let path = command.scenario.clone().or_else(|| usual_scenario(&common.config_dir()));
+        let scenario = path.map_or_else(built_in_scenario, |path| scenario(&path))?;
         // Names the keys with old names, once for all episodes.
         common.load(true)?;
         let place = RobotLocation { world: command.world.clone(), ..common.place(true) };
@@ -505,9 +505,10 @@ fn behaviour(place: &RobotLocation, operator: Behaviour) -> Result<Behaviour, Co
     Ok(Behaviour { wheelbase: wheelbase_m, body, ..operator })
 }
 
-fn usual_scenario(config: &Path) -> PathBuf {
-    let checkout = Path::new("scenarios/default.toml");
-    if checkout.exists() { checkout.into() } else { config.join("../scenarios/default.toml") }
+/// The first that exists: in a checkout, or beside the configuration.
+fn usual_scenario(config: &Path) -> Option<PathBuf> {
+    let places = [PathBuf::from("scenarios/default.toml"), config.join("../scenarios/default.toml")];
+    places.into_iter().find(|place| place.exists())
 }
 
 fn worst(figures: &soak::Figures) -> [(&'static str, Option<Duration>); 6] {

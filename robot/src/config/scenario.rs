@@ -1,6 +1,6 @@
 //! A scenario of the soak, and the list of what once failed; their keys are described in `docs/soak.md`.
 
-use settings::{ConfigError, read, read_as};
+use settings::{ConfigError, Node, read, read_as};
 use sim::soak::{Regression, Regressions, Scenario};
 use std::path::Path;
 
@@ -10,6 +10,16 @@ use std::path::Path;
 /// A line for each thing that is wrong.
 pub fn scenario(path: &Path) -> Result<Scenario, ConfigError> {
     read_as(&read(path)?)
+}
+
+/// The scenario that the executable brings along: `scenarios/default.toml` as it was built.
+///
+/// # Errors
+/// As [`scenario`].
+pub fn built_in_scenario() -> Result<Scenario, ConfigError> {
+    const TEXT: &str = include_str!("../../../scenarios/default.toml");
+    let node = Node::parse(Path::new("scenarios/default.toml"), TEXT).map_err(ConfigError)?;
+    read_as(&node)
 }
 
 /// Reads what once failed.
@@ -23,11 +33,16 @@ pub fn regressions(path: &Path) -> Result<Vec<Regression>, ConfigError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use settings::Node;
 
     fn parse(text: &str) -> Result<Scenario, String> {
         let node = Node::parse(Path::new("s.toml"), text).map_err(|lines| lines.join("\n"))?;
         read_as(&node).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_executable_brings_the_shipped_scenario_along() {
+        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/default.toml");
+        assert_eq!(built_in_scenario(), scenario(&shipped));
     }
 
     #[test]
