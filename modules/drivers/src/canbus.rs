@@ -188,8 +188,8 @@ impl Canbus {
         let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
         let nodes: Vec<NodeConfig> =
             wheels.node_configs().chain(steering.as_ref().map(Steering::node_config)).collect();
-        let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
-        let master = MasterConfig { id, bit_rate, sync, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
+        let (id, bit_rate, sync, time) = (config.node_id, config.bitrate, config.sync, config.time);
+        let master = MasterConfig { id, bit_rate, sync, time, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
         let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
         let stop_watch = StopWatch::new(&config.stop, config.has_pause_line);
@@ -1058,6 +1058,8 @@ impl Module for Canbus {
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::Port { port, input } if self.stop_watch.on_port(now, port, &input) => {}
             Event::Port { input: Input::Can { frame, at }, .. } => {
+                // TIME is the time of this process's messages: a step of the wall clock changes neither.
+                self.master.set_time(now, out.timestamp(now));
                 self.on_frame(now, at, &frame, out);
             }
             Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),

@@ -27,6 +27,8 @@ settings! {
         master: u8 = 127, 1..=127;
         /// Period of SYNC; 0: no SYNC.
         sync_s as sync: Option<Duration> = None, Off(ZeroOr(0.001..=10.0));
+        /// Period of TIME (CiA 301, 7.2.6), the date and time of this computer for nodes that keep a clock; 0: no TIME.
+        time_s as time: Option<Duration> = None, Off(ZeroOr(0.1..=3600.0));
         /// Who releases the first homing of the axes after the start of the robot: it moves the wheels. Every later one
         /// needs an operator.
         homing_release: HomingRelease = HomingRelease::Operator;
@@ -308,6 +310,8 @@ pub struct Config {
     pub node_id: u8,
     /// Period of SYNC, if any drive needs it.
     pub sync: Option<Duration>,
+    /// Period of TIME, if any node keeps a clock.
+    pub time: Option<Duration>,
     /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
     /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
@@ -526,6 +530,7 @@ impl BusConfig {
             sync: self.sync,
             wheelbase: geometry.wheelbase_m,
             driven: geometry.driven,
+            time: self.time,
             base,
             limits,
             critical: Vec::new(),

@@ -41,6 +41,7 @@ pub(super) fn config() -> Config {
         node_id: 127,
         sync: None,
         wheelbase: 0.6,
+        time: None,
         driven: settings::robot::DrivenAxle::Rear,
         base: None,
         limits: Limits {
