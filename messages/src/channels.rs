@@ -152,6 +152,7 @@ channels! {
     LlDataAxes = "LL_DATA_AXES": lowlevel::DataAxes;
     LlDataHold = "LL_DATA_HOLD": lowlevel::DataHold;
     LlCmdHoming = "LL_CMD_HOMING": lowlevel::CmdHoming;
+    LlDataWheels = "LL_DATA_WHEELS": lowlevel::DataWheels;
     LlCmdPower = "LL_CMD_POWER": lowlevel::CmdPower;
     LlDataPower = "LL_DATA_POWER": lowlevel::DataPower;
     LlEventStop = "LL_EVENT_STOP": lowlevel::EventStop;

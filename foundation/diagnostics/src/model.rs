@@ -64,6 +64,8 @@ pub struct Model {
     pub axes: Slot<lowlevel::DataAxes>,
     /// Battery and channels.
     pub power: Slot<lowlevel::DataPower>,
+    /// What the drives do and bear.
+    pub wheels: Slot<lowlevel::DataWheels>,
     /// Temperatures and fans.
     pub temperatures: Slot<lowlevel::DataTemperature>,
     /// Gamepad.
@@ -123,6 +125,7 @@ impl Model {
             power: Slot::every(ms(1000)),
             temperatures: Slot::every(ms(1000)),
             gamepad: Slot::every(ms(200)),
+            wheels: Slot::every(ms(200)),
             sdo: Slot::every(Duration::MAX),
             estimate: Slot::every(ms(50)),
             goal: Slot::every(ms(200)),
@@ -177,6 +180,7 @@ impl Model {
             Some(Message::LlDataTemperature(temperatures)) => self.temperatures.put(at, temperatures),
             Some(Message::LlDataBus(bus)) => {
                 let name = bus.bus.clone();
+            Some(Message::LlDataWheels(wheels)) => self.wheels.put(at, wheels),
                 put(&mut self.buses, BUSES_MAX, name, ms(1000), at, bus);
             }
             Some(Message::LlDataHold(list)) => {

@@ -54,6 +54,8 @@ pub struct View<'a> {
     pub axes: Shown<'a, lowlevel::DataAxes>,
     /// Battery and channels.
     pub power: Shown<'a, lowlevel::DataPower>,
+    /// What the drives do and bear.
+    pub wheels: Shown<'a, lowlevel::DataWheels>,
     /// Temperatures and fans.
     pub temperatures: Shown<'a, lowlevel::DataTemperature>,
     /// Gamepad.
@@ -136,6 +138,7 @@ impl Model {
             power: self.power.shown(now),
             temperatures: self.temperatures.shown(now),
             gamepad: self.gamepad.shown(now),
+            wheels: self.wheels.shown(now),
             log: self.log.shown(now),
             truth: self.truth.shown(now),
             modules: self.modules(now),

@@ -315,6 +315,8 @@ pub struct Config {
     /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
     /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
+    /// Circumference of a driven wheel, m.
+    pub wheel_circumference: f64,
     /// What the propulsion of a base that steers drives.
     pub driven: DrivenAxle,
     /// Wheels of a base without steering; none: a driven rear axle and steered front wheels.
@@ -528,9 +530,10 @@ impl BusConfig {
             bitrate: self.bitrate,
             node_id: self.master,
             sync: self.sync,
-            wheelbase: geometry.wheelbase_m,
-            driven: geometry.driven,
             time: self.time,
+            wheelbase: geometry.wheelbase_m,
+            wheel_circumference: geometry.wheel_circumference_m(),
+            driven: geometry.driven,
             base,
             limits,
             critical: Vec::new(),

@@ -154,6 +154,10 @@ function system(): Part {
       { name: "propulsion", nmt_state: 5, statusword: 0x1637, error_code: 0, position: robot.path, velocity: robot.speed, current: wave(3, 0.4, 1.2) },
       { name: "steering", nmt_state: 5, statusword: 0x1637, error_code: 0, position: robot.steering, velocity: 0, current: 0.3 },
     ] }, 0.2),
+    wheels: shown({ timestamp: at, wheels: [
+      { name: "propulsion", steering: null, rotation: null, speed: robot.speed / 0.1, torque: null, current: wave(3, 0.4, 1.2), temperature: 41, load: wave(3, 0.08, 0.24) },
+      { name: "steering", steering: robot.steering, rotation: null, speed: null, torque: null, current: 0.3, temperature: null, load: 0.06 },
+    ] }, 0.2),
     power: shown({ timestamp: at, voltage: wave(60, 0.2, 25.4), charge: 0.71, remaining: 2 * 3600 + 600, channels: ["host", "computer1", "computer2", "motors", "monitor", "audio", "sensors", "switch"].map((name, i) => ({ name, on: i !== 5, current: i === 5 ? 0 : 0.3 + 0.2 * i })) }, 1),
     temperatures: shown({ timestamp: at, temperatures: [{ name: "cpu", value: 52.5, over: false }, { name: "motor", value: 71, over: true }, { name: "battery", value: 28.5, over: false }], fans: [{ name: "fan1", duty: 0.6, rpm: 2340, failed: false }, { name: "fan2", duty: 0.6, rpm: 0, failed: true }] }, 1),
     busses: [

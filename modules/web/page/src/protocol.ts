@@ -315,6 +315,7 @@ export interface SystemPart {
   modules: ModuleRow[];
   axes: Shown<DataAxes>;
   power: Shown<DataPower>;
+  wheels: Shown<DataWheels>;
   temperatures: Shown<DataTemperature>;
   busses: Shown<DataBus>[];
   log: Shown<DataLog>;
@@ -1082,6 +1083,34 @@ export interface EventStop {
 export interface Range {
   /** Number of the sensor in the configuration. */
   id: number;
+/** What the drives do and bear: `LL_DATA_WHEELS`, with `LL_DATA_AXES`. A value that a drive does not measure is NaN. */
+export interface DataWheels {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Drives in order of `LL_DATA_AXES`. */
+  wheels: Wheel[];
+}
+
+/** Drive of a wheel, or of a steering. */
+export interface Wheel {
+  /** Axis as in `LL_DATA_AXES`. */
+  name: string;
+  /** Steering angle, rad. */
+  steering: number | null;
+  /** Angle by which the wheel has turned since the start of its drive, rad. */
+  rotation: number | null;
+  /** Rotation speed of the wheel, rad/s. */
+  speed: number | null;
+  /** Torque at the shaft of the motor, N m. */
+  torque: number | null;
+  /** Motor current, A. */
+  current: number | null;
+  /** Temperature of motor or power stage, degrees Celsius. */
+  temperature: number | null;
+  /** Share of the rated current of the motor, or of its rated torque; 1: what it bears continuously. */
+  load: number | null;
+}
+
   /** Position of the sensor, robot frame, forward, m. */
   x: number | null;
   /** Position of the sensor, robot frame, left, m. */

@@ -198,6 +198,14 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["timestamp", "µs"],
   ])],
   ["middlelevel.cmd_estimate_t", new Map([
+  ["lowlevel.data_wheels_t", new Map([
+    ["timestamp", "µs"],
+    ["wheels.steering", "rad"],
+    ["wheels.rotation", "rad"],
+    ["wheels.speed", "rad/s"],
+    ["wheels.current", "A"],
+    ["wheels.temperature", "°C"],
+  ])],
     ["timestamp", "µs"],
     ["x", "m"],
     ["y", "m"],

@@ -133,6 +133,7 @@ pub struct SystemPart<'a> {
     axes: Shown<'a, lowlevel::DataAxes>,
     power: Shown<'a, lowlevel::DataPower>,
     temperatures: Shown<'a, lowlevel::DataTemperature>,
+    wheels: Shown<'a, lowlevel::DataWheels>,
     #[serde(rename = "busses")]
     buses: Vec<Shown<'a, lowlevel::DataBus>>,
     log: Shown<'a, common::DataLog>,
@@ -155,6 +156,7 @@ impl<'a> SystemPart<'a> {
             axes: model.axes.shown(now),
             power: model.power.shown(now),
             temperatures: model.temperatures.shown(now),
+            wheels: model.wheels.shown(now),
             buses: model.buses().map(|bus| bus.shown(now)).collect(),
             log: model.log.shown(now),
             clock: model.clock.shown(now),
