@@ -129,6 +129,8 @@ faults! {
 
     /// A ranging board does not measure, which the motion depends on: the robot stops.
     RangingLost = 0x0107, Timeout;
+    /// A floor sensor of a distance board sees no floor and engages the PAUSE line; the message names the corner.
+    FloorMissing = 0x0108, Device;
 
     /// A drive does not answer, or its heartbeat is missing.
     DriveLost = 0x0201, Device;
