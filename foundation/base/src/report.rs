@@ -131,6 +131,8 @@ faults! {
     RangingLost = 0x0107, Timeout;
     /// A floor sensor of a distance board sees no floor and engages the PAUSE line; the message names the corner.
     FloorMissing = 0x0108, Device;
+    /// The supply voltage of a board is out of its range.
+    BoardSupply = 0x0109, Device;
 
     /// A drive does not answer, or its heartbeat is missing.
     DriveLost = 0x0201, Device;

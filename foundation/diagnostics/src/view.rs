@@ -48,14 +48,16 @@ pub struct View<'a> {
     pub scans: Vec<Shown<'a, Scan>>,
     /// Sighted beacons.
     pub beacons: Shown<'a, lowlevel::DataBeacons>,
+    /// State of the beacon scanner.
+    pub scanner: Shown<'a, lowlevel::DataScanner>,
     /// Odometry.
     pub odometry: Shown<'a, lowlevel::DataOdo>,
     /// Drives.
     pub axes: Shown<'a, lowlevel::DataAxes>,
-    /// Battery and channels.
-    pub power: Shown<'a, lowlevel::DataPower>,
     /// What the drives do and bear.
     pub wheels: Shown<'a, lowlevel::DataWheels>,
+    /// Battery and channels.
+    pub power: Shown<'a, lowlevel::DataPower>,
     /// Temperatures and fans.
     pub temperatures: Shown<'a, lowlevel::DataTemperature>,
     /// Gamepad.
@@ -133,12 +135,13 @@ impl Model {
             ranges: self.ranges.shown(now),
             scans: self.scans.shown(now),
             beacons: self.beacons.shown(now),
+            scanner: self.scanner.shown(now),
             odometry: self.odometry.shown(now),
             axes: self.axes.shown(now),
+            wheels: self.wheels.shown(now),
             power: self.power.shown(now),
             temperatures: self.temperatures.shown(now),
             gamepad: self.gamepad.shown(now),
-            wheels: self.wheels.shown(now),
             log: self.log.shown(now),
             truth: self.truth.shown(now),
             modules: self.modules(now),

@@ -17,6 +17,8 @@
 //! | a sonar board | `crosstalk` | a sonar hears another's pulse with probability `value` (0: 0.1) |
 //! | a beacon scanner | `hidden` | somebody stands before the beacon `value`; 0: before all |
 //! | a beacon scanner | `false` | a sighting is of something else with probability `value` (0: 0.2) |
+//! | a beacon scanner | `glare` | it rejects `value` pulses a second (0: 100): sun, lamps |
+//! | a beacon scanner | `supply` | its supply is `value` V (0: 4) |
 //! | a power controller | `bumper` | the bumper switch `value`, 1 to 8, is pressed |
 //! | a power controller | `stop_button` | the stop button is pressed |
 //! | a power controller | `battery` | the battery has `value` V at rest |
@@ -63,9 +65,9 @@
 //! The target `gamepad` is asked to do things in the same way: `plug`, `unplug`, `hold`, `release`, `speed`, `steering`
 //! (modules/simulator/src/gamepad.rs).
 //!
-//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `lose`, `put`
-//! and `kidnap` are of the moment; so is `bus_off` without a duration, and with one a restarted controller goes off
-//! again till then. `none` gives a power controller its supply again.
+//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `cold`, `trip`,
+//! `lose`, `put` and `kidnap` are of the moment; so is `bus_off` without a duration, and with one a restarted
+//! controller goes off again till then. `none` gives a power controller its supply again.
 //!
 //! Where there is no CAN wire (live, over UDP multicast) the simulator loses frames instead: each one with the
 //! probability that `noise` hits it, all of them both ways while the bus is `cut`, and for 0.1 s or longer at
@@ -115,6 +117,10 @@ pub enum InjectedFault {
     /// The bumper switch of this number is pressed.
     Bumper(u8),
     /// The stop button is pressed.
+    /// So many pulses a second are rejected.
+    Glare(f64),
+    /// The supply voltage, V.
+    Supply(f64),
     StopButton,
     /// Reads FF, or damaged.
     Wrong,
@@ -203,6 +209,8 @@ pub const NAMES: &[&str] = &[
     "corrupt",
     "lose",
     "bus_off",
+    "glare",
+    "supply",
     "cut",
     "loss",
     "duplicate",
@@ -256,6 +264,8 @@ pub fn about(name: &str) -> &'static str {
         "cut" => "the master is cut off the others",
         "loss" => "each frame is lost with probability VALUE (0: 0.05)",
         "duplicate" => "each frame is received twice with probability VALUE (0: 0.05)",
+        "glare" => "rejects VALUE pulses a second (0: 100): sun, lamps",
+        "supply" => "its supply is VALUE V (0: 4)",
         "delay" => "what is sent is received VALUE s late (0: 0.01), in order",
         "reorder" => "messages are received up to VALUE s late (0: 0.01), out of order",
         "none" => "ends its faults",
@@ -337,6 +347,8 @@ pub fn pose(text: &str) -> Option<Pose> {
     let [x, y, theta] = <[f64; 3]>::try_from(numbers?).ok()?;
     [x, y, theta].iter().all(|number| libm::fabs(*number) <= 1e4).then(|| Pose::new(x, y, theta))
 }
+            "glare" => Some(Self::Glare(or(value, 100.0).min(5000.0))),
+            "supply" => Some(Self::Supply(or(value, 4.0).min(60.0))),
 
 /// Replaces a value that is not above 0 by the default.
 fn or(value: f64, usual: f64) -> f64 {

@@ -178,6 +178,13 @@ fn lines(app: &App, row: &BusRow<'_>, at: Instant) -> Vec<Line<'static>> {
                 fact("bad check", &part(node.crc_errors)),
                 fact("round trip", &format!("{} / {} / {} ms, least, mean, most", ms(min), ms(mean), ms(max))),
             ];
+            // What a scanner says of itself.
+            if let Some(scanner) = app.shown(at).0.scanner.get().filter(|scanner| scanner.name == node.name) {
+                let rate = scanner.rejected_rate;
+                let now = if rate.is_nan() { String::new() } else { format!(", {rate:.1}/s now") };
+                lines.push(fact("supply", &format!("{:.2} V", scanner.supply)));
+                lines.push(fact("rejected", &format!("{} pulses{now}", scanner.rejected)));
+            }
             if let Some((id, _)) = app.nodes.iter().find(|(_, axis)| *axis == node.name) {
                 lines.push(fact("objects", &format!(":sdo {id} 0x6041 reads one; c begins the command")));
             }

@@ -8,6 +8,7 @@ use rs485::boards::psc1::{ADDRESS, build_currents, build_status, parse_set};
 use rs485::crc::Crc8;
 use rs485::frame::Status;
 use rs485::slave::Asked;
+use settings::Section as _;
 
 fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
@@ -18,7 +19,14 @@ fn config() -> Config {
         bus: "rs485.power".into(),
         baud: 115_200,
         crc: Crc8::SAE_J1850,
-        node: Node { name: "psc1".into(), address: ADDRESS, kind: Kind::Psc1, rate_hz: 1.0, timeout: ms(20) },
+        node: Node {
+            name: "psc1".into(),
+            address: ADDRESS,
+            kind: Kind::Psc1,
+            rate_hz: 1.0,
+            timeout: ms(20),
+            ..Node::usual()
+        },
         capacity_ah: 40.0,
         cells: 8,
         reserve: 0.2,

@@ -10,6 +10,7 @@ use rs485::boards::{GET_VERSION, Version};
 use rs485::frame::Status;
 use rs485::slave::{self, Slave};
 use rs485::word_time;
+use settings::Section as _;
 use std::collections::VecDeque;
 
 const FRONT: u8 = sd1::FRONT;
@@ -21,7 +22,14 @@ fn ms(ms: u64) -> Duration {
 }
 
 fn config() -> Config {
-    let node = |name: &str, address, kind, rate_hz| Node { name: name.into(), address, kind, rate_hz, timeout: ms(20) };
+    let node = |name: &str, address, kind, rate_hz| Node {
+        name: name.into(),
+        address,
+        kind,
+        rate_hz,
+        timeout: ms(20),
+        ..Node::usual()
+    };
     let ranger = |id: u8, per_board: u8| Ranger {
         id,
         board: if id < per_board { FRONT } else { REAR },

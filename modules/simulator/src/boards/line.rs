@@ -105,6 +105,8 @@ impl Board {
             (InjectedFault::Crosstalk(probability), Kind::Sd1(board)) => board.mix(until, probability),
             (InjectedFault::Hidden(beacon), Kind::Sbs1(board)) => board.hide(until, beacon),
             (InjectedFault::False(probability), Kind::Sbs1(board)) => board.mislead(until, probability),
+            (InjectedFault::Glare(rate), Kind::Sbs1(board)) => board.glare(now, until, rate),
+            (InjectedFault::Supply(volts), Kind::Sbs1(board)) => board.feed(until, volts),
             (InjectedFault::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
             (InjectedFault::StopButton, Kind::Psc1(board)) => board.push_button(until),
             (InjectedFault::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
@@ -122,6 +124,7 @@ impl Board {
                     }
                     Kind::So1(_) => {}
                 }
+                        board.heal(now);
                 self.active_faults = ActiveFaults::default();
                 self.babbles = Instant::NEVER;
             }

@@ -323,6 +323,7 @@ export function begin(): void {
       infrareds: shown({ timestamp: micros(), irs }, 0.25),
       ranges: shown({ timestamp: micros(), readings: [...srfs.map((each) => reading(each, 0)), ...irs.map((each) => reading(each, 1))] }, 0.25),
       scans: [],
+      scanner: shown({ timestamp: micros(), name: "sbs1", sweeps: Math.round(elapsed()), rejected: Math.round(elapsed() * 0.14), rejected_rate: 0.1, supply: 4.98 }, 10),
       beacons: shown({ timestamp: micros(), beacons: BEACONS.slice(0, 4).map(([x, y], i) => ({ timestamp: micros() - i * 1e5, id: i + 1, bearing: Math.atan2(y - robot.y, x - robot.x) - robot.theta, strength: 0.4 + 0.1 * i })) }, 1),
       people: shown({ timestamp: micros(), x: [0, 1, 2, 3, 4].map((n) => wave(20 + 3 * n, 2, 3 + 3.5 * n)), y: [0, 1, 2, 3, 4].map((n) => wave(17 + 5 * n, 2, 9 - n)), radius: [0.25, 0.3, 0.22, 0.28, 0.25] }, 0.2),
     });

@@ -16,6 +16,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string }> = new 
   [0x0106, { name: "AddressClash", means: "Two boards answer at one address." }],
   [0x0107, { name: "RangingLost", means: "A ranging board does not measure, which the motion depends on: the robot stops." }],
   [0x0108, { name: "FloorMissing", means: "A floor sensor of a distance board sees no floor and engages the PAUSE line; the message names the corner." }],
+  [0x0109, { name: "BoardSupply", means: "The supply voltage of a board is out of its range." }],
   [0x0201, { name: "DriveLost", means: "A drive does not answer, or its heartbeat is missing." }],
   [0x0202, { name: "DriveEmergency", means: "A drive sent an emergency message." }],
   [0x0203, { name: "DriveBootFailed", means: "A drive could not be brought up: a step of its boot-up failed." }],

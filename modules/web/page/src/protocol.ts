@@ -298,6 +298,7 @@ export interface SensorsPart {
   /** What lidars see, each in its last revolution. */
   scans: Shown<Scan>[];
   beacons: Shown<DataBeacons>;
+  scanner: Shown<DataScanner>;
   /** True places of people: only the simulation knows them. */
   people: Shown<DataPeople>;
 }
@@ -314,8 +315,8 @@ export interface SystemPart {
   part: "system";
   modules: ModuleRow[];
   axes: Shown<DataAxes>;
-  power: Shown<DataPower>;
   wheels: Shown<DataWheels>;
+  power: Shown<DataPower>;
   temperatures: Shown<DataTemperature>;
   busses: Shown<DataBus>[];
   log: Shown<DataLog>;
@@ -1026,6 +1027,22 @@ export interface Reading {
   beam: number | null;
 }
 
+/** State of a beacon scanner: `LL_DATA_SCANNER`, each 10 s. */
+export interface DataScanner {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Name of the board in the configuration. */
+  name: string;
+  /** Number of sweeps since the board was started, modulo 65536. */
+  sweeps: number;
+  /** Number of pulses that it rejected since the start of the driver. */
+  rejected: number;
+  /** Rate of rejected pulses since the previous message, 1/s; NaN in the first one. */
+  rejected_rate: number | null;
+  /** Supply voltage of the board, V. */
+  supply: number | null;
+}
+
 /** Sonars: `LL_DATA_SRFS`. Always contains all of them. */
 export interface DataSrfs {
   /** Microseconds since the UNIX epoch. */
@@ -1066,23 +1083,6 @@ export interface Fan {
   failed: boolean;
 }
 
-/**
- * PAUSE line: `LL_EVENT_STOP`, on change and every 500 ms, engaged or not. The robot does not move while it is engaged,
- * or if this message has been absent for 1.2 s.
- */
-export interface EventStop {
-  /** Microseconds since the UNIX epoch. */
-  timestamp: number;
-  /** True while the line is engaged. */
-  engaged: boolean;
-  /** Source: `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged. */
-  source: string;
-}
-
-/** Measurement of a range finder, sonar or infrared. */
-export interface Range {
-  /** Number of the sensor in the configuration. */
-  id: number;
 /** What the drives do and bear: `LL_DATA_WHEELS`, with `LL_DATA_AXES`. A value that a drive does not measure is NaN. */
 export interface DataWheels {
   /** Microseconds since the UNIX epoch. */
@@ -1111,6 +1111,23 @@ export interface Wheel {
   load: number | null;
 }
 
+/**
+ * PAUSE line: `LL_EVENT_STOP`, on change and every 500 ms, engaged or not. The robot does not move while it is engaged,
+ * or if this message has been absent for 1.2 s.
+ */
+export interface EventStop {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** True while the line is engaged. */
+  engaged: boolean;
+  /** Source: `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged. */
+  source: string;
+}
+
+/** Measurement of a range finder, sonar or infrared. */
+export interface Range {
+  /** Number of the sensor in the configuration. */
+  id: number;
   /** Position of the sensor, robot frame, forward, m. */
   x: number | null;
   /** Position of the sensor, robot frame, left, m. */

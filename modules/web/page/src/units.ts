@@ -167,6 +167,10 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["range_max", "m"],
     ["ranges", "m"],
   ])],
+  ["lowlevel.data_scanner_t", new Map([
+    ["timestamp", "µs"],
+    ["supply", "V"],
+  ])],
   ["lowlevel.data_sdo_t", new Map([
     ["timestamp", "µs"],
     ["data", "bytes"],
@@ -194,10 +198,6 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["omega_target", "rad/s"],
     ["residual", "m/s"],
   ])],
-  ["lowlevel.event_stop_t", new Map([
-    ["timestamp", "µs"],
-  ])],
-  ["middlelevel.cmd_estimate_t", new Map([
   ["lowlevel.data_wheels_t", new Map([
     ["timestamp", "µs"],
     ["wheels.steering", "rad"],
@@ -206,6 +206,10 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["wheels.current", "A"],
     ["wheels.temperature", "°C"],
   ])],
+  ["lowlevel.event_stop_t", new Map([
+    ["timestamp", "µs"],
+  ])],
+  ["middlelevel.cmd_estimate_t", new Map([
     ["timestamp", "µs"],
     ["x", "m"],
     ["y", "m"],

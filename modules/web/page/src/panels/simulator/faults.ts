@@ -45,6 +45,8 @@ const FAULTS: Readonly<Record<string, Known>> = {
   crosstalk: { means: "A sonar may receive another's pulse.", value: probability(0.1) },
   hidden: { means: "Somebody stands before a beacon; 0: before all.", value: number("Beacon", 0, 255, 0) },
   false: { means: "A sighting may be of something else.", value: probability(0.2) },
+  glare: { means: "It rejects this many pulses a second: sun, lamps.", value: { name: "Rate", unit: "1/s", low: 1, high: 5000, step: 1, usual: 100 } },
+  supply: { means: "Its supply has this voltage.", value: { name: "Voltage", unit: "V", low: 0.1, high: 60, step: 0.1, usual: 4 } },
   bumper: { means: "A bumper switch is pressed.", value: number("Switch", 1, 8, 1) },
   stop_button: { means: "The stop button is pressed." },
   battery: { means: "The battery has this voltage at rest.", value: { name: "Voltage", unit: "V", low: 8, high: 40, step: 0.1, usual: 24 } },
