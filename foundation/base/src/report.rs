@@ -207,6 +207,10 @@ faults! {
     BatteryLow = 0x0503, Resource;
     /// A power channel does not do what it was told.
     ChannelStuck = 0x0504, Device;
+    /// A power channel switched itself off, which it does at an over-current.
+    ChannelTripped = 0x0505, Device;
+    /// A power channel draws nearly as much current as it may.
+    ChannelCurrent = 0x0506, Resource;
 
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;

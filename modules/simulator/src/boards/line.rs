@@ -109,6 +109,9 @@ impl Board {
             (InjectedFault::Supply(volts), Kind::Sbs1(board)) => board.feed(until, volts),
             (InjectedFault::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
             (InjectedFault::StopButton, Kind::Psc1(board)) => board.push_button(until),
+            (InjectedFault::Cold, Kind::Psc1(board)) => board.start_cold(now),
+            (InjectedFault::Trip(channel), Kind::Psc1(board)) => return board.trip(channel),
+            (InjectedFault::Overload(channel), Kind::Psc1(board)) => return board.overload(channel, until),
             (InjectedFault::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
             (InjectedFault::PowerOff(seconds), Kind::Psc1(board)) => board.power_off(now, seconds),
             (InjectedFault::None, kind) => {
@@ -121,10 +124,10 @@ impl Board {
                     Kind::Sbs1(board) => {
                         board.hide(now, 0);
                         board.mislead(now, 0.0);
+                        board.heal(now);
                     }
                     Kind::So1(_) => {}
                 }
-                        board.heal(now);
                 self.active_faults = ActiveFaults::default();
                 self.babbles = Instant::NEVER;
             }

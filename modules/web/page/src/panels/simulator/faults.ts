@@ -55,6 +55,9 @@ const FAULTS: Readonly<Record<string, Known>> = {
     value: { name: "After", unit: "s", low: 1, high: 255, step: 1, usual: 30 },
     momentary: true,
   },
+  cold: { means: "Its main switch is turned on: all channels are off, and start one after the other.", momentary: true },
+  trip: { means: "A channel switches itself off, as at an over-current.", value: number("Channel", 1, 7, 5), momentary: true },
+  overload: { means: "What a channel feeds draws 12 A more.", value: number("Channel", 0, 7, 5) },
   wrong: { means: "What it says is damaged." },
   biased: {
     means: "It measures this much more rotation than there is.",
