@@ -51,6 +51,7 @@ macro_rules! channels {
                     | Self::CmEventError
                     | Self::CmEventText
                     | Self::LlDataOdo
+                    | Self::LlDataScanner
                     | Self::LlCmdMotion
                     | Self::LlDataMotion
                     | Self::LlCmdVelocity
@@ -142,6 +143,7 @@ channels! {
     LlDataScan = "LL_DATA_SCAN": lowlevel::DataScan;
     LlDataImu = "LL_DATA_IMU": lowlevel::DataImu;
     LlDataBeacons = "LL_DATA_BEACONS": lowlevel::DataBeacons;
+    LlDataScanner = "LL_DATA_SCANNER": lowlevel::DataScanner;
     LlDataActiveBeacons = "LL_DATA_ACTIVE_BEACONS": lowlevel::DataActiveBeacons;
     LlCmdMotion = "LL_CMD_MOTION": lowlevel::CmdMotion;
     LlDataMotion = "LL_DATA_MOTION": lowlevel::DataMotion;
@@ -150,6 +152,7 @@ channels! {
     LlDataGuard = "LL_DATA_GUARD": lowlevel::DataGuard;
     LlCmdCreep = "LL_CMD_CREEP": lowlevel::CmdCreep;
     LlDataAxes = "LL_DATA_AXES": lowlevel::DataAxes;
+    LlDataWheels = "LL_DATA_WHEELS": lowlevel::DataWheels;
     LlDataHold = "LL_DATA_HOLD": lowlevel::DataHold;
     LlCmdHoming = "LL_CMD_HOMING": lowlevel::CmdHoming;
     LlCmdPower = "LL_CMD_POWER": lowlevel::CmdPower;

@@ -200,6 +200,8 @@ fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError>
             velocity_unit: keys.velocity_unit.unit(),
             keeps_quick_stop: keys.keeps_quick_stop,
             stops_without: keys.stops_without.clone(),
+            current: keys.current(),
+            temperature: keys.temperature(),
             homed: keys.homed_bit.map_or(0, |bit| 1 << bit),
         })),
     };

@@ -13,6 +13,9 @@ struct Observed {
     power: Vec<(Instant, lowlevel::DataPower)>,
     beacons: Vec<lowlevel::DataBeacons>,
     buses: Vec<lowlevel::DataBus>,
+    scanner: Vec<lowlevel::DataScanner>,
+    axes: Vec<lowlevel::DataAxes>,
+    wheels: Vec<lowlevel::DataWheels>,
     truth: Vec<(Instant, simulation::DataTruth)>,
     reports: Vec<(Instant, base::Report)>,
     notes: Vec<String>,
@@ -26,6 +29,9 @@ impl Observed {
             News::Message { message: Message::LlDataPower(power), .. } => self.power.push((now, power.clone())),
             News::Message { message: Message::LlDataBeacons(beacons), .. } => self.beacons.push(beacons.clone()),
             News::Message { message: Message::LlDataBus(bus), .. } => self.buses.push(bus.clone()),
+            News::Message { message: Message::LlDataScanner(scanner), .. } => self.scanner.push(scanner.clone()),
+            News::Message { message: Message::LlDataAxes(axes), .. } => self.axes.push(axes.clone()),
+            News::Message { message: Message::LlDataWheels(wheels), .. } => self.wheels.push(wheels.clone()),
             News::Message { message: Message::SimDataTruth(truth), .. } => self.truth.push((now, truth.clone())),
             News::Message { message: Message::CmDataProcesses(list), .. } => self.processes = Some(list.clone()),
             News::Report { report, .. } => self.reports.push((now, (*report).clone())),
@@ -107,6 +113,40 @@ fn a_bumper_stops_the_robot_until_a_new_command() {
     robot.drive_anew(-0.4, 0.0, 2.0);
     robot.pass(1.9);
     assert!(robot.speed() < -0.35, "{}: {}", robot.speed(), robot.motion().reason);
+}
+
+#[test]
+fn the_corner_that_sees_no_floor_is_reported_until_a_person_releases_the_board() {
+    let hall = super::place();
+    let world = hall.world.as_ref().map(|file| file.with_file_name("warehouse.toml"));
+    let place = robot::place::RobotLocation { world, ..hall };
+    let mut robot = Robot::at(&place, sim::host::Config { seed: 1, ..sim::host::Config::default() });
+    let observed = Rc::new(RefCell::new(Observed::default()));
+    let keep = observed.clone();
+    robot.machine.observe(move |now, news| keep.borrow_mut().take(now, news));
+    robot.pass(12.0);
+    // Along the left end of the loading dock: only the right floor sensor comes over it.
+    fault(&mut robot, "robot", "put:27.0,19.1,0", 0.0, 0.0);
+    robot.pass(0.5);
+    robot.drive_anew(0.3, 0.0, 6.0);
+    robot.pass(8.0);
+    let told = |observed: &Observed| {
+        let of = observed.reports.iter().filter(|(_, report)| report.fault == Fault::FloorMissing);
+        of.map(|(_, report)| (report.subject.clone(), report.message.clone())).collect::<Vec<_>>()
+    };
+    let stops = observed.borrow().stops.last().cloned().expect("each 500 ms").1;
+    assert_eq!((stops.engaged, stops.source.as_str()), (true, "sd1_front"), "{}", robot.motion().reason);
+    let first = told(&observed.borrow());
+    assert!(first.len() == 1 && first[0].0 == "sd1_front", "{first:?}");
+    assert!(first[0].1.starts_with("no floor at the front right corner"), "{first:?}");
+    // Pushed back, and released by a person.
+    fault(&mut robot, "robot", "put:24.0,19.1,0", 0.0, 0.0);
+    robot.pass(1.0);
+    let (module, state) = ("driver_rs485a".into(), common::DataState::RUN);
+    say(&mut robot, common::CmdState { timestamp: 0, module, state, manual: true, source: "test".into() });
+    robot.pass(2.0);
+    let all = told(&observed.borrow());
+    assert!(all.len() == 2 && all[1].1.contains("does not engage PAUSE any more"), "{all:?}");
 }
 
 #[test]
@@ -207,6 +247,103 @@ fn without_the_motors_channel_it_does_not_drive_and_without_sensors_their_boards
     switch(&mut robot, 6, lowlevel::CmdPower::OFF);
     robot.pass(8.0);
     assert!(observed.borrow().reported(Fault::BoardLost));
+}
+
+#[test]
+fn a_channel_that_trips_is_reported_and_the_robot_goes_on_where_it_can() {
+    let (mut robot, observed) = ready(1);
+    fault(&mut robot, "psc1", "trip", 5.0, 0.0);
+    robot.pass(3.0);
+    let told = |observed: &Observed, fault: Fault| {
+        let of = observed.reports.iter().filter(|(_, report)| report.fault == fault);
+        of.map(|(_, report)| (report.severity, report.subject.clone())).collect::<Vec<_>>()
+    };
+    use base::Severity::{Error, Notice};
+    assert_eq!(told(&observed.borrow(), Fault::ChannelTripped), [(Error, "audio".into())]);
+    robot.drive_anew(0.4, 0.0, 2.0);
+    robot.pass(1.9);
+    assert!(robot.speed() > 0.35, "{}", robot.motion().reason);
+    switch(&mut robot, 5, lowlevel::CmdPower::ON);
+    robot.pass(4.0);
+    assert_eq!(told(&observed.borrow(), Fault::ChannelTripped), [(Error, "audio".into()), (Notice, "audio".into())]);
+    // The motors' channel: the robot stops, and says why.
+    robot.drive_anew(0.4, 0.0, 6.0);
+    robot.pass(2.0);
+    fault(&mut robot, "psc1", "trip", 3.0, 0.0);
+    robot.pass(4.0);
+    assert!(robot.speed().abs() < 0.001, "{}", robot.speed());
+    assert_eq!(told(&observed.borrow(), Fault::ChannelTripped).last(), Some(&(Error, "motors".into())));
+}
+
+/// The controller's start-up sequence from nothing: sensors first, the host at last, half a second apart; the modules
+/// run already, and see boards and drives come up.
+#[test]
+fn a_robot_that_starts_cold_comes_up_by_the_controller_s_sequence() {
+    let mut robot = Robot::new(1);
+    let observed = Rc::new(RefCell::new(Observed::default()));
+    let keep = observed.clone();
+    robot.machine.observe(move |now, news| keep.borrow_mut().take(now, news));
+    // Before the driver of the controller has asked it for anything.
+    let runs = |robot: &Robot| {
+        let pid = robot.machine.pid("simulator");
+        pid.is_some_and(|pid| robot.machine.state(pid) == Some(module::State::Run))
+    };
+    while !runs(&robot) {
+        robot.pass(0.001);
+    }
+    fault(&mut robot, "psc1", "cold", 0.0, 0.0);
+    robot.pass(0.4);
+    robot.drive(0.4, 0.0, 3.0);
+    robot.pass(3.5);
+    assert!(robot.speed().abs() < 0.001, "it moved before it was up");
+    robot.pass(20.0);
+    {
+        let observed = observed.borrow();
+        let on = |power: &lowlevel::DataPower| power.channels.iter().filter(|channel| channel.on).count();
+        let counts: Vec<usize> = observed.power.iter().map(|(_, power)| on(power)).collect();
+        assert!(counts[0] < 4 && counts.is_sorted() && counts.last() == Some(&8), "{counts:?}");
+        assert!(!observed.reported(Fault::ChannelTripped) && !observed.reported(Fault::ChannelStuck));
+    }
+    // Homing waits for an operator, as after every start.
+    robot.drive_anew(0.4, 0.0, 12.0);
+    robot.pass(11.9);
+    assert!(robot.speed() > 0.35, "{}", robot.motion().reason);
+}
+
+#[test]
+fn the_current_of_the_propulsion_is_measured_and_rises_with_the_load() {
+    let (mut robot, observed) = ready(1);
+    robot.drive(0.6, 0.0, 4.0);
+    robot.pass(4.0);
+    let observed = observed.borrow();
+    let row = |axes: &lowlevel::DataAxes, name: &str| axes.axes.iter().find(|axis| axis.name == name).cloned();
+    let currents: Vec<f64> = observed.axes.iter().filter_map(|axes| Some(row(axes, "propulsion")?.current)).collect();
+    assert!(currents.len() >= 20 && currents.iter().all(|current| current.is_finite()), "{currents:?}");
+    let greatest = currents.iter().copied().fold(0.0, f64::max);
+    assert!(greatest > 3.0 * currents[0].abs().max(0.05), "{currents:?}");
+    let wheel = observed.wheels.last().and_then(|wheels| wheels.wheels.first()).expect("with the axes");
+    assert!(wheel.load >= 0.0 && wheel.speed.is_finite() && wheel.temperature.is_nan(), "{wheel:?}");
+    assert!(row(observed.axes.last().expect("5 Hz"), "steering").expect("there").current.is_nan());
+}
+
+#[test]
+fn the_scanner_s_supply_and_rejected_pulses_are_published_and_a_low_supply_is_reported() {
+    let (mut robot, observed) = ready(1);
+    fault(&mut robot, "sbs1", "supply", 4.2, 25.0);
+    fault(&mut robot, "sbs1", "glare", 200.0, 60.0);
+    robot.pass(20.0);
+    let last = observed.borrow().scanner.last().cloned().expect("each 10 s");
+    assert!(last.supply == 4.2 && (last.rejected_rate - 200.0).abs() < 25.0, "{last:?}");
+    assert!(observed.borrow().reported(Fault::BoardSupply));
+    robot.pass(25.0);
+    let told: Vec<_> = observed
+        .borrow()
+        .reports
+        .iter()
+        .filter(|(_, report)| report.fault == Fault::BoardSupply)
+        .map(|(_, report)| report.severity)
+        .collect();
+    assert_eq!(told, [base::Severity::Warning, base::Severity::Notice]);
 }
 
 #[test]

@@ -11,5 +11,6 @@ pub mod epos;
 mod epos_objects;
 pub mod icla;
 mod icla_objects;
+pub mod motor;
 #[cfg(test)]
 mod tests;

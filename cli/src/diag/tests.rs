@@ -360,6 +360,11 @@ fn drives_are_told_in_words() {
     for words in ["operational", "operation enabled", "pre-operational", "fault", "LOST"] {
         assert!(screen.contains(words), "{words}:\n{screen}");
     }
+    let wheel =
+        messages::lowlevel::Wheel { name: "propulsion".into(), load: 0.42, temperature: 51.4, ..Default::default() };
+    hear(&mut app, messages::lowlevel::DataWheels { wheels: vec![wheel], ..Default::default() });
+    let screen = self::screen(&app, 120, 24);
+    assert!(screen.contains("42 %") && screen.contains("51 degC"), "{screen}");
 }
 
 #[test]

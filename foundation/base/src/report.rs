@@ -129,6 +129,10 @@ faults! {
 
     /// A ranging board does not measure, which the motion depends on: the robot stops.
     RangingLost = 0x0107, Timeout;
+    /// A floor sensor of a distance board sees no floor and engages the PAUSE line; the message names the corner.
+    FloorMissing = 0x0108, Device;
+    /// The supply voltage of a board is out of its range.
+    BoardSupply = 0x0109, Device;
 
     /// A drive does not answer, or its heartbeat is missing.
     DriveLost = 0x0201, Device;
@@ -203,6 +207,10 @@ faults! {
     BatteryLow = 0x0503, Resource;
     /// A power channel does not do what it was told.
     ChannelStuck = 0x0504, Device;
+    /// A power channel switched itself off, which it does at an over-current.
+    ChannelTripped = 0x0505, Device;
+    /// A power channel draws nearly as much current as it may.
+    ChannelCurrent = 0x0506, Resource;
 
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;

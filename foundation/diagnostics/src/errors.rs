@@ -5,7 +5,7 @@
 //! reports, which have no subjects.
 
 use crate::subjects::{Subjects, listed};
-use base::{Duration, Instant};
+use base::{Duration, Fault, Instant};
 use messages::common::{self, DataFaults};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
@@ -275,6 +275,12 @@ impl Errors {
         let mut groups: Vec<_> = shown.collect();
         groups.sort_by_key(|group| (!group.standing, !group.known, -group.severity, std::cmp::Reverse(group.seen)));
         groups
+    }
+
+    /// True if this fault is active with this subject, as far as known.
+    #[must_use]
+    pub fn is_active(&self, fault: Fault, subject: &str) -> bool {
+        self.groups.iter().any(|group| group.standing && group.number == fault as i32 && group.subject == subject)
     }
 
     /// Single reports, the newest first.

@@ -60,8 +60,12 @@ pub struct Model {
     pub scans: Scans,
     /// Sighted beacons.
     pub beacons: Slot<lowlevel::DataBeacons>,
+    /// State of the beacon scanner.
+    pub scanner: Slot<lowlevel::DataScanner>,
     /// Drives.
     pub axes: Slot<lowlevel::DataAxes>,
+    /// What the drives do and bear.
+    pub wheels: Slot<lowlevel::DataWheels>,
     /// Battery and channels.
     pub power: Slot<lowlevel::DataPower>,
     /// Temperatures and fans.
@@ -119,7 +123,9 @@ impl Model {
             ranges: Slot::every(ms(250)),
             scans: Scans::default(),
             beacons: Slot::every(ms(1000)),
+            scanner: Slot::every(ms(10_000)),
             axes: Slot::every(ms(200)),
+            wheels: Slot::every(ms(200)),
             power: Slot::every(ms(1000)),
             temperatures: Slot::every(ms(1000)),
             gamepad: Slot::every(ms(200)),
@@ -172,7 +178,9 @@ impl Model {
             Some(Message::LlDataRanges(ranges)) => self.ranges.put(at, ranges),
             Some(Message::LlDataScan(scan)) => self.scans.on_scan(at, &scan),
             Some(Message::LlDataBeacons(beacons)) => self.beacons.put(at, beacons),
+            Some(Message::LlDataScanner(scanner)) => self.scanner.put(at, scanner),
             Some(Message::LlDataAxes(axes)) => self.axes.put(at, axes),
+            Some(Message::LlDataWheels(wheels)) => self.wheels.put(at, wheels),
             Some(Message::LlDataPower(power)) => self.power.put(at, power),
             Some(Message::LlDataTemperature(temperatures)) => self.temperatures.put(at, temperatures),
             Some(Message::LlDataBus(bus)) => {

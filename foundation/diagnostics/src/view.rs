@@ -48,10 +48,14 @@ pub struct View<'a> {
     pub scans: Vec<Shown<'a, Scan>>,
     /// Sighted beacons.
     pub beacons: Shown<'a, lowlevel::DataBeacons>,
+    /// State of the beacon scanner.
+    pub scanner: Shown<'a, lowlevel::DataScanner>,
     /// Odometry.
     pub odometry: Shown<'a, lowlevel::DataOdo>,
     /// Drives.
     pub axes: Shown<'a, lowlevel::DataAxes>,
+    /// What the drives do and bear.
+    pub wheels: Shown<'a, lowlevel::DataWheels>,
     /// Battery and channels.
     pub power: Shown<'a, lowlevel::DataPower>,
     /// Temperatures and fans.
@@ -131,8 +135,10 @@ impl Model {
             ranges: self.ranges.shown(now),
             scans: self.scans.shown(now),
             beacons: self.beacons.shown(now),
+            scanner: self.scanner.shown(now),
             odometry: self.odometry.shown(now),
             axes: self.axes.shown(now),
+            wheels: self.wheels.shown(now),
             power: self.power.shown(now),
             temperatures: self.temperatures.shown(now),
             gamepad: self.gamepad.shown(now),

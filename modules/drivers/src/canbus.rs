@@ -25,6 +25,7 @@ mod drive;
 mod feed_output;
 mod ignored;
 mod keys;
+mod motor_watch;
 mod objection;
 mod odrive;
 mod pause;
@@ -188,8 +189,8 @@ impl Canbus {
         let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
         let nodes: Vec<NodeConfig> =
             wheels.node_configs().chain(steering.as_ref().map(Steering::node_config)).collect();
-        let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
-        let master = MasterConfig { id, bit_rate, sync, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
+        let (id, bit_rate, sync, time) = (config.node_id, config.bitrate, config.sync, config.time);
+        let master = MasterConfig { id, bit_rate, sync, time, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
         let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
         let stop_watch = StopWatch::new(&config.stop, config.has_pause_line);
@@ -558,7 +559,9 @@ impl Canbus {
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
             || self.on_read_back(now, ticket, result.ok(), out)
-            || self.drives_mut().any(|drive| drive.on_mode(now, ticket, result))
+            || self
+                .drives_mut()
+                .any(|drive| drive.on_mode(now, ticket, result) || drive.on_motor(now, ticket, result, out))
         {
             return;
         }
@@ -783,6 +786,9 @@ impl Canbus {
         for node in nodes {
             self.read_measured(now, node);
         }
+        for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
+            drive.watch_motor(now, &mut self.master);
+        }
     }
 
     /// Drives at a velocity, unless a drive does not follow: without steering, or with a wheel that does not turn, the
@@ -1004,7 +1010,11 @@ impl Canbus {
     fn publish_axes(&self, now: Instant, out: &mut Actions) {
         let wheels = self.wheels.iter().map(|wheel| wheel.row(&self.master));
         let axes = wheels.chain(self.steering.iter().map(|steering| steering.row(&self.master))).collect();
-        out.publish(lowlevel::DataAxes { timestamp: out.timestamp(now), axes });
+        let timestamp = out.timestamp(now);
+        out.publish(lowlevel::DataAxes { timestamp, axes });
+        let wheels = self.wheels.iter().map(|wheel| wheel.wheel_row(self.config.wheel_circumference));
+        let wheels = wheels.chain(self.steering.iter().map(Steering::wheel_row)).collect();
+        out.publish(lowlevel::DataWheels { timestamp, wheels });
     }
 
     fn publish_bus(&mut self, now: Instant, out: &mut Actions) {
@@ -1048,6 +1058,8 @@ impl Module for Canbus {
                 self.deadlines.set(Timer::Axes, now);
                 self.holds.start(now);
                 self.bus.start(now);
+                // TIME is the time of this process's messages: a step of the wall clock changes neither.
+                self.master.set_time(now, out.timestamp(now));
                 self.start_second_way(now, out);
                 self.report_cap(out);
                 self.report_reservations(out);

@@ -5,6 +5,8 @@
 //! PAUSE     each report of the board on the PAUSE line becomes `LL_EVENT_STOP`: on change and every 500 ms, in every
 //!           state. While the board is silent nothing is published, and the robot stops 1.2 s after the last report
 //! Data      `LL_DATA_POWER` with each answer (1 Hz), `LL_DATA_BUS` once a second
+//! Channels  one that is off without an order has tripped: it switches itself off at an over-current; one that draws
+//!           nearly what it may is reported before
 //! Commands  `LL_CMD_POWER` in RUN; channel `host` means the whole robot: an orderly shutdown, or a restart
 //! The end   announced by the board, or commanded: the modules are ended, then the computer is halted
 //!
@@ -13,14 +15,16 @@
 mod channels;
 mod config;
 mod gauge;
+mod limits;
 mod shutdown;
 
-pub use config::{Config, ConfigError};
+pub use config::{ChannelConfig, Config, ConfigError};
 
 use crate::line::{self, BusEvent, Line, PORT};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use channels::{Channels, Outcome};
 use gauge::Gauge;
+use limits::Limits;
 use messages::lowlevel::{self, CmdPower, DataPower, EventStop};
 use messages::{Channel, Message};
 use module::{Action, Actions, Event, Module, PortSpec, State};
@@ -70,6 +74,7 @@ pub struct Power {
     /// Channels and states being sent to the board.
     outstanding: (u8, u8),
     gauge: Gauge,
+    limits: Limits,
     /// Last reported state of the PAUSE line: engaged or not, and its source.
     pause: Option<(bool, u8)>,
     shutdown: Option<Shutdown>,
@@ -100,6 +105,7 @@ impl Power {
             channels: Channels::default(),
             outstanding: (0, 0),
             gauge: Gauge::new(config.capacity_ah, config.cells),
+            limits: Limits::new(&config.channels),
             pause: None,
             shutdown: None,
             deadlines: Deadlines::new(),
@@ -170,7 +176,9 @@ impl Power {
     }
 
     fn on_state(&mut self, now: Instant, state: u8, out: &mut Actions) {
-        for outcome in self.channels.on_state(now, state) {
+        // The board switches all off by itself when it has announced that.
+        let ends = self.shutdown.is_some() || self.deadlines.is_set(Timer::Halted);
+        for outcome in self.channels.on_state(now, state, ends) {
             let word = |on| if on { "on" } else { "off" };
             match outcome {
                 Outcome::Done { channel, on } => {
@@ -182,6 +190,18 @@ impl Power {
                     let name = CHANNELS[channel];
                     let message = format!("power channel {name} was commanded {} and did not switch", word(on));
                     out.raise(Severity::Error, Fault::ChannelStuck, name, message);
+                }
+                Outcome::Tripped { channel } => {
+                    let (name, drew) = (CHANNELS[channel], self.limits.drew(channel));
+                    let message = format!(
+                        "power channel {name} switched itself off{drew}: find the cause, then switch it on by hand"
+                    );
+                    out.raise(Severity::Error, Fault::ChannelTripped, name, message);
+                }
+                Outcome::Restored { channel, on } => {
+                    let name = CHANNELS[channel];
+                    let message = format!("power channel {name} is {} as commanded", word(on));
+                    out.clear(Fault::ChannelTripped, name, message);
                 }
             }
         }
@@ -217,6 +237,7 @@ impl Power {
             channels: (0..CHANNELS.len()).map(channel).collect(),
         });
         self.watch_reserve(out);
+        self.limits.on_currents(state, &amperes, out);
         for (channel, name) in CHANNELS.iter().enumerate() {
             if state >> channel & 1 == 0 && currents.milliamps[channel] > OFF_CURRENT_MAX_MA {
                 let message = format!("power channel {name} is off but draws {} A", amperes[channel]);

@@ -45,7 +45,12 @@ settings! {
         rate_hz was rate: f64 = required, 0.1..=100.0;
         /// Longest time to an answer.
         timeout_s as timeout: Duration = 0.02, 0.001..=1.0;
+        /// Least supply voltage of the board that is not reported; only of an `sbs1`, which measures it.
+        supply_min_v: f64 = 4.5, 1.0..=60.0;
+        /// Greatest one.
+        supply_max_v: f64 = 5.5, 1.0..=60.0;
     }
+    check Node::check;
 }
 
 settings! {
@@ -71,6 +76,18 @@ impl BusConfig {
         let odometry = self.nodes.iter().enumerate().filter(|(_, node)| node.kind == Kind::So1);
         for item in odometry.skip(1).filter_map(|(n, _)| table.item("nodes", n)) {
             item.refuse("driver", "no second so1 on the bus");
+        }
+    }
+}
+
+impl Node {
+    fn check(&self, table: &Table<'_>) {
+        for key in ["supply_min_v", "supply_max_v"].into_iter().filter(|key| table.has(key)) {
+            if self.kind != Kind::Sbs1 {
+                table.refuse(key, "nothing: only an sbs1 measures its supply");
+            } else if self.supply_min_v >= self.supply_max_v {
+                table.refuse(key, "a least voltage below the greatest one");
+            }
         }
     }
 }

@@ -10,13 +10,15 @@
 //!           reading with the instant at which its transducer fired, and UNKNOWN if its board did not answer properly.
 //!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, as in 2011; `LL_DATA_ODO` with each answer of the SO1;
 //!           `LL_DATA_BUS` once a second. Timestamps of these are those of the answer's reception
-//! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself until a person commands RUN
+//! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself until a person commands RUN; while `LL_EVENT_STOP`
+//!           names it, it is asked which sensor that was, and the corner is reported
 //!
 //! Nothing is polled in STOP. The module works while at least one board answers: a lost one is reported, the loss of
 //! all is an ERROR.
 
 mod answers;
 mod config;
+mod floor;
 mod frozen;
 mod odometry;
 mod pace;
@@ -27,6 +29,7 @@ pub use config::{Config, ConfigError, Ranger, Wheels};
 use crate::line::{self, Line, PORT};
 use crate::rs485_bus::{Kind, Node};
 use base::{Duration, Instant};
+use floor::Floor;
 use frozen::Frozen;
 use messages::common::CmdState;
 use messages::lowlevel::DataMotion;
@@ -50,6 +53,7 @@ pub struct Rs485a {
     ranges: Ranges,
     pace: Pace,
     frozen: Frozen,
+    floor: Floor,
     /// Time at which `LL_DATA_RANGES` is published even if no board has answered.
     repeat: Instant,
     odometry: Follower,
@@ -73,6 +77,7 @@ impl Rs485a {
             ranges: Ranges::new(&config),
             pace: Pace::new(&config),
             frozen: Frozen::new(&config),
+            floor: Floor::new(&config.nodes),
             repeat: Instant::NEVER,
             odometry: Follower::new(&config.wheels),
             jumps: 0,
@@ -128,7 +133,7 @@ impl Rs485a {
 
 impl Module for Rs485a {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::CmCmdState, Channel::LlDataMotion]
+        &[Channel::CmCmdState, Channel::LlDataMotion, Channel::LlEventStop]
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -155,6 +160,11 @@ impl Module for Rs485a {
             Event::Timer => self.line.on_timer(now, out),
             Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
             Event::Message { message: Message::LlDataMotion(motion), .. } => self.on_motion(now, motion),
+            Event::Message { message: Message::LlEventStop(stop), .. } => {
+                for board in self.floor.on_stop(now, stop) {
+                    self.line.demand(board, &sd1::GET_PAUSE_SRC);
+                }
+            }
             Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);

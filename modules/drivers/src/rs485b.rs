@@ -5,12 +5,13 @@
 //! Timing    polled at its rate (2011: 1 Hz), which is that of its sweep; its status every ten seconds
 //! Silence   after 16 failed transactions it is lost: reported, polled once a second, nothing is published
 //! Data      `LL_DATA_BEACONS` with each answer; each sighting has its own instant and is published once.
-//!           `LL_DATA_BUS` once a second
+//!           `LL_DATA_SCANNER` with each status: rejected pulses and supply; `LL_DATA_BUS` once a second
 //! Commands  `LL_DATA_ACTIVE_BEACONS` selects the beacons to look for; sent again to a board that was reset
 //!
 //! Nothing is polled in STOP.
 
 mod sightings;
+mod status;
 
 use crate::line::{self, BusEvent, Line, PORT};
 use crate::rs485_bus::Node;
@@ -23,11 +24,12 @@ use rs485::crc::Crc8;
 use rs485::master;
 use rs485::schedule::Turn;
 use sightings::Sightings;
+use status::ScannerStatus;
 use std::fmt;
 
 /// Name of the module.
 pub const NAME: &str = "driver_rs485b";
-/// Period of reading the board's status, which reveals a reset.
+/// Period of reading the board's status, which also reveals a reset.
 const DEBUG_PERIOD: Duration = Duration::from_secs(10);
 
 /// Configuration of `driver_rs485b`; SI units.
@@ -77,8 +79,7 @@ pub struct Rs485b {
     /// Beacons that were sent to it, and those being sent.
     sent: Option<Vec<u8>>,
     telling: Vec<u8>,
-    /// Its count of sweeps, which falls after a reset.
-    sweeps: Option<u16>,
+    status: ScannerStatus,
 }
 
 impl Rs485b {
@@ -107,7 +108,7 @@ impl Rs485b {
             wanted: config.beacons,
             sent: None,
             telling: Vec::new(),
-            sweeps: None,
+            status: ScannerStatus::new(&node),
         })
     }
 
@@ -172,7 +173,7 @@ impl Rs485b {
             }
             code if code == GET_DEBUG_DATA.code => {
                 if let Some(debug) = self.line.judge(self.address, sbs1::parse_debug(data), out)
-                    && self.sweeps.replace(debug.sweeps).is_some_and(|before| debug.sweeps < before)
+                    && self.status.on_debug(now, debug, out)
                 {
                     self.sent = None;
                 }

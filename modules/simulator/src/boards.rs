@@ -14,6 +14,7 @@ pub(crate) mod feed_line;
 pub mod icla;
 pub(crate) mod line;
 mod mirror;
+mod motor;
 pub mod output;
 pub mod psc1;
 pub mod sbs1;

@@ -17,9 +17,14 @@
 //! | a sonar board | `crosstalk` | a sonar hears another's pulse with probability `value` (0: 0.1) |
 //! | a beacon scanner | `hidden` | somebody stands before the beacon `value`; 0: before all |
 //! | a beacon scanner | `false` | a sighting is of something else with probability `value` (0: 0.2) |
+//! | a beacon scanner | `glare` | it rejects `value` pulses a second (0: 100): sun, lamps |
+//! | a beacon scanner | `supply` | its supply is `value` V (0: 4) |
 //! | a power controller | `bumper` | the bumper switch `value`, 1 to 8, is pressed |
 //! | a power controller | `stop_button` | the stop button is pressed |
 //! | a power controller | `battery` | the battery has `value` V at rest |
+//! | a power controller | `cold` | its main switch is turned on: all channels are off, and start one after the other |
+//! | a power controller | `trip` | its channel `value`, 1 to 7, switches itself off, as at an over-current |
+//! | a power controller | `overload` | what its channel `value`, 0 to 7, feeds draws 12 A more |
 //! | a power controller | `power_off` | the main switch is turned: the supply is cut in `value` s (0: 30) |
 //! | `robot` | `put:X,Y,THETA` | it is carried there, where there is room; its wheels do not turn: `put:3,4.5,1.57` |
 //! | `robot` | `kidnap` | the same, to somewhere; to where else with another `value` |
@@ -63,9 +68,9 @@
 //! The target `gamepad` is asked to do things in the same way: `plug`, `unplug`, `hold`, `release`, `speed`, `steering`
 //! (modules/simulator/src/gamepad.rs).
 //!
-//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `lose`, `put`
-//! and `kidnap` are of the moment; so is `bus_off` without a duration, and with one a restarted controller goes off
-//! again till then. `none` gives a power controller its supply again.
+//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `cold`, `trip`,
+//! `lose`, `put` and `kidnap` are of the moment; so is `bus_off` without a duration, and with one a restarted
+//! controller goes off again till then. `none` gives a power controller its supply again.
 //!
 //! Where there is no CAN wire (live, over UDP multicast) the simulator loses frames instead: each one with the
 //! probability that `noise` hits it, all of them both ways while the bus is `cut`, and for 0.1 s or longer at
@@ -112,6 +117,10 @@ pub enum InjectedFault {
     Hidden(u8),
     /// Reports false sightings with this probability.
     False(f64),
+    /// So many pulses a second are rejected.
+    Glare(f64),
+    /// The supply voltage, V.
+    Supply(f64),
     /// The bumper switch of this number is pressed.
     Bumper(u8),
     /// The stop button is pressed.
@@ -126,6 +135,12 @@ pub enum InjectedFault {
     Hot(f64),
     /// The battery's voltage at rest, V.
     Battery(f64),
+    /// Starts with all channels off.
+    Cold,
+    /// The channel of this number switches itself off.
+    Trip(u8),
+    /// The channel of this number draws more.
+    Overload(u8),
     /// Supply is cut after this time, s.
     PowerOff(u8),
     /// Raises an internal fault.
@@ -180,6 +195,9 @@ pub const NAMES: &[&str] = &[
     "stop_button",
     "battery",
     "power_off",
+    "cold",
+    "trip",
+    "overload",
     "wrong",
     "hold",
     "stall",
@@ -191,6 +209,8 @@ pub const NAMES: &[&str] = &[
     "crosstalk",
     "hidden",
     "false",
+    "glare",
+    "supply",
     "fault",
     "reboot",
     "unbraked",
@@ -230,6 +250,9 @@ pub fn about(name: &str) -> &'static str {
         "stop_button" => "the stop button is pressed",
         "battery" => "the battery has VALUE V at rest, 8 to 40",
         "power_off" => "the main switch is turned: the supply is cut in VALUE s (0: 30)",
+        "cold" => "its main switch is turned on: all channels are off, and start one after the other",
+        "trip" => "its channel VALUE, 1 to 7, switches itself off, as at an over-current",
+        "overload" => "what its channel VALUE, 0 to 7, feeds draws 12 A more",
         "wrong" => "what it sends is damaged; of an inertial unit: a tenth of the acceleration",
         "hold" => "holds the bus: nobody can send there; of the gamepad: the dead-man button is held",
         "stall" => "its fan VALUE, 1 or 2 (0: 1), or its motor, is blocked",
@@ -241,6 +264,8 @@ pub fn about(name: &str) -> &'static str {
         "crosstalk" => "a sonar receives another's pulse with probability VALUE (0: 0.1)",
         "hidden" => "somebody stands before the beacon VALUE (0: before all)",
         "false" => "a sighting is of something else with probability VALUE (0: 0.2)",
+        "glare" => "rejects VALUE pulses a second (0: 100): sun, lamps",
+        "supply" => "its supply is VALUE V (0: 4)",
         "fault" => "goes into its fault state with the emergency VALUE (0: 0x1000, generic)",
         "reboot" => "restarts, as after a short loss of its supply",
         "unbraked" => "does not brake, whatever is commanded; without its feed it rolls out",
@@ -273,8 +298,21 @@ pub fn about(name: &str) -> &'static str {
 /// True for a fault that is over at once: nothing of it has to be ended.
 #[must_use]
 pub fn is_momentary(name: &str) -> bool {
-    const MOMENTARY: &[&str] =
-        &["fault", "reboot", "reset", "power_off", "lose", "wrap", "layout", "kidnap", "none", "unplug", "release"];
+    const MOMENTARY: &[&str] = &[
+        "fault",
+        "reboot",
+        "reset",
+        "power_off",
+        "cold",
+        "trip",
+        "lose",
+        "wrap",
+        "layout",
+        "kidnap",
+        "none",
+        "unplug",
+        "release",
+    ];
     MOMENTARY.contains(&name) || name.starts_with("put:")
 }
 
@@ -295,6 +333,9 @@ impl InjectedFault {
             "stop_button" => Some(Self::StopButton),
             "battery" => (8.0..=40.0).contains(&value).then_some(Self::Battery(value)),
             "power_off" => Some(Self::PowerOff(or(value, 30.0) as u8)),
+            "cold" => Some(Self::Cold),
+            "trip" => (1..=7).find(|channel| f64::from(*channel) == value).map(Self::Trip),
+            "overload" => (0..=7).find(|channel| f64::from(*channel) == value).map(Self::Overload),
             "wrong" => Some(Self::Wrong),
             "hold" => Some(Self::Hold),
             "stall" => [1, 2].into_iter().find(|fan| f64::from(*fan) == or(value, 1.0)).map(Self::Stall),
@@ -306,6 +347,8 @@ impl InjectedFault {
             "crosstalk" => Some(Self::Crosstalk(or(value, 0.1).min(1.0))),
             "hidden" => Some(Self::Hidden(or(value, 0.0) as u8)),
             "false" => Some(Self::False(or(value, 0.2).min(1.0))),
+            "glare" => Some(Self::Glare(or(value, 100.0).min(5000.0))),
+            "supply" => Some(Self::Supply(or(value, 4.0).min(60.0))),
             // As casts saturate, no value is out of range.
             "fault" => Some(Self::Fault(if value > 0.0 { value as u16 } else { 0x1000 })),
             "reboot" => Some(Self::Reboot),
@@ -393,7 +436,7 @@ mod tests {
         }
         assert_eq!(about("on fire"), "");
         assert!(is_momentary("put:1,2,3") && is_momentary("kidnap") && !is_momentary("stall"));
-        assert!(NAMES.iter().chain(crate::gamepad::NAMES).filter(|name| is_momentary(name)).count() == 10);
+        assert!(NAMES.iter().chain(crate::gamepad::NAMES).filter(|name| is_momentary(name)).count() == 12);
     }
 
     #[test]

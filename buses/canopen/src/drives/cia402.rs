@@ -2,6 +2,7 @@
 //! drives are written here by hand; that of any other one follows from its data sheet ([`derive`](super::derive)).
 
 use super::cia402_objects::OBJECTS;
+use super::motor::Reading;
 use crate::Dictionary;
 use crate::Payload;
 use crate::axis::AxisConfig;
@@ -196,6 +197,8 @@ pub struct Table {
     pub watches_master: bool,
     /// Node guarding, for a drive without heartbeats.
     pub guarding: Option<Guarding>,
+    /// What it measures of its motor beside its motion, rated values first.
+    pub motor: Cow<'static, [Reading]>,
 }
 
 impl Table {

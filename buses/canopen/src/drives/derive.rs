@@ -9,6 +9,7 @@
 mod description;
 mod draft;
 mod modes;
+mod motor;
 mod pdos;
 mod refusal;
 mod sheet;
@@ -89,6 +90,7 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
     draft.set_where_there(0x607E, 0, 0);
     let pdos = pdos::pdos(&mut draft, target, value)?;
     let (offered, _) = modes::offered(sheet);
+    let motor = motor::readings(sheet, &description.quirks)?;
     let Draft { parameters, settings, identity, reservations, .. } = draft;
     let table = Table {
         device_type: None,
@@ -104,6 +106,7 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
         homed: description.quirks.homed,
         watches_master: supervision.watches_master,
         guarding: supervision.guarding,
+        motor: Cow::Owned(motor),
     };
     Ok(Derived {
         table,

@@ -7,6 +7,7 @@
 
 use super::cia402::{self, CONTROLWORD, DEVICE_TYPE, Parameters, Pdo, Quantity, RAMPS, STATUSWORD, Setting, Table};
 use super::epos_objects::OBJECTS;
+use super::motor::{Reading, Topic, Unit};
 use crate::axis::modes::Mode;
 use crate::dictionary::DataType;
 use crate::master::{Expect, NodeConfig};
@@ -50,6 +51,12 @@ pub static TABLE: Table = Table {
     homed: 0,
     watches_master: true,
     guarding: None,
+    // In mA; CiA 402 has per mille of 0x6075, which the EPOS does not have. Its continuous current limit is the rated
+    // current of the motor (docs/facts/canopen.md 2.4).
+    motor: Cow::Borrowed(&[
+        Reading { sub: 1, ..Reading::new(Topic::RatedCurrent, 0x6410, DataType::U16, Unit::Decimal(-3)) },
+        Reading::new(Topic::Current, 0x6078, DataType::I16, Unit::Decimal(-3)),
+    ]),
 };
 
 /// The defaults of the drive itself, but for its supervision.

@@ -56,6 +56,8 @@ pub static TABLE: Table = Table {
     homed: HOMED,
     watches_master: true,
     guarding: None,
+    // No manual was found: none is assumed.
+    motor: Cow::Borrowed(&[]),
 };
 
 /// Speed and ramps that suit a steering.

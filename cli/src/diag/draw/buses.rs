@@ -6,7 +6,7 @@ use crate::diag::rows::{self, BusRow};
 use base::Instant;
 use canopen::NmtState;
 use canopen::axis::PowerState;
-use messages::lowlevel::{Axis, DataBus, Node};
+use messages::lowlevel::{Axis, DataBus, Node, Wheel};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -44,7 +44,8 @@ pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     let cells = rows.iter().map(|row| cells(row, at)).collect();
     table(frame, upper, Listing { title, head: &head, widths: &widths, rows: cells, marked });
     if !axes.is_empty() {
-        draw_axes(frame, axes, style(&model.axes, at), &mark_of_age(&model.axes, at), lower);
+        let wheels = model.wheels.get().map_or(&[][..], |wheels| &wheels.wheels[..]);
+        draw_axes(frame, (axes, wheels), style(&model.axes, at), &mark_of_age(&model.axes, at), lower);
     }
     match detail {
         Some(lines) => pane(frame, lowest, " the marked one ".into(), lines),
@@ -115,8 +116,11 @@ fn nmt(state: i8) -> String {
     }
 }
 
-fn draw_axes(frame: &mut Frame<'_>, axes: &[Axis], style: Style, age: &str, area: Rect) {
+fn draw_axes(frame: &mut Frame<'_>, drives: (&[Axis], &[Wheel]), style: Style, age: &str, area: Rect) {
+    let (axes, wheels) = drives;
     let row = |axis: &Axis| {
+        let borne = wheels.iter().find(|wheel| wheel.name == axis.name);
+        let (load, temperature) = borne.map_or((f64::NAN, f64::NAN), |wheel| (wheel.load, wheel.temperature));
         let (status, error) = (axis.statusword as u16, axis.error_code as u16);
         let state = PowerState::decode(status).map_or("?".into(), |state| state.to_string());
         let ill = error != 0 || axis.nmt_state != NmtState::Operational as i8;
@@ -132,13 +136,19 @@ fn draw_axes(frame: &mut Frame<'_>, axes: &[Axis], style: Style, age: &str, area
             if axis.current.is_nan() { "-".into() } else { format!("{:+.1} A", axis.current) },
             format!("{status:04X}"),
             if position.is_nan() { "-".into() } else { format!("{position:+.2} {unit}") },
+            if load.is_nan() { "-".into() } else { format!("{:.0} %", 100.0 * load) },
+            if temperature.is_nan() { "-".into() } else { format!("{temperature:.0} degC") },
         ];
         Row::new(cells).style(if ill { style.fg(Color::Red).bold() } else { style })
     };
-    let head = ["drive", "NMT", "CiA 402", "error", "velocity", "current", "status", "position"];
-    let widths = [10, 15, 22, 5, 12, 8, 6, 12].map(Constraint::Length);
-    // A narrow screen has no room for the last two.
-    let widths = if area.width >= 100 { &widths[..] } else { &widths[..6] };
+    let head = ["drive", "NMT", "CiA 402", "error", "velocity", "current", "status", "position", "load", "temp"];
+    let widths = [10, 15, 22, 5, 12, 8, 6, 12, 6, 8].map(Constraint::Length);
+    // A narrow screen has no room for the last ones.
+    let widths = match area.width {
+        0..100 => &widths[..6],
+        100..117 => &widths[..8],
+        _ => &widths[..],
+    };
     let table = Table::new(axes.iter().map(row), widths.iter().copied())
         .header(Row::new(head.to_vec()).bold().underlined())
         .block(Block::bordered().title(format!(" drives  age {age} ")));
@@ -168,6 +178,13 @@ fn lines(app: &App, row: &BusRow<'_>, at: Instant) -> Vec<Line<'static>> {
                 fact("bad check", &part(node.crc_errors)),
                 fact("round trip", &format!("{} / {} / {} ms, least, mean, most", ms(min), ms(mean), ms(max))),
             ];
+            // What a scanner says of itself.
+            if let Some(scanner) = app.shown(at).0.scanner.get().filter(|scanner| scanner.name == node.name) {
+                let rate = scanner.rejected_rate;
+                let now = if rate.is_nan() { String::new() } else { format!(", {rate:.1}/s now") };
+                lines.push(fact("supply", &format!("{:.2} V", scanner.supply)));
+                lines.push(fact("rejected", &format!("{} pulses{now}", scanner.rejected)));
+            }
             if let Some((id, _)) = app.nodes.iter().find(|(_, axis)| *axis == node.name) {
                 lines.push(fact("objects", &format!(":sdo {id} 0x6041 reads one; c begins the command")));
             }

@@ -103,7 +103,7 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
         battery(model, at),
         line("heat", &model.temperatures, at, hottest),
         line("fans", &model.temperatures, at, fans),
-        line("power", &model.power, at, switched_off),
+        line("power", &model.power, at, |heard| switched_off(model, heard)),
         line("recorder", &model.log, at, |l| {
             let what = if l.recording { "writes, " } else { "RECORDS NOTHING, " };
             format!("{what}{} free", size(l.free as f64))
@@ -182,8 +182,17 @@ fn fans(heard: &DataTemperature) -> String {
     if fans.is_empty() { "none".into() } else { fans.join(", ") }
 }
 
-fn switched_off(heard: &DataPower) -> String {
-    let off: Vec<String> = heard.channels.iter().filter(|c| !c.on).take(8).map(|c| clip(&c.name)).collect();
+/// True if a channel switched itself off, as far as known.
+fn has_tripped(model: &Model, channel: &messages::lowlevel::Channel) -> bool {
+    model.errors.is_active(base::Fault::ChannelTripped, &channel.name)
+}
+
+fn switched_off(model: &Model, heard: &DataPower) -> String {
+    let name = |c: &messages::lowlevel::Channel| {
+        let name = clip(&c.name);
+        if has_tripped(model, c) { format!("{name} (TRIPPED)") } else { name }
+    };
+    let off: Vec<String> = heard.channels.iter().filter(|c| !c.on).take(8).map(name).collect();
     let current: f64 = heard.channels.iter().map(|channel| channel.current).filter(|a| a.is_finite()).sum();
     let off = if off.is_empty() { "all on".into() } else { format!("OFF: {}", off.join(" ")) };
     format!("{current:.1} A, {off}")
@@ -210,7 +219,11 @@ fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
         lines.push(line("power", &model.power, at, |_| ":power NAME off|on".into()));
         for pair in heard.channels.chunks(2) {
             let text = |c: &messages::lowlevel::Channel| {
-                let current = if c.on { format!("{:.1}A", c.current) } else { "OFF".into() };
+                let current = match c.on {
+                    true => format!("{:.1}A", c.current),
+                    false if has_tripped(model, c) => "TRIP".into(),
+                    false => "OFF".into(),
+                };
                 format!(" {:<10}{current:>4}", clip(&c.name))
             };
             let text: String = pair.iter().map(text).collect();

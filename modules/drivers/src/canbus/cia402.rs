@@ -5,6 +5,7 @@ use super::{Axis, Config};
 use base::Duration;
 use canopen::axis::modes::Mode;
 use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, derive};
+use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
 use canopen::master::Expect;
 use settings::{Table, settings};
@@ -33,6 +34,15 @@ settings! {
         /// Indices of objects that the drive lacks, or that cannot be written, and without which it stops nevertheless,
         /// by its manual: 0x605A, 0x605E, 0x6007, 0x1016, 0x6081 to 0x6085.
         stops_without: Vec<u16> = Vec::new(), 0x1000..=0x9FFF;
+        /// Object of the motor's current, index and sub-index in one number: 0x30D102 is 0x30D1:2. Absent: 0x6078, per
+        /// mille of 0x6075, where the data sheet has both.
+        current_object: Option<u32> = optional, 0x10_0000..=0xFF_FFFF;
+        /// Unit of `current_object`.
+        current_unit: CurrentUnit = CurrentUnit::Milliampere;
+        /// Object of a temperature, of the motor or of the power stage, in the same form.
+        temperature_object: Option<u32> = optional, 0x10_0000..=0xFF_FFFF;
+        /// Unit of `temperature_object`.
+        temperature_unit: TemperatureUnit = TemperatureUnit::TenthDegree;
         /// Bit of the statusword that says that the position counts from home. Absent: after each boot-up the drive is
         /// homed again.
         homed_bit: Option<u8> = optional, 8..=15;
@@ -62,6 +72,30 @@ settings! {
         MilliRpm = "0.001 rpm",
         /// Position counts per second.
         CountsPerSecond = "counts/s",
+    }
+}
+
+settings! {
+    /// Unit of a drive's current.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum CurrentUnit {
+        /// mA, as in maxon's drives.
+        Milliampere = "mA",
+        /// A tenth of an ampere.
+        TenthAmpere = "0.1 A",
+        /// Per mille of the rated current, 0x6075, as in CiA 402.
+        PerMille = "per mille",
+    }
+}
+
+settings! {
+    /// Unit of a drive's temperature.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum TemperatureUnit {
+        /// A tenth of a degree Celsius.
+        TenthDegree = "0.1 degC",
+        /// A degree Celsius.
+        Degree = "degC",
     }
 }
 
@@ -126,8 +160,37 @@ impl Cia402Config {
             homed: self.homed_bit.map_or(0, |bit| 1 << bit),
             vouched: self.stops_without.clone(),
             identity: identity.collect(),
+            current: self.current(),
+            temperature: self.temperature(),
         }
     }
+
+    /// Object of the motor's current by the manual.
+    #[must_use]
+    pub fn current(&self) -> Option<Own> {
+        let unit = match self.current_unit {
+            CurrentUnit::Milliampere => Unit::Decimal(-3),
+            CurrentUnit::TenthAmpere => Unit::Decimal(-1),
+            CurrentUnit::PerMille => Unit::PerMille,
+        };
+        self.current_object.map(|object| own(object, unit))
+    }
+
+    /// Object of a temperature by the manual.
+    #[must_use]
+    pub fn temperature(&self) -> Option<Own> {
+        let unit = match self.temperature_unit {
+            TemperatureUnit::TenthDegree => Unit::Decimal(-1),
+            TemperatureUnit::Degree => Unit::Decimal(0),
+        };
+        self.temperature_object.map(|object| own(object, unit))
+    }
+}
+
+/// An object of the form 0x30D102.
+fn own(object: u32, unit: Unit) -> Own {
+    let [sub, low, high, _] = object.to_le_bytes();
+    Own { index: u16::from_le_bytes([low, high]), sub, unit }
 }
 
 impl VelocityUnit {

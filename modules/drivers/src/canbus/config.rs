@@ -27,6 +27,8 @@ settings! {
         master: u8 = 127, 1..=127;
         /// Period of SYNC; 0: no SYNC.
         sync_s as sync: Option<Duration> = None, Off(ZeroOr(0.001..=10.0));
+        /// Period of TIME (CiA 301, 7.2.6), the date and time of this computer for nodes that keep a clock; 0: no TIME.
+        time_s as time: Option<Duration> = None, Off(ZeroOr(0.1..=3600.0));
         /// Who releases the first homing of the axes after the start of the robot: it moves the wheels. Every later one
         /// needs an operator.
         homing_release: HomingRelease = HomingRelease::Operator;
@@ -308,9 +310,13 @@ pub struct Config {
     pub node_id: u8,
     /// Period of SYNC, if any drive needs it.
     pub sync: Option<Duration>,
+    /// Period of TIME, if any node keeps a clock.
+    pub time: Option<Duration>,
     /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
     /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
+    /// Circumference of a driven wheel, m.
+    pub wheel_circumference: f64,
     /// What the propulsion of a base that steers drives.
     pub driven: DrivenAxle,
     /// Wheels of a base without steering; none: a driven rear axle and steered front wheels.
@@ -524,7 +530,9 @@ impl BusConfig {
             bitrate: self.bitrate,
             node_id: self.master,
             sync: self.sync,
+            time: self.time,
             wheelbase: geometry.wheelbase_m,
+            wheel_circumference: geometry.wheel_circumference_m(),
             driven: geometry.driven,
             base,
             limits,

@@ -13,10 +13,10 @@ use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::Goal;
 use messages::Hold;
-use messages::lowlevel::{Axis, Node};
+use messages::lowlevel::{Axis, Node, Wheel};
 use module::Actions;
 use motorctl::can::{Device, OnCan};
-use motorctl::{Event, LostReason, Refusal, State, Step};
+use motorctl::{Event, Feedback, LostReason, Refusal, State, Step};
 use std::f64::consts::TAU;
 use std::fmt;
 
@@ -359,6 +359,22 @@ impl Controller {
             position: f64::NAN,
             velocity: speed,
             current: self.engine.feedback(0).map_or(f64::NAN, |feedback| feedback.current_a),
+        }
+    }
+
+    /// Row in `LL_DATA_WHEELS`, without the speed.
+    pub(super) fn wheel_row(&self) -> Wheel {
+        let feedback = self.engine.feedback(0).filter(|_| self.is_ready());
+        let of = |value: fn(&Feedback) -> f64| feedback.map_or(f64::NAN, value);
+        Wheel {
+            name: self.name.into(),
+            steering: f64::NAN,
+            rotation: of(|feedback| feedback.position_rad),
+            speed: f64::NAN,
+            torque: f64::NAN,
+            current: of(|feedback| feedback.current_a),
+            temperature: of(|feedback| feedback.temperature_c),
+            load: f64::NAN,
         }
     }
 

@@ -2,13 +2,16 @@
 //! reported once and reset with pauses.
 
 use super::controller::Availability;
+use super::motor_watch::MotorWatch;
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::Mode;
 use canopen::axis::modes::switch::Access;
 use canopen::axis::modes::watch::{ModeWatch, WrongMode};
-use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, NotFollowing, PowerState, StatusBits, Why};
+use canopen::axis::{Axis, AxisEvent, Goal, NotFollowing, PowerState, StatusBits, Why};
+use canopen::drives::cia402::Table;
 use canopen::drives::derive::Refusal;
+use canopen::drives::motor::Reading;
 use canopen::master::{BootError, LostReason, Step, Ticket};
 use canopen::pdo::Data;
 use canopen::wire::{Emergency, Service};
@@ -265,14 +268,18 @@ pub(super) struct Drive {
     pending: u8,
     /// Number of consecutive requests without an answer.
     unanswered: u8,
+    /// It sent a measured value, or answered, since the motor was looked at last.
+    shown: bool,
+    /// Current, torque and temperature.
+    motor: MotorWatch,
 }
 
 impl Drive {
-    pub(super) fn new(name: &'static str, node: u8, config: AxisConfig, reservations: Vec<Refusal>) -> Self {
+    pub(super) fn new(name: &'static str, node: u8, table: &Table, reservations: Vec<Refusal>) -> Self {
         Self {
             name,
             node,
-            axis: Axis::new(config),
+            axis: Axis::new(table.axis_config()),
             reservations,
             booted: false,
             powered: false,
@@ -293,6 +300,8 @@ impl Drive {
             measured: Instant::ZERO,
             pending: 0,
             unanswered: 0,
+            shown: false,
+            motor: MotorWatch::new(node, &table.motor),
         }
     }
 
@@ -447,7 +456,7 @@ impl Drive {
 
     /// A measured value was received.
     pub(super) fn on_measured(&mut self, now: Instant) {
-        self.measured = now;
+        (self.measured, self.shown) = (now, true);
         if self.booted {
             self.deadlines.set(Timer::Ask, now + self.read_after());
         }
@@ -475,7 +484,7 @@ impl Drive {
         self.pending = self.pending.saturating_sub(1);
         match error {
             None | Some(sdo::Error::Refused(_)) => {
-                self.unanswered = 0;
+                (self.unanswered, self.shown) = (0, true);
                 self.deadlines.clear(Timer::NotAnswering);
                 return;
             }
@@ -545,6 +554,29 @@ impl Drive {
             return false;
         }
         self.mode.handle_sdo(now, result.map(Payload::from));
+        true
+    }
+
+    /// Reads what the drive measures of its motor, at moments when that delays nothing.
+    pub(super) fn watch_motor(&mut self, now: Instant, master: &mut Master) {
+        let shown = std::mem::take(&mut self.shown);
+        let may_ask = shown && self.pending == 0 && self.unanswered == 0 && !self.outdated;
+        self.motor.advance(now, self.booted, may_ask, master);
+    }
+
+    /// A transfer has ended; false if it is not one that reads something of the motor.
+    pub(super) fn on_motor(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        result: Result<&[u8], sdo::Error>,
+        out: &mut Actions,
+    ) -> bool {
+        let Some(given_up) = self.motor.on_sdo(now, ticket, result) else { return false };
+        if let Some(Reading { topic, index, sub, .. }) = given_up {
+            let (name, node) = (self.name, self.node);
+            out.note(format!("{name} drive (node {node}) does not give 0x{index:04X}:{sub} ({topic}): it is unknown"));
+        }
         true
     }
 
@@ -732,7 +764,22 @@ impl Drive {
             error_code: i32::from(self.error_code),
             position,
             velocity,
-            current: f64::NAN,
+            current: self.motor.motor().current_a(),
+        }
+    }
+
+    /// Row of the drive in `LL_DATA_WHEELS`.
+    pub(super) fn wheel_row(&self, steering: f64, speed: f64) -> lowlevel::Wheel {
+        let motor = self.motor.motor();
+        lowlevel::Wheel {
+            name: self.name.into(),
+            steering,
+            rotation: f64::NAN,
+            speed,
+            torque: motor.torque_nm(),
+            current: motor.current_a(),
+            temperature: motor.temperature_c(),
+            load: motor.load(),
         }
     }
 

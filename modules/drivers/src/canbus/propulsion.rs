@@ -13,6 +13,7 @@ use canopen::Master;
 use canopen::axis::{Follow, FollowConfig, Goal, NotFollowing, PowerState};
 use messages::lowlevel;
 use module::Actions;
+use std::f64::consts::TAU;
 
 /// Targets below this are not compared with the measured speed, m/s: four units of its resolution.
 const FOLLOWED_MIN_MPS: f64 = 0.05;
@@ -333,6 +334,15 @@ impl Propulsion {
         match &mut self.motor {
             Motor::Canopen(servo) => servo.drive.take_changed(),
             Motor::Controller(controller) => controller.take_changed(),
+        }
+    }
+
+    /// Row in `LL_DATA_WHEELS`; `circumference`: of the wheel, m.
+    pub(super) fn wheel_row(&self, circumference: f64) -> lowlevel::Wheel {
+        let speed = self.speed / circumference * TAU;
+        match &self.motor {
+            Motor::Canopen(servo) => servo.drive.wheel_row(f64::NAN, speed),
+            Motor::Controller(controller) => lowlevel::Wheel { speed, ..controller.wheel_row() },
         }
     }
 

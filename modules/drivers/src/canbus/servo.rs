@@ -51,7 +51,7 @@ impl Servo {
             }
             PropulsionDrive::Controller(_) => return Ok(None),
         };
-        let drive = Drive::new(own.axis.name(), own.node, table.axis_config(), reservations);
+        let drive = Drive::new(own.axis.name(), own.node, &table, reservations);
         Ok(Some(Self { drive, table, parameters, units, target: 0 }))
     }
 

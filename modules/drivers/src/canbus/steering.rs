@@ -142,7 +142,7 @@ impl Steering {
         let check = ReferenceCheck::new(homing.method, units.position(config.switch));
         let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD });
         Ok(Self {
-            drive: Drive::new("steering", config.node, table.axis_config(), reservations),
+            drive: Drive::new("steering", config.node, &table, reservations),
             config,
             table,
             parameters,
@@ -459,6 +459,11 @@ impl Steering {
 
     pub(super) fn is_enabled(&self) -> bool {
         self.drive.axis.is_enabled()
+    }
+
+    /// Row in `LL_DATA_WHEELS`.
+    pub(super) fn wheel_row(&self) -> lowlevel::Wheel {
+        self.drive.wheel_row(self.angle(), f64::NAN)
     }
 
     pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {

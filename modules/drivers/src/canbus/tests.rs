@@ -10,6 +10,7 @@ mod holds;
 mod homing;
 mod hostile;
 mod layout;
+mod motor;
 mod pause;
 mod ranging;
 mod stopping;
@@ -40,7 +41,9 @@ pub(super) fn config() -> Config {
         bitrate: 1_000_000,
         node_id: 127,
         sync: None,
+        time: None,
         wheelbase: 0.6,
+        wheel_circumference: 0.8,
         driven: settings::robot::DrivenAxle::Rear,
         base: None,
         limits: Limits {
@@ -113,6 +116,8 @@ struct Robot {
     motion: Option<lowlevel::DataMotion>,
     velocity: Option<lowlevel::DataVelocity>,
     holds: lowlevel::DataHold,
+    axes: lowlevel::DataAxes,
+    wheels: lowlevel::DataWheels,
     bus: Option<lowlevel::DataBus>,
     answers: Vec<lowlevel::DataSdo>,
     /// Orders to the power controller.
@@ -147,6 +152,8 @@ impl Robot {
             motion: None,
             velocity: None,
             holds: lowlevel::DataHold::default(),
+            axes: lowlevel::DataAxes::default(),
+            wheels: lowlevel::DataWheels::default(),
             bus: None,
             answers: Vec::new(),
             power: Vec::new(),
@@ -232,6 +239,8 @@ impl Robot {
                         self.motion = Some(motion);
                     }
                     Action::Publish(Message::LlDataVelocity(velocity)) => self.velocity = Some(velocity),
+                    Action::Publish(Message::LlDataAxes(axes)) => self.axes = axes,
+                    Action::Publish(Message::LlDataWheels(wheels)) => self.wheels = wheels,
                     Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
                     Action::Publish(Message::LlCmdPower(order)) => self.power.push((now, order)),

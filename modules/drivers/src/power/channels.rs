@@ -24,6 +24,10 @@ pub(super) enum Outcome {
     Done { channel: usize, on: bool },
     /// The board did not switch the channel.
     Stuck { channel: usize, on: bool },
+    /// The channel is off, and nobody ordered it.
+    Tripped { channel: usize },
+    /// A channel that switched itself off is on again, or was ordered off.
+    Restored { channel: usize, on: bool },
 }
 
 /// State of the channels.
@@ -32,6 +36,8 @@ pub(super) struct Channels {
     /// Channels that are on, as last reported.
     state: Option<u8>,
     orders: [Option<Order>; CHANNELS.len()],
+    /// Channels that switched themselves off.
+    tripped: u8,
 }
 
 impl Channels {
@@ -75,12 +81,21 @@ impl Channels {
         }
     }
 
-    /// Processes the reported states of the channels.
-    pub fn on_state(&mut self, now: Instant, state: u8) -> Vec<Outcome> {
-        self.state = Some(state);
+    /// Processes the reported states of the channels; `ends`: all are about to be switched off.
+    pub fn on_state(&mut self, now: Instant, state: u8, ends: bool) -> Vec<Outcome> {
+        let before = self.state.replace(state);
         let mut outcomes = Vec::new();
         for (channel, order) in self.orders.iter_mut().enumerate() {
-            let is = state >> channel & 1 == 1;
+            let (is, bit) = (state >> channel & 1 == 1, 1 << channel);
+            let was = before.is_some_and(|before| before & bit != 0);
+            let ordered_off = matches!(order, Some(Order::Set { on: false, .. } | Order::Rests { .. }));
+            if self.tripped & bit != 0 && (is || ordered_off) {
+                self.tripped &= !bit;
+                outcomes.push(Outcome::Restored { channel, on: is });
+            } else if was && !is && !ordered_off && !ends {
+                self.tripped |= bit;
+                outcomes.push(Outcome::Tripped { channel });
+            }
             if let Some(Order::Set { on, again, accepted: Some(until) }) = *order {
                 if is == on {
                     outcomes.push(Outcome::Done { channel, on });

@@ -2,8 +2,9 @@
 
 use crate::rs485_bus::Node;
 use base::listed;
+use rs485::boards::psc1::CHANNELS;
 use rs485::crc::Crc8;
-use settings::settings;
+use settings::{Table, settings};
 
 settings! {
     /// `[power]`: the power controller and its battery. With this table the robot does not move unless the state of the
@@ -24,6 +25,8 @@ settings! {
         cells: u8 = required, 1..=16;
         /// Charge below which a warning is reported.
         reserve: f64 = 0.2, 0.0..=1.0;
+        /// Greatest currents of power channels.
+        channels: Vec<ChannelConfig> = [];
         /// The other modules, in the order in which they were started; they are ended the other way round.
         modules: Vec<String> = unset Vec::<String>::new();
         /// Program and arguments that halt the computer when the supply is cut or channel host is switched off; never
@@ -33,6 +36,20 @@ settings! {
         reboot_command as reboot: Vec<String> = Vec::<String>::new();
         /// A simulated robot: the computer belongs to others, and neither command is run.
         simulated: bool = unset false;
+    }
+    check Config::check_channels;
+}
+
+settings! {
+    /// `[[power.channels]]`: greatest current of a power channel, at which it switches itself off.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ChannelConfig {
+        /// Channel: `host`, `computer1`, `computer2`, `motors`, `monitor`, `audio`, `sensors` or `switch`.
+        name: String = required;
+        /// Greatest current.
+        current_max_a: f64 = required, 0.1..=100.0;
+        /// Share of it from which a warning is reported.
+        warning_share: f64 = 0.8, 0.1..=1.0;
     }
 }
 
@@ -50,6 +67,15 @@ listed! {
 impl std::error::Error for ConfigError {}
 
 impl Config {
+    fn check_channels(&self, table: &Table<'_>) {
+        let names: Vec<&String> = self.channels.iter().map(|channel| &channel.name).collect();
+        table.unique("channels", "name", &names, "one that no other entry has");
+        let unknown = self.channels.iter().enumerate().filter(|(_, own)| !CHANNELS.contains(&own.name.as_str()));
+        for item in unknown.filter_map(|(n, _)| table.item("channels", n)) {
+            item.refuse("name", "a power channel: host, computer1, computer2, motors, monitor, audio, sensors, switch");
+        }
+    }
+
     /// Looks at what the module relies on.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         if !(self.node.rate_hz.is_finite() && self.node.rate_hz > 0.0) {

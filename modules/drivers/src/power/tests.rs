@@ -8,6 +8,7 @@ use rs485::boards::psc1::{ADDRESS, build_currents, build_status, parse_set};
 use rs485::crc::Crc8;
 use rs485::frame::Status;
 use rs485::slave::Asked;
+use settings::Section as _;
 
 fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
@@ -18,10 +19,18 @@ fn config() -> Config {
         bus: "rs485.power".into(),
         baud: 115_200,
         crc: Crc8::SAE_J1850,
-        node: Node { name: "psc1".into(), address: ADDRESS, kind: Kind::Psc1, rate_hz: 1.0, timeout: ms(20) },
+        node: Node {
+            name: "psc1".into(),
+            address: ADDRESS,
+            kind: Kind::Psc1,
+            rate_hz: 1.0,
+            timeout: ms(20),
+            ..Node::usual()
+        },
         capacity_ah: 40.0,
         cells: 8,
         reserve: 0.2,
+        channels: Vec::new(),
         modules: vec!["eyes".into(), "legs".into()],
         halt: vec!["poweroff".into(), "-f".into()],
         reboot: Vec::new(),
@@ -347,4 +356,76 @@ fn an_invalid_configuration_is_rejected() {
     assert_eq!(refused(|config| config.capacity_ah = 0.0), ConfigError::Battery);
     assert_eq!(refused(|config| config.cells = 0), ConfigError::Battery);
     assert_eq!(refused(|config| config.reserve = 1.1), ConfigError::Battery);
+}
+
+#[test]
+fn a_channel_that_switches_itself_off_has_tripped_until_it_is_switched_on_again() {
+    let audio = ChannelConfig { name: "audio".into(), current_max_a: 1.0, warning_share: 0.8 };
+    let mut rig = rig_of(Config { channels: vec![audio], ..config() });
+    pass(&mut rig, 3000);
+    rig.news();
+    rig.board.on &= !(1 << 5);
+    pass(&mut rig, 2000);
+    let told = "power channel audio switched itself off; it last drew 0.4 A of at most 1.0 A";
+    let is_told = |action: &Action| matches!(action, Action::Report(report) if report.message.starts_with(told));
+    assert!(rig.log.iter().any(|(_, action)| is_told(action)));
+    assert_eq!(rig.news(), "Error ChannelTripped audio");
+    order(&mut rig, 5, CmdPower::ON);
+    pass(&mut rig, 3000);
+    assert_eq!(rig.news(), "Notice ChannelTripped audio\npower channel audio is on");
+}
+
+#[test]
+fn a_tripped_channel_that_is_ordered_off_is_off_on_purpose() {
+    let mut rig = rig();
+    pass(&mut rig, 1500);
+    rig.board.on &= !(1 << 4);
+    pass(&mut rig, 2000);
+    assert_eq!(rig.news(), "Error ChannelTripped monitor");
+    order(&mut rig, 4, CmdPower::OFF);
+    pass(&mut rig, 3000);
+    assert_eq!(rig.news(), "Notice ChannelTripped monitor\npower channel monitor is off");
+}
+
+#[test]
+fn channels_that_are_switched_off_restarted_or_were_off_at_the_start_have_not_tripped() {
+    let mut rig = rig();
+    rig.board.on = 0b1101_1111;
+    pass(&mut rig, 3000);
+    rig.news();
+    order(&mut rig, 4, CmdPower::OFF);
+    order(&mut rig, 2, CmdPower::REBOOT);
+    pass(&mut rig, 10_000);
+    let news = rig.news();
+    assert!(!news.contains("ChannelTripped") && news.contains("power channel computer2 is on"), "{news}");
+
+    // Off before the driver has seen it on.
+    let board = Board { on: 0b1101_1111, stuck: 0, leaks: 0, told: Vec::new(), currents: rig.board.currents };
+    let mut rig = Rig::new(NAME, Box::new(Power::new(config()).unwrap()), ADDRESS, board, answer);
+    pass(&mut rig, 3000);
+    assert!(!rig.news().contains("ChannelTripped"));
+    // The controller ends the supply, and has said so.
+    rig.says(0x81, &[5]);
+    rig.run(ms(1000));
+    rig.board.on = 0;
+    pass(&mut rig, 3000);
+    assert!(!rig.news().contains("ChannelTripped"));
+}
+
+#[test]
+fn a_channel_near_its_greatest_current_is_reported_before_it_trips() {
+    let audio = ChannelConfig { name: "audio".into(), current_max_a: 1.0, warning_share: 0.8 };
+    let mut rig = rig_of(Config { channels: vec![audio], ..config() });
+    pass(&mut rig, 2000);
+    rig.news();
+    rig.board.currents.milliamps[5] = 850;
+    pass(&mut rig, 3000);
+    assert_eq!(rig.news(), "Warning ChannelCurrent audio");
+    // Neither above the warning nor below its end.
+    rig.board.currents.milliamps[5] = 780;
+    pass(&mut rig, 3000);
+    assert_eq!(rig.news(), "");
+    rig.board.currents.milliamps[5] = 500;
+    pass(&mut rig, 3000);
+    assert_eq!(rig.news(), "Notice ChannelCurrent audio");
 }

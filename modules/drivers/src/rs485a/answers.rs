@@ -32,6 +32,13 @@ impl Rs485a {
         let understood = match self.nodes.iter().find(|node| node.address == to).map(|node| node.kind) {
             // The board has released the PAUSE line.
             Some(Kind::Sd1) if instruction == sd1::CLEAR_PAUSE_SRC.code => return,
+            Some(Kind::Sd1) if instruction == sd1::GET_PAUSE_SRC.code => {
+                match self.line.judge(to, sd1::PauseSource::parse(data), out) {
+                    Some(engages) => self.floor.on_answer(to, engages, out),
+                    None => self.floor.on_failure(to),
+                }
+                return;
+            }
             Some(Kind::Sd1) => {
                 let both = sd1::Both::parse(data).and_then(|both| self.frozen.judge(now, to, both));
                 let both = self.line.judge(to, both, out);

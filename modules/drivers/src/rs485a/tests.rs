@@ -10,6 +10,7 @@ use rs485::boards::{GET_VERSION, Version};
 use rs485::frame::Status;
 use rs485::slave::{self, Slave};
 use rs485::word_time;
+use settings::Section as _;
 use std::collections::VecDeque;
 
 const FRONT: u8 = sd1::FRONT;
@@ -21,7 +22,14 @@ fn ms(ms: u64) -> Duration {
 }
 
 fn config() -> Config {
-    let node = |name: &str, address, kind, rate_hz| Node { name: name.into(), address, kind, rate_hz, timeout: ms(20) };
+    let node = |name: &str, address, kind, rate_hz| Node {
+        name: name.into(),
+        address,
+        kind,
+        rate_hz,
+        timeout: ms(20),
+        ..Node::usual()
+    };
     let ranger = |id: u8, per_board: u8| Ranger {
         id,
         board: if id < per_board { FRONT } else { REAR },
@@ -62,6 +70,8 @@ struct FakeBoard {
     speed: f64,
     driving_since: Instant,
     asked: Vec<u8>,
+    /// Which floor sensor engages the PAUSE line, as it answers.
+    pause: [u8; 1],
 }
 
 /// A robot that drives towards a wall that all its sonars face.
@@ -106,6 +116,7 @@ impl FakeBoard {
             speed: 0.0,
             driving_since: Instant::ZERO,
             asked: Vec::new(),
+            pause: [0],
         }
     }
 
@@ -129,7 +140,11 @@ impl FakeBoard {
             (code, FRONT | REAR) if code == sd1::GET_BOTH_DATA.code => {
                 self.slave.respond(Status::Ok, &both.build());
             }
-            (code, FRONT | REAR) if code == sd1::CLEAR_PAUSE_SRC.code => self.slave.respond(Status::Ok, &[]),
+            (code, FRONT | REAR) if code == sd1::CLEAR_PAUSE_SRC.code => {
+                self.pause = [0];
+                self.slave.respond(Status::Ok, &[]);
+            }
+            (code, FRONT | REAR) if code == sd1::GET_PAUSE_SRC.code => self.slave.respond(Status::Ok, &self.pause),
             _ => self.slave.respond(Status::UnknownInstruction, &[]),
         }
     }
@@ -334,6 +349,73 @@ fn boards_release_the_pause_line_when_a_person_commands_run() {
         wire.log.iter().filter(|(_, action)| matches!(action, Action::Publish(Message::LlDataSrfs(_)))).count();
     assert!(ranges >= 6, "the rounds of ranges continue: {ranges}");
     assert!(!wire.log.iter().any(|(_, action)| matches!(action, Action::Report(_))));
+}
+
+/// The power controller's report of the PAUSE line each 500 ms, `times` times.
+fn report_pause(wire: &mut Wire, engaged: bool, source: &str, times: u32) {
+    for _ in 0..times {
+        wire.bench.message(messages::lowlevel::EventStop { timestamp: 0, engaged, source: source.into() });
+        wire.collect();
+        wire.run(ms(500));
+    }
+}
+
+#[test]
+fn the_board_that_engages_pause_is_asked_for_the_corner_and_only_it_ends_the_report() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    let asked = |wire: &Wire| {
+        let asks = |board: &FakeBoard| board.asked.iter().filter(|code| **code == sd1::GET_PAUSE_SRC.code).count();
+        wire.boards.each_ref().map(asks)
+    };
+    report_pause(&mut wire, false, "", 2);
+    report_pause(&mut wire, true, "bumper1", 2);
+    report_pause(&mut wire, true, "button", 2);
+    assert_eq!(asked(&wire), [0, 0, 0], "no business of the boards");
+    wire.front().pause = [2];
+    report_pause(&mut wire, true, "sd1_front", 3);
+    assert_eq!(asked(&wire), [3, 0, 0]);
+    assert!(wire.texts().iter().any(|text| text.contains("no floor at the front right corner")), "{:?}", wire.texts());
+    assert_eq!(wire.news(), "Warning FloorMissing sd1_front");
+    // Another source is named now; the board still engages the line.
+    report_pause(&mut wire, true, "button", 2);
+    report_pause(&mut wire, false, "", 1);
+    assert_eq!((asked(&wire), wire.news().as_str()), ([6, 0, 0], ""));
+    wire.command(State::Run);
+    report_pause(&mut wire, false, "", 2);
+    assert_eq!(wire.news(), "Notice FloorMissing sd1_front");
+    let known = asked(&wire);
+    report_pause(&mut wire, false, "", 2);
+    assert_eq!(asked(&wire), known, "nothing left to ask");
+}
+
+#[test]
+fn a_flood_of_reports_asks_a_board_no_more_often_and_nonsense_of_it_is_dropped() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    wire.rear().pause = [7];
+    for _ in 0..1000 {
+        let source = "sd1_rear".into();
+        wire.bench.message(messages::lowlevel::EventStop { timestamp: 0, engaged: true, source });
+        wire.collect();
+        wire.run(ms(1));
+    }
+    let asked = wire.rear().asked.iter().filter(|code| **code == sd1::GET_PAUSE_SRC.code).count();
+    assert_eq!(
+        (asked, wire.news().as_str()),
+        (1, "Warning BoardImplausible sd1_rear\nNotice BoardImplausible sd1_rear")
+    );
+    wire.rear().pause = [1];
+    for _ in 0..1000 {
+        let source = "sd1_front".into();
+        wire.bench.message(messages::lowlevel::EventStop { timestamp: 0, engaged: true, source });
+        wire.collect();
+        wire.run(ms(1));
+    }
+    let asked = wire.front().asked.iter().filter(|code| **code == sd1::GET_PAUSE_SRC.code).count();
+    assert!((2..=4).contains(&asked), "{asked}");
 }
 
 #[test]

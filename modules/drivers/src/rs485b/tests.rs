@@ -3,11 +3,12 @@
 use super::*;
 use crate::rs485_bus::Kind;
 use crate::testing::Rig;
-use messages::lowlevel::DataBeacons;
+use messages::lowlevel::{DataBeacons, DataScanner};
 use module::State;
 use rs485::boards::sbs1::{Debug, Sighting, build_beacons, build_debug};
 use rs485::frame::Status;
 use rs485::slave::Asked;
+use settings::Section as _;
 
 fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
@@ -18,7 +19,14 @@ fn config() -> Config {
         bus: "rs485.b".into(),
         baud: 115_200,
         crc: Crc8::SAE_J1850,
-        node: Node { name: "sbs1".into(), address: sbs1::ADDRESS, kind: Kind::Sbs1, rate_hz: 1.0, timeout: ms(20) },
+        node: Node {
+            name: "sbs1".into(),
+            address: sbs1::ADDRESS,
+            kind: Kind::Sbs1,
+            rate_hz: 1.0,
+            timeout: ms(20),
+            ..Node::usual()
+        },
         beacons: vec![1, 2],
     }
 }
@@ -29,6 +37,9 @@ struct Scanner {
     sent: Vec<Vec<u8>>,
     sees: Vec<Sighting>,
     on: Instant,
+    /// Pulses rejected a second; supply, mV.
+    rejects: u32,
+    supply_mv: u16,
 }
 
 fn answer(board: &mut Scanner, now: Instant, asked: &Asked) -> (Status, Vec<u8>) {
@@ -39,8 +50,10 @@ fn answer(board: &mut Scanner, now: Instant, asked: &Asked) -> (Status, Vec<u8>)
         }
         code if code == GET_BEACON_DATA.code => (Status::Ok, build_beacons(&board.sees).to_vec()),
         code if code == GET_DEBUG_DATA.code => {
-            let sweeps = now.since(board.on).as_secs() as u16;
-            (Status::Ok, build_debug(Debug { sweeps, ..Debug::default() }).to_vec())
+            let seconds = now.since(board.on).as_secs();
+            let rejected_pulses = (seconds * u64::from(board.rejects)) as u16;
+            let debug = Debug { sweeps: seconds as u16, rejected_pulses, supply_mv: board.supply_mv };
+            (Status::Ok, build_debug(debug).to_vec())
         }
         _ => (Status::UnknownInstruction, Vec::new()),
     }
@@ -48,7 +61,7 @@ fn answer(board: &mut Scanner, now: Instant, asked: &Asked) -> (Status, Vec<u8>)
 
 fn rig() -> Rig<Scanner> {
     let sees = vec![Sighting { id: 1, bearing: -9000, strength: 255, age_ms: 400 }];
-    let scanner = Scanner { sees, ..Scanner::default() };
+    let scanner = Scanner { sees, supply_mv: 5000, ..Scanner::default() };
     Rig::new(NAME, Box::new(Rs485b::new(config()).unwrap()), sbs1::ADDRESS, scanner, answer)
 }
 
@@ -154,6 +167,44 @@ fn an_implausible_answer_is_reported_once_and_not_published() {
     rig.board.sees[0].bearing = 0;
     rig.run(ms(1000));
     assert_eq!((beacons(&mut rig).len(), rig.news().as_str()), (1, "Notice BoardImplausible sbs1"));
+}
+
+fn status(rig: &mut Rig<Scanner>) -> Vec<(Instant, DataScanner)> {
+    rig.take(|message| if let Message::LlDataScanner(scanner) = message { Some(scanner) } else { None })
+}
+
+#[test]
+fn rejected_pulses_are_counted_over_wraps_and_resets_of_the_board() {
+    let mut rig = rig();
+    rig.board.rejects = 3000;
+    rig.run(ms(5000));
+    let first = status(&mut rig).remove(0).1;
+    assert_eq!((first.name.as_str(), first.rejected, first.supply), ("sbs1", 0, 5.0));
+    assert!(first.rejected_rate.is_nan());
+    rig.run(ms(30_000));
+    let last = status(&mut rig).pop().unwrap().1;
+    assert!(last.rejected > 65_536 && (last.rejected_rate - 3000.0).abs() < 310.0, "{last:?}");
+    rig.board.on = rig.bench.now();
+    rig.run(ms(10_000));
+    let after = status(&mut rig).pop().unwrap().1;
+    assert!(after.rejected >= last.rejected && after.rejected - last.rejected <= 31_000, "{after:?}");
+}
+
+#[test]
+fn a_supply_out_of_its_range_is_reported_once_and_its_end_once() {
+    let mut rig = rig();
+    rig.run(ms(12_000));
+    rig.news();
+    rig.board.supply_mv = 4200;
+    rig.run(ms(30_000));
+    assert_eq!(rig.news(), "Warning BoardSupply sbs1");
+    // Within the limit, and not by the margin: neither raised nor cleared again.
+    rig.board.supply_mv = 4520;
+    rig.run(ms(20_000));
+    assert_eq!(rig.news(), "");
+    rig.board.supply_mv = 5000;
+    rig.run(ms(20_000));
+    assert_eq!(rig.news(), "Notice BoardSupply sbs1");
 }
 
 #[test]

@@ -28,6 +28,8 @@ const EMPTY: f64 = 2.5;
 const EMPTY_FOR: Duration = Duration::from_millis(1500);
 /// Power of each channel, W: 35 of electronics, 60 of two computers, 45 of the monitor, 10 of audio and fans.
 const LOADS: [f64; CHANNELS.len()] = [5.0, 35.0, 25.0, 3.0, 45.0, 10.0, 20.0, 7.0];
+/// Current of a device with a defect, A.
+const OVERLOAD_A: f64 = 12.0;
 /// Efficiency of gear and motor.
 const EFFICIENCY: f64 = 0.83;
 /// Deviation of a current sensor, A.
@@ -59,6 +61,8 @@ pub struct Battery {
     at: Instant,
     /// Forced rest voltage, V, and its end.
     forced: (f64, Instant),
+    /// A channel that draws [`OVERLOAD_A`] more, and until when.
+    overload: (u8, Instant),
     empty_since: Option<Instant>,
 }
 
@@ -66,12 +70,24 @@ impl Battery {
     /// Makes a battery as configured.
     #[must_use]
     pub fn new(config: BatteryConfig, at: Instant) -> Self {
-        Self { config, charge: config.charge, at, forced: (0.0, Instant::ZERO), empty_since: None }
+        Self {
+            config,
+            charge: config.charge,
+            at,
+            forced: (0.0, Instant::ZERO),
+            overload: (0, Instant::ZERO),
+            empty_since: None,
+        }
     }
 
     /// Forces this rest voltage until an instant, V.
     pub fn force(&mut self, volts: f64, until: Instant) {
         self.forced = (volts, until);
+    }
+
+    /// A channel draws [`OVERLOAD_A`] more until an instant.
+    pub fn overload(&mut self, channel: u8, until: Instant) {
+        self.overload = (channel, until);
     }
 
     /// Takes what has been drawn since the last call, at the load of now.
@@ -123,7 +139,9 @@ impl Battery {
         let volts = self.rest(now).max(1.0);
         std::array::from_fn(|channel| {
             let motion = if channel == usize::from(MOTORS) { motion } else { 0.0 };
-            if on & 1 << channel == 0 { 0.0 } else { (LOADS[channel] + motion) / volts }
+            let overload = channel == usize::from(self.overload.0) && now < self.overload.1;
+            let more = if overload { OVERLOAD_A } else { 0.0 };
+            if on & 1 << channel == 0 { 0.0 } else { (LOADS[channel] + motion) / volts + more }
         })
     }
 }

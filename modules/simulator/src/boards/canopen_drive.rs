@@ -129,7 +129,7 @@ impl CanopenDrive {
     /// The node's news go to the drive, and what follows from them to the node.
     fn serve(&mut self, now: Instant, body: &Body) {
         while self.pass_news(now, body) {
-            self.measure(body);
+            self.measure(now, body);
             self.node.handle_timeout(now);
         }
     }
@@ -240,18 +240,18 @@ impl CanopenDrive {
             Device::Icla(_) => None,
         };
         self.report(emergency);
-        self.measure(body);
+        self.measure(now, body);
         self.node.handle_timeout(now);
         self.serve(now, body);
     }
 
     /// Copies the drive's measurements to the node's objects.
-    fn measure(&mut self, body: &Body) {
+    fn measure(&mut self, now: Instant, body: &Body) {
         let reading = read(self.encoder.as_ref(), body);
         match &mut self.device {
             Device::Epos(epos) => epos.feedback(&mut self.node, body, reading),
             Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
-            Device::Cia402(cia402) => cia402.feedback(&mut self.node, body, self.turned, reading),
+            Device::Cia402(cia402) => cia402.feedback(now, &mut self.node, body, self.turned, reading),
         }
     }
 

@@ -15,6 +15,7 @@ use super::drive::Axis;
 use super::encoder::Reading;
 use super::epos::{Emergency, HEARTBEAT};
 use super::mirror::Mirror;
+use super::motor::MotorObjects;
 use crate::body::Body;
 use base::{Duration, Instant};
 use canopen::axis::drive::Kind;
@@ -24,6 +25,7 @@ use canopen::axis::servo::{Config, Sensed, Servo, error_register};
 use canopen::axis::status;
 use canopen::dictionary::Entry;
 use canopen::drives::derive::VelocityUnit;
+use canopen::drives::motor::Own;
 use canopen::eds::Eds;
 use canopen::{Dictionary, NmtState, Node};
 use std::f64::consts::TAU;
@@ -63,6 +65,10 @@ pub struct Cia402Config {
     pub keeps_quick_stop: bool,
     /// Objects that it lacks, and without which it stops nevertheless.
     pub stops_without: Vec<u16>,
+    /// Object of the motor's current by its manual, and its unit; absent: 0x6078, where it has that.
+    pub current: Option<Own>,
+    /// The same of a temperature; absent: none.
+    pub temperature: Option<Own>,
     /// Bit of the statusword that says that the position counts from home; 0: none.
     pub homed: u16,
 }
@@ -192,6 +198,7 @@ pub(crate) struct Cia402 {
     servo: Servo,
     mirror: Mirror<8>,
     sensed: Sensed,
+    motor: MotorObjects,
     nmt: Option<NmtState>,
     /// The motor has its feed.
     fed: bool,
@@ -203,9 +210,9 @@ impl Cia402 {
         let stored = stored(&config.sheet, objects.node());
         let (scale, gear) = (Scale::of(objects, &config), config.gear(objects));
         let servo = Servo::new(servo_config(&config, scale), 0.0);
-        let sensed = Sensed::default();
-        let mut new =
-            Self { config, stored, scale, gear, servo, mirror: Mirror::default(), sensed, nmt: None, fed: true };
+        let motor = MotorObjects::new(objects, config.current, config.temperature);
+        let (mirror, sensed) = (Mirror::default(), Sensed::default());
+        let mut new = Self { config, stored, scale, gear, servo, mirror, sensed, motor, nmt: None, fed: true };
         new.restart(objects, body, reading);
         new
     }
@@ -231,6 +238,7 @@ impl Cia402 {
         self.sensed = self.sense(body, 0.0, reading);
         self.servo = Servo::new(servo_config(&self.config, self.scale), self.sensed.position);
         self.servo.configure(objects);
+        self.motor.restart(objects);
         (self.mirror, self.nmt) = (Mirror::default(), None);
     }
 
@@ -287,6 +295,9 @@ impl Cia402 {
             self.scale = Scale::of(objects, &self.config);
             let Config { velocity, acceleration, .. } = servo_config(&self.config, self.scale);
             self.servo.set_scale(velocity, acceleration);
+        }
+        if matches!(index, 0x6075 | 0x6076) {
+            self.motor.rate(objects);
         }
         self.servo.written(now, index, objects, &self.sensed).then_some(Emergency::NONE)
     }
@@ -346,7 +357,7 @@ impl Cia402 {
 
     /// Writes what the drive measures into its objects; `turned`: how fast the steering turns, rad/s; `reading`: of a
     /// wheel's encoder.
-    pub fn feedback(&mut self, node: &mut Node, body: &Body, turned: f64, reading: Reading) {
+    pub fn feedback(&mut self, now: Instant, node: &mut Node, body: &Body, turned: f64, reading: Reading) {
         self.sensed = self.sense(body, turned, reading);
         self.servo.sense(&self.sensed);
         if self.loops_speed() {
@@ -357,6 +368,10 @@ impl Cia402 {
         let status = i64::from(self.status());
         let objects = [position, demanded, lag, velocity_demanded, velocity, (0x60FD, inputs), mode, (0x6041, status)];
         self.mirror.write(node, objects);
+        // The model of the steering has no force.
+        if let Axis::Wheel(wheel) = self.config.axis {
+            self.motor.write(now, node, body.force(wheel.into()), body.parameters().motor_turns_per_metre(self.gear));
+        }
     }
 
     fn status(&self) -> u16 {

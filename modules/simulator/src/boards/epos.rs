@@ -23,7 +23,7 @@ pub const HEARTBEAT: u16 = 0x8130;
 /// The motor's feed is off.
 const UNDERVOLTAGE: u16 = 0x3220;
 /// Wheel force per motor current, N/A (docs/facts/robot.md 1.2: 83 N at 10 A).
-const FORCE_PER_AMPERE: f64 = 8.3;
+pub(super) const FORCE_PER_AMPERE: f64 = 8.3;
 /// Speed below which the motor counts as stopped, rpm.
 const STANDSTILL: f64 = 10.0;
 /// Deceleration at the current limit, rpm/s.

@@ -105,8 +105,13 @@ impl Board {
             (InjectedFault::Crosstalk(probability), Kind::Sd1(board)) => board.mix(until, probability),
             (InjectedFault::Hidden(beacon), Kind::Sbs1(board)) => board.hide(until, beacon),
             (InjectedFault::False(probability), Kind::Sbs1(board)) => board.mislead(until, probability),
+            (InjectedFault::Glare(rate), Kind::Sbs1(board)) => board.glare(now, until, rate),
+            (InjectedFault::Supply(volts), Kind::Sbs1(board)) => board.feed(until, volts),
             (InjectedFault::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
             (InjectedFault::StopButton, Kind::Psc1(board)) => board.push_button(until),
+            (InjectedFault::Cold, Kind::Psc1(board)) => board.start_cold(now),
+            (InjectedFault::Trip(channel), Kind::Psc1(board)) => return board.trip(channel),
+            (InjectedFault::Overload(channel), Kind::Psc1(board)) => return board.overload(channel, until),
             (InjectedFault::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
             (InjectedFault::PowerOff(seconds), Kind::Psc1(board)) => board.power_off(now, seconds),
             (InjectedFault::None, kind) => {
@@ -119,6 +124,7 @@ impl Board {
                     Kind::Sbs1(board) => {
                         board.hide(now, 0);
                         board.mislead(now, 0.0);
+                        board.heal(now);
                     }
                     Kind::So1(_) => {}
                 }

@@ -1,8 +1,8 @@
 //! BR-PSC1: channels that start and stop one after the other, currents, the battery, the PAUSE line, the end of supply.
 //!
 //! Start-up runs from slaves to masters, power-off the other way round (`ORDER`). Whoever wrote what this answers is
-//! already running, so at the start all channels are on. Channels are bistable relays: a reset of the processor leaves
-//! them as they are, as `docs/facts/robot.md` 1.1 has it of the relay in the motor feed.
+//! already running, so at the start all channels are on, unless it is started cold. Channels are bistable relays: a
+//! reset of the processor leaves them as they are, as `docs/facts/robot.md` 1.1 has it of the relay in the motor feed.
 
 use super::battery::{Battery, BatteryConfig};
 use crate::scene::Scene;
@@ -93,6 +93,33 @@ impl Psc1 {
         }
     }
 
+    /// The main switch is turned on at `now`, and was off: all channels are off, and start one after the other.
+    pub fn start_cold(&mut self, now: Instant) {
+        self.reset(now);
+        (self.on, self.target) = (0, 0xFF);
+        (self.next_start, self.next_stop) = (now + START, now + START);
+    }
+
+    /// A channel switches itself off, as at an over-current; it stays so until it is switched on. False for the host,
+    /// and where there is none.
+    pub fn trip(&mut self, channel: u8) -> bool {
+        let is_one = channel != HOST && usize::from(channel) < CHANNELS.len();
+        if is_one {
+            self.on &= !(1 << channel);
+            self.target &= !(1 << channel);
+        }
+        is_one
+    }
+
+    /// A channel draws so much more until then, A; false where there is none.
+    pub fn overload(&mut self, channel: u8, until: Instant) -> bool {
+        let is_one = usize::from(channel) < CHANNELS.len();
+        if is_one {
+            self.battery.overload(channel, until);
+        }
+        is_one
+    }
+
     /// Resets the processor: pending actions are dropped, the relays stay.
     pub fn reset(&mut self, now: Instant) {
         self.target = self.on;
@@ -172,6 +199,7 @@ impl Psc1 {
         self.bumpers = [Instant::ZERO; 8];
         self.button = Instant::ZERO;
         self.battery.force(0.0, now);
+        self.battery.overload(HOST, now);
     }
 
     /// Answers a request.
@@ -405,6 +433,44 @@ mod tests {
         assert_eq!(masks.last(), Some(&(30_100, 0)), "the host at last");
         board.supply();
         assert_eq!(run(&mut board, at(45_000), at(60_000)).1.last().map(|(_, mask)| *mask), Some(0xFF));
+    }
+
+    #[test]
+    fn a_cold_board_starts_its_channels_from_slaves_to_masters_the_host_at_last() {
+        let mut board = board();
+        board.start_cold(at(0));
+        assert_eq!(ask(&mut board, at(0), 0x01, &[]), [0]);
+        let (said, masks) = run(&mut board, at(0), at(6000));
+        let channels = [6, 3, 7, 5, 4, 2, 1, 0];
+        let mut on = 0;
+        let expected = (1..).map(|n| 500 * n).zip(channels.map(|channel: u8| {
+            on |= 1 << channel;
+            on
+        }));
+        assert_eq!(masks, expected.collect::<Vec<_>>());
+        assert!(said.iter().all(|(_, what)| *what == pause(false, 0)), "{said:?}");
+    }
+
+    #[test]
+    fn a_tripped_channel_stays_off_until_it_is_switched_on_and_the_host_does_not_trip() {
+        let mut board = board();
+        assert!(board.trip(5) && !board.trip(0) && !board.trip(8));
+        assert!(run(&mut board, at(0), at(5000)).1.is_empty());
+        assert_eq!(ask(&mut board, at(5000), 0x01, &[]), [0b1101_1111]);
+        ask(&mut board, at(5000), 0x02, &build_set(0x20, 0x20));
+        assert_eq!(run(&mut board, at(5000), at(9000)).1, [(5000, 0xFF)]);
+    }
+
+    #[test]
+    fn an_overloaded_channel_draws_more_while_it_is_on() {
+        let mut board = board();
+        board.overload(5, at(1000));
+        let drawn = |board: &mut Psc1, ms| parse_currents(&ask(board, at(ms), 0x03, &[])).unwrap().milliamps[5];
+        assert!(drawn(&mut board, 500) > 11_000);
+        assert!(drawn(&mut board, 1500) < 1000);
+        board.overload(5, at(9000));
+        board.trip(5);
+        assert!(drawn(&mut board, 2000) < 100);
     }
 
     #[test]

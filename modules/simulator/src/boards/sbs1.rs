@@ -79,6 +79,28 @@ pub struct Sbs1 {
     hidden: (Instant, u8),
     /// Until when more sightings are of something else, and how probably.
     wild: (Instant, f64),
+    /// Until when its supply is another one, mV.
+    supply: (Instant, u16),
+    /// Until when it rejects so many pulses a second; since when, and how many before.
+    glare: Glare,
+}
+
+/// Light that is no beacon.
+#[derive(Clone, Copy, Debug, Default)]
+struct Glare {
+    from: Instant,
+    until: Instant,
+    /// 1/s.
+    rate: f64,
+    /// Pulses of earlier ones.
+    before: u64,
+}
+
+impl Glare {
+    fn pulses(&self, now: Instant) -> u64 {
+        let shone = now.min(self.until).since(self.from.min(now).min(self.until)).as_secs_f64();
+        self.before + (shone * self.rate) as u64
+    }
 }
 
 impl Sbs1 {
@@ -86,12 +108,15 @@ impl Sbs1 {
     #[must_use]
     pub fn new(address: u8, config: Sbs1Config, start: Instant) -> Self {
         let (hidden, wild) = ((Instant::ZERO, 0), (Instant::ZERO, 0.0));
-        Self { config, address, start, active: Vec::new(), since: start, hidden, wild }
+        let supply = (Instant::ZERO, SUPPLY_MV);
+        Self { config, address, start, active: Vec::new(), since: start, hidden, wild, supply, glare: Glare::default() }
     }
 
     /// Resets at `now`: all beacons active.
     pub fn reset(&mut self, now: Instant) {
-        *self = Self { hidden: self.hidden, wild: self.wild, ..Self::new(self.address, self.config, now) };
+        let (hidden, wild, supply) = (self.hidden, self.wild, self.supply);
+        let glare = Glare { from: now.max(self.glare.from), before: 0, ..self.glare };
+        *self = Self { hidden, wild, supply, glare, ..Self::new(self.address, self.config, now) };
     }
 
     /// Hides a beacon until an instant; 0: all.
@@ -102,6 +127,22 @@ impl Sbs1 {
     /// A sighting is of something else with this probability until then.
     pub fn mislead(&mut self, until: Instant, probability: f64) {
         self.wild = (until, probability);
+    }
+
+    /// Its supply has this voltage until then.
+    pub fn feed(&mut self, until: Instant, volts: f64) {
+        self.supply = (until, libm::round(volts * 1000.0) as u16);
+    }
+
+    /// It rejects so many pulses a second until then.
+    pub fn glare(&mut self, now: Instant, until: Instant, rate: f64) {
+        self.glare = Glare { from: now, until, rate, before: self.glare.pulses(now) };
+    }
+
+    /// Its supply is as it should be, and nothing dazzles it.
+    pub fn heal(&mut self, now: Instant) {
+        self.supply.0 = now;
+        self.glare = Glare { until: now.min(self.glare.until), ..self.glare };
     }
 
     /// Answers a request.
@@ -124,7 +165,9 @@ impl Sbs1 {
     fn debug(&self, now: Instant) -> Debug {
         let sweeps = self.sweeps(now);
         // Sunlight and lamps: a pulse in seven sweeps.
-        Debug { sweeps: sweeps as u16, rejected_pulses: (sweeps / 7) as u16, supply_mv: SUPPLY_MV }
+        let rejected = sweeps / 7 + self.glare.pulses(now);
+        let supply_mv = if now < self.supply.0 { self.supply.1 } else { SUPPLY_MV };
+        Debug { sweeps: sweeps as u16, rejected_pulses: rejected as u16, supply_mv }
     }
 
     fn sweeps(&self, now: Instant) -> u64 {
@@ -400,6 +443,21 @@ mod tests {
         }
         let (sighted, all) = seen[0];
         assert!(all > 200 && (sighted as f64 / all as f64 - 0.3).abs() < 0.1, "{seen:?}");
+    }
+
+    #[test]
+    fn glare_is_counted_while_it_lasts_and_the_supply_is_what_it_is_fed() {
+        let scene = scene(&[]);
+        let mut board = Sbs1::new(0x30, exact(), Instant::ZERO);
+        let debug = |board: &mut Sbs1, at_ms| parse_debug(&ask(board, at_ms, 0x03, &[], &scene)).unwrap();
+        board.glare(Instant::from_millis(1000), Instant::from_millis(3000), 500.0);
+        board.feed(Instant::from_millis(2500), 4.2);
+        let during = debug(&mut board, 2000);
+        assert_eq!((during.rejected_pulses, during.supply_mv), (500, 4200));
+        let after = debug(&mut board, 6000);
+        assert_eq!((after.rejected_pulses, after.supply_mv), (1000, 5000));
+        board.reset(Instant::from_millis(6500));
+        assert_eq!(debug(&mut board, 6600).rejected_pulses, 0);
     }
 
     #[test]

@@ -154,6 +154,10 @@ function system(): Part {
       { name: "propulsion", nmt_state: 5, statusword: 0x1637, error_code: 0, position: robot.path, velocity: robot.speed, current: wave(3, 0.4, 1.2) },
       { name: "steering", nmt_state: 5, statusword: 0x1637, error_code: 0, position: robot.steering, velocity: 0, current: 0.3 },
     ] }, 0.2),
+    wheels: shown({ timestamp: at, wheels: [
+      { name: "propulsion", steering: null, rotation: null, speed: robot.speed / 0.1, torque: null, current: wave(3, 0.4, 1.2), temperature: 41, load: wave(3, 0.08, 0.24) },
+      { name: "steering", steering: robot.steering, rotation: null, speed: null, torque: null, current: 0.3, temperature: null, load: 0.06 },
+    ] }, 0.2),
     power: shown({ timestamp: at, voltage: wave(60, 0.2, 25.4), charge: 0.71, remaining: 2 * 3600 + 600, channels: ["host", "computer1", "computer2", "motors", "monitor", "audio", "sensors", "switch"].map((name, i) => ({ name, on: i !== 5, current: i === 5 ? 0 : 0.3 + 0.2 * i })) }, 1),
     temperatures: shown({ timestamp: at, temperatures: [{ name: "cpu", value: 52.5, over: false }, { name: "motor", value: 71, over: true }, { name: "battery", value: 28.5, over: false }], fans: [{ name: "fan1", duty: 0.6, rpm: 2340, failed: false }, { name: "fan2", duty: 0.6, rpm: 0, failed: true }] }, 1),
     busses: [
@@ -319,6 +323,7 @@ export function begin(): void {
       infrareds: shown({ timestamp: micros(), irs }, 0.25),
       ranges: shown({ timestamp: micros(), readings: [...srfs.map((each) => reading(each, 0)), ...irs.map((each) => reading(each, 1))] }, 0.25),
       scans: [],
+      scanner: shown({ timestamp: micros(), name: "sbs1", sweeps: Math.round(elapsed()), rejected: Math.round(elapsed() * 0.14), rejected_rate: 0.1, supply: 4.98 }, 10),
       beacons: shown({ timestamp: micros(), beacons: BEACONS.slice(0, 4).map(([x, y], i) => ({ timestamp: micros() - i * 1e5, id: i + 1, bearing: Math.atan2(y - robot.y, x - robot.x) - robot.theta, strength: 0.4 + 0.1 * i })) }, 1),
       people: shown({ timestamp: micros(), x: [0, 1, 2, 3, 4].map((n) => wave(20 + 3 * n, 2, 3 + 3.5 * n)), y: [0, 1, 2, 3, 4].map((n) => wave(17 + 5 * n, 2, 9 - n)), radius: [0.25, 0.3, 0.22, 0.28, 0.25] }, 0.2),
     });

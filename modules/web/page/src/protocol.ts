@@ -298,6 +298,7 @@ export interface SensorsPart {
   /** What lidars see, each in its last revolution. */
   scans: Shown<Scan>[];
   beacons: Shown<DataBeacons>;
+  scanner: Shown<DataScanner>;
   /** True places of people: only the simulation knows them. */
   people: Shown<DataPeople>;
 }
@@ -314,6 +315,7 @@ export interface SystemPart {
   part: "system";
   modules: ModuleRow[];
   axes: Shown<DataAxes>;
+  wheels: Shown<DataWheels>;
   power: Shown<DataPower>;
   temperatures: Shown<DataTemperature>;
   busses: Shown<DataBus>[];
@@ -1025,6 +1027,22 @@ export interface Reading {
   beam: number | null;
 }
 
+/** State of a beacon scanner: `LL_DATA_SCANNER`, each 10 s. */
+export interface DataScanner {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Name of the board in the configuration. */
+  name: string;
+  /** Number of sweeps since the board was started, modulo 65536. */
+  sweeps: number;
+  /** Number of pulses that it rejected since the start of the driver. */
+  rejected: number;
+  /** Rate of rejected pulses since the previous message, 1/s; NaN in the first one. */
+  rejected_rate: number | null;
+  /** Supply voltage of the board, V. */
+  supply: number | null;
+}
+
 /** Sonars: `LL_DATA_SRFS`. Always contains all of them. */
 export interface DataSrfs {
   /** Microseconds since the UNIX epoch. */
@@ -1063,6 +1081,34 @@ export interface Fan {
   rpm: number | null;
   /** True if the fan stands still although it is driven. */
   failed: boolean;
+}
+
+/** What the drives do and bear: `LL_DATA_WHEELS`, with `LL_DATA_AXES`. A value that a drive does not measure is NaN. */
+export interface DataWheels {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Drives in order of `LL_DATA_AXES`. */
+  wheels: Wheel[];
+}
+
+/** Drive of a wheel, or of a steering. */
+export interface Wheel {
+  /** Axis as in `LL_DATA_AXES`. */
+  name: string;
+  /** Steering angle, rad. */
+  steering: number | null;
+  /** Angle by which the wheel has turned since the start of its drive, rad. */
+  rotation: number | null;
+  /** Rotation speed of the wheel, rad/s. */
+  speed: number | null;
+  /** Torque at the shaft of the motor, N m. */
+  torque: number | null;
+  /** Motor current, A. */
+  current: number | null;
+  /** Temperature of motor or power stage, degrees Celsius. */
+  temperature: number | null;
+  /** Share of the rated current of the motor, or of its rated torque; 1: what it bears continuously. */
+  load: number | null;
 }
 
 /**

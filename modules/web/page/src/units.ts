@@ -167,6 +167,10 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["range_max", "m"],
     ["ranges", "m"],
   ])],
+  ["lowlevel.data_scanner_t", new Map([
+    ["timestamp", "µs"],
+    ["supply", "V"],
+  ])],
   ["lowlevel.data_sdo_t", new Map([
     ["timestamp", "µs"],
     ["data", "bytes"],
@@ -193,6 +197,14 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["vy_target", "m/s"],
     ["omega_target", "rad/s"],
     ["residual", "m/s"],
+  ])],
+  ["lowlevel.data_wheels_t", new Map([
+    ["timestamp", "µs"],
+    ["wheels.steering", "rad"],
+    ["wheels.rotation", "rad"],
+    ["wheels.speed", "rad/s"],
+    ["wheels.current", "A"],
+    ["wheels.temperature", "°C"],
   ])],
   ["lowlevel.event_stop_t", new Map([
     ["timestamp", "µs"],

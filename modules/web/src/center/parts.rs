@@ -92,6 +92,7 @@ pub struct SensorsPart<'a> {
     /// What lidars see, each in its last revolution.
     scans: Vec<Shown<'a, Scan>>,
     beacons: Shown<'a, lowlevel::DataBeacons>,
+    scanner: Shown<'a, lowlevel::DataScanner>,
     /// True places of people: only the simulation knows them.
     people: Shown<'a, simulation::DataPeople>,
 }
@@ -105,6 +106,7 @@ impl<'a> SensorsPart<'a> {
             ranges: model.ranges.shown(now),
             scans: model.scans.shown(now),
             beacons: model.beacons.shown(now),
+            scanner: model.scanner.shown(now),
             people: model.people.shown(now),
         }
     }
@@ -131,6 +133,7 @@ impl<'a> MapPart<'a> {
 pub struct SystemPart<'a> {
     modules: Vec<ModuleRow>,
     axes: Shown<'a, lowlevel::DataAxes>,
+    wheels: Shown<'a, lowlevel::DataWheels>,
     power: Shown<'a, lowlevel::DataPower>,
     temperatures: Shown<'a, lowlevel::DataTemperature>,
     #[serde(rename = "busses")]
@@ -153,6 +156,7 @@ impl<'a> SystemPart<'a> {
         Self {
             modules: model.modules(now),
             axes: model.axes.shown(now),
+            wheels: model.wheels.shown(now),
             power: model.power.shown(now),
             temperatures: model.temperatures.shown(now),
             buses: model.buses().map(|bus| bus.shown(now)).collect(),

@@ -1,6 +1,7 @@
 //! What a person knows of a drive beyond its data sheet.
 
 use crate::axis::modes::Mode;
+use crate::drives::motor::Own;
 use crate::master::Expect;
 use alloc::vec::Vec;
 use base::{Duration, listed};
@@ -46,6 +47,10 @@ pub struct Quirks {
     pub vouched: Vec<u16>,
     /// What the drive must be; empty: vendor and product of its data sheet, where that has them.
     pub identity: Vec<Expect>,
+    /// Object of the motor's current, and its unit; absent: 0x6078, per mille of 0x6075.
+    pub current: Option<Own>,
+    /// Object of a temperature, and its unit; absent: none, CiA 402 has no such object.
+    pub temperature: Option<Own>,
 }
 
 /// An axis and its drive.

@@ -1,6 +1,7 @@
 //! Sheets with one thing changed: what is refused, and with which object; units; PDOs; hostile sheets.
 
 use super::*;
+use crate::drives::motor::{Own, Topic, Unit};
 use crate::drives::{epos, icla};
 use crate::master::{Master, MasterConfig};
 use crate::pdo::INVALID;
@@ -393,4 +394,30 @@ fn a_thousand_hostile_sheets_make_no_panic() {
         }
     }
     assert!(read > 300 && taken > 200, "{read} were read, {taken} taken");
+}
+
+#[test]
+fn current_torque_and_temperature_are_read_where_the_sheet_or_the_manual_has_them() {
+    let read = |sheet: &[u8], quirks: Quirks| {
+        let eds = Eds::parse(sheet).unwrap();
+        let derived = derive(&eds, NODE, &Description { quirks, velocity_unit: None, ..wheel() })?;
+        Ok::<_, Refusal>(derived.table.motor.iter().map(|own| (own.topic, own.index, own.sub)).collect::<Vec<_>>())
+    };
+    // Torque alone is CiA 402's in it; its current and its temperature are maxon's own.
+    let torque = [(Topic::RatedTorque, 0x6076, 0), (Topic::Torque, 0x6077, 0)];
+    assert_eq!(read(EPOS4, Quirks::default()), Ok(torque.to_vec()));
+    let current = Own { index: 0x30D1, sub: 2, unit: Unit::Decimal(-3) };
+    let temperature = Own { index: 0x3201, sub: 1, unit: Unit::Decimal(-1) };
+    let named = Quirks { current: Some(current), temperature: Some(temperature), ..Quirks::default() };
+    let own = [(Topic::Current, 0x30D1, 2), torque[1], (Topic::Temperature, 0x3201, 1)];
+    assert_eq!(read(EPOS4, named.clone()), Ok([&torque[..1], &own].concat()));
+    let absent = Quirks { temperature: Some(Own { index: 0x3299, ..temperature }), ..named };
+    assert_eq!(read(EPOS4, absent), Err(Refusal::new(0x3299, 1, Reason::Missing)));
+}
+
+#[test]
+fn a_current_without_a_rated_one_is_not_taken_for_per_mille() {
+    let eds = Eds::parse(EPOS.as_bytes()).unwrap();
+    let derived = derive(&eds, NODE, &Description { second_way: true, ..wheel() }).unwrap();
+    assert!(derived.table.motor.is_empty(), "0x6078 of the EPOS is in mA, and it has no 0x6075");
 }

@@ -185,3 +185,35 @@ fn more_requests_than_fit_are_refused_and_each_is_answered_once() {
     assert_eq!(requests, (0..100).collect::<Vec<_>>());
     assert!(robot.answers.iter().all(|answer| answer.abort_code != 0));
 }
+
+#[test]
+fn time_is_sent_at_its_period_where_it_is_configured_and_never_without() {
+    let is_time = |(_, frame): &&(Instant, can::Frame)| frame.id() == can::Id::Standard(0x100);
+    let mut robot = Robot::ready();
+    robot.pass(3000);
+    assert_eq!(robot.frames.iter().filter(is_time).count(), 0);
+
+    let mut robot = Robot::with(epos::dictionary(1), Config { time: Some(Duration::from_secs(1)), ..config() });
+    robot.pass(5000);
+    assert_eq!(robot.frames.iter().filter(is_time).count(), 6, "at the start, and once a second");
+}
+
+#[test]
+fn time_is_that_of_the_messages() {
+    // Noon of the 1st of June 2011: 28 bits of ms after midnight, days since 1984-01-01 (CiA 301, 7.2.6).
+    let mut out = module::Actions::new(base::Epoch { offset_us: 1_306_929_600_000_000 });
+    let mut canbus = Canbus::new(Config { time: Some(Duration::from_secs(1)), ..config() }).unwrap();
+    let (start, later) = (Instant::ZERO, Instant::ZERO + Duration::from_secs(1));
+    module::Module::handle(&mut canbus, start, Event::Start, &mut out);
+    for (now, input) in [(start, Input::Up), (later, Input::CanNotice(Notice::Errors(0)))] {
+        module::Module::handle(&mut canbus, now, Event::Port { port: PortId(0), input }, &mut out);
+        module::Module::handle(&mut canbus, now, Event::Timer, &mut out);
+    }
+    let sent = out.drain().filter_map(|action| match action {
+        Action::Send(_, Output::Can(frame)) => Some(frame).filter(|frame| frame.id() == can::Id::Standard(0x100)),
+        _ => None,
+    });
+    let sent: Vec<Vec<u8>> = sent.map(|frame| frame.data().to_vec()).collect();
+    // 43,200,000 ms and a second later; 10,013 days.
+    assert_eq!(sent, [[0x00, 0x2E, 0x93, 0x02, 0x1D, 0x27], [0xE8, 0x31, 0x93, 0x02, 0x1D, 0x27]]);
+}

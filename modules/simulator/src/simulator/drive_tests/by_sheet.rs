@@ -4,6 +4,7 @@ use super::*;
 use crate::boards::cia402::Cia402Config;
 use crate::boards::output::OutputConfig;
 use canopen::drives::derive::VelocityUnit;
+use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
 use std::sync::Arc;
 
@@ -27,6 +28,8 @@ fn wheel(sheet: &[u8]) -> Cia402Config {
         velocity_unit: None,
         keeps_quick_stop: false,
         stops_without: Vec::new(),
+        current: None,
+        temperature: None,
         homed: 0,
     }
 }
@@ -87,6 +90,23 @@ impl Bus {
         let bytes = (value as u32).to_le_bytes().map(|byte| format!("{byte:02X}")).join(" ");
         let object = format!("{low:02X} {high:02X} {sub:02X}");
         self.sdo(&format!("60{node} {size} {object} {bytes}"), &format!("58{node} 60 {object}"));
+    }
+
+    /// Reads an object of at most 32 bits, signed, by SDO.
+    #[track_caller]
+    fn get(&mut self, node: u8, index: u16, sub: u8) -> i64 {
+        let [low, high] = index.to_le_bytes();
+        let object = format!("{low:02X} {high:02X} {sub:02X}");
+        let answers = self.send(&format!("60{node} 40 {object} 00 00 00 00"));
+        let answer = answers.iter().find_map(|text| text.strip_prefix(&format!("58{node} "))).unwrap();
+        let bytes: Vec<u8> = answer.split(' ').map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
+        let raw = u32::from_le_bytes([4, 5, 6, 7].map(|at| bytes.get(at).copied().unwrap_or(0)));
+        match bytes[0] {
+            0x4F => (raw as u8 as i8).into(),
+            0x4B => (raw as u16 as i16).into(),
+            0x43 => (raw as i32).into(),
+            other => panic!("{other:02X}"),
+        }
     }
 
     /// Node 2 moves to this position.
@@ -359,4 +379,24 @@ fn a_hostile_sheet_makes_a_drive_that_does_nothing() {
     bus.fault("steering", "fault", 1.0, 0.0);
     bus.pass(1000);
     assert_eq!(bus.truth.speed, 0.0);
+}
+
+#[test]
+fn current_torque_and_temperature_are_in_the_objects_and_units_of_sheet_and_manual() {
+    let own = |index, sub, exponent| Some(Own { index, sub, unit: Unit::Decimal(exponent) });
+    let config = Cia402Config { current: own(0x30D1, 2, -3), temperature: own(0x3201, 1, -1), ..wheel(EPOS4) };
+    let mut bus = Bus::enabled(config, 1.0);
+    // Per mille of 0.5 N m.
+    bus.write(1, 0x6076, 0, 32, 500);
+    let cold = bus.get(1, 0x3201, 1);
+    bus.write(1, 0x60FF, 0, 32, RPM);
+    bus.pass(300);
+    // It accelerates: 8.3 N at the wheel to the ampere (docs/facts/robot.md 1.2), and the same power at the shaft.
+    let (milliamperes, per_mille) = (bus.get(1, 0x30D1, 2) as f64, bus.get(1, 0x6077, 0) as f64);
+    assert!(milliamperes > 500.0, "{milliamperes}");
+    let turns_per_metre = RPM as f64 / 60.0 / 0.8;
+    let torque = milliamperes / 1000.0 * 8.3 / (core::f64::consts::TAU * turns_per_metre);
+    assert!((per_mille / 1000.0 * 0.5 - torque).abs() < 0.01 * torque, "{per_mille} {torque}");
+    bus.pass(60_000);
+    assert!(bus.get(1, 0x3201, 1) >= cold, "{cold}");
 }

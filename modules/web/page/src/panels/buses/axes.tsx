@@ -28,6 +28,7 @@ export function Axes() {
         const state = powerState(axis.statusword);
         const node = scene.value?.drives.find((each) => each.name === axis.name)?.node;
         const angle = axis.name === HOMED;
+        const borne = system.value?.wheels.value?.wheels.find((each) => each.name === axis.name);
         return (
           <Card key={axis.name} title={`Drive: ${axis.name}`} aside={<Age shown={shown} />}>
             <div class={stale(shown) ? "is-stale" : ""}>
@@ -51,6 +52,8 @@ export function Axes() {
                   { name: "Position", value: angle ? deg(axis.position, 2) : num(axis.position, 3, "m") },
                   { name: "Velocity", value: axis.velocity === null ? NONE : angle ? `${deg(axis.velocity, 2)}/s` : num(axis.velocity, 3, "m/s") },
                   { name: "Current", value: num(axis.current, 2, "A") },
+                  { name: "Load", value: num(borne?.load == null ? null : 100 * borne.load, 0, "%") },
+                  { name: "Temperature", value: num(borne?.temperature, 0, "°C") },
                 ]}
               />
             </div>

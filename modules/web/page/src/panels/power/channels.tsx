@@ -17,13 +17,22 @@ const WARNINGS: Readonly<Record<string, string>> = {
   switch: "The network switch: this connection may end with it.",
 };
 
+/** Number of the fault of a channel that switched itself off: ChannelTripped in docs/faults.md. */
+const TRIPPED = 0x0505;
+
+function State({ channel: { name, on } }: { channel: Channel }) {
+  if (on) return <Badge tone="good">on</Badge>;
+  const tripped = system.value?.errors.some((fault) => fault.standing && fault.number === TRIPPED && fault.subject === name);
+  return tripped ? <Badge tone="bad">tripped</Badge> : <Badge tone="off">off</Badge>;
+}
+
 export function Channels() {
   const [chosen, choose] = useState<string | null>(null);
   const shown = system.value?.power;
   const rows = shown?.value?.channels;
   const columns: Column<Channel>[] = [
     { head: "Channel", title: true, by: (row) => row.name, cell: (row) => row.name },
-    { head: "Status", by: (row) => (row.on ? 0 : 1), cell: (row) => (row.on ? <Badge tone="good">on</Badge> : <Badge tone="off">off</Badge>) },
+    { head: "Status", by: (row) => (row.on ? 0 : 1), cell: (row) => <State channel={row} /> },
     { head: "Current", figure: true, by: (row) => row.current ?? -Infinity, cell: (row) => num(row.current, 2, "A") },
     {
       head: "Switch",
@@ -52,7 +61,7 @@ function Switch({ channel, onClose }: { channel: Channel; onClose: () => void })
   return (
     <Dialog title={`Channel ${name}`} open onClose={onClose}>
       <p>
-        It is {on ? <Badge tone="good">on</Badge> : <Badge tone="off">off</Badge>} and draws {num(channel.current, 2, "A")}.
+        It is <State channel={channel} /> and draws {num(channel.current, 2, "A")}.
       </p>
       {WARNINGS[name] ? <p class="p-note">{WARNINGS[name]}</p> : null}
       <ul class="p-commands">

@@ -1,6 +1,6 @@
 // What the robot senses of its surroundings and of itself.
 import { SonarPicture } from "./picture";
-import { BeaconCard, GamepadCard, OdometryCard } from "./own";
+import { BeaconCard, GamepadCard, OdometryCard, ScannerCard } from "./own";
 import { RangerTables } from "./rangers";
 import "../panels.css";
 
@@ -10,6 +10,7 @@ export function Sensors() {
       <div class="stack">
         <SonarPicture />
         <BeaconCard />
+        <ScannerCard />
         <OdometryCard />
         <GamepadCard />
       </div>

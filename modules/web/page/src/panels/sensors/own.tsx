@@ -52,6 +52,27 @@ export function BeaconCard() {
   );
 }
 
+/** What the beacon scanner says of itself; nothing on a robot without one. */
+export function ScannerCard() {
+  const shown = sensors.value?.scanner;
+  const value = shown?.value;
+  if (!shown || !value) return null;
+  return (
+    <Card title="Beacon scanner" aside={<Age shown={shown} />}>
+      <div class={stale(shown) ? "is-stale" : ""}>
+        <Facts
+          facts={[
+            { name: "Supply", value: num(value.supply, 2, "V") },
+            { name: "Pulses rejected", value: count(value.rejected) },
+            { name: "Now", value: num(value.rejected_rate, 1, "1/s") },
+            { name: "Sweeps", value: count(value.sweeps) },
+          ]}
+        />
+      </div>
+    </Card>
+  );
+}
+
 export function OdometryCard() {
   const shown = drive.value?.odometry;
   const value = shown?.value;

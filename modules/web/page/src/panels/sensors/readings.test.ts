@@ -16,6 +16,7 @@ function part(readings: Reading[] | null, srfs: Range[] | null): SensorsPart {
     ranges: shown(readings ? { timestamp: 10_000_000, readings } : null),
     scans: [],
     beacons: shown<{ timestamp: number; beacons: [] }>(null),
+    scanner: shown<never>(null),
     people: shown<{ timestamp: number; x: number[]; y: number[]; radius: number[] }>(null),
   };
   receive(part);

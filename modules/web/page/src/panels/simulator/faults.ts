@@ -45,6 +45,8 @@ const FAULTS: Readonly<Record<string, Known>> = {
   crosstalk: { means: "A sonar may receive another's pulse.", value: probability(0.1) },
   hidden: { means: "Somebody stands before a beacon; 0: before all.", value: number("Beacon", 0, 255, 0) },
   false: { means: "A sighting may be of something else.", value: probability(0.2) },
+  glare: { means: "It rejects this many pulses a second: sun, lamps.", value: { name: "Rate", unit: "1/s", low: 1, high: 5000, step: 1, usual: 100 } },
+  supply: { means: "Its supply has this voltage.", value: { name: "Voltage", unit: "V", low: 0.1, high: 60, step: 0.1, usual: 4 } },
   bumper: { means: "A bumper switch is pressed.", value: number("Switch", 1, 8, 1) },
   stop_button: { means: "The stop button is pressed." },
   battery: { means: "The battery has this voltage at rest.", value: { name: "Voltage", unit: "V", low: 8, high: 40, step: 0.1, usual: 24 } },
@@ -53,6 +55,9 @@ const FAULTS: Readonly<Record<string, Known>> = {
     value: { name: "After", unit: "s", low: 1, high: 255, step: 1, usual: 30 },
     momentary: true,
   },
+  cold: { means: "Its main switch is turned on: all channels are off, and start one after the other.", momentary: true },
+  trip: { means: "A channel switches itself off, as at an over-current.", value: number("Channel", 1, 7, 5), momentary: true },
+  overload: { means: "What a channel feeds draws 12 A more.", value: number("Channel", 0, 7, 5) },
   wrong: { means: "What it says is damaged." },
   biased: {
     means: "It measures this much more rotation than there is.",
