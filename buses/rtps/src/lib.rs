@@ -57,6 +57,7 @@ extern crate alloc;
 extern crate std;
 
 mod bytes;
+mod config;
 mod guid;
 mod outbox;
 mod parameters;
@@ -68,9 +69,10 @@ mod tests;
 mod wire;
 mod writer;
 
+pub use config::{Config, Counters, Limits};
 pub use guid::{Entity, Guid, Prefix};
 pub use outbox::Transmit;
-pub use participant::{Config, Counters, Limits, Participant, ReaderId, Sample, WriterId};
+pub use participant::{Participant, ReaderId, Sample, WriterId};
 pub use qos::{Qos, Reliability};
 
 use core::net::Ipv4Addr;
