@@ -1,12 +1,12 @@
 //! The participant: discovery of others (8.5), and the way of each submessage to the endpoint that it concerns.
 
 use crate::config::{Config, Counters};
-use crate::guid::{Entity, Guid, Prefix};
+use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::outbox::{Outbox, Transmit};
 use crate::parameters::{EndpointData, NAME_MAX, ParticipantData, key, key_of};
 use crate::qos::Qos;
 use crate::reader::{self, Reader};
-use crate::wire::{self, Builder, Data, Submessage};
+use crate::wire::{self, Builder, Data, Submessage, VENDOR};
 use crate::writer::Writer;
 use alloc::collections::VecDeque;
 use alloc::string::String;
@@ -35,6 +35,11 @@ pub struct Sample {
     pub reader: ReaderId,
     /// Who wrote it.
     pub writer: Guid,
+    /// Its number among those of its writer, from 1.
+    pub number: i64,
+    /// What its writer says that it belongs to: of an answer the request; of a request of Fast DDS the reader of the
+    /// answers, without a number.
+    pub related: Option<SampleIdentity>,
     /// When its last datagram was received.
     pub at: Instant,
     /// Encapsulation and content, and up to three bytes behind it: its length is a multiple of four.
@@ -53,6 +58,7 @@ struct Named<T> {
 #[derive(Debug)]
 struct Remote {
     prefix: Prefix,
+    vendor: [u8; 2],
     lease: Duration,
     until: Instant,
     metatraffic: SocketAddrV4,
@@ -86,6 +92,7 @@ impl Participant {
         let prefix = config.prefix;
         let announcement = ParticipantData {
             prefix,
+            vendor: VENDOR,
             domain: Some(config.domain),
             lease: config.lease,
             metatraffic: config.locators.clone(),
@@ -142,7 +149,7 @@ impl Participant {
             }
         }
         self.writers.push(Named { topic: topic.into(), type_name: type_name.into(), endpoint: writer });
-        self.publications.write(now, 0, &data.encode(), &mut self.out);
+        self.publications.write(now, 0, None, &data.encode(), &mut self.out);
         Some(id)
     }
 
@@ -162,7 +169,7 @@ impl Participant {
             }
         }
         self.readers.push(Named { topic: topic.into(), type_name: type_name.into(), endpoint: reader });
-        self.subscriptions.write(now, 0, &data.encode(), &mut self.out);
+        self.subscriptions.write(now, 0, None, &data.encode(), &mut self.out);
         Some(id)
     }
 
@@ -176,6 +183,19 @@ impl Participant {
     #[must_use]
     pub fn matched(&self, id: WriterId) -> usize {
         self.writers.get(usize::from(id.0)).map_or(0, |writer| writer.endpoint.matched())
+    }
+
+    /// True if a writer has the reader `guid`, or one of the participant `guid`: an answer that is written before has
+    /// nobody to go to.
+    #[must_use]
+    pub fn reaches(&self, id: WriterId, guid: Guid) -> bool {
+        self.writers.get(usize::from(id.0)).is_some_and(|writer| writer.endpoint.reaches(guid))
+    }
+
+    /// Vendor of the implementation of another participant (8.3.3.1.3), as it says.
+    #[must_use]
+    pub fn vendor(&self, prefix: Prefix) -> Option<[u8; 2]> {
+        self.remotes.iter().find(|remote| remote.prefix == prefix).map(|remote| remote.vendor)
     }
 
     /// Number of writers of others that a reader hears.
@@ -198,8 +218,20 @@ impl Participant {
 
     /// Writes a sample: `payload` with its encapsulation, `micros` its time, µs since the UNIX epoch.
     pub fn write(&mut self, now: Instant, id: WriterId, micros: i64, payload: &[u8]) {
+        self.write_related(now, id, micros, None, payload);
+    }
+
+    /// Writes a sample that answers another one, as [`write`](Self::write).
+    pub fn write_related(
+        &mut self,
+        now: Instant,
+        id: WriterId,
+        micros: i64,
+        related: Option<SampleIdentity>,
+        payload: &[u8],
+    ) {
         if let Some(writer) = self.writers.get_mut(usize::from(id.0)) {
-            writer.endpoint.write(now, micros, payload, &mut self.out);
+            writer.endpoint.write(now, micros, related, payload, &mut self.out);
         }
     }
 
@@ -288,7 +320,8 @@ impl Participant {
                 writer => {
                     // The end of an instance means nothing without keys, and takes a number.
                     let payload = (!data.gone).then_some(data.payload);
-                    self.on_sample(now, guid(writer), data.reader, data.number, payload);
+                    let identity = SampleIdentity { writer: guid(writer), number: data.number };
+                    self.on_sample(now, identity, data.reader, payload, data.related);
                 }
             },
             Submessage::DataFrag(frag) => match frag.writer {
@@ -296,9 +329,9 @@ impl Participant {
                     let proxy = remote.discovery(writer);
                     if frag.sample as usize > self.config.limits.sample {
                         self.counters.dropped_in += u64::from(proxy.skip(frag.number));
-                    } else if let Some(payload) = proxy.assemble(&frag) {
+                    } else if let Some((payload, related)) = proxy.assemble(&frag) {
                         let (reader, number) = (frag.reader, frag.number);
-                        let data = Data { reader, writer, number, payload: &payload, gone: false, key: None };
+                        let data = Data { reader, writer, number, payload: &payload, gone: false, key: None, related };
                         self.on_endpoint(now, place, &data);
                     }
                 }
@@ -310,8 +343,9 @@ impl Participant {
                         let Some(proxy) = proxy.filter(|_| is_asked) else { continue };
                         if frag.sample as usize > self.config.limits.sample {
                             self.counters.dropped_in += u64::from(proxy.skip(frag.number));
-                        } else if let Some(payload) = proxy.assemble(&frag) {
-                            self.offer(now, n, guid(writer), frag.number, Some(&payload));
+                        } else if let Some((payload, related)) = proxy.assemble(&frag) {
+                            let identity = SampleIdentity { writer: guid(writer), number: frag.number };
+                            self.offer(now, n, identity, Some(&payload), related);
                         }
                     }
                 }
@@ -366,16 +400,30 @@ impl Participant {
         Some((writer?, &mut self.out))
     }
 
-    fn on_sample(&mut self, now: Instant, writer: Guid, reader: Entity, number: i64, payload: Option<&[u8]>) {
+    fn on_sample(
+        &mut self,
+        now: Instant,
+        identity: SampleIdentity,
+        reader: Entity,
+        payload: Option<&[u8]>,
+        related: Option<SampleIdentity>,
+    ) {
         for n in 0..self.readers.len() {
             if reader == Entity::UNKNOWN || self.readers[n].endpoint.entity == reader {
-                self.offer(now, n, writer, number, payload);
+                self.offer(now, n, identity, payload, related);
             }
         }
     }
 
     /// A whole sample for the reader at `n`, if that listens to its writer; `None`: it has no content.
-    fn offer(&mut self, now: Instant, n: usize, writer: Guid, number: i64, payload: Option<&[u8]>) {
+    fn offer(
+        &mut self,
+        now: Instant,
+        n: usize,
+        SampleIdentity { writer, number }: SampleIdentity,
+        payload: Option<&[u8]>,
+        related: Option<SampleIdentity>,
+    ) {
         let reader = &mut self.readers[n].endpoint;
         let Some(proxy) = reader.proxies.iter_mut().find(|proxy| proxy.guid == writer) else { return };
         if !proxy.expects(number) {
@@ -391,7 +439,8 @@ impl Participant {
             return;
         }
         proxy.take(number);
-        self.events.push_back(Sample { reader: ReaderId(n as u16), writer, at: now, payload: payload.to_vec() });
+        let (reader, payload) = (ReaderId(n as u16), payload.to_vec());
+        self.events.push_back(Sample { reader, writer, number, related, at: now, payload });
     }
 
     fn on_participant(&mut self, now: Instant, from: SocketAddrV4, source: Prefix, data: &Data<'_>) {
@@ -439,8 +488,9 @@ impl Participant {
         let subscriptions = proxy(Entity::SUBSCRIPTIONS_WRITER, Entity::SUBSCRIPTIONS_READER);
         let until = now + lease;
         let endpoints = Vec::new();
+        let (prefix, vendor) = (source, theirs.vendor);
         let remote =
-            Remote { prefix: source, lease, until, metatraffic, default, publications, subscriptions, endpoints };
+            Remote { prefix, vendor, lease, until, metatraffic, default, publications, subscriptions, endpoints };
         self.remotes.push(remote);
         let reader = |entity| Guid { prefix: source, entity };
         self.publications.add(now, reader(Entity::PUBLICATIONS_READER), metatraffic, DISCOVERY, &mut self.out);
@@ -530,7 +580,7 @@ impl Participant {
 
     fn announce(&mut self, to: SocketAddrV4) {
         let mut message = Builder::new(self.config.prefix);
-        message.data(Entity::SPDP_READER, Entity::SPDP_WRITER, 1, &self.announcement);
+        message.data(Entity::SPDP_READER, Entity::SPDP_WRITER, 1, None, &self.announcement);
         self.out.push(to, message.build());
     }
 }

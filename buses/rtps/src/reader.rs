@@ -1,7 +1,7 @@
 //! A reader, and what it has of each writer (8.4.10, 8.4.12). Samples of a reliable writer are taken in order: one that
 //! comes too early is asked for again when its turn has come, so that nothing has to be kept.
 
-use crate::guid::{Entity, Guid, Prefix};
+use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::outbox::Outbox;
 use crate::qos::{Qos, Reliability};
 use crate::wire::{AckNack, Builder, DataFrag, Gap, Heartbeat, Set};
@@ -31,6 +31,8 @@ struct Assembly {
     size: u16,
     bytes: Vec<u8>,
     has: Vec<bool>,
+    /// The sample that it answers, from the first fragment that says so.
+    related: Option<SampleIdentity>,
 }
 
 impl Proxy {
@@ -72,8 +74,9 @@ impl Proxy {
         is_next
     }
 
-    /// A fragment of a sample that is not too long; the whole sample, with the last one that was missing.
-    pub fn assemble(&mut self, frag: &DataFrag<'_>) -> Option<Vec<u8>> {
+    /// A fragment of a sample that is not too long; the whole sample, and the one that it answers, with the last
+    /// one that was missing.
+    pub fn assemble(&mut self, frag: &DataFrag<'_>) -> Option<(Vec<u8>, Option<SampleIdentity>)> {
         let sample = frag.sample as usize;
         if !self.expects(frag.number) {
             return None;
@@ -85,9 +88,10 @@ impl Proxy {
         if self.assembly.as_ref().is_none_or(|kept| !is_same(kept)) {
             // An older one that is not complete is lost.
             let (bytes, has) = (vec![0; sample], vec![false; count]);
-            self.assembly = Some(Assembly { number: frag.number, size: frag.size, bytes, has });
+            self.assembly = Some(Assembly { number: frag.number, size: frag.size, bytes, has, related: None });
         }
         let kept = self.assembly.as_mut()?;
+        kept.related = kept.related.or(frag.related);
         let mut payload = frag.payload;
         for n in (frag.first as usize - 1)..count {
             let at = n * size;
@@ -100,7 +104,7 @@ impl Proxy {
         if kept.has.iter().any(|has| !has) {
             return None;
         }
-        self.assembly.take().map(|whole| whole.bytes)
+        self.assembly.take().map(|whole| (whole.bytes, whole.related))
     }
 
     pub fn on_heartbeat(&mut self, own: Prefix, reader: Entity, heartbeat: &Heartbeat, out: &mut Outbox) {
