@@ -7,8 +7,8 @@
 //! There are: discovery of participants and endpoints, by multicast and by peers; writers and readers, best effort and
 //! reliable, volatile and transient local, for topics without keys; fragments, both ways; identities of samples, by
 //! which an answer names its request. There are not: IPv6, shared memory, security, topics with keys, content filters,
-//! deadlines, liveliness by hand, exclusive ownership, type information. Samples are bytes: what they mean is the users'
-//! matter.
+//! deadlines, liveliness by hand, exclusive ownership, type information. Samples are bytes: what they mean is the
+//! users' matter.
 //!
 //! Two participants, and a network between them that is a loop:
 //!

@@ -155,14 +155,31 @@ impl Participant {
 
     /// Asks for a topic; as [`add_writer`](Self::add_writer).
     pub fn add_reader(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<ReaderId> {
+        self.new_reader(now, topic, type_name, qos, false)
+    }
+
+    /// Asks for a topic of requests; as [`add_reader`](Self::add_reader). No request is lost that a client sends while
+    /// it is discovered: those count that its writer meant for this reader, also if the writer was not known here yet.
+    pub fn add_request_reader(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<ReaderId> {
+        self.new_reader(now, topic, type_name, qos, true)
+    }
+
+    fn new_reader(
+        &mut self,
+        now: Instant,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+        is_request: bool,
+    ) -> Option<ReaderId> {
         let id = ReaderId(u16::try_from(self.readers.len()).ok().filter(|n| *n < u16::MAX)?);
         let data = self.describe(self.reader_guid(id), topic, type_name, qos)?;
-        let mut reader = Reader { entity: data.guid.entity, qos, proxies: Vec::new() };
+        let mut reader = Reader { entity: data.guid.entity, qos, is_request, proxies: Vec::new() };
         for remote in &self.remotes {
             for theirs in remote.endpoints.iter().filter(|theirs| !is_reader(theirs.guid)) {
                 if fits(&data, theirs, false) && reader.proxies.len() < self.config.limits.matches {
                     let to = theirs.unicast.first().copied().unwrap_or(remote.default);
-                    let mut proxy = reader::Proxy::new(theirs.guid, to, qos, theirs.qos);
+                    let mut proxy = reader::Proxy::new(theirs.guid, to, qos, theirs.qos, is_request);
                     proxy.greet(self.config.prefix, reader.entity, &mut self.out);
                     reader.proxies.push(proxy);
                 }
@@ -480,7 +497,7 @@ impl Participant {
         let own = self.config.prefix;
         let mut proxy = |writer, reader| {
             let guid = Guid { prefix: source, entity: writer };
-            let mut proxy = reader::Proxy::new(guid, metatraffic, DISCOVERY, DISCOVERY);
+            let mut proxy = reader::Proxy::new(guid, metatraffic, DISCOVERY, DISCOVERY, false);
             proxy.greet(own, reader, &mut self.out);
             proxy
         };
@@ -558,7 +575,7 @@ impl Participant {
             if fits && reader.proxies.len() >= limits.matches {
                 self.counters.refused += 1;
             } else if fits {
-                let mut proxy = reader::Proxy::new(theirs.guid, to, reader.qos, theirs.qos);
+                let mut proxy = reader::Proxy::new(theirs.guid, to, reader.qos, theirs.qos, reader.is_request);
                 proxy.greet(self.config.prefix, reader.entity, &mut self.out);
                 reader.proxies.push(proxy);
             }

@@ -15,8 +15,8 @@ pub(crate) struct Proxy {
     pub guid: Guid,
     to: SocketAddrV4,
     is_reliable: bool,
-    /// It is to tell what it sent before, too.
-    is_latched: bool,
+    /// What it sent before it was known here is taken, too, as far as it does not say that it is for others.
+    takes_earlier: bool,
     /// Number of the next sample; `None`: not known yet.
     expected: Option<i64>,
     acks: i32,
@@ -36,10 +36,11 @@ struct Assembly {
 }
 
 impl Proxy {
-    pub fn new(guid: Guid, to: SocketAddrV4, own: Qos, offered: Qos) -> Self {
+    /// `is_request`: as [`Reader::is_request`].
+    pub fn new(guid: Guid, to: SocketAddrV4, own: Qos, offered: Qos, is_request: bool) -> Self {
         let is_reliable = own.reliability == Reliability::Reliable && offered.reliability == Reliability::Reliable;
-        let is_latched = own.transient_local && offered.transient_local;
-        Self { guid, to, is_reliable, is_latched, expected: None, acks: 0, heartbeat: None, assembly: None }
+        let takes_earlier = is_request || (own.transient_local && offered.transient_local);
+        Self { guid, to, is_reliable, takes_earlier, expected: None, acks: 0, heartbeat: None, assembly: None }
     }
 
     /// Asks the writer what it has, as soon as it is known.
@@ -55,7 +56,7 @@ impl Proxy {
             Some(expected) if self.is_reliable => number == expected,
             Some(expected) => number >= expected,
             // What it sent before comes first.
-            None => !(self.is_reliable && self.is_latched),
+            None => !(self.is_reliable && self.takes_earlier),
         }
     }
 
@@ -113,7 +114,7 @@ impl Proxy {
             return;
         }
         self.heartbeat = Some(count);
-        let start = if self.is_latched { first } else { last.saturating_add(1) };
+        let start = if self.takes_earlier { first } else { last.saturating_add(1) };
         let expected = self.expected.unwrap_or(start).max(first);
         self.expected = Some(expected);
         let missing = Set::span(expected, last);
@@ -146,6 +147,9 @@ impl Proxy {
 pub(crate) struct Reader {
     pub entity: Entity,
     pub qos: Qos,
+    /// It reads requests: a client sends one as soon as it knows this reader, which may not know the client's writer
+    /// yet. What is older than that is the writer's to leave out (8.4.7.5), as it does for each volatile reader.
+    pub is_request: bool,
     pub proxies: Vec<Proxy>,
 }
 

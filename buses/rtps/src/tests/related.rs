@@ -4,6 +4,7 @@ use super::{Net, TOPIC, address, config, payload};
 use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::wire::{Builder, FRAGMENT, Submessage, parse};
 use crate::{Participant, Qos, Sample};
+use alloc::vec;
 use alloc::vec::Vec;
 use base::Instant;
 use testing::Random;
@@ -50,6 +51,32 @@ fn an_answer_names_its_request_whole_or_in_fragments_and_is_found_by_it() {
         net.run(50);
         let Sample { related, payload: bytes, .. } = net.all[1].poll_event().unwrap();
         assert_eq!((related, bytes), (Some(request), payload(9, length)));
+    }
+}
+
+#[test]
+fn a_request_that_is_sent_before_its_writer_is_known_is_not_lost_and_older_ones_are_not_meant() {
+    for is_request in [true, false] {
+        let mut net = Net::new(2);
+        net.run(300);
+        let asks = net.all[1].add_writer(net.now, REQUEST.0, REQUEST.1, Qos::RELIABLE).unwrap();
+        // Before there is a reader.
+        let now = net.now;
+        net.all[1].write(now, asks, 0, &payload(1, 4));
+        let server = &mut net.all[0];
+        let reader = match is_request {
+            true => server.add_request_reader(now, REQUEST.0, REQUEST.1, Qos::RELIABLE),
+            false => server.add_reader(now, REQUEST.0, REQUEST.1, Qos::RELIABLE),
+        };
+        // The client hears of the reader; the server does not hear of the writer: its datagrams are lost.
+        while let Some(sent) = net.all[0].poll_tx() {
+            net.all[1].handle_rx(now, address(0), &sent.datagram);
+        }
+        assert_eq!((net.all[1].matched(asks), net.all[0].matched_writers(reader.unwrap())), (1, 0));
+        net.all[1].write(now, asks, 0, &payload(2, 4));
+        while net.all[1].poll_tx().is_some() {}
+        net.run(1000);
+        assert_eq!(net.taken(0), if is_request { vec![payload(2, 4)] } else { vec![] });
     }
 }
 
