@@ -7,8 +7,9 @@ mod tests;
 use crate::drive::{self, Drive};
 use crate::incoming::{self, Command, Input};
 use crate::outgoing::{self, Outgoing};
+use crate::servers::{self, Effect, Servers, Time};
 use crate::topics::{Quality, Topic};
-use base::{Epoch, Instant};
+use base::{Epoch, Instant, earliest};
 use lcm_gen::cdr::Writer;
 use messages::Message;
 use rtps::{Counters, Guid, Participant, Qos, ReaderId, Transmit, WriterId};
@@ -35,6 +36,8 @@ pub struct Config {
     pub fixed: Vec<(Topic, Vec<u8>)>,
     /// How ROS drives; `None`: it may not command.
     pub drive: Option<drive::Config>,
+    /// Actions, services and parameters.
+    pub servers: servers::Config,
     /// Time of the messages.
     pub epoch: Epoch,
 }
@@ -54,6 +57,7 @@ pub struct Node {
     graph: Option<WriterId>,
     graph_is_old: bool,
     drive: Option<Drive>,
+    servers: Servers,
     /// The module may act: it is not in PAUSE or STOP.
     acts: bool,
     messages: VecDeque<Message>,
@@ -78,6 +82,8 @@ impl Node {
             }
         }
         let graph = participant.add_writer(now, GRAPH.0, GRAPH.1, Qos::LATCHED);
+        let full_name = format!("{}/{}", config.namespace, config.name);
+        let servers = Servers::new(config.servers, &mut participant, now, &config.namespace, &full_name);
         let mut node = Self {
             namespace: config.namespace,
             name: config.name,
@@ -89,12 +95,16 @@ impl Node {
             graph,
             graph_is_old: true,
             drive: config.drive.map(Drive::new),
+            servers,
             acts: true,
             messages: VecDeque::new(),
             notes: VecDeque::new(),
         };
         for (topic, cdr) in &config.fixed {
             node.write(now, topic, cdr);
+        }
+        for topic in servers::topics() {
+            node.writer(now, &topic);
         }
         node
     }
@@ -112,19 +122,57 @@ impl Node {
                 participant.write(now, writer, epoch.timestamp(now), cdr);
             }
         });
+        let time = self.time(now);
+        self.servers.on_bus(&mut self.participant, time, channel, data);
+        self.carry_out(now);
+    }
+
+    fn time(&self, now: Instant) -> Time {
+        Time { now, micros: self.epoch.timestamp(now) }
+    }
+
+    fn writer(&mut self, now: Instant, topic: &Topic) -> Option<WriterId> {
+        let Self { participant, writers, namespace, graph_is_old, .. } = self;
+        writer(participant, writers, graph_is_old, namespace, now, topic)
     }
 
     fn write(&mut self, now: Instant, topic: &Topic, cdr: &[u8]) {
-        let Self { participant, writers, namespace, graph_is_old, epoch, .. } = self;
-        if let Some(writer) = writer(participant, writers, graph_is_old, namespace, now, topic) {
-            participant.write(now, writer, epoch.timestamp(now), cdr);
+        if let Some(writer) = self.writer(now, topic) {
+            self.participant.write(now, writer, self.epoch.timestamp(now), cdr);
+        }
+    }
+
+    /// Does what the servers want.
+    fn carry_out(&mut self, now: Instant) {
+        while let Some(effect) = self.servers.poll() {
+            match effect {
+                Effect::Message(message) => self.messages.push_back(message),
+                Effect::Topic(topic, cdr) => self.write(now, &topic, &cdr),
+                Effect::Note(text) => self.note(text),
+            }
+        }
+    }
+
+    /// Why a request of ROS is not obeyed now.
+    fn refusal(&self) -> Option<&'static str> {
+        match self.acts {
+            false => Some("the module ros2 is in PAUSE or STOP"),
+            true if self.messages.len() >= WAITING_MAX => Some("too many at a time"),
+            true => None,
         }
     }
 
     /// A datagram, received at `at` from `from`.
     pub fn on_datagram(&mut self, now: Instant, at: Instant, from: SocketAddrV4, datagram: &[u8]) {
         self.participant.handle_rx(at, from, datagram);
+        let time = self.time(now);
+        self.servers.flush(&mut self.participant, time);
         while let Some(sample) = self.participant.poll_event() {
+            let refusal = self.refusal();
+            if self.servers.on_sample(&mut self.participant, time, &sample, refusal) {
+                self.carry_out(now);
+                continue;
+            }
             let input = self.readers.iter().find(|(reader, _)| *reader == sample.reader).map(|(_, input)| *input);
             if let Some(input) = input.filter(|_| self.acts) {
                 self.on_sample(now, sample.at, input, sample.writer, &sample.payload);
@@ -171,7 +219,10 @@ impl Node {
             }
         }
         self.participant.handle_timeout(now);
-        let timestamp = self.epoch.timestamp(now);
+        let time = self.time(now);
+        self.servers.handle_timeout(&mut self.participant, time);
+        self.carry_out(now);
+        let timestamp = time.micros;
         let command = self.drive.as_mut().and_then(|drive| drive.poll(now, timestamp));
         self.messages.extend(command.map(Message::from));
     }
@@ -181,7 +232,7 @@ impl Node {
     pub fn poll_timeout(&self) -> Option<Instant> {
         let graph = self.graph_is_old.then_some(Instant::ZERO);
         let drive = self.drive.as_ref().and_then(Drive::poll_timeout);
-        [graph, drive, self.participant.poll_timeout()].into_iter().flatten().min()
+        earliest([graph, drive, self.servers.poll_timeout(), self.participant.poll_timeout()])
     }
 
     /// The next datagram to be sent.
@@ -218,8 +269,12 @@ impl Node {
             to.count(gids.len());
             gids.iter().flat_map(|gid| gid.bytes()).for_each(|byte| to.u8(byte));
         };
-        let readers: Vec<Guid> = self.readers.iter().map(|(reader, _)| self.participant.reader_guid(*reader)).collect();
-        let writers: Vec<Guid> = self.writers.values().flatten().map(|id| self.participant.writer_guid(*id)).collect();
+        let readers = self.readers.iter().map(|(reader, _)| *reader);
+        let readers = readers.chain(self.servers.endpoints().map(|(reader, _)| reader));
+        let readers: Vec<Guid> = readers.map(|reader| self.participant.reader_guid(reader)).collect();
+        let writers = self.writers.values().flatten().copied();
+        let writers = writers.chain(self.servers.endpoints().map(|(_, writer)| writer));
+        let writers: Vec<Guid> = writers.map(|writer| self.participant.writer_guid(writer)).collect();
         self.participant.guid().bytes().into_iter().for_each(|byte| to.u8(byte));
         to.count(1);
         to.string(if self.namespace.is_empty() { "/" } else { &self.namespace });

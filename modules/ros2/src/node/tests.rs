@@ -5,7 +5,7 @@ use crate::description::Description;
 use base::Duration;
 use logger::ros::RobotScene;
 use messages::lowlevel::{CmdVelocity, DataVelocity};
-use rtps::{Limits, Prefix};
+use rtps::{Limits, Prefix, SampleIdentity};
 
 fn address(n: u8) -> SocketAddrV4 {
     SocketAddrV4::new([127, 0, 0, n].into(), 7410)
@@ -51,6 +51,7 @@ impl Bench {
                 description: Description::default(),
             },
             fixed: Vec::new(),
+            servers: servers::Config { operator: commands.then(Default::default), parameters: Vec::new() },
             drive: commands.then_some(drive::Config { priority: 1, ttl, driver_ttl }),
             epoch: Epoch::default(),
         };
@@ -184,6 +185,135 @@ fn topics_are_told_to_who_listens_and_the_graph_names_the_node() {
     assert_eq!(odoms, 1);
     let text = String::from_utf8_lossy(&graphs);
     assert!(text.contains("courier\0") && text.contains("/r1\0"), "{text:?}");
-    // The participant, and the writers of /odom and /tf.
-    assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 3);
+    // The participant, the writers of /odom and /tf, those of feedback and status of two actions, and a reader and a
+    // writer of each of the three services of an action and of the six of parameters.
+    let services = 2 * 3 + 6;
+    assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 1 + 2 + 4 + 2 * services);
+}
+
+/// A client of a service, as Fast DDS has it.
+struct Client {
+    asks: WriterId,
+    answers: ReaderId,
+}
+
+impl Client {
+    fn new(bench: &mut Bench, name: &str, kind: &str) -> Self {
+        let (request, response) = (format!("{kind}_Request_"), format!("{kind}_Response_"));
+        let asks = bench.ros.add_writer(bench.now, &format!("rq/r1{name}Request"), &request, Qos::RELIABLE).unwrap();
+        let answers = bench.ros.add_reader(bench.now, &format!("rr/r1{name}Reply"), &response, Qos::RELIABLE).unwrap();
+        Self { asks, answers }
+    }
+
+    /// Sends a request; the answers that come within some time, with what they answer.
+    fn call(&self, bench: &mut Bench, request: &[u8]) -> Vec<(SampleIdentity, Vec<u8>)> {
+        let reader = bench.ros.reader_guid(self.answers);
+        let belongs = SampleIdentity { writer: reader, number: SampleIdentity::UNKNOWN_NUMBER };
+        let now = bench.now;
+        bench.ros.write_related(now, self.asks, 0, Some(belongs), request);
+        bench.run(100);
+        let samples = std::iter::from_fn(|| bench.ros.poll_event());
+        samples
+            .filter(|sample| sample.reader == self.answers)
+            .map(|sample| (sample.related.unwrap(), sample.payload))
+            .collect()
+    }
+}
+
+#[test]
+fn services_answer_to_the_reader_that_a_request_names() {
+    let mut bench = Bench::new(true);
+    let client = Client::new(&mut bench, "/courier/pause", "std_srvs::srv::dds_::SetBool");
+    bench.run(300);
+    let reader = bench.ros.reader_guid(client.answers);
+    for number in 1..=3 {
+        let answers = client.call(&mut bench, &[0, 1, 0, 0, 1]);
+        let [(related, answer)] = &answers[..] else { panic!("{}", answers.len()) };
+        assert_eq!((*related, answer[4]), (SampleIdentity { writer: reader, number }, 1));
+        assert_eq!(bench.others.len(), usize::try_from(number).unwrap());
+    }
+    bench.node.set_acts(false);
+    assert_eq!(client.call(&mut bench, &[0, 1, 0, 0, 1])[0].1[4], 0);
+    bench.node.set_acts(true);
+    assert_eq!(client.call(&mut bench, &[0, 1, 0, 0, 7])[0].1[4], 0, "neither true nor false");
+    assert_eq!(bench.others.len(), 3);
+}
+
+#[test]
+fn an_answer_waits_for_a_reader_that_is_not_known_yet_and_not_for_ever() {
+    let mut bench = Bench::new(true);
+    let kind = "std_srvs::srv::dds_::SetBool";
+    let asks =
+        bench.ros.add_writer(bench.now, "rq/r1/courier/pauseRequest", &format!("{kind}_Request_"), Qos::RELIABLE);
+    let asks = asks.unwrap();
+    bench.run(300);
+    let now = bench.now;
+    bench.ros.write(now, asks, 0, &[0, 1, 0, 0, 1]);
+    bench.run(500);
+    assert_eq!(bench.others.len(), 1, "it is obeyed");
+    let name = format!("{kind}_Response_");
+    let reader = bench.ros.add_reader(bench.now, "rr/r1/courier/pauseReply", &name, Qos::RELIABLE).unwrap();
+    bench.run(300);
+    let answers = std::iter::from_fn(|| bench.ros.poll_event()).filter(|sample| sample.reader == reader).count();
+    assert_eq!(answers, 1);
+    let mut lonely = Bench::new(true);
+    let asks =
+        lonely.ros.add_writer(lonely.now, "rq/r1/courier/pauseRequest", &format!("{kind}_Request_"), Qos::RELIABLE);
+    let asks = asks.unwrap();
+    lonely.run(300);
+    for _ in 0..40 {
+        let now = lonely.now;
+        lonely.ros.write(now, asks, 0, &[0, 1, 0, 0, 1]);
+        lonely.run(10);
+    }
+    lonely.run(1500);
+    let notes: Vec<String> = std::iter::from_fn(|| lonely.node.poll_note()).collect();
+    assert!(notes.iter().any(|note| note.ends_with("answers are dropped: their clients are gone")), "{notes:?}");
+}
+
+#[test]
+fn without_leave_there_are_actions_that_reject_and_parameters_and_no_operators() {
+    let mut bench = Bench::new(false);
+    let pause = Client::new(&mut bench, "/courier/pause", "std_srvs::srv::dds_::SetBool");
+    let list = Client::new(&mut bench, "/courier/list_parameters", "rcl_interfaces::srv::dds_::ListParameters");
+    let kind = "nav2_msgs::action::dds_::NavigateToPose_SendGoal";
+    let goal = Client::new(&mut bench, "/navigate_to_pose/_action/send_goal", kind);
+    bench.run(300);
+    let matched = [&pause, &list, &goal].map(|client| bench.ros.matched(client.asks));
+    assert_eq!(matched, [0, 1, 1]);
+    let request = crate::navigate::wire::goal_request(crate::navigate::Kind::ToPose, [1; 16], "map", &[[1.0; 3]], "");
+    assert_eq!(goal.call(&mut bench, &request)[0].1[4], 0, "rejected");
+    let empty = [0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+    assert_eq!(list.call(&mut bench, &empty)[0].1[4..12], [0; 8]);
+    assert!(bench.others.is_empty() && bench.told.is_empty());
+}
+
+#[test]
+fn a_goal_goes_to_the_planner_and_its_end_to_the_client() {
+    use messages::middlelevel::DataGoal;
+    let mut bench = Bench::new(true);
+    let kind = "nav2_msgs::action::dds_::NavigateToPose";
+    let send = Client::new(&mut bench, "/navigate_to_pose/_action/send_goal", &format!("{kind}_SendGoal"));
+    let result = Client::new(&mut bench, "/navigate_to_pose/_action/get_result", &format!("{kind}_GetResult"));
+    let status = "action_msgs::msg::dds_::GoalStatusArray_";
+    let status =
+        bench.ros.add_reader(bench.now, "rt/r1/navigate_to_pose/_action/status", status, Qos::LATCHED).unwrap();
+    bench.run(300);
+    let request = crate::navigate::wire::goal_request(crate::navigate::Kind::ToPose, [1; 16], "map", &[[1.0; 3]], "");
+    assert_eq!(send.call(&mut bench, &request)[0].1[4], 1);
+    let Some(Message::MlCmdGoal(goal)) = bench.others.pop() else { panic!() };
+    let mut ask = vec![0, 1, 0, 0];
+    ask.extend([1; 16]);
+    assert!(result.call(&mut bench, &ask).is_empty(), "not yet");
+    bench.bus(DataGoal { id: goal.id, status: DataGoal::REACHED, ..DataGoal::default() });
+    bench.run(50);
+    let (mut answers, mut states) = (Vec::new(), Vec::new());
+    while let Some(sample) = bench.ros.poll_event() {
+        if sample.reader == result.answers {
+            answers.push(sample.payload[4]);
+        } else if sample.reader == status {
+            states.push(sample.payload[8 + 24]);
+        }
+    }
+    assert_eq!((answers, states), (vec![4], vec![4]));
 }
