@@ -9,6 +9,7 @@ use ros2::description::{Description, Steering, Wheel};
 use ros2::operator;
 use ros2::outgoing::{self, OdometrySource};
 use ros2::parameters::{Parameter, Value};
+use ros2::topics::Devices;
 use settings::robot::{DrivenAxle, Geometry};
 use simulator::world::World;
 
@@ -29,7 +30,7 @@ pub(crate) fn settings(place: &RobotLocation, robot: &Robot, world: Option<&Worl
         outgoing: outgoing::Config {
             scene: scene::translated(robot),
             odometry: if driven { OdometrySource::Drives } else { OdometrySource::Wheels },
-            lidars: robot.lidar.len(),
+            devices: devices(robot),
             simulated: place.sim,
             description: description(robot),
         },
@@ -37,6 +38,16 @@ pub(crate) fn settings(place: &RobotLocation, robot: &Robot, world: Option<&Worl
         operator: operator(robot),
         parameters: parameters(place, robot),
         driver_ttl: robot.limits.command_ttl,
+    }
+}
+
+/// How many of each there are.
+fn devices(robot: &Robot) -> Devices {
+    let batteries = robot.io.as_ref().map_or(0, |io| io.battery.len());
+    Devices {
+        lidars: robot.lidar.len(),
+        imus: robot.imu.len(),
+        batteries: batteries + usize::from(robot.power.is_some()),
     }
 }
 

@@ -46,7 +46,7 @@ impl Bench {
             outgoing: outgoing::Config {
                 scene,
                 odometry: source,
-                lidars: 0,
+                devices: crate::topics::Devices::default(),
                 simulated: false,
                 description: Description::default(),
             },
