@@ -6,10 +6,10 @@
 //!   LCM bus ◄─► servers: navigate, operator, parameters ┘ requests and answers
 //! ```
 //!
-//! The translation ([`outgoing`], [`incoming`], [`drive`]), the servers of actions, services and parameters, and the node
-//! own no port and no clock. The transport has a thread of its own, in the module's own process, which is not critical:
-//! whatever the network does, what moves the robot does not notice. Without the feature `rtps` there are neither servers
-//! nor node nor transport.
+//! The translation ([`outgoing`], [`incoming`], [`drive`]), the servers of actions, services and parameters, and the
+//! node own no port and no clock. The transport has a thread of its own, in the module's own process, which is not
+//! critical: whatever the network does, what moves the robot does not notice. Without the feature `rtps` there are
+//! neither servers nor node nor transport.
 //!
 //! A velocity of ROS becomes a command of the source `ros2`, which falls silent in time:
 //!

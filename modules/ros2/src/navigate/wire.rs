@@ -2,7 +2,7 @@
 //! `NavigateToPose` is the same in Jazzy; `NavigateThroughPoses` has its poses in `nav_msgs/Goals` since Kilted, and
 //! the states of waypoints in feedback and result.
 
-use super::Kind;
+use super::kind::Kind;
 use crate::action::{GoalId, Status, time};
 use crate::cdr::Reader;
 use crate::incoming::{self, Refusal};
