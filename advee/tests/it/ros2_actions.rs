@@ -10,6 +10,9 @@ fn python() -> Option<PathBuf> {
     testing::peer_or_skip(testing::python(&needed))
 }
 
+/// Goals of the test with many.
+const MANY: usize = 100;
+
 /// Starts a part of the peer's program, with two places: 0.4 m and 1.5 m ahead of the robot.
 fn start(python: &std::path::Path, part: &str, domain: u32, robot: &Robot) -> Peer {
     let at = robot.view.truth.as_ref().expect("it is simulated");
@@ -17,7 +20,8 @@ fn start(python: &std::path::Path, part: &str, domain: u32, robot: &Robot) -> Pe
     let ([x, y], [far_x, far_y]) = (ahead(0.4), ahead(1.5));
     let numbers = [x, y, at.theta, far_x, far_y].map(|number| number.to_string());
     let domain = domain.to_string();
-    let args = [part, &domain, &numbers[0], &numbers[1], &numbers[2], &numbers[3], &numbers[4]];
+    let count = MANY.to_string();
+    let args = [part, &domain, &numbers[0], &numbers[1], &numbers[2], &numbers[3], &numbers[4], &count];
     Peer::start(python, "ros2_actions.py", &args)
 }
 
@@ -71,6 +75,26 @@ fn goals_are_driven_to_replaced_and_cancelled_with_feedback_and_results() {
         let way = (to.x - from.x).hypot(to.y - from.y);
         assert!((0.0..1.0).contains(&way), "{seen} {way}");
         println!("{seen}");
+    });
+}
+
+#[test]
+fn of_many_goals_none_is_lost_and_none_is_doubled() {
+    let Some(python) = python() else { return };
+    support::undisturbed(|| {
+        let (domain, _held) = domain();
+        let mut robot = courier(domain, &["--set", "ros2.commands=true"]);
+        let seen = start(&python, "many", domain, &robot).finish(&mut robot, |_| ());
+        println!("{seen}");
+        let count = |name: &str| seen[name].as_u64().unwrap_or_default() as usize;
+        let outcome = |name: &str| seen["outcomes"][name].as_u64().unwrap_or_default() as usize;
+        assert_eq!((count("accepted"), count("feedback")), (MANY, MANY.div_ceil(10)), "{seen}");
+        assert_eq!(outcome("ABORTED") + outcome("CANCELED") + outcome("SUCCEEDED"), MANY, "{seen}");
+        // A goal may be reached before it is replaced or cancelled.
+        let cancels = count("cancels");
+        assert!(outcome("CANCELED") <= cancels && outcome("ABORTED") > MANY / 3 && cancels > MANY / 4, "{seen}");
+        let commands = robot.view.seen.get("ML_CMD_GOAL").copied().unwrap_or_default() as usize;
+        assert_eq!(commands, MANY + cancels, "each once: {seen}");
     });
 }
 

@@ -1,7 +1,7 @@
 """Unmodified ROS 2 as a client of the robot's actions, services and parameters.
 
-`ros2_actions.py PART DOMAIN [X Y AHEAD_X AHEAD_Y]` with the parts `refused`, `navigate`, `operate`. Prints a line of
-JSON. Everything waits for what it needs; the test bounds the time.
+`ros2_actions.py PART DOMAIN X Y YAW AHEAD_X AHEAD_Y [COUNT]` with the parts `refused`, `navigate`, `many`, `operate`.
+Prints a line of JSON. Everything waits for what it needs; the test bounds the time.
 """
 
 import json
@@ -158,6 +158,30 @@ def navigate(peer):
     return result
 
 
+def many(peer):
+    """Goals one after the other, each while the last one is pursued; every third is cancelled."""
+    count = int(sys.argv[8])
+    results, accepted, with_feedback, cancels = [], 0, 0, 0
+    places = [(X, Y), (AHEAD_X, AHEAD_Y)]
+    for n in range(count):
+        handle = peer.send(peer.pose(*places[n % 2]))
+        accepted += handle.accepted
+        results.append(handle.get_result_async())
+        if n % 10 == 0:
+            peer.until(lambda: peer.feedbacks)
+            with_feedback += 1
+        if n % 3 == 2 or n + 1 == count:
+            cancels += len(peer.wait(handle.cancel_goal_async()).goals_canceling)
+            peer.wait(results[-1])
+    outcomes = [NAMES[peer.wait(future).status] for future in results]
+    return {
+        "accepted": accepted,
+        "cancels": cancels,
+        "feedback": with_feedback,
+        "outcomes": {name: outcomes.count(name) for name in sorted(set(outcomes))},
+    }
+
+
 def operate(peer):
     result = {}
     peer.until(lambda: peer.odom is not None)
@@ -193,7 +217,7 @@ def operate(peer):
 
 
 peer = Peer()
-part = {"refused": refused, "navigate": navigate, "operate": operate}[sys.argv[1]]
+part = {"refused": refused, "navigate": navigate, "many": many, "operate": operate}[sys.argv[1]]
 begin = time.monotonic()
 result = part(peer)
 print(json.dumps({**result, "seconds": time.monotonic() - begin}), flush=True)

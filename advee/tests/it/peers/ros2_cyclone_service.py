@@ -1,7 +1,7 @@
 """Eclipse Cyclone DDS as a client of a service, with the header that rmw_cyclonedds_cpp puts in front of the content.
 
-Asks `/courier/list_parameters` three times and prints a line of JSON. Everything waits for what it needs; the test bounds
-the time.
+Asks `/courier/list_parameters` three times and prints a line of JSON. Everything waits for what it needs; the test
+bounds the time.
 """
 
 import json
