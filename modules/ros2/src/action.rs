@@ -120,7 +120,9 @@ impl Goals {
 
     /// Which goals a request for a cancellation means: with an identifier that one, with a time (µs since the UNIX
     /// epoch, 0: none) also all that are not newer, with neither all.
-    #[must_use]
+    ///
+    /// # Errors
+    /// The goal of that identifier is not known, or has ended.
     pub fn meant(&self, id: GoalId, stamp: i64) -> Result<Vec<(GoalId, i64)>, CancelCode> {
         let one = self.0.iter().find(|goal| goal.id == id);
         if id != GoalId::default() {

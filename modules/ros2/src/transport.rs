@@ -8,6 +8,7 @@ use crate::settings::{Peer, Ros2};
 use base::{Duration, Instant};
 use host::bus::{Bus, Received};
 use host::clock;
+use messages::Channel;
 use nix::cmsg_space;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -84,7 +85,7 @@ impl Transport {
         let participant = rtps::Config { locators: vec![own], ..config.participant };
         let participant = rtps::Config { announce_to: announce_to(settings, own), prefix: prefix(), ..participant };
         let mut channels = Outgoing::channels();
-        channels.extend(servers::CHANNELS.map(|channel| channel.name()));
+        channels.extend(servers::CHANNELS.map(Channel::name));
         let bus = Bus::open(lcm_url, &channels)?;
         let now = clock::now();
         let node = Node::new(node::Config { participant, ..config }, now);
