@@ -2,7 +2,7 @@
 //! lower one first. The kept ones are of ROS 2 and of Cyclone DDS.
 
 use base::{Duration, Instant};
-use rtps::{Config, Limits, Participant, Prefix, Qos};
+use rtps::{Config, Limits, Participant, Prefix, Qos, Sample, SampleIdentity};
 use std::net::SocketAddrV4;
 
 /// Identifier to which the kept inputs are addressed.
@@ -29,6 +29,8 @@ pub fn rtps(data: &[u8]) {
     let chatter = participant.add_writer(now, "rt/chatter", TYPE, Qos::RELIABLE).unwrap();
     let big = participant.add_writer(now, "rt/big", TYPE, Qos::LATCHED).unwrap();
     let back = participant.add_reader(now, "rt/back", TYPE, Qos::RELIABLE).unwrap();
+    let requests = participant.add_request_reader(now, "rq/askRequest", TYPE, Qos::RELIABLE).unwrap();
+    let answers = participant.add_writer(now, "rr/askReply", TYPE, Qos::RELIABLE).unwrap();
     participant.write(now, big, 0, &[7; 20_000]);
     let mut rest = data;
     while let Some((length, more)) = rest.split_first_chunk() {
@@ -43,7 +45,14 @@ pub fn rtps(data: &[u8]) {
         assert!(waiting <= limits.outbox, "{waiting} bytes");
         assert!(participant.participants() <= limits.participants);
         assert!(participant.matched(chatter) <= limits.matches && participant.matched_writers(back) <= limits.matches);
-        let samples = std::iter::from_fn(|| participant.poll_event());
-        assert!(samples.map(|sample| assert!(sample.payload.len() <= limits.sample)).count() <= limits.events);
+        let samples: Vec<Sample> = std::iter::from_fn(|| participant.poll_event()).collect();
+        assert!(samples.len() <= limits.events);
+        for Sample { reader, writer, number, related, payload, .. } in samples {
+            assert!(payload.len() <= limits.sample && number > 0);
+            if reader == requests {
+                let request = related.unwrap_or(SampleIdentity { writer, number });
+                participant.write_related(now, answers, 0, Some(request), &payload);
+            }
+        }
     }
 }

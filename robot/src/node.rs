@@ -6,7 +6,10 @@ use crate::place::RobotLocation;
 use crate::scene;
 use logger::ros::{Pose, lidar_frame};
 use ros2::description::{Description, Steering, Wheel};
+use ros2::operator;
 use ros2::outgoing::{self, OdometrySource};
+use ros2::parameters::{Parameter, Value};
+use ros2::topics::Devices;
 use settings::robot::{DrivenAxle, Geometry};
 use simulator::world::World;
 
@@ -27,13 +30,71 @@ pub(crate) fn settings(place: &RobotLocation, robot: &Robot, world: Option<&Worl
         outgoing: outgoing::Config {
             scene: scene::translated(robot),
             odometry: if driven { OdometrySource::Drives } else { OdometrySource::Wheels },
-            lidars: robot.lidar.len(),
+            devices: devices(robot),
             simulated: place.sim,
             description: description(robot),
         },
         map: map.map(|map| outgoing::map(&map, now)),
+        operator: operator(robot),
+        parameters: parameters(place, robot),
         driver_ttl: robot.limits.command_ttl,
     }
+}
+
+/// How many of each there are.
+fn devices(robot: &Robot) -> Devices {
+    let batteries = robot.io.as_ref().map_or(0, |io| io.battery.len());
+    Devices {
+        lidars: robot.lidar.len(),
+        imus: robot.imu.len(),
+        batteries: batteries + usize::from(robot.power.is_some()),
+    }
+}
+
+/// What operators may command of ROS.
+fn operator(robot: &Robot) -> operator::Config {
+    let io = robot.io.as_ref();
+    let modbus = io.iter().flat_map(|io| &io.modbus).flat_map(|bus| &bus.driver.signals);
+    let modbus = modbus.filter(|signal| signal.output).map(|signal| signal.name.clone());
+    let gpio = io.iter().flat_map(|io| &io.gpio).filter(|line| line.output).map(|line| line.name.clone());
+    operator::Config {
+        steering: robot.base.is_none(),
+        power: robot.power.is_some(),
+        outputs: modbus.chain(gpio).collect(),
+    }
+}
+
+/// Settings that programs of ROS ask for.
+fn parameters(place: &RobotLocation, robot: &Robot) -> Vec<Parameter> {
+    let parameter =
+        |name: &str, value, description: &str| Parameter { name: name.into(), value, description: description.into() };
+    let (limits, geometry) = (&robot.limits, &robot.geometry);
+    let [rear, front, half] = [-geometry.rear_overhang_m, geometry.front_m(), geometry.width_m / 2.0];
+    let corners = [front, half, rear, half, rear, -half, front, -half];
+    let mut all = vec![
+        parameter("use_sim_time", Value::Bool(false), "Stamps are the time of the robot's clock, also in simulation."),
+        parameter("robot", Value::Text(robot.general.name.clone()), "Name of the robot."),
+        parameter("simulated", Value::Bool(place.sim), "True in simulation."),
+        parameter("commands", Value::Bool(robot.ros2.commands), "True if ROS may command the robot."),
+        parameter("footprint", Value::Doubles(corners.into()), "Corners of the outline in base_link: x, y, ...; m."),
+    ];
+    let doubles = [
+        ("limits.speed_mps", limits.speed_mps, "Greatest speed of a command, m/s."),
+        ("limits.speed_manual_mps", limits.speed_manual_mps, "Greatest speed under /cmd_vel, m/s."),
+        ("limits.speed_autonomous_mps", limits.speed_autonomous_mps, "Greatest speed under the planner, m/s."),
+        ("limits.rotation_radps", limits.rotation_radps, "Greatest rotation of a base without steering, rad/s."),
+        ("limits.steering_rad", limits.steering_rad, "Greatest angle of the front wheel of a base that steers, rad."),
+        ("limits.acceleration_mps2", limits.acceleration_mps2, "Greatest acceleration, m/s^2."),
+        ("limits.deceleration_mps2", limits.deceleration_mps2, "Deceleration of a commanded stop, m/s^2."),
+        ("geometry.wheelbase_m", geometry.wheelbase_m, "Rear axle to front axle, m."),
+        ("geometry.track_m", geometry.track_m, "Distance of the front wheels, m."),
+        ("geometry.wheel_radius_m", geometry.wheel_radius_m, "Radius of the wheels, m."),
+        ("geometry.length_m", geometry.length_m, "Bumper to bumper, m."),
+        ("geometry.width_m", geometry.width_m, "Width, m."),
+        ("command_ttl_s", robot.ros2.command_ttl.as_secs_f64(), "Silence of /cmd_vel after which the robot stops, s."),
+    ];
+    all.extend(doubles.map(|(name, value, text)| parameter(name, Value::Double(value), text)));
+    all
 }
 
 /// What the robot looks like.

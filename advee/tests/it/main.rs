@@ -32,6 +32,7 @@ mod operator;
 mod page;
 mod peers;
 mod plan;
+mod ros2_actions;
 mod ros2_peers;
 mod rs485_tools;
 mod slcan_peer;

@@ -22,7 +22,7 @@ fn python() -> Option<PathBuf> {
 
 /// A domain that no other test of this machine uses while the socket is open: at a port between those of its
 /// participants and the next domain.
-fn domain() -> (u32, UdpSocket) {
+pub(crate) fn domain() -> (u32, UdpSocket) {
     let first = std::process::id();
     let free = (0..100).map(|n| 1 + (first + n) % 100).find_map(|domain| {
         let port = u16::try_from(7400 + 250 * domain + 249).expect("a port");
@@ -32,7 +32,7 @@ fn domain() -> (u32, UdpSocket) {
 }
 
 /// The courier as a node of ROS in a domain, ready to be driven.
-fn courier(domain: u32, extra: &[&str]) -> Robot {
+pub(crate) fn courier(domain: u32, extra: &[&str]) -> Robot {
     let config = workspace().join("conf/courier").display().to_string();
     let set = format!("ros2.domain={domain}");
     let common = ["--config", &config, "--set", "ros2.enabled=true", "--set", &set, "--world", "empty"];
@@ -49,10 +49,10 @@ fn courier(domain: u32, extra: &[&str]) -> Robot {
 }
 
 /// A peer's process, which ends with the test.
-struct Peer(Child);
+pub(crate) struct Peer(Child);
 
 impl Peer {
-    fn start(python: &Path, script: &str, args: &[&str]) -> Self {
+    pub(crate) fn start(python: &Path, script: &str, args: &[&str]) -> Self {
         let script = workspace().join("advee/tests/it/peers").join(script);
         let mut command = Command::new(python);
         command.arg(script).args(args).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -61,7 +61,7 @@ impl Peer {
 
     /// Receives the robot's messages until the peer has ended; its line of JSON.
     #[track_caller]
-    fn finish(mut self, robot: &mut Robot, mut each: impl FnMut(&mut Robot)) -> Json {
+    pub(crate) fn finish(mut self, robot: &mut Robot, mut each: impl FnMut(&mut Robot)) -> Json {
         let begin = Instant::now();
         let status = loop {
             if let Some(status) = self.0.try_wait().expect("it is our child") {
@@ -96,7 +96,7 @@ impl Drop for Peer {
     }
 }
 
-fn number(json: &Json) -> f64 {
+pub(crate) fn number(json: &Json) -> f64 {
     json.as_f64().unwrap_or(f64::NAN)
 }
 

@@ -59,3 +59,18 @@ impl Guid {
         Self { prefix: Prefix(prefix), entity: Entity(entity) }
     }
 }
+
+/// Identifier of a sample: who wrote it, and its sequence number (8.3.5.4). A request is known by it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct SampleIdentity {
+    /// Who wrote it.
+    pub writer: Guid,
+    /// Its number, from 1; [`UNKNOWN_NUMBER`](Self::UNKNOWN_NUMBER) where the writer of a request names the reader of
+    /// its answers by `writer`, as Fast DDS does.
+    pub number: i64,
+}
+
+impl SampleIdentity {
+    /// SEQUENCENUMBER_UNKNOWN (9.3.2.9).
+    pub const UNKNOWN_NUMBER: i64 = -1 << 32;
+}

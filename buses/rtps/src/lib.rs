@@ -5,9 +5,10 @@
 //! participant keep is bounded by [`Limits`], and what exceeds them is counted.
 //!
 //! There are: discovery of participants and endpoints, by multicast and by peers; writers and readers, best effort and
-//! reliable, volatile and transient local, for topics without keys; fragments, both ways. There are not: IPv6, shared
-//! memory, security, topics with keys, content filters, deadlines, liveliness by hand, exclusive ownership, type
-//! information. Samples are bytes: what they mean is the users' matter.
+//! reliable, volatile and transient local, for topics without keys; fragments, both ways; identities of samples, by
+//! which an answer names its request. There are not: IPv6, shared memory, security, topics with keys, content filters,
+//! deadlines, liveliness by hand, exclusive ownership, type information. Samples are bytes: what they mean is the
+//! users' matter.
 //!
 //! Two participants, and a network between them that is a loop:
 //!
@@ -57,6 +58,7 @@ extern crate alloc;
 extern crate std;
 
 mod bytes;
+mod config;
 mod guid;
 mod outbox;
 mod parameters;
@@ -68,9 +70,10 @@ mod tests;
 mod wire;
 mod writer;
 
-pub use guid::{Entity, Guid, Prefix};
+pub use config::{Config, Counters, Limits};
+pub use guid::{Entity, Guid, Prefix, SampleIdentity};
 pub use outbox::Transmit;
-pub use participant::{Config, Counters, Limits, Participant, ReaderId, Sample, WriterId};
+pub use participant::{Participant, ReaderId, Sample, WriterId};
 pub use qos::{Qos, Reliability};
 
 use core::net::Ipv4Addr;

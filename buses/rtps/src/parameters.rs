@@ -3,7 +3,7 @@
 use crate::bytes::{Cursor, Put};
 use crate::guid::{Entity, Guid, Prefix};
 use crate::qos::{Qos, Reliability};
-use crate::wire::{SENTINEL, VENDOR, VERSION};
+use crate::wire::{SENTINEL, VERSION};
 use alloc::string::String;
 use alloc::vec::Vec;
 use base::Duration;
@@ -53,6 +53,7 @@ const INFINITE_S: i32 = i32::MAX;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ParticipantData {
     pub prefix: Prefix,
+    pub vendor: [u8; 2],
     pub domain: Option<u32>,
     /// Time after its last sign of life from which it is gone.
     pub lease: Duration,
@@ -80,7 +81,7 @@ impl ParticipantData {
     pub fn encode(&self) -> Vec<u8> {
         let mut list = List::new();
         list.add(PROTOCOL_VERSION, |to| to.extend_from_slice(&VERSION));
-        list.add(VENDOR_ID, |to| to.extend_from_slice(&VENDOR));
+        list.add(VENDOR_ID, |to| to.extend_from_slice(&self.vendor));
         let guid = Guid { prefix: self.prefix, entity: Entity::PARTICIPANT };
         list.add(PARTICIPANT_GUID, |to| to.extend_from_slice(&guid.bytes()));
         list.add(BUILTIN_ENDPOINTS, |to| to.put_u32(BUILTIN));
@@ -102,6 +103,7 @@ impl ParticipantData {
     pub fn decode(payload: &[u8]) -> Option<Self> {
         let mut data = Self {
             prefix: Prefix::default(),
+            vendor: [0; 2],
             domain: None,
             lease: Duration::from_secs(100),
             metatraffic: Vec::new(),
@@ -114,6 +116,7 @@ impl ParticipantData {
             match id {
                 PARTICIPANT_GUID => guid = Some(Guid::from_bytes(value.array()?)),
                 PROTOCOL_VERSION if value.array::<2>()?[0] != VERSION[0] => return None,
+                VENDOR_ID => data.vendor = value.array()?,
                 DOMAIN_ID => data.domain = Some(value.u32()?),
                 DOMAIN_TAG if !read_string(&mut value)?.is_empty() => return None,
                 LEASE => data.lease = read_duration(&mut value)?,

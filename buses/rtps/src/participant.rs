@@ -1,11 +1,12 @@
 //! The participant: discovery of others (8.5), and the way of each submessage to the endpoint that it concerns.
 
-use crate::guid::{Entity, Guid, Prefix};
+use crate::config::{Config, Counters};
+use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::outbox::{Outbox, Transmit};
 use crate::parameters::{EndpointData, NAME_MAX, ParticipantData, key, key_of};
 use crate::qos::Qos;
 use crate::reader::{self, Reader};
-use crate::wire::{self, Builder, Data, Submessage};
+use crate::wire::{self, Builder, Data, Submessage, VENDOR};
 use crate::writer::Writer;
 use alloc::collections::VecDeque;
 use alloc::string::String;
@@ -18,75 +19,6 @@ const FIRST_ANNOUNCEMENTS: u8 = 5;
 const FIRST_PERIOD: Duration = Duration::from_millis(100);
 /// Samples and durability of the discovery of endpoints.
 const DISCOVERY: Qos = Qos { depth: u16::MAX, ..Qos::LATCHED };
-
-/// What a participant is, and how it is found.
-#[derive(Clone, Debug)]
-pub struct Config {
-    /// Number of the domain, 0..=232.
-    pub domain: u32,
-    /// Own identifier, which no other participant of the domain has.
-    pub prefix: Prefix,
-    /// Where it is reached.
-    pub locators: Vec<SocketAddrV4>,
-    /// Where its announcements go: to a multicast group, to peers.
-    pub announce_to: Vec<SocketAddrV4>,
-    /// Period of the announcements.
-    pub announce_period: Duration,
-    /// Time after the last announcement from which others take it for gone.
-    pub lease: Duration,
-    /// Name for people.
-    pub name: String,
-    /// What a user of DDS has others know; ROS 2 has its enclave there.
-    pub user_data: Vec<u8>,
-    /// Bounds of memory.
-    pub limits: Limits,
-}
-
-/// Bounds of what others can make a participant keep. What exceeds them is left out and counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
-    /// Other participants.
-    pub participants: usize,
-    /// Endpoints of one of them.
-    pub endpoints: usize,
-    /// Endpoints of others that one own endpoint talks to.
-    pub matches: usize,
-    /// Longest received sample, bytes.
-    pub sample: usize,
-    /// Received samples that are not taken yet.
-    pub events: usize,
-    /// Datagrams that are not sent yet, bytes.
-    pub outbox: usize,
-    /// Longest time without a sign of life that another may ask for.
-    pub lease: Duration,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            participants: 32,
-            endpoints: 256,
-            matches: 32,
-            sample: 64 << 10,
-            events: 256,
-            outbox: 2 << 20,
-            lease: Duration::from_secs(60),
-        }
-    }
-}
-
-/// Counters since the start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Datagrams that are no RTPS, or malformed from some place on.
-    pub malformed: u64,
-    /// Participants, endpoints or matches beyond the limits.
-    pub refused: u64,
-    /// Received samples that were dropped because nobody took the earlier ones, or because they were too long.
-    pub dropped_in: u64,
-    /// Datagrams that were dropped because the earlier ones were not sent yet.
-    pub dropped_out: u64,
-}
 
 /// A writer of the participant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -103,6 +35,11 @@ pub struct Sample {
     pub reader: ReaderId,
     /// Who wrote it.
     pub writer: Guid,
+    /// Its number among those of its writer, from 1.
+    pub number: i64,
+    /// What its writer says that it belongs to: of an answer the request; of a request of Fast DDS the reader of the
+    /// answers, without a number.
+    pub related: Option<SampleIdentity>,
     /// When its last datagram was received.
     pub at: Instant,
     /// Encapsulation and content, and up to three bytes behind it: its length is a multiple of four.
@@ -121,6 +58,7 @@ struct Named<T> {
 #[derive(Debug)]
 struct Remote {
     prefix: Prefix,
+    vendor: [u8; 2],
     lease: Duration,
     until: Instant,
     metatraffic: SocketAddrV4,
@@ -154,6 +92,7 @@ impl Participant {
         let prefix = config.prefix;
         let announcement = ParticipantData {
             prefix,
+            vendor: VENDOR,
             domain: Some(config.domain),
             lease: config.lease,
             metatraffic: config.locators.clone(),
@@ -210,27 +149,44 @@ impl Participant {
             }
         }
         self.writers.push(Named { topic: topic.into(), type_name: type_name.into(), endpoint: writer });
-        self.publications.write(now, 0, &data.encode(), &mut self.out);
+        self.publications.write(now, 0, None, &data.encode(), &mut self.out);
         Some(id)
     }
 
     /// Asks for a topic; as [`add_writer`](Self::add_writer).
     pub fn add_reader(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<ReaderId> {
+        self.new_reader(now, topic, type_name, qos, false)
+    }
+
+    /// Asks for a topic of requests; as [`add_reader`](Self::add_reader). No request is lost that a client sends while
+    /// it is discovered: those count that its writer meant for this reader, also if the writer was not known here yet.
+    pub fn add_request_reader(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<ReaderId> {
+        self.new_reader(now, topic, type_name, qos, true)
+    }
+
+    fn new_reader(
+        &mut self,
+        now: Instant,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+        is_request: bool,
+    ) -> Option<ReaderId> {
         let id = ReaderId(u16::try_from(self.readers.len()).ok().filter(|n| *n < u16::MAX)?);
         let data = self.describe(self.reader_guid(id), topic, type_name, qos)?;
-        let mut reader = Reader { entity: data.guid.entity, qos, proxies: Vec::new() };
+        let mut reader = Reader { entity: data.guid.entity, qos, is_request, proxies: Vec::new() };
         for remote in &self.remotes {
             for theirs in remote.endpoints.iter().filter(|theirs| !is_reader(theirs.guid)) {
                 if fits(&data, theirs, false) && reader.proxies.len() < self.config.limits.matches {
                     let to = theirs.unicast.first().copied().unwrap_or(remote.default);
-                    let mut proxy = reader::Proxy::new(theirs.guid, to, qos, theirs.qos);
+                    let mut proxy = reader::Proxy::new(theirs.guid, to, qos, theirs.qos, is_request);
                     proxy.greet(self.config.prefix, reader.entity, &mut self.out);
                     reader.proxies.push(proxy);
                 }
             }
         }
         self.readers.push(Named { topic: topic.into(), type_name: type_name.into(), endpoint: reader });
-        self.subscriptions.write(now, 0, &data.encode(), &mut self.out);
+        self.subscriptions.write(now, 0, None, &data.encode(), &mut self.out);
         Some(id)
     }
 
@@ -244,6 +200,19 @@ impl Participant {
     #[must_use]
     pub fn matched(&self, id: WriterId) -> usize {
         self.writers.get(usize::from(id.0)).map_or(0, |writer| writer.endpoint.matched())
+    }
+
+    /// True if a writer has the reader `guid`, or one of the participant `guid`: an answer that is written before has
+    /// nobody to go to.
+    #[must_use]
+    pub fn reaches(&self, id: WriterId, guid: Guid) -> bool {
+        self.writers.get(usize::from(id.0)).is_some_and(|writer| writer.endpoint.reaches(guid))
+    }
+
+    /// Vendor of the implementation of another participant (8.3.3.1.3), as it says.
+    #[must_use]
+    pub fn vendor(&self, prefix: Prefix) -> Option<[u8; 2]> {
+        self.remotes.iter().find(|remote| remote.prefix == prefix).map(|remote| remote.vendor)
     }
 
     /// Number of writers of others that a reader hears.
@@ -266,8 +235,20 @@ impl Participant {
 
     /// Writes a sample: `payload` with its encapsulation, `micros` its time, µs since the UNIX epoch.
     pub fn write(&mut self, now: Instant, id: WriterId, micros: i64, payload: &[u8]) {
+        self.write_related(now, id, micros, None, payload);
+    }
+
+    /// Writes a sample that answers another one, as [`write`](Self::write).
+    pub fn write_related(
+        &mut self,
+        now: Instant,
+        id: WriterId,
+        micros: i64,
+        related: Option<SampleIdentity>,
+        payload: &[u8],
+    ) {
         if let Some(writer) = self.writers.get_mut(usize::from(id.0)) {
-            writer.endpoint.write(now, micros, payload, &mut self.out);
+            writer.endpoint.write(now, micros, related, payload, &mut self.out);
         }
     }
 
@@ -356,7 +337,8 @@ impl Participant {
                 writer => {
                     // The end of an instance means nothing without keys, and takes a number.
                     let payload = (!data.gone).then_some(data.payload);
-                    self.on_sample(now, guid(writer), data.reader, data.number, payload);
+                    let identity = SampleIdentity { writer: guid(writer), number: data.number };
+                    self.on_sample(now, identity, data.reader, payload, data.related);
                 }
             },
             Submessage::DataFrag(frag) => match frag.writer {
@@ -364,9 +346,9 @@ impl Participant {
                     let proxy = remote.discovery(writer);
                     if frag.sample as usize > self.config.limits.sample {
                         self.counters.dropped_in += u64::from(proxy.skip(frag.number));
-                    } else if let Some(payload) = proxy.assemble(&frag) {
+                    } else if let Some((payload, related)) = proxy.assemble(&frag) {
                         let (reader, number) = (frag.reader, frag.number);
-                        let data = Data { reader, writer, number, payload: &payload, gone: false, key: None };
+                        let data = Data { reader, writer, number, payload: &payload, gone: false, key: None, related };
                         self.on_endpoint(now, place, &data);
                     }
                 }
@@ -378,8 +360,9 @@ impl Participant {
                         let Some(proxy) = proxy.filter(|_| is_asked) else { continue };
                         if frag.sample as usize > self.config.limits.sample {
                             self.counters.dropped_in += u64::from(proxy.skip(frag.number));
-                        } else if let Some(payload) = proxy.assemble(&frag) {
-                            self.offer(now, n, guid(writer), frag.number, Some(&payload));
+                        } else if let Some((payload, related)) = proxy.assemble(&frag) {
+                            let identity = SampleIdentity { writer: guid(writer), number: frag.number };
+                            self.offer(now, n, identity, Some(&payload), related);
                         }
                     }
                 }
@@ -434,16 +417,30 @@ impl Participant {
         Some((writer?, &mut self.out))
     }
 
-    fn on_sample(&mut self, now: Instant, writer: Guid, reader: Entity, number: i64, payload: Option<&[u8]>) {
+    fn on_sample(
+        &mut self,
+        now: Instant,
+        identity: SampleIdentity,
+        reader: Entity,
+        payload: Option<&[u8]>,
+        related: Option<SampleIdentity>,
+    ) {
         for n in 0..self.readers.len() {
             if reader == Entity::UNKNOWN || self.readers[n].endpoint.entity == reader {
-                self.offer(now, n, writer, number, payload);
+                self.offer(now, n, identity, payload, related);
             }
         }
     }
 
     /// A whole sample for the reader at `n`, if that listens to its writer; `None`: it has no content.
-    fn offer(&mut self, now: Instant, n: usize, writer: Guid, number: i64, payload: Option<&[u8]>) {
+    fn offer(
+        &mut self,
+        now: Instant,
+        n: usize,
+        SampleIdentity { writer, number }: SampleIdentity,
+        payload: Option<&[u8]>,
+        related: Option<SampleIdentity>,
+    ) {
         let reader = &mut self.readers[n].endpoint;
         let Some(proxy) = reader.proxies.iter_mut().find(|proxy| proxy.guid == writer) else { return };
         if !proxy.expects(number) {
@@ -459,7 +456,8 @@ impl Participant {
             return;
         }
         proxy.take(number);
-        self.events.push_back(Sample { reader: ReaderId(n as u16), writer, at: now, payload: payload.to_vec() });
+        let (reader, payload) = (ReaderId(n as u16), payload.to_vec());
+        self.events.push_back(Sample { reader, writer, number, related, at: now, payload });
     }
 
     fn on_participant(&mut self, now: Instant, from: SocketAddrV4, source: Prefix, data: &Data<'_>) {
@@ -499,7 +497,7 @@ impl Participant {
         let own = self.config.prefix;
         let mut proxy = |writer, reader| {
             let guid = Guid { prefix: source, entity: writer };
-            let mut proxy = reader::Proxy::new(guid, metatraffic, DISCOVERY, DISCOVERY);
+            let mut proxy = reader::Proxy::new(guid, metatraffic, DISCOVERY, DISCOVERY, false);
             proxy.greet(own, reader, &mut self.out);
             proxy
         };
@@ -507,8 +505,9 @@ impl Participant {
         let subscriptions = proxy(Entity::SUBSCRIPTIONS_WRITER, Entity::SUBSCRIPTIONS_READER);
         let until = now + lease;
         let endpoints = Vec::new();
+        let (prefix, vendor) = (source, theirs.vendor);
         let remote =
-            Remote { prefix: source, lease, until, metatraffic, default, publications, subscriptions, endpoints };
+            Remote { prefix, vendor, lease, until, metatraffic, default, publications, subscriptions, endpoints };
         self.remotes.push(remote);
         let reader = |entity| Guid { prefix: source, entity };
         self.publications.add(now, reader(Entity::PUBLICATIONS_READER), metatraffic, DISCOVERY, &mut self.out);
@@ -576,7 +575,7 @@ impl Participant {
             if fits && reader.proxies.len() >= limits.matches {
                 self.counters.refused += 1;
             } else if fits {
-                let mut proxy = reader::Proxy::new(theirs.guid, to, reader.qos, theirs.qos);
+                let mut proxy = reader::Proxy::new(theirs.guid, to, reader.qos, theirs.qos, reader.is_request);
                 proxy.greet(self.config.prefix, reader.entity, &mut self.out);
                 reader.proxies.push(proxy);
             }
@@ -598,7 +597,7 @@ impl Participant {
 
     fn announce(&mut self, to: SocketAddrV4) {
         let mut message = Builder::new(self.config.prefix);
-        message.data(Entity::SPDP_READER, Entity::SPDP_WRITER, 1, &self.announcement);
+        message.data(Entity::SPDP_READER, Entity::SPDP_WRITER, 1, None, &self.announcement);
         self.out.push(to, message.build());
     }
 }

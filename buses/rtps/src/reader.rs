@@ -1,7 +1,7 @@
 //! A reader, and what it has of each writer (8.4.10, 8.4.12). Samples of a reliable writer are taken in order: one that
 //! comes too early is asked for again when its turn has come, so that nothing has to be kept.
 
-use crate::guid::{Entity, Guid, Prefix};
+use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::outbox::Outbox;
 use crate::qos::{Qos, Reliability};
 use crate::wire::{AckNack, Builder, DataFrag, Gap, Heartbeat, Set};
@@ -15,8 +15,8 @@ pub(crate) struct Proxy {
     pub guid: Guid,
     to: SocketAddrV4,
     is_reliable: bool,
-    /// It is to tell what it sent before, too.
-    is_latched: bool,
+    /// What it sent before it was known here is taken, too, as far as it does not say that it is for others.
+    takes_earlier: bool,
     /// Number of the next sample; `None`: not known yet.
     expected: Option<i64>,
     acks: i32,
@@ -31,13 +31,16 @@ struct Assembly {
     size: u16,
     bytes: Vec<u8>,
     has: Vec<bool>,
+    /// The sample that it answers, from the first fragment that says so.
+    related: Option<SampleIdentity>,
 }
 
 impl Proxy {
-    pub fn new(guid: Guid, to: SocketAddrV4, own: Qos, offered: Qos) -> Self {
+    /// `is_request`: as [`Reader::is_request`].
+    pub fn new(guid: Guid, to: SocketAddrV4, own: Qos, offered: Qos, is_request: bool) -> Self {
         let is_reliable = own.reliability == Reliability::Reliable && offered.reliability == Reliability::Reliable;
-        let is_latched = own.transient_local && offered.transient_local;
-        Self { guid, to, is_reliable, is_latched, expected: None, acks: 0, heartbeat: None, assembly: None }
+        let takes_earlier = is_request || (own.transient_local && offered.transient_local);
+        Self { guid, to, is_reliable, takes_earlier, expected: None, acks: 0, heartbeat: None, assembly: None }
     }
 
     /// Asks the writer what it has, as soon as it is known.
@@ -53,7 +56,7 @@ impl Proxy {
             Some(expected) if self.is_reliable => number == expected,
             Some(expected) => number >= expected,
             // What it sent before comes first.
-            None => !(self.is_reliable && self.is_latched),
+            None => !(self.is_reliable && self.takes_earlier),
         }
     }
 
@@ -72,8 +75,9 @@ impl Proxy {
         is_next
     }
 
-    /// A fragment of a sample that is not too long; the whole sample, with the last one that was missing.
-    pub fn assemble(&mut self, frag: &DataFrag<'_>) -> Option<Vec<u8>> {
+    /// A fragment of a sample that is not too long; the whole sample, and the one that it answers, with the last
+    /// one that was missing.
+    pub fn assemble(&mut self, frag: &DataFrag<'_>) -> Option<(Vec<u8>, Option<SampleIdentity>)> {
         let sample = frag.sample as usize;
         if !self.expects(frag.number) {
             return None;
@@ -85,9 +89,10 @@ impl Proxy {
         if self.assembly.as_ref().is_none_or(|kept| !is_same(kept)) {
             // An older one that is not complete is lost.
             let (bytes, has) = (vec![0; sample], vec![false; count]);
-            self.assembly = Some(Assembly { number: frag.number, size: frag.size, bytes, has });
+            self.assembly = Some(Assembly { number: frag.number, size: frag.size, bytes, has, related: None });
         }
         let kept = self.assembly.as_mut()?;
+        kept.related = kept.related.or(frag.related);
         let mut payload = frag.payload;
         for n in (frag.first as usize - 1)..count {
             let at = n * size;
@@ -100,7 +105,7 @@ impl Proxy {
         if kept.has.iter().any(|has| !has) {
             return None;
         }
-        self.assembly.take().map(|whole| whole.bytes)
+        self.assembly.take().map(|whole| (whole.bytes, whole.related))
     }
 
     pub fn on_heartbeat(&mut self, own: Prefix, reader: Entity, heartbeat: &Heartbeat, out: &mut Outbox) {
@@ -109,7 +114,7 @@ impl Proxy {
             return;
         }
         self.heartbeat = Some(count);
-        let start = if self.is_latched { first } else { last.saturating_add(1) };
+        let start = if self.takes_earlier { first } else { last.saturating_add(1) };
         let expected = self.expected.unwrap_or(start).max(first);
         self.expected = Some(expected);
         let missing = Set::span(expected, last);
@@ -142,6 +147,9 @@ impl Proxy {
 pub(crate) struct Reader {
     pub entity: Entity,
     pub qos: Qos,
+    /// It reads requests: a client sends one as soon as it knows this reader, which may not know the client's writer
+    /// yet. What is older than that is the writer's to leave out (8.4.7.5), as it does for each volatile reader.
+    pub is_request: bool,
     pub proxies: Vec<Proxy>,
 }
 

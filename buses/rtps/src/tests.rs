@@ -1,5 +1,7 @@
 //! Participants with a network between them that loses what the test wants.
 
+mod related;
+
 use crate::wire::{Submessage, parse};
 use crate::{Config, Limits, Participant, Prefix, Qos, Reliability, Sample, multicast_port, unicast_port};
 use alloc::vec;

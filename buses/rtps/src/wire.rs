@@ -1,7 +1,7 @@
 //! Messages and submessages: layout only, no state (8.3.7, 9.4.5).
 
 use crate::bytes::{Cursor, Put};
-use crate::guid::{Entity, Guid, Prefix};
+use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use alloc::vec::Vec;
 
 /// Length of a message's header, bytes.
@@ -10,6 +10,8 @@ const HEADER_LEN: usize = 20;
 pub(crate) const VERSION: [u8; 2] = [2, 3];
 /// No vendor: none is registered for this implementation.
 pub(crate) const VENDOR: [u8; 2] = [0, 0];
+/// Longest sample that is sent as a whole, and length of the fragments of longer ones, bytes.
+pub(crate) const FRAGMENT: u16 = 8192;
 /// Numbers that a set may span (9.4.2.6).
 pub(crate) const SET_MAX: u32 = 256;
 
@@ -27,6 +29,12 @@ const DATA_FRAG: u8 = 0x16;
 /// Parameters in front of a sample.
 const STATUS_INFO: u16 = 0x0071;
 const KEY_HASH: u16 = 0x0070;
+/// Identity of the request that a sample answers (DDS-RPC 1.0, 7.8.2), and the number that Fast DDS had for it before,
+/// which its older releases know alone. Newer ones write both.
+const RELATED_SAMPLE_IDENTITY: u16 = 0x0083;
+const RELATED_SAMPLE_IDENTITY_FAST_DDS: u16 = 0x800f;
+/// Length of an identity, bytes: GUID and sequence number.
+const IDENTITY_LEN: u16 = 24;
 pub(crate) const SENTINEL: u16 = 0x0001;
 /// Bits of a status: the instance is disposed, or unregistered.
 const STATUS_GONE: u8 = 3;
@@ -98,6 +106,8 @@ pub(crate) struct Data<'a> {
     pub gone: bool,
     /// Key by its hash, which for endpoints and participants is the GUID.
     pub key: Option<Guid>,
+    /// The sample that it answers.
+    pub related: Option<SampleIdentity>,
 }
 
 /// Fragments of a sample.
@@ -113,6 +123,8 @@ pub(crate) struct DataFrag<'a> {
     /// Length of the whole sample, bytes.
     pub sample: u32,
     pub payload: &'a [u8],
+    /// The sample that it answers.
+    pub related: Option<SampleIdentity>,
 }
 
 /// Which samples a writer has.
@@ -256,11 +268,11 @@ fn data(flags: u8, mut body: Cursor<'_>) -> Option<Data<'_>> {
     let skip = usize::from(body.u16()?);
     let mut fixed = Cursor::new(body.take(skip)?, body.little);
     let (reader, writer, number) = (Entity(fixed.array()?), Entity(fixed.array()?), fixed.sequence()?);
-    let InlineQos { gone, key } = if flags & 2 != 0 { inline_qos(&mut body)? } else { InlineQos::default() };
+    let InlineQos { gone, key, related } = if flags & 2 != 0 { inline_qos(&mut body)? } else { InlineQos::default() };
     let (has_data, has_key) = (flags & 4 != 0, flags & 8 != 0);
     let payload = if has_data || has_key { body.data } else { &[] };
     let gone = gone || (has_key && !has_data);
-    (number > 0).then_some(Data { reader, writer, number, payload, gone, key })
+    (number > 0).then_some(Data { reader, writer, number, payload, gone, key, related })
 }
 
 fn data_frag(flags: u8, mut body: Cursor<'_>) -> Option<DataFrag<'_>> {
@@ -269,17 +281,16 @@ fn data_frag(flags: u8, mut body: Cursor<'_>) -> Option<DataFrag<'_>> {
     let mut fixed = Cursor::new(body.take(skip)?, body.little);
     let (reader, writer, number) = (Entity(fixed.array()?), Entity(fixed.array()?), fixed.sequence()?);
     let (first, _count, size, sample) = (fixed.u32()?, fixed.u16()?, fixed.u16()?, fixed.u32()?);
-    if flags & 2 != 0 {
-        inline_qos(&mut body)?;
-    }
+    let related = if flags & 2 != 0 { inline_qos(&mut body)?.related } else { None };
     let valid = number > 0 && first > 0 && size > 0 && sample > 0;
-    valid.then_some(DataFrag { reader, writer, number, first, size, sample, payload: body.data })
+    valid.then_some(DataFrag { reader, writer, number, first, size, sample, payload: body.data, related })
 }
 
 #[derive(Default)]
 struct InlineQos {
     gone: bool,
     key: Option<Guid>,
+    related: Option<SampleIdentity>,
 }
 
 fn inline_qos(body: &mut Cursor<'_>) -> Option<InlineQos> {
@@ -293,6 +304,13 @@ fn inline_qos(body: &mut Cursor<'_>) -> Option<InlineQos> {
         match id {
             STATUS_INFO => found.gone = value.get(3).is_some_and(|bits| bits & STATUS_GONE != 0),
             KEY_HASH => found.key = value.try_into().ok().map(Guid::from_bytes),
+            RELATED_SAMPLE_IDENTITY | RELATED_SAMPLE_IDENTITY_FAST_DDS => {
+                let mut value = Cursor::new(value, body.little);
+                let identity = value.array().map(Guid::from_bytes).zip(value.sequence());
+                let identity = identity.map(|(writer, number)| SampleIdentity { writer, number });
+                // Both say the same; one that is too short says nothing.
+                found.related = found.related.or(identity);
+            }
             _ => {}
         }
     }
@@ -342,13 +360,21 @@ impl Builder {
         });
     }
 
-    /// A whole sample.
-    pub fn data(&mut self, reader: Entity, writer: Entity, number: i64, payload: &[u8]) {
-        self.submessage(DATA, 4, |body| {
+    /// A whole sample, with the one that it answers.
+    pub fn data(
+        &mut self,
+        reader: Entity,
+        writer: Entity,
+        number: i64,
+        related: Option<SampleIdentity>,
+        payload: &[u8],
+    ) {
+        self.submessage(DATA, 4 | inline_flag(related), |body| {
             body.put_u16(0);
             body.put_u16(16);
             ends(body, reader, writer);
             body.put_sequence(number);
+            answers(body, related);
             body.extend_from_slice(payload);
             body.resize(body.len().next_multiple_of(4), 0);
         });
@@ -370,19 +396,27 @@ impl Builder {
         });
     }
 
-    /// The fragment `n`, from 0, of a sample that is divided into fragments of `size` bytes.
-    pub fn fragment(&mut self, reader: Entity, writer: Entity, number: i64, n: usize, size: u16, sample: &[u8]) {
-        let at = n * usize::from(size);
-        let payload = &sample[at.min(sample.len())..(at + usize::from(size)).min(sample.len())];
-        self.submessage(DATA_FRAG, 0, |body| {
+    /// The fragment `n`, from 0, of a sample that is divided into fragments of [`FRAGMENT`] bytes.
+    pub fn fragment(
+        &mut self,
+        reader: Entity,
+        writer: Entity,
+        (number, n): (i64, usize),
+        related: Option<SampleIdentity>,
+        sample: &[u8],
+    ) {
+        let at = n * usize::from(FRAGMENT);
+        let payload = &sample[at.min(sample.len())..(at + usize::from(FRAGMENT)).min(sample.len())];
+        self.submessage(DATA_FRAG, inline_flag(related), |body| {
             body.put_u16(0);
             body.put_u16(28);
             ends(body, reader, writer);
             body.put_sequence(number);
             body.put_u32(n as u32 + 1);
             body.put_u16(1);
-            body.put_u16(size);
+            body.put_u16(FRAGMENT);
             body.put_u32(sample.len() as u32);
+            answers(body, related);
             body.extend_from_slice(payload);
             body.resize(body.len().next_multiple_of(4), 0);
         });
@@ -422,4 +456,22 @@ impl Builder {
 fn ends(body: &mut Vec<u8>, reader: Entity, writer: Entity) {
     body.extend_from_slice(&reader.0);
     body.extend_from_slice(&writer.0);
+}
+
+/// Flag of a submessage that has parameters in front of its sample.
+fn inline_flag(related: Option<SampleIdentity>) -> u8 {
+    if related.is_some() { 2 } else { 0 }
+}
+
+/// The parameters in front of an answer.
+fn answers(body: &mut Vec<u8>, related: Option<SampleIdentity>) {
+    let Some(SampleIdentity { writer, number }) = related else { return };
+    for id in [RELATED_SAMPLE_IDENTITY, RELATED_SAMPLE_IDENTITY_FAST_DDS] {
+        body.put_u16(id);
+        body.put_u16(IDENTITY_LEN);
+        body.extend_from_slice(&writer.bytes());
+        body.put_sequence(number);
+    }
+    body.put_u16(SENTINEL);
+    body.put_u16(0);
 }

@@ -1,16 +1,14 @@
 //! A writer with its last samples, and what each reader has of them (8.4.7, 8.4.9).
 
-use crate::guid::{Entity, Guid, Prefix};
+use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::outbox::Outbox;
 use crate::qos::{Qos, Reliability};
-use crate::wire::{AckNack, Builder, Heartbeat, NackFrag};
+use crate::wire::{AckNack, Builder, FRAGMENT, Heartbeat, NackFrag};
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use base::{Duration, Instant};
 use core::net::SocketAddrV4;
 
-/// Longest sample that is sent as a whole, and length of the fragments of longer ones, bytes.
-pub(crate) const FRAGMENT: u16 = 8192;
 /// Period at which a reliable reader is asked what it lacks, until it has all.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(100);
 /// Samples that are sent again at one request.
@@ -22,6 +20,7 @@ const QUIET: Duration = Duration::from_millis(5);
 struct Sample {
     number: i64,
     micros: i64,
+    related: Option<SampleIdentity>,
     payload: Vec<u8>,
 }
 
@@ -38,6 +37,16 @@ struct Proxy {
     /// It has answered.
     has_answered: bool,
     quiet_until: Instant,
+}
+
+impl Proxy {
+    /// True if it is this reader, or one of this participant.
+    fn is(&self, guid: Guid) -> bool {
+        match guid.entity {
+            Entity::PARTICIPANT => self.guid.prefix == guid.prefix,
+            _ => self.guid == guid,
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -78,13 +87,25 @@ impl Writer {
         self.heartbeat_due
     }
 
+    /// True if the reader, or one of the participant, listens.
+    pub fn reaches(&self, guid: Guid) -> bool {
+        self.proxies.iter().any(|proxy| proxy.is(guid))
+    }
+
     /// Keeps a sample, and sends it to all readers.
-    pub fn write(&mut self, now: Instant, micros: i64, payload: &[u8], out: &mut Outbox) {
+    pub fn write(
+        &mut self,
+        now: Instant,
+        micros: i64,
+        related: Option<SampleIdentity>,
+        payload: &[u8],
+        out: &mut Outbox,
+    ) {
         self.last += 1;
         while self.history.len() >= usize::from(self.qos.depth.max(1)) {
             self.history.pop_front();
         }
-        self.history.push_back(Sample { number: self.last, micros, payload: payload.to_vec() });
+        self.history.push_back(Sample { number: self.last, micros, related, payload: payload.to_vec() });
         let mut sent: Vec<SocketAddrV4> = Vec::new();
         for n in 0..self.proxies.len() {
             // Readers of one address share the datagrams.
@@ -123,11 +144,7 @@ impl Writer {
 
     /// A reader, or all of a participant, listens no more.
     pub fn remove(&mut self, guid: Guid) {
-        let is_gone = |proxy: &Proxy| match guid.entity {
-            Entity::PARTICIPANT => proxy.guid.prefix == guid.prefix,
-            _ => proxy.guid == guid,
-        };
-        self.proxies.retain(|proxy| !is_gone(proxy));
+        self.proxies.retain(|proxy| !proxy.is(guid));
     }
 
     /// Readers that have not got all are asked what they lack.
@@ -183,7 +200,7 @@ impl Writer {
         for fragment in nack.missing.iter() {
             let Some(n) = usize::try_from(fragment - 1).ok().filter(|n| *n < count) else { continue };
             let mut message = Builder::to(self.prefix, from.prefix);
-            message.fragment(from.entity, self.entity, sample.number, n, FRAGMENT, &sample.payload);
+            message.fragment(from.entity, self.entity, (sample.number, n), sample.related, &sample.payload);
             out.push(proxy.to, message.build());
         }
     }
@@ -210,14 +227,14 @@ impl Writer {
     }
 
     fn send(&self, sample: &Sample, to: SocketAddrV4, reader: Entity, heartbeat: Option<Heartbeat>, out: &mut Outbox) {
-        let Sample { number, micros, payload } = sample;
+        let Sample { number, micros, related, payload } = sample;
         let count = payload.len().div_ceil(FRAGMENT.into()).max(1);
         for n in 0..count {
             let mut message = Builder::new(self.prefix);
             message.timestamp(*micros);
             match count {
-                1 => message.data(reader, self.entity, *number, payload),
-                _ => message.fragment(reader, self.entity, *number, n, FRAGMENT, payload),
+                1 => message.data(reader, self.entity, *number, *related, payload),
+                _ => message.fragment(reader, self.entity, (*number, n), *related, payload),
             }
             if let Some(heartbeat) = heartbeat.as_ref().filter(|_| n + 1 == count) {
                 message.heartbeat(heartbeat);

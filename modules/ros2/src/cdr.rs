@@ -41,6 +41,45 @@ impl<'a> Reader<'a> {
         Some(bytes)
     }
 
+    /// A `uint8`.
+    pub fn u8(&mut self) -> Option<u8> {
+        self.number().map(u8::from_be_bytes)
+    }
+
+    /// A `bool`; `None` also for what is neither 0 nor 1.
+    pub fn bool(&mut self) -> Option<bool> {
+        match self.u8()? {
+            0 => Some(false),
+            1 => Some(true),
+            _ => None,
+        }
+    }
+
+    /// A `uint8[N]`.
+    pub fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.take(N)?.try_into().ok()
+    }
+
+    /// A `uint64`.
+    pub fn u64(&mut self) -> Option<u64> {
+        self.number().map(u64::from_be_bytes)
+    }
+
+    /// Number of elements of a sequence, at most `most`.
+    pub fn count(&mut self, most: usize) -> Option<usize> {
+        usize::try_from(self.u32()?).ok().filter(|count| *count <= most)
+    }
+
+    /// A `string[]` of at most `most` strings.
+    pub fn strings(&mut self, most: usize) -> Option<Vec<&'a str>> {
+        (0..self.count(most)?).map(|_| self.string()).collect()
+    }
+
+    /// `None`: more follows than the padding of the sample, which belongs to another type then.
+    pub fn end(&self) -> Option<()> {
+        (self.data.len().saturating_sub(self.at) < 4).then_some(())
+    }
+
     /// A `uint32`.
     pub fn u32(&mut self) -> Option<u32> {
         self.number().map(u32::from_be_bytes)

@@ -115,7 +115,7 @@ pub fn read(input: Input, timestamp: i64, sample: &[u8]) -> Result<Command, Refu
 }
 
 /// Frame of a `std_msgs/msg/Header`.
-fn header<'a>(reader: &mut Reader<'a>) -> Option<&'a str> {
+pub(crate) fn header<'a>(reader: &mut Reader<'a>) -> Option<&'a str> {
     let (_seconds, _nanoseconds) = (reader.i32()?, reader.u32()?);
     reader.string()
 }
@@ -126,7 +126,7 @@ fn twist(reader: &mut Reader<'_>) -> Option<Command> {
 }
 
 /// x, y and heading of a pose in the map, with its header.
-fn pose(reader: &mut Reader<'_>) -> Result<[f64; 3], Refusal> {
+pub(crate) fn pose(reader: &mut Reader<'_>) -> Result<[f64; 3], Refusal> {
     let frame = header(reader).ok_or(Refusal::Malformed)?;
     let [x, y, z, qx, qy, qz, qw] = reader.f64s().ok_or(Refusal::Malformed)?;
     if frame.strip_prefix('/').unwrap_or(frame) != "map" {

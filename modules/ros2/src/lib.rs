@@ -3,11 +3,13 @@
 //! ```text
 //!   LCM bus ──► outgoing (odometry, logger::ros) ──► node ──► rtps ──► transport ──► network
 //!   LCM bus ◄── drive, incoming ◄─────────────────── node ◄── rtps ◄── transport ◄── network
+//!   LCM bus ◄─► servers: navigate, operator, parameters ┘ requests and answers
 //! ```
 //!
-//! The translation ([`outgoing`], [`incoming`], [`drive`]) and the node own no port and no clock. The transport has a
-//! thread of its own, in the module's own process, which is not critical: whatever the network does, what moves the
-//! robot does not notice. Without the feature `rtps` there are neither node nor transport.
+//! The translation ([`outgoing`], [`incoming`], [`drive`]), the servers of actions, services and parameters, and the
+//! node own no port and no clock. The transport has a thread of its own, in the module's own process, which is not
+//! critical: whatever the network does, what moves the robot does not notice. Without the feature `rtps` there are
+//! neither servers nor node nor transport.
 //!
 //! A velocity of ROS becomes a command of the source `ros2`, which falls silent in time:
 //!
@@ -29,6 +31,8 @@
 //! ```
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "rtps")]
+pub mod action;
 pub mod cdr;
 pub mod description;
 pub mod drive;
@@ -36,9 +40,17 @@ pub mod incoming;
 #[cfg(feature = "rtps")]
 mod module;
 #[cfg(feature = "rtps")]
+pub mod navigate;
+#[cfg(feature = "rtps")]
 pub mod node;
 pub mod odometry;
+pub mod operator;
 pub mod outgoing;
+pub mod parameters;
+#[cfg(feature = "rtps")]
+pub mod servers;
+#[cfg(feature = "rtps")]
+pub mod service;
 pub mod settings;
 pub mod topics;
 #[cfg(feature = "rtps")]

@@ -3,7 +3,10 @@
 use crate::description::Description;
 use crate::drive;
 use crate::node;
+use crate::operator;
 use crate::outgoing;
+use crate::parameters::Parameter;
+use crate::servers;
 use crate::settings::Ros2 as Section;
 use crate::topics::Topic;
 use crate::transport::Transport;
@@ -36,6 +39,10 @@ pub struct Settings {
     pub outgoing: outgoing::Config,
     /// `/map`, where the robot has one.
     pub map: Option<(Topic, Vec<u8>)>,
+    /// Services of operators that the robot has, where ROS may command.
+    pub operator: operator::Config,
+    /// Parameters of the node.
+    pub parameters: Vec<Parameter>,
     /// Silence after which the robot's driver stops a source: `limits.command_ttl_s`.
     pub driver_ttl: Duration,
 }
@@ -60,7 +67,7 @@ impl Ros2 {
 
     fn open(&mut self, now: Instant, out: &mut Actions) {
         self.next = Some(now + PERIOD);
-        let Settings { robot, lcm_url, ros2, outgoing, map, driver_ttl } = &self.settings;
+        let Settings { robot, lcm_url, ros2, outgoing, map, operator, parameters, driver_ttl } = &self.settings;
         let name = node_name(robot);
         let participant = rtps::Config {
             domain: ros2.domain,
@@ -82,6 +89,10 @@ impl Ros2 {
             outgoing: outgoing.clone(),
             fixed: map.iter().cloned().chain([(Description::topic(), outgoing.description.message())]).collect(),
             drive: ros2.commands.then_some(drive),
+            servers: servers::Config {
+                operator: ros2.commands.then(|| operator.clone()),
+                parameters: parameters.clone(),
+            },
             epoch: clock::epoch(),
         };
         match Transport::start(ros2, lcm_url, config) {

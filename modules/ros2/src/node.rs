@@ -1,11 +1,15 @@
 //! The robot as a node of ROS 2: messages of the bus and datagrams in, messages and datagrams out. It owns no port and
 //! no clock.
 
+#[cfg(test)]
+mod tests;
+
 use crate::drive::{self, Drive};
 use crate::incoming::{self, Command, Input};
 use crate::outgoing::{self, Outgoing};
+use crate::servers::{self, Effect, Servers, Time};
 use crate::topics::{Quality, Topic};
-use base::{Epoch, Instant};
+use base::{Epoch, Instant, earliest};
 use lcm_gen::cdr::Writer;
 use messages::Message;
 use rtps::{Counters, Guid, Participant, Qos, ReaderId, Transmit, WriterId};
@@ -32,6 +36,8 @@ pub struct Config {
     pub fixed: Vec<(Topic, Vec<u8>)>,
     /// How ROS drives; `None`: it may not command.
     pub drive: Option<drive::Config>,
+    /// Actions, services and parameters.
+    pub servers: servers::Config,
     /// Time of the messages.
     pub epoch: Epoch,
 }
@@ -51,6 +57,7 @@ pub struct Node {
     graph: Option<WriterId>,
     graph_is_old: bool,
     drive: Option<Drive>,
+    servers: Servers,
     /// The module may act: it is not in PAUSE or STOP.
     acts: bool,
     messages: VecDeque<Message>,
@@ -75,6 +82,8 @@ impl Node {
             }
         }
         let graph = participant.add_writer(now, GRAPH.0, GRAPH.1, Qos::LATCHED);
+        let full_name = format!("{}/{}", config.namespace, config.name);
+        let servers = Servers::new(config.servers, &mut participant, now, &config.namespace, &full_name);
         let mut node = Self {
             namespace: config.namespace,
             name: config.name,
@@ -86,12 +95,16 @@ impl Node {
             graph,
             graph_is_old: true,
             drive: config.drive.map(Drive::new),
+            servers,
             acts: true,
             messages: VecDeque::new(),
             notes: VecDeque::new(),
         };
         for (topic, cdr) in &config.fixed {
             node.write(now, topic, cdr);
+        }
+        for topic in servers::topics() {
+            node.writer(now, &topic);
         }
         node
     }
@@ -109,19 +122,57 @@ impl Node {
                 participant.write(now, writer, epoch.timestamp(now), cdr);
             }
         });
+        let time = self.time(now);
+        self.servers.on_bus(&mut self.participant, time, channel, data);
+        self.carry_out(now);
+    }
+
+    fn time(&self, now: Instant) -> Time {
+        Time { now, micros: self.epoch.timestamp(now) }
+    }
+
+    fn writer(&mut self, now: Instant, topic: &Topic) -> Option<WriterId> {
+        let Self { participant, writers, namespace, graph_is_old, .. } = self;
+        writer(participant, writers, graph_is_old, namespace, now, topic)
     }
 
     fn write(&mut self, now: Instant, topic: &Topic, cdr: &[u8]) {
-        let Self { participant, writers, namespace, graph_is_old, epoch, .. } = self;
-        if let Some(writer) = writer(participant, writers, graph_is_old, namespace, now, topic) {
-            participant.write(now, writer, epoch.timestamp(now), cdr);
+        if let Some(writer) = self.writer(now, topic) {
+            self.participant.write(now, writer, self.epoch.timestamp(now), cdr);
+        }
+    }
+
+    /// Does what the servers want.
+    fn carry_out(&mut self, now: Instant) {
+        while let Some(effect) = self.servers.poll() {
+            match effect {
+                Effect::Message(message) => self.messages.push_back(message),
+                Effect::Topic(topic, cdr) => self.write(now, &topic, &cdr),
+                Effect::Note(text) => self.note(text),
+            }
+        }
+    }
+
+    /// Why a request of ROS is not obeyed now.
+    fn refusal(&self) -> Option<&'static str> {
+        match self.acts {
+            false => Some("the module ros2 is in PAUSE or STOP"),
+            true if self.messages.len() >= WAITING_MAX => Some("too many at a time"),
+            true => None,
         }
     }
 
     /// A datagram, received at `at` from `from`.
     pub fn on_datagram(&mut self, now: Instant, at: Instant, from: SocketAddrV4, datagram: &[u8]) {
         self.participant.handle_rx(at, from, datagram);
+        let time = self.time(now);
+        self.servers.flush(&mut self.participant, time);
         while let Some(sample) = self.participant.poll_event() {
+            let refusal = self.refusal();
+            if self.servers.on_sample(&mut self.participant, time, &sample, refusal) {
+                self.carry_out(now);
+                continue;
+            }
             let input = self.readers.iter().find(|(reader, _)| *reader == sample.reader).map(|(_, input)| *input);
             if let Some(input) = input.filter(|_| self.acts) {
                 self.on_sample(now, sample.at, input, sample.writer, &sample.payload);
@@ -168,7 +219,10 @@ impl Node {
             }
         }
         self.participant.handle_timeout(now);
-        let timestamp = self.epoch.timestamp(now);
+        let time = self.time(now);
+        self.servers.handle_timeout(&mut self.participant, time);
+        self.carry_out(now);
+        let timestamp = time.micros;
         let command = self.drive.as_mut().and_then(|drive| drive.poll(now, timestamp));
         self.messages.extend(command.map(Message::from));
     }
@@ -178,7 +232,7 @@ impl Node {
     pub fn poll_timeout(&self) -> Option<Instant> {
         let graph = self.graph_is_old.then_some(Instant::ZERO);
         let drive = self.drive.as_ref().and_then(Drive::poll_timeout);
-        [graph, drive, self.participant.poll_timeout()].into_iter().flatten().min()
+        earliest([graph, drive, self.servers.poll_timeout(), self.participant.poll_timeout()])
     }
 
     /// The next datagram to be sent.
@@ -215,8 +269,12 @@ impl Node {
             to.count(gids.len());
             gids.iter().flat_map(|gid| gid.bytes()).for_each(|byte| to.u8(byte));
         };
-        let readers: Vec<Guid> = self.readers.iter().map(|(reader, _)| self.participant.reader_guid(*reader)).collect();
-        let writers: Vec<Guid> = self.writers.values().flatten().map(|id| self.participant.writer_guid(*id)).collect();
+        let readers = self.readers.iter().map(|(reader, _)| *reader);
+        let readers = readers.chain(self.servers.endpoints().map(|(reader, _)| reader));
+        let readers: Vec<Guid> = readers.map(|reader| self.participant.reader_guid(reader)).collect();
+        let writers = self.writers.values().flatten().copied();
+        let writers = writers.chain(self.servers.endpoints().map(|(_, writer)| writer));
+        let writers: Vec<Guid> = writers.map(|writer| self.participant.writer_guid(writer)).collect();
         self.participant.guid().bytes().into_iter().for_each(|byte| to.u8(byte));
         to.count(1);
         to.string(if self.namespace.is_empty() { "/" } else { &self.namespace });
@@ -261,195 +319,4 @@ fn session(from: Guid) -> i64 {
     let bytes = from.bytes();
     let half = |at: usize| bytes[at..at + 8].iter().fold(0_u64, |sum, byte| (sum << 8) | u64::from(*byte));
     (half(0).rotate_left(32) ^ half(8)).cast_signed()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::description::Description;
-    use base::Duration;
-    use logger::ros::RobotScene;
-    use messages::lowlevel::{CmdVelocity, DataVelocity};
-    use rtps::{Limits, Prefix};
-
-    fn address(n: u8) -> SocketAddrV4 {
-        SocketAddrV4::new([127, 0, 0, n].into(), 7410)
-    }
-
-    fn participant(n: u8, peer: u8) -> rtps::Config {
-        rtps::Config {
-            domain: 0,
-            prefix: Prefix([n; 12]),
-            locators: vec![address(n)],
-            announce_to: vec![address(peer)],
-            announce_period: Duration::from_secs(3),
-            lease: Duration::from_secs(20),
-            name: String::new(),
-            user_data: Vec::new(),
-            limits: Limits::default(),
-        }
-    }
-
-    /// The node, and somebody of ROS.
-    struct Bench {
-        now: Instant,
-        node: Node,
-        ros: Participant,
-        told: Vec<CmdVelocity>,
-        others: Vec<Message>,
-    }
-
-    impl Bench {
-        fn new(commands: bool) -> Self {
-            let [ttl, driver_ttl] = [500, 250].map(Duration::from_millis);
-            let source = outgoing::OdometrySource::Drives;
-            let scene = RobotScene::default();
-            let config = Config {
-                name: "courier".into(),
-                namespace: "/r1".into(),
-                participant: participant(1, 2),
-                outgoing: outgoing::Config {
-                    scene,
-                    odometry: source,
-                    lidars: 0,
-                    simulated: false,
-                    description: Description::default(),
-                },
-                fixed: Vec::new(),
-                drive: commands.then_some(drive::Config { priority: 1, ttl, driver_ttl }),
-                epoch: Epoch::default(),
-            };
-            let now = Instant::from_millis(1);
-            let (node, ros) = (Node::new(config, now), Participant::new(participant(2, 1)));
-            Self { now, node, ros, told: Vec::new(), others: Vec::new() }
-        }
-
-        fn run(&mut self, millis: u64) {
-            for _ in 0..millis {
-                self.now += Duration::from_millis(1);
-                let now = self.now;
-                self.node.handle_timeout(now);
-                self.ros.handle_timeout(now);
-                while let Some(sent) = self.node.poll_tx() {
-                    self.ros.handle_rx(now, address(1), &sent.datagram);
-                }
-                while let Some(sent) = self.ros.poll_tx() {
-                    self.node.on_datagram(now, now, address(2), &sent.datagram);
-                }
-                while let Some(message) = self.node.poll_message() {
-                    match message {
-                        Message::LlCmdVelocity(command) => self.told.push(command),
-                        other => self.others.push(other),
-                    }
-                }
-            }
-        }
-
-        fn twist(&mut self, writer: WriterId, vx: f64) {
-            let mut cdr = Vec::new();
-            let mut to = Writer::new(&mut cdr);
-            [vx, 0.0, 0.0, 0.0, 0.0, 0.0].into_iter().for_each(|number| to.f64(number));
-            let now = self.now;
-            self.ros.write(now, writer, 0, &cdr);
-        }
-
-        fn writer(&mut self) -> WriterId {
-            let name = "geometry_msgs::msg::dds_::Twist_";
-            self.ros.add_writer(self.now, "rt/r1/cmd_vel", name, Qos::RELIABLE).unwrap()
-        }
-
-        fn bus(&mut self, message: impl Into<Message>) {
-            let (message, mut data) = (message.into(), Vec::new());
-            message.encode(&mut data).unwrap();
-            self.node.on_bus(self.now, &message.channel_name(), &data);
-        }
-    }
-
-    #[test]
-    fn ros_drives_only_where_it_may_command() {
-        for commands in [false, true] {
-            let mut bench = Bench::new(commands);
-            let writer = bench.writer();
-            bench.run(300);
-            assert_eq!(bench.ros.matched(writer), usize::from(commands));
-            bench.twist(writer, 0.4);
-            bench.run(1000);
-            // The first one a millisecond after its reception, the others every 50 ms until 250 ms.
-            assert_eq!(bench.told.len(), if commands { 5 } else { 0 });
-            assert!(bench.told.iter().all(|command| (command.vx, &*command.source) == (0.4, "ros2")));
-        }
-    }
-
-    #[test]
-    fn two_publishers_are_two_sessions() {
-        let mut bench = Bench::new(true);
-        let writers = [bench.writer(), bench.writer()];
-        bench.run(300);
-        for writer in writers {
-            bench.twist(writer, 0.4);
-            bench.run(100);
-        }
-        let sessions: Vec<i64> = bench.told.iter().map(|command| command.session).collect();
-        assert_ne!(sessions.first(), sessions.last());
-    }
-
-    #[test]
-    fn a_module_that_does_not_act_is_silent_at_once() {
-        let mut bench = Bench::new(true);
-        let writer = bench.writer();
-        bench.run(300);
-        bench.twist(writer, 0.4);
-        bench.run(20);
-        assert_eq!(bench.told.len(), 1);
-        bench.node.set_acts(false);
-        bench.run(500);
-        bench.twist(writer, 0.4);
-        bench.run(500);
-        assert_eq!(bench.told.len(), 1);
-        bench.node.set_acts(true);
-        bench.twist(writer, 0.4);
-        bench.run(20);
-        assert_eq!(bench.told.len(), 2);
-    }
-
-    #[test]
-    fn a_refusal_is_noted_once_until_it_is_read() {
-        let mut bench = Bench::new(true);
-        let name = "geometry_msgs::msg::dds_::PoseStamped_";
-        let writer = bench.ros.add_writer(bench.now, "rt/r1/goal_pose", name, Qos::RELIABLE).unwrap();
-        bench.run(300);
-        for _ in 0..3 {
-            let now = bench.now;
-            bench.ros.write(now, writer, 0, &[0, 1, 0, 0, 1, 2, 3, 4]);
-            bench.run(10);
-        }
-        assert_eq!(bench.node.poll_note().as_deref(), Some("/goal_pose: a message is refused: it is malformed"));
-        assert_eq!((bench.node.poll_note(), bench.others.len()), (None, 0));
-    }
-
-    #[test]
-    fn topics_are_told_to_who_listens_and_the_graph_names_the_node() {
-        let mut bench = Bench::new(false);
-        let odom = "nav_msgs::msg::dds_::Odometry_";
-        let odom = bench.ros.add_reader(bench.now, "rt/r1/odom", odom, Qos::RELIABLE).unwrap();
-        let graph = bench.ros.add_reader(bench.now, GRAPH.0, GRAPH.1, Qos::LATCHED).unwrap();
-        let at = |timestamp| DataVelocity { timestamp, ..Default::default() };
-        bench.bus(at(1));
-        bench.run(300);
-        bench.bus(at(50_001));
-        bench.run(300);
-        let (mut odoms, mut graphs) = (0, Vec::new());
-        while let Some(sample) = bench.ros.poll_event() {
-            if sample.reader == odom {
-                odoms += 1;
-            } else if sample.reader == graph {
-                graphs = sample.payload;
-            }
-        }
-        assert_eq!(odoms, 1);
-        let text = String::from_utf8_lossy(&graphs);
-        assert!(text.contains("courier\0") && text.contains("/r1\0"), "{text:?}");
-        // The participant, and the writers of /odom and /tf.
-        assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 3);
-    }
 }

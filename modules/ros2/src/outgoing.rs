@@ -3,7 +3,7 @@
 
 use crate::description::Description;
 use crate::odometry::{Motion, Odometry};
-use crate::topics::{Quality, Topic};
+use crate::topics::{Devices, Quality, Topic};
 use crate::ways::Ways;
 use logger::ros::{Fields, Pose, RobotScene, Translator, has_standard};
 use messages::{Channel, Message};
@@ -27,8 +27,8 @@ pub struct Config {
     pub scene: RobotScene,
     /// What the odometry is made of.
     pub odometry: OdometrySource,
-    /// Number of lidars: the scans of a single one are on `/scan`.
-    pub lidars: usize,
+    /// Number of lidars and the like: the scans of a single one are on `/scan`.
+    pub devices: Devices,
     /// Time is simulated: it comes on `/clock`.
     pub simulated: bool,
     /// What the robot looks like.
@@ -105,7 +105,7 @@ impl Outgoing {
         let translated = translator.translate(channel, data, &mut |topic, cdr| {
             let known = topics
                 .entry(topic.name.clone())
-                .or_insert_with(|| Topic::of_translated(&topic.name, &topic.schema_name, config.lidars <= 1));
+                .or_insert_with(|| Topic::of_translated(&topic.name, &topic.schema_name, config.devices));
             if let Some(topic) = known {
                 sink(topic, cdr);
             }
@@ -192,14 +192,15 @@ pub fn map(map: &Map, timestamp: i64) -> (Topic, Vec<u8>) {
 mod tests {
     use super::*;
     use crate::cdr::Reader;
-    use messages::lowlevel::{DataPower, DataRanges, DataScan, DataVelocity, Reading};
+    use messages::lowlevel::{DataBattery, DataImu, DataPower, DataRanges, DataScan, DataVelocity, Reading};
     use messages::middlelevel::DataEstimate;
     use planner::map::Frame;
 
     fn outgoing(lidars: usize) -> Outgoing {
         let scene = RobotScene { name: "courier".into(), ..RobotScene::default() };
         let description = Description::default();
-        Outgoing::new(Config { scene, odometry: OdometrySource::Drives, lidars, simulated: true, description })
+        let devices = Devices { lidars, imus: 1, batteries: 1 };
+        Outgoing::new(Config { scene, odometry: OdometrySource::Drives, devices, simulated: true, description })
     }
 
     fn sent(outgoing: &mut Outgoing, message: impl Into<Message>, listeners: bool) -> Vec<(Topic, Vec<u8>)> {
@@ -271,6 +272,25 @@ mod tests {
     fn axes_become_joints_and_transforms_of_wheels() {
         let axes = messages::lowlevel::DataAxes::default();
         assert_eq!(names(&sent(&mut outgoing(0), axes, true)), ["/joint_states", "/tf"]);
+    }
+
+    #[test]
+    fn inertial_units_and_batteries_have_their_topics_and_an_orientation_that_is_not_there_says_so() {
+        let mut outgoing = outgoing(1);
+        let imu = DataImu { name: "base".into(), rotation: [0.1, 0.2, 0.3], ..DataImu::default() };
+        let told = sent(&mut outgoing, imu.clone(), true);
+        assert_eq!((names(&told), told[0].0.quality), (vec!["/imu"], Quality::Sensor));
+        let mut reader = Reader::new(&told[0].1).unwrap();
+        assert_eq!((reader.i32(), reader.u32(), reader.string()), (Some(0), Some(0), Some("base_link")));
+        let ([_, _, _, _], [first, ..]) = (reader.f64s().unwrap(), reader.f64s::<9>().unwrap());
+        assert_eq!((first, reader.f64s()), (-1.0, Some([0.1, 0.2, 0.3])), "REP 145");
+        let bad = DataImu { status: DataImu::FAULT, ..imu };
+        assert!(sent(&mut outgoing, bad, true).is_empty());
+        let battery = DataBattery { name: "pack".into(), charge: 0.5, charging: true, ..DataBattery::default() };
+        let told = sent(&mut outgoing, battery, true);
+        assert_eq!(names(&told), ["/battery_state"]);
+        // Header, then seven numbers: the last is the share.
+        assert_eq!(told[0].1[4 + 8 + 4 + 12 + 6 * 4..][..5], [0, 0, 0, 63, 1]);
     }
 
     #[test]

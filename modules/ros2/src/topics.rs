@@ -24,6 +24,22 @@ pub struct Topic {
     pub quality: Quality,
 }
 
+/// Devices of a robot whose topics have their names if there are several.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Devices {
+    /// Lidars.
+    pub lidars: usize,
+    /// Inertial measurement units.
+    pub imus: usize,
+    /// Batteries, that of the power controller included.
+    pub batteries: usize,
+}
+
+/// Name of the topic of a device: that of the topic alone where there is one device.
+fn one_or_named(topic: &str, count: usize, name: &str) -> String {
+    if count <= 1 { topic.to_owned() } else { format!("{topic}_{name}") }
+}
+
 /// Topics that are the computer's, not the robot's: they have no namespace.
 const GLOBAL: [&str; 3] = ["/clock", "/diagnostics", "/rosout"];
 
@@ -34,7 +50,7 @@ impl Topic {
 
     /// Topic of a message that the translation of logs has on the topic `name`; `None`: it is not for ROS. Names there
     /// may be such that ROS refuses: a part of a name does not begin with a digit.
-    pub(crate) fn of_translated(name: &str, type_name: &str, one_lidar: bool) -> Option<Self> {
+    pub(crate) fn of_translated(name: &str, type_name: &str, has: Devices) -> Option<Self> {
         let (name, quality) = match name {
             "/battery" => ("/battery_state".to_owned(), Quality::Reliable),
             "/diagnostics" | "/plan" => (name.to_owned(), Quality::Reliable),
@@ -47,7 +63,11 @@ impl Topic {
                     let kind = if id.starts_with(|c: char| c.is_ascii_digit()) { "sonar_" } else { "" };
                     (format!("/range/{kind}{id}"), Quality::Sensor)
                 } else if let Some(lidar) = name.strip_prefix("/scan/") {
-                    (if one_lidar { "/scan".to_owned() } else { format!("/scan_{lidar}") }, Quality::Sensor)
+                    (one_or_named("/scan", has.lidars, lidar), Quality::Sensor)
+                } else if let Some(imu) = name.strip_prefix("/imu/") {
+                    (one_or_named("/imu", has.imus, imu), Quality::Sensor)
+                } else if let Some(battery) = name.strip_prefix("/battery/") {
+                    (one_or_named("/battery_state", has.batteries, battery), Quality::Reliable)
                 } else {
                     (format!("/temperature_{}", name.strip_prefix("/temperature/")?), Quality::Sensor)
                 }
@@ -85,19 +105,24 @@ mod tests {
 
     #[test]
     fn every_part_of_a_translated_name_is_one_that_ros_takes() {
-        let name = |name| Topic::of_translated(name, "x/msg/X", false).map(|topic| topic.name);
+        let has = |count| Devices { lidars: count, imus: count, batteries: count };
+        let name = |name| Topic::of_translated(name, "x/msg/X", has(2)).map(|topic| topic.name);
         let expected = [
             ("/range/7", Some("/range/sonar_7")),
             ("/range/ir_1", Some("/range/ir_1")),
             ("/scan/2nd", Some("/scan_2nd")),
             ("/temperature/1_wire", Some("/temperature_1_wire")),
             ("/battery", Some("/battery_state")),
+            ("/battery/pack", Some("/battery_state_pack")),
+            ("/imu/base", Some("/imu_base")),
             ("/odometry", None),
             ("/LL_DATA_ODO", None),
         ];
         for (from, to) in expected {
             assert_eq!(name(from).as_deref(), to, "{from}");
         }
-        assert_eq!(Topic::of_translated("/scan/top", "x/msg/X", true).unwrap().name, "/scan");
+        for (from, to) in [("/scan/top", "/scan"), ("/imu/base", "/imu"), ("/battery/pack", "/battery_state")] {
+            assert_eq!(Topic::of_translated(from, "x/msg/X", has(1)).unwrap().name, to);
+        }
     }
 }

@@ -3,10 +3,12 @@
 
 use crate::node::{self, Node};
 use crate::outgoing::Outgoing;
+use crate::servers;
 use crate::settings::{Peer, Ros2};
 use base::{Duration, Instant};
 use host::bus::{Bus, Received};
 use host::clock;
+use messages::Channel;
 use nix::cmsg_space;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -82,7 +84,8 @@ impl Transport {
         let (sockets, own) = Sockets::open(settings).map_err(|error| format!("{}: {error}", settings.address))?;
         let participant = rtps::Config { locators: vec![own], ..config.participant };
         let participant = rtps::Config { announce_to: announce_to(settings, own), prefix: prefix(), ..participant };
-        let channels = Outgoing::channels();
+        let mut channels = Outgoing::channels();
+        channels.extend(servers::CHANNELS.map(Channel::name));
         let bus = Bus::open(lcm_url, &channels)?;
         let now = clock::now();
         let node = Node::new(node::Config { participant, ..config }, now);

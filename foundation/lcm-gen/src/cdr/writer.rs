@@ -42,7 +42,7 @@ impl<'a> Writer<'a> {
         self.len() == 0
     }
 
-    numbers!(u8 i8 i32 u32 i64 f32 f64);
+    numbers!(u8 i8 u16 i16 i32 u32 i64 f32 f64);
 
     /// Appends a `bool`.
     pub fn bool(&mut self, value: bool) {

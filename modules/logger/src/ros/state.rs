@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use base::Fault;
 use messages::common::{self, CmdLog, DataFaults, DataProcesses, DataState, Error, EventText, Process};
-use messages::lowlevel::{DataHold, DataImu, DataOdo, DataPower, DataRanges, DataTemperature, Hold, Range, Reading};
+use messages::lowlevel::{
+    DataBattery, DataHold, DataImu, DataOdo, DataPower, DataRanges, DataTemperature, Hold, Range, Reading,
+};
 use messages::middlelevel::{DataEstimate, DataPlan};
 use messages::{Channel, Message, fault_name};
 
@@ -48,6 +50,7 @@ pub struct State {
     ranges: Option<i64>,
     temperatures: BTreeMap<String, Arc<str>>,
     imus: BTreeMap<String, Arc<str>>,
+    batteries: BTreeMap<String, Arc<str>>,
     faults: Faults,
 }
 
@@ -100,6 +103,7 @@ pub fn has_standard(channel: Channel) -> bool {
             | Channel::LlDataScan
             | Channel::LlDataImu
             | Channel::LlDataPower
+            | Channel::LlDataBattery
             | Channel::LlDataTemperature
             | Channel::MlDataEstimate
             | Channel::MlDataPlan
@@ -139,6 +143,7 @@ impl State {
             Message::LlDataScan(scan) => self.scans.translate(scan, to),
             Message::LlDataImu(imu) => self.imu(imu, to),
             Message::LlDataPower(power) => battery(power, to),
+            Message::LlDataBattery(battery) => self.battery(battery, to),
             Message::LlDataTemperature(temperatures) => self.temperatures(temperatures, to),
             Message::MlDataEstimate(estimate) => {
                 pose(estimate, to);
@@ -181,6 +186,30 @@ impl State {
                 fields.vector(x, y, z);
                 covariance(fields, 0.0);
             }
+        });
+    }
+
+    /// Values that are not known are NaN, as `BatteryState` requires; its charge and capacities, in Ah, are not.
+    fn battery(&mut self, message: &DataBattery, to: &mut To<'_, '_>) {
+        let Some(topic) = topic_of(&mut self.batteries, "/battery/", &message.name) else {
+            return to.topics.leave_out();
+        };
+        to.send(&topic, Standard::Battery, |fields| {
+            fields.header(message.timestamp, "base_link");
+            [message.voltage, message.temperature, message.current]
+                .iter()
+                .for_each(|known| fields.to.f32(*known as f32));
+            [f32::NAN; 3].into_iter().for_each(|unknown| fields.to.f32(unknown));
+            fields.to.f32(message.charge as f32);
+            // POWER_SUPPLY_STATUS_CHARGING, or unknown: one that is not charged may be used or not.
+            fields.to.u8(message.charging.into());
+            [0; 2].into_iter().for_each(|unknown| fields.to.u8(unknown)); // health, technology
+            fields.to.bool(true); // present
+            fields.to.count(message.cells.len());
+            message.cells.iter().for_each(|cell| fields.to.f32(*cell as f32));
+            fields.to.count(0); // cell temperatures
+            fields.to.string(&message.name); // location
+            fields.to.string(""); // serial number
         });
     }
 

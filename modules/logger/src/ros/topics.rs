@@ -16,7 +16,9 @@ pub const TOPICS_MAX: usize = 16_384;
 /// Names, and prefixes of names, reserved for standard types.
 const RESERVED_NAMES: &[&str] = &[
     "/battery",
+    "/battery/",
     "/diagnostics",
+    "/imu/",
     "/marks",
     "/odometry",
     "/plan",

@@ -442,6 +442,31 @@ fn an_inertial_unit_that_works_is_an_imu_in_the_robot_s_frame() {
 }
 
 #[test]
+fn a_battery_of_signals_is_a_battery_state_and_what_is_not_known_is_nan() {
+    let mut translator = translator();
+    let known = lowlevel::DataBattery {
+        timestamp: NOW,
+        name: "pack 1".into(),
+        voltage: 25.5,
+        current: -2.0,
+        charge: 0.75,
+        health: f64::NAN,
+        temperature: f64::NAN,
+        charging: true,
+        cells: vec![3.5, 3.25],
+    };
+    let state = told(&mut translator, known.clone()).remove("/battery/pack_1").unwrap();
+    assert_eq!(
+        (&state["voltage"], &state["current"], &state["percentage"]),
+        (&json!(25.5), &json!(-2.0), &json!(0.75))
+    );
+    assert_eq!((&state["cell_voltage"], &state["power_supply_status"]), (&json!([3.5, 3.25]), &json!(1)));
+    assert_eq!((&state["location"], &state["temperature"]), (&json!("pack 1"), &state["charge"]));
+    let idle = lowlevel::DataBattery { charging: false, ..known };
+    assert_eq!(told(&mut translator, idle).remove("/battery/pack_1").unwrap()["power_supply_status"], 0);
+}
+
+#[test]
 fn the_guard_s_fields_are_outlines_in_the_robot_s_frame_and_filled_while_something_is_in_them() {
     let mut translator = translator();
     let (x, y) = (vec![0.75, 1.5, 1.5, 0.75], vec![-0.3, -0.3, 0.3, 0.3]);
