@@ -85,7 +85,7 @@ impl Battery {
         self.forced = (volts, until);
     }
 
-    /// A channel draws [`OVERLOAD_A`] more until an instant.
+    /// A channel draws 12 A more until an instant.
     pub fn overload(&mut self, channel: u8, until: Instant) {
         self.overload = (channel, until);
     }
