@@ -46,7 +46,7 @@ test: export BUILT := yes
 test: lint web-test
 	@tools/require cc c++ cmake python3-venv python3-dev glib java rust-bare ip
 	@tools/venv
-	@tools/nav2-types
+	@tools/ros2-types
 	@tools/lcm-1.3.1
 	@rm -f $(ADVEE_SKIPPED)
 	tools/run-tests

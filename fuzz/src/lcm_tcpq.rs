@@ -4,7 +4,8 @@ use lcm::tcpq::hub::{ClientId, Hub, Limits, Overflow};
 use lcm::tcpq::{Decoder, Message, Peer, hello};
 use std::collections::BTreeMap;
 
-const LIMITS: Limits = Limits { clients: 4, subscriptions: 8, message: 1000, queue: 3000, overflow: Overflow::DropOldest };
+const LIMITS: Limits =
+    Limits { clients: 4, subscriptions: 8, message: 1000, queue: 3000, overflow: Overflow::DropOldest };
 
 /// A message of this type with these bytes as text, and as many more as payload if it is published.
 fn message(kind: u32, data: &[u8]) -> Vec<u8> {

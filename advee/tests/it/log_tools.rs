@@ -493,7 +493,7 @@ fn play_takes_parts_renames_and_leaves_commands_out() {
     assert!(bench.run(&["info", &bag]).good().contains("/imu"));
     for (args, says) in [
         (&["play", "/nowhere"][..], "No such file"),
-        (&["play", &run, "--speed", "0"], "expected a factor from 0.01 to 1000"),
+        (&["play", &run, "--speed=-1"], "expected 0, or a factor from 0.01 to 1000"),
         (&["play", &run, "--start", "2", "--end", "1"], "--from is after --to"),
         (&["cat", &run, "--channel", "("], "channel pattern `(`"),
         (&["info", bench.folder.to_str().unwrap()], "no log there"),

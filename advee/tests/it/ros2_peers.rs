@@ -2,6 +2,7 @@
 //! domain of its own.
 
 use crate::support::{self, Robot, View, workspace};
+use messages::Hold;
 use messages::middlelevel::DataEstimate;
 use serde_json::Value as Json;
 use std::io::Read;
@@ -125,6 +126,29 @@ fn ros_sees_the_robot_and_does_not_move_it_without_leave() {
         assert!((end.x - start.x).hypot(end.y - start.y) < 0.01);
         assert_eq!(robot.stop(), 0);
         assert!(robot.processes().is_empty(), "processes left over: {:?}", robot.processes());
+    });
+}
+
+#[test]
+fn ros_reads_the_types_of_the_package_that_is_made_from_the_messages() {
+    let Some(_) = python() else { return };
+    let Some(python) = testing::peer_or_skip(testing::python(&["rclpy", "advee_msgs"])) else { return };
+    support::undisturbed(|| {
+        let (domain, _held) = domain();
+        let mut robot = courier(domain, &[]);
+        let seen = Peer::start(&python, "ros2_rclpy.py", &["own", &domain.to_string()]).finish(&mut robot, |_| ());
+        let ages = seen["ages"].as_array().expect("a list");
+        assert!(ages.iter().all(|age| (-0.1..5.0).contains(&number(age))), "{seen}");
+        let modules: Vec<&String> = robot.view.processes.keys().collect();
+        assert_eq!(seen["modules"], serde_json::json!(modules), "{seen}");
+        assert_eq!(seen["count"], modules.len(), "{seen}");
+        // Of the driver, or of the planner.
+        let holds = [Hold::NobodyCommands, Hold::NoGoal].map(|hold| serde_json::json!([[hold.code(), false]]));
+        assert!(holds.contains(&seen["holds"]), "{seen}");
+        for what in ["planner_runs", "goal", "faults"] {
+            assert_eq!(seen[what], true, "{what}: {seen}");
+        }
+        assert!((0.1..3.0).contains(&number(&seen["forward"])), "{seen}");
     });
 }
 

@@ -157,6 +157,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "part",
         "modules",
         "axes",
+        "wheels",
         "power",
         "temperatures",
         "busses",

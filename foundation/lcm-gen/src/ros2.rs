@@ -60,10 +60,20 @@ impl Types {
     /// All types of the schema.
     #[must_use]
     pub fn new(schema: &Schema) -> Self {
+        Self::named(schema, |definition| package(&definition.package))
+    }
+
+    /// All types of the schema in one package of ROS, whatever their packages in LCM.
+    #[must_use]
+    pub fn in_package(schema: &Schema, package: &str) -> Self {
+        Self::named(schema, |_| package.to_owned())
+    }
+
+    fn named(schema: &Schema, package: impl Fn(&Definition) -> String) -> Self {
         let mut types = Self::default();
         let mut taken = BTreeSet::new();
         for (i, definition) in schema.definitions().iter().enumerate() {
-            let (package, short) = (package(&definition.package), words(&definition.short));
+            let (package, short) = (package(definition), words(&definition.short));
             let short = unique(short, "", |name| taken.insert((package.clone(), name.to_owned())));
             types.entries.push(Entry { package, short, text: String::new(), needs: None });
             types.index.insert(definition.name(), i);
@@ -142,6 +152,18 @@ impl Type<'_> {
     #[must_use]
     pub fn name(&self) -> String {
         format!("{}/msg/{}", self.entry.package, self.entry.short)
+    }
+
+    /// Constants and fields: the content of its `.msg` file.
+    #[must_use]
+    pub fn message(&self) -> &str {
+        &self.entry.text
+    }
+
+    /// Types that its fields contain, directly or not.
+    pub fn parts(&self) -> impl Iterator<Item = Type<'_>> {
+        let types = self.types;
+        self.entry.needs.iter().flatten().map(move |part| Type { types, entry: &types.entries[*part] })
     }
 
     /// `ros2msg` text: constants and fields, then those of each contained type, after a line of `=` and one with its

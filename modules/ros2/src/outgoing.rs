@@ -3,7 +3,7 @@
 
 use crate::description::Description;
 use crate::odometry::{Motion, Odometry};
-use crate::topics::{Devices, Quality, Topic};
+use crate::topics::{Devices, OWN, Quality, Topic};
 use crate::ways::Ways;
 use logger::ros::{Fields, Pose, RobotScene, Translator, has_standard};
 use messages::{Channel, Message};
@@ -86,7 +86,7 @@ impl Outgoing {
     /// Channels of the bus that are translated.
     #[must_use]
     pub fn channels() -> Vec<&'static str> {
-        let channels = Channel::ALL.iter().filter(|channel| has_standard(**channel) || OTHERS.contains(channel));
+        let channels = Channel::ALL.iter().filter(|channel| is_translated(**channel) || OTHERS.contains(channel));
         channels.map(|channel| channel.name()).collect()
     }
 
@@ -98,7 +98,7 @@ impl Outgoing {
         {
             self.moving(&message, sink);
         }
-        if !listeners || !has_standard(listed) {
+        if !listeners || !is_translated(listed) {
             return;
         }
         let Self { translator, translated: topics, config, .. } = self;
@@ -162,6 +162,11 @@ impl Outgoing {
         fields.transform(timestamp, parent, child, pose);
         sink(&self.own.tf, &self.buffer);
     }
+}
+
+/// True if the translation of logs makes topics for ROS of its messages.
+fn is_translated(channel: Channel) -> bool {
+    has_standard(channel) || OWN.iter().any(|(own, _)| *own == channel)
 }
 
 /// `/map` of the map that the planner has, known since `timestamp`, µs since the UNIX epoch: 0 free, 100 occupied, -1
@@ -296,7 +301,7 @@ mod tests {
     #[test]
     fn what_is_not_for_ros_is_left_out() {
         let mut outgoing = outgoing(1);
-        assert_eq!(names(&sent(&mut outgoing, DataPower::default(), true)), ["/battery_state"]);
+        assert_eq!(names(&sent(&mut outgoing, DataPower::default(), true)), ["/advee/power", "/battery_state"]);
         let channels = Outgoing::channels();
         assert!(channels.contains(&"LL_DATA_SCAN") && channels.contains(&"LL_DATA_VELOCITY"));
         assert!(!channels.contains(&"LL_CMD_VELOCITY") && !channels.contains(&"LL_DATA_SDO"));

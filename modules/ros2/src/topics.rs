@@ -1,5 +1,21 @@
 //! Names, types and qualities of topics, in ROS and in DDS.
 
+use messages::Channel;
+
+/// Package of the robot's own types: `packaging/ros2/advee_msgs`, made from the messages.
+pub const PACKAGE: &str = "advee_msgs";
+/// What no type of ROS expresses, in types of the robot's own: channel, and topic.
+pub const OWN: [(Channel, &str); 8] = [
+    (Channel::CmDataState, "/advee/state"),
+    (Channel::CmDataFaults, "/advee/faults"),
+    (Channel::CmDataProcesses, "/advee/processes"),
+    (Channel::LlDataHold, "/advee/holds"),
+    (Channel::LlDataGuard, "/advee/guard"),
+    (Channel::LlEventStop, "/advee/stop"),
+    (Channel::LlDataPower, "/advee/power"),
+    (Channel::MlDataGoal, "/advee/goal"),
+];
+
 /// How samples of a topic are delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quality {
@@ -51,6 +67,11 @@ impl Topic {
     /// Topic of a message that the translation of logs has on the topic `name`; `None`: it is not for ROS. Names there
     /// may be such that ROS refuses: a part of a name does not begin with a digit.
     pub(crate) fn of_translated(name: &str, type_name: &str, has: Devices) -> Option<Self> {
+        let channel = name.strip_prefix('/').and_then(Channel::from_name);
+        if let Some((_, own)) = OWN.iter().find(|(own, _)| Some(*own) == channel) {
+            let short = type_name.rsplit_once('/').map_or(type_name, |(_, short)| short);
+            return Some(Self::new(own, &format!("{PACKAGE}/msg/{short}"), Quality::Reliable));
+        }
         let (name, quality) = match name {
             "/battery" => ("/battery_state".to_owned(), Quality::Reliable),
             "/diagnostics" | "/plan" => (name.to_owned(), Quality::Reliable),
@@ -117,6 +138,7 @@ mod tests {
             ("/imu/base", Some("/imu_base")),
             ("/odometry", None),
             ("/LL_DATA_ODO", None),
+            ("/LL_DATA_HOLD", Some("/advee/holds")),
         ];
         for (from, to) in expected {
             assert_eq!(name(from).as_deref(), to, "{from}");

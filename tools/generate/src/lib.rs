@@ -8,6 +8,7 @@
 //! | `docs/faults.md`, `docs/holds.md`: the tables | the same |
 //! | `docs/safety.md`: the hazards | `docs/safety.toml` |
 //! | `docs/messages.md` | `messages::Channel`, the message definitions, the modules' sources |
+//! | `packaging/ros2/advee_msgs` | `ros2::topics::OWN`, the message definitions |
 //!
 //! `make generate` writes them; the test `tests/current.rs` compares them with the repository.
 //!
@@ -27,12 +28,14 @@
 pub mod channels;
 pub mod numbers;
 pub mod protocol;
+pub mod ros_package;
 pub mod safety;
 pub mod text;
 pub mod traffic;
 pub mod typescript;
 pub mod units;
 
+use std::borrow::Cow;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +43,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {
     /// Path below the root of the repository.
-    pub path: &'static str,
+    pub path: Cow<'static, str>,
     /// The whole file.
     pub text: String,
 }
@@ -58,11 +61,11 @@ pub fn root() -> PathBuf {
 pub fn outputs(root: &Path) -> Result<Vec<Output>, String> {
     let table = |path: &'static str, source: &str, rows: &str| {
         let text = text::between_marks(&read(root, path)?, source, rows).map_err(|error| format!("{path}: {error}"))?;
-        Ok::<_, String>(Output { path, text })
+        Ok::<_, String>(Output { path: path.into(), text })
     };
     let schema = lcm_gen::Schema::new(messages::LCM_FILES).map_err(|error| error.to_string())?;
-    let whole = |path, text| Output { path, text };
-    Ok(vec![
+    let whole = |path: &'static str, text| Output { path: path.into(), text };
+    let mut outputs = vec![
         whole("modules/web/page/src/protocol.ts", protocol::page(root, &schema)?),
         whole("modules/web/page/src/numbers.ts", numbers::page()),
         whole("modules/web/page/src/units.ts", units::page(&schema)?),
@@ -70,7 +73,9 @@ pub fn outputs(root: &Path) -> Result<Vec<Output>, String> {
         table("docs/holds.md", "messages/src/hold.rs", &numbers::holds())?,
         table("docs/safety.md", safety::SOURCE, &safety::case(root)?)?,
         whole("docs/messages.md", channels::page(&schema, &traffic::Traffic::read(root)?)?),
-    ])
+    ];
+    outputs.extend(ros_package::files(&schema)?);
+    Ok(outputs)
 }
 
 /// A file of the repository.

@@ -7,9 +7,12 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     let done = generate::outputs(&generate::root()).and_then(|outputs| {
         for output in outputs {
-            let path = generate::root().join(output.path);
+            let path = generate::root().join(&*output.path);
             if fs::read_to_string(&path).is_ok_and(|text| text == output.text) {
                 continue;
+            }
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
             }
             fs::write(&path, &output.text).map_err(|error| format!("{}: {error}", output.path))?;
             println!("{}", output.path);

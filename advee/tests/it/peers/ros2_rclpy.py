@@ -1,4 +1,5 @@
-"""Unmodified ROS 2 beside the robot: `look DOMAIN` reads topics and tries to drive; `drive DOMAIN` drives.
+"""Unmodified ROS 2 beside the robot: `look DOMAIN` reads topics and tries to drive; `drive DOMAIN` drives; `own DOMAIN`
+reads topics in the robot's own types.
 
 Prints a line of JSON. Everything waits for what it needs; the test bounds the time.
 """
@@ -137,8 +138,40 @@ def drive(peer):
     return result
 
 
+def own(peer):
+    from advee_msgs.msg import DataFaults, DataGoal, DataGuard, DataHold, DataProcesses, DataState
+
+    kinds = {
+        "faults": DataFaults,
+        "goal": DataGoal,
+        "guard": DataGuard,
+        "holds": DataHold,
+        "processes": DataProcesses,
+        "state": DataState,
+    }
+    states = {}
+    for name, kind in kinds.items():
+        peer.listen("advee/" + name, kind, 10)
+    peer.node.create_subscription(
+        DataState, "/advee/state", lambda message: states.__setitem__(message.module, message.state), 10
+    )
+    peer.until(lambda: all("advee/" + name in peer.got for name in kinds) and "planner" in states)
+    got = {name: peer.got["advee/" + name] for name in kinds}
+    processes = got["processes"]
+    return {
+        "ages": [time.time() - message.timestamp / 1e6 for message in got.values()],
+        "modules": sorted(process.module for process in processes.processes),
+        "count": processes.count,
+        "planner_runs": states["planner"] == DataState.RUN,
+        "holds": [[hold.code, hold.latched] for hold in got["holds"].holds],
+        "goal": got["goal"].status == DataGoal.IDLE,
+        "forward": got["guard"].forward,
+        "faults": got["faults"].count == len(got["faults"].faults),
+    }
+
+
 peer = Peer()
-print(json.dumps({"look": look, "drive": drive}[sys.argv[1]](peer)), flush=True)
+print(json.dumps({"look": look, "drive": drive, "own": own}[sys.argv[1]](peer)), flush=True)
 peer.node.destroy_node()
 peer.second.destroy_node()
 rclpy.shutdown(context=peer.other)
