@@ -190,7 +190,10 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
         played: Played::default(),
         status: std::io::stderr().is_terminal().then_some(Instant::ZERO),
     };
-    player.settle()?;
+    let start = clock::now();
+    if !player.settle()? {
+        return player.report(clock::now().since(start));
+    }
     let start = clock::now();
     let outcome = player.run(command.time.map_or(Instant::NEVER, |time| start + time));
     player.clear();
@@ -277,9 +280,9 @@ impl Player<'_> {
         Ok(Turn::On)
     }
 
-    /// Waits until the bus has taken all that was published, as long as it takes anything, and until Ctrl-C. At the
-    /// beginning that is a connection.
-    fn settle(&mut self) -> Result<(), Failed> {
+    /// Waits until the bus has taken all that was published, as long as it takes anything; at the beginning that is a
+    /// connection. False: Ctrl-C ended it.
+    fn settle(&mut self) -> Result<bool, Failed> {
         let mut progress = (self.lcm.stats().sent, clock::now());
         while !self.lcm.is_sent().map_err(|error| Failed::from(format!("LCM bus: {error}")))? {
             let (now, sent) = (clock::now(), self.lcm.stats().sent);
@@ -290,11 +293,11 @@ impl Player<'_> {
                 return Err(format!("the hub at {} takes nothing", self.url).into());
             }
             if matches!(self.interrupt.read_signal(), Ok(Some(_))) {
-                break;
+                return Ok(false);
             }
             self.pause(now + ROOM)?;
         }
-        Ok(())
+        Ok(true)
     }
 
     /// The name under which a channel is published.

@@ -169,7 +169,7 @@ impl Lcm {
     }
 
     /// True if the system has taken all that was published. Over TCPQ it is false while messages wait for room in the
-    /// connection, and while there is none: a program that ends then loses them. Never blocks.
+    /// connection, and without a connection: a program that ends then loses them. Never blocks.
     ///
     /// # Errors
     /// As [`Lcm::recv`].

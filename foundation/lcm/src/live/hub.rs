@@ -236,11 +236,12 @@ impl Hub {
             }
             let Some(id) = self.hub.connect() else { continue };
             prepare(&stream);
-            if self.epoll.add(&stream, EpollEvent::new(EpollFlags::EPOLLIN, id.0)).is_err() {
+            // While nobody is read a new client is not either: it would keep the hub busy.
+            let watched = if self.holds { EpollFlags::empty() } else { EpollFlags::EPOLLIN };
+            if self.epoll.add(&stream, EpollEvent::new(watched, id.0)).is_err() {
                 self.hub.disconnect(id);
                 continue;
             }
-            let watched = EpollFlags::EPOLLIN;
             self.connections.insert(id, Connection { stream, address, full: false, took: false, watched });
             self.tell(id, address, What::Come);
         }

@@ -209,7 +209,7 @@ fn a_cancelled_goal_ends_when_the_planner_says_so() {
     bench.planner(end, DataGoal::CANCELLED, "");
     assert_eq!(bench.result(1), Some((Status::Canceled as i8, 0, String::new())));
     assert_eq!(bench.cancel(id(1)), (CancelCode::Terminated as i8, 0));
-    // All of them, of which there is none.
+    // All goals: none is left.
     assert_eq!(bench.cancel(GoalId::default()), (CancelCode::Rejected as i8, 0));
     assert_eq!(bench.commands.len(), 2);
 }

@@ -101,7 +101,7 @@ impl Psc1 {
     }
 
     /// A channel switches itself off, as at an over-current; it stays so until it is switched on. False for the host,
-    /// and where there is none.
+    /// and for a channel that does not exist.
     pub fn trip(&mut self, channel: u8) -> bool {
         let is_one = channel != HOST && usize::from(channel) < CHANNELS.len();
         if is_one {
@@ -111,7 +111,7 @@ impl Psc1 {
         is_one
     }
 
-    /// A channel draws so much more until then, A; false where there is none.
+    /// A channel draws 12 A more until an instant; false if there is no such channel.
     pub fn overload(&mut self, channel: u8, until: Instant) -> bool {
         let is_one = usize::from(channel) < CHANNELS.len();
         if is_one {

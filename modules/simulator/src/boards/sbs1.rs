@@ -81,7 +81,7 @@ pub struct Sbs1 {
     wild: (Instant, f64),
     /// Until when its supply is another one, mV.
     supply: (Instant, u16),
-    /// Until when it rejects so many pulses a second; since when, and how many before.
+    /// Light that it rejects.
     glare: Glare,
 }
 
@@ -134,7 +134,7 @@ impl Sbs1 {
         self.supply = (until, libm::round(volts * 1000.0) as u16);
     }
 
-    /// It rejects so many pulses a second until then.
+    /// It rejects pulses at this rate, 1/s, until an instant.
     pub fn glare(&mut self, now: Instant, until: Instant, rate: f64) {
         self.glare = Glare { from: now, until, rate, before: self.glare.pulses(now) };
     }
