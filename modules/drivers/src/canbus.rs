@@ -786,8 +786,9 @@ impl Canbus {
         for node in nodes {
             self.read_measured(now, node);
         }
+        let alone = !self.deadlines.is_set(Timer::SecondMaster);
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
-            drive.watch_motor(now, &mut self.master);
+            drive.watch_motor(now, alone, &mut self.master);
         }
     }
 

@@ -557,10 +557,11 @@ impl Drive {
         true
     }
 
-    /// Reads what the drive measures of its motor, at moments when that delays nothing.
-    pub(super) fn watch_motor(&mut self, now: Instant, master: &mut Master) {
+    /// Reads what the drive measures of its motor, at moments when that delays nothing, and only while we are `alone`:
+    /// a drive has one SDO server, whose transfers with another master this would end.
+    pub(super) fn watch_motor(&mut self, now: Instant, alone: bool, master: &mut Master) {
         let shown = std::mem::take(&mut self.shown);
-        let may_ask = shown && self.pending == 0 && self.unanswered == 0 && !self.outdated;
+        let may_ask = alone && shown && self.pending == 0 && self.unanswered == 0 && !self.outdated;
         self.motor.advance(now, self.booted, may_ask, master);
     }
 

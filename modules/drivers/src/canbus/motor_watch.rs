@@ -3,7 +3,8 @@
 //!
 //! Timing    one object in [`PERIOD`], at the moment at which the drive has shown that it is there, by a PDO or an
 //!           answer, and while no answer is awaited on which the motion depends: a request to a drive that is gone
-//!           would delay by its time limit that this is noticed
+//!           would delay by its time limit that this is noticed. None while another master is on the bus: a drive has
+//!           one SDO server, and a request ends the transfer of the other
 //! Silence   an object that was not answered is read again after [`PAUSE`]; one that the drive refuses, or answers with
 //!           another length, not before its next boot-up. A value counts for [`AGE_MAX`]
 
