@@ -192,7 +192,9 @@ pub struct NodeConfig {
     /// Required value of 0x1000.
     pub device_type: Option<u32>,
     /// Written as soon as the device type is right, at each boot-up: a drive that was reset while it turned receives no
-    /// PDO until it is Operational, and its time limit for the master's heartbeat may be gone. Default none.
+    /// PDO until it is Operational, and its time limit for the master's heartbeat may be gone. Before that it is
+    /// written every 50 ms, and no answer awaited, as long as the boot-up message after a reset does not come: that
+    /// message may be lost. At most 4 bytes; default none.
     pub stop: Option<ConfigWrite>,
     /// Required values of 0x1018, or of a firmware version elsewhere.
     pub identity: Vec<Expect>,

@@ -26,6 +26,8 @@ const SETTLED: Duration = Duration::from_secs(1);
 const UNSETTLED: u8 = 3;
 /// Time that a reset may take. A node whose heartbeat says Operational or Stopped afterwards has missed the command.
 const RESET_TAKES: Duration = Duration::from_millis(100);
+/// Pause between two writes of [`NodeConfig::stop`] while the boot-up message is awaited.
+const STOP_EVERY: Duration = Duration::from_millis(50);
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
 
@@ -49,10 +51,11 @@ enum Phase {
     },
     /// Left alone, because the master is about to end; true while the boot-up message after its reset is awaited.
     Left(bool),
-    /// The reset command was sent at `sent`; the boot-up message is awaited.
+    /// The reset command was sent at `sent`; the boot-up message is awaited. At `stop` the node is told to stop.
     Resetting {
         sent: Instant,
         until: Instant,
+        stop: Instant,
     },
     /// Work `at` of the plan is under way on the SDO channel.
     Working {
@@ -203,7 +206,7 @@ impl Peer {
             (NmtState::Initialising, Phase::Left(_)) => self.phase = Phase::Left(false),
             (NmtState::Initialising, Phase::Resting { .. }) => {}
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
-            (NmtState::Operational | NmtState::Stopped, Phase::Resetting { sent, until })
+            (NmtState::Operational | NmtState::Stopped, Phase::Resetting { sent, until, .. })
                 if arrived.since(sent) >= RESET_TAKES =>
             {
                 self.reset(now, until, shared);
@@ -303,6 +306,10 @@ impl Peer {
                 self.first(now, shared);
             }
             Phase::Resetting { until, .. } if until <= now => self.work(now, shared, 0),
+            Phase::Resetting { sent, until, stop } if stop <= now => {
+                self.stop_unasked(now, shared);
+                self.phase = Phase::Resetting { sent, until, stop: now + STOP_EVERY };
+            }
             Phase::Listening { until } | Phase::Held { until } if until <= now => {
                 self.fail(now, shared, BootError::NoHeartbeat);
             }
@@ -330,7 +337,8 @@ impl Peer {
             // The channel's own deadline comes first while a request on demand is under way.
             Phase::Resting { until } => self.channel.is_idle().then_some(until),
             Phase::Working { .. } | Phase::Left(_) => None,
-            Phase::Resetting { until, .. } | Phase::Listening { until } | Phase::Held { until } => Some(until),
+            Phase::Resetting { until, stop, .. } => Some(until.min(stop)),
+            Phase::Listening { until } | Phase::Held { until } => Some(until),
             Phase::Starting { until, .. } | Phase::Running { until } => Some(until),
         };
         let emergency = self.emergencies.last.map(|_| self.emergencies.quiet_until);

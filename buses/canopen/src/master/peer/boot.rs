@@ -1,8 +1,9 @@
 //! The boot-up of a node: reset, work, heartbeat, start; and what ends it.
 
 use super::guard::Guard;
-use super::{Peer, Phase, RESTLESS, SETTLED, STARTS, Shared, UNSETTLED};
-use crate::master::{BootError, Event, LostReason, Step};
+use super::{Peer, Phase, RESTLESS, SETTLED, STARTS, STOP_EVERY, Shared, UNSETTLED};
+use crate::master::{BootError, ConfigWrite, Event, LostReason, Step};
+use crate::sdo;
 use crate::wire::{self, NmtCommand, NmtState, Service};
 use base::can::Frame;
 use base::{Duration, Instant};
@@ -62,7 +63,20 @@ impl Peer {
     /// Sends the command to reset the communication, and awaits the boot-up message.
     pub(super) fn reset(&mut self, now: Instant, until: Instant, shared: &mut Shared) {
         shared.outbox.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
-        self.enter(Phase::Resetting { sent: now, until }, shared);
+        let stop = if self.config.stop.is_some() { now + STOP_EVERY } else { until };
+        self.enter(Phase::Resetting { sent: now, until, stop }, shared);
+    }
+
+    /// Tells a node to stop whose boot-up message may be lost: it turns on as before the reset, and obeys no PDO. The
+    /// node may not be able to answer yet, so no answer is awaited.
+    pub(super) fn stop_unasked(&mut self, now: Instant, shared: &mut Shared) {
+        let Some(ConfigWrite { index, sub, value, .. }) = self.config.stop.clone() else { return };
+        let mut client = sdo::Client::new(shared.config.sdo_timeout);
+        client.write(now, index, sub, value);
+        if let Some(data) = client.poll_tx() {
+            let service = Service::SdoRequest { node: self.id() };
+            shared.outbox.push(Frame::standard(service.cob_id(), &data));
+        }
     }
 
     pub(super) fn first(&mut self, now: Instant, shared: &mut Shared) {

@@ -105,6 +105,33 @@ fn a_boot_up_on_the_wire() {
 }
 
 #[test]
+fn a_drive_whose_boot_up_message_is_lost_is_told_to_stop_meanwhile() {
+    let config = NodeConfig {
+        device_type: Some(0x0002_0192),
+        stop: Some(ConfigWrite::new(0x6040, 0, 0x0B_u16).blindly()),
+        ..NodeConfig::new(1, "propulsion")
+    };
+    let beats = MasterConfig { heartbeat: Duration::from_secs(60), ..MasterConfig::default() };
+    let mut master = Master::new(beats, &[config]).unwrap();
+    check(
+        &mut master,
+        "
+          0ms < 77F 05
+          0ms < 000 82 01
+         50ms < 601 2B 40 60 00 0B 00 00 00     # not there yet
+        100ms < 601 2B 40 60 00 0B 00 00 00
+        101ms > 581 60 40 60 00 00 00 00 00     # it stops; its boot-up message may still come
+        150ms < 601 2B 40 60 00 0B 00 00 00
+        160ms > 701 00
+        160ms < 601 40 00 10 00 00 00 00 00
+        161ms > 581 60 40 60 00 00 00 00 00     # late
+        162ms > 581 43 00 10 00 92 01 02 00
+        162ms < 601 2B 40 60 00 0B 00 00 00
+        ",
+    );
+}
+
+#[test]
 fn a_silent_node_is_asked_three_times_then_reported_once_and_tried_for_ever() {
     let config = MasterConfig { heartbeat: Duration::from_secs(60), ..MasterConfig::default() };
     let mut master = Master::new(config, &[NodeConfig::new(1, "propulsion")]).unwrap();
