@@ -36,6 +36,9 @@
 //! | a thermometer | `silent` | it is not connected |
 //! | a thermometer | `wrong` | what it sends is damaged |
 //! | a thermometer | `hot` | it is `value` °C warm (0: 90) |
+//! | a lidar | `silent`, `garbled`, `stuck`, `reboot` | cut off, noise on its line, the same again and again, a restart |
+//! | a lidar | `blind`, `stall` | its optics are covered; its motor stands |
+//! | a lidar | `false`, `loss` | a beam measures anything, or nothing, with probability `value` (0: 0.2; 0.05) |
 //! | a Modbus line | `silent` | its devices neither hear nor answer |
 //! | `output`, `line` of `[stop]` | `silent` | it neither answers nor obeys |
 //! | `line` | `stuck` | it keeps its level, whatever is set |
@@ -263,7 +266,7 @@ pub fn about(name: &str) -> &'static str {
         "blind" => "its sonars receive no echo; of a lidar: its optics are covered",
         "crosstalk" => "a sonar receives another's pulse with probability VALUE (0: 0.1)",
         "hidden" => "somebody stands before the beacon VALUE (0: before all)",
-        "false" => "a sighting is of something else with probability VALUE (0: 0.2)",
+        "false" => "a sighting, or a beam of a lidar, is of something else with probability VALUE (0: 0.2)",
         "glare" => "rejects VALUE pulses a second (0: 100): sun, lamps",
         "supply" => "its supply is VALUE V (0: 4)",
         "fault" => "goes into its fault state with the emergency VALUE (0: 0x1000, generic)",
@@ -279,7 +282,7 @@ pub fn about(name: &str) -> &'static str {
         "lose" => "the frame of number VALUE from now on (0: 1) is received by nobody",
         "bus_off" => "the master's controller goes bus-off",
         "cut" => "the master is cut off the others",
-        "loss" => "each frame is lost with probability VALUE (0: 0.05)",
+        "loss" => "each frame, of a lidar each echo, is lost with probability VALUE (0: 0.05)",
         "duplicate" => "each frame is received twice with probability VALUE (0: 0.05)",
         "delay" => "what is sent is received VALUE s late (0: 0.01), in order",
         "reorder" => "messages are received up to VALUE s late (0: 0.01), out of order",

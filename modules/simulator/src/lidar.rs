@@ -100,6 +100,9 @@ struct Lidar {
     looks: u64,
     /// When the bytes on its line are handed on again.
     pass: Instant,
+    /// Probabilities of a beam: of a distance that is none of anything, and of no echo.
+    wild: f64,
+    lost: f64,
     /// End of a fault.
     until: Instant,
 }
@@ -108,7 +111,8 @@ impl Lidars {
     pub fn new(configs: &[LidarConfig], now: Instant) -> Self {
         let lidar = |config: &LidarConfig| {
             let (device, reach) = config.model.device();
-            Lidar { config: config.clone(), device, reach, look: now, looks: 0, pass: now, until: Instant::NEVER }
+            let (looks, wild, lost, until) = (0, 0.0, 0.0, Instant::NEVER);
+            Lidar { config: config.clone(), device, reach, look: now, looks, pass: now, wild, lost, until }
         };
         let direction = |n| {
             let (sin, cos) = libm::sincos(n as f64 * TAU / DIRECTIONS as f64);
@@ -128,7 +132,7 @@ impl Lidars {
         for (place, lidar) in self.all.iter_mut().enumerate() {
             if lidar.until <= now {
                 *lidar.device.faults() = Faults::default();
-                lidar.until = Instant::NEVER;
+                (lidar.wild, lidar.lost, lidar.until) = (0.0, 0.0, Instant::NEVER);
             }
             if lidar.look <= now {
                 lidar.look = now + LOOK;
@@ -162,7 +166,13 @@ impl Lidars {
     pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         let Some(lidar) = self.all.iter_mut().find(|lidar| lidar.config.bus == target) else { return false };
         let usual = Faults::default();
+        let (wild, lost) = match injected {
+            InjectedFault::False(part) => (part, 0.0),
+            InjectedFault::Loss(part) => (0.0, part),
+            _ => (0.0, 0.0),
+        };
         let (faults, until) = match injected {
+            InjectedFault::False(_) | InjectedFault::Loss(_) => (usual, until),
             InjectedFault::Silent => (Faults { cut: true, ..usual }, until),
             InjectedFault::Garbled(part) => {
                 (Faults { noise_per_mille: (1000.0 * part).clamp(1.0, 1000.0) as u16, ..usual }, until)
@@ -175,7 +185,7 @@ impl Lidars {
             _ => return false,
         };
         *lidar.device.faults() = faults;
-        lidar.until = until;
+        (lidar.wild, lidar.lost, lidar.until) = (wild, lost, until);
         true
     }
 }
@@ -185,7 +195,17 @@ impl Lidar {
     fn sees(&mut self, now: Instant, scene: &Scene, directions: &[(f64, f64)], stream: u64) {
         let mut random = scene.random(stream ^ u64::from_le_bytes(*b"lidar   "));
         let distances = scene.view(self.config.mount, now, self.reach).distances(directions);
-        let noisy = distances.into_iter().map(|distance| (distance + NOISE_M * random.normal()).max(0.0) as f32);
+        let (wild, lost, reach) = (self.wild, self.lost, self.reach);
+        let noisy = distances.into_iter().map(|distance| {
+            let noisy = (distance + NOISE_M * random.normal()).max(0.0) as f32;
+            if wild > 0.0 && random.uniform() < wild {
+                (reach * random.uniform()) as f32
+            } else if lost > 0.0 && random.uniform() < lost {
+                f32::INFINITY
+            } else {
+                noisy
+            }
+        });
         let ranges = &mut self.device.scene().0;
         ranges.iter_mut().zip(noisy).for_each(|(range, noisy)| *range = noisy);
         if self.config.upside_down {
@@ -225,17 +245,40 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_fault_ends_by_itself_and_others_are_refused() {
-        let config = LidarConfig {
+    fn ld19() -> LidarConfig {
+        LidarConfig {
             bus: "lidar.a".into(),
             baud: 230_400,
             model: LidarModel::Ld(ld::Model::Ld19),
             mount: Pose::default(),
             upside_down: false,
+        }
+    }
+
+    #[test]
+    fn beams_are_wild_or_have_no_echo_as_often_as_asked() {
+        let scene = Scene::new(Instant::ZERO, World::hall(6.0, 6.0), Parameters::default(), Sonar::default(), 1);
+        let mut lidars = Lidars::new(&[ld19()], Instant::ZERO);
+        let seen = |lidars: &mut Lidars, now| {
+            lidars.handle_timeout(now, &scene);
+            lidars.all[0].device.scene().0
         };
+        let ms = Instant::from_millis;
+        let usual = seen(&mut lidars, ms(0));
+        assert!(lidars.inject(ms(1), "lidar.a", InjectedFault::False(0.1), ms(50)));
+        let wild = seen(&mut lidars, ms(25));
+        let off = usual.iter().zip(&wild).filter(|(usual, wild)| (**usual - **wild).abs() > 0.1).count();
+        assert!((DIRECTIONS / 13..DIRECTIONS / 9).contains(&off), "{off} of {DIRECTIONS}");
+        assert!(lidars.inject(ms(26), "lidar.a", InjectedFault::Loss(0.5), ms(60)));
+        let lost = seen(&mut lidars, ms(50)).iter().filter(|range| **range == f32::INFINITY).count();
+        assert!((DIRECTIONS * 2 / 5..DIRECTIONS * 3 / 5).contains(&lost), "{lost} of {DIRECTIONS}");
+        assert!(seen(&mut lidars, ms(75)).iter().all(|range| range.is_finite()), "it has ended");
+    }
+
+    #[test]
+    fn a_fault_ends_by_itself_and_others_are_refused() {
         let scene = Scene::new(Instant::ZERO, World::hall(20.0, 12.0), Parameters::default(), Sonar::default(), 1);
-        let mut lidars = Lidars::new(&[config], Instant::ZERO);
+        let mut lidars = Lidars::new(&[ld19()], Instant::ZERO);
         let ms = Instant::from_millis;
         assert!(lidars.inject(ms(0), "lidar.a", InjectedFault::Silent, ms(200)));
         assert!(!lidars.inject(ms(0), "lidar.a", InjectedFault::Hold, ms(200)));

@@ -290,8 +290,18 @@ impl People {
 
     /// The middles of both legs of everybody within `reach` of a point.
     pub fn legs(&self, moment: Moment, point: Point, reach: f64) -> impl Iterator<Item = [Point; 2]> + '_ {
+        self.legs_by_person(moment, point, reach).map(|(_, legs)| legs)
+    }
+
+    /// The same with the number of the person.
+    pub fn legs_by_person(
+        &self,
+        moment: Moment,
+        point: Point,
+        reach: f64,
+    ) -> impl Iterator<Item = (usize, [Point; 2])> + '_ {
         let (tracks, part) = self.tracks_at(moment);
-        tracks.iter().filter_map(move |track| {
+        tracks.iter().enumerate().filter_map(move |(person, track)| {
             let at = track.at(part);
             let (dx, dy) = (at.x - point.x, at.y - point.y);
             if dx * dx + dy * dy > reach * reach {
@@ -302,7 +312,7 @@ impl People {
                 let (begin, end) = (track.legs[0][n], track.legs[1][n]);
                 Point { x: at.x + begin.0 + part * (end.0 - begin.0), y: at.y + begin.1 + part * (end.1 - begin.1) }
             };
-            Some([leg(0), leg(1)])
+            Some((person, [leg(0), leg(1)]))
         })
     }
 

@@ -4,7 +4,7 @@ use crate::body::{Body, Demand, Parameters, STEP};
 use crate::people::{self, Contact, Floor, Hull, LEG, Moment, Mover, People};
 use crate::random::Random;
 use crate::sonar::{Cone, Echo, Sonar, floor_distance};
-use crate::world::{Column, Segment, World, first_hit};
+use crate::world::{Column, Hit, Segment, Surface, World, first_hit};
 use base::Instant;
 use kinematics::{Chassis, Twist};
 use navitools::{Point, Pose, wrap};
@@ -41,44 +41,128 @@ pub struct Scene {
     past: VecDeque<(u64, Pose)>,
 }
 
+/// Part of its reach up to which a lidar sees black, of 10 % remission: that of a SICK TiM571 (8 of 25 m) and of an
+/// RPLIDAR S2 (10 of 30 m), by their data sheets.
+const BLACK: f64 = 1.0 / 3.0;
+/// Least cosine of the incidence at which glass, or a mirror, sends light back to where it came from: 4°.
+const STRAIGHT: f64 = 0.9976;
+/// Where a ray begins that a mirror throws back, m from it.
+const OFF_MIRROR: f64 = 1e-6;
+
 /// Surroundings of a lidar.
 pub(crate) struct View<'a> {
     world: &'a World,
     legs: Vec<Column>,
+    /// In black trousers.
+    dark: Vec<Column>,
     sensor: Pose,
     reach: f64,
 }
 
 impl View<'_> {
-    /// Distances of the nearest objects in `directions`, equal steps all around, counter-clockwise from the lidar's
-    /// front: cosine and sine; infinite: nothing is within reach. Each object is looked for where it can be seen only.
+    /// Distances of what a lidar sees in `directions`, equal steps all around, counter-clockwise from its front: cosine
+    /// and sine; infinite: nothing is within reach. Each object is looked for where it can be seen only.
     pub fn distances(&self, directions: &[(f64, f64)]) -> Vec<f64> {
-        let (sin, cos) = self.sensor.theta.sin_cos();
-        let turned = |&(x, y): &(f64, f64)| (x * cos - y * sin, x * sin + y * cos);
-        let directions: Vec<(f64, f64)> = directions.iter().map(turned).collect();
-        let mut distances = vec![f64::INFINITY; directions.len()];
-        let from = self.sensor.point();
-        let per_rad = directions.len() as f64 / TAU;
-        let mut look = |(middle, half): (f64, f64), walls: &[Segment], columns: &[Column]| {
-            let first = libm::floor((wrap(middle) + TAU - half) * per_rad) as usize;
-            let count = (libm::ceil(2.0 * half * per_rad) as usize + 2).min(directions.len());
-            for place in (first..first + count).map(|place| place % directions.len()) {
-                let nearest = distances[place].min(self.reach);
-                if let Some(hit) = first_hit(walls, columns, from, directions[place], nearest) {
-                    distances[place] = hit.distance;
-                }
-            }
+        let mut rays = Rays::new(self, directions);
+        let bearing = |to: Point| {
+            let from = self.sensor.point();
+            libm::atan2(to.y - from.y, to.x - from.x) - self.sensor.theta.radians()
         };
-        let bearing = |to: Point| libm::atan2(to.y - from.y, to.x - from.x) - self.sensor.theta.radians();
+        let as_black =
+            |hit: Hit, _| Some(if hit.distance <= BLACK * self.reach { hit.distance } else { f64::INFINITY });
         for wall in &self.world.walls {
             let (a, between) = (bearing(wall.a), wrap(bearing(wall.b) - bearing(wall.a)));
-            look((a + between / 2.0, between.abs() / 2.0), std::slice::from_ref(wall), &[]);
+            let (sector, walls) = ((a + between / 2.0, between.abs() / 2.0), std::slice::from_ref(wall));
+            match self.world.surface(wall) {
+                Surface::Matt => rays.look(sector, walls, &[], |hit, _| Some(hit.distance)),
+                Surface::Black => rays.look(sector, walls, &[], as_black),
+                Surface::Glass => rays.look(sector, walls, &[], |hit, _| is_straight(hit).then_some(hit.distance)),
+                Surface::Shiny => {
+                    let image = self.image(wall);
+                    rays.look(sector, walls, &[], |hit, direction| {
+                        Some(if is_straight(hit) { hit.distance } else { image(hit, direction) })
+                    });
+                }
+            }
         }
-        for column in self.world.columns.iter().chain(&self.legs) {
-            let sine = column.radius / from.distance(column.centre);
-            look((bearing(column.centre), libm::asin(sine.min(1.0))), &[], std::slice::from_ref(column));
+        let matt = self.world.columns.iter().chain(&self.legs).map(|column| (column, false));
+        for (column, dark) in matt.chain(self.dark.iter().map(|column| (column, true))) {
+            let sine = column.radius / self.sensor.point().distance(column.centre);
+            let (sector, columns) = ((bearing(column.centre), libm::asin(sine.min(1.0))), std::slice::from_ref(column));
+            match dark {
+                false => rays.look(sector, &[], columns, |hit, _| Some(hit.distance)),
+                true => rays.look(sector, &[], columns, as_black),
+            }
         }
-        distances
+        rays.shown
+    }
+
+    /// Length of a ray that meets a mirror and is thrown back once, as if what it meets then stood behind the mirror.
+    fn image(&self, mirror: &Segment) -> impl Fn(Hit, (f64, f64)) -> f64 + '_ {
+        let (ex, ey) = (mirror.b.x - mirror.a.x, mirror.b.y - mirror.a.y);
+        let length = libm::hypot(ex, ey);
+        let (ex, ey) = (ex / length, ey / length);
+        let shown = |wall: &&Segment| *wall != mirror && self.world.surface(wall) != Surface::Glass;
+        let walls: Vec<Segment> = self.world.walls.iter().filter(shown).copied().collect();
+        let columns: Vec<Column> = self.world.columns.iter().chain(&self.legs).chain(&self.dark).copied().collect();
+        move |hit, (dx, dy)| {
+            let along = 2.0 * (dx * ex + dy * ey);
+            let (back_x, back_y) = (along * ex - dx, along * ey - dy);
+            let from = self.sensor.point();
+            let at = Point {
+                x: from.x + dx * hit.distance + back_x * OFF_MIRROR,
+                y: from.y + dy * hit.distance + back_y * OFF_MIRROR,
+            };
+            let second = first_hit(&walls, &columns, at, (back_x, back_y), self.reach - hit.distance);
+            second.map_or(f64::INFINITY, |second| hit.distance + second.distance)
+        }
+    }
+}
+
+/// True if a surface that scatters nothing sends the light back.
+fn is_straight(hit: Hit) -> bool {
+    hit.cos_incidence >= STRAIGHT
+}
+
+/// The rays of a lidar.
+struct Rays {
+    from: Point,
+    directions: Vec<(f64, f64)>,
+    /// Where they end, m.
+    ends: Vec<f64>,
+    /// Which distances are measured, m.
+    shown: Vec<f64>,
+}
+
+impl Rays {
+    fn new(view: &View<'_>, directions: &[(f64, f64)]) -> Self {
+        let (sin, cos) = view.sensor.theta.sin_cos();
+        let turned = |&(x, y): &(f64, f64)| (x * cos - y * sin, x * sin + y * cos);
+        let directions: Vec<_> = directions.iter().map(turned).collect();
+        let (ends, shown) = (vec![view.reach; directions.len()], vec![f64::INFINITY; directions.len()]);
+        Self { from: view.sensor.point(), directions, ends, shown }
+    }
+
+    /// Looks at an object that is within `half` of the direction `middle`, rad. `show` says what is measured of a hit;
+    /// none: the ray goes through.
+    fn look(
+        &mut self,
+        (middle, half): (f64, f64),
+        walls: &[Segment],
+        columns: &[Column],
+        show: impl Fn(Hit, (f64, f64)) -> Option<f64>,
+    ) {
+        let all = self.directions.len();
+        let per_rad = all as f64 / TAU;
+        let first = libm::floor((wrap(middle) + TAU - half) * per_rad) as usize;
+        let count = (libm::ceil(2.0 * half * per_rad) as usize + 2).min(all);
+        for place in (first..first + count).map(|place| place % all) {
+            let direction = self.directions[place];
+            let Some(hit) = first_hit(walls, columns, self.from, direction, self.ends[place]) else { continue };
+            if let Some(shown) = show(hit, direction) {
+                (self.ends[place], self.shown[place]) = (hit.distance, shown);
+            }
+        }
     }
 }
 
@@ -260,9 +344,18 @@ impl Scene {
     #[must_use]
     pub(crate) fn view(&self, mount: Pose, at: Instant, reach: f64) -> View<'_> {
         let sensor = self.pose_at(at) * mount;
-        let legs = self.people.legs(self.moment(at), sensor.point(), reach + LEG);
-        let legs = legs.flatten().map(|centre| Column { centre, radius: LEG }).collect();
-        View { world: &self.world, legs, sensor, reach }
+        let (mut legs, mut dark) = (Vec::new(), Vec::new());
+        for (person, pair) in self.people.legs_by_person(self.moment(at), sensor.point(), reach + LEG) {
+            let seen = if self.is_dark(person) { &mut dark } else { &mut legs };
+            seen.extend(pair.map(|centre| Column { centre, radius: LEG }));
+        }
+        View { world: &self.world, legs, dark, sensor, reach }
+    }
+
+    /// True if a person wears black trousers.
+    fn is_dark(&self, person: usize) -> bool {
+        let share = self.world.people.dark;
+        share > 0.0 && self.random(person as u64 ^ u64::from_le_bytes(*b"trousers")).uniform() < share
     }
 
     /// Distance at which a sonar at `mount` received the sound of another one sent at `at`, m.
@@ -336,6 +429,60 @@ mod tests {
                 assert!(off.abs() < 1e-6, "{n}: {place}: {distance}, by a ray {leg}");
             }
         }
+    }
+
+    /// What a lidar at (5, 6) of a hall of 20 m by 12 m, looking along x, sees in whole degrees up to 12 m.
+    fn seen(change: impl Fn(&mut World)) -> Vec<f64> {
+        let mut world = World::hall(20.0, 12.0);
+        world.start = Pose::new(5.0, 6.0, 0.0);
+        change(&mut world);
+        let scene = Scene::new(Instant::ZERO, world.with_surfaces(), Parameters::default(), Sonar::default(), 1);
+        let directions: Vec<(f64, f64)> =
+            (0..360).map(|n| libm::sincos(f64::from(n).to_radians())).map(|(sin, cos)| (cos, sin)).collect();
+        scene.view(Pose::default(), Instant::ZERO, 12.0).distances(&directions)
+    }
+
+    fn wall(a: (f64, f64), b: (f64, f64)) -> Segment {
+        Segment { a: Point { x: a.0, y: a.1 }, b: Point { x: b.0, y: b.1 } }
+    }
+
+    #[test]
+    fn a_lidar_looks_through_glass_but_not_straight() {
+        let glass = seen(|world| world.glass.push(wall((5.0, 8.0), (1.0, 8.0))));
+        let matt = seen(|world| world.walls.push(wall((5.0, 8.0), (1.0, 8.0))));
+        let none = seen(|_| ());
+        assert!((glass[93] - matt[93]).abs() < 1e-9 && (matt[93] - 2.0).abs() < 0.01, "{}", glass[93]);
+        for degrees in [95, 110, 130] {
+            assert!(glass[degrees] == none[degrees] && glass[degrees] > matt[degrees] + 1.0, "{degrees}");
+        }
+    }
+
+    #[test]
+    fn a_lidar_sees_black_from_near_only_and_it_hides_what_is_behind() {
+        // 3.5 m away, of a reach of 12 m.
+        let black = seen(|world| world.black.push(wall((8.5, 0.0), (8.5, 12.0))));
+        assert!((black[0] - 3.5).abs() < 1e-9, "{}", black[0]);
+        assert!(black[30] == f64::INFINITY, "4.04 m by the ray, the wall behind it is at 6.9 m: {}", black[30]);
+        let trousers = |dark| {
+            seen(|world| {
+                world.places = vec![Point { x: 8.0, y: 6.0 }, Point { x: 14.0, y: 6.0 }];
+                world.people = crate::world::Crowd { count: 40, dark, ..crate::world::Crowd::default() };
+            })
+        };
+        let (bright, dark) = (trousers(0.0), trousers(1.0));
+        let differ = bright.iter().zip(&dark).filter(|(bright, dark)| bright != dark).collect::<Vec<_>>();
+        assert!(!differ.is_empty() && differ.iter().all(|(bright, dark)| **bright > 4.0 && **dark == f64::INFINITY));
+        assert!(bright.iter().zip(&dark).any(|(bright, dark)| bright == dark && *bright < 3.9), "seen from near");
+    }
+
+    #[test]
+    fn a_mirror_shows_what_is_before_it_behind_it() {
+        // 2 m to the left, and long: the wall 6 m to the right is seen in it.
+        let shiny = seen(|world| world.shiny.push(wall((0.0, 8.0), (20.0, 8.0))));
+        assert!((shiny[90] - 2.0).abs() < 1e-9, "straight: itself");
+        let (sin, _) = libm::sincos(60f64.to_radians());
+        assert!((shiny[60] - (2.0 + 8.0) / sin).abs() < 1e-3, "{}", shiny[60]);
+        assert_eq!(shiny[45], f64::INFINITY, "2.8 m to it, and 11.3 m on");
     }
 
     #[test]

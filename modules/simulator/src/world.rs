@@ -45,6 +45,8 @@ settings! {
         grouped: f64 = 0.5, 0.0..=1.0;
         /// Share of people who look where they go: others see the robot only at their feet.
         attentive: f64 = 0.9, 0.0..=1.0;
+        /// Share of people in black trousers, which a lidar sees as it sees `black` walls.
+        dark: f64 = 0.0, 0.0..=1.0;
     }
 }
 
@@ -81,6 +83,12 @@ settings! {
         start: Pose = required, START;
         /// Straight walls `[ax, ay, bx, by]`, m; seen and felt from both sides.
         walls: Vec<Segment> = [], WALLS;
+        /// Walls of glass: a lidar sees through them, unless it looks at one within 4° of a right angle.
+        glass: Vec<Segment> = [], WALLS;
+        /// Matt black walls: a lidar sees them up to a third of its range.
+        black: Vec<Segment> = [], WALLS;
+        /// Polished walls: mirrors for a lidar, unless it looks at one within 4° of a right angle.
+        shiny: Vec<Segment> = [], WALLS;
         /// Round columns `[x, y, radius]`, m; sonars hear one of 6 cm to 2.5 m, one of 25 cm to 6 m.
         columns: Vec<Column> = [], COLUMNS;
         /// Areas without floor: polygons of at least three corners, m; stairs, edges of a stage.
@@ -95,6 +103,16 @@ settings! {
         /// Ways for the robot; `advee up --sim --goal NAME` drives one.
         routes: Vec<Route> = [];
     }
+}
+
+/// What a wall is to a lidar.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Surface {
+    /// Scatters light: seen from everywhere.
+    Matt,
+    Glass,
+    Black,
+    Shiny,
 }
 
 /// Defect of a world.
@@ -243,6 +261,20 @@ impl World {
         Self { walls, start: Pose::new(width / 2.0, depth / 2.0, 0.0), ..Self::default() }
     }
 
+    /// The same with the walls of `glass`, `black` and `shiny` among the walls: for everything but a lidar they are
+    /// walls as others.
+    #[must_use]
+    pub fn with_surfaces(mut self) -> Self {
+        self.walls.extend(self.glass.iter().chain(&self.black).chain(&self.shiny));
+        self
+    }
+
+    /// What a wall is to a lidar.
+    pub(crate) fn surface(&self, wall: &Segment) -> Surface {
+        let lists = [(&self.glass, Surface::Glass), (&self.black, Surface::Black), (&self.shiny, Surface::Shiny)];
+        lists.into_iter().find(|(list, _)| list.contains(wall)).map_or(Surface::Matt, |(_, surface)| surface)
+    }
+
     /// Checks the ranges of all fields.
     ///
     /// # Errors
@@ -272,7 +304,8 @@ impl World {
         }
         let share = |share: f64| (0.0..=1.0).contains(&share);
         let people = self.people;
-        let good = people.count <= Crowd::MOST && share(people.grouped) && share(people.attentive);
+        let shares = [people.grouped, people.attentive, people.dark];
+        let good = people.count <= Crowd::MOST && shares.into_iter().all(share);
         bad(good, WorldError::People)?;
         bad(sane(self.start.point()) && !self.start.theta.radians().is_nan(), WorldError::Start)
     }

@@ -26,7 +26,7 @@ pub fn parsed(mut node: Node, path: &Path, sets: &[String]) -> Result<World, Con
     for set in sets.iter().filter_map(|set| set.trim_start().strip_prefix(PREFIX)) {
         node.set(set).map_err(|line| ConfigError(vec![line]))?;
     }
-    read_as(&node).and_then(|world: World| match world.check() {
+    read_as(&node).map(World::with_surfaces).and_then(|world| match world.check() {
         Ok(()) => Ok(world),
         Err(error) => Err(ConfigError(vec![format!("{}: {error}", path.display())])),
     })
