@@ -384,10 +384,14 @@ impl Robot {
         guard::Config { lidars, base: guard::Base { turns, sideways, ..config.base }, ..config }
     }
 
-    /// Deceleration when the motors lose their feed, m/s²: only a brake that needs no power acts then.
+    /// Deceleration when the motors lose their feed, or controllers that then roll their commands, m/s²: only a brake
+    /// that needs no power acts then.
     #[must_use]
     pub fn power_lost_mps2(&self) -> f64 {
         match self.stop.pause {
+            PauseStop::Brake if self.can.iter().any(|bus| bus.driver.rolls_without_commands()) => {
+                self.stop.brake_mps2.min(self.stop.coasting_mps2)
+            }
             PauseStop::Brake => self.stop.brake_mps2,
             PauseStop::Coast | PauseStop::Delayed => self.stop.coasting_mps2,
         }

@@ -156,6 +156,18 @@ fn a_wheel_may_be_on_a_vesc() {
 }
 
 #[test]
+fn the_guard_counts_on_no_brake_where_a_controller_rolls_without_commands() {
+    let base = "kind = \"differential\"\ntrack_m = 0.42";
+    let epos = |id: u8, axis: &str| format!("{{ id = {id}, driver = \"epos\", axis = \"{axis}\", gear = 26 }}");
+    let brake = ["stop.pause=brake", "stop.brake_mps2=0.8", "stop.coasting_mps2=0.15"];
+    for (left, expected) in [(epos(1, "left"), 0.8), (odrive(1, "left", ""), 0.15)] {
+        let text = based(base, &[&left, &epos(2, "right")]);
+        let robot = load(&text, "", &brake, MODULES).unwrap().robot;
+        assert_eq!(robot.power_lost_mps2(), expected, "{left}");
+    }
+}
+
+#[test]
 fn a_wheel_may_be_on_an_odrive_and_share_the_bus_with_canopen() {
     let base = "kind = \"differential\"\ntrack_m = 0.42";
     let epos = "{ id = 2, driver = \"epos\", axis = \"right\", gear = 26 }";
@@ -773,8 +785,8 @@ fn a_world_is_read_as_strictly() {
             "w.toml:5: columns = 1: expected a list",
             "w.toml:6: drops[0] = 3: expected a list of corners [x, y]",
             "w.toml:6: drops[1][0] = [2 items]: expected a list of 2 numbers within ±10000",
-            "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons, people, places, \
-             routes",
+            "w.toml:7: moon: unknown key, expected one of start, walls, glass, black, shiny, columns, drops, \
+             beacons, people, places, routes",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]
     );
@@ -816,7 +828,7 @@ fn shipped_worlds() -> Vec<(String, simulator::world::World)> {
 fn every_shipped_world_starts_clear_and_its_routes_have_room() {
     let worlds = shipped_worlds();
     let names: Vec<&str> = worlds.iter().map(|(name, _)| name.as_str()).collect();
-    assert_eq!(names, ["corridor", "empty", "hall", "warehouse"]);
+    assert_eq!(names, ["corridor", "empty", "foyer", "hall", "warehouse"]);
     let g = Config::load(&shipped(), true, &[]).unwrap().robot.geometry;
     for (name, world) in &worlds {
         let clearance = |pose| {

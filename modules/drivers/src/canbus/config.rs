@@ -465,6 +465,13 @@ impl BusConfig {
         odrives.clone().any(|node| [canopen, self.master].iter().any(|other| is_ambiguous(node.id, *other)))
     }
 
+    /// True if the robot rolls, braked by nothing, once its drives get no commands: on motor controllers without
+    /// CANopen.
+    #[must_use]
+    pub fn rolls_without_commands(&self) -> bool {
+        self.nodes.iter().any(|node| !node.is_canopen())
+    }
+
     fn node(&self, axis: Axis) -> Option<&Node> {
         self.nodes.iter().find(|node| node.axis == axis)
     }
