@@ -2,9 +2,8 @@
 //!
 //! **Unknown is not free.** A sensor whose last reading is unknown or too old, and one that has not read often enough
 //! within the window, covers its whole cone. One echo is enough to occupy the arc from which it may have come: the
-//! robot brakes. It is dropped if the next reading of the same sensor finds nothing there; once another echo has
-//! confirmed it, it is dropped when the window has passed, or when as many newer readings as prove space free have
-//! found nothing.
+//! robot brakes. It is dropped when the next two readings of the same sensor have found nothing there; once another
+//! echo has confirmed it, when the window has passed, or as many newer readings as prove space free have found nothing.
 
 use crate::{Obstacle, Rules, Sonar, Source, Trail};
 use base::Instant;
@@ -15,6 +14,8 @@ use std::collections::VecDeque;
 /// Number of windows within which the readings must lie that prove a sensor's space free: some sensors are read at 2
 /// Hz.
 const PROOF_WINDOWS: u32 = 2;
+/// Readings in succession that must find nothing where a single echo came from: a leg returns about three of four.
+const MISSES: usize = 2;
 /// Readings kept of a sensor.
 const READINGS_MAX: usize = 32;
 /// Distance of the points on an arc, m; a lane of the robot is several times as wide.
@@ -161,9 +162,10 @@ impl Cone {
             let is_confirmed = || self.readings.iter().filter(near).nth(1).is_some();
             let later = self.readings.iter().skip(n + 1);
             let are_farther = |count: usize| later.len() >= count && later.clone().rev().take(count).all(farther);
-            // A single echo may be crosstalk: the robot brakes for it until the next reading. A leg in clothes returns
-            // an echo now and then: after two echoes it counts until it has been missed repeatedly.
-            if are_farther(1) && (!is_confirmed() || are_farther(rules.readings as usize)) {
+            // A single echo may be crosstalk: the robot brakes for it until it has been missed twice. A leg in clothes
+            // returns an echo now and then: after two echoes it counts until all of `readings` have missed it.
+            let readings = rules.readings as usize;
+            if are_farther(readings.min(MISSES)) && (!is_confirmed() || are_farther(readings)) {
                 continue;
             }
             let obstacle =
@@ -279,20 +281,23 @@ mod tests {
     }
 
     #[test]
-    fn one_echo_is_enough_until_the_next_reading_and_two_until_they_are_missed_repeatedly() {
+    fn one_echo_is_enough_until_it_is_missed_twice_and_two_until_they_are_missed_repeatedly() {
         let mut bench = Bench::new();
         (0..4).for_each(|n| bench.hear(100 + 100 * n, Reading::SILENT, f64::NAN));
         bench.hear(500, Reading::MEASURED, 0.5);
         let (sensed, unknown, nearest) = bench.found(500);
         assert!(sensed > 3 && unknown == 0 && (1.15..1.25).contains(&nearest), "{sensed} {unknown} {nearest}");
         bench.hear(600, Reading::SILENT, f64::NAN);
-        assert_eq!(bench.found(600).0, 0, "it was crosstalk, or a leg that will be heard again");
-        bench.hear(700, Reading::MEASURED, 0.5);
-        bench.hear(800, Reading::SILENT, f64::NAN);
-        bench.hear(900, Reading::MEASURED, 3.0);
-        assert!(bench.found(900).0 > 3, "heard twice");
-        bench.hear(1000, Reading::SILENT, f64::NAN);
-        assert_eq!(bench.found(1000).0, 0, "three found nothing there");
+        assert!(bench.found(600).0 > 3, "one silence may be a leg that will be heard again");
+        bench.hear(700, Reading::SILENT, f64::NAN);
+        assert_eq!(bench.found(700).0, 0, "it was crosstalk");
+        bench.hear(800, Reading::MEASURED, 0.5);
+        bench.hear(850, Reading::MEASURED, 0.5);
+        bench.hear(900, Reading::SILENT, f64::NAN);
+        bench.hear(1000, Reading::MEASURED, 3.0);
+        assert!(bench.found(1000).0 > 3, "heard twice");
+        bench.hear(1100, Reading::SILENT, f64::NAN);
+        assert_eq!(bench.found(1100).0, 0, "three found nothing there");
     }
 
     #[test]
