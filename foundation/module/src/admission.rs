@@ -2,7 +2,7 @@
 //! and what releases it only from the process that is responsible for publishing it.
 //!
 //! A table of channel, content and sender, applied by a host before the [shell](crate::Shell): a recording holds the
-//! messages that passed, and replay needs no senders.
+//! messages that passed, with their [`Origin`] where a module needs it, and replay needs no senders.
 //!
 //! | message | accepted from |
 //! |---|---|
@@ -10,7 +10,8 @@
 //! `LL_DATA_GUARD` that permits nothing, `LL_DATA_RANGES` of unknown readings only | any sender |
 //! | commands: the other `*_CMD_*`, and `LL_DATA_ACTIVE_BEACONS` | [`Commands`] |
 //! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
-//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
+//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it; another sender
+//! for what it engaged itself, if it may command |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_SCAN`, `LL_DATA_IMU` | the process of the lidars' driver, and of that of the inertial units, likewise |
@@ -90,6 +91,24 @@ impl Sender {
         self.process.map(|process| process.pid)
     }
 }
+
+/// Who sent a message that was accepted, as far as a module treats senders differently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// The sender is the process that is responsible for the message, or none is known to be, or it makes no
+    /// difference. False for what stops the robot and comes from another sender.
+    pub due: bool,
+    /// Process that sent a `LL_EVENT_STOP`, where it is known and a watchdog guards this process.
+    pub process: Option<Process>,
+}
+
+impl Origin {
+    /// Of a message whose sender makes no difference, and of all in a process that no watchdog guards.
+    pub const DUE: Self = Self { due: true, process: None };
+}
+
+/// Maximum number of senders that are remembered to have engaged PAUSE; a further one replaces the oldest.
+const ENGAGING_MAX: usize = 8;
 
 /// Lists of the watchdog, which come at 10 Hz or more, after which the robot has started: a module without a process
 /// then has none.
@@ -184,13 +203,15 @@ pub struct Admission {
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
     /// is no watchdog.
     own: Vec<Option<Process>>,
+    /// Senders that are not the power controller and engaged PAUSE in its name: they may release that.
+    engaging: Vec<Option<Process>>,
 }
 
 impl Admission {
     /// Rules for a process that is guarded by the process `watchdog`, if by any.
     #[must_use]
     pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
-        Self { policy, watchdog, witnesses: [None; 6], lists: 0, own: Vec::new() }
+        Self { policy, watchdog, witnesses: [None; 6], lists: 0, own: Vec::new(), engaging: Vec::new() }
     }
 
     /// From now on that process guards this one. Without a watchdog it stays so.
@@ -240,7 +261,11 @@ impl Admission {
         };
         let allowed = |may, refusal| if may { Ok(()) } else { Err(refusal) };
         match (effect(message), self.watchdog) {
-            (Effect::Stops | Effect::Informs, _) => Ok(()),
+            (Effect::Stops, _) => {
+                self.note_engaging(message, sender);
+                Ok(())
+            }
+            (Effect::Informs, _) => Ok(()),
             (Effect::Commands, _) => allowed(may_command, Refusal::Command),
             // Of a module without a process the watchdog takes nothing, and reports the claim.
             (Effect::Works, _) => match self.own_process(message) {
@@ -255,6 +280,9 @@ impl Admission {
                 Ok(())
             }
             (Effect::Frees(witness), Some(_)) if self.policy.module(witness).is_some() => {
+                if may_command && self.is_its_own_stop(message, sender) {
+                    return Ok(());
+                }
                 let due = self.witnesses[witness as usize].ok_or(Refusal::NotYet)?;
                 allowed(due.is_some() && sender.process == due, Refusal::Release)
             }
@@ -262,6 +290,42 @@ impl Admission {
                 allowed(may_command, Refusal::Release)
             }
         }
+    }
+
+    /// Who sent a message that was accepted, as the module is to be told.
+    #[must_use]
+    pub fn origin(&self, message: &Message, sender: Sender) -> Origin {
+        match message {
+            Message::LlEventStop(stop) if self.is_guarded() => {
+                let due = !is_of_line(&stop.source) || self.is_due(Witness::Power, sender);
+                Origin { due, process: sender.process }
+            }
+            _ => Origin::DUE,
+        }
+    }
+
+    /// True if the sender is that witness's process, or the robot has no such witness.
+    fn is_due(&self, witness: Witness, sender: Sender) -> bool {
+        let known = self.witnesses[witness as usize].flatten();
+        self.policy.module(witness).is_none() || known.is_some() && sender.process == known
+    }
+
+    /// Remembers that a sender engages PAUSE in the name of the power controller.
+    fn note_engaging(&mut self, message: &Message, sender: Sender) {
+        let Message::LlEventStop(stop) = message else { return };
+        let is_foreign = is_of_line(&stop.source) && !self.is_due(Witness::Power, sender);
+        if !is_foreign || self.engaging.contains(&sender.process) {
+            return;
+        }
+        if self.engaging.len() >= ENGAGING_MAX {
+            self.engaging.remove(0);
+        }
+        self.engaging.push(sender.process);
+    }
+
+    /// True if a sender that engaged PAUSE in the name of the power controller releases that.
+    fn is_its_own_stop(&self, message: &Message, sender: Sender) -> bool {
+        matches!(message, Message::LlEventStop(_)) && self.engaging.contains(&sender.process)
     }
 
     /// Learns from the list of a watchdog of the user `uid` which processes are the witnesses'.
@@ -441,6 +505,51 @@ mod tests {
             assert_eq!(admission.judge(&open(of_line), by(Way::Host, 0)), Err(Refusal::Release), "{of_line}");
             assert_eq!(admission.judge(&open(of_line), by(Way::Memory, POWER)), Ok(()), "{of_line}");
         }
+    }
+
+    #[test]
+    fn pause_in_the_power_controllers_name_is_marked_as_of_another_sender_who_may_release_only_that() {
+        let named = |engaged, source: &str| -> Message {
+            lowlevel::EventStop { engaged, source: source.into(), ..Default::default() }.into()
+        };
+        let (power, stranger, unknown) = (by(Way::Memory, POWER), by(Way::Memory, 300), by(Way::Host, 0));
+        for source in ["", "button", "bumper3", "sd1_front"] {
+            let mut admission = guarded(Commands::Host);
+            assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            let (engaged, open) = (named(true, source), named(false, source));
+            for sender in [stranger, unknown] {
+                assert_eq!(admission.judge(&open, sender), Err(Refusal::Release), "it engaged nothing: {source}");
+                assert_eq!(admission.judge(&engaged, sender), Ok(()));
+                let origin = Origin { due: false, process: sender.process };
+                assert_eq!(admission.origin(&engaged, sender), origin);
+                assert_eq!(admission.judge(&open, sender), Ok(()));
+                assert_eq!(admission.origin(&open, sender), origin, "it releases its own alone");
+            }
+            assert_eq!(admission.judge(&open, by(Way::Memory, 301)), Err(Refusal::Release), "another one");
+            assert_eq!(admission.judge(&open, by(Way::Network, 0)), Err(Refusal::Release), "it may not command");
+            for message in [&engaged, &open] {
+                assert_eq!(admission.judge(message, power), Ok(()));
+                assert_eq!(admission.origin(message, power), Origin { due: true, process: power.process });
+            }
+            let bounds = bounds(0.0);
+            assert_eq!(admission.origin(&bounds, power).process, None, "recorded only where it is needed");
+            for n in 0..100 {
+                assert_eq!(admission.judge(&engaged, by(Way::Memory, 400 + n)), Ok(()));
+            }
+            assert_eq!(admission.engaging.len(), ENGAGING_MAX);
+        }
+        // Under a name of its own each sender reports for itself.
+        let mut admission = guarded(Commands::Host);
+        assert_eq!(admission.judge(&named(true, "crane"), stranger), Ok(()));
+        let of_crane = admission.origin(&named(true, "crane"), stranger);
+        assert_eq!(of_crane, Origin { due: true, process: stranger.process });
+        // Before the watchdog has listed the power controller, its process is known, and it is not.
+        assert_eq!(admission.origin(&stop(true), power), Origin { due: false, process: power.process });
+        // Nobody is due.
+        let alone = Admission::new(policy(Commands::Host), None);
+        assert_eq!(alone.origin(&stop(true), stranger), Origin::DUE);
+        let without = Admission::new(Policy::default(), Some(user(WATCHDOG)));
+        assert!(without.origin(&stop(true), stranger).due);
     }
 
     #[test]

@@ -29,16 +29,27 @@ impl Believed {
         }
     }
 
-    pub fn believes(&self, sender: Sender, said: &Message, limits: &Limits) -> bool {
-        let may_command = match limits.commands {
+    /// True if this sender reports the state of the PAUSE line, and not for itself.
+    pub fn reports_the_line(&self, sender: Sender, limits: &Limits) -> bool {
+        limits.power.is_none() || is_one_of(sender, &self.controllers)
+    }
+
+    /// True if this sender may command.
+    pub fn may_command(&self, sender: Sender, limits: &Limits) -> bool {
+        match limits.commands {
             Commands::Memory => sender.way == Way::Memory,
             Commands::Host => sender.way != Way::Network,
             Commands::Network => true,
-        };
+        }
+    }
+
+    /// True if a module may accept this message from this sender. What a sender releases of its own is not judged here.
+    pub fn believes(&self, sender: Sender, said: &Message, limits: &Limits) -> bool {
+        let may_command = self.may_command(sender, limits);
         match said {
             Message::CmDataProcesses(_) => is_one_of(sender, &self.watchdogs),
             Message::LlEventStop(stop) if stop.engaged => true,
-            Message::LlEventStop(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
+            Message::LlEventStop(_) if limits.power.is_some() => self.reports_the_line(sender, limits),
             Message::LlDataMotion(_) | Message::LlDataVelocity(_) => is_one_of(sender, &self.drivers),
             Message::LlEventStop(_) | Message::LlDataActiveBeacons(_) => may_command,
             Message::CmCmdState(common::CmdState { state, .. }) if *state != State::Run as i8 => true,
