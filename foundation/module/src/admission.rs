@@ -16,6 +16,8 @@
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_SCAN`, `LL_DATA_IMU` | the process of the lidars' driver, and of that of the inertial units, likewise |
 //! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too | the process of the motion's driver, likewise |
+//! | `LL_DATA_POWER`, `ML_DATA_ESTIMATE`, whatever they say | the power controller's process, and the estimator's |
+//! | `LL_DATA_HOLD` of the motion's driver and of the planner | the process of the module that it names, likewise |
 //! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
 //! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
 //! | others | any sender |
@@ -29,7 +31,7 @@ use messages::lowlevel::{DataGuard, DataRanges, Reading};
 use messages::{Channel, Message, StopSource};
 
 /// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
-pub const RELEASES: [Channel; 8] = [
+pub const RELEASES: [Channel; 11] = [
     Channel::CmDataProcesses,
     Channel::LlEventStop,
     Channel::LlDataGuard,
@@ -38,6 +40,9 @@ pub const RELEASES: [Channel; 8] = [
     Channel::LlDataImu,
     Channel::LlDataMotion,
     Channel::LlDataVelocity,
+    Channel::LlDataPower,
+    Channel::LlDataHold,
+    Channel::MlDataEstimate,
 ];
 
 /// Silence after which another watchdog counts as gone.
@@ -134,7 +139,7 @@ enum Effect {
     Stops,
     Commands,
     SaysThatProcessesRun,
-    /// Reports that nothing pauses the robot, that its way is free, or how it moves.
+    /// Reports that nothing pauses the robot, that its way is free, how it moves, where it is, or what holds it.
     Frees(Witness),
     /// A module reports that it does its work.
     Works,
@@ -152,6 +157,13 @@ enum Witness {
     Lidar,
     Imu,
     Motion,
+    Estimator,
+    Planner,
+}
+
+impl Witness {
+    const ALL: [Self; 8] =
+        [Self::Power, Self::Guard, Self::Ranging, Self::Lidar, Self::Imu, Self::Motion, Self::Estimator, Self::Planner];
 }
 
 /// Rules of a robot.
@@ -159,7 +171,7 @@ enum Witness {
 pub struct Policy {
     /// Who may command.
     pub commands: Commands,
-    /// Module of the power controller, whose process publishes the state of the PAUSE line.
+    /// Module of the power controller, whose process publishes the state of the PAUSE line and of the power channels.
     pub power: Option<String>,
     /// Module that bounds the speed by what is sensed.
     pub guard: Option<String>,
@@ -171,6 +183,10 @@ pub struct Policy {
     pub imu: Option<String>,
     /// Module that moves the robot, and measures how it moves.
     pub motion: Option<String>,
+    /// Module that knows where the robot is.
+    pub estimator: Option<String>,
+    /// Module that drives to goals.
+    pub planner: Option<String>,
     /// Modules whose senders can be identified: their watchdog accepts their announcements from them alone.
     pub announcing: Vec<String>,
 }
@@ -184,8 +200,16 @@ impl Policy {
             Witness::Lidar => &self.lidar,
             Witness::Imu => &self.imu,
             Witness::Motion => &self.motion,
+            Witness::Estimator => &self.estimator,
+            Witness::Planner => &self.planner,
         };
         module.as_deref()
+    }
+
+    /// True for a module some of whose messages are accepted from its process alone: a process of the watchdog's user.
+    #[must_use]
+    pub fn is_witness(&self, module: &str) -> bool {
+        Witness::ALL.into_iter().any(|witness| self.module(witness) == Some(module))
     }
 }
 
@@ -197,7 +221,7 @@ pub struct Admission {
     watchdog: Option<Process>,
     /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; within, `None` if they had no
     /// process then. Processes of the watchdog's user. `None`: it never listed one.
-    witnesses: [Option<Option<Process>>; 6],
+    witnesses: [Option<Option<Process>>; Witness::ALL.len()],
     /// Number of lists of the watchdog, up to [`STARTING_LISTS`].
     lists: u32,
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
@@ -211,7 +235,14 @@ impl Admission {
     /// Rules for a process that is guarded by the process `watchdog`, if by any.
     #[must_use]
     pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
-        Self { policy, watchdog, witnesses: [None; 6], lists: 0, own: Vec::new(), engaging: Vec::new() }
+        Self {
+            policy,
+            watchdog,
+            witnesses: [None; Witness::ALL.len()],
+            lists: 0,
+            own: Vec::new(),
+            engaging: Vec::new(),
+        }
     }
 
     /// From now on that process guards this one. Without a watchdog it stays so.
@@ -332,9 +363,7 @@ impl Admission {
     fn learn(&mut self, message: &Message, uid: u32) {
         let Message::CmDataProcesses(list) = message else { return };
         self.lists = STARTING_LISTS.min(self.lists + 1);
-        let witnesses =
-            [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Lidar, Witness::Imu, Witness::Motion];
-        for witness in witnesses {
+        for witness in Witness::ALL {
             let name = self.policy.module(witness);
             let process = name.and_then(|name| process_of(name, list, uid));
             let known = &mut self.witnesses[witness as usize];
@@ -364,6 +393,11 @@ fn effect(heard: &Message) -> Effect {
         Message::LlDataScan(_) => Effect::Frees(Witness::Lidar),
         Message::LlDataImu(_) => Effect::Frees(Witness::Imu),
         Message::LlDataMotion(_) | Message::LlDataVelocity(_) => Effect::Frees(Witness::Motion),
+        Message::LlDataPower(_) => Effect::Frees(Witness::Power),
+        // One that is lost would take the place of the true one as well.
+        Message::MlDataEstimate(_) => Effect::Frees(Witness::Estimator),
+        Message::LlDataHold(list) if list.is_of_motion() => Effect::Frees(Witness::Motion),
+        Message::LlDataHold(list) if list.is_of_goal() => Effect::Frees(Witness::Planner),
         Message::CmDataProcesses(_) => Effect::SaysThatProcessesRun,
         // Sensor drivers measure in PAUSE, too: there a critical module counts as working.
         Message::CmDataState(DataState { state: DataState::RUN | DataState::PAUSE, .. }) => Effect::Works,
@@ -402,6 +436,8 @@ mod tests {
     const LIDAR: u32 = 110;
     const IMU: u32 = 111;
     const MOTION: u32 = 105;
+    const ESTIMATOR: u32 = 112;
+    const PLANNER: u32 = 113;
     const USER: u32 = 1000;
 
     fn user(pid: u32) -> Process {
@@ -420,6 +456,8 @@ mod tests {
             ("driver_rs485a", RANGING),
             ("driver_lidar", LIDAR),
             ("driver_imu", IMU),
+            ("estimator", ESTIMATOR),
+            ("planner", PLANNER),
         ];
         let witnesses = witnesses.map(|(module, pid)| process(module, pid as i32));
         let processes = [vec![process("driver_canbus", MOTION as i32)], witnesses.to_vec()].concat();
@@ -443,8 +481,9 @@ mod tests {
         let [power, guard, ranging, lidar, imu, motion] =
             ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_imu", "driver_canbus"]
                 .map(|name| Some(name.into()));
+        let [estimator, planner] = ["estimator", "planner"].map(|name| Some(name.into()));
         let announcing = ["driver_power", "guard"].map(String::from).into();
-        Policy { commands, power, guard, ranging, lidar, imu, motion, announcing }
+        Policy { commands, power, guard, ranging, lidar, imu, motion, estimator, planner, announcing }
     }
 
     /// Bounds of the guard, ahead.
@@ -671,6 +710,59 @@ mod tests {
             }
             assert_eq!(believed(MOTION, Way::Memory), Ok(()), "{message:?}");
         }
+    }
+
+    /// Estimate of this quality.
+    fn estimate(quality: i8) -> Message {
+        middlelevel::DataEstimate { quality, ..Default::default() }.into()
+    }
+
+    /// State of the motors' feed.
+    fn power(on: bool) -> Message {
+        let motors = lowlevel::Channel { name: "motors".into(), on, ..Default::default() };
+        lowlevel::DataPower { channels: vec![motors], ..Default::default() }.into()
+    }
+
+    /// Empty list of causes of a module.
+    fn holds(module: &str) -> Message {
+        lowlevel::DataHold { module: module.into(), ..Default::default() }.into()
+    }
+
+    #[test]
+    fn pose_power_and_causes_are_believed_from_the_module_that_knows_them() {
+        use messages::{GOAL_MODULE, MOTION_MODULE};
+        let table = [
+            (estimate(middlelevel::DataEstimate::FINE), ESTIMATOR),
+            // It would stop the planner, and make the true ones come out of order.
+            (estimate(middlelevel::DataEstimate::LOST), ESTIMATOR),
+            (power(false), POWER),
+            (power(true), POWER),
+            (lowlevel::DataPower::default().into(), POWER),
+            (holds(MOTION_MODULE), MOTION),
+            (holds(GOAL_MODULE), PLANNER),
+        ];
+        for (message, due) in table {
+            let mut admission = guarded(Commands::Network);
+            assert_eq!(admission.judge(&message, by(Way::Memory, due)), Err(Refusal::NotYet), "{message:?}");
+            assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            for other in [0, 300, WATCHDOG, POWER, GUARD, MOTION, ESTIMATOR, PLANNER] {
+                for way in [Way::Memory, Way::Host, Way::Network] {
+                    let expected = if other == due { Ok(()) } else { Err(Refusal::Release) };
+                    assert_eq!(admission.judge(&message, by(way, other)), expected, "{message:?} of {other}");
+                }
+            }
+            // A program in another language is that module, or the robot has none, or there is no watchdog.
+            let policy = policy(Commands::Host);
+            let foreign = Policy { power: None, motion: None, estimator: None, planner: None, ..policy.clone() };
+            let mut without = Admission::new(foreign, Some(user(WATCHDOG)));
+            assert_eq!(without.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            for mut admission in [without, Admission::new(policy, None)] {
+                assert_eq!(admission.judge(&message, by(Way::Host, 0)), Ok(()), "{message:?}");
+                assert_eq!(admission.judge(&message, by(Way::Network, 0)), Err(Refusal::Release), "{message:?}");
+            }
+        }
+        // Nobody decides by those of others.
+        assert_eq!(guarded(Commands::Memory).judge(&holds("crane"), by(Way::Network, 0)), Ok(()));
     }
 
     #[test]

@@ -29,6 +29,7 @@ fn limits() -> Limits {
         planner: "planner".into(),
         critical: vec!["power".into(), "driver".into()],
         power: Some("power".into()),
+        estimator: None,
         commands: Commands::Host,
         bus: "can".into(),
         wheels: vec![wire::Wheel {
