@@ -331,6 +331,9 @@ impl Admission {
                 let due = !is_of_line(&stop.source) || self.is_due(Witness::Power, sender);
                 Origin { due, process: sender.process }
             }
+            Message::LlDataGuard(_) if self.is_guarded() => {
+                Origin { due: self.is_due(Witness::Guard, sender), ..Origin::DUE }
+            }
             _ => Origin::DUE,
         }
     }
@@ -570,8 +573,6 @@ mod tests {
                 assert_eq!(admission.judge(message, power), Ok(()));
                 assert_eq!(admission.origin(message, power), Origin { due: true, process: power.process });
             }
-            let bounds = bounds(0.0);
-            assert_eq!(admission.origin(&bounds, power).process, None, "recorded only where it is needed");
             for n in 0..100 {
                 assert_eq!(admission.judge(&engaged, by(Way::Memory, 400 + n)), Ok(()));
             }
@@ -589,6 +590,24 @@ mod tests {
         assert_eq!(alone.origin(&stop(true), stranger), Origin::DUE);
         let without = Admission::new(Policy::default(), Some(user(WATCHDOG)));
         assert!(without.origin(&stop(true), stranger).due);
+    }
+
+    #[test]
+    fn bounds_of_another_sender_than_the_guard_are_marked() {
+        let mut admission = guarded(Commands::Host);
+        let (guard, stranger) = (by(Way::Memory, GUARD), by(Way::Memory, 300));
+        assert!(!admission.origin(&bounds(0.0), guard).due, "nobody has listed it yet");
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+        for sender in [stranger, by(Way::Host, 0), by(Way::Network, 0), by(Way::Memory, WATCHDOG)] {
+            assert_eq!(admission.judge(&bounds(0.0), sender), Ok(()), "it stops");
+            assert_eq!(admission.origin(&bounds(0.0), sender), Origin { due: false, process: None });
+        }
+        assert_eq!(admission.origin(&bounds(0.0), guard), Origin::DUE);
+        let without = Admission::new(Policy::default(), Some(user(WATCHDOG)));
+        let alone = Admission::new(policy(Commands::Host), None);
+        for admission in [without, alone] {
+            assert_eq!(admission.origin(&bounds(0.0), stranger), Origin::DUE, "nobody is due");
+        }
     }
 
     #[test]

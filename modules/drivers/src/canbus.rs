@@ -297,6 +297,7 @@ impl Canbus {
                     self.arbiter.trust_no_new_source();
                 }
             }
+            Message::LlDataGuard(guard) if !from.due => self.protection.on_guard_of_another(guard),
             Message::LlDataGuard(guard) => {
                 self.protection.on_speed(self.speed());
                 self.protection.on_guard(at, guard);
