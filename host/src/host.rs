@@ -434,7 +434,8 @@ impl Host {
                             self.on_watchdog_sign(now);
                         }
                         if self.shell.wants(message.channel()) {
-                            self.feed(Event::Message { at, message: &message });
+                            let from = self.admission.origin(&message, self.bus.sender());
+                            self.feed(Event::Message { at, from, message: &message });
                         }
                     }
                     Err(refusal) => self.refuse(now, &message, refusal),

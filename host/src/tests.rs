@@ -86,7 +86,7 @@ impl Module for Toy {
                 self.next = self.next.map(|next| next + Duration::from_millis(10));
                 self.note("tick");
             }
-            Event::Message { at, message: Message::LlDataOdo(odo) } => {
+            Event::Message { at, message: Message::LlDataOdo(odo), .. } => {
                 assert!(at <= now && now.since(at) < Duration::from_secs(1));
                 self.note(format!("odo {}", odo.ticks_left));
                 out.publish(lowlevel::DataBus { bus: format!("{}", odo.ticks_left), ..Default::default() });

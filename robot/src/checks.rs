@@ -65,6 +65,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         planner: "planner".into(),
         critical: config.critical().collect(),
         power: robot.power.as_ref().map(|_| power::NAME.into()),
+        estimator: topology::policy(&config).estimator,
         commands: robot.bus.commands,
         wheels,
         steering,

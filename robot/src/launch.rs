@@ -56,13 +56,15 @@ pub(crate) fn launcher(
     Ok(Launch { start: Box::new(start), run_dir, divides, rt_priority, notices })
 }
 
-/// The keepers of modules that run as other users. A program in another language has none. The power controller's
-/// driver has none either, because it is accepted only as a process of the watchdog's user.
+/// The keepers of modules that run as other users. A program in another language has none. A module whose messages are
+/// accepted from its process alone has none either, because it is accepted only as a process of the watchdog's user.
 fn keepers(config: &Config) -> Result<Vec<keepers::Place>, ConfigError> {
     let keepers = keepers::Place::all().map_err(|why| ConfigError(vec![why]))?;
+    let policy = topology::policy(config);
     for keepers::Place { module, .. } in &keepers {
         let foreign = config.modules.iter().any(|entry| entry.name() == module && entry.command.is_some());
-        if foreign || [power::NAME, watchdog::NAME].contains(&module.as_str()) {
+        let is_due = [power::NAME, watchdog::NAME].contains(&module.as_str()) || policy.is_witness(module);
+        if foreign || is_due {
             let why = "this module has to run as the robot's user";
             return Err(ConfigError(vec![format!("{}: {module}: {why}", keepers::VARIABLE)]));
         }
@@ -95,8 +97,9 @@ pub(crate) fn warning(lcm_url: &str, commands: Commands) -> Option<String> {
              commands is \"network\""
         )),
         (true, _) => Some(format!(
-            "THE BUS LEAVES THIS COMPUTER: {lcm_url}; others of the network read it, and their measurements are \
-             believed; they may not command ([bus] commands)"
+            "THE BUS LEAVES THIS COMPUTER: {lcm_url}; others of the network read it; they may not command ([bus] \
+             commands), and measurements are believed from them where no module of the robot is due to publish them \
+             (odometry, bearings of beacons)"
         )),
         (false, Commands::Network) => Some(format!(
             "[bus] commands is \"network\", but the bus {lcm_url} ends at this computer; with another bus ANY COMPUTER \

@@ -72,6 +72,8 @@ pub(crate) fn policy(config: &Config) -> Policy {
         lidar: ours(lidar::NAME),
         imu: ours(imu::NAME),
         motion: ours(canbus::NAME),
+        estimator: ours(estimator::NAME),
+        planner: ours(planner::NAME),
         announcing: config.modules.iter().filter_map(|module| ours(module.name())).collect(),
     }
 }
@@ -639,9 +641,19 @@ mod tests {
     #[test]
     fn the_shipped_robot_has_a_witness_for_all_that_frees_it() {
         let config = Config::load(&shipped(true).config, true, &[]).unwrap();
-        let Policy { power, guard, ranging, motion, .. } = policy(&config);
-        let witnesses = [power, guard, ranging, motion].map(Option::unwrap_or_default);
-        assert_eq!(witnesses, ["driver_power", "guard", "driver_rs485a", "driver_canbus"]);
+        let Policy { power, guard, ranging, motion, estimator, planner, .. } = policy(&config);
+        let witnesses = [power, guard, ranging, motion, estimator, planner].map(Option::unwrap_or_default);
+        let expected = ["driver_power", "guard", "driver_rs485a", "driver_canbus", "estimator", "planner"];
+        assert_eq!(witnesses, expected);
+    }
+
+    #[test]
+    fn a_module_in_another_language_is_no_witness_and_works_all_the_same() {
+        let mut config = Config::load(&shipped(true).config, true, &[]).unwrap();
+        let entry = config.modules.iter_mut().find(|module| module.name() == estimator::NAME).unwrap();
+        entry.command = Some("estimator.py".into());
+        assert_eq!(policy(&config).estimator, None, "its datagrams do not tell its process");
+        assert!(policy(&config).planner.is_some());
     }
 
     #[test]

@@ -84,6 +84,8 @@ pub struct Limits {
     pub critical: Vec<String>,
     /// Module of the power controller, which reports the PAUSE line; absent without one.
     pub power: Option<String>,
+    /// Module that knows where the robot is, and alone says so; absent: whoever may command.
+    pub estimator: Option<String>,
     /// Who may command.
     pub commands: Commands,
     /// The drives' bus: `can.main`.

@@ -640,8 +640,9 @@ impl Virtual {
             Waiting::Message(at, sent) => match process.admission.judge(&sent.message, sent.sender) {
                 Ok(()) if !process.shell.wants(sent.message.channel()) => {}
                 Ok(()) => {
+                    let from = process.admission.origin(&sent.message, sent.sender);
                     self.news(&News::Heard { pid, at, sender: sent.sender, message: &sent.message });
-                    self.handle(pid, Event::Message { at, message: &sent.message });
+                    self.handle(pid, Event::Message { at, from, message: &sent.message });
                 }
                 Err(Refusal::SecondRobot) => self.on_second_robot(pid),
                 Err(Refusal::Command | Refusal::Release | Refusal::NotYet) => {}

@@ -6,6 +6,7 @@ use estimator::filter::{Estimate, Quality};
 use host::recorder;
 use messages::Message;
 use messages::middlelevel::{CmdEstimate, DataEstimate};
+use module::admission::Origin;
 use module::{Action, Actions, Event};
 use navitools::{Motion, Pose};
 use record::{Item, Reader};
@@ -35,7 +36,7 @@ pub fn estimates(run: &Path, start: Option<[f64; 3]>, sets: &[String]) -> Result
             rows.push(row(&estimate));
             if let Some(pose) = start.filter(|_| !std::mem::replace(&mut started, true)) {
                 let message = Message::from(command(estimate.timestamp, pose));
-                let event = Event::Message { at: record.at, message: &message };
+                let event = Event::Message { at: record.at, from: Origin::DUE, message: &message };
                 shell.handle(record.at, event, &mut Actions::new(record.epoch));
             }
         }

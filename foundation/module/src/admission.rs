@@ -2,7 +2,7 @@
 //! and what releases it only from the process that is responsible for publishing it.
 //!
 //! A table of channel, content and sender, applied by a host before the [shell](crate::Shell): a recording holds the
-//! messages that passed, and replay needs no senders.
+//! messages that passed, with their [`Origin`] where a module needs it, and replay needs no senders.
 //!
 //! | message | accepted from |
 //! |---|---|
@@ -10,11 +10,14 @@
 //! `LL_DATA_GUARD` that permits nothing, `LL_DATA_RANGES` of unknown readings only | any sender |
 //! | commands: the other `*_CMD_*`, and `LL_DATA_ACTIVE_BEACONS` | [`Commands`] |
 //! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
-//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
+//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it; another sender
+//! for what it engaged itself, if it may command |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_SCAN`, `LL_DATA_IMU` | the process of the lidars' driver, and of that of the inertial units, likewise |
 //! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too | the process of the motion's driver, likewise |
+//! | `LL_DATA_POWER`, `ML_DATA_ESTIMATE`, whatever they say | the power controller's process, and the estimator's |
+//! | `LL_DATA_HOLD` of the motion's driver and of the planner | the process of the module that it names, likewise |
 //! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
 //! | any other `CM_DATA_STATE`, since that module does not do its work | any sender |
 //! | others | any sender |
@@ -28,7 +31,7 @@ use messages::lowlevel::{DataGuard, DataRanges, Reading};
 use messages::{Channel, Message, StopSource};
 
 /// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
-pub const RELEASES: [Channel; 8] = [
+pub const RELEASES: [Channel; 11] = [
     Channel::CmDataProcesses,
     Channel::LlEventStop,
     Channel::LlDataGuard,
@@ -37,6 +40,9 @@ pub const RELEASES: [Channel; 8] = [
     Channel::LlDataImu,
     Channel::LlDataMotion,
     Channel::LlDataVelocity,
+    Channel::LlDataPower,
+    Channel::LlDataHold,
+    Channel::MlDataEstimate,
 ];
 
 /// Silence after which another watchdog counts as gone.
@@ -91,6 +97,24 @@ impl Sender {
     }
 }
 
+/// Who sent a message that was accepted, as far as a module treats senders differently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// The sender is the process that is responsible for the message, or none is known to be, or it makes no
+    /// difference. False for what stops the robot and comes from another sender.
+    pub due: bool,
+    /// Process that sent a `LL_EVENT_STOP`, where it is known and a watchdog guards this process.
+    pub process: Option<Process>,
+}
+
+impl Origin {
+    /// Of a message whose sender makes no difference, and of all in a process that no watchdog guards.
+    pub const DUE: Self = Self { due: true, process: None };
+}
+
+/// Maximum number of senders that are remembered to have engaged PAUSE; a further one replaces the oldest.
+const ENGAGING_MAX: usize = 8;
+
 /// Lists of the watchdog, which come at 10 Hz or more, after which the robot has started: a module without a process
 /// then has none.
 const STARTING_LISTS: u32 = 50;
@@ -115,7 +139,7 @@ enum Effect {
     Stops,
     Commands,
     SaysThatProcessesRun,
-    /// Reports that nothing pauses the robot, that its way is free, or how it moves.
+    /// Reports that nothing pauses the robot, that its way is free, how it moves, where it is, or what holds it.
     Frees(Witness),
     /// A module reports that it does its work.
     Works,
@@ -133,6 +157,13 @@ enum Witness {
     Lidar,
     Imu,
     Motion,
+    Estimator,
+    Planner,
+}
+
+impl Witness {
+    const ALL: [Self; 8] =
+        [Self::Power, Self::Guard, Self::Ranging, Self::Lidar, Self::Imu, Self::Motion, Self::Estimator, Self::Planner];
 }
 
 /// Rules of a robot.
@@ -140,7 +171,7 @@ enum Witness {
 pub struct Policy {
     /// Who may command.
     pub commands: Commands,
-    /// Module of the power controller, whose process publishes the state of the PAUSE line.
+    /// Module of the power controller, whose process publishes the state of the PAUSE line and of the power channels.
     pub power: Option<String>,
     /// Module that bounds the speed by what is sensed.
     pub guard: Option<String>,
@@ -152,6 +183,10 @@ pub struct Policy {
     pub imu: Option<String>,
     /// Module that moves the robot, and measures how it moves.
     pub motion: Option<String>,
+    /// Module that knows where the robot is.
+    pub estimator: Option<String>,
+    /// Module that drives to goals.
+    pub planner: Option<String>,
     /// Modules whose senders can be identified: their watchdog accepts their announcements from them alone.
     pub announcing: Vec<String>,
 }
@@ -165,8 +200,16 @@ impl Policy {
             Witness::Lidar => &self.lidar,
             Witness::Imu => &self.imu,
             Witness::Motion => &self.motion,
+            Witness::Estimator => &self.estimator,
+            Witness::Planner => &self.planner,
         };
         module.as_deref()
+    }
+
+    /// True for a module some of whose messages are accepted from its process alone: a process of the watchdog's user.
+    #[must_use]
+    pub fn is_witness(&self, module: &str) -> bool {
+        Witness::ALL.into_iter().any(|witness| self.module(witness) == Some(module))
     }
 }
 
@@ -178,19 +221,28 @@ pub struct Admission {
     watchdog: Option<Process>,
     /// The witnesses, in the order of [`Witness`], as the watchdog last listed them; within, `None` if they had no
     /// process then. Processes of the watchdog's user. `None`: it never listed one.
-    witnesses: [Option<Option<Process>>; 6],
+    witnesses: [Option<Option<Process>>; Witness::ALL.len()],
     /// Number of lists of the watchdog, up to [`STARTING_LISTS`].
     lists: u32,
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
     /// is no watchdog.
     own: Vec<Option<Process>>,
+    /// Senders that are not the power controller and engaged PAUSE in its name: they may release that.
+    engaging: Vec<Option<Process>>,
 }
 
 impl Admission {
     /// Rules for a process that is guarded by the process `watchdog`, if by any.
     #[must_use]
     pub fn new(policy: Policy, watchdog: Option<Process>) -> Self {
-        Self { policy, watchdog, witnesses: [None; 6], lists: 0, own: Vec::new() }
+        Self {
+            policy,
+            watchdog,
+            witnesses: [None; Witness::ALL.len()],
+            lists: 0,
+            own: Vec::new(),
+            engaging: Vec::new(),
+        }
     }
 
     /// From now on that process guards this one. Without a watchdog it stays so.
@@ -240,7 +292,11 @@ impl Admission {
         };
         let allowed = |may, refusal| if may { Ok(()) } else { Err(refusal) };
         match (effect(message), self.watchdog) {
-            (Effect::Stops | Effect::Informs, _) => Ok(()),
+            (Effect::Stops, _) => {
+                self.note_engaging(message, sender);
+                Ok(())
+            }
+            (Effect::Informs, _) => Ok(()),
             (Effect::Commands, _) => allowed(may_command, Refusal::Command),
             // Of a module without a process the watchdog takes nothing, and reports the claim.
             (Effect::Works, _) => match self.own_process(message) {
@@ -255,6 +311,9 @@ impl Admission {
                 Ok(())
             }
             (Effect::Frees(witness), Some(_)) if self.policy.module(witness).is_some() => {
+                if may_command && self.is_its_own_stop(message, sender) {
+                    return Ok(());
+                }
                 let due = self.witnesses[witness as usize].ok_or(Refusal::NotYet)?;
                 allowed(due.is_some() && sender.process == due, Refusal::Release)
             }
@@ -264,13 +323,50 @@ impl Admission {
         }
     }
 
+    /// Who sent a message that was accepted, as the module is to be told.
+    #[must_use]
+    pub fn origin(&self, message: &Message, sender: Sender) -> Origin {
+        match message {
+            Message::LlEventStop(stop) if self.is_guarded() => {
+                let due = !is_of_line(&stop.source) || self.is_due(Witness::Power, sender);
+                Origin { due, process: sender.process }
+            }
+            Message::LlDataGuard(_) if self.is_guarded() => {
+                Origin { due: self.is_due(Witness::Guard, sender), ..Origin::DUE }
+            }
+            _ => Origin::DUE,
+        }
+    }
+
+    /// True if the sender is that witness's process, or the robot has no such witness.
+    fn is_due(&self, witness: Witness, sender: Sender) -> bool {
+        let known = self.witnesses[witness as usize].flatten();
+        self.policy.module(witness).is_none() || known.is_some() && sender.process == known
+    }
+
+    /// Remembers that a sender engages PAUSE in the name of the power controller.
+    fn note_engaging(&mut self, message: &Message, sender: Sender) {
+        let Message::LlEventStop(stop) = message else { return };
+        let is_foreign = is_of_line(&stop.source) && !self.is_due(Witness::Power, sender);
+        if !is_foreign || self.engaging.contains(&sender.process) {
+            return;
+        }
+        if self.engaging.len() >= ENGAGING_MAX {
+            self.engaging.remove(0);
+        }
+        self.engaging.push(sender.process);
+    }
+
+    /// True if a sender that engaged PAUSE in the name of the power controller releases that.
+    fn is_its_own_stop(&self, message: &Message, sender: Sender) -> bool {
+        matches!(message, Message::LlEventStop(_)) && self.engaging.contains(&sender.process)
+    }
+
     /// Learns from the list of a watchdog of the user `uid` which processes are the witnesses'.
     fn learn(&mut self, message: &Message, uid: u32) {
         let Message::CmDataProcesses(list) = message else { return };
         self.lists = STARTING_LISTS.min(self.lists + 1);
-        let witnesses =
-            [Witness::Power, Witness::Guard, Witness::Ranging, Witness::Lidar, Witness::Imu, Witness::Motion];
-        for witness in witnesses {
+        for witness in Witness::ALL {
             let name = self.policy.module(witness);
             let process = name.and_then(|name| process_of(name, list, uid));
             let known = &mut self.witnesses[witness as usize];
@@ -300,6 +396,11 @@ fn effect(heard: &Message) -> Effect {
         Message::LlDataScan(_) => Effect::Frees(Witness::Lidar),
         Message::LlDataImu(_) => Effect::Frees(Witness::Imu),
         Message::LlDataMotion(_) | Message::LlDataVelocity(_) => Effect::Frees(Witness::Motion),
+        Message::LlDataPower(_) => Effect::Frees(Witness::Power),
+        // One that is lost would take the place of the true one as well.
+        Message::MlDataEstimate(_) => Effect::Frees(Witness::Estimator),
+        Message::LlDataHold(list) if list.is_of_motion() => Effect::Frees(Witness::Motion),
+        Message::LlDataHold(list) if list.is_of_goal() => Effect::Frees(Witness::Planner),
         Message::CmDataProcesses(_) => Effect::SaysThatProcessesRun,
         // Sensor drivers measure in PAUSE, too: there a critical module counts as working.
         Message::CmDataState(DataState { state: DataState::RUN | DataState::PAUSE, .. }) => Effect::Works,
@@ -338,6 +439,8 @@ mod tests {
     const LIDAR: u32 = 110;
     const IMU: u32 = 111;
     const MOTION: u32 = 105;
+    const ESTIMATOR: u32 = 112;
+    const PLANNER: u32 = 113;
     const USER: u32 = 1000;
 
     fn user(pid: u32) -> Process {
@@ -356,6 +459,8 @@ mod tests {
             ("driver_rs485a", RANGING),
             ("driver_lidar", LIDAR),
             ("driver_imu", IMU),
+            ("estimator", ESTIMATOR),
+            ("planner", PLANNER),
         ];
         let witnesses = witnesses.map(|(module, pid)| process(module, pid as i32));
         let processes = [vec![process("driver_canbus", MOTION as i32)], witnesses.to_vec()].concat();
@@ -379,8 +484,9 @@ mod tests {
         let [power, guard, ranging, lidar, imu, motion] =
             ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_imu", "driver_canbus"]
                 .map(|name| Some(name.into()));
+        let [estimator, planner] = ["estimator", "planner"].map(|name| Some(name.into()));
         let announcing = ["driver_power", "guard"].map(String::from).into();
-        Policy { commands, power, guard, ranging, lidar, imu, motion, announcing }
+        Policy { commands, power, guard, ranging, lidar, imu, motion, estimator, planner, announcing }
     }
 
     /// Bounds of the guard, ahead.
@@ -440,6 +546,67 @@ mod tests {
         for of_line in ["", "button", "bumper3"] {
             assert_eq!(admission.judge(&open(of_line), by(Way::Host, 0)), Err(Refusal::Release), "{of_line}");
             assert_eq!(admission.judge(&open(of_line), by(Way::Memory, POWER)), Ok(()), "{of_line}");
+        }
+    }
+
+    #[test]
+    fn pause_in_the_power_controllers_name_is_marked_as_of_another_sender_who_may_release_only_that() {
+        let named = |engaged, source: &str| -> Message {
+            lowlevel::EventStop { engaged, source: source.into(), ..Default::default() }.into()
+        };
+        let (power, stranger, unknown) = (by(Way::Memory, POWER), by(Way::Memory, 300), by(Way::Host, 0));
+        for source in ["", "button", "bumper3", "sd1_front"] {
+            let mut admission = guarded(Commands::Host);
+            assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            let (engaged, open) = (named(true, source), named(false, source));
+            for sender in [stranger, unknown] {
+                assert_eq!(admission.judge(&open, sender), Err(Refusal::Release), "it engaged nothing: {source}");
+                assert_eq!(admission.judge(&engaged, sender), Ok(()));
+                let origin = Origin { due: false, process: sender.process };
+                assert_eq!(admission.origin(&engaged, sender), origin);
+                assert_eq!(admission.judge(&open, sender), Ok(()));
+                assert_eq!(admission.origin(&open, sender), origin, "it releases its own alone");
+            }
+            assert_eq!(admission.judge(&open, by(Way::Memory, 301)), Err(Refusal::Release), "another one");
+            assert_eq!(admission.judge(&open, by(Way::Network, 0)), Err(Refusal::Release), "it may not command");
+            for message in [&engaged, &open] {
+                assert_eq!(admission.judge(message, power), Ok(()));
+                assert_eq!(admission.origin(message, power), Origin { due: true, process: power.process });
+            }
+            for n in 0..100 {
+                assert_eq!(admission.judge(&engaged, by(Way::Memory, 400 + n)), Ok(()));
+            }
+            assert_eq!(admission.engaging.len(), ENGAGING_MAX);
+        }
+        // Under a name of its own each sender reports for itself.
+        let mut admission = guarded(Commands::Host);
+        assert_eq!(admission.judge(&named(true, "crane"), stranger), Ok(()));
+        let of_crane = admission.origin(&named(true, "crane"), stranger);
+        assert_eq!(of_crane, Origin { due: true, process: stranger.process });
+        // Before the watchdog has listed the power controller, its process is known, and it is not.
+        assert_eq!(admission.origin(&stop(true), power), Origin { due: false, process: power.process });
+        // Nobody is due.
+        let alone = Admission::new(policy(Commands::Host), None);
+        assert_eq!(alone.origin(&stop(true), stranger), Origin::DUE);
+        let without = Admission::new(Policy::default(), Some(user(WATCHDOG)));
+        assert!(without.origin(&stop(true), stranger).due);
+    }
+
+    #[test]
+    fn bounds_of_another_sender_than_the_guard_are_marked() {
+        let mut admission = guarded(Commands::Host);
+        let (guard, stranger) = (by(Way::Memory, GUARD), by(Way::Memory, 300));
+        assert!(!admission.origin(&bounds(0.0), guard).due, "nobody has listed it yet");
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+        for sender in [stranger, by(Way::Host, 0), by(Way::Network, 0), by(Way::Memory, WATCHDOG)] {
+            assert_eq!(admission.judge(&bounds(0.0), sender), Ok(()), "it stops");
+            assert_eq!(admission.origin(&bounds(0.0), sender), Origin { due: false, process: None });
+        }
+        assert_eq!(admission.origin(&bounds(0.0), guard), Origin::DUE);
+        let without = Admission::new(Policy::default(), Some(user(WATCHDOG)));
+        let alone = Admission::new(policy(Commands::Host), None);
+        for admission in [without, alone] {
+            assert_eq!(admission.origin(&bounds(0.0), stranger), Origin::DUE, "nobody is due");
         }
     }
 
@@ -562,6 +729,59 @@ mod tests {
             }
             assert_eq!(believed(MOTION, Way::Memory), Ok(()), "{message:?}");
         }
+    }
+
+    /// Estimate of this quality.
+    fn estimate(quality: i8) -> Message {
+        middlelevel::DataEstimate { quality, ..Default::default() }.into()
+    }
+
+    /// State of the motors' feed.
+    fn power(on: bool) -> Message {
+        let motors = lowlevel::Channel { name: "motors".into(), on, ..Default::default() };
+        lowlevel::DataPower { channels: vec![motors], ..Default::default() }.into()
+    }
+
+    /// Empty list of causes of a module.
+    fn holds(module: &str) -> Message {
+        lowlevel::DataHold { module: module.into(), ..Default::default() }.into()
+    }
+
+    #[test]
+    fn pose_power_and_causes_are_believed_from_the_module_that_knows_them() {
+        use messages::{GOAL_MODULE, MOTION_MODULE};
+        let table = [
+            (estimate(middlelevel::DataEstimate::FINE), ESTIMATOR),
+            // It would stop the planner, and make the true ones come out of order.
+            (estimate(middlelevel::DataEstimate::LOST), ESTIMATOR),
+            (power(false), POWER),
+            (power(true), POWER),
+            (lowlevel::DataPower::default().into(), POWER),
+            (holds(MOTION_MODULE), MOTION),
+            (holds(GOAL_MODULE), PLANNER),
+        ];
+        for (message, due) in table {
+            let mut admission = guarded(Commands::Network);
+            assert_eq!(admission.judge(&message, by(Way::Memory, due)), Err(Refusal::NotYet), "{message:?}");
+            assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            for other in [0, 300, WATCHDOG, POWER, GUARD, MOTION, ESTIMATOR, PLANNER] {
+                for way in [Way::Memory, Way::Host, Way::Network] {
+                    let expected = if other == due { Ok(()) } else { Err(Refusal::Release) };
+                    assert_eq!(admission.judge(&message, by(way, other)), expected, "{message:?} of {other}");
+                }
+            }
+            // A program in another language is that module, or the robot has none, or there is no watchdog.
+            let policy = policy(Commands::Host);
+            let foreign = Policy { power: None, motion: None, estimator: None, planner: None, ..policy.clone() };
+            let mut without = Admission::new(foreign, Some(user(WATCHDOG)));
+            assert_eq!(without.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+            for mut admission in [without, Admission::new(policy, None)] {
+                assert_eq!(admission.judge(&message, by(Way::Host, 0)), Ok(()), "{message:?}");
+                assert_eq!(admission.judge(&message, by(Way::Network, 0)), Err(Refusal::Release), "{message:?}");
+            }
+        }
+        // Nobody decides by those of others.
+        assert_eq!(guarded(Commands::Memory).judge(&holds("crane"), by(Way::Network, 0)), Ok(()));
     }
 
     #[test]

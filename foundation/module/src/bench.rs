@@ -1,5 +1,6 @@
 //! Test bench for one module in virtual time: feed events, jump from deadline to deadline, read the module's actions.
 
+use crate::admission::Origin;
 use crate::{Action, Actions, Event, Input, Output, PortId, Shell};
 use base::serial::Word;
 use base::{Duration, Epoch, Instant, Report, can, i2c, store, w1};
@@ -43,8 +44,13 @@ impl Bench {
 
     /// Feeds a message received now.
     pub fn message(&mut self, message: impl Into<Message>) {
+        self.message_from(Origin::DUE, message);
+    }
+
+    /// Feeds a message of that sender, received now.
+    pub fn message_from(&mut self, from: Origin, message: impl Into<Message>) {
         let message = message.into();
-        self.event(Event::Message { at: self.now, message: &message });
+        self.event(Event::Message { at: self.now, from, message: &message });
     }
 
     /// Raises a fault that the host found.

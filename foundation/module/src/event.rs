@@ -1,6 +1,7 @@
 //! All reasons for a module to wake, on one page.
 
 use crate::State;
+use crate::admission::Origin;
 use base::serial::Word;
 use base::{Duration, Instant, can, gamepad, gpio, i2c, store, w1};
 use messages::Message;
@@ -15,6 +16,8 @@ pub enum Event<'a> {
     Message {
         /// Time of reception.
         at: Instant,
+        /// Who sent it, as far as a module treats senders differently.
+        from: Origin,
         /// Content.
         message: &'a Message,
     },

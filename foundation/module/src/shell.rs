@@ -218,9 +218,9 @@ impl Shell {
                     self.call_module(now, Event::Timer, out);
                 }
             }
-            Event::Message { at, message } => {
+            Event::Message { message, .. } => {
                 if self.module.subscriptions().contains(&message.channel()) {
-                    self.call_module(now, Event::Message { at, message }, out);
+                    self.call_module(now, event, out);
                 }
                 if let Message::CmCmdState(command) = message {
                     self.on_state_command(now, command, out);

@@ -5,6 +5,7 @@ use super::{Malformed, auxiliary, level, report, state, store, take_level, take_
 use base::serial::Word;
 use base::{Duration, Instant, can, gamepad};
 use messages::Message;
+use module::admission::{Origin, Process};
 use module::{Call, Event, ExitStatus, Input, PortId, ProcessEvent};
 
 // The first byte of each call. Numbers are never reused.
@@ -44,14 +45,23 @@ const CHECK_LATE: u8 = 33;
 /// A frame that arrived before the call; [`CAN`] is one that arrived with it.
 const CAN_EARLIER: u8 = 34;
 const GPIO: u8 = 35;
+/// A message with its sender; [`MESSAGE`] is one whose sender makes no difference.
+const MESSAGE_FROM: u8 = 36;
+
+// Bits of the first byte of a sender.
+const IS_DUE: u8 = 1;
+const IS_KNOWN: u8 = 2;
 
 /// Appends a call. Instants are encoded relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
     match call {
         Call::Event(Event::Start) => out.push(START),
-        Call::Event(Event::Message { at, message }) => {
-            out.push(MESSAGE);
+        Call::Event(Event::Message { at, from, message }) => {
+            out.push(if *from == Origin::DUE { MESSAGE } else { MESSAGE_FROM });
             wire::signed(out, since(now, *at));
+            if *from != Origin::DUE {
+                put_origin(out, *from);
+            }
             super::message(out, message);
         }
         Call::Event(Event::RawMessage { at, channel, data }) => {
@@ -82,6 +92,23 @@ pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
             wire::text(out, text);
         }
     }
+}
+
+fn put_origin(out: &mut Vec<u8>, Origin { due, process }: Origin) {
+    out.push(if due { IS_DUE } else { 0 } | if process.is_some() { IS_KNOWN } else { 0 });
+    if let Some(Process { pid, uid }) = process {
+        wire::varint(out, pid.into());
+        wire::varint(out, uid.into());
+    }
+}
+
+fn take_origin(take: &mut Decoder<'_>) -> Result<Origin, Malformed> {
+    let flags = take.u8()?;
+    if flags & !(IS_DUE | IS_KNOWN) != 0 {
+        return Err(Malformed("a sender"));
+    }
+    let process = if flags & IS_KNOWN == 0 { None } else { Some(Process { pid: take.small()?, uid: take.small()? }) };
+    Ok(Origin { due: flags & IS_DUE != 0, process })
 }
 
 fn put_input(out: &mut Vec<u8>, now: Instant, PortId(port): PortId, input: &Input<'_>) {
@@ -199,10 +226,11 @@ pub(super) fn take<T>(take: &mut Decoder<'_>, now: Instant, f: impl FnOnce(Call<
         START => Event::Start,
         TIMER => Event::Timer,
         STATE => Event::State(take_state(take)?),
-        MESSAGE => {
+        MESSAGE | MESSAGE_FROM => {
             let at = before(now, take.signed()?);
+            let from = if tag == MESSAGE { Origin::DUE } else { take_origin(take)? };
             let message: Message = take_message(take)?;
-            return Ok(f(Call::Event(Event::Message { at, message: &message })));
+            return Ok(f(Call::Event(Event::Message { at, from, message: &message })));
         }
         WORDS => {
             let port = PortId(take.u8()?);

@@ -1,6 +1,7 @@
 use super::*;
 use base::{Duration, gamepad, gpio, i2c, store, w1};
 use messages::{common, lowlevel};
+use module::admission::{Origin, Process};
 use module::{
     Actions, Event, ExitStatus, Input, Module, Output, PortId, ProcessCommand, ProcessEvent, Shell, ShellConfig,
 };
@@ -22,7 +23,7 @@ impl Module for Driver {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => out.working(),
-            Event::Message { at, message: Message::LlCmdMotion(motion) } => {
+            Event::Message { at, message: Message::LlCmdMotion(motion), .. } => {
                 self.until = Some(at + self.ttl);
                 out.send_can(PortId(0), can::Frame::standard(0x201, &motion.speed.to_le_bytes()));
             }
@@ -90,7 +91,11 @@ fn drive(shell: &mut Shell) {
     shell.clear(at(1001), Report::new(Severity::Notice, Fault::PortDown, "lcm", "takes"), &mut out);
     for n in 0..20_u32 {
         let message = command(0.1 * f64::from(n));
-        shell.handle(at(1002 + 50 * u64::from(n)), Event::Message { at: at(1001), message: &message }, &mut out);
+        shell.handle(
+            at(1002 + 50 * u64::from(n)),
+            Event::Message { at: at(1001), from: Origin::DUE, message: &message },
+            &mut out,
+        );
     }
     while let Some(due) = shell.poll_timeout().filter(|due| *due < at(3000)) {
         shell.handle(due.max(at(2000)), Event::Timer, &mut out);
@@ -323,6 +328,26 @@ fn a_gamepad_with_too_many_axes_is_rejected() {
 }
 
 #[test]
+fn a_message_whose_sender_makes_no_difference_is_recorded_as_ever() {
+    let message = command(0.3);
+    let kind = |from| {
+        let mut out = Vec::new();
+        call::put(&mut out, at(7), &Call::Event(Event::Message { at: at(7), from, message: &message }));
+        let read = call::take(&mut Decoder(&out), at(7), |call| match call {
+            Call::Event(Event::Message { from, .. }) => Some(from),
+            _ => None,
+        });
+        assert_eq!(read, Ok(Some(from)));
+        out[0]
+    };
+    // Recordings without senders replay as before.
+    assert_eq!(kind(Origin::DUE), 2);
+    assert_eq!(kind(Origin { due: false, process: None }), 36);
+    let unknown = [36, 0, 4];
+    assert_eq!(call::take(&mut Decoder(&unknown), at(7), |_| ()), Err(Malformed("a sender")));
+}
+
+#[test]
 fn every_call_is_read_as_it_was_written() {
     let report = Report::new(Severity::Error, Fault::BoardLost, "sd1", "no answer").fatal();
     let words = [Word::address(0x10), Word::data(0xFF), Word::data(0)];
@@ -345,13 +370,17 @@ fn every_call_is_read_as_it_was_written() {
     let temperatures = temperatures.into_iter().chain([Err(w1::Error::Nonsense), Err(w1::Error::Other)]);
     let answers = temperatures.map(|said| w1::Answer::Temperature(rom, said));
     let answers: Vec<w1::Answer> = answers.chain([&[][..], &[rom, other]].map(list)).collect();
+    let of_process = |due| Origin { due, process: Some(Process { pid: 4711, uid: 1000 }) };
     let pad = pad();
     let calls = [
         Call::Event(Event::Start),
         Call::Event(Event::Timer),
         Call::Event(Event::State(State::Pause)),
-        Call::Event(Event::Message { at: Instant::ZERO, message: &message }),
-        Call::Event(Event::Message { at: Instant::NEVER, message: &long }),
+        Call::Event(Event::Message { at: Instant::ZERO, from: Origin::DUE, message: &message }),
+        Call::Event(Event::Message { at: Instant::NEVER, from: Origin::DUE, message: &long }),
+        Call::Event(Event::Message { at: at(7), from: Origin { due: false, process: None }, message: &message }),
+        Call::Event(Event::Message { at: at(7), from: of_process(true), message: &message }),
+        Call::Event(Event::Message { at: at(7), from: of_process(false), message: &message }),
         input(Input::Up),
         input(Input::Down("bus-off")),
         input(Input::Can { frame: frame(can::Id::Standard(0x7FF), &[1, 2, 3]), at: at(5000) }),

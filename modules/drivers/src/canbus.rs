@@ -66,6 +66,7 @@ use controller::Controller;
 use ignored::Ignored;
 use kinematics::{PerWheel, Twist};
 use messages::{Channel, Hold, Message, common, lowlevel};
+use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::Objection;
 use propulsion::Propulsion;
@@ -275,7 +276,7 @@ impl Canbus {
         if speed.is_nan() { 0.0 } else { speed }
     }
 
-    fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
+    fn on_message(&mut self, now: Instant, at: Instant, from: Origin, message: &Message, out: &mut Actions) {
         // The clock may have been wrong at reception, which must not extend the command's life.
         let at = at.min(now);
         match message {
@@ -296,12 +297,13 @@ impl Canbus {
                     self.arbiter.trust_no_new_source();
                 }
             }
+            Message::LlDataGuard(guard) if !from.due => self.protection.on_guard_of_another(guard),
             Message::LlDataGuard(guard) => {
                 self.protection.on_speed(self.speed());
                 self.protection.on_guard(at, guard);
             }
             Message::LlCmdCreep(creep) => self.protection.on_creep(at, creep),
-            Message::LlEventStop(stop) => self.around.on_stop(at, stop),
+            Message::LlEventStop(stop) => self.around.on_stop(at, from, stop),
             Message::LlDataRanges(ranges) => self.around.on_ranges(at, ranges),
             Message::MlDataEstimate(estimate) => self.around.on_estimate(at, estimate),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.on_goal(now, at, out),
@@ -1068,7 +1070,7 @@ impl Module for Canbus {
                     out.say(Level::Warning, warning);
                 }
             }
-            Event::Message { at, message } => self.on_message(now, at, message, out),
+            Event::Message { at, from, message } => self.on_message(now, at, from, message, out),
             Event::Port { port, input } if self.stop_watch.on_port(now, port, &input) => {}
             Event::Port { input: Input::Can { frame, at }, .. } => {
                 self.on_frame(now, at, &frame, out);

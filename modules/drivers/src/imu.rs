@@ -358,7 +358,7 @@ impl Module for Imus {
             Event::Start => self.statistics = Ticker::new(now + BUS_PERIOD, BUS_PERIOD),
             Event::Port { port, input } => self.on_port(now, port, &input, out),
             Event::State(state) => self.state = state,
-            Event::Message { at, message: Message::LlDataVelocity(velocity) } => {
+            Event::Message { at, message: Message::LlDataVelocity(velocity), .. } => {
                 self.stand.on_velocity(at.min(now), velocity);
             }
             Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}

@@ -246,7 +246,7 @@ impl Module for Io {
                 self.statistics = Ticker::new(now + BUS_PERIOD, BUS_PERIOD);
             }
             Event::Port { port, input } => self.on_port(now, port, &input, out),
-            Event::Message { at, message: Message::LlCmdOutput(command) } => self.on_command(now, at, command, out),
+            Event::Message { at, message: Message::LlCmdOutput(command), .. } => self.on_command(now, at, command, out),
             Event::State(state) => self.set_state(now, state),
             Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }

@@ -354,7 +354,7 @@ impl Module for Estimator {
                 self.tick = Some(Ticker::new(now, PERIOD));
                 out.working();
             }
-            Event::Message { at, message } => match message {
+            Event::Message { at, message, .. } => match message {
                 Message::LlDataOdo(odo) => self.on_odo(at, odo, out),
                 Message::LlDataBeacons(beacons) => self.on_beacons(at, beacons, out),
                 Message::LlDataMotion(motion) => self.on_motion(at, motion, out),

@@ -16,7 +16,7 @@ pub use config::{Beacon, Config, ConfigError, Mount, Noise};
 pub(crate) use state::{DELAY, PLACE_KNOWN, PLACE_UNKNOWN, Sight, State, THETA, X, Y, deviations};
 
 use crate::search::{self, Bearing};
-use crate::trail::Trail;
+use crate::trail::{Trail, shifted};
 use base::listed;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
@@ -449,10 +449,7 @@ impl<const N: usize> Kalman<N> {
             return Err(Refused::Time);
         }
         let delay = self.history.last().state.mean[DELAY].clamp(-1.0, 1.5);
-        let at = match delay >= 0.0 {
-            true => stamp - Duration::from_secs_f64(delay),
-            false => stamp + Duration::from_secs_f64(-delay),
-        };
+        let at = shifted(stamp, -delay);
         if at < self.history.first_at() || at > self.at() + history::HISTORY {
             return Err(Refused::Time);
         }

@@ -5,7 +5,7 @@
 //! agree by chance and all rivals together are two hundred times less likely (docs/facts/robot.md 3.3).
 
 use crate::filter::Config;
-use crate::trail::{Trail, TrailPose};
+use crate::trail::{Trail, TrailPose, shifted};
 use base::{Duration, Instant};
 use core::f64::consts::{PI, TAU};
 use navitools::{Angle, Point, Pose, resection, wrap};
@@ -230,8 +230,8 @@ fn candidates(
 fn carry(config: &Config, seen: &Bearing, trail: &Trail, known: &Sensor, delay: f64) -> Option<Vote> {
     let now = trail.last();
     let place = |delay: f64| {
-        let late = Duration::from_secs_f64(delay.abs());
-        trail.at(if delay >= 0.0 { seen.stamp - late } else { (seen.stamp + late).min(now.at) })
+        let then = shifted(seen.stamp, -delay);
+        trail.at(if delay >= 0.0 { then } else { then.min(now.at) })
     };
     let from = |then: TrailPose| now.pose.inverse() * then.pose;
     let then = place(delay)?;
@@ -498,4 +498,33 @@ pub fn inverse<const N: usize>(m: &[[f64; N]; N]) -> Option<([[f64; N]; N], f64)
     let inverse =
         core::array::from_fn(|row| core::array::from_fn(|column| right[row][column] * scale[row] * scale[column]));
     volume.is_finite().then_some((inverse, volume))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use navitools::Motion;
+
+    #[test]
+    fn a_delay_of_any_size_carries_no_bearing_and_ends_no_module() {
+        let mut trail = Trail::default();
+        for ms in (1000..=3000).step_by(50) {
+            trail.push(Instant::from_millis(ms), Motion::default(), 0.0, (0.0, 0.0));
+        }
+        let place = Point { x: 3.0, y: 1.0 };
+        let seen = Bearing { stamp: Instant::from_millis(2500), beacon: 0, place, bearing: 0.3 };
+        let config = Config::default();
+        let vote = |delay: f64| {
+            let sensor = Sensor { mount: place, spread: 0.0, turn: 0.0, delay: (delay, 0.1), strictness: 1.0 };
+            assert!(search(&config, &[seen; 3], &trail, sensor, None, 0.5).is_none(), "one beacon in sight");
+            carry(&config, &seen, &trail, &sensor, delay)
+        };
+        assert!(vote(0.25).is_some() && vote(-0.25).is_some());
+        for huge in [60.0, 1e19, 1e300, f64::INFINITY] {
+            assert!(vote(huge).is_none(), "{huge}");
+            // As one that is stamped too late: it is of the present.
+            assert_eq!(vote(-huge).map(|vote| vote.stamp), Some(seen.stamp), "{huge}");
+        }
+        vote(f64::NAN);
+    }
 }

@@ -18,6 +18,17 @@ pub struct TrailPose {
     pub turn: f64,
 }
 
+/// Greatest difference between a bearing's time stamp and its instant, s: it lies outside any trail and history.
+const SHIFT_MAX: f64 = 60.0;
+
+/// The instant `seconds` after `at`, or before it if negative. The filter's state may hold any number: the shift is
+/// limited, and none for one that is not a number.
+pub fn shifted(at: Instant, seconds: f64) -> Instant {
+    let limited = if seconds.is_nan() { 0.0 } else { seconds.clamp(-SHIFT_MAX, SHIFT_MAX) };
+    let by = Duration::from_secs_f64(limited.abs());
+    if limited >= 0.0 { at + by } else { at - by }
+}
+
 /// Pose after a way whose direction of travel is `drift` in the robot's frame, rad.
 pub fn pose_along(pose: Pose, way: Motion, drift: f64) -> Pose {
     let end = Pose { theta: pose.theta + drift, ..pose }.along(way);
@@ -55,5 +66,23 @@ impl Trail {
         let (x, y) = (between(begin.pose.x, end.pose.x), between(begin.pose.y, end.pose.y));
         let pose = Pose { x, y, theta: begin.pose.theta + turned };
         Some(TrailPose { at, pose, along: between(begin.along, end.along), turn: between(begin.turn, end.turn) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_number_of_seconds_is_too_much() {
+        let at = Instant::from_millis(100_000);
+        assert_eq!(shifted(at, 0.25), Instant::from_millis(100_250));
+        assert_eq!(shifted(at, -0.25), Instant::from_millis(99_750));
+        let limits = [Instant::from_millis(160_000), Instant::from_millis(40_000)];
+        for huge in [60.0, 1e19, 1e300, f64::MAX, f64::INFINITY] {
+            assert_eq!([huge, -huge].map(|seconds| shifted(at, seconds)), limits, "{huge}");
+        }
+        assert_eq!(shifted(at, f64::NAN), at);
+        assert_eq!(shifted(Instant::ZERO, -1e300), Instant::ZERO);
     }
 }

@@ -225,12 +225,12 @@ impl Module for Guard {
                 self.deadlines.set(Timer::Publish, now);
                 out.working();
             }
-            Event::Message { at, message: Message::LlDataRanges(ranges) } => {
+            Event::Message { at, message: Message::LlDataRanges(ranges), .. } => {
                 self.echoes.on_ranges(at.min(now), ranges, &self.trail);
             }
-            Event::Message { at, message: Message::LlDataScan(scan) } => self.on_scan(now, at.min(now), scan, out),
-            Event::Message { at, message: Message::LlDataMotion(motion) } => self.on_motion(at.min(now), motion),
-            Event::Message { at, message: Message::LlDataVelocity(velocity) } if self.fields.base().turns => {
+            Event::Message { at, message: Message::LlDataScan(scan), .. } => self.on_scan(now, at.min(now), scan, out),
+            Event::Message { at, message: Message::LlDataMotion(motion), .. } => self.on_motion(at.min(now), motion),
+            Event::Message { at, message: Message::LlDataVelocity(velocity), .. } if self.fields.base().turns => {
                 self.on_velocity(at.min(now), velocity);
             }
             _ => {}

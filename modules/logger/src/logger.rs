@@ -482,7 +482,7 @@ impl Module for Logger {
         match event {
             Event::Start => self.deadlines.set(Timer::Publish, now),
             Event::RawMessage { at, channel, data } => self.on_raw_message(now, at, channel, data, out),
-            Event::Message { at, message: Message::CmCmdLog(command) } => self.on_command(now, at, command, out),
+            Event::Message { at, message: Message::CmCmdLog(command), .. } => self.on_command(now, at, command, out),
             Event::Port { input, .. } => self.on_port(now, &input, out),
             Event::State(state) => self.on_state(now, state, out),
             Event::Message { .. } | Event::Timer | Event::Process(_) => {}

@@ -14,6 +14,7 @@ use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges, DataScan};
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
+use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Module, State};
 use navitools::Pose;
 
@@ -100,7 +101,7 @@ impl Planner {
         }
     }
 
-    fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
+    fn on_message(&mut self, now: Instant, at: Instant, from: Origin, message: &Message, out: &mut Actions) {
         let at = at.min(now);
         match message {
             Message::MlDataEstimate(estimate) => self.on_estimate(at, estimate, out),
@@ -108,6 +109,8 @@ impl Planner {
             Message::LlDataVelocity(velocity) => self.senses.on_velocity(velocity),
             Message::LlDataGuard(guard) => self.senses.on_guard(at, guard),
             Message::LlDataHold(holds) => self.senses.on_hold(at, holds),
+            // Of another sender than the power controller: no bumper was met, and nothing of the line is released.
+            Message::LlEventStop(stop) if !from.due => self.senses.on_stop_of_another(at, stop),
             Message::LlEventStop(stop) => {
                 self.senses.on_stop(at, stop);
                 let source = StopSource::from_name(&stop.source);
@@ -383,7 +386,7 @@ impl Module for Planner {
                 self.holds.start(now);
                 out.working();
             }
-            Event::Message { at, message } => self.on_message(now, at, message, out),
+            Event::Message { at, from, message } => self.on_message(now, at, from, message, out),
             Event::State(state) => self.senses.state = Some(state),
             Event::Timer | Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }

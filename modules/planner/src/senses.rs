@@ -166,6 +166,14 @@ impl Senses {
         self.paused = stop.engaged.then(|| (at, StopSource::from_name(&stop.source), stop.source.clone()));
     }
 
+    /// Processes `LL_EVENT_STOP` in the power controller's name, of another sender. What that releases is left to
+    /// `driver_canbus`, whose causes hold the robot.
+    pub fn on_stop_of_another(&mut self, at: Instant, stop: &EventStop) {
+        if stop.engaged && self.paused.is_none() {
+            self.paused = Some((at, StopSource::Unknown, stop.source.clone()));
+        }
+    }
+
     /// Processes sonar readings.
     pub fn on_soundings(&mut self, soundings: &[Sounding]) {
         let newest = soundings.iter().filter(|sounding| sounding.is_known()).map(|sounding| sounding.at).max();
@@ -446,6 +454,17 @@ mod tests {
         assert_eq!(why(&senses, 2200).0, [(Hold::PauseButton, "button".into())]);
         hear(&mut senses, 2300, &[]);
         assert_eq!(why(&senses, 2300).0, []);
+    }
+
+    #[test]
+    fn another_sender_engages_no_bumper_and_releases_nothing_of_the_line() {
+        let stop = |engaged, source: &str| EventStop { timestamp: 0, engaged, source: source.into() };
+        let mut senses = ready();
+        senses.on_stop_of_another(ms(1000), &stop(true, "bumper2"));
+        assert_eq!(why(&senses, 1100).0, [(Hold::PauseOther, "bumper2".into())]);
+        senses.on_stop(ms(1010), &stop(true, "button"));
+        senses.on_stop_of_another(ms(1020), &stop(false, ""));
+        assert_eq!(why(&senses, 1100).0, [(Hold::PauseButton, "button".into())]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Which senders the modules accept, by the robot's own processes and the transport of a message (docs/design.md,
 //! section 11): commands from those that `[bus] commands` names, reports that all is well only from the watchdog and
-//! the power controller, the measured motion only from the driver.
+//! the power controller, the measured motion only from the driver, the estimate only from the estimator.
 //!
 //! The witness is the host, which knows each sender; `module::admission`, which the modules use, is not asked.
 
@@ -9,13 +9,14 @@ use messages::{Message, common};
 use module::State;
 use module::admission::{Commands, Sender, Way};
 
-/// Processes that may report that all is well, or how the robot moves: those of the watchdog, the power controller and
-/// the driver, including ended ones, since their last messages may still be on their way.
+/// Processes that may report that all is well, how the robot moves, or where it is: those of the watchdog, the power
+/// controller, the driver and the estimator, including ended ones, since their last messages may still be on their way.
 #[derive(Debug, Default)]
 pub(super) struct Believed {
     watchdogs: Vec<u32>,
     controllers: Vec<u32>,
     drivers: Vec<u32>,
+    estimators: Vec<u32>,
 }
 
 impl Believed {
@@ -26,21 +27,39 @@ impl Believed {
             self.controllers.push(pid);
         } else if module == limits.driver {
             self.drivers.push(pid);
+        } else if limits.estimator.as_deref() == Some(module) {
+            self.estimators.push(pid);
         }
     }
 
-    pub fn believes(&self, sender: Sender, said: &Message, limits: &Limits) -> bool {
-        let may_command = match limits.commands {
+    /// True if this sender reports the state of the PAUSE line, and not for itself.
+    pub fn reports_the_line(&self, sender: Sender, limits: &Limits) -> bool {
+        limits.power.is_none() || is_one_of(sender, &self.controllers)
+    }
+
+    /// True if this sender may command.
+    pub fn may_command(&self, sender: Sender, limits: &Limits) -> bool {
+        match limits.commands {
             Commands::Memory => sender.way == Way::Memory,
             Commands::Host => sender.way != Way::Network,
             Commands::Network => true,
-        };
+        }
+    }
+
+    /// True if a module may accept this message from this sender. What a sender releases of its own is not judged here.
+    pub fn believes(&self, sender: Sender, said: &Message, limits: &Limits) -> bool {
+        let may_command = self.may_command(sender, limits);
         match said {
             Message::CmDataProcesses(_) => is_one_of(sender, &self.watchdogs),
             Message::LlEventStop(stop) if stop.engaged => true,
-            Message::LlEventStop(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
+            Message::LlEventStop(_) if limits.power.is_some() => self.reports_the_line(sender, limits),
             Message::LlDataMotion(_) | Message::LlDataVelocity(_) => is_one_of(sender, &self.drivers),
-            Message::LlEventStop(_) | Message::LlDataActiveBeacons(_) => may_command,
+            Message::LlDataPower(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
+            Message::MlDataEstimate(_) if limits.estimator.is_some() => is_one_of(sender, &self.estimators),
+            Message::LlEventStop(_)
+            | Message::LlDataPower(_)
+            | Message::MlDataEstimate(_)
+            | Message::LlDataActiveBeacons(_) => may_command,
             Message::CmCmdState(common::CmdState { state, .. }) if *state != State::Run as i8 => true,
             Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => true,
             other if other.channel().name().contains("_CMD_") => may_command,

@@ -10,7 +10,7 @@ use super::{Base, Limits};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
-use messages::{Message, common, middlelevel};
+use messages::{Message, common, lowlevel, middlelevel};
 use module::State;
 use module::admission::Sender;
 
@@ -260,7 +260,7 @@ impl Facts {
             News::Heard { pid, at, sender, message }
                 if self.driver.pid == Some(*pid) && self.believes(*sender, message) =>
             {
-                self.on_heard(now, *at, message);
+                self.on_heard(now, *at, *sender, message);
             }
             News::Can { bus, frame, .. } if *bus == self.limits.bus && self.is_command(frame) => {
                 self.disobeys = self.disobeys.max(now + AFTERMATH_OF_COMMAND);
@@ -282,7 +282,12 @@ impl Facts {
 
     /// True if the robot may accept this sender.
     pub fn believes(&self, sender: Sender, message: &Message) -> bool {
+        let releases_its_own = |stop: &lowlevel::EventStop| {
+            let commands = self.believed.may_command(sender, &self.limits);
+            !stop.engaged && commands && self.pause.is_engaged_by(sender.pid(), &stop.source)
+        };
         self.believed.believes(sender, message, &self.limits)
+            || matches!(message, Message::LlEventStop(stop) if releases_its_own(stop))
     }
 
     fn on_process(&mut self, now: Instant, module: &str, news: &News<'_>) {
@@ -379,7 +384,7 @@ impl Facts {
         self.stopped = now;
     }
 
-    fn on_heard(&mut self, now: Instant, at: Instant, message: &Message) {
+    fn on_heard(&mut self, now: Instant, at: Instant, sender: Sender, message: &Message) {
         if let Some(asked) = Asked::of(message, &self.limits) {
             // Older commands have expired.
             if now.since(at) >= self.limits.ttl {
@@ -392,7 +397,10 @@ impl Facts {
             }
         }
         match message {
-            Message::LlEventStop(stop) => self.pause.on_report(now, at, stop),
+            Message::LlEventStop(stop) => {
+                let is_due = self.believed.reports_the_line(sender, &self.limits);
+                self.pause.on_report(now, at, sender.pid(), is_due, stop);
+            }
             Message::CmDataProcesses(list) => self.on_list(now, at, list),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),
             Message::CmCmdState(command) => self.on_command(now, command),

@@ -1,7 +1,7 @@
 //! The PAUSE line as the driver was told: engaged while any source reports it engaged (docs/design.md, section 4).
 //!
 //! The power controller reports for the sources on its line, by their names in the contract or none; others report for
-//! themselves, and an operator's RUN overrules one that fell silent.
+//! themselves, whatever name they give, each for what it engaged, and an operator's RUN overrules one that fell silent.
 
 use base::{Duration, Instant};
 use messages::{StopSource, lowlevel};
@@ -30,6 +30,8 @@ impl Pause {
 #[derive(Debug)]
 struct Other {
     name: Box<str>,
+    /// Its process, where it is known.
+    pid: Option<u32>,
     since: Instant,
     /// Reception time of its last report.
     heard: Instant,
@@ -61,18 +63,24 @@ impl PauseLine {
         self.heard
     }
 
-    /// The driver is served a report that was received at `at`.
-    pub fn on_report(&mut self, now: Instant, at: Instant, stop: &lowlevel::EventStop) {
-        if StopSource::from_name(&stop.source) != StopSource::Unknown || stop.source.is_empty() {
+    /// True if this process has engaged PAUSE as that source, beside the power controller, and not released it.
+    pub fn is_engaged_by(&self, pid: Option<u32>, source: &str) -> bool {
+        self.others.iter().any(|other| other.pid == pid && *other.name == *source)
+    }
+
+    /// The driver is served a report that was received at `at` from the process `pid`, if it is known; `is_due`: of the
+    /// power controller, or of a robot without one.
+    pub fn on_report(&mut self, now: Instant, at: Instant, pid: Option<u32>, is_due: bool, stop: &lowlevel::EventStop) {
+        if is_due && (StopSource::from_name(&stop.source) != StopSource::Unknown || stop.source.is_empty()) {
             let since = self.controller.engaged().unwrap_or(now);
             self.controller = if stop.engaged { Pause::Engaged(since) } else { Pause::Open };
             self.heard = at;
             return;
         }
-        let known = self.others.iter().position(|other| *other.name == *stop.source);
+        let known = self.others.iter().position(|other| other.pid == pid && *other.name == *stop.source);
         match (stop.engaged, known) {
             (true, Some(place)) => self.others[place].heard = at,
-            (true, None) => self.others.push(Other { name: stop.source.as_str().into(), since: now, heard: at }),
+            (true, None) => self.others.push(Other { name: stop.source.as_str().into(), pid, since: now, heard: at }),
             (false, Some(place)) => drop(self.others.remove(place)),
             (false, None) => {}
         }

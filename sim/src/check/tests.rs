@@ -29,6 +29,7 @@ fn limits() -> Limits {
         planner: "planner".into(),
         critical: vec!["power".into(), "driver".into()],
         power: Some("power".into()),
+        estimator: None,
         commands: Commands::Host,
         bus: "can".into(),
         wheels: vec![wire::Wheel {
@@ -283,8 +284,12 @@ impl Bench {
             ["simulator", pid, angle] => (self.simulator, self.steering) = (pid.parse().unwrap(), number(angle)),
             ["line", what] => self.act(&["line", what, "button"]),
             ["line", what, source] => {
+                let pid = self.pids["power"].to_string();
+                self.act(&["line", what, source, "by", &pid]);
+            }
+            ["line", what, source, "by", pid] => {
                 let (engaged, source) = (what == "engaged", source.into());
-                self.served(self.pids["power"], lowlevel::EventStop { timestamp: 0, engaged, source });
+                self.served(pid.parse().unwrap(), lowlevel::EventStop { timestamp: 0, engaged, source });
             }
             // A sender of another user, or of another computer.
             [by @ ("host" | "network"), ref rest @ ..] => {

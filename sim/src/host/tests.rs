@@ -57,7 +57,7 @@ impl Module for Player {
                 out.send_can(CAN, Frame::standard(0x100, &[self.count]));
                 out.send_words(SERIAL, &[Word::address(self.count), Word::data(0)]);
             }
-            Event::Message { at, message: Message::SimDataClock(clock) } => {
+            Event::Message { at, message: Message::SimDataClock(clock), .. } => {
                 self.note(now, &format!("clock {} from {}", clock.rate, at.as_nanos()));
                 out.publish(simulation::DataTruth { timestamp: clock.timestamp, x: clock.rate, ..Default::default() });
             }

@@ -2,12 +2,14 @@
 //! deliberate act.
 //!
 //! The power controller reports for the sources on its line (bumpers, floor sensors, the button, or without a name);
-//! other senders report for themselves, under their own names. None of them releases what another one engaged. A source
-//! other than the power controller that engaged the line and fell silent stays engaged until it reports that it is
-//! open, or until a person overrules it. The same holds for a power controller that the robot is not configured with.
+//! other senders report for themselves, whatever name they give. None of them releases what another one engaged: a
+//! source is a name of a sender, as far as the host tells senders apart. A source other than the power controller that
+//! engaged the line and fell silent stays engaged until its sender reports that it is open, or until a person overrules
+//! it. The same holds for a power controller that the robot is not configured with.
 
 use base::{Duration, Instant};
 use messages::{Hold, StopSource, lowlevel};
+use module::admission::{Origin, Process};
 
 /// `LL_EVENT_STOP` is sent every 500 ms; after this time without it the state of its source is unknown.
 pub(super) const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
@@ -41,10 +43,18 @@ enum Controller {
 #[derive(Clone, Debug, PartialEq)]
 struct Other {
     name: String,
+    /// Its process, where it is known.
+    process: Option<Process>,
     /// Time of its last report.
     at: Instant,
     /// It stands for several, so a report that one of them is open does not open it; only a person overrules it.
     shared: bool,
+}
+
+impl Other {
+    fn is_of(&self, from: Origin) -> bool {
+        self.process == from.process
+    }
 }
 
 /// State of the line.
@@ -72,13 +82,16 @@ impl PauseLine {
         }
     }
 
-    /// Processes a report, received at `at`.
-    pub(super) fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
-        let source = StopSource::from_name(&stop.source);
+    /// Processes a report, received at `at` from that sender. What is not from the power controller is not of its line,
+    /// even under the name of one of its sources.
+    pub(super) fn on_stop(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) {
         self.latched |= stop.engaged;
-        if source == StopSource::Unknown && !stop.source.is_empty() {
-            return self.on_other(at, stop);
+        if !is_of_line(&stop.source) || !from.due {
+            return self.on_other(at, from, stop);
         }
+        // Its reports before the watchdog listed its process.
+        self.others.retain(|other| other.process.is_none() || !other.is_of(from) || !is_of_line(&other.name));
+        let source = StopSource::from_name(&stop.source);
         self.controller =
             if stop.engaged { Controller::Engaged(source, stop.source.clone()) } else { Controller::Open };
         self.reported = at;
@@ -87,15 +100,17 @@ impl PauseLine {
         }
     }
 
-    fn on_other(&mut self, at: Instant, stop: &lowlevel::EventStop) {
-        let shared = self.others.iter().any(|other| other.name == stop.source && other.shared);
+    fn on_other(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) {
+        let same = |other: &Other| other.name == stop.source && other.is_of(from);
+        let shared = self.others.iter().any(|other| same(other) && other.shared);
         if stop.engaged || !shared {
-            self.others.retain(|other| other.name != stop.source);
+            self.others.retain(|other| !same(other));
         }
         if stop.engaged {
             let full = self.others.len() >= OTHERS_MAX;
             self.others.truncate(OTHERS_MAX - 1);
-            self.others.push(Other { name: stop.source.clone(), at, shared: shared || full });
+            let (name, process) = (stop.source.clone(), from.process);
+            self.others.push(Other { name, process, at, shared: shared || full });
         }
     }
 
@@ -160,6 +175,11 @@ impl PauseLine {
     }
 }
 
+/// True for a source that the power controller reports.
+fn is_of_line(name: &str) -> bool {
+    name.is_empty() || StopSource::from_name(name) != StopSource::Unknown
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -172,6 +192,11 @@ mod tests {
         lowlevel::EventStop { timestamp: 0, engaged, source: source.into() }
     }
 
+    /// A sender by its process; `due`: the power controller, or nobody is.
+    fn of(due: bool, pid: u32) -> Origin {
+        Origin { due, process: Some(Process { pid, uid: 1000 }) }
+    }
+
     fn holds(line: &PauseLine, now: Instant) -> Vec<(Hold, &str)> {
         line.reasons(now).map(|paused| line.hold(paused)).collect()
     }
@@ -179,21 +204,87 @@ mod tests {
     #[test]
     fn a_source_is_not_released_by_another_one() {
         let mut line = PauseLine::new(true);
-        line.on_stop(at(0), &stop(true, "a rope"));
-        line.on_stop(at(10), &stop(true, "bumper2"));
+        line.on_stop(at(0), Origin::DUE, &stop(true, "a rope"));
+        line.on_stop(at(10), Origin::DUE, &stop(true, "bumper2"));
         assert_eq!(holds(&line, at(20)), [(Hold::PauseBumper, "bumper2"), (Hold::PauseOther, "a rope")]);
-        line.on_stop(at(500), &stop(false, ""));
+        line.on_stop(at(500), Origin::DUE, &stop(false, ""));
         assert_eq!(holds(&line, at(510)), [(Hold::PauseOther, "a rope")], "the controller's next report");
-        line.on_stop(at(600), &stop(false, "another rope"));
+        line.on_stop(at(600), Origin::DUE, &stop(false, "another rope"));
         assert_eq!(holds(&line, at(610)), [(Hold::PauseOther, "a rope")]);
-        line.on_stop(at(700), &stop(false, "a rope"));
+        line.on_stop(at(700), Origin::DUE, &stop(false, "a rope"));
         assert_eq!(holds(&line, at(710)), [(Hold::PauseLatched, "")]);
+    }
+
+    #[test]
+    fn pause_in_the_power_controllers_name_is_not_undone_by_the_power_controller() {
+        for name in ["", "button", "bumper3", "sd1_rear"] {
+            let mut line = PauseLine::new(true);
+            line.on_stop(at(0), of(true, 7), &stop(false, ""));
+            line.on_stop(at(100), of(false, 300), &stop(true, name));
+            assert!(!line.cuts_feed(), "only the line itself does");
+            let others = [(Hold::PauseOther, name)];
+            for ms in (500..10_000).step_by(500) {
+                line.on_stop(at(ms), of(true, 7), &stop(false, ""));
+                assert_eq!(holds(&line, at(ms)), others, "{ms} ms");
+            }
+            // Another process, a sender that is not known, and a person while it reports.
+            line.on_stop(at(10_000), of(false, 301), &stop(false, name));
+            line.on_stop(at(10_000), Origin { due: false, process: None }, &stop(false, name));
+            line.on_stop(at(10_000), of(false, 300), &stop(true, name));
+            line.overrule(at(10_100));
+            assert_eq!(holds(&line, at(10_100)), others);
+            line.on_stop(at(10_200), of(false, 300), &stop(false, name));
+            assert_eq!(holds(&line, at(10_200)), [(Hold::PauseLatched, "")]);
+        }
+    }
+
+    #[test]
+    fn a_sender_that_fell_silent_is_overruled_by_a_person_whatever_its_name() {
+        let mut line = PauseLine::new(true);
+        line.on_stop(at(0), of(false, 300), &stop(true, "button"));
+        line.on_stop(at(1000), of(true, 7), &stop(false, ""));
+        line.overrule(at(1199));
+        assert_eq!(holds(&line, at(1199)), [(Hold::PauseOther, "button")]);
+        line.overrule(at(1200));
+        assert_eq!(holds(&line, at(1200)), [(Hold::PauseLatched, "")]);
+    }
+
+    #[test]
+    fn a_name_of_its_own_is_of_each_sender_too() {
+        let mut line = PauseLine::new(false);
+        line.on_stop(at(0), of(true, 300), &stop(true, "crane"));
+        line.on_stop(at(10), of(true, 301), &stop(true, "crane"));
+        line.on_stop(at(20), of(true, 301), &stop(false, "crane"));
+        assert_eq!(holds(&line, at(30)), [(Hold::PauseOther, "crane")]);
+        line.on_stop(at(40), of(true, 300), &stop(false, "crane"));
+        assert_eq!(holds(&line, at(50)), [(Hold::PauseLatched, "")]);
+    }
+
+    #[test]
+    fn a_stranger_does_not_stand_in_for_a_silent_power_controller() {
+        let mut line = PauseLine::new(true);
+        line.on_stop(at(0), of(true, 7), &stop(false, ""));
+        for ms in (100..2000).step_by(100) {
+            line.on_stop(at(ms), of(false, 300), &stop(ms % 200 == 0, "button"));
+        }
+        assert_eq!(line.reasons(at(1300)).next(), Some(Paused::Unknown));
+    }
+
+    #[test]
+    fn what_the_power_controller_reported_before_it_was_listed_is_its_own() {
+        let mut line = PauseLine::new(true);
+        line.on_stop(at(0), of(false, 7), &stop(true, "bumper2"));
+        assert_eq!(holds(&line, at(0)), [(Hold::PauseUnknown, ""), (Hold::PauseOther, "bumper2")]);
+        line.on_stop(at(500), of(true, 7), &stop(true, "bumper2"));
+        assert_eq!(holds(&line, at(500)), [(Hold::PauseBumper, "bumper2")]);
+        line.on_stop(at(1000), of(true, 7), &stop(false, ""));
+        assert_eq!(holds(&line, at(1000)), [(Hold::PauseLatched, "")]);
     }
 
     #[test]
     fn a_person_does_not_overrule_the_robots_power_controller() {
         let mut line = PauseLine::new(true);
-        line.on_stop(at(0), &stop(true, "button"));
+        line.on_stop(at(0), Origin::DUE, &stop(true, "button"));
         line.overrule(at(1100));
         assert_eq!(holds(&line, at(1100)), [(Hold::PauseButton, "button")]);
         line.overrule(at(5000));
@@ -203,9 +294,9 @@ mod tests {
     #[test]
     fn reports_of_others_do_not_stand_in_for_the_power_controller() {
         let mut line = PauseLine::new(true);
-        line.on_stop(at(100), &stop(false, ""));
+        line.on_stop(at(100), Origin::DUE, &stop(false, ""));
         for ms in (200..2000).step_by(100) {
-            line.on_stop(at(ms), &stop(false, "a rope"));
+            line.on_stop(at(ms), Origin::DUE, &stop(false, "a rope"));
         }
         assert_eq!(holds(&line, at(1299)), []);
         assert_eq!(holds(&line, at(1300)), [(Hold::PauseUnknown, "")]);
@@ -215,9 +306,9 @@ mod tests {
     #[test]
     fn the_line_stays_latched_until_an_operator_acts_after_it_is_open() {
         let mut line = PauseLine::new(false);
-        line.on_stop(at(0), &stop(true, "button"));
+        line.on_stop(at(0), Origin::DUE, &stop(true, "button"));
         line.release();
-        line.on_stop(at(10), &stop(false, ""));
+        line.on_stop(at(10), Origin::DUE, &stop(false, ""));
         assert_eq!(holds(&line, at(3_600_000)), [(Hold::PauseLatched, "")]);
         line.release();
         assert_eq!(holds(&line, at(3_600_000)), []);
@@ -226,32 +317,32 @@ mod tests {
     #[test]
     fn more_sources_than_can_be_told_apart_stay_engaged_until_a_person_overrules_them() {
         let mut line = PauseLine::new(true);
-        line.on_stop(at(0), &stop(false, ""));
+        line.on_stop(at(0), Origin::DUE, &stop(false, ""));
         for n in 0..=OTHERS_MAX {
-            line.on_stop(at(10), &stop(true, &format!("s{n}")));
+            line.on_stop(at(10), Origin::DUE, &stop(true, &format!("s{n}")));
         }
         // The last one took the place of the one before, which is still engaged.
         for n in (0..OTHERS_MAX - 1).chain([OTHERS_MAX]) {
-            line.on_stop(at(20), &stop(false, &format!("s{n}")));
+            line.on_stop(at(20), Origin::DUE, &stop(false, &format!("s{n}")));
         }
         assert_eq!(holds(&line, at(30)), [(Hold::PauseOther, "s8")]);
         line.overrule(at(1300));
-        line.on_stop(at(1300), &stop(false, ""));
+        line.on_stop(at(1300), Origin::DUE, &stop(false, ""));
         assert_eq!(holds(&line, at(1300)), [(Hold::PauseLatched, "")]);
     }
 
     #[test]
     fn a_person_overrules_only_senders_that_fell_silent() {
         let mut line = PauseLine::new(false);
-        line.on_stop(at(0), &stop(true, "a rope"));
-        line.on_stop(at(1000), &stop(true, "a wire"));
-        line.on_stop(at(1000), &stop(true, "button"));
+        line.on_stop(at(0), Origin::DUE, &stop(true, "a rope"));
+        line.on_stop(at(1000), Origin::DUE, &stop(true, "a wire"));
+        line.on_stop(at(1000), Origin::DUE, &stop(true, "button"));
         line.overrule(at(1300));
         assert_eq!(holds(&line, at(1300)), [(Hold::PauseButton, "button"), (Hold::PauseOther, "a wire")]);
         line.overrule(at(2300));
         assert_eq!(holds(&line, at(2300)), [(Hold::PauseLatched, "")], "nobody else could release it");
         for n in 0..100 {
-            line.on_stop(at(2400), &stop(true, &format!("s{n}")));
+            line.on_stop(at(2400), Origin::DUE, &stop(true, &format!("s{n}")));
         }
         assert_eq!(line.others.len(), OTHERS_MAX);
     }

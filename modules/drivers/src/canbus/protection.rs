@@ -180,6 +180,18 @@ impl Protection {
         self.deadlines.set(Timer::Silent, at + GUARD_SILENT);
     }
 
+    /// Processes bounds of another sender than the guard: they take from what the guard permits until its next ones, and
+    /// are no sign that it lives.
+    pub fn on_guard_of_another(&mut self, guard: &lowlevel::DataGuard) {
+        let lowlevel::DataGuard { forward, backward, left, right, turn_left, turn_right, .. } = *guard;
+        let others = [forward, backward, left, right, turn_left, turn_right];
+        for (bound, other) in self.bounds.iter_mut().zip(others) {
+            *bound = if other.is_finite() { bound.min(other.max(0.0)) } else { 0.0 };
+        }
+        (self.said, self.about_forward) = (Said::Unknown, None);
+        self.subject.clear();
+    }
+
     /// The watchdog supervises this robot, as of `at`: its guard must be heard.
     pub fn on_watchdog(&mut self, at: Instant) {
         if self.config.guarded && !self.deadlines.is_set(Timer::Silent) {
@@ -382,6 +394,32 @@ mod tests {
         assert_eq!([0, 150].map(|at| protection.poll_timeout(ms(at))), [Some(ms(150)), Some(ms(1000))]);
         protection.on_guard(ms(1200), &guard(0.8, 0.8, Hold::GuardSlows));
         assert_eq!((protection.objection(ms(1200)), protection.clamped(ms(1200), along(0.6), HAND).vx), (None, 0.6));
+    }
+
+    #[test]
+    fn bounds_of_another_sender_stop_and_are_no_sign_of_life_of_the_guard() {
+        let mut protection = guarded();
+        protection.on_guard(ms(0), &guard(0.8, 0.8, Hold::GuardSlows));
+        protection.on_guard_of_another(&DataGuard::default());
+        assert_eq!(protection.clamped(ms(10), along(0.6), PLANNER).vx, 0.0);
+        assert_eq!(protection.notice(ms(10), along(0.6), PLANNER), Some((Hold::GuardBounds, "")));
+        protection.on_guard(ms(50), &guard(0.8, 0.8, Hold::GuardSlows));
+        assert_eq!(protection.clamped(ms(60), along(0.6), PLANNER).vx, 0.6, "the guard goes on");
+        for at in (60..1050).step_by(10) {
+            protection.on_guard_of_another(&DataGuard::default());
+            assert_eq!(protection.objection(ms(at)), None);
+        }
+        assert_eq!(protection.notice(ms(1040), along(0.6), PLANNER), Some((Hold::GuardLate, "")));
+        assert_eq!(protection.objection(ms(1050)), Some(Hold::GuardSilent));
+        // Nothing that another sender permits is added, whatever passed.
+        protection.on_guard(ms(2000), &guard(0.2, 0.2, Hold::GuardSlows));
+        protection.on_guard_of_another(&guard(0.8, f64::NAN, Hold::GuardSlows));
+        assert_eq!([0.6, -0.6].map(|vx| protection.clamped(ms(2000), along(vx), HAND).vx), [0.2, 0.0]);
+        // One that was never heard does not begin to live.
+        let mut protection = guarded();
+        protection.on_watchdog(ms(0));
+        protection.on_guard_of_another(&DataGuard::default());
+        assert_eq!(protection.objection(ms(1000)), Some(Hold::GuardSilent));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use super::pause::{PauseLine, Paused};
 use super::ranging::Ranging;
 use base::{Deadlines, Duration, Fault, Instant, earliest};
 use messages::{Hold, common, lowlevel, middlelevel};
+use module::admission::Origin;
 
 /// `CM_DATA_PROCESSES` is sent ten times a second; after this time without it the watchdog counts as silent.
 const WATCHDOG_TIMEOUT: Duration = Duration::from_millis(250);
@@ -137,9 +138,9 @@ impl Surroundings {
         self.deadlines.get(Timer::Watchdog) == Some(Instant::ZERO)
     }
 
-    /// Processes the state of the PAUSE line, received at `at`.
-    pub fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
-        self.pause.on_stop(at, stop);
+    /// Processes a state of the PAUSE line, received at `at` from that sender.
+    pub fn on_stop(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) {
+        self.pause.on_stop(at, from, stop);
     }
 
     /// The host found the watchdog of another robot on the message bus, or has not heard it for some time.
@@ -270,10 +271,10 @@ mod tests {
         let mut around = surroundings(vec![], vec![], true);
         assert_eq!(around.objection(at(0)), Some(Objection::Paused(Paused::Unknown)), "nothing was received yet");
         let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
-        around.on_stop(at(100), &open);
+        around.on_stop(at(100), Origin::DUE, &open);
         assert_eq!(around.objection(at(1299)), None);
         assert_eq!(around.objection(at(1300)), Some(Objection::Paused(Paused::Unknown)));
-        around.on_stop(at(1400), &lowlevel::EventStop { engaged: true, source: "button".into(), ..open });
+        around.on_stop(at(1400), Origin::DUE, &lowlevel::EventStop { engaged: true, source: "button".into(), ..open });
         assert_eq!(around.objection(at(1400)), Some(Objection::Paused(Paused::Engaged(StopSource::Button))));
     }
 
@@ -281,9 +282,17 @@ mod tests {
     fn an_engaged_pause_line_counts_without_a_power_controller_too() {
         let mut around = surroundings(vec![], vec![], false);
         assert_eq!(around.objection(at(5000)), None);
-        around.on_stop(at(5000), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper1".into() });
+        around.on_stop(
+            at(5000),
+            Origin::DUE,
+            &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper1".into() },
+        );
         assert_eq!(around.objection(at(9000)), Some(Objection::Paused(Paused::Engaged(StopSource::Bumper1))));
-        around.on_stop(at(9000), &lowlevel::EventStop { timestamp: 0, engaged: false, source: "bumper1".into() });
+        around.on_stop(
+            at(9000),
+            Origin::DUE,
+            &lowlevel::EventStop { timestamp: 0, engaged: false, source: "bumper1".into() },
+        );
         assert_eq!(around.objection(at(19_000)), Some(Objection::Paused(Paused::Latched)));
         around.pause.release();
         assert_eq!(around.objection(at(19_000)), None);
@@ -298,7 +307,11 @@ mod tests {
             told.map(|(hold, subject)| (hold, subject.to_owned())).collect::<Vec<_>>()
         };
         let missing = |name: &str| (Hold::CriticalModule, name.to_owned());
-        around.on_stop(at(0), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "a rope".into() });
+        around.on_stop(
+            at(0),
+            Origin::DUE,
+            &lowlevel::EventStop { timestamp: 0, engaged: true, source: "a rope".into() },
+        );
         assert_eq!(
             told(&around, at(100)),
             [
@@ -309,7 +322,11 @@ mod tests {
             ],
             "a source without a name in the contract keeps the one it gave"
         );
-        around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper7".into() });
+        around.on_stop(
+            at(100),
+            Origin::DUE,
+            &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper7".into() },
+        );
         let silent = (Hold::WatchdogSilent, String::new());
         let rope = (Hold::PauseOther, "a rope".to_owned());
         assert_eq!(told(&around, at(300)), [(Hold::PauseBumper, "bumper7".into()), rope.clone(), silent.clone()]);
@@ -320,7 +337,11 @@ mod tests {
     fn a_past_deadline_does_not_hide_a_future_one() {
         let mut around = surroundings(vec![], vec![], true);
         around.on_processes(at(0), &processes(&[]));
-        around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() });
+        around.on_stop(
+            at(100),
+            Origin::DUE,
+            &lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() },
+        );
         assert_eq!(around.poll_timeout(at(300)), Some(at(1300)));
     }
 

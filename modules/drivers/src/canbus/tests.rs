@@ -28,6 +28,7 @@ use canopen::drives::{epos, icla};
 use canopen::{Node, NodeEvent};
 use fake::Fake;
 use messages::{Hold, Message, common, lowlevel};
+use module::admission::{Origin, Process};
 use module::bench::Bench;
 use module::{Action, Event, Input, Output, PortId, Shell, ShellConfig, State};
 use settings::Section as _;
@@ -436,7 +437,7 @@ fn a_command_that_waited_too_long_is_not_obeyed() {
         source: "frozen".into(),
     });
     let at = robot.bench.now() - Duration::from_millis(250);
-    robot.bench.event(Event::Message { at, message: &message });
+    robot.bench.event(Event::Message { at, from: Origin::DUE, message: &message });
     robot.pass(100);
     assert!(!robot.moves());
 }

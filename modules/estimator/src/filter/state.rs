@@ -5,8 +5,8 @@
 
 use super::config::Config;
 use super::{NuisanceDeviations, Nuisances};
-use crate::trail::pose_along;
-use base::{Duration, Instant};
+use crate::trail::{pose_along, shifted};
+use base::Instant;
 use navitools::{Motion, Point, Pose, wrap};
 
 /// Dimension of the state where the sensor's place is known, and where it is part of the state.
@@ -100,8 +100,7 @@ pub struct Sight {
 impl Sight {
     /// Time stamp of a bearing applied to the state of `at`.
     pub fn stamp(&self, at: Instant) -> Instant {
-        let later = Duration::from_secs_f64(self.later.abs());
-        if self.later >= 0.0 { at + later } else { at - later }
+        shifted(at, self.later)
     }
 }
 
@@ -348,6 +347,16 @@ mod tests {
                 ..Step::default()
             },
             later: 0.23,
+        }
+    }
+
+    #[test]
+    fn a_time_stamp_of_any_distance_is_an_instant() {
+        let at = Instant::from_millis(100_000);
+        assert_eq!(sight().stamp(at), Instant::from_millis(100_230));
+        assert_eq!(Sight { later: -0.23, ..sight() }.stamp(at), Instant::from_millis(99_770));
+        for later in [1e300, f64::INFINITY, f64::NAN] {
+            assert!(Sight { later, ..sight() }.stamp(at) >= at && Sight { later: -later, ..sight() }.stamp(at) <= at);
         }
     }
 

@@ -13,6 +13,21 @@ fn one_source_of_pause_does_not_release_another_one() {
 }
 
 #[test]
+fn the_power_controller_does_not_release_what_another_sender_engaged_in_its_name() {
+    check("line engaged button by 300 \n line free \n +600 begin pad 0.4 ! pause");
+    check("line engaged button by 300 \n line free button by 301 \n +600 begin pad 0.4 ! pause");
+    check("line engaged button by 300 \n line free button by 300 \n line free \n begin pad 0.4 \n +21 drive 0.4");
+    // Nor does a sender release the line itself.
+    check(
+        "quiet power \n line engaged button \n line engaged button by 300 \n line free button by 300 \n +600 begin pad 0.4 ! pause",
+    );
+    // It does not stand in for a silent power controller.
+    check(
+        "quiet power \n +1190 line engaged button by 300 \n line free button by 300 \n begin pad 0.4 \n +12 drive 0.4 ! pause",
+    );
+}
+
+#[test]
 fn who_may_not_command_moves_nothing() {
     check("network say lan 0 \n network say lan 0.3 \n drive 0.3 ! foreign");
     check("host say other 0 \n host say other 0.3 \n drive 0.3");

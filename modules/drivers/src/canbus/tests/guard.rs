@@ -100,3 +100,25 @@ fn a_robot_without_the_table_is_bounded_by_nothing_that_is_sent() {
     robot.drive(0.5, 2000);
     assert_eq!((robot.motion().speed_target, robot.holds()), (0.5, vec![]));
 }
+
+#[test]
+fn the_zeros_of_another_sender_do_not_hide_that_the_guard_is_silent() {
+    let mut robot = guarded();
+    drive(&mut robot, 0.5, 0.8, 500);
+    let stranger = Origin { due: false, process: None };
+    for _ in 0..26 {
+        robot.bench.message_from(stranger, lowlevel::DataGuard::default());
+        robot.command(0.5, 0.0);
+        robot.pass(50);
+    }
+    assert!(robot.motion().quick_stop);
+    assert_eq!(robot.hold(), Some(Hold::GuardSilent));
+    // And while the guard lives, they stop the robot and end with it.
+    let mut robot = guarded();
+    drive(&mut robot, 0.5, 0.8, 500);
+    robot.bench.message_from(stranger, lowlevel::DataGuard::default());
+    robot.pass(60);
+    assert_eq!((robot.motion().speed_target, robot.holds()), (0.0, vec![(Hold::GuardBounds, "")]));
+    drive(&mut robot, 0.5, 0.8, 500);
+    assert_eq!(robot.motion().speed_target, 0.5);
+}

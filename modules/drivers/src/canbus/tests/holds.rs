@@ -145,7 +145,7 @@ fn ignored_sources_are_named_and_the_planner_with_its_missing_needs() {
 fn a_lost_estimate_is_listed_before_the_latched_planner() {
     let mut robot = Robot::ready();
     let goal = Message::from(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
-    robot.bench.event(Event::Message { at: robot.bench.now(), message: &goal });
+    robot.bench.event(Event::Message { at: robot.bench.now(), from: Origin::DUE, message: &goal });
     robot.bench.message(DataEstimate { quality: DataEstimate::FINE, ..Default::default() });
     let source: String = "planner".into();
     robot.bench.message(lowlevel::CmdMotion { timestamp: 0, speed: 0.4, steering: 0.0, priority: 0, source });

@@ -75,7 +75,7 @@ fn a_release_from_before_a_stop_does_not_home() {
     robot.pass(300);
     // It waited in the socket.
     let homing = Message::from(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
-    robot.bench.event(Event::Message { at: before, message: &homing });
+    robot.bench.event(Event::Message { at: before, from: Origin::DUE, message: &homing });
     robot.pass(3000);
     assert_eq!((robot.icla.homings, robot.motion().homed), (0, false));
     robot.home();

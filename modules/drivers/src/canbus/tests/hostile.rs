@@ -15,7 +15,7 @@ impl Robot {
 
     fn goal(&mut self, at: Instant) {
         let goal = Message::from(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
-        self.bench.event(Event::Message { at, message: &goal });
+        self.bench.event(Event::Message { at, from: Origin::DUE, message: &goal });
     }
 
     fn plan(&mut self, speed: f64, ms: u32, located: bool) {
@@ -180,7 +180,7 @@ fn a_command_from_the_future_lives_no_longer_than_any_other() {
     let source = "clock".into();
     let message = Message::from(lowlevel::CmdMotion { timestamp: 0, speed: 0.4, steering: 0.0, priority: 1, source });
     let at = robot.bench.now() + Duration::from_secs(3600);
-    robot.bench.event(Event::Message { at, message: &message });
+    robot.bench.event(Event::Message { at, from: Origin::DUE, message: &message });
     robot.exchange();
     robot.pass(249);
     assert!(robot.moves(), "{}", robot.reason());

@@ -65,3 +65,26 @@ fn the_fault_of_a_drive_without_feed_is_not_reset_while_the_robot_rolls() {
     robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
 }
+
+#[test]
+fn what_another_sender_engaged_in_the_power_controllers_name_stays_engaged() {
+    let by = |due, pid| Origin { due, process: Some(Process { pid, uid: 1000 }) };
+    let mut robot = Robot::ready();
+    robot.bench.message_from(by(true, 7), pause(false, ""));
+    robot.drive(0.4, 500);
+    robot.bench.message_from(by(false, 300), pause(true, "button"));
+    robot.drive(0.0, 200);
+    for _ in 0..5 {
+        robot.bench.message_from(by(true, 7), pause(false, ""));
+        robot.press(0.4);
+        robot.drive(0.4, 500);
+        assert!(!robot.moves() && robot.holds()[0] == (Hold::PauseOther, "button"), "{:?}", robot.holds());
+    }
+    robot.bench.message_from(by(false, 301), pause(false, "button"));
+    robot.press(0.4);
+    assert_eq!(robot.holds()[0], (Hold::PauseOther, "button"), "another sender");
+    robot.bench.message_from(by(false, 300), pause(false, "button"));
+    robot.press(0.4);
+    robot.drive(0.4, 200);
+    assert!(robot.moves(), "{}", robot.reason());
+}

@@ -136,7 +136,7 @@ fn silence_is_a_quick_stop_and_an_old_command_is_none() {
     assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
     let message = Message::from(lowlevel::CmdVelocity { source: "frozen".into(), ..command(0.4, 0.0, 0.0) });
     let at = robot.bench.now() - Duration::from_millis(250);
-    robot.bench.event(Event::Message { at, message: &message });
+    robot.bench.event(Event::Message { at, from: Origin::DUE, message: &message });
     robot.pass(100);
     assert!(!robot.moves());
 }
@@ -157,7 +157,7 @@ fn both_messages_of_a_source_release_and_hold_as_one() {
     let message = Message::from(command(0.0, 0.0, 0.0));
     robot.command(0.4, 0.0);
     let at = robot.bench.now() - Duration::from_millis(20);
-    robot.bench.event(Event::Message { at, message: &message });
+    robot.bench.event(Event::Message { at, from: Origin::DUE, message: &message });
     robot.exchange();
     assert!(robot.moves());
 }
