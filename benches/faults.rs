@@ -19,6 +19,8 @@ mod figures;
 mod kind;
 #[path = "faults/rig.rs"]
 mod rig;
+#[path = "../advee/tests/support/stands.rs"]
+mod stands;
 #[path = "../advee/tests/support.rs"]
 mod support;
 #[path = "faults/table.rs"]

@@ -144,13 +144,7 @@ const ATTEMPTS: u32 = 5;
 /// rightly: the test is repeated. Any other failure counts.
 pub fn undisturbed(test: impl Fn()) {
     for attempt in 1.. {
-        let ended = AtomicBool::new(false);
-        let (outcome, late) = std::thread::scope(|scope| {
-            let canary = scope.spawn(|| latest(&ended));
-            let outcome = catch_unwind(AssertUnwindSafe(&test));
-            ended.store(true, Ordering::Relaxed);
-            (outcome, canary.join().expect("it only sleeps"))
-        });
+        let (outcome, late) = beside_canary(|| catch_unwind(AssertUnwindSafe(&test)));
         match outcome {
             Err(_) if late >= HELD_UP && attempt < ATTEMPTS => {
                 eprintln!("attempt {attempt} is void: the machine was held up by {} ms", late.as_millis());
@@ -159,6 +153,32 @@ pub fn undisturbed(test: impl Fn()) {
             Ok(()) => return,
         }
     }
+}
+
+/// Measures a time, which must not exceed `most`. A time that was measured while the machine was held up proves nothing
+/// and is measured again; if the machine is held up each time, that is reported as a skip.
+#[track_caller]
+pub fn within(what: &str, most: Duration, mut measure: impl FnMut() -> Duration) {
+    for _ in 0..2 * ATTEMPTS {
+        let (took, late) = beside_canary(&mut measure);
+        println!("{what}: {} ms, with a machine that was late by {} ms", took.as_millis(), late.as_millis());
+        if late < HELD_UP {
+            return assert!(took <= most, "{what}: {took:?}, and the machine was late by {late:?} only");
+        }
+    }
+    let _skipped: Option<()> =
+        testing::machine_or_skip(Err(format!("a machine that runs a test in time, for: {what}")));
+}
+
+/// Runs something; its outcome, and the longest delay of another thread of this process meanwhile.
+fn beside_canary<T>(run: impl FnOnce() -> T) -> (T, Duration) {
+    let ended = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let canary = scope.spawn(|| latest(&ended));
+        let outcome = run();
+        ended.store(true, Ordering::Relaxed);
+        (outcome, canary.join().expect("it only sleeps"))
+    })
 }
 
 /// Sleeps again and again until the end; the longest delay.

@@ -1,7 +1,7 @@
 //! Time to standstill that the table "What stops the robot" of ARCHITECTURE.md promises.
 
 use super::kind::Kind;
-use crate::support;
+use crate::stands;
 use drivers::canbus;
 use std::time::Duration;
 
@@ -20,11 +20,8 @@ pub fn stands_after(module: &str, kind: Kind, dying: Duration) -> Duration {
     }
 }
 
-/// Last figure in seconds of the row of an event.
+/// Last figure in seconds of the row of an event: that among other processes.
 fn figure(event: &str) -> Duration {
-    let text = std::fs::read_to_string(support::workspace().join("ARCHITECTURE.md")).expect("the table");
-    let row = text.lines().find(|line| line.trim_start_matches("| ").starts_with(event));
-    let cell = row.and_then(|row| row.trim_end_matches(['|', ' ']).rsplit('|').next());
-    let seconds = cell.and_then(|cell| cell.trim().strip_suffix(" s")?.rsplit(' ').next()?.parse().ok());
+    let seconds = stands::figures(event, "s").pop();
     Duration::from_secs_f64(seconds.unwrap_or_else(|| panic!("no figure for: {event}")))
 }

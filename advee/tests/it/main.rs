@@ -25,6 +25,7 @@ mod log;
 mod log_peers;
 mod log_tools;
 mod logger;
+mod no_filter;
 mod operate;
 #[path = "../support/operator.rs"]
 mod operator;

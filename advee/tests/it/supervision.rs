@@ -5,7 +5,7 @@
 
 use crate::support::{self, Robot, View};
 use base::Fault;
-use messages::{Channel, Message, common};
+use messages::{Channel, Hold, Message, common};
 use module::State;
 use std::fs;
 use std::os::linux::net::SocketAddrExt;
@@ -27,6 +27,9 @@ const MODULES: [&str; 11] = [
     "driver_aux",
     "planner",
 ];
+
+/// Maximum time from a hang or a death to the stop, s.
+pub const STOP_S: f64 = 0.3;
 
 /// Robot with all modules in RUN; its steering need not be homed.
 fn running(extra: &[&str]) -> Robot {
@@ -109,21 +112,41 @@ fn each_stopped_module_is_killed_and_restarted() {
     support::undisturbed(|| {
         let mut robot = running(&[]);
         for module in MODULES {
-            let old = robot.view.pid(module);
-            support::signal(old, "STOP");
             // The logger may be busy for longer: within its beat_timeout of 1.5 s its announcement may be missed first.
-            let (within, sign) = if module == "logger" { (4.0, "") } else { (2.0, "its thread main") };
-            let seen =
-                robot.until("it is ended", within, |view| view.processes[module].phase != common::Process::RUNNING);
-            let back = robot.until("it is back", 5.0, |view| view.runs(module) && view.pid(module) != old);
-            println!(
-                "{module}: a hang was reported after {} ms, it was back {} ms later",
-                seen.as_millis(),
-                back.as_millis()
-            );
+            let (most, sign) = if module == "logger" { (4.0, "") } else { (STOP_S, "its thread main") };
+            support::within(&format!("a hang of {module} is found"), Duration::from_secs_f64(most), || {
+                robot.until("all run", 5.0, support::View::all_run);
+                let old = robot.view.pid(module);
+                support::signal(old, "STOP");
+                robot.until("it is ended", 4.0, |view| view.processes[module].phase != common::Process::RUNNING)
+            });
+            robot.until("it is back", 5.0, |view| view.runs(module));
             let hung = reported(&robot, Fault::ModuleHung);
             assert!(hung.iter().any(|why| why.starts_with(&format!("{module} hangs, {sign}"))), "{hung:?}");
             robot.until("all run", 5.0, support::View::all_run);
+        }
+        assert_eq!(robot.stop(), 0);
+    });
+}
+
+#[test]
+fn a_critical_module_that_hangs_or_dies_stops_a_driving_robot_within_300_ms() {
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        for (signal, what) in [("STOP", "from a hang to the stop"), ("KILL", "from a death to the stop")] {
+            support::within(what, Duration::from_secs_f64(STOP_S), || {
+                robot.until("all run", 10.0, support::View::all_run);
+                let mut driver = robot.spawn(&["drive", "0.3", "0.4", "--for", "20"]);
+                robot.until("it drives", 15.0, |view| view.speed() > 0.2 && view.is_free());
+                support::signal(robot.view.pid("driver_rs485a"), signal);
+                // The driver of the drives publishes its causes at once when they change.
+                let stop = robot.until("a stop", 4.0, |view| !view.is_free());
+                assert!(robot.view.causes().contains(&Hold::CriticalModule), "{:?}", robot.view.causes());
+                robot.until("it stands", 3.0, |view| view.speed().abs() < 0.001);
+                let _ = driver.kill();
+                let _ = driver.wait();
+                stop
+            });
         }
         assert_eq!(robot.stop(), 0);
     });

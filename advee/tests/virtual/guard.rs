@@ -42,10 +42,29 @@ fn with_a_dead_sonar_board_nobody_drives_forward() {
     let now = robot.machine.now();
     let fault = CmdFault { target: "sd1_front".into(), fault: "silent".into(), duration: 60.0, ..CmdFault::default() };
     robot.machine.inject(now, fault);
+    // What the guard itself permits: the driver, which stops for the lost board, too, would hide a guard that is wrong.
+    let permitted = Rc::new(RefCell::new(Vec::new()));
+    let keep = permitted.clone();
+    robot.machine.observe(move |now, news| {
+        if let News::Message { message: Message::LlDataGuard(guard), .. } = news {
+            keep.borrow_mut().push((now, guard.forward));
+        }
+    });
     robot.pass(8.0);
     robot.drive(0.4, 0.0, 3.0);
     robot.pass(2.5);
     assert!(robot.speed().abs() < 0.01, "{} m/s", robot.speed());
+    let permitted = permitted.borrow();
+    // The last measurement is good for `guard.age_max_s`, 0.8 s.
+    let late: Vec<f64> =
+        permitted.iter().filter(|(at, _)| at.since(now) > Duration::from_secs(1)).map(|it| it.1).collect();
+    assert!(late.len() > 150, "{} messages of the guard", late.len());
+    assert!(
+        late.iter().all(|forward| *forward == 0.0),
+        "it permits {:?} m/s",
+        late.iter().copied().fold(0.0, f64::max)
+    );
+    assert!(permitted[0].1 > 0.0, "with the board it permitted nothing either");
 }
 
 #[test]

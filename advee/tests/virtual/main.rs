@@ -17,6 +17,8 @@ mod logs;
 mod loss;
 mod patrol;
 mod power;
+#[path = "../support/stands.rs"]
+mod stands;
 mod stops;
 mod storm;
 mod tricycle;

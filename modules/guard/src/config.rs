@@ -10,8 +10,8 @@ use surroundings::{Lidar, Rules, Sonar};
 
 settings! {
     /// `[guard]`: with what the robot senses what is in its way, and how fast it may be (docs/guard.md). With
-    /// `ranging = "none"` it senses nothing: it drives at most at `speed_blind_mps`, whoever commands it. A robot
-    /// without this table has no guard, and its limits alone count.
+    /// `ranging = "none"` it senses nothing: it drives at most at `speed_blind_mps`, whoever commands it. So does a
+    /// robot without this table: it has no guard, and 0.3 m/s, the default of `speed_blind_mps`.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Settings {
         /// What it senses with.

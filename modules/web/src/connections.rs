@@ -3,7 +3,11 @@
 //! Silent connections, and those whose requests are refused, shut nobody out: a new connection takes the place of the
 //! oldest one without a granted request; of one from its own address if that address has used up its share, of one from
 //! any address if all places are taken. Requests that need no role, for the page itself and for pairing, keep no place.
+//!
+//! Nor do viewers shut out who may stop the robot: of the places of an address, and of all places, their granted requests
+//! keep at most seven eighths. The others are kept by requests of operators and engineers alone.
 
+use super::center::access::Role;
 use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use tokio::sync::Notify;
@@ -30,8 +34,8 @@ struct Inner {
 struct Entry {
     number: u64,
     peer: IpAddr,
-    /// A request of somebody who has a role was granted.
-    spoke: bool,
+    /// Role of whoever's granted request keeps the place; [`Role::Nobody`]: it gives way to a new connection.
+    kept_by: Role,
     evicted: Arc<Notify>,
 }
 
@@ -40,10 +44,10 @@ struct Entry {
 pub struct Seat(pub Weak<Place>);
 
 impl Seat {
-    /// The request is granted to somebody who has a role: the place is kept.
-    pub fn grant(&self) {
+    /// The request is granted to somebody with this role: the place is kept, if it is one that the role may keep.
+    pub fn grant(&self, role: Role) {
         if let Some(place) = self.0.upgrade() {
-            place.spoke();
+            place.grant(role);
         }
     }
 }
@@ -61,7 +65,7 @@ impl Connections {
     /// granted request.
     pub fn admit(&self, peer: IpAddr) -> Option<Place> {
         let peer = network(peer);
-        let share = if peer.is_loopback() { LOOPBACK_SHARE } else { SHARE };
+        let share = share(peer);
         let mut inner = self.lock();
         if inner.entries.iter().filter(|entry| entry.peer == peer).count() >= share {
             inner.evict(|entry| entry.peer == peer)?;
@@ -70,7 +74,7 @@ impl Connections {
         }
         let (number, evicted) = (inner.next, Arc::new(Notify::new()));
         inner.next += 1;
-        inner.entries.push(Entry { number, peer, spoke: false, evicted: evicted.clone() });
+        inner.entries.push(Entry { number, peer, kept_by: Role::Nobody, evicted: evicted.clone() });
         drop(inner);
         Some(Place { connections: self.clone(), number, evicted })
     }
@@ -82,18 +86,29 @@ impl Connections {
 
 impl Inner {
     fn evict(&mut self, of: impl Fn(&Entry) -> bool) -> Option<()> {
-        let silent = self.entries.iter().position(|entry| !entry.spoke && of(entry))?;
+        let silent = self.entries.iter().position(|entry| entry.kept_by == Role::Nobody && of(entry))?;
         self.entries.remove(silent).evicted.notify_one();
         Some(())
+    }
+
+    /// Number of places that viewers keep.
+    fn viewers(&self, of: impl Fn(&Entry) -> bool) -> usize {
+        self.entries.iter().filter(|entry| entry.kept_by == Role::Viewer && of(entry)).count()
     }
 }
 
 impl Place {
-    /// A request was granted: the place is kept.
-    pub fn spoke(&self) {
+    /// A request was granted to somebody with this role: the place is kept, if it is one that the role may keep.
+    pub fn grant(&self, role: Role) {
         let mut inner = self.connections.lock();
-        if let Some(entry) = inner.entries.iter_mut().find(|entry| entry.number == self.number) {
-            entry.spoke = true;
+        let Some(at) = inner.entries.iter().position(|entry| entry.number == self.number) else { return };
+        let Entry { peer, kept_by, .. } = inner.entries[at];
+        let is_free = || {
+            inner.viewers(|entry| entry.peer == peer) < for_viewers(share(peer))
+                && inner.viewers(|_| true) < for_viewers(CONNECTIONS_MAX)
+        };
+        if role > kept_by && (role >= Role::Operator || is_free()) {
+            inner.entries[at].kept_by = role;
         }
     }
 
@@ -107,6 +122,16 @@ impl Drop for Place {
     fn drop(&mut self) {
         self.connections.lock().entries.retain(|entry| entry.number != self.number);
     }
+}
+
+/// Maximum number of connections from an address.
+fn share(peer: IpAddr) -> usize {
+    if peer.is_loopback() { LOOPBACK_SHARE } else { SHARE }
+}
+
+/// Number of these places that viewers may keep.
+const fn for_viewers(places: usize) -> usize {
+    places - places / 8
 }
 
 /// Address that counts as one client: for IPv6 the network of 64 bits, in which a client may choose any address.
@@ -132,10 +157,10 @@ mod tests {
         let connections = Connections::default();
         let mut silent: Vec<Place> = (0..SHARE).map(|_| connections.admit(peer(1)).unwrap()).collect();
         let new = connections.admit(peer(1)).unwrap();
-        new.spoke();
+        new.grant(Role::Operator);
         let alive = |place: &Place| connections.lock().entries.iter().any(|entry| entry.number == place.number);
         assert!(!alive(&silent[0]) && silent[1..].iter().all(alive), "the oldest gave way");
-        silent.iter().for_each(Place::spoke);
+        silent.iter().for_each(|place| place.grant(Role::Operator));
         assert!(connections.admit(peer(1)).is_none(), "all have requests");
         assert!(connections.admit(peer(2)).is_some(), "another address");
         silent.pop();
@@ -156,9 +181,45 @@ mod tests {
             .map(|number| connections.admit(peer(number)).unwrap())
             .collect();
         assert_eq!(connections.lock().entries.len(), CONNECTIONS_MAX);
-        others.iter().for_each(Place::spoke);
+        others.iter().for_each(|place| place.grant(Role::Operator));
         drop(others);
         assert!(connections.lock().entries.len() <= LOOPBACK_SHARE);
+    }
+
+    #[test]
+    fn viewers_leave_places_for_who_may_stop_the_robot() {
+        let connections = Connections::default();
+        let viewers: Vec<Place> = (0..CONNECTIONS_MAX)
+            .map(|n| {
+                let place = connections.admit(peer((n / SHARE) as u8)).unwrap();
+                place.grant(Role::Viewer);
+                place
+            })
+            .collect();
+        assert_eq!(connections.lock().entries.len(), CONNECTIONS_MAX);
+        assert_eq!(connections.lock().viewers(|_| true), CONNECTIONS_MAX - 8);
+        // From another address, and from each of theirs.
+        let mut operators = Vec::new();
+        for address in [100, 0, 1, 2, 3, 4, 5, 6] {
+            let place = connections.admit(peer(address)).expect("a place for an operator");
+            place.grant(Role::Operator);
+            operators.push(place);
+        }
+        // These are kept: neither a new viewer nor a flood of connections takes one.
+        let flood: Vec<Option<Place>> = (0..100).map(|n| connections.admit(peer(n))).collect();
+        drop(flood);
+        let kept = |place: &Place| connections.lock().entries.iter().any(|entry| entry.number == place.number);
+        assert!(operators.iter().all(kept));
+        assert_eq!(
+            viewers.iter().filter(|place| kept(place)).count(),
+            CONNECTIONS_MAX - 8,
+            "nobody loses a kept place"
+        );
+        assert!(connections.admit(peer(100)).is_none(), "all places are kept");
+        // A viewer who becomes an operator keeps the place as one, and is no viewer any more.
+        drop(operators);
+        viewers[0].grant(Role::Engineer);
+        assert_eq!(connections.lock().viewers(|_| true), CONNECTIONS_MAX - 9);
     }
 
     #[test]

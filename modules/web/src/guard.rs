@@ -131,12 +131,12 @@ pub async fn guarded(
             let who = Who { role: paired.role.max(unpaired), ..paired };
             request.extensions_mut().insert(origin);
             request.extensions_mut().insert(Unpaired(unpaired));
-            let has_role = who.role >= Role::Viewer;
+            let role = who.role;
             request.extensions_mut().insert(who);
             let response = next.run(request).await;
             // Files of the page, too, keep the place of who has a role.
-            if has_role && !is_refused(response.status()) {
-                seat.iter().for_each(Seat::grant);
+            if role >= Role::Viewer && !is_refused(response.status()) {
+                seat.iter().for_each(|seat| seat.grant(role));
             }
             response
         }
@@ -182,7 +182,7 @@ pub async fn needed(State((needed, stats)): State<(Needed, Arc<Stats>)>, request
         None => {
             // At once: the answer may take a while, and the place must not be taken meanwhile.
             if let Some(seat) = request.extensions().get::<Seat>().filter(|_| role >= Role::Viewer) {
-                seat.grant();
+                seat.grant(role);
             }
             next.run(request).await
         }

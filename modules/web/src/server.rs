@@ -180,13 +180,17 @@ mod tests {
     use super::super::center::session_store::SessionStore;
     use super::super::guard::{self, Needed};
     use super::*;
-    use axum::routing::get;
+    use axum::http::StatusCode;
+    use axum::routing::{get, post};
     use axum::{Router, middleware};
     use std::future::Future;
 
     const TOKEN: &str = "Authorization: Bearer 0123456789abcdef\r\n";
 
-    /// A server with one route for viewers, and a file for everybody.
+    /// As viewers send it, who cannot set headers.
+    const AS_VIEWER: &str = "/view?token=0123456789abcdef";
+
+    /// A server with one route for viewers, one for operators, and a file for everybody.
     struct Bench {
         connections: Connections,
         router: TowerToHyperService<Router>,
@@ -199,11 +203,13 @@ mod tests {
             let (store, _) = SessionStore::open(&run, "127.0.0.1:8080".parse().unwrap(), &[]).unwrap();
             let stats = Arc::new(Stats::default());
             let guard = Guard { token: Some("0123456789abcdef".into()), ..Guard::default() };
-            let needed = (Needed { role: Role::Viewer, own: false }, stats.clone());
-            let needed = middleware::from_fn_with_state(needed, guard::needed);
+            let needed = |role| (Needed { role, own: false }, stats.clone());
+            let [viewer, operator] = [Role::Viewer, Role::Operator].map(needed);
+            let stop = post(|| async { StatusCode::NO_CONTENT });
             let all = (Arc::new(guard), stats.clone(), Arc::new(store));
             let router = Router::new()
-                .route("/view", get(|| async { "seen" }).layer(needed))
+                .route("/view", get(|| async { "seen" }).layer(middleware::from_fn_with_state(viewer, guard::needed)))
+                .route("/api/stop", stop.layer(middleware::from_fn_with_state(operator, guard::needed)))
                 .fallback(|| async { "page" })
                 .layer(middleware::from_fn_with_state(all, guard::guarded));
             Self { connections: Connections::default(), router: TowerToHyperService::new(router), stats }
@@ -211,13 +217,17 @@ mod tests {
 
         /// A connection from `peer`, and what is answered to a request; `None`: there is no place for it.
         async fn ask(&self, peer: u8, path: &str, headers: &str) -> Option<(TcpStream, String)> {
+            self.send("GET", peer, path, headers).await
+        }
+
+        async fn send(&self, method: &str, peer: u8, path: &str, headers: &str) -> Option<(TcpStream, String)> {
             let place = Arc::new(self.connections.admit(IpAddr::from([10, 0, 0, peer]))?);
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
             let client = TcpStream::connect(listener.local_addr().unwrap()).await.unwrap();
             let (stream, from) = listener.accept().await.unwrap();
             let (router, stats) = (self.router.clone(), self.stats.clone());
             tokio::spawn(async move { serve(stream, from.ip(), router, &place, &stats).await });
-            let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n");
+            let request = format!("{method} {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n");
             client.writable().await.unwrap();
             assert_eq!(client.try_write(request.as_bytes()).unwrap(), request.len());
             let answer = read(&client).await;
@@ -280,6 +290,31 @@ mod tests {
                 held.push(bench.ask(101, "/", TOKEN).await.expect("a place"));
             }
             assert!(bench.connections.admit(IpAddr::from([10, 0, 0, 101])).is_none());
+        });
+    }
+
+    #[test]
+    fn sixty_four_viewers_do_not_shut_out_the_operator_who_presses_stop() {
+        run(async {
+            let bench = Bench::new("stop");
+            let mut held = Vec::new();
+            // Eight addresses, eight viewers each, and all their requests are granted.
+            for n in 0..64 {
+                let (client, answer) = bench.ask(1 + n / 8, AS_VIEWER, "").await.expect("a place");
+                assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
+                held.push((client, answer));
+            }
+            // By an operator at an address of his own, and at one of theirs, as in a network behind one address.
+            for address in [100, 1, 8] {
+                let stop = bench.send("POST", address, "/api/stop", TOKEN).await;
+                let (client, answer) = stop.expect("a place for who may stop the robot");
+                assert!(answer.starts_with("HTTP/1.1 204 "), "{answer}");
+                held.push((client, answer));
+            }
+            // Viewers may not.
+            let (_client, answer) =
+                bench.send("POST", 101, &AS_VIEWER.replace("/view", "/api/stop"), "").await.unwrap();
+            assert!(answer.starts_with("HTTP/1.1 403 "), "{answer}");
         });
     }
 }

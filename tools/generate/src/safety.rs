@@ -86,7 +86,7 @@ impl Hazard {
                 return Err(format!("`{}` has no number", figure.worst));
             }
         }
-        self.code.iter().try_for_each(|place| find(root, place, is_defined))?;
+        self.code.iter().try_for_each(|place| find(root, place, |_, text, item| is_defined(text, item)))?;
         self.tests.iter().try_for_each(|place| find(root, place, is_tested))
     }
 
@@ -114,10 +114,10 @@ fn filled(key: &str, text: &str) -> Result<(), String> {
     if text.trim().is_empty() { Err(format!("`{key}` is empty")) } else { Ok(()) }
 }
 
-/// Finds `path: item` in the repository, by `holds(text, item)`.
-fn find(root: &Path, place: &str, holds: fn(&str, &str) -> bool) -> Result<(), String> {
+/// Finds `path: item` in the repository, by `holds(path, text, item)`.
+fn find(root: &Path, place: &str, holds: fn(&str, &str, &str) -> bool) -> Result<(), String> {
     let (path, item) = place.split_once(": ").ok_or_else(|| format!("`{place}` is not `path: item`"))?;
-    if holds(&read(root, path)?, item) { Ok(()) } else { Err(format!("{path} has no `{item}`")) }
+    if holds(path, &read(root, path)?, item) { Ok(()) } else { Err(format!("{path} has no `{item}`")) }
 }
 
 /// Words that come before the name of an item, or of a configuration key.
@@ -134,15 +134,19 @@ fn is_defined(text: &str, item: &str) -> bool {
     })
 }
 
-/// True if a source file has a test of this name: a function with the attribute `test`, or a test named by a string.
-fn is_tested(text: &str, name: &str) -> bool {
+/// True if a source file has a test of this name. In a `.rs` file that is a function with the attribute `test`; a file in
+/// another language may name a test by a string, or define it by `def`.
+fn is_tested(path: &str, text: &str, name: &str) -> bool {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let function = format!("fn {name}(");
     let by_attribute = lines.iter().enumerate().any(|(at, line)| {
         let above = lines[..at].iter().rev().take_while(|line| line.starts_with("#[") || line.starts_with("//"));
         line.contains(&function) && above.clone().any(|line| *line == "#[test]")
     });
-    by_attribute || [format!("\"{name}\""), format!("def {name}(")].iter().any(|call| text.contains(call.as_str()))
+    if path.ends_with(".rs") {
+        return by_attribute;
+    }
+    [format!("\"{name}\""), format!("def {name}(")].iter().any(|call| text.contains(call.as_str()))
 }
 
 #[cfg(test)]
@@ -205,6 +209,15 @@ remains = "No brake."
         assert!(is_defined("def hooked():", "hooked"));
         assert!(!is_defined("    guard(now);", "guard"));
         assert!(!is_defined("    let a = Fault::SecondMaster;", "SecondMaster"));
-        assert!(is_tested("  await test(\"Stop\", …)", "Stop"));
+        assert!(is_tested("page.test.ts", "  await test(\"Stop\", …)", "Stop"));
+        assert!(is_tested("test_page.py", "def test_stop():", "test_stop"));
+    }
+
+    #[test]
+    fn a_name_in_quotes_is_no_test_of_rust() {
+        let source = "#[test]\n#[ignore]\nfn it_stops() {\n    run(\"it_rolls\");\n}\n\n\nfn it_rolls() {}\n";
+        assert!(is_tested("a.rs", source, "it_stops"));
+        assert!(!is_tested("a.rs", source, "it_rolls"));
+        assert!(!is_tested("a.rs", "// \"it_stops\" def it_stops(", "it_stops"));
     }
 }

@@ -9,6 +9,7 @@ use lcm::live::{Lcm, PublishError, RealtimeNanos, SubscribeError};
 use lcm::subscription::Queue;
 use lcm::udpm::{DecodeError, EncodeError};
 use lcm::url::Udpm;
+use nix::sys::resource::{Resource, setrlimit};
 use std::net::UdpSocket;
 use std::os::fd::{AsFd, AsRawFd};
 use std::process::Command;
@@ -436,4 +437,37 @@ fn when_the_interface_goes_the_bus_goes_on() {
         assert_eq!(next(&mut b, SILENCE), None);
         assert_eq!(b.stats().lost, 0);
     });
+}
+
+/// Set in a copy of this program that may not use more data than [`DATA_MAX`].
+const LIMITED: &str = "ADVEE_TEST_DATA_LIMITED";
+/// Limit of a process with `memory_max`, bytes: less than the message that is announced.
+const DATA_MAX: u64 = 64 << 20;
+
+#[test]
+fn a_far_fragment_of_an_announced_message_does_not_end_a_process_of_limited_memory() {
+    if std::env::var_os(LIMITED).is_none() {
+        let name = "live::a_far_fragment_of_an_announced_message_does_not_end_a_process_of_limited_memory";
+        let mut child = Command::new(std::env::current_exe().unwrap());
+        let output = child.args([name, "--exact", "--nocapture"]).env(LIMITED, "1").output().unwrap();
+        let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() && out.contains("1 passed"), "{}: {out}{err}", output.status);
+        return;
+    }
+    setrlimit(Resource::RLIMIT_DATA, DATA_MAX, DATA_MAX).unwrap();
+    assert!(Vec::<u8>::new().try_reserve_exact(1 << 28).is_err(), "the limit does not hold");
+    let url = common::url();
+    let (mut lcm, stranger) = (subscribed(&url, ".*"), stranger(&url));
+    // The second of two fragments: the last bytes of a message of 256 MiB.
+    let (magic, sequence, size) = (0x4c43_3033_u32, 4242_u32, 1_u32 << 28);
+    for sequence in sequence..sequence + 100 {
+        let words = [magic, sequence, size, size - 10].map(u32::to_be_bytes).concat();
+        let fragment = [words, [1_u16, 2].map(u16::to_be_bytes).concat(), vec![0; 8]].concat();
+        stranger.send(&fragment).unwrap();
+    }
+    // It goes on: by one datagram, and by a message of several.
+    for payload in [vec![1; 100], vec![2; 1 << 20]] {
+        lcm.publish("A", &payload).unwrap();
+        expect(&mut lcm, "A", &payload);
+    }
 }

@@ -93,7 +93,7 @@ fn a_guard_that_senses_nothing_makes_the_robot_slow_whoever_commands_it() {
 }
 
 #[test]
-fn a_robot_without_the_table_is_bounded_by_nothing_that_is_sent() {
+fn without_a_guard_messages_of_one_bound_nothing_and_nobody_creeps() {
     let mut robot = Robot::ready();
     permit(&mut robot, 0.1);
     robot.bench.message(lowlevel::CmdCreep { timestamp: 0, source: "test".into(), session: 1, held: true });
