@@ -10,8 +10,8 @@
 //! `LL_DATA_GUARD` that permits nothing, `LL_DATA_RANGES` of unknown readings only | any sender |
 //! | commands: the other `*_CMD_*`, and `LL_DATA_ACTIVE_BEACONS` | [`Commands`] |
 //! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
-//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it; another sender
-//! for what it engaged itself, if it may command |
+//! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
+//! | the same, for what the sender engaged itself | that sender, if [`Commands`] |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_SCAN`, `LL_DATA_IMU` | the process of the lidars' driver, and of that of the inertial units, likewise |

@@ -30,7 +30,8 @@ const RAMP_RPM_PER_S: u8 = 60;
 
 /// Sends the messages of a rival; false if the fault is not of this kind. `drive`: the target commands `value` m/s with
 /// the priority of its name, by default the planner's. `plan`: the same with a goal and an estimate, which a robot with
-/// an estimator does not accept; `plan_unasked`: without a goal; `plan_blind`: without an estimate. `engage`: the target reports that it engages the PAUSE line.
+/// an estimator does not accept; `plan_unasked`: without a goal; `plan_blind`: without an estimate. `engage`: the
+/// target reports that it engages the PAUSE line.
 ///
 /// From a sender that does not belong to this robot, `network` or `host`: `foreign_drive` commands `value` m/s,
 /// `foreign_pause` reports that the PAUSE line is open, `foreign_list` that all processes run, `foreign_release` does

@@ -180,8 +180,8 @@ impl Protection {
         self.deadlines.set(Timer::Silent, at + GUARD_SILENT);
     }
 
-    /// Processes bounds of another sender than the guard: they take from what the guard permits until its next ones, and
-    /// are no sign that it lives.
+    /// Processes bounds of another sender than the guard: they take from what the guard permits until its next ones,
+    /// and are no sign that it lives.
     pub fn on_guard_of_another(&mut self, guard: &lowlevel::DataGuard) {
         let lowlevel::DataGuard { forward, backward, left, right, turn_left, turn_right, .. } = *guard;
         let others = [forward, backward, left, right, turn_left, turn_right];

@@ -19,11 +19,13 @@ fn the_power_controller_does_not_release_what_another_sender_engaged_in_its_name
     check("line engaged button by 300 \n line free button by 300 \n line free \n begin pad 0.4 \n +21 drive 0.4");
     // Nor does a sender release the line itself.
     check(
-        "quiet power \n line engaged button \n line engaged button by 300 \n line free button by 300 \n +600 begin pad 0.4 ! pause",
+        "quiet power \n line engaged button \n \
+         line engaged button by 300 \n line free button by 300 \n +600 begin pad 0.4 ! pause",
     );
     // It does not stand in for a silent power controller.
     check(
-        "quiet power \n +1190 line engaged button by 300 \n line free button by 300 \n begin pad 0.4 \n +12 drive 0.4 ! pause",
+        "quiet power \n +1190 line engaged button by 300 \n \
+         line free button by 300 \n begin pad 0.4 \n +12 drive 0.4 ! pause",
     );
 }
 
