@@ -1,5 +1,5 @@
-//! A bus of this computer alone is not opened where the kernel refuses the socket filter: real processes, in which every
-//! attachment of a filter fails.
+//! A bus of this computer alone is not opened where the kernel refuses the socket filter: real processes, in which
+//! every attachment of a filter fails.
 
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 

@@ -1,5 +1,6 @@
 //! Distance from the cause of a stop to standstill, at the highest speed that each configuration permits: the column
-//! "stands after" of ARCHITECTURE.md, from which the bounds are read. Printed with `cargo test -p advee --test virtual stops -- --nocapture`.
+//! "stands after" of ARCHITECTURE.md, from which the bounds are read. Printed with `cargo test -p advee --test virtual
+//! stops -- --nocapture`.
 
 use super::*;
 use messages::lowlevel::CmdPower;

@@ -4,8 +4,8 @@
 //! oldest one without a granted request; of one from its own address if that address has used up its share, of one from
 //! any address if all places are taken. Requests that need no role, for the page itself and for pairing, keep no place.
 //!
-//! Nor do viewers shut out who may stop the robot: of the places of an address, and of all places, their granted requests
-//! keep at most seven eighths. The others are kept by requests of operators and engineers alone.
+//! Nor do viewers shut out who may stop the robot: of the places of an address, and of all places, their granted
+//! requests keep at most seven eighths. The others are kept by requests of operators and engineers alone.
 
 use super::center::access::Role;
 use std::net::{IpAddr, Ipv6Addr};

@@ -134,8 +134,8 @@ fn is_defined(text: &str, item: &str) -> bool {
     })
 }
 
-/// True if a source file has a test of this name. In a `.rs` file that is a function with the attribute `test`; a file in
-/// another language may name a test by a string, or define it by `def`.
+/// True if a source file has a test of this name. In a `.rs` file that is a function with the attribute `test`; a file
+/// in another language may name a test by a string, or define it by `def`.
 fn is_tested(path: &str, text: &str, name: &str) -> bool {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let function = format!("fn {name}(");
