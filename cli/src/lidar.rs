@@ -6,6 +6,7 @@ mod held;
 mod info;
 mod line;
 mod monitor;
+mod scan;
 #[cfg(test)]
 mod served;
 mod target;
@@ -19,5 +20,7 @@ commands! {
         Monitor(monitor::Monitor) => monitor::monitor(common, command),
         /// Ask lidars for model, firmware, serial number, health and speed
         Info(info::Info) => info::info(common, command),
+        /// Find lidars on serial ports and TCP addresses, and write their lines of robot.toml
+        Scan(scan::Scan) => scan::scan(common, command),
     }
 }
