@@ -2,6 +2,7 @@
 //!
 //! A port that a module holds belongs to it: what the module publishes is shown then, with the module's name.
 
+mod align;
 mod held;
 mod info;
 mod line;
@@ -22,5 +23,7 @@ commands! {
         Info(info::Info) => info::info(common, command),
         /// Find lidars on serial ports and TCP addresses, and write their lines of robot.toml
         Scan(scan::Scan) => scan::scan(common, command),
+        /// Measure where a lidar sits on the robot, by straight walls and a drive
+        Align(align::Align) => align::align(common, command),
     }
 }
