@@ -168,13 +168,18 @@ fn look(name: &str, used: &[(PortConfig, String)], show: &mut dyn FnMut(f64, &st
             .map(|kind| (first.clone(), vec![kind]))
             .to_vec(),
     };
-    let (all, mut received) = (ports.len(), 0_usize);
+    let (all, mut received, mut shut, mut opened) = (ports.len(), 0_usize, None, false);
     for (n, (port, kinds)) in ports.into_iter().enumerate() {
         show(n as f64 / all as f64, &port_text(&port));
         let mut line = match Line::open(name, port.clone()) {
             Ok(line) => line,
-            Err(failed) => return Ok(Some(Found::Shut(failed.why))),
+            // A port may not be able to make a rate, and another one well.
+            Err(failed) => {
+                shut = Some(failed.why);
+                continue;
+            }
         };
+        opened = true;
         for kind in kinds {
             let probe = match line.probe(kind) {
                 Ok(Some(probe)) => probe,
@@ -189,7 +194,7 @@ fn look(name: &str, used: &[(PortConfig, String)], show: &mut dyn FnMut(f64, &st
             }
         }
     }
-    Ok(Some(Found::Nothing(received)))
+    Ok(Some(shut.filter(|_| !opened).map_or(Found::Nothing(received), Found::Shut)))
 }
 
 /// The model of the configuration that a device is.
@@ -266,7 +271,14 @@ fn text(rows: &[Row]) -> String {
                 add(&format!("# {name}: held by {}{lidar}", held.holder.text()), "");
             }
             Found::Used(module) => add(&format!("# {name}: not asked, {module} has another device there"), ""),
-            Found::Shut(why) => add(&format!("# {}", words(why.as_bytes())), ""),
+            Found::Shut(why) => {
+                let mut why = words(why.as_bytes());
+                // Each layer says which port it is.
+                while let Some(rest) = why.strip_prefix(&format!("{name}: ")) {
+                    why = rest.into();
+                }
+                add(&format!("# {name}: {why}"), "");
+            }
         }
     }
     text
