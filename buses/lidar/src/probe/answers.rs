@@ -9,6 +9,8 @@ use crate::rplidar::wire::{DESCRIPTOR, Descriptor, Info, answer, conf};
 use crate::sick::Dialect;
 use crate::sick::wire::{ETX, HEADER_B, Reader, STX, TELEGRAM_MAX, checksum};
 
+/// Time between packets of an LDROBOT that follow each other at most, ms; usually it is below 3.
+const GAP_MS: u32 = 50;
 /// Longest line of SCIP, checksum included.
 const LINE_MAX: usize = 128;
 
@@ -41,13 +43,17 @@ impl Probe {
         };
         self.rx.clear();
         let packets = &mut self.packets;
-        // A checksum of 8 bits is right by chance now and then, but not in packets without anything between them.
-        if begin > 0 && packets.count < PACKETS_MIN {
-            *packets = Packets::default();
-        }
         let modulus = u32::from(CLOCK_MODULUS_MS);
         let elapsed = |last: u16| (modulus + u32::from(packet.timestamp_ms) - u32::from(last)) % modulus;
-        packets.took_ms += packets.last_ms.replace(packet.timestamp_ms).map_or(0, elapsed);
+        let elapsed_ms = packets.last_ms.map_or(0, elapsed);
+        // A checksum of 8 bits is right by chance now and then, but not in packets without anything between them. After
+        // a gap, as behind what a buffer had kept, rates begin anew.
+        if begin > 0 && packets.count < PACKETS_MIN || elapsed_ms > GAP_MS {
+            *packets = Packets::default();
+        } else {
+            packets.took_ms += elapsed_ms;
+        }
+        packets.last_ms = Some(packet.timestamp_ms);
         packets.count += 1;
         packets.speed_sum += u32::from(packet.speed);
         let is_enough = packets.count >= PACKETS;
