@@ -14,13 +14,14 @@ use crate::bus::{Heard, Tool};
 use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, complain, print, seconds};
 use base::{Duration, Instant};
-use estimate::{Estimate, Recording, STILL_S, estimate, standing};
+use estimate::{Estimate, Recording, Refusal, STILL_S, estimate, standing};
 use host::clock;
 use messages::lowlevel::{DataScan, DataVelocity};
 use messages::{Channel, Message};
 use odometry::Velocity;
 use serde_json::{Value, json};
 use std::process::ExitCode;
+use std::thread::{JoinHandle, spawn};
 use walls::Beam;
 
 #[derive(clap::Args)]
@@ -45,13 +46,20 @@ Its lines of robot.toml are printed once the robot stands again and all is deter
 
 /// Time limit of the first scan and velocity.
 const HEARD: Duration = Duration::from_secs(5);
-/// Interval between estimates.
-const EVERY: Duration = Duration::from_secs(2);
+/// Interval at which an estimate is begun, or its end awaited.
+const EVERY: Duration = Duration::from_millis(700);
 /// Time for which the robot stands before a complete result is taken, s.
 const ENDS_S: f64 = 1.0;
+/// Of a lidar with finer or more frequent revolutions some beams are used: steps of so many rad, revolutions so far
+/// apart, s.
+const STEP_RAD: f64 = 0.008;
+const REVOLUTION_S: f64 = 0.09;
 /// Beams that are kept: three minutes of a fast lidar.
 const BEAMS_MAX: usize = 2_000_000;
 const VELOCITIES_MAX: usize = 40_000;
+/// Shortest range that is used, and what is left out before the longest, m.
+const RANGE_MIN_M: f32 = 0.05;
+const RANGE_END_M: f32 = 0.2;
 /// A message whose time stamp is this far from the one before it is left out, s.
 const JUMP_S: f64 = 10.0;
 
@@ -63,6 +71,8 @@ struct Session {
     zero: Option<i64>,
     /// x, m, y, m, and direction, rad, as its driver has them.
     configured: Option<[f64; 3]>,
+    /// The revolution that is kept, and when it began, s.
+    revolution: Option<(i64, f64)>,
     /// The robot has moved; since when it stands, s.
     moved: bool,
     stands: Option<f64>,
@@ -110,9 +120,17 @@ impl Session {
             self.is_full = true;
             return;
         }
-        let ranges = scan.ranges.iter().enumerate().filter(|(_, range)| {
-            range.is_finite() && **range >= scan.range_min.max(0.05) && **range <= scan.range_max.max(0.0)
-        });
+        let (revolution, since) = self.revolution.unwrap_or((scan.revolution, begin));
+        if revolution != scan.revolution && (0.0..REVOLUTION_S).contains(&(begin - since)) {
+            return;
+        }
+        self.revolution =
+            Some(if revolution == scan.revolution { (revolution, since) } else { (scan.revolution, begin) });
+        // Of a wall at the end of the range the noise decides which points are seen.
+        let usable = scan.range_min.max(RANGE_MIN_M)..=scan.range_max - RANGE_END_M;
+        let ranges = scan.ranges.iter().enumerate().filter(|(_, range)| usable.contains(range));
+        let step = (STEP_RAD / scan.angle_step.abs()).clamp(1.0, 64.0) as usize;
+        let ranges = ranges.filter(|(n, _)| n % step == 0);
         self.recording.beams.extend(ranges.map(|(n, range)| Beam {
             at: begin + n as f64 * scan.beam_time,
             revolution: scan.revolution,
@@ -136,44 +154,15 @@ pub fn align(common: &Common, command: &Align) -> Outcome {
     let channels = [Channel::LlDataScan, Channel::LlDataVelocity];
     let mut tool = Tool::join(common, "lidar", &channels)?;
     let begin = clock::now();
-    let end = begin + command.time;
     let mut session = Session::default();
     if wait_still(&mut tool, &mut session, command, begin)? {
         return Err("interrupted".into());
     }
-    let mut progress = Progress::new("aligning");
-    let mut next = clock::now() + EVERY;
-    let mut found = None;
-    loop {
-        let is_over = match tool.hear(next.min(end))? {
-            Heard::Message(message) => {
-                take(&mut session, message, &command.name);
-                continue;
-            }
-            Heard::Interrupt => true,
-            Heard::Nothing => clock::now() >= end || session.is_full,
-        };
-        next = clock::now() + EVERY;
-        if session.moved {
-            let result = estimate(&session.recording);
-            let share = clock::now().since(begin).as_secs_f64() / command.time.as_secs_f64();
-            progress.show(share, |_| result.as_ref().map_or_else(ToString::to_string, short));
-            let is_complete = result.as_ref().is_ok_and(|found| found.lacks.is_empty());
-            found = Some(result);
-            if is_complete && session.stands_again() {
-                break;
-            }
-        }
-        if is_over {
-            break;
-        }
+    record(&mut tool, &mut session, command, begin)?;
+    if !session.moved {
+        return Err(format!("{}: the robot has not moved", command.name).into());
     }
-    progress.clear();
-    let found = match found {
-        Some(Ok(found)) => found,
-        Some(Err(refusal)) => return Err(format!("{}: {refusal}", command.name).into()),
-        None => return Err(format!("{}: the robot has not moved", command.name).into()),
-    };
+    let found = estimate(&session.recording).map_err(|refusal| format!("{}: {refusal}", command.name))?;
     let configured = session.configured.unwrap_or_default();
     match command.json {
         true => print(to_json(&command.name, &found, configured))?,
@@ -182,8 +171,40 @@ pub fn align(common: &Common, command: &Align) -> Outcome {
     if found.lacks.is_empty() {
         return Ok(ExitCode::SUCCESS);
     }
-    found.lacks.iter().for_each(|lack| complain(lack));
+    found.lacks.iter().for_each(complain);
     Err(format!("{}: not all of its place is determined", command.name).into())
+}
+
+/// Records until the place is determined and the robot stands again, or until the time is over, or Ctrl-C.
+fn record(tool: &mut Tool, session: &mut Session, command: &Align, begin: Instant) -> Result<(), Failed> {
+    let end = begin + command.time;
+    let mut progress = Progress::new("aligning");
+    // Beside this thread: what is not received in time is lost, and a pause of the velocities spoils all.
+    let mut pending: Option<JoinHandle<Result<Estimate, Refusal>>> = None;
+    let mut next = clock::now() + EVERY;
+    loop {
+        match tool.hear(next.min(end))? {
+            Heard::Message(message) => {
+                take(session, message, &command.name);
+                continue;
+            }
+            Heard::Interrupt => return Ok(()),
+            Heard::Nothing if clock::now() >= end || session.is_full => return Ok(()),
+            Heard::Nothing => next = clock::now() + EVERY,
+        }
+        if let Some(ended) = pending.take_if(|pending| pending.is_finished()) {
+            let result = ended.join().map_err(|_| "the estimation has failed")?;
+            let share = clock::now().since(begin).as_secs_f64() / command.time.as_secs_f64();
+            progress.show(share, |_| result.as_ref().map_or_else(ToString::to_string, short));
+            if result.is_ok_and(|found| found.lacks.is_empty()) && session.stands_again() {
+                return Ok(());
+            }
+        }
+        if pending.is_none() && session.moved {
+            let recording = session.recording.clone();
+            pending = Some(spawn(move || estimate(&recording)));
+        }
+    }
 }
 
 fn take(session: &mut Session, message: Message, name: &str) {
@@ -271,7 +292,7 @@ fn lines(name: &str, found: &Estimate, configured: [f64; 3]) -> Vec<String> {
         let [before, now] = [configured[n], solution.place[n]].map(|value| rounded(value, decimals));
         let deviation = solution.deviation[n];
         let (now, deviation) = match determined {
-            true => (format!("{now:.decimals$}"), format!("{deviation:.decimals$}")),
+            true => (format!("{now:.decimals$}"), format!("{deviation:.0$}", decimals + 1)),
             false => ("-".into(), "not determined".into()),
         };
         lines.push(format!("{key:<10} {before:>10.decimals$}  {now:>8}  {deviation:>14}"));
@@ -281,10 +302,10 @@ fn lines(name: &str, found: &Estimate, configured: [f64; 3]) -> Vec<String> {
     let (way, turn) = (found.travelled, found.turned.to_degrees());
     lines.push(format!(
         "{beams}, way {way:.1} m, turn {turn:.0}°; odometry: way {:+.1} %, turn {:+.1} %, {:+.1}° per metre, {:.0} ms",
-        errors.travel * 100.0,
-        errors.turn * 100.0,
-        errors.drift.to_degrees(),
-        errors.delay * 1e3
+        rounded(errors.travel * 100.0, 1),
+        rounded(errors.turn * 100.0, 1),
+        rounded(errors.drift.to_degrees(), 1),
+        rounded(errors.delay * 1e3, 0)
     ));
     if found.has_direction() {
         lines.push(String::new());

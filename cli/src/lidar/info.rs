@@ -50,7 +50,7 @@ pub fn info(common: &Common, command: &Info) -> Outcome {
     let mut silent = Vec::new();
     for target in &targets {
         let Some(found) = look(target, command.ask)? else { return Err("interrupted".into()) };
-        if !is_well(&found) {
+        if !is_well(target, &found) {
             silent.push(target.name.clone());
         }
         match command.json {
@@ -100,12 +100,13 @@ fn is_ours(target: &Target, identity: &Identity) -> bool {
     }
 }
 
-fn is_well(found: &Found) -> bool {
+fn is_well(target: &Target, found: &Found) -> bool {
     match found {
         Found::Held(_, known) => known.row("").status == "OK" && known.faults.as_ref().is_none_or(Vec::is_empty),
         Found::Said(identity, measured) => {
             let measures = |measured: &Measured| measured.lost.is_none() && measured.faults.is_empty();
-            !matches!(identity.health, Some(Health::Error { .. })) && measured.as_deref().is_none_or(measures)
+            let works = !matches!(identity.health, Some(Health::Error { .. }));
+            works && is_ours(target, identity) && measured.as_deref().is_none_or(measures)
         }
         Found::Silent(_) => false,
     }
@@ -156,7 +157,7 @@ pub fn said(identity: &Identity) -> Vec<(&'static str, String)> {
     let text = |text: &[u8]| Some(words(text)).filter(|text| !text.is_empty());
     let rate = match identity.kind {
         Kind::Ld => "motor",
-        _ => "asked of it",
+        _ => "set to",
     };
     [
         ("model", Some(model)),
@@ -281,7 +282,7 @@ fn to_json(target: &Target, found: &Found) -> Value {
         "name": target.name,
         "expected": model_name(target.model),
         "port": port_text(&target.port),
-        "well": is_well(found),
+        "well": is_well(target, found),
     });
     let row = |row: &Row<'_>, beams_per_s: f64| {
         json!({
@@ -342,7 +343,7 @@ mod tests {
     fn shown(port: &str, model: Model, ask: bool) -> (Vec<String>, bool) {
         let target = target(port, model);
         let found = look(&target, ask).map_err(|failed| failed.why).unwrap().unwrap();
-        (lines(&target, &found), is_well(&found))
+        (lines(&target, &found), is_well(&target, &found))
     }
 
     fn has(lines: &[String], what: &str, value: &str) -> bool {
@@ -370,8 +371,8 @@ mod tests {
         let (lines, is_well) = shown(&served.port, Model::Rplidar(rplidar::Model::A2), true);
         assert!(is_well && has(&lines, "health", "good") && !has(&lines, "speed", ""), "{lines:#?}");
         // Another model than expected is shown, and not started.
-        let (lines, _) = shown(&served.port, Model::Rplidar(rplidar::Model::C1), false);
-        assert!(has(&lines, "expected", "rplidar-c1: the driver refuses this one"), "{lines:#?}");
+        let (lines, is_well) = shown(&served.port, Model::Rplidar(rplidar::Model::C1), false);
+        assert!(!is_well && has(&lines, "expected", "rplidar-c1: the driver refuses this one"), "{lines:#?}");
     }
 
     #[test]
@@ -444,7 +445,7 @@ mod tests {
                 "           fault      0x0901 lidar top is silent",
             ]
         );
-        assert!(!is_well(&found), "it has a fault");
+        assert!(!is_well(&target, &found), "it has a fault");
         assert_eq!(to_json(&target, &found)["held"]["by"], "driver_lidar");
     }
 }

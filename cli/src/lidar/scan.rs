@@ -86,7 +86,8 @@ pub fn scan(common: &Common, command: &Scan) -> Outcome {
     } else {
         print(text(&rows).trim_end())?;
     }
-    if found == 0 {
+    let is_known = |row: &Row| matches!(&row.found, Found::Held(Held { module: Some(_), .. }));
+    if found == 0 && !rows.iter().any(is_known) {
         let what = "no lidar answers: power, wires, the right port, and the rate are what to look at";
         return Err(what.into());
     }
@@ -300,7 +301,9 @@ fn toml(
     add(&format!("model = \"{}\"", model_name(model)), sure);
     match port {
         PortConfig::Terminal(terminal) => {
-            add(&format!("port = {}", quoted(name)), "");
+            // A relative path would be one in the run folder.
+            let path = std::path::absolute(name).unwrap_or_else(|_| name.into());
+            add(&format!("port = {}", quoted(&path.display().to_string())), "");
             if terminal.baud != model.usual_baud() {
                 add(&format!("baud = {}", terminal.baud), "");
             }

@@ -7,7 +7,7 @@ use ::lidar::sick::Dialect;
 use drivers::lidar::{MODELS, Model};
 use host::ports::{ByteParity, PortConfig, TerminalConfig};
 use module::State;
-use robot::config::{self, Config, SIMULATOR};
+use robot::config::{self, Config, ModuleEntry, SIMULATOR};
 use robot::place::RobotLocation;
 use robot::topology;
 use std::fs;
@@ -163,7 +163,7 @@ pub fn held(port: &PortConfig) -> Option<Held> {
 
 /// Files and addresses that a robot's other modules use, each with its module: nothing is asked there.
 pub fn used(place: &RobotLocation, config: &Config) -> Vec<(PortConfig, String)> {
-    let names = config.modules.iter().map(|module| module.name());
+    let names = config.modules.iter().map(ModuleEntry::name);
     let others = names.filter(|name| ![SIMULATOR, drivers::lidar::NAME].contains(name));
     let ports = others.flat_map(|name| {
         let made = topology::module(place, name, State::Stop);

@@ -85,11 +85,14 @@ pub enum Lack {
     Odometry(Errors),
 }
 
+/// What is not known without the direction: the place is measured in the robot's axes.
+const ALL: &str = "theta_rad, x_m, y_m";
+
 impl fmt::Display for Lack {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Travel(way) => {
-                write!(f, "theta_rad: the way of {way:.2} m is too short; drive straight on for 1 m or more")
+                write!(f, "{ALL}: the way of {way:.2} m is too short; drive straight on for 1 m or more")
             }
             Self::Turn(turn) => write!(
                 f,
@@ -98,11 +101,11 @@ impl fmt::Display for Lack {
             ),
             Self::Direction(deviation) => write!(
                 f,
-                "theta_rad: not determined (±{:.2}°); drive straight on at 30° to 60° to the wall, or along it",
+                "{ALL}: not determined (±{:.2}°); drive straight on at 30° to 60° to the wall, or along it",
                 deviation.to_degrees()
             ),
             Self::Rival(other) => {
-                write!(f, "theta_rad: {other:.3} fits as well; drive straight on at another angle to the wall as well",)
+                write!(f, "{ALL}: {other:.3} rad fits as well; drive straight on at another angle to the wall, too",)
             }
             Self::Place(deviation) => write!(
                 f,

@@ -46,6 +46,8 @@ const EXPECTED: [f64; FIRST] = [100.0, 100.0, 100.0, 0.03, 0.05, 0.05, 0.05];
 /// Steps of the derivatives.
 const STEPS: [f64; FIRST] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4, 1e-3];
 const STEP_WALL: f64 = 1e-5;
+/// Weight by which a wall without points stays where it is; that of a single point is 1e4 and more.
+const STAYS: f64 = 1e-3;
 /// Points by which the first guess is made.
 const COARSE: usize = 600;
 /// Directions that are tried for it.
@@ -60,7 +62,7 @@ const NOISE_MIN_M: f64 = 0.003;
 const RIVAL_RMS: f64 = 1.08;
 const RIVAL_RAD: f64 = 0.09;
 /// Errors of points are not independent: within this time they may be alike, s.
-const ALIKE_S: f64 = 1.0;
+const ALIKE_S: f64 = 4.0;
 
 type Matrix = Vec<Vec<f64>>;
 
@@ -251,9 +253,9 @@ impl Problem<'_> {
                 }
             }
         }
-        // Few groups say little of their scatter.
+        // Each group is as good as one observation, and the parameters follow their scatter.
         let count = groups.len() as f64;
-        let few = count / (count - 1.0).max(1.0);
+        let few = count / (count - size as f64).max(1.0);
         let scale = |n: usize| (few * alike[n][n] / inverse[n][n]).max(1.0).sqrt();
         let scales: Vec<f64> = (0..size).map(scale).collect();
         Some((0..size).map(|n| (0..size).map(|k| inverse[n][k] * scales[n] * scales[k]).collect()).collect())
@@ -296,6 +298,8 @@ fn normal(columns: &Matrix, residuals: &[f64], weights: &[f64], noise: f64, para
             (matrix[n][k], matrix[k][n]) = (sum, sum);
         }
     }
+    // A wall that is out of sight stays where it is.
+    (FIRST..size).for_each(|n| matrix[n][n] += STAYS);
     for (n, expected) in EXPECTED.into_iter().enumerate() {
         matrix[n][n] += 1.0 / (expected * expected);
         gradient[n] += parameters[n] / (expected * expected);
