@@ -12,7 +12,7 @@ mod walls;
 
 use crate::bus::{Heard, Tool};
 use crate::progress::Progress;
-use crate::{Common, Failed, Outcome, complain, print, seconds};
+use crate::{Common, Failed, Outcome, complain, counted, print, seconds};
 use base::{Duration, Instant};
 use estimate::{Estimate, Recording, Refusal, STILL_S, estimate, standing};
 use host::clock;
@@ -298,7 +298,8 @@ fn lines(name: &str, found: &Estimate, configured: [f64; 3]) -> Vec<String> {
         lines.push(format!("{key:<10} {before:>10.decimals$}  {now:>8}  {deviation:>14}"));
     }
     let errors = solution.errors;
-    let beams = format!("±{:.0} mm on {} walls", solution.rms * 1e3, solution.walls.len());
+    let walls = counted(solution.walls.len() as u32, "wall");
+    let beams = format!("±{:.0} mm on {walls}", solution.rms * 1e3);
     let (way, turn) = (found.travelled, found.turned.to_degrees());
     lines.push(format!(
         "{beams}, way {way:.1} m, turn {turn:.0}°; odometry: way {:+.1} %, turn {:+.1} %, {:+.1}° per metre, {:.0} ms",

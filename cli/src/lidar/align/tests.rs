@@ -235,6 +235,39 @@ fn a_robot_that_does_not_stand_first_and_walls_that_are_none_are_refused() {
 }
 
 #[test]
+fn near_walls_are_found_from_wherever_the_robot_stands() {
+    // A hall; its walls are longer than the lidar sees, and met at all angles.
+    let hall: [Segment; 4] = [
+        [[0.0, 0.0], [20.0, 0.0]],
+        [[20.0, 0.0], [20.0, 12.0]],
+        [[20.0, 12.0], [0.0, 12.0]],
+        [[0.0, 12.0], [0.0, 0.0]],
+    ];
+    let mut random = Random(7);
+    for n in 0..60 {
+        let from = [1.0 + 18.0 * random.uniform(), 1.0 + 10.0 * random.uniform()];
+        let front = TAU * random.uniform();
+        let rig = Rig { noise_m: 0.0, ..Rig::new(&hall, [0.0; 3], &[]) };
+        let mut points = Vec::new();
+        for beam in 0..4500 {
+            // Directions as those of the emulated devices: measured in steps of 0.5°, said in steps of 0.8°.
+            let angle = f64::from(beam % 450) / 450.0 * TAU;
+            let measured = (angle / TAU * 720.0).round() / 720.0 * TAU;
+            let range = rig.ray(from, front + measured, 0.0).unwrap() + 0.01 * random.normal();
+            if range < 7.8 {
+                points.push(Beam { at: 0.0, revolution: 0, angle, range }.point());
+            }
+        }
+        let walls = super::walls::find(&points);
+        let distances = [from[0], 20.0 - from[0], from[1], 12.0 - from[1]];
+        for distance in distances.into_iter().filter(|distance| (0.5..6.5).contains(distance)) {
+            let is_found = walls.iter().any(|wall| (wall.distance - distance).abs() < 0.02);
+            assert!(is_found, "{n}: from {from:?}, front {front}: {distance}, {walls:?}");
+        }
+    }
+}
+
+#[test]
 fn wheels_that_slip_are_refused_and_not_averaged() {
     let place = [0.2, 0.1, -0.1];
     let mut slips = Rig::new(&ROOM, place, &DRIVE).record();
