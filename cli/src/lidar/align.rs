@@ -71,8 +71,9 @@ struct Session {
     zero: Option<i64>,
     /// x, m, y, m, and direction, rad, as its driver has them.
     configured: Option<[f64; 3]>,
-    /// The revolution that is kept, and when it began, s.
-    revolution: Option<(i64, f64)>,
+    /// The last revolution, and whether it is kept; when the last one that is kept began, s.
+    revolution: Option<(i64, bool)>,
+    kept: Option<f64>,
     /// The robot has moved; since when it stands, s.
     moved: bool,
     stands: Option<f64>,
@@ -120,12 +121,9 @@ impl Session {
             self.is_full = true;
             return;
         }
-        let (revolution, since) = self.revolution.unwrap_or((scan.revolution, begin));
-        if revolution != scan.revolution && (0.0..REVOLUTION_S).contains(&(begin - since)) {
+        if !self.keeps(scan.revolution, begin) {
             return;
         }
-        self.revolution =
-            Some(if revolution == scan.revolution { (revolution, since) } else { (scan.revolution, begin) });
         // Of a wall at the end of the range the noise decides which points are seen.
         let usable = scan.range_min.max(RANGE_MIN_M)..=scan.range_max - RANGE_END_M;
         let ranges = scan.ranges.iter().enumerate().filter(|(_, range)| usable.contains(range));
@@ -137,6 +135,21 @@ impl Session {
             angle: scan.angle_min + n as f64 * scan.angle_step,
             range: f64::from(*range),
         }));
+    }
+
+    /// True if a revolution, of which a sector begins at this time, is kept: as a whole, or not at all.
+    fn keeps(&mut self, revolution: i64, begin: f64) -> bool {
+        if let Some((last, keeps)) = self.revolution
+            && last == revolution
+        {
+            return keeps;
+        }
+        let keeps = self.kept.is_none_or(|kept| !(0.0..REVOLUTION_S).contains(&(begin - kept)));
+        self.revolution = Some((revolution, keeps));
+        if keeps {
+            self.kept = Some(begin);
+        }
+        keeps
     }
 
     /// Time of the last velocity, s.

@@ -212,9 +212,7 @@ pub fn estimate(recording: &Recording) -> Result<Estimate, Refusal> {
         let mut on = Vec::new();
         for beam in &beams {
             let point = solution.still(&way, beam.at, beam.point());
-            let direction = beam.angle + way.at(beam.at)[2];
-            let met = solution.walls.iter().enumerate().filter(|(_, wall)| wall.is_met(direction));
-            let distances = met.map(|(wall, it)| (wall, it.behind(point).abs()));
+            let distances = solution.walls.iter().map(|wall| wall.behind(point).abs()).enumerate();
             let nearest = distances.min_by(|(_, a), (_, b)| a.total_cmp(b));
             on.extend(nearest.filter(|(_, distance)| *distance < ON_WALL_M).map(|(wall, _)| (wall, *beam)));
         }

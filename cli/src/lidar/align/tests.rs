@@ -268,6 +268,30 @@ fn near_walls_are_found_from_wherever_the_robot_stands() {
 }
 
 #[test]
+fn revolutions_are_kept_as_a_whole_wherever_the_first_one_is_heard() {
+    // Eighths of revolutions of 10 and 40 Hz, heard from the fourth on.
+    for (rate, most) in [(10.0, 31), (40.0, 31)] {
+        let mut session = Session::default();
+        for n in 3..(3.0 * rate * 8.0) as i64 {
+            session.scan(&DataScan {
+                timestamp: (n as f64 * 1e6 / rate / 8.0) as i64,
+                revolution: n / 8,
+                angle_min: -((n % 8) as f64) * TAU / 8.0,
+                angle_step: -TAU / 8.0 / 50.0,
+                range_min: 0.02,
+                range_max: 8.0,
+                ranges: vec![2.0; 50],
+                ..DataScan::default()
+            });
+        }
+        let beams = &session.recording.beams;
+        let turns: Vec<usize> = beams.chunk_by(|a, b| a.revolution == b.revolution).map(<[Beam]>::len).collect();
+        assert!((25..=most).contains(&turns.len()), "{rate} Hz: {turns:?}");
+        assert!(turns[0] == 250 && turns[1..].iter().all(|beams| *beams == 400), "{rate} Hz: {turns:?}");
+    }
+}
+
+#[test]
 fn wheels_that_slip_are_refused_and_not_averaged() {
     let place = [0.2, 0.1, -0.1];
     let mut slips = Rig::new(&ROOM, place, &DRIVE).record();

@@ -48,9 +48,6 @@ const GAP_M: f64 = 0.3;
 const SAGITTA_MAX_M: f64 = 0.012;
 /// Pairs of points that are tried for each wall.
 const PAIRS: usize = 400;
-/// Beams that meet a wall more slantingly than this, from its perpendicular, are not used: a small error of their
-/// direction is a large one of their distance, rad.
-const SLANT_MAX_RAD: f64 = 1.1;
 /// Walls whose perpendiculars are closer to each other are one, rad.
 const APART_RAD: f64 = 0.1;
 /// Distance between two parallel walls that are not one, m.
@@ -61,11 +58,6 @@ impl Wall {
     pub fn behind(&self, [x, y]: [f64; 2]) -> f64 {
         let (sin, cos) = self.normal.sin_cos();
         x * cos + y * sin - self.distance
-    }
-
-    /// True if a beam in this direction meets the wall steeply enough.
-    pub fn is_met(&self, angle: f64) -> bool {
-        apart(angle, self.normal).abs() < SLANT_MAX_RAD
     }
 
     /// Position of a point along the wall, m.
@@ -169,8 +161,7 @@ fn best_line(points: &[[f64; 2]], random: &mut u64) -> Option<Wall> {
 
 /// The longest piece of a line that has points without a gap.
 fn longest_segment(wall: &Wall, points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let is_near = |[x, y]: &[f64; 2]| wall.behind([*x, *y]).abs() < NEAR_M && wall.is_met(y.atan2(*x));
-    let mut near: Vec<[f64; 2]> = points.iter().copied().filter(is_near).collect();
+    let mut near: Vec<[f64; 2]> = points.iter().copied().filter(|point| wall.behind(*point).abs() < NEAR_M).collect();
     near.sort_by(|a, b| wall.along(*a).total_cmp(&wall.along(*b)));
     let pieces = near.chunk_by(|a, b| wall.along(*b) - wall.along(*a) < GAP_M);
     pieces.max_by_key(|piece| piece.len()).unwrap_or_default().to_vec()
@@ -253,11 +244,7 @@ impl Followed {
         for gate in GATES_M {
             // While the lidar comes nearer, the wall does so from beam to beam.
             let moved = |at: usize| self.rate * (turn[at].at - middle);
-            let is_on = |at: &usize| {
-                let [x, y] = points[*at];
-                (wall.behind([x, y]) - moved(*at)).abs() < gate && wall.is_met(y.atan2(x))
-            };
-            on = (0..points.len()).filter(is_on).collect();
+            on = (0..points.len()).filter(|at| (wall.behind(points[*at]) - moved(*at)).abs() < gate).collect();
             let places = || on.iter().map(|at: &usize| wall.along(points[*at]));
             let extent = places().fold(f64::MIN, f64::max) - places().fold(f64::MAX, f64::min);
             if on.len() < BEAMS_MIN || extent < EXTENT_MIN_M {
