@@ -9,7 +9,7 @@
 //! |---|---|
 //! | LDROBOT | nothing; packets with a right checksum |
 //! | RPLIDAR | `GET_INFO`, `GET_HEALTH`; from firmware 1.24 on the desired speed of the motor |
-//! | CoLa A and B | `DeviceIdent`, `SerialNumber`, `SCdevicestate`, `LCMstate`, `LMPscancfg`; a refused one is left out |
+//! | CoLa | `DeviceIdent`, `SerialNumber`, `SCdevicestate`, `LCMstate`, `LMPscancfg`; what is refused is left out |
 //! | SCIP 2.0 | `VV`, `PP`, `II`; valid while the sensor scans, too |
 //!
 //! Time and memory are bounded whatever arrives: a probe ends after [`LIMIT`], or after [`BYTES_MAX`].

@@ -437,8 +437,8 @@ mod tests {
         assert_eq!(
             lines(&target, &found),
             [
-                "front      ld19 at run/lidar-top, 230400 bit/s; the port is held by driver_lidar, process 123, of which \
-                 the bus says:",
+                "front      ld19 at run/lidar-top, 230400 bit/s; the port is held by driver_lidar, process 123, of \
+                 which the bus says:",
                 "           status     OK",
                 "           speed      10.0 turns/s, 450 beams/s, 100 % of them measured",
                 "           range      0.02 to 8.00 m, beams 0.80° apart",

@@ -233,8 +233,8 @@ impl Probe {
     }
 }
 
-/// True if a text of `STAT` means that the sensor works: "Sensor works well.", or "Stable 000 no error." and codes below
-/// 100 of later sensors.
+/// True if a text of `STAT` means that the sensor works: "Sensor works well.", or of later sensors a code below 100, as
+/// "Stable 000 no error.".
 fn works(state: &[u8]) -> bool {
     let state = state.trim_ascii();
     let is_code = |word: &&[u8]| word.len() == 3 && word.iter().all(u8::is_ascii_digit);

@@ -121,7 +121,8 @@ impl fmt::Display for Lack {
             ),
             Self::Slip(way) => write!(
                 f,
-                "a wall seems to have moved by {way:.2} m since the robot stood: wheels have slipped; drive again, slower"
+                "a wall seems to have moved by {way:.2} m since the robot stood: wheels have slipped; drive again, \
+                 slower"
             ),
             Self::Odometry(errors) => write!(
                 f,
