@@ -25,6 +25,12 @@ impl Holder {
     pub fn text(&self) -> String {
         format!("{}, process {}", self.module.as_ref().unwrap_or(&self.name), self.pid)
     }
+
+    /// A module for tests.
+    #[cfg(test)]
+    pub fn test(module: &str, pid: u32) -> Self {
+        Self { pid, module: Some(module.into()), name: module.into() }
+    }
 }
 
 impl From<&Running> for Holder {

@@ -125,9 +125,9 @@ commands! {
         Power(power::Power) => power::power(common, command),
         /// Show inputs and outputs, or set an output
         Io(io::Io) => io::io(common, command),
-        /// See what the lidars measure
+        /// Commission lidars, and see what they measure
         #[command(subcommand)]
-        Lidar(lidar::Lidar) => lidar::lidar(common, command),
+        Lidar(lidar::Lidar) => command.run(common),
         /// See what the inertial measurement units measure
         #[command(subcommand)]
         Imu(imu::Imu) => imu::imu(common, command),
@@ -177,7 +177,7 @@ commands! {
 impl Command {
     /// True for tools that reach lines and servers of a simulated robot through its run folder.
     fn is_of_a_run_folder(&self) -> bool {
-        matches!(self, Self::Can(_) | Self::Rs485(_) | Self::I2c(_) | Self::Web(_))
+        matches!(self, Self::Can(_) | Self::Rs485(_) | Self::I2c(_) | Self::Lidar(_) | Self::Web(_))
     }
 }
 

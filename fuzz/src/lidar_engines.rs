@@ -3,6 +3,7 @@
 use arbitrary::Arbitrary;
 use base::{Duration, Instant};
 use lidar::emulated::{Device, Faults};
+use lidar::probe::{Kind, LIMIT, Probe};
 use lidar::{BEAMS_MAX, EIGHTH_RAD, Event, Lidar, Protocol, State};
 use lidar::{hokuyo, ld, rplidar, sick};
 
@@ -83,6 +84,30 @@ fn pass<P: Protocol>(engine: &mut Lidar<P>, device: &mut impl Device, now: &mut 
     }
 }
 
+/// A probe that is fed whatever arrives: its requests and its time are bounded.
+fn probe(steps: &[Step<'_>], kind: Kind, frame: impl Fn(&[u8]) -> Vec<u8>) {
+    let mut probe = Probe::new(kind);
+    let begin = Instant::from_millis(1000);
+    let (mut now, mut requests) = (begin, 0);
+    probe.handle_timeout(now);
+    for step in steps {
+        match step {
+            Step::Receive { to_device: false, bytes } => probe.handle_rx(now, bytes),
+            Step::Framed { bytes } => probe.handle_rx(now, &frame(bytes)),
+            Step::Pass { ms } => now += Duration::from_millis(u64::from(*ms)),
+            Step::Hang { ms } => now += Duration::from_millis(u64::from(*ms)),
+            Step::Receive { .. } | Step::Closed | Step::Fault { .. } => {}
+        }
+        probe.handle_timeout(now);
+        while probe.poll_tx().is_some() {
+            requests += 1;
+        }
+        assert!(probe.poll_timeout().is_none_or(|due| due > now), "due after it was served");
+    }
+    probe.handle_timeout(begin.max(now) + LIMIT);
+    assert!(requests <= 20 && probe.poll_timeout().is_none(), "it ends");
+}
+
 fn run<P: Protocol, D: Device>(
     steps: &[Step<'_>],
     mut engine: Lidar<P>,
@@ -149,10 +174,17 @@ fn lines(bytes: &[u8]) -> Vec<u8> {
 /// Engines of lidars with arbitrary bytes, framed ones, hangs, closed connections and faults, at any time.
 ///
 /// Sectors are at most an eighth, bounded, finite and not from the future. After a call and its draining nothing is
-/// due. With a device at power-on the engine runs again.
+/// due. With a device at power-on the engine runs again. A probe that is fed the same ends, with few requests.
 pub fn lidar_engines(data: &[u8]) {
     let Some((kind, steps)) = crate::input::<(u8, Vec<Step<'_>>)>(data) else { return };
     let steps = &steps[..steps.len().min(60)];
+    match kind % 6 {
+        0 => probe(steps, Kind::Ld, packet),
+        1 | 2 => probe(steps, Kind::Rplidar, capsule),
+        3 => probe(steps, Kind::Cola(sick::Dialect::Binary), telegram),
+        4 => probe(steps, Kind::Cola(sick::Dialect::Text), telegram),
+        _ => probe(steps, Kind::Scip, lines),
+    }
     match kind % 6 {
         0 => {
             let config = ld::Config { model: ld::Model::Ld19, no_echo: ld::NoEcho::Unknown };

@@ -57,6 +57,7 @@ mod engine;
 mod event;
 pub mod hokuyo;
 pub mod ld;
+pub mod probe;
 pub mod rplidar;
 mod scan;
 pub mod sick;

@@ -13,7 +13,7 @@ mod config;
 use base::serial::Word;
 use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use config::{BUS_PERIOD, Engine};
-pub use config::{Config, DEVICES_MAX, Device, LidarKeys, Model};
+pub use config::{Config, DEVICES_MAX, Device, LidarKeys, MODELS, Model};
 use lidar::{Event as LidarEvent, Fault as LidarFault, Health, LostReason, Sector, Status};
 use messages::lowlevel::{DataBus, DataScan};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};

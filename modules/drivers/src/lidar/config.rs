@@ -23,7 +23,8 @@ pub enum Model {
     Hokuyo(&'static str),
 }
 
-const MODELS: Choice<Model> = Choice(&[
+/// Models by their names in the configuration.
+pub const MODELS: Choice<Model> = Choice(&[
     ("ld06", Model::Ld(ld::Model::Ld06)),
     ("ld19", Model::Ld(ld::Model::Ld19)),
     ("stl-19p", Model::Ld(ld::Model::Stl19p)),
