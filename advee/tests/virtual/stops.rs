@@ -151,7 +151,8 @@ fn assert_stands((event, number): (&str, usize), name: &str, (way, seconds): (f6
 
 #[test]
 fn the_robot_stands_within_the_figures_of_the_table() {
-    type Cause = Box<dyn FnOnce(&mut Robot)>;
+    /// The beginning of the row and the number of its figure, a name, the settings, and what happens.
+    type Row<'a> = ((&'a str, usize), &'a str, &'a [&'a str], Box<dyn FnOnce(&mut Robot)>);
     let coast = &["stop.pause=coast"][..];
     let delayed = &["stop.pause=delayed"][..];
     let pause = "the PAUSE line is engaged";
@@ -161,8 +162,7 @@ fn the_robot_stands_within_the_figures_of_the_table() {
     let canopen = "only with `second_way = \"canopen\"`";
     let limits = "a command is out of limits";
     let returns = "`driver_canbus` restarts";
-    // The beginning of the row, the number of its figure, and the settings.
-    let rows: [((&str, usize), &str, &[&str], Cause); 26] = [
+    let rows: [Row<'_>; 26] = [
         (("the commanding source is silent", 0), "the source is silent", &[], Box::new(|_| {})),
         ((pause, 0), "PAUSE, brake", &[], Box::new(button)),
         ((pause, 1), "PAUSE, delayed", delayed, Box::new(button)),
