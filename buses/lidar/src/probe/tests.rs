@@ -124,7 +124,7 @@ fn an_ldrobot_is_known_by_its_packets_and_its_model_by_their_rate() {
 #[test]
 fn what_a_buffer_had_kept_does_not_spoil_the_rates() {
     let (mut device, mut now) = (ld::emulated::Device::new(ld::Model::Stl19p), Instant::from_millis(1000));
-    let mut pass = |ms: u32, mut take: Box<dyn FnMut(Instant, &[u8]) + '_>| {
+    let mut pass = |ms: u32, take: &mut dyn FnMut(Instant, &[u8])| {
         for _ in 0..ms {
             now += Duration::from_millis(1);
             device.handle_timeout(now);
@@ -135,13 +135,13 @@ fn what_a_buffer_had_kept_does_not_spoil_the_rates() {
         now
     };
     let mut kept = Vec::new();
-    pass(3000, Box::new(|_, _| ()));
-    pass(200, Box::new(|_, bytes| kept.extend_from_slice(bytes)));
-    let opened = pass(4000, Box::new(|_, _| ()));
+    pass(3000, &mut |_, _| ());
+    pass(200, &mut |_, bytes| kept.extend_from_slice(bytes));
+    let opened = pass(4000, &mut |_, _| ());
     let mut probe = Probe::new(Kind::Ld);
     probe.handle_timeout(opened);
     probe.handle_rx(opened, &kept);
-    pass(900, Box::new(|now, bytes| probe.handle_rx(now, bytes)));
+    pass(900, &mut |now, bytes| probe.handle_rx(now, bytes));
     let found = probe.identity().expect("it sends");
     assert_eq!(found.ld_model(), Some(ld::Model::Stl19p), "{:?}", found.samples_per_s);
 }
