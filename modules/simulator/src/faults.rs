@@ -36,7 +36,7 @@
 //! | a thermometer | `silent` | it is not connected |
 //! | a thermometer | `wrong` | what it sends is damaged |
 //! | a thermometer | `hot` | it is `value` °C warm (0: 90) |
-//! | a lidar | `silent`, `garbled`, `stuck`, `reboot` | cut off, noise on its line, the same again and again, a restart |
+//! | a lidar | `silent`, `garbled`, `stuck`, `reboot` | cut off, noise, the same again and again, a restart |
 //! | a lidar | `blind`, `stall` | its optics are covered; its motor stands |
 //! | a lidar | `false`, `loss` | a beam measures anything, or nothing, with probability `value` (0: 0.2; 0.05) |
 //! | a Modbus line | `silent` | its devices neither hear nor answer |
