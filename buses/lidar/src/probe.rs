@@ -14,8 +14,8 @@
 //!
 //! Time and memory are bounded whatever arrives: a probe ends after [`LIMIT`], or after [`BYTES_MAX`].
 //!
-//! Sources as in [`rplidar`](crate::rplidar), [`sick`](crate::sick) and [`hokuyo`](crate::hokuyo); `SerialNumber` and
-//! `LMPscancfg`: SICK's published driver `sick_scan_xd`, its table of commands and its recorded answers.
+//! Sources as in [`rplidar`], [`sick`] and [`hokuyo`](crate::hokuyo); `SerialNumber` and `LMPscancfg`:
+//! SICK's published driver `sick_scan_xd`, its table of commands and its recorded answers.
 
 mod answers;
 #[cfg(test)]
