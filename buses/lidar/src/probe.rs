@@ -158,7 +158,7 @@ impl Identity {
         }
     }
 
-    /// LDROBOT: the model by its samples per second; LD06 and LD19 cannot be told apart.
+    /// LDROBOT: the model by its samples per second; LD06 and LD19 send alike.
     #[must_use]
     pub fn ld_model(&self) -> Option<ld::Model> {
         let [slow, fast] = [ld::Model::Ld19, ld::Model::Stl19p].map(|model| f64::from(model.samples_per_s()));

@@ -50,8 +50,8 @@ const HEARD: Duration = Duration::from_secs(5);
 const EVERY: Duration = Duration::from_millis(700);
 /// Time for which the robot stands before a complete result is taken, s.
 const ENDS_S: f64 = 1.0;
-/// Of a lidar with finer or more frequent revolutions some beams are used: steps of so many rad, revolutions so far
-/// apart, s.
+/// Least angle between two beams that are used, rad, and least time between two revolutions, s: of a lidar that has
+/// more of them the others are left out.
 const STEP_RAD: f64 = 0.008;
 const REVOLUTION_S: f64 = 0.09;
 /// Beams that are kept: three minutes of a fast lidar.
@@ -63,7 +63,7 @@ const RANGE_END_M: f32 = 0.2;
 /// A message whose time stamp is this far from the one before it is left out, s.
 const JUMP_S: f64 = 10.0;
 
-/// What is heard of the robot, and where the lidar is configured to be.
+/// What the bus says about the robot, and where the lidar is configured to be.
 #[derive(Default)]
 struct Session {
     recording: Recording,

@@ -138,7 +138,7 @@ impl Measured {
             Event::Sector(sector) => {
                 self.lost = None;
                 if measured {
-                    self.seen.add(&scan(sector));
+                    self.add(sector);
                 }
                 return true;
             }
@@ -151,25 +151,17 @@ impl Measured {
         }
         false
     }
-}
 
-/// A sector as the driver would publish it, in the frame of the device.
-fn scan(sector: &Sector) -> DataScan {
-    DataScan {
-        timestamp: i64::try_from(sector.at.as_nanos() / 1000).unwrap_or(i64::MAX),
-        revolution: i64::try_from(sector.revolution).unwrap_or(i64::MAX),
-        status: match sector.status {
+    /// Adds a sector, in the frame of the device.
+    fn add(&mut self, sector: &Sector) {
+        let status = match sector.status {
             Status::Ok => DataScan::OK,
             Status::Blocked => DataScan::BLOCKED,
             Status::Slow => DataScan::SLOW,
             Status::Fault => DataScan::FAULT,
-        },
-        angle_min: sector.angle_min_rad,
-        angle_step: sector.angle_step_rad,
-        beam_time: sector.beam_time_s,
-        range_min: sector.range_min_m,
-        range_max: sector.range_max_m,
-        ranges: sector.ranges_m.to_vec(),
-        ..DataScan::default()
+        };
+        let [revolution, at_us] = [sector.revolution, sector.at.as_nanos() / 1000];
+        let turn = [revolution, at_us].map(|number| i64::try_from(number).unwrap_or(i64::MAX));
+        self.seen.add_beams(turn.into(), status, &sector.ranges_m, |k| sector.angle_rad(k));
     }
 }

@@ -86,22 +86,28 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Adds a sector.
+    /// Adds a sector, with directions in the robot's frame.
     pub fn add(&mut self, scan: &DataScan) {
-        self.status = self.status.max(scan.status);
-        self.beams += scan.ranges.len();
-        let turn = (scan.revolution, scan.timestamp);
-        let is_first = *self.first.get_or_insert(scan.revolution) == scan.revolution;
+        let direction = |n: usize| scan.theta + scan.angle_min + n as f64 * scan.angle_step;
+        self.add_beams((scan.revolution, scan.timestamp), scan.status, &scan.ranges, direction);
+    }
+
+    /// Adds the beams of a sector: number of the revolution and instant of the first beam, µs; ranges, m, and the
+    /// direction of each, rad.
+    pub fn add_beams(&mut self, turn: (i64, i64), status: i8, ranges: &[f32], direction: impl Fn(usize) -> f64) {
+        self.status = self.status.max(status);
+        self.beams += ranges.len();
+        let is_first = *self.first.get_or_insert(turn.0) == turn.0;
         match &mut self.turns {
             _ if is_first => {}
             Some([_, last]) if last.0 == turn.0 => {}
             Some([_, last]) => *last = turn,
             None => self.turns = Some([turn, turn]),
         }
-        for (n, range) in scan.ranges.iter().enumerate().filter(|(_, range)| range.is_finite()) {
+        for (n, range) in ranges.iter().enumerate().filter(|(_, range)| range.is_finite()) {
             self.measured += 1;
             if self.nearest.is_none_or(|(nearest, _)| *range < nearest) {
-                self.nearest = Some((*range, scan.theta + scan.angle_min + n as f64 * scan.angle_step));
+                self.nearest = Some((*range, direction(n)));
             }
         }
     }

@@ -36,14 +36,12 @@ const EVERY: &str = "every module";
 const TERMINAL: &str = "command line";
 const PAGE: &str = "web page";
 /// Code that several publishers share: the place, and their names. A place inside another one is not part of that one.
-const SHARED: [(&str, &[&str]); 8] = [
+const SHARED: [(&str, &[&str]); 7] = [
     ("modules/drivers/src/line", &["`driver_rs485a`", "`driver_rs485b`", "`driver_power`"]),
     ("foundation/module/src", &[EVERY]),
     ("foundation/module/src/holds", &["`driver_canbus`", "`planner`"]),
     ("host/src", &["host"]),
     ("cli/src", &[TERMINAL]),
-    // Shows what a lidar sends, as a message that is not published.
-    ("cli/src/lidar/line", &[]),
     ("modules/web/src", &[PAGE]),
     ("foundation/diagnostics/src", &[TERMINAL, PAGE]),
 ];

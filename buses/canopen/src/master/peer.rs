@@ -51,7 +51,8 @@ enum Phase {
     },
     /// Left alone, because the master is about to end; true while the boot-up message after its reset is awaited.
     Left(bool),
-    /// The reset command was sent at `sent`; the boot-up message is awaited. At `stop` the node is told to stop.
+    /// The reset command was sent at `sent`; the boot-up message is awaited. At `stop` the next write of
+    /// [`NodeConfig::stop`] is due.
     Resetting {
         sent: Instant,
         until: Instant,

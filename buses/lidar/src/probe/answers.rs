@@ -199,7 +199,7 @@ impl Probe {
                 parameters.take(line);
             }
             if ask == Ask::Version {
-                // The answer without a single right line is none.
+                // Without a single valid line there is no answer.
                 self.is_found = !self.identity.firmware.is_empty() || !self.identity.serial.is_empty();
                 return self.is_found;
             }

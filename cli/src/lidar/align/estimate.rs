@@ -37,7 +37,7 @@ const SHARE_MIN: f64 = 0.6;
 /// Distance by which a wall may seem to have moved, m, and its direction, rad.
 const SLIP_MAX_M: f64 = 0.03;
 const SLIP_MAX_RAD: f64 = 0.02;
-/// Errors beyond which the odometry is none: of way and turn, and the rotation per metre, rad.
+/// Errors beyond which the odometry is useless: of way and turn, and the rotation per metre, rad.
 const ERRORS_MAX: [f64; 3] = [0.1, 0.12, 0.12];
 
 /// Why nothing can be said yet.
