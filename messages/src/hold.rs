@@ -172,6 +172,9 @@ holds! {
     /// A narrower turn is commanded than the base reaches: it drives the narrowest. A notice. Subject: the source.
     TurnTooNarrow = 413, "{} commands a narrower turn than the base can do: it turns as tightly as it can",
         "Nothing is wrong: {} must command more speed or less rotation.";
+    /// The distance in which the robot must stop bounds the speed (`stop.distance_m`). A notice. No subject.
+    StopDistance = 414, "the robot drives no faster than PAUSE can stop it within its stopping distance",
+        "Nothing is wrong: command a lower speed.";
 
     /// No estimate was received since the start. No subject.
     NoEstimate = 501, "no estimate of the position has come yet", "Wait some seconds; the estimator must run.";
@@ -290,6 +293,7 @@ impl Hold {
             Self::NoSideways
                 | Self::NoTurnOnSpot
                 | Self::TurnTooNarrow
+                | Self::StopDistance
                 | Self::GuardStops
                 | Self::GuardSlows
                 | Self::GuardUnknown

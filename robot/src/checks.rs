@@ -11,7 +11,7 @@ use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
 use navitools::Pose;
 use settings::robot::Base;
-use sim::check::{self, Limits, Promise, RangingBoard, wire};
+use sim::check::{self, Guarded, Limits, Promise, RangingBoard, wire};
 use simulator::world::World;
 use simulator::{Axis, DriveConfig, DriveKind};
 use std::f64::consts::PI;
@@ -94,8 +94,9 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         ranging: ranging(robot),
         homing_at_start: robot.can.iter().any(homes_at_start),
         bus: can.bus.clone(),
+        guard: (robot.guard.ranging != ::guard::Ranging::None)
+            .then(|| Guarded { module: ::guard::NAME.into(), creep_mps: robot.guard.creep }),
         promise: robot.guard.ranging.has_sonars().then(|| Promise {
-            guard: ::guard::NAME.into(),
             reaction_s: robot.guard.reaction + robot.guard.sensing,
             braking_mps2: robot.limits.deceleration_mps2,
             beam_rad: robot.sensors.srf08.beam_rad,

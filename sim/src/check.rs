@@ -12,6 +12,7 @@ mod authority;
 mod believed;
 mod blind;
 mod body;
+mod bounded;
 mod clock;
 mod critical;
 mod drives;
@@ -45,6 +46,7 @@ mod wanted;
 pub mod wire;
 
 pub use blind::RangingBoard;
+pub use bounded::Guarded;
 pub use promise::Promise;
 
 use crate::host::News;
@@ -122,7 +124,9 @@ pub struct Limits {
     pub homing_at_start: bool,
     /// The second way to stop: the motors' feed can be cut.
     pub feed_is_cut: bool,
-    /// What the guard promises; absent: the robot senses nothing.
+    /// The guard; absent: the robot senses nothing.
+    pub guard: Option<Guarded>,
+    /// What a guard with sonars promises; absent: none of it is judged.
     pub promise: Option<Promise>,
     /// Maximum delay between the end of a process and its restart.
     pub restart_max: Duration,
@@ -195,6 +199,7 @@ pub struct Checkers {
     authority: authority::Rule,
     blind: blind::Rule,
     body: body::Rule,
+    bounded: bounded::Rule,
     clock: clock::Rule,
     drives: drives::Rule,
     feed: feed::Rule,
@@ -229,6 +234,7 @@ impl Checkers {
             facts: Facts::new(limits),
             authority: authority::Rule::default(),
             body: body::Rule::default(),
+            bounded: bounded::Rule::default(),
             clock: clock::Rule::default(),
             homed: homed::Rule::default(),
             late_watchdog: late_watchdog::Rule::default(),
@@ -304,6 +310,11 @@ impl Checkers {
                 if facts.driver.pid == Some(*pid) && facts.believes(*sender, message) =>
             {
                 self.released.on_heard(now, *at, message, facts);
+                match message {
+                    Message::LlDataGuard(guard) => self.bounded.on_guard(now, *at, guard),
+                    Message::LlCmdCreep(creep) => self.bounded.on_creep(*at, creep),
+                    _ => {}
+                }
                 Ok(())
             }
             News::CanLost { bus, frame } if *bus == facts.limits.bus => {
@@ -327,6 +338,7 @@ impl Checkers {
                     self.late_watchdog.on_late(now, Duration::ZERO);
                 } else if *module == facts.limits.driver {
                     self.released.on_driver();
+                    self.bounded.on_driver();
                     self.feed.on_driver(now);
                 }
                 named("single", self.single.on_started(module, *pid))?;
@@ -406,6 +418,7 @@ impl Checkers {
         named("refused", refused::on_set_point(now, speed, facts))?;
         named("idle", idle::on_set_point(now, speed, facts))?;
         named("blind", self.blind.on_set_point(now, speed, facts))?;
+        named("bounded", self.bounded.on_set_point(now, speed, facts))?;
         named("drives", self.drives.on_set_point(now, speed, facts))?;
         named("homed", self.homed.on_set_point(now, speed, facts))?;
         named("authority", self.authority.on_set_point(now, speed, facts))

@@ -60,8 +60,7 @@ fn modules_whose_bus_cannot_be_kept_local_do_not_start() {
     let _turn = support::turn();
     let run_dir = std::env::temp_dir().join(format!("advee-no-filter-{}", std::process::id()));
     let url = format!("udpm://239.255.76.67:{}?ttl=0", support::unique_port());
-    // `advee up` starts its watchdog again and again, which starts no module.
-    for arguments in [["run", "watchdog"], ["run", "driver_canbus"]] {
+    for arguments in [&["run", "watchdog"][..], &["run", "driver_canbus"], &["up", "--sim"]] {
         let mut advee = support::advee(&url, &run_dir);
         let output = advee.args(arguments).env("LD_PRELOAD", library.path()).stdin(Stdio::null()).output().unwrap();
         let why = String::from_utf8_lossy(&output.stderr);

@@ -60,6 +60,10 @@ pub enum Bug {
     FeedCutEarly,
     /// Commands and releases are accepted from any sender.
     AnybodyBelieved,
+    /// Motion commands are accepted from any sender, and nothing else.
+    AnybodyCommands,
+    /// The driver does not apply the bounds of the guard.
+    BoundIgnored,
     /// Another CANopen master does not stop the robot.
     RivalIgnored,
     /// The watchdog of another robot does not stop this one.
@@ -70,7 +74,7 @@ pub enum Bug {
 
 impl Bug {
     /// All bugs.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 31] = [
         Self::TimeToLiveIgnored,
         Self::LimitsIgnored,
         Self::PauseIgnored,
@@ -97,6 +101,8 @@ impl Bug {
         Self::SpeedUnwatched,
         Self::FeedCutEarly,
         Self::AnybodyBelieved,
+        Self::AnybodyCommands,
+        Self::BoundIgnored,
         Self::RivalIgnored,
         Self::SecondRobotIgnored,
         Self::LatenessForgiven,

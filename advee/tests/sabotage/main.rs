@@ -74,6 +74,8 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         Bug::AnybodyBelieved => {
             &["authority", "foreign", "pause", "released", "resumes", "second_robot", "stopped", "wanted"]
         }
+        Bug::AnybodyCommands => &["foreign"],
+        Bug::BoundIgnored => &["bounded"],
         Bug::RivalIgnored => &["rival"],
         Bug::SecondRobotIgnored => &["second_robot"],
         Bug::LatenessForgiven => &["late_watchdog"],
@@ -92,6 +94,7 @@ fn often(bug: Option<Bug>) -> &'static [&'static str] {
         Some(Bug::HomesByItself) => &["drive_rebooted"],
         Some(Bug::PauseOfTheLast) => &["pause_told"],
         Some(Bug::SpeedUnwatched) => &["drive_unbraked", "drive_runaway"],
+        Some(Bug::AnybodyCommands) => &["foreign_motion"],
         Some(Bug::AnybodyBelieved | Bug::SecondRobotIgnored | Bug::RivalIgnored) => &["foreign_"],
         Some(Bug::LatenessForgiven) => &["process_slow"],
         Some(Bug::WatchdogDeaf) => &["process_hung"],

@@ -44,6 +44,8 @@ pub struct Parent {
     signals: SignalFd,
     state: State,
     delay: Duration,
+    /// A watchdog has given a pulse. One that ends before with an exit code cannot run here, and is not started again.
+    ran: bool,
     /// Time when to wait for orphans that have ended.
     sweep: Instant,
     /// The folder of the run's logs, if it has any.
@@ -93,6 +95,7 @@ impl Parent {
             signals,
             state,
             delay: Duration::ZERO,
+            ran: false,
             sweep: Instant::NEVER,
             run: None,
             errand: Errand::None,
@@ -168,6 +171,7 @@ impl Parent {
         if let State::Running { heard, until, .. } = &mut self.state {
             while let Some(pulse) = heard.poll() {
                 *until = now + SILENT;
+                self.ran = true;
                 self.guards.pulse(now, &pulse);
                 if pulse.healthy
                     && let Some(greeting) = self.greeting.take()
@@ -256,6 +260,8 @@ impl Parent {
 
     fn on_end(&mut self, (gone, how): (Pid, String)) {
         let now = clock::now();
+        // Its last pulse may still be unread.
+        self.listen(now);
         if matches!(self.errand, Errand::Running(pid) if pid == gone) {
             self.errand = Errand::None;
         }
@@ -265,6 +271,9 @@ impl Parent {
                 let _ = killpg(gone, Signal::SIGKILL);
                 if how == "exit code 0" {
                     self.state = State::Over { code: 0 };
+                } else if !self.ran && how.starts_with("exit code") {
+                    self.log.line(format_args!("the watchdog cannot run: it ended with {how}"));
+                    self.state = State::Over { code: 1 };
                 } else {
                     self.again(now, lived);
                     self.log.line(format_args!("the watchdog ended with {how}: it is started again"));

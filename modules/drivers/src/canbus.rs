@@ -173,6 +173,8 @@ pub struct Canbus {
 struct Wanted<'a> {
     points: SetPoints,
     mover: Mover<'a>,
+    /// The stopping distance bounds the speed more than the source's limit.
+    capped: bool,
 }
 
 impl Canbus {
@@ -858,7 +860,7 @@ impl Canbus {
 
     /// Velocity, and steering angle, rad, that are permitted now. Without a permission the robot is to stand.
     fn permitted(&self, now: Instant) -> (Twist, f64) {
-        let velocity = |Wanted { points, mover }: Wanted<'_>| self.protection.clamped(now, points.velocity, mover);
+        let velocity = |Wanted { points, mover, .. }: Wanted<'_>| self.protection.clamped(now, points.velocity, mover);
         let wanted = self.wanted(now);
         let steering = wanted.and_then(|wanted| wanted.points.steering);
         (wanted.map_or(Twist::ZERO, velocity), steering.unwrap_or_else(|| self.angle()))
@@ -866,7 +868,7 @@ impl Canbus {
 
     /// True if a command is motion. A planner that was let go may turn the wheels before it drives; of a manual source
     /// a steering angle at zero speed is only the position of its controls.
-    fn is_motion(&self, Wanted { points, mover }: Wanted<'_>) -> bool {
+    fn is_motion(&self, Wanted { points, mover, .. }: Wanted<'_>) -> bool {
         let turns = |steering: f64| (steering - self.angle()).abs() > TURN_RAD;
         points.velocity != Twist::ZERO || !mover.manual && points.steering.is_some_and(turns)
     }
@@ -874,11 +876,12 @@ impl Canbus {
     /// Why the robot does not do all that it is commanded to do; it moves, or would.
     fn bounded(&self, now: Instant) -> impl Iterator<Item = (Hold, &str)> + Clone {
         let wanted = self.wanted(now);
-        let bound = wanted.and_then(|Wanted { points, mover }| self.protection.notice(now, points.velocity, mover));
-        let left_out = wanted.into_iter().flat_map(|Wanted { points, mover }| {
+        let bound = wanted.and_then(|Wanted { points, mover, .. }| self.protection.notice(now, points.velocity, mover));
+        let capped = wanted.filter(|wanted| wanted.capped).map(|_| (Hold::StopDistance, ""));
+        let left_out = wanted.into_iter().flat_map(|Wanted { points, mover, .. }| {
             points.left_out.into_iter().flatten().map(move |hold| (hold, mover.name))
         });
-        bound.into_iter().chain(left_out)
+        bound.into_iter().chain(capped).chain(left_out)
     }
 
     /// What the source that holds the motion wants, within the robot's limits.
@@ -897,9 +900,12 @@ impl Canbus {
             Course::Steering(steering) => self.body.by_steering(command.speed, steering),
             Course::Velocity { vy, omega } => self.body.set_points(Twist::new(command.speed, vy, omega)),
         };
-        let speed = by_source.min(self.cap_mps());
-        let points = self.body.capped(points, Caps { speed, lateral: limits.lateral_acceleration_mps2 });
-        Some(Wanted { points, mover: Mover { name: self.arbiter.name(command.source), manual: !planner } })
+        let within = |speed| self.body.capped(points, Caps { speed, lateral: limits.lateral_acceleration_mps2 });
+        let cap = self.cap_mps();
+        let bounded = within(by_source.min(cap));
+        let capped = cap < by_source && within(by_source).velocity != bounded.velocity;
+        let mover = Mover { name: self.arbiter.name(command.source), manual: !planner };
+        Some(Wanted { points: bounded, mover, capped })
     }
 
     /// Greatest speed, m/s, by the distance in which the robot must stand after PAUSE, and without commands.

@@ -1,6 +1,7 @@
 //! Which senders the modules accept, by the robot's own processes and the transport of a message (docs/design.md,
 //! section 11): commands from those that `[bus] commands` names, reports that all is well only from the watchdog and
-//! the power controller, the measured motion only from the driver, the estimate only from the estimator.
+//! the power controller, the measured motion only from the driver, the estimate only from the estimator, and bounds that
+//! permit something only from the guard.
 //!
 //! The witness is the host, which knows each sender; `module::admission`, which the modules use, is not asked.
 
@@ -9,13 +10,14 @@ use messages::{Message, common};
 use module::State;
 use module::admission::{Commands, Sender, Way};
 
-/// Processes that may report that all is well, how the robot moves, or where it is: those of the watchdog, the power
-/// controller, the driver and the estimator, including ended ones, since their last messages may still be on their way.
+/// Processes that may report that all is well, how the robot moves and may move, or where it is: those of the watchdog,
+/// the power controller, the driver, the guard and the estimator, including ended ones, since their last messages may still be on their way.
 #[derive(Debug, Default)]
 pub(super) struct Believed {
     watchdogs: Vec<u32>,
     controllers: Vec<u32>,
     drivers: Vec<u32>,
+    guards: Vec<u32>,
     estimators: Vec<u32>,
 }
 
@@ -27,6 +29,8 @@ impl Believed {
             self.controllers.push(pid);
         } else if module == limits.driver {
             self.drivers.push(pid);
+        } else if limits.guard.as_ref().is_some_and(|guard| guard.module == module) {
+            self.guards.push(pid);
         } else if limits.estimator.as_deref() == Some(module) {
             self.estimators.push(pid);
         }
@@ -54,6 +58,7 @@ impl Believed {
             Message::LlEventStop(stop) if stop.engaged => true,
             Message::LlEventStop(_) if limits.power.is_some() => self.reports_the_line(sender, limits),
             Message::LlDataMotion(_) | Message::LlDataVelocity(_) => is_one_of(sender, &self.drivers),
+            Message::LlDataGuard(_) if limits.guard.is_some() => is_one_of(sender, &self.guards),
             Message::LlDataPower(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
             Message::MlDataEstimate(_) if limits.estimator.is_some() => is_one_of(sender, &self.estimators),
             Message::LlEventStop(_)

@@ -71,7 +71,7 @@ impl SetPoint {
 
 impl Base {
     /// Longest time in which its wheels reach their speeds: from full speed one way to that of the other.
-    fn ramp(&self, speed: f64) -> Duration {
+    pub fn ramp(&self, speed: f64) -> Duration {
         Duration::from_secs_f64(2.0 * speed / self.deceleration_mps2) + 2 * STEP
     }
 }

@@ -38,11 +38,9 @@ const ANSWERS_MIN: usize = 3;
 /// Time for which answers are kept: more than the longest stop.
 const KEPT_FOR: Duration = Duration::from_secs(4);
 
-/// What the guard of a robot promises.
+/// What a guard promises.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Promise {
-    /// The module that bounds the speed.
-    pub guard: String,
     /// From an obstacle's appearance to the beginning of the deceleration, s.
     pub reaction_s: f64,
     /// Deceleration of a commanded stop, m/s².
@@ -117,7 +115,7 @@ impl Rule {
         if contact.mover != Mover::Robot || contact.robot_mps <= CONTACT_MPS || !stands {
             return Ok(());
         }
-        let since = now.since(disturbed(now, promise, facts).max(self.crept)).as_secs_f64();
+        let since = now.since(disturbed(now, facts).max(self.crept)).as_secs_f64();
         let Some((robot, _)) = self.truth else { return Ok(()) };
         for (place, board) in facts.limits.ranging.iter().enumerate() {
             for (channel, mount) in &board.sonars {
@@ -157,12 +155,13 @@ impl Answer {
 }
 
 /// End of the last disturbance on the way from the sonars to the wheels; `now` while one lasts.
-fn disturbed(now: Instant, promise: &Promise, facts: &Facts) -> Instant {
+fn disturbed(now: Instant, facts: &Facts) -> Instant {
     if facts.may_roll(now) || facts.is_cut_off(now) || facts.was_disturbed(now) {
         return now;
     }
     let ill = |module: &str| facts.life(module).map_or(now, |life| life.ill(now));
     let boards = facts.limits.ranging.iter().map(|board| ill(&board.module));
-    let others = [ill(&promise.guard), facts.driver.ill(now), facts.lcm_disturbed(now).unwrap_or_default()];
+    let guard = facts.limits.guard.as_ref().map_or(now, |guard| ill(&guard.module));
+    let others = [guard, facts.driver.ill(now), facts.lcm_disturbed(now).unwrap_or_default()];
     boards.chain(others).max().unwrap_or(now)
 }

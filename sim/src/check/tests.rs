@@ -9,6 +9,7 @@ use module::ExitStatus;
 use module::admission::{Process, Way};
 use std::collections::BTreeMap;
 
+mod bounded;
 mod others;
 mod stopping;
 mod wheels;
@@ -64,7 +65,8 @@ fn limits() -> Limits {
             })
             .into(),
         homing_at_start: false,
-        promise: Some(Promise { guard: "guard".into(), reaction_s: 0.37, braking_mps2: 0.8, beam_rad: 0.96 }),
+        guard: Some(Guarded { module: "guard".into(), creep_mps: 0.15 }),
+        promise: Some(Promise { reaction_s: 0.37, braking_mps2: 0.8, beam_rad: 0.96 }),
         restart_max: Duration::from_secs(2),
     }
 }
@@ -103,7 +105,7 @@ impl Bench {
         let (now, pids) = (Instant::ZERO, BTreeMap::new());
         let (x, speed, steering) = (0.0, 0.0, 0.0);
         let mut bench = Self { checkers, now, pids, quiet, x, speed, steering, rolls, simulator: 0, way: Way::Memory };
-        for module in ["watchdog", "power", "driver"] {
+        for module in ["watchdog", "power", "driver", "guard"] {
             bench.start(module);
             bench.tell(&News::State { module, state: State::Run });
         }
@@ -140,6 +142,7 @@ impl Bench {
             ("power", "line free"),
             ("front", "answer 10"),
             ("rear", "answer 11"),
+            ("guard", "guard 2 2"),
         ] {
             if !self.quiet.iter().any(|quiet| quiet == who) {
                 self.act(&says.split(' ').collect::<Vec<_>>());
@@ -298,6 +301,16 @@ impl Bench {
                 self.way = Way::Memory;
             }
             ["home"] => self.served(0, lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }),
+            // Bounds forward and backward, m/s; a second input.
+            ["guard", forward, backward] => {
+                let (forward, backward) = (number(forward), number(backward));
+                let bounds = lowlevel::DataGuard { forward, backward, ..Default::default() };
+                self.served(if self.way == Way::Memory { self.pids["guard"] } else { 0 }, bounds);
+            }
+            ["creep", held] => {
+                let (source, held) = ("pad".into(), held == "held");
+                self.served(0, lowlevel::CmdCreep { timestamp: 0, source, session: 0, held });
+            }
             // The motors' feed: the driver switches it off, a person on.
             ["cut"] => {
                 self.sent(DRIVER, lowlevel::CmdPower { timestamp: 0, device: 3, action: lowlevel::CmdPower::OFF });
@@ -555,6 +568,7 @@ fn a_driver_that_was_restarted_needs_zero_from_every_source() {
         state driver RUN
         line open
         list power,driver
+        guard 2 2
         goal
         estimate\n";
     check(&format!("say pad 0 \n {restarted} +10 say pad 0.4 \n drive 0.4 ! resumes"));
@@ -1055,9 +1069,7 @@ fn a_board_that_is_served_late_is_not_judged() {
 /// answers at `missed` s before; the first rule that is broken.
 fn touches(mps: f64, contact: &str, missed: &[f64], until: impl Fn(&mut Bench)) -> Option<&'static str> {
     let mut bench = Bench::new();
-    for module in ["guard", "ranges"] {
-        bench.start(module);
-    }
+    bench.start("ranges");
     bench.quiet.push("front".into());
     bench.act(&["begin", "pad", "0.5"]);
     for n in 0..60 {

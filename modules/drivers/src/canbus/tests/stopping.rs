@@ -628,8 +628,11 @@ fn the_speed_is_capped_by_what_pause_leaves_of_the_brakes() {
     robot.pass(3000);
     // Within the limits: followed as far as permitted, and not refused.
     robot.drive(1.0, 500);
-    assert!(robot.moves() && robot.holds().is_empty(), "{}", robot.reason());
+    assert!(robot.moves(), "{}", robot.reason());
+    assert_eq!(robot.holds(), [(Hold::StopDistance, "")]);
     assert!((robot.motion().speed_target - 0.274).abs() < 0.001, "{}", robot.motion().speed_target);
+    robot.drive(0.2, 500);
+    assert!(robot.moves() && robot.holds().is_empty(), "{:?}", robot.holds());
 }
 
 #[test]
