@@ -60,7 +60,7 @@ pub enum Bug {
     FeedCutEarly,
     /// Commands and releases are accepted from any sender.
     AnybodyBelieved,
-    /// Motion commands are accepted from any sender, and nothing else.
+    /// A motion command of any sender is taken for one of the source that moves the robot; nothing else is accepted.
     AnybodyCommands,
     /// The driver does not apply the bounds of the guard.
     BoundIgnored,
