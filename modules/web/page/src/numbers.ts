@@ -141,6 +141,7 @@ export const HOLD = {
   NoSideways: 411,
   NoTurnOnSpot: 412,
   TurnTooNarrow: 413,
+  StopDistance: 414,
   NoEstimate: 501,
   EstimateLost: 502,
   EstimateSearching: 503,
