@@ -44,7 +44,7 @@ test: export ADVEE_SKIPPED := $(CURDIR)/target/skipped
 # The executable that the tests were built with: a build of its own selects other features, and compiles all crates anew.
 test: export BUILT := yes
 test: lint web-test
-	@tools/require cc c++ cmake python3-venv python3-dev glib java rust-bare ip
+	@tools/require cc c++ cmake python3-venv python3-dev glib java mono rust-bare ip
 	@tools/venv
 	@tools/ros2-types
 	@tools/lcm-1.3.1

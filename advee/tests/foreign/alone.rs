@@ -1,7 +1,7 @@
 //! One foreign module against a robot simulated by the test: the state table as implemented by native modules, reports,
 //! bad input, the first state, and every way to end.
 
-use crate::built::Built;
+use crate::built::{Built, Foreign};
 use crate::support::{can_port, listen, signal};
 use lcm::live::Lcm;
 use messages::lowlevel::{DataPower, DataSrfs, Range};
@@ -23,26 +23,64 @@ const SILENT: i32 = 0x8001;
 /// Low battery, or obstacle too near.
 const WATCHED: i32 = 0x8002;
 
+const IN_PYTHON: Foreign = ("python", "battery_watch");
+const IN_C: Foreign = ("c", "battery_watch");
+const IN_CPP: Foreign = ("cpp", "nearest_obstacle");
+const IN_JAVA: Foreign = ("java", "battery_watch");
+const IN_CSHARP: Foreign = ("csharp", "battery_watch");
+
 #[test]
 fn a_module_in_python_keeps_the_contract() {
     let Some(built) = Built::on_the_wheel() else { return };
-    keeps_the_contract(built, "battery_watch");
+    keeps_the_contract(built, IN_PYTHON);
 }
 
 #[test]
-fn a_module_in_cpp_keeps_the_contract() {
+fn modules_in_c_and_cpp_keep_the_contract() {
     let Some(built) = Built::on_the_wheel() else { return };
-    keeps_the_contract(built, "nearest_obstacle");
+    keeps_the_contract(built, IN_C);
+    keeps_the_contract(built, IN_CPP);
 }
 
 #[test]
-fn a_module_in_cpp_on_debian_s_library_keeps_the_contract() {
+fn modules_in_c_and_cpp_on_debian_s_library_keep_the_contract() {
     let Some(built) = Built::on_debians() else { return };
-    keeps_the_contract(built, "nearest_obstacle");
+    keeps_the_contract(built, IN_C);
+    keeps_the_contract(built, IN_CPP);
 }
 
-fn keeps_the_contract(built: &Built, name: &'static str) {
-    let mut robot = Robot::start(built, name, &[], &[]);
+#[test]
+fn a_module_in_java_keeps_the_contract() {
+    let Some(built) = Built::in_java() else { return };
+    keeps_the_contract(built, IN_JAVA);
+}
+
+#[test]
+fn a_module_in_csharp_keeps_the_contract() {
+    let Some(built) = Built::in_csharp() else { return };
+    keeps_the_contract(built, IN_CSHARP);
+}
+
+/// The examples of all languages that this machine can build.
+fn examples() -> Vec<(&'static Built, Foreign)> {
+    let wheel = Built::on_the_wheel().into_iter().flat_map(|built| [IN_PYTHON, IN_C, IN_CPP].map(|it| (built, it)));
+    wheel.chain(Built::in_java().map(|it| (it, IN_JAVA))).chain(Built::in_csharp().map(|it| (it, IN_CSHARP))).collect()
+}
+
+/// The modules that fail.
+fn broken() -> Vec<(&'static Built, Foreign)> {
+    let name = |language| match language {
+        "python" => "broken",
+        "c" => "broken_c",
+        "cpp" => "broken_cpp",
+        "java" => "broken_java",
+        _ => "broken_csharp",
+    };
+    examples().into_iter().map(|(built, (language, _))| (built, (language, name(language)))).collect()
+}
+
+fn keeps_the_contract(built: &Built, module: Foreign) {
+    let mut robot = Robot::start(built, module, &[], &[]);
     robot.expect_state(State::Init);
     robot.obeys_its_table_in(State::Init);
     robot.device = true;
@@ -61,15 +99,14 @@ fn keeps_the_contract(built: &Built, name: &'static str) {
 
 #[test]
 fn the_first_state_is_given_by_the_watchdog_or_an_argument() {
-    let Some(built) = Built::on_the_wheel() else { return };
-    for name in ["battery_watch", "nearest_obstacle"] {
+    for (built, module) in examples() {
         let given: [(&[&str], _, _); 3] = [
             (&[], ("ADVEE_STATE", "PAUSE"), State::Pause),
             (&[], ("ADVEE_STATE", "STOP"), State::Stop),
             (&["--state", "STOP"], ("ADVEE_STATE", "RUN"), State::Stop),
         ];
         for (args, environment, first) in given {
-            let mut robot = Robot::start(built, name, args, &[environment]);
+            let mut robot = Robot::start(built, module, args, &[environment]);
             robot.device = true;
             robot.expect_state(State::Init);
             robot.expect_change(State::Init, first);
@@ -81,11 +118,10 @@ fn the_first_state_is_given_by_the_watchdog_or_an_argument() {
 
 #[test]
 fn held_in_init_it_stops_and_stays_there() {
-    let Some(built) = Built::on_the_wheel() else { return };
-    for name in ["battery_watch", "nearest_obstacle"] {
-        let mut robot = Robot::start(built, name, &[], &[]);
+    for (built, module) in examples() {
+        let mut robot = Robot::start(built, module, &[], &[]);
         robot.expect_state(State::Init);
-        robot.command(name, State::Stop as i8, true);
+        robot.command(module.1, State::Stop as i8, true);
         robot.expect_change(State::Init, State::Stop);
         robot.device = true;
         for _ in 0..2 {
@@ -96,9 +132,8 @@ fn held_in_init_it_stops_and_stays_there() {
 
 #[test]
 fn a_module_without_a_watchdog_ends_after_three_seconds() {
-    let Some(built) = Built::on_the_wheel() else { return };
-    let of = |name| {
-        let mut robot = Robot::start(built, name, &[], &[("ADVEE_GUARDED", "yes")]);
+    let of = |built, module| {
+        let mut robot = Robot::start(built, module, &[], &[("ADVEE_GUARDED", "yes")]);
         (robot.device, robot.watchdog) = (true, true);
         robot.expect_state(State::Init);
         robot.expect_change(State::Init, State::Run);
@@ -113,30 +148,39 @@ fn a_module_without_a_watchdog_ends_after_three_seconds() {
         let took = gone.elapsed().as_secs_f64();
         assert!((2.4..6.0).contains(&took), "{took} s");
     };
-    thread::scope(|scope| ["battery_watch", "nearest_obstacle"].map(|name| scope.spawn(move || of(name))).map(drop));
+    let all = examples();
+    thread::scope(|scope| all.iter().for_each(|(built, module)| drop(scope.spawn(move || of(built, *module)))));
 }
 
 #[test]
 fn an_exception_in_a_handler_is_reported_and_ends_the_module_with_its_exit_code() {
-    let Some(built) = Built::on_the_wheel() else { return };
-    for (name, kind) in [("broken", "RuntimeError: "), ("broken_cpp", "")] {
-        let mut robot = Robot::start(built, name, &["timer"], &[]);
+    for (built, module) in broken() {
+        let kind = match module.0 {
+            "python" => "RuntimeError: ",
+            "java" => "IllegalStateException: ",
+            "csharp" => "InvalidOperationException: ",
+            _ => "",
+        };
+        let mut robot = Robot::start(built, module, &["device"], &[]);
+        assert_eq!(robot.fatal(), (0x8001, "the device burns".into()));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x23));
+        if module.0 == "c" {
+            // It has no exceptions.
+            continue;
+        }
+        let mut robot = Robot::start(built, module, &["timer"], &[]);
         assert_eq!(robot.fatal(), (UNHANDLED, format!("{kind}in a timer")));
         assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
 
-        let mut robot = Robot::start(built, name, &["state"], &[]);
+        let mut robot = Robot::start(built, module, &["state"], &[]);
         robot.expect_state(State::Init);
         robot.expect_change(State::Init, State::Run);
-        robot.command(name, State::Pause as i8, false);
+        robot.command(module.1, State::Pause as i8, false);
         robot.expect_change(State::Run, State::Pause);
         assert_eq!(robot.fatal(), (UNHANDLED, format!("{kind}on a command")));
         assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
 
-        let mut robot = Robot::start(built, name, &["device"], &[]);
-        assert_eq!(robot.fatal(), (0x8001, "the device burns".into()));
-        assert_eq!(robot.module.wait().unwrap().code(), Some(0x23));
-
-        let mut robot = Robot::start(built, name, &["constructor"], &[]);
+        let mut robot = Robot::start(built, module, &["constructor"], &[]);
         assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
     }
 }
@@ -144,11 +188,11 @@ fn an_exception_in_a_handler_is_reported_and_ends_the_module_with_its_exit_code(
 /// Heartbeat page in the format of docs/beats.md.
 #[test]
 fn each_thread_sends_heartbeats_unless_it_hangs() {
-    let Some(built) = Built::on_the_wheel() else { return };
-    for name in ["broken", "broken_cpp"] {
+    for (built, module) in broken() {
+        let name = module.1;
         let path = std::env::temp_dir().join(format!("advee-page-of-{name}-{}", std::process::id()));
         std::fs::write(&path, [0; 4096]).unwrap();
-        let mut robot = Robot::start(built, name, &["worker"], &[("ADVEE_BEATS", path.to_str().unwrap())]);
+        let mut robot = Robot::start(built, module, &["worker"], &[("ADVEE_BEATS", path.to_str().unwrap())]);
         robot.expect_state(State::Init);
         robot.expect_change(State::Init, State::Run);
         robot.expect_state(State::Run);
@@ -185,8 +229,7 @@ fn each_thread_sends_heartbeats_unless_it_hangs() {
 
 #[test]
 fn an_invalid_command_line_is_refused_with_a_reason() {
-    let Some(built) = Built::on_the_wheel() else { return };
-    for name in ["battery_watch", "nearest_obstacle"] {
+    for (built, module) in examples() {
         let bad: [(&[&str], &str); 4] = [
             (&["--state", "ERROR"], "ERROR: expected RUN, PAUSE or STOP"),
             (&["--state"], "--state"),
@@ -194,13 +237,10 @@ fn an_invalid_command_line_is_refused_with_a_reason() {
             (&["--lcm-url", "nowhere://"], "LCM at nowhere://"),
         ];
         for (args, why) in bad {
-            let output = command(built, name).args(args).output().unwrap();
+            let output = command(built, module).args(args).output().unwrap();
             let said = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(0x10), "{args:?}: {said}");
-            assert!(
-                said.contains(why) || (name == "nearest_obstacle" && said.contains("expected one number")),
-                "{said}"
-            );
+            assert!(said.contains(why) || (module == IN_CPP && said.contains("expected one number")), "{said}");
         }
     }
 }
@@ -213,8 +253,8 @@ enum Said {
     Fatal { number: i32, message: String },
 }
 
-fn command(built: &Built, name: &str) -> Command {
-    let line = built.command(name);
+fn command(built: &Built, module: Foreign) -> Command {
+    let line = built.command(module);
     let mut command = Command::new(&line[0]);
     command.args(&line[1..]).stdin(Stdio::null());
     for variable in ["ADVEE_MODULE", "ADVEE_STATE", "ADVEE_BEATS", "ADVEE_GUARDED"] {
@@ -243,14 +283,14 @@ struct Robot {
 }
 
 impl Robot {
-    fn start(built: &Built, name: &'static str, args: &[&str], environment: &[(&str, &str)]) -> Self {
+    fn start(built: &Built, foreign: Foreign, args: &[&str], environment: &[(&str, &str)]) -> Self {
         let url = format!("udpm://239.255.76.67:{}?ttl=0", can_port());
         let bus = listen(&url);
-        let mut command = command(built, name);
+        let mut command = command(built, foreign);
         let module = command.args(args).env("LCM_DEFAULT_URL", &url).envs(environment.iter().copied()).spawn();
         let (module, due) = (module.expect("it was built"), Instant::now());
         Self {
-            name,
+            name: foreign.1,
             module,
             bus,
             device: false,
@@ -311,8 +351,7 @@ impl Robot {
             self.expect_state(State::Pause);
         }
         self.go(State::Run);
-        let python = self.name == "battery_watch";
-        let (kind, low, well) = match python {
+        let (kind, low, well) = match self.name == IN_PYTHON.1 {
             true => {
                 (common::Error::RESOURCE, "the battery has 20.0 V, less than 25.0 V", "the battery has 26.0 V again")
             }

@@ -7,6 +7,9 @@ use std::process::Command;
 use std::sync::OnceLock;
 use testing::{machine_or_skip, peer_or_skip, tool};
 
+/// A module: language, which is its folder, and name.
+pub type Foreign = (&'static str, &'static str);
+
 /// Modules on the Python package, `lcm` 1.5.3, or on the library of Debian 12, 1.3.1, which has no Python binding.
 pub struct Built {
     pub folder: PathBuf,
@@ -21,8 +24,33 @@ impl Built {
         may_build()?;
         let make = || {
             let path = format!("PYTHON={}", python.display());
-            Self::make("1.5.3", &["all", "cpp/broken_cpp"], path, Some(python))
+            Self::make("1.5.3", &["all", "c/broken_c", "cpp/broken_cpp"], path, Some(python))
         };
+        Some(BUILT.get_or_init(make))
+    }
+
+    /// In Java, on 1.5.3.
+    pub fn in_java() -> Option<&'static Self> {
+        static BUILT: OnceLock<Built> = OnceLock::new();
+        let python = python()?;
+        may_build()?;
+        for program in ["javac", "java"] {
+            peer_or_skip(tool(program, "--version"))?;
+        }
+        let make = || Self::make("java", &["java"], format!("PYTHON={}", python.display()), Some(python));
+        Some(BUILT.get_or_init(make))
+    }
+
+    /// In C#, on a bus class of our own and the types by 1.5.3.
+    pub fn in_csharp() -> Option<&'static Self> {
+        static BUILT: OnceLock<Built> = OnceLock::new();
+        let python = python()?;
+        may_build()?;
+        for program in ["mcs", "mono"] {
+            peer_or_skip(tool(program, "--version"))?;
+        }
+        let what = ["csharp", "csharp/Broken.exe"];
+        let make = || Self::make("csharp", &what, format!("PYTHON={}", python.display()), Some(python));
         Some(BUILT.get_or_init(make))
     }
 
@@ -31,7 +59,7 @@ impl Built {
         static BUILT: OnceLock<Built> = OnceLock::new();
         let prefix = peer_or_skip(testing::lcm_1_3_1())?;
         may_build()?;
-        let make = || Self::make("1.3.1", &["cpp"], format!("P={}", prefix.display()), None);
+        let make = || Self::make("1.3.1", &["c", "cpp"], format!("P={}", prefix.display()), None);
         Some(BUILT.get_or_init(make))
     }
 
@@ -39,14 +67,16 @@ impl Built {
         // Kept for the next run: unchanged files are not built again.
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("foreign-modules-{version}"));
         copy(&workspace().join("examples/modules"), &folder);
-        for language in ["python", "cpp"] {
+        for language in ["python", "c", "cpp", "java", "csharp"] {
             copy(&workspace().join("advee/tests/foreign").join(language), &folder.join(language));
         }
         let made = Command::new("make")
             .args(what)
             .arg("-C")
             .arg(&folder)
-            .args([format!("ROOT={}", workspace().display()), variable, "CXXFLAGS=-Wall -Wextra -Werror".into()])
+            .args([format!("ROOT={}", workspace().display()), variable])
+            .args(["CFLAGS=-Wall -Wextra -Werror", "CXXFLAGS=-Wall -Wextra -Werror"])
+            .args(["JAVACFLAGS=-Werror", "MCSFLAGS=-warnaserror+"])
             .output()
             .expect("make runs");
         let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -54,21 +84,41 @@ impl Built {
         Self { folder, python }
     }
 
-    /// Command line of a module: `nearest_obstacle` and `broken_cpp` in C++, the others in Python.
-    pub fn command(&self, module: &str) -> Vec<String> {
+    /// Command line of a module in `folder` of the examples, its language.
+    pub fn command(&self, (language, module): Foreign) -> Vec<String> {
         let text = |path: &Path| path.to_str().expect("UTF-8").to_string();
-        let binary = self.folder.join("cpp").join(module);
-        match &self.python {
-            _ if binary.exists() => vec![text(&binary)],
-            Some(python) => vec![text(python), text(&self.folder.join("python").join(format!("{module}.py")))],
-            None => panic!("{module} needs Python"),
+        let program = self.folder.join(language).join(module);
+        match (language, &self.python) {
+            ("python", Some(python)) => vec![text(python), text(&program.with_extension("py"))],
+            ("java", Some(python)) => {
+                let jar = wheel_of(python).join("share/java/lcm.jar");
+                let path = format!("{}:{}", text(&self.folder.join("java/classes")), text(&jar));
+                ["java", "-XX:+UseSerialGC", "-XX:TieredStopAtLevel=1", "-cp", &path, class(module)]
+                    .map(String::from)
+                    .into()
+            }
+            ("csharp", _) => vec!["mono".into(), text(&program.with_file_name(class(module)).with_extension("exe"))],
+            (_, None) if language != "c" && language != "cpp" => panic!("{module} needs Python"),
+            _ => vec![text(&program)],
         }
     }
 }
 
+/// Class of a module in Java or C#.
+fn class(module: &str) -> &'static str {
+    if module == "battery_watch" { "BatteryWatch" } else { "Broken" }
+}
+
+/// Where the Python package has its other files.
+fn wheel_of(python: &Path) -> PathBuf {
+    let found = Command::new(python).args(["-c", "import lcm; print(lcm.__file__)"]).output().expect("it runs");
+    let module = PathBuf::from(String::from_utf8_lossy(&found.stdout).trim());
+    module.ancestors().nth(2).expect("it is in a folder").into()
+}
+
 /// Requirements for building and running a module on the official library.
 fn may_build() -> Option<()> {
-    for name in ["make", "c++"] {
+    for name in ["make", "cc", "c++"] {
         peer_or_skip(tool(name, "--version"))?;
     }
     // The LCM of this project does not need a route.
@@ -82,7 +132,7 @@ fn copy(from: &Path, to: &Path) {
         let entry = entry.expect("an entry");
         let (path, target) = (entry.path(), to.join(entry.file_name()));
         match path.is_dir() {
-            true if ["types", "__pycache__"].iter().any(|made| entry.file_name() == *made) => {}
+            true if ["types", "__pycache__", "classes"].iter().any(|made| entry.file_name() == *made) => {}
             true => copy(&path, &target),
             false => {
                 let [source, there] = [&path, &target].map(|path| fs::read(path).ok());

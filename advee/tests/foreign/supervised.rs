@@ -272,10 +272,10 @@ fn configure(built: &Built, config: &Path) {
         line.extend(["--below", "24"].map(String::from));
         line
     };
-    add(BEATING[0], below(built.command("battery_watch")));
-    add(BEATING[1], [built.command("nearest_obstacle"), vec!["0.02".into()]].concat());
+    add(BEATING[0], below(built.command(("python", "battery_watch"))));
+    add(BEATING[1], [built.command(("cpp", "nearest_obstacle")), vec!["0.02".into()]].concat());
     let quiet = ["env", "-u", "ADVEE_BEATS"].map(String::from).to_vec();
-    add(QUIET, [quiet, below(built.command("battery_watch"))].concat());
-    add(TORN, built.command("torn_page"));
+    add(QUIET, [quiet, below(built.command(("python", "battery_watch")))].concat());
+    add(TORN, built.command(("python", "torn_page")));
     fs::write(advee.join("modules.toml"), modules).expect("written");
 }
