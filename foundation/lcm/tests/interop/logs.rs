@@ -17,13 +17,22 @@ pub const ROW: &str = "event log, byte for byte";
 /// Between two looks at a log that is being written.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// A log that we wrote, copied by the official library, is the same; so is that copy, copied by us.
-pub fn copied(program: &Program) {
+/// A log that we wrote, copied by the official library, is the same; so is that copy, copied by us. `empty`: also events
+/// without a payload; where not, they are shown to be lost.
+pub fn copied(program: &Program, empty: bool) {
     let [ours, theirs] = ["ours.lcmlog", "theirs.lcmlog"].map(|name| program.folder.join(name));
     let messages = cases().into_iter().flat_map(|case| case.directed("FROM_"));
     let typed = types::encoded().into_iter().map(|(name, bytes)| (types::channel(&name), bytes));
-    fs::write(&ours, log(messages.chain(typed))).unwrap();
-    run(program.command().arg("log").args([&ours, &theirs])).unwrap();
+    let mut all: Vec<Message> = messages.chain(typed).collect();
+    let copy = || run(program.command().arg("log").args([&ours, &theirs]));
+    if !empty {
+        fs::write(&ours, log(all.iter().cloned())).unwrap();
+        let whole = copy().is_ok() && fs::read(&ours).unwrap() == fs::read(&theirs).unwrap();
+        assert!(!whole, "{}: an event without a payload is copied", program.path.display());
+        all.retain(|(_, payload)| !payload.is_empty());
+    }
+    fs::write(&ours, log(all.into_iter())).unwrap();
+    copy().unwrap();
     let (ours, theirs) = (fs::read(ours).unwrap(), fs::read(theirs).unwrap());
     assert!(ours == theirs, "{}: {} bytes became {}", program.path.display(), ours.len(), theirs.len());
     assert!(again(&theirs) == theirs, "{}: read and written by us", program.path.display());

@@ -1,6 +1,7 @@
 //! Where the official LCM of each version is, and how programs are built on it.
 
 use lcm::url;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{fmt, fs};
@@ -27,6 +28,9 @@ pub enum Language {
     C,
     Cpp,
     Python,
+    Java,
+    /// The bus by our own class, `examples/modules/csharp/Lcm.cs`.
+    CSharp,
 }
 
 impl Language {
@@ -34,8 +38,18 @@ impl Language {
     pub fn of(version: &str) -> &'static [Self] {
         match version {
             "1.3.1" => &[Self::C, Self::Cpp],
-            _ => &[Self::C, Self::Cpp, Self::Python],
+            _ => &[Self::C, Self::Cpp, Self::Python, Self::Java, Self::CSharp],
         }
+    }
+
+    /// `None` if its compiler or interpreter is missing, and its column is not checked.
+    pub fn find(self) -> Option<()> {
+        let programs: &[&str] = match self {
+            Self::C | Self::Cpp | Self::Python => &[],
+            Self::Java => &["javac", "java"],
+            Self::CSharp => &["mcs", "mono"],
+        };
+        programs.iter().try_for_each(|program| peer_or_skip(testing::tool(program, "--version")))
     }
 }
 
@@ -45,18 +59,22 @@ impl fmt::Display for Language {
             Self::C => "C",
             Self::Cpp => "C++",
             Self::Python => "Python",
+            Self::Java => "Java",
+            Self::CSharp => "C#",
         })
     }
 }
 
 impl Language {
-    /// Of its sources' names.
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::C => "c",
-            Self::Cpp => "cpp",
-            Self::Python => "py",
-        }
+    /// The source of the peer.
+    pub fn source(self) -> PathBuf {
+        root().join("foundation/lcm/tests/peers").join(match self {
+            Self::C => "peer.c",
+            Self::Cpp => "peer.cpp",
+            Self::Python => "peer.py",
+            Self::Java => "Peer.java",
+            Self::CSharp => "peer.cs",
+        })
     }
 }
 
@@ -115,26 +133,50 @@ impl Official {
             }
             Language::Cpp => lcm_gen.arg("-x").arg("--cpp-hpath").arg(out),
             Language::Python => lcm_gen.arg("-p").arg("--ppath").arg(out),
+            Language::Java => lcm_gen.arg("--java").arg("--jpath").arg(out),
+            Language::CSharp => lcm_gen.arg("--csharp").arg("--csharp-path").arg(out),
         };
         run(lcm_gen.arg(file))
     }
 
-    /// A program of ours: `source` compiled with all generated C beside it in `folder` and linked, or a script.
+    /// A program of ours: `source` compiled with all generated code in `folder` and linked, or a script.
     pub fn program(&self, language: Language, folder: &Path, source: PathBuf) -> Result<Program, String> {
-        if language == Language::Python {
-            let path = self.python.clone().expect("1.5.3 has one");
-            return Ok(Program { path, script: Some(source), folder: folder.into() });
+        let program = |path: PathBuf, arguments: &[&Path]| {
+            let arguments = arguments.iter().map(|it| it.into()).collect();
+            Ok(Program { path, arguments, folder: folder.into() })
+        };
+        match language {
+            Language::Python => return program(self.python.clone().expect("1.5.3 has one"), &[&source]),
+            Language::Java => {
+                let (jar, classes) = (self.prefix.join("share/java/lcm.jar"), folder.join("classes"));
+                let mut javac = Command::new("javac");
+                javac.args(["--release", "11", "-nowarn", "-d"]).arg(&classes).arg("-cp").arg(&jar);
+                run(javac.args(files(folder, "java")).arg(source))?;
+                let path = format!("{}:{}", classes.display(), jar.display());
+                return program("java".into(), &["-cp".as_ref(), path.as_ref(), "Peer".as_ref()]);
+            }
+            Language::CSharp => {
+                let (bus, made) = (root().join("examples/modules/csharp/Lcm.cs"), folder.join("peer.exe"));
+                let mut mcs = Command::new("mcs");
+                mcs.arg(format!("-out:{}", made.display())).args([bus, source]).args(files(folder, "cs"));
+                run(&mut mcs)?;
+                return program("mono".into(), &[&made]);
+            }
+            Language::C | Language::Cpp => {}
         }
         let (compiler, standard) = if language == Language::C { ("cc", "-std=gnu11") } else { ("c++", "-std=c++11") };
-        let generated = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-        let generated = generated.filter(|path| path.extension().is_some_and(|extension| extension == "c"));
         let library = self.prefix.join("lib");
         let mut compiler = Command::new(compiler);
-        compiler.args([standard, "-w", "-I."]).arg("-I").arg(self.prefix.join("include")).arg(source).args(generated);
+        compiler
+            .args([standard, "-w", "-I."])
+            .arg("-I")
+            .arg(self.prefix.join("include"))
+            .arg(source)
+            .args(files(folder, "c"));
         compiler.args(["-o", "program", "-l:liblcm.so.1"]).arg("-L").arg(&library);
         compiler.arg("-Wl,-rpath").arg(format!("-Wl,{}", library.display()));
         run(compiler.current_dir(folder))?;
-        Ok(Program { path: folder.join("program"), script: None, folder: folder.into() })
+        program(folder.join("program"), &[])
     }
 }
 
@@ -142,8 +184,8 @@ impl Official {
 pub struct Program {
     /// What is executed.
     pub path: PathBuf,
-    /// Its first argument, where it is an interpreter.
-    pub script: Option<PathBuf>,
+    /// Its first arguments, where it is an interpreter.
+    pub arguments: Vec<OsString>,
     /// Where what `lcm-gen` made for it is.
     pub folder: PathBuf,
 }
@@ -152,7 +194,7 @@ impl Program {
     /// It, to be given its arguments.
     pub fn command(&self) -> Command {
         let mut command = Command::new(&self.path);
-        command.args(&self.script).env("PYTHONPATH", &self.folder).env("PYTHONDONTWRITEBYTECODE", "1");
+        command.args(&self.arguments).env("PYTHONPATH", &self.folder).env("PYTHONDONTWRITEBYTECODE", "1");
         command
     }
 }
@@ -161,6 +203,15 @@ impl Drop for Official {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.scratch);
     }
+}
+
+/// The files in a folder and those below it whose names end so.
+fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let (folders, mut found): (Vec<_>, Vec<_>) = entries.partition(|path| path.is_dir());
+    found.retain(|path| path.extension().is_some_and(|its| its == extension));
+    found.extend(folders.iter().flat_map(|folder| files(folder, extension)));
+    found
 }
 
 /// Runs it to its end; what it said when that was none.

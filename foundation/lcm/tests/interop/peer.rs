@@ -98,6 +98,11 @@ impl Both {
         for (channel, payload) in case.directed("TO_") {
             self.deliver(&case.name, &channel, &payload, None);
         }
+        self.raw_from(case);
+    }
+
+    /// The same, to us only.
+    pub fn raw_from(&mut self, case: &Case) {
         for (channel, payload) in case.directed("FROM_") {
             self.collect(&case.name, &channel, &payload);
         }

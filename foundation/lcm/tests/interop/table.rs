@@ -8,11 +8,24 @@ use std::fs;
 /// Where the table begins and ends in the page.
 const MARKERS: [&str; 2] = ["<!-- interop: written by foundation/lcm/tests/interop -->\n", "<!-- interop end -->"];
 
+/// What a peer's library cannot do.
+pub const LIMITS: [&str; 3] = [
+    "the Java library keeps the kernel's receive buffer of 208 KiB, which three fragments in a row fill",
+    "the Java library reads no event without a payload",
+    "the bus class in C#, `examples/modules/csharp/Lcm.cs`, is ours and has UDPM only; logs are read by no official code",
+];
+
 /// What was found of one case with one peer. What was not found fails the test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
     /// From us to the peer and from the peer to us.
     Both,
+    /// From the peer to us; the other way not, by the place of the reason in [`LIMITS`].
+    From(usize),
+    /// Both ways, but for what the reason says.
+    Partly(usize),
+    /// Not with this peer, likewise.
+    Limit(usize),
     /// It works.
     Good,
     /// A defect of the peer, by its place in [`DEFECTS`].
@@ -38,6 +51,9 @@ impl Column {
         match mark {
             Some(Mark::Both) => "→ ←".into(),
             Some(Mark::Good) => "✓".into(),
+            Some(Mark::From(number)) => format!("← ({})", DEFECTS.len() + number + 1),
+            Some(Mark::Partly(number)) => format!("→ ← ({})", DEFECTS.len() + number + 1),
+            Some(Mark::Limit(number)) => format!("({})", DEFECTS.len() + number + 1),
             Some(Mark::Defect(number)) => format!("({})", number + 1),
             None => String::new(),
         }
@@ -85,8 +101,9 @@ fn markdown(columns: &[Column]) -> String {
         columns.iter().for_each(|column| write!(text, " {} |", column.cell(row)).unwrap());
     }
     text.push_str("\n\n");
-    for (number, defect) in DEFECTS.iter().enumerate() {
-        writeln!(text, "({}) {}.  ", number + 1, defect.reason).unwrap();
+    let reasons = DEFECTS.iter().map(|defect| defect.reason).chain(LIMITS);
+    for (number, reason) in reasons.enumerate() {
+        writeln!(text, "({}) {reason}.  ", number + 1).unwrap();
     }
     text
 }
