@@ -10,8 +10,8 @@
 //! after a visitor had walked into the robot, and the time that each cause held or slowed the robot. Then the planner's
 //! inputs of the first half hour are replayed to a new one, and every step of its control loop is timed. `SETS` has
 //! further overrides of the configuration. With `BOARD_FAULTS=1` one fault of the sonar boards follows another, the
-//! runs without guard are left out, and contacts alone decide: standing is right then. `GUARDED_ONLY=1` leaves them out,
-//! too, and with them the comparison of the waypoints.
+//! runs without guard are left out, and contacts alone decide: standing is right then. `GUARDED_ONLY=1` leaves
+//! them out, too, and with them the comparison of the waypoints.
 //!
 //! Goals: no contact that the robot moved into at more than 0.05 m/s, persons whom no sonar had answered until the
 //! guard's reaction time before it apart; at least 0.15 m/s, 90 % of the waypoints without guard, no goal given up;

@@ -1,7 +1,7 @@
 //! Which senders the modules accept, by the robot's own processes and the transport of a message (docs/design.md,
 //! section 11): commands from those that `[bus] commands` names, reports that all is well only from the watchdog and
-//! the power controller, the measured motion only from the driver, the estimate only from the estimator, and bounds that
-//! permit something only from the guard.
+//! the power controller, the measured motion only from the driver, the estimate only from the estimator, and the bounds
+//! only from the guard.
 //!
 //! The witness is the host, which knows each sender; `module::admission`, which the modules use, is not asked.
 
@@ -11,7 +11,8 @@ use module::State;
 use module::admission::{Commands, Sender, Way};
 
 /// Processes that may report that all is well, how the robot moves and may move, or where it is: those of the watchdog,
-/// the power controller, the driver, the guard and the estimator, including ended ones, since their last messages may still be on their way.
+/// the power controller, the driver, the guard and the estimator, including ended ones, since their last messages may
+/// still be on their way.
 #[derive(Debug, Default)]
 pub(super) struct Believed {
     watchdogs: Vec<u32>,

@@ -17,8 +17,8 @@ pub const ROW: &str = "event log, byte for byte";
 /// Between two looks at a log that is being written.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// A log that we wrote, copied by the official library, is the same; so is that copy, copied by us. `empty`: also events
-/// without a payload; where not, they are shown to be lost.
+/// A log that we wrote, copied by the official library, is the same; so is that copy, copied by us. `empty`: also
+/// events without a payload; where not, they are shown to be lost.
 pub fn copied(program: &Program, empty: bool) {
     let [ours, theirs] = ["ours.lcmlog", "theirs.lcmlog"].map(|name| program.folder.join(name));
     let messages = cases().into_iter().flat_map(|case| case.directed("FROM_"));

@@ -12,7 +12,7 @@ const MARKERS: [&str; 2] = ["<!-- interop: written by foundation/lcm/tests/inter
 pub const LIMITS: [&str; 3] = [
     "the Java library keeps the kernel's receive buffer of 208 KiB, which three fragments in a row fill",
     "the Java library reads no event without a payload",
-    "the bus class in C#, `examples/modules/csharp/Lcm.cs`, is ours and has UDPM only; logs are read by no official code",
+    "the bus class in C#, `examples/modules/csharp/Lcm.cs`, is ours: UDPM only, and no logs",
 ];
 
 /// What was found of one case with one peer. What was not found fails the test.

@@ -31,7 +31,7 @@ pub const DEFECTS: [Defect; 4] = [
         holds: |language, _| language == Language::Python,
     },
     Defect {
-        reason: "`lcm-gen` makes no C++ of an enum, C# that does not compile, and Python that cannot construct what holds one",
+        reason: "`lcm-gen` makes of an enum no C++, C# that does not compile, and Python that cannot construct what holds it",
         files: &["enum_legacy_t"],
         types: &["vec.enum_user_t"],
         holds: |language, _| matches!(language, Language::Cpp | Language::Python | Language::CSharp),
