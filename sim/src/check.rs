@@ -264,8 +264,8 @@ impl Checkers {
         self.setpoints
     }
 
-    /// Speed of the body, m/s: of a robot that steers; of any other one that of its fastest wheel, so that a turn on the
-    /// spot is motion, too.
+    /// Speed of the body, m/s: of a robot that steers; of any other one that of its fastest wheel, so that a turn on
+    /// the spot is motion, too.
     #[must_use]
     pub fn speed(&self) -> f64 {
         self.pace.speed
