@@ -96,7 +96,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         bus: can.bus.clone(),
         guard: (robot.guard.ranging != ::guard::Ranging::None)
             .then(|| Guarded { module: ::guard::NAME.into(), creep_mps: robot.guard.creep }),
-        promise: robot.guard.ranging.has_sonars().then(|| Promise {
+        promise: robot.guard.ranging.has_sonars().then_some(Promise {
             reaction_s: robot.guard.reaction + robot.guard.sensing,
             braking_mps2: robot.limits.deceleration_mps2,
             beam_rad: robot.sensors.srf08.beam_rad,

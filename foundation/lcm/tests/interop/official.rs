@@ -142,7 +142,7 @@ impl Official {
     /// A program of ours: `source` compiled with all generated code in `folder` and linked, or a script.
     pub fn program(&self, language: Language, folder: &Path, source: PathBuf) -> Result<Program, String> {
         let program = |path: PathBuf, arguments: &[&Path]| {
-            let arguments = arguments.iter().map(|it| it.into()).collect();
+            let arguments = arguments.iter().copied().map(Into::into).collect();
             Ok(Program { path, arguments, folder: folder.into() })
         };
         match language {
