@@ -20,38 +20,30 @@ impl Built {
     /// Built on 1.5.3; `None` if the test is skipped.
     pub fn on_the_wheel() -> Option<&'static Self> {
         static BUILT: OnceLock<Built> = OnceLock::new();
-        let python = python()?;
-        may_build()?;
-        let make = || {
-            let path = format!("PYTHON={}", python.display());
-            Self::make("1.5.3", &["all", "c/broken_c", "cpp/broken_cpp"], path, Some(python))
-        };
-        Some(BUILT.get_or_init(make))
+        Self::once(&BUILT, "1.5.3", &["all", "c/broken_c", "cpp/broken_cpp"], &[])
     }
 
     /// In Java, on 1.5.3.
     pub fn in_java() -> Option<&'static Self> {
         static BUILT: OnceLock<Built> = OnceLock::new();
-        let python = python()?;
-        may_build()?;
-        for program in ["javac", "java"] {
-            peer_or_skip(tool(program, "--version"))?;
-        }
-        let make = || Self::make("java", &["java"], format!("PYTHON={}", python.display()), Some(python));
-        Some(BUILT.get_or_init(make))
+        Self::once(&BUILT, "java", &["java"], &["javac", "java"])
     }
 
     /// In C#, on a bus class of our own and the types by 1.5.3.
     pub fn in_csharp() -> Option<&'static Self> {
         static BUILT: OnceLock<Built> = OnceLock::new();
+        Self::once(&BUILT, "csharp", &["csharp", "csharp/Broken.exe"], &["mcs", "mono"])
+    }
+
+    /// Made by the Python package and these programs, once.
+    fn once(built: &'static OnceLock<Self>, folder: &str, what: &[&str], programs: &[&str]) -> Option<&'static Self> {
         let python = python()?;
         may_build()?;
-        for program in ["mcs", "mono"] {
+        for program in programs {
             peer_or_skip(tool(program, "--version"))?;
         }
-        let what = ["csharp", "csharp/Broken.exe"];
-        let make = || Self::make("csharp", &what, format!("PYTHON={}", python.display()), Some(python));
-        Some(BUILT.get_or_init(make))
+        let variable = format!("PYTHON={}", python.display());
+        Some(built.get_or_init(|| Self::make(folder, what, variable, Some(python))))
     }
 
     /// Built on 1.3.1.
@@ -97,9 +89,11 @@ impl Built {
                     .map(String::from)
                     .into()
             }
-            ("csharp", _) => vec!["mono".into(), text(&program.with_file_name(class(module)).with_extension("exe"))],
-            (_, None) if language != "c" && language != "cpp" => panic!("{module} needs Python"),
-            _ => vec![text(&program)],
+            ("csharp", Some(_)) => {
+                vec!["mono".into(), text(&program.with_file_name(class(module)).with_extension("exe"))]
+            }
+            ("c" | "cpp", _) => vec![text(&program)],
+            _ => panic!("{module} needs Python"),
         }
     }
 }
@@ -137,7 +131,8 @@ fn copy(from: &Path, to: &Path) {
             false => {
                 let [source, there] = [&path, &target].map(|path| fs::read(path).ok());
                 // Files compiled in the checkout are not copied.
-                let is_source = path.extension().is_some() || path.ends_with("Makefile");
+                let is_source =
+                    path.extension().map_or_else(|| path.ends_with("Makefile"), |extension| extension != "exe");
                 if is_source && source != there {
                     fs::write(&target, source.expect("readable")).expect("writable");
                 }

@@ -59,7 +59,7 @@ _Noreturn void advee_refuse(const advee_options_t *options, const char *why, ...
  * cannot be opened. At most one module for each process. */
 advee_t *advee_create(const advee_options_t *options, void *user);
 
-/* Runs until the module ends, frees it, and returns the exit code. */
+/* Runs until the module ends, frees it, and returns the exit code. No thread may use it afterwards. */
 int advee_run(advee_t *module);
 
 /* What advee_create was given. */

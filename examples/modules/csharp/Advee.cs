@@ -153,11 +153,13 @@ namespace Advee
         /// 63.</summary>
         public Action Thread(string name)
         {
-            if (page == null || threads == 63)
+            if (page == null)
                 return () => { };
             long place;
             lock (page)
             {
+                if (threads == 63)
+                    return () => { };
                 place = 64 + 64 * threads++;
                 var entry = new byte[64];
                 byte[] text = Encoding.UTF8.GetBytes(name);

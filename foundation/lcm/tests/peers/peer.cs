@@ -147,7 +147,7 @@ static class Peer
 
     // --- bytes ---
 
-    // So many bytes; null if the stream ends before.
+    // The next `length` bytes; null if the stream ends before.
     static byte[] Read(Stream source, int length)
     {
         var bytes = new byte[length];
