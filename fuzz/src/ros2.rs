@@ -3,6 +3,7 @@
 use messages::Message;
 use ros2::action::{read_cancel, read_get_result};
 use ros2::incoming::{Command, Input, read};
+use ros2::lifecycle::{self, Lifecycle};
 use ros2::navigate::Kind;
 use ros2::navigate::wire::{POSES_MAX, read_goal};
 use ros2::operator;
@@ -51,6 +52,8 @@ fn request(service: usize, sample: &[u8]) {
     let parameters: Vec<Parameter> = names.into_iter().zip(value).map(parameter).collect();
     let answer = Service::ALL[service % Service::ALL.len()].answer(&parameters, sample);
     assert!(answer.is_none_or(|answer| answer.len() <= ANSWER_MAX));
+    let mut life = Lifecycle::new(true, false);
+    let _ = life.answer(lifecycle::Service::ALL[service % lifecycle::Service::ALL.len()], sample, true);
     let all = operator::Config { steering: true, power: true, outputs: vec!["horn".into()] };
     for service in operator::services(&all) {
         if let Some((message, _)) = service.order(1_000_000, sample) {

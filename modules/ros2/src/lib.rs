@@ -3,7 +3,7 @@
 //! ```text
 //!   LCM bus ──► outgoing (odometry, logger::ros) ──► node ──► rtps ──► transport ──► network
 //!   LCM bus ◄── drive, incoming ◄─────────────────── node ◄── rtps ◄── transport ◄── network
-//!   LCM bus ◄─► servers: navigate, operator, parameters ┘ requests and answers
+//!   LCM bus ◄─► servers: navigate, operator, parameters, lifecycle ┘ requests and answers
 //! ```
 //!
 //! The translation ([`outgoing`], [`incoming`], [`drive`]), the servers of actions, services and parameters, and the
@@ -37,6 +37,7 @@ pub mod cdr;
 pub mod description;
 pub mod drive;
 pub mod incoming;
+pub mod lifecycle;
 #[cfg(feature = "rtps")]
 mod module;
 #[cfg(feature = "rtps")]

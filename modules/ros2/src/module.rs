@@ -92,6 +92,7 @@ impl Ros2 {
             servers: servers::Config {
                 operator: ros2.commands.then(|| operator.clone()),
                 parameters: parameters.clone(),
+                managed: ros2.managed,
             },
             epoch: clock::epoch(),
         };

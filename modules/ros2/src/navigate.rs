@@ -203,6 +203,14 @@ impl Navigator {
         cancel_response(code, &meant)
     }
 
+    /// ROS may not command any more: a goal that is pursued ends as ABORTED, and the planner's with it.
+    pub fn withdraw(&mut self, now: Instant, timestamp: i64, why: &str) {
+        let Some(active) = &self.active else { return };
+        self.abandoned = Some(active.number);
+        self.command(timestamp, Vec::new());
+        self.end(now, Status::Aborted, why);
+    }
+
     fn is_canceling(&self) -> bool {
         self.active.as_ref().is_some_and(|active| matches!(active.planner, Planner::Ends { .. }))
     }

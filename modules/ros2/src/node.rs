@@ -82,8 +82,8 @@ impl Node {
             }
         }
         let graph = participant.add_writer(now, GRAPH.0, GRAPH.1, Qos::LATCHED);
-        let full_name = format!("{}/{}", config.namespace, config.name);
-        let servers = Servers::new(config.servers, &mut participant, now, &config.namespace, &full_name);
+        let of = servers::Of { name: &config.name, namespace: &config.namespace };
+        let servers = Servers::new(config.servers, &mut participant, now, of);
         let mut node = Self {
             namespace: config.namespace,
             name: config.name,
@@ -103,7 +103,7 @@ impl Node {
         for (topic, cdr) in &config.fixed {
             node.write(now, topic, cdr);
         }
-        for topic in servers::topics() {
+        for topic in node.servers.topics() {
             node.writer(now, &topic);
         }
         node
@@ -168,13 +168,16 @@ impl Node {
         let time = self.time(now);
         self.servers.flush(&mut self.participant, time);
         while let Some(sample) = self.participant.poll_event() {
-            let refusal = self.refusal();
-            if self.servers.on_sample(&mut self.participant, time, &sample, refusal) {
+            let (refusal, was_active) = (self.refusal(), self.servers.is_active());
+            if self.servers.on_sample(&mut self.participant, time, &sample, self.acts, refusal) {
+                if was_active && !self.servers.is_active() {
+                    self.silence();
+                }
                 self.carry_out(now);
                 continue;
             }
             let input = self.readers.iter().find(|(reader, _)| *reader == sample.reader).map(|(_, input)| *input);
-            if let Some(input) = input.filter(|_| self.acts) {
+            if let Some(input) = input.filter(|_| self.acts && self.servers.is_active()) {
                 self.on_sample(now, sample.at, input, sample.writer, &sample.payload);
             }
         }
@@ -203,7 +206,14 @@ impl Node {
     /// The module may act, or not any more.
     pub fn set_acts(&mut self, acts: bool) {
         self.acts = acts;
-        if let Some(drive) = self.drive.as_mut().filter(|_| !acts) {
+        if !acts {
+            self.silence();
+        }
+    }
+
+    /// Nothing that ROS commanded is sent any more.
+    fn silence(&mut self) {
+        if let Some(drive) = &mut self.drive {
             drive.end();
             self.messages.clear();
         }
@@ -251,7 +261,9 @@ impl Node {
     }
 
     /// Tells the others that it is gone: then [`poll_tx`](Self::poll_tx) for the last time.
-    pub fn leave(&mut self) {
+    pub fn leave(&mut self, now: Instant) {
+        self.servers.leave(self.time(now));
+        self.carry_out(now);
         self.participant.leave();
     }
 

@@ -74,6 +74,12 @@ impl Service {
         }
     }
 
+    /// True if the request is one to stop the robot.
+    #[must_use]
+    pub fn stops(&self, sample: &[u8]) -> bool {
+        self.order == Order::Pause && Reader::new(sample).and_then(|mut reader| reader.bool()) == Some(true)
+    }
+
     /// Message for the bus, and what the answer says; `None`: the request is malformed.
     #[must_use]
     pub fn order(&self, timestamp: i64, sample: &[u8]) -> Option<(Message, String)> {
@@ -151,6 +157,8 @@ mod tests {
             manual: true,
             source: NAME.into(),
         };
+        let stopping: Vec<_> = robot().into_iter().filter(|service| service.stops(&on)).map(|it| it.name).collect();
+        assert_eq!((&*stopping, robot().iter().any(|service| service.stops(&off))), (&["pause".to_owned()][..], false));
         assert_eq!(ordered("pause", &on), Some(state(DRIVER, State::Pause).into()));
         assert_eq!(ordered("pause", &off), Some(state(DRIVER, State::Run).into()));
         assert_eq!(ordered("release_planner", &on), Some(state(PLANNER, State::Run).into()));

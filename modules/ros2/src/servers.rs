@@ -1,5 +1,6 @@
-//! Actions, services and parameters of the node: which service a request is for, and the way of its answer.
+//! Actions, services, parameters and life cycle of the node: which service a request is for, and the way of its answer.
 
+use crate::lifecycle::{self, Bond, Lifecycle};
 use crate::navigate::{Kind, Navigator, Output, Part};
 use crate::operator;
 use crate::parameters::{self, Parameter};
@@ -17,6 +18,17 @@ pub struct Config {
     pub operator: Option<operator::Config>,
     /// Parameters.
     pub parameters: Vec<Parameter>,
+    /// A lifecycle manager activates the node.
+    pub managed: bool,
+}
+
+/// The node, as its services are named.
+#[derive(Clone, Copy, Debug)]
+pub struct Of<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Empty, or as `/robot1`.
+    pub namespace: &'a str,
 }
 
 /// What a service is for.
@@ -25,6 +37,7 @@ enum Use {
     Action(Kind, Part),
     Operator(operator::Service),
     Parameters(parameters::Service),
+    Lifecycle(lifecycle::Service),
 }
 
 /// What is to be done besides answers.
@@ -55,6 +68,10 @@ pub struct Servers {
     navigator: Navigator,
     parameters: Vec<Parameter>,
     may_command: bool,
+    lifecycle: Lifecycle,
+    transitions: Topic,
+    /// Where a lifecycle manager activates the node.
+    bond: Option<Bond>,
     effects: VecDeque<Effect>,
 }
 
@@ -72,14 +89,11 @@ fn status_topic(kind: Kind) -> Topic {
     Topic::new(&format!("{}/_action/status", kind.name()), "action_msgs/msg/GoalStatusArray", Quality::Latched)
 }
 
-/// Topics of all actions, which are there from the start: a client looks for them.
-pub fn topics() -> impl Iterator<Item = Topic> {
-    Kind::ALL.into_iter().flat_map(|kind| [feedback_topic(kind), status_topic(kind)])
-}
-
 impl Servers {
-    /// Offers the services of the node of the full name `node`, as `/robot1/courier`, in its namespace.
-    pub fn new(config: Config, participant: &mut Participant, now: Instant, namespace: &str, node: &str) -> Self {
+    /// Offers the services of a node.
+    pub fn new(config: Config, participant: &mut Participant, now: Instant, of: Of<'_>) -> Self {
+        let Of { name, namespace } = of;
+        let node = format!("{namespace}/{name}");
         let mut services = Services::default();
         let mut uses = Vec::new();
         let mut add = |name: &str, type_name: &str, what: Use| {
@@ -99,14 +113,30 @@ impl Servers {
         for service in config.operator.iter().flat_map(operator::services) {
             add(&format!("{node}/{}", service.name), service.type_name(), Use::Operator(service));
         }
+        for service in lifecycle::Service::ALL {
+            let (name, type_name) = service.names();
+            add(&format!("{node}/{name}"), type_name, Use::Lifecycle(service));
+        }
+        let may_command = config.operator.is_some();
+        let instance = participant.guid().bytes().iter().map(|byte| format!("{byte:02x}")).collect();
         Self {
             services,
             uses,
             navigator: Navigator::default(),
             parameters: config.parameters,
-            may_command: config.operator.is_some(),
+            may_command,
+            lifecycle: Lifecycle::new(may_command, config.managed),
+            transitions: lifecycle::topic(name),
+            bond: (may_command && config.managed).then(|| Bond::new(name, instance)),
             effects: VecDeque::new(),
         }
+    }
+
+    /// Topics that are there from the start, since a client looks for them.
+    pub fn topics(&self) -> Vec<Topic> {
+        let actions = Kind::ALL.into_iter().flat_map(|kind| [feedback_topic(kind), status_topic(kind)]);
+        let bond = self.bond.as_ref().map(|_| Bond::topic());
+        actions.chain([self.transitions.clone()]).chain(bond).collect()
     }
 
     /// Readers and writers, for the graph of ROS.
@@ -114,12 +144,19 @@ impl Servers {
         self.services.endpoints()
     }
 
-    /// True if the sample was a request. `refusal`: why the module does not act at present.
+    /// True if the node is active: ROS may command, as far as its life cycle is concerned.
+    #[must_use]
+    pub fn is_active(&self) -> bool {
+        self.lifecycle.is_active()
+    }
+
+    /// True if the sample was a request. `acts`: the module acts. `refusal`: why the module does not act at present.
     pub fn on_sample(
         &mut self,
         participant: &mut Participant,
         time: Time,
         sample: &Sample,
+        acts: bool,
         refusal: Option<&'static str>,
     ) -> bool {
         let Some(service) = self.services.find(sample.reader) else { return false };
@@ -128,30 +165,61 @@ impl Servers {
             return true;
         };
         let refusal = if self.may_command { refusal } else { Some("ROS may not command: [ros2] commands is false") };
+        // Of an inactive node as well, what stops the robot is obeyed.
+        let not_now = refusal.or((!self.is_active()).then_some("the node is not active"));
         match what {
             Use::Action(kind, part) => {
-                self.navigator.on_request(time.now, time.micros, (kind, part), caller, &cdr, refusal);
+                self.navigator.on_request(time.now, time.micros, (kind, part), caller, &cdr, not_now);
             }
             Use::Parameters(which) => {
                 if let Some(answer) = which.answer(&self.parameters, &cdr) {
                     self.services.answer(participant, time.now, time.micros, service, caller, answer);
                 }
             }
+            Use::Lifecycle(which) => {
+                let was_active = self.is_active();
+                if let Some(answer) = self.lifecycle.answer(which, &cdr, acts && self.may_command) {
+                    self.services.answer(participant, time.now, time.micros, service, caller, answer);
+                }
+                self.on_life(time, was_active);
+            }
             Use::Operator(which) => {
-                let (is_obeyed, text) = match (refusal, which.order(time.micros, &cdr)) {
-                    (Some(why), _) => (false, why.to_owned()),
-                    (None, None) => (false, "the request is malformed".to_owned()),
-                    (None, Some((message, text))) => {
-                        self.effects.push_back(Effect::Message(message));
-                        (true, text)
-                    }
-                };
+                let (is_obeyed, text) =
+                    match (if which.stops(&cdr) { refusal } else { not_now }, which.order(time.micros, &cdr)) {
+                        (Some(why), _) => (false, why.to_owned()),
+                        (None, None) => (false, "the request is malformed".to_owned()),
+                        (None, Some((message, text))) => {
+                            self.effects.push_back(Effect::Message(message));
+                            (true, text)
+                        }
+                    };
                 let answer = operator::response(is_obeyed, &text);
                 self.services.answer(participant, time.now, time.micros, service, caller, answer);
             }
         }
         self.carry_out(participant, time);
         true
+    }
+
+    /// Publishes what became of the node's state; a goal of a node that is no longer active ends.
+    fn on_life(&mut self, time: Time, was_active: bool) {
+        if was_active && !self.is_active() {
+            self.navigator.withdraw(time.now, time.micros, "the node was deactivated");
+        }
+        for event in self.lifecycle.take_events(time.micros) {
+            self.effects.push_back(Effect::Topic(self.transitions.clone(), event));
+        }
+        self.beat(time, self.is_active());
+    }
+
+    fn beat(&mut self, time: Time, holds: bool) {
+        let status = self.bond.as_mut().and_then(|bond| bond.poll(time.now, time.micros, holds));
+        self.effects.extend(status.map(|status| Effect::Topic(Bond::topic(), status)));
+    }
+
+    /// The node ends: its manager learns it at once.
+    pub fn leave(&mut self, time: Time) {
+        self.beat(time, false);
     }
 
     /// A message of the robot's bus.
@@ -181,13 +249,15 @@ impl Servers {
     pub fn handle_timeout(&mut self, participant: &mut Participant, time: Time) {
         self.flush(participant, time);
         self.navigator.handle_timeout(time.now);
+        self.beat(time, self.is_active());
         self.carry_out(participant, time);
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is to be called.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        earliest([self.services.poll_timeout(), self.navigator.poll_timeout()])
+        let bond = self.bond.as_ref().and_then(Bond::poll_timeout);
+        earliest([self.services.poll_timeout(), self.navigator.poll_timeout(), bond])
     }
 
     /// The next thing to be done.

@@ -24,6 +24,8 @@ settings! {
         namespace: String = "";
         /// ROS may command: move the robot by `/cmd_vel`, send it to a goal, and set its pose. Otherwise it only sees.
         commands: bool = false;
+        /// A lifecycle manager of ROS activates the node: until then, and when it deactivates it, ROS commands nothing.
+        managed: bool = false;
         /// Priority of `/cmd_vel` among the sources of motion: 1 as a remote operator, 2 as a gamepad, 3 maintenance.
         priority: i8 = 1, 1..=3;
         /// The robot stops when `/cmd_vel` has been silent for this long; at least `limits.command_ttl_s` is granted.

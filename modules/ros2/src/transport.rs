@@ -156,7 +156,7 @@ impl Worker {
                 break;
             }
         }
-        self.node.leave();
+        self.node.leave(clock::now());
         self.send();
     }
 

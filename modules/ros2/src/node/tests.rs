@@ -36,6 +36,10 @@ struct Bench {
 
 impl Bench {
     fn new(commands: bool) -> Self {
+        Self::begin(commands, false)
+    }
+
+    fn begin(commands: bool, managed: bool) -> Self {
         let [ttl, driver_ttl] = [500, 250].map(Duration::from_millis);
         let source = outgoing::OdometrySource::Drives;
         let scene = RobotScene::default();
@@ -51,7 +55,7 @@ impl Bench {
                 description: Description::default(),
             },
             fixed: Vec::new(),
-            servers: servers::Config { operator: commands.then(Default::default), parameters: Vec::new() },
+            servers: servers::Config { operator: commands.then(Default::default), parameters: Vec::new(), managed },
             drive: commands.then_some(drive::Config { priority: 1, ttl, driver_ttl }),
             epoch: Epoch::default(),
         };
@@ -185,10 +189,10 @@ fn topics_are_told_to_who_listens_and_the_graph_names_the_node() {
     assert_eq!(odoms, 1);
     let text = String::from_utf8_lossy(&graphs);
     assert!(text.contains("courier\0") && text.contains("/r1\0"), "{text:?}");
-    // The participant, the writers of /odom and /tf, those of feedback and status of two actions, and a reader and a
-    // writer of each of the three services of an action and of the six of parameters.
-    let services = 2 * 3 + 6;
-    assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 1 + 2 + 4 + 2 * services);
+    // The participant, the writers of /odom and /tf, those of feedback and status of two actions and of transitions, and
+    // a reader and a writer of each of the three services of an action, of the six of parameters, of the five of life.
+    let services = 2 * 3 + 6 + 5;
+    assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 1 + 2 + 5 + 2 * services);
 }
 
 /// A client of a service, as Fast DDS has it.
@@ -316,4 +320,55 @@ fn a_goal_goes_to_the_planner_and_its_end_to_the_client() {
         }
     }
     assert_eq!((answers, states), (vec![4], vec![4]));
+}
+
+/// Number and label of `lifecycle_msgs/msg/Transition`.
+fn transition(number: u8) -> Vec<u8> {
+    let mut cdr = Vec::new();
+    let mut to = Writer::new(&mut cdr);
+    to.u8(number);
+    to.string("");
+    cdr
+}
+
+#[test]
+fn a_managed_node_commands_nothing_until_it_is_activated_and_its_goal_ends_when_it_is_deactivated() {
+    let [configure, activate, deactivate] = [1, 3, 4];
+    let mut bench = Bench::begin(true, true);
+    let twist = bench.writer();
+    let change = Client::new(&mut bench, "/courier/change_state", "lifecycle_msgs::srv::dds_::ChangeState");
+    let pause = Client::new(&mut bench, "/courier/pause", "std_srvs::srv::dds_::SetBool");
+    let kind = "nav2_msgs::action::dds_::NavigateToPose_SendGoal";
+    let send = Client::new(&mut bench, "/navigate_to_pose/_action/send_goal", kind);
+    let bond = bench.ros.add_reader(bench.now, "rt/r1/bond", "bond::msg::dds_::Status_", Qos::RELIABLE).unwrap();
+    let goal =
+        |id| crate::navigate::wire::goal_request(crate::navigate::Kind::ToPose, [id; 16], "map", &[[1.0; 3]], "");
+    bench.run(300);
+    bench.twist(twist, 0.4);
+    assert_eq!(send.call(&mut bench, &goal(1))[0].1[4], 0, "rejected");
+    assert_eq!((bench.told.len(), bench.others.len()), (0, 0));
+    assert_eq!(pause.call(&mut bench, &[0, 1, 0, 0, 0])[0].1[4], 0, "no release");
+    assert_eq!(pause.call(&mut bench, &[0, 1, 0, 0, 1])[0].1[4], 1, "a stop");
+    assert_eq!(bench.others.len(), 1);
+
+    assert_eq!(change.call(&mut bench, &transition(activate))[0].1[4], 0);
+    assert_eq!(change.call(&mut bench, &transition(configure))[0].1[4], 1);
+    assert!(std::iter::from_fn(|| bench.ros.poll_event()).all(|sample| sample.reader != bond));
+    assert_eq!(change.call(&mut bench, &transition(activate))[0].1[4], 1);
+    bench.run(1000);
+    let beats = std::iter::from_fn(|| bench.ros.poll_event()).filter(|sample| sample.reader == bond).count();
+    assert_eq!(beats, 4, "that of the activation was read with the answer");
+    assert_eq!(send.call(&mut bench, &goal(2))[0].1[4], 1);
+    let Some(Message::MlCmdGoal(begun)) = bench.others.pop() else { panic!() };
+    bench.twist(twist, 0.4);
+    bench.run(20);
+    assert_eq!((begun.waypoints.len(), bench.told.len()), (1, 1));
+
+    assert_eq!(change.call(&mut bench, &transition(deactivate))[0].1[4], 1);
+    let Some(Message::MlCmdGoal(ended)) = bench.others.pop() else { panic!() };
+    assert!(ended.waypoints.is_empty() && ended.id != begun.id);
+    let said = bench.told.len();
+    bench.twist(twist, 0.4);
+    bench.run(1000);
+    assert_eq!(bench.told.len(), said, "it fell silent");
 }
