@@ -35,6 +35,7 @@ mod page;
 mod peers;
 mod plan;
 mod ros2_actions;
+mod ros2_lifecycle;
 mod ros2_peers;
 mod rs485_tools;
 mod slcan_peer;

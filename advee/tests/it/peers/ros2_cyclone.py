@@ -4,38 +4,14 @@ Prints a line of JSON. Everything waits for what it needs; the test bounds the t
 """
 
 import json
-import os
 import sys
 import time
 from dataclasses import dataclass
 
-os.environ["CYCLONEDDS_URI"] = """
-<CycloneDDS><Domain id="any">
-  <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
-  <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
-</Domain></CycloneDDS>
-"""
-
-from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import DomainParticipant
+from cyclone import LATCHED, Header, Time, reader, writer
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, sequence, uint32
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
+from cyclonedds.idl.types import float64, sequence
 from cyclonedds.util import duration
-
-
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
-    sec: int32
-    nanosec: uint32
-
-
-@dataclass
-class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
-    stamp: Time
-    frame_id: str
 
 
 @dataclass
@@ -83,15 +59,9 @@ class PoseStamped(IdlStruct, typename="geometry_msgs.msg.dds_.PoseStamped_"):
     pose: Pose
 
 
-RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
-VOLATILE = Qos(RELIABLE, Policy.History.KeepLast(10))
-LATCHED = Qos(RELIABLE, Policy.History.KeepLast(1), Policy.Durability.TransientLocal)
-
-participant = DomainParticipant(int(sys.argv[1]))
-tf = DataReader(participant, Topic(participant, "rt/tf", TFMessage, qos=VOLATILE), qos=VOLATILE)
-static = DataReader(participant, Topic(participant, "rt/tf_static", TFMessage, qos=LATCHED), qos=LATCHED)
-goal_topic = Topic(participant, "rt/goal_pose", PoseStamped, qos=VOLATILE)
-goal = DataWriter(participant, goal_topic, qos=VOLATILE)
+tf = reader("rt/tf", TFMessage)
+static = reader("rt/tf_static", TFMessage, LATCHED)
+goal = writer("rt/goal_pose", PoseStamped)
 
 links = {}
 while not {("map", "odom"), ("odom", "base_link"), ("base_link", "lidar_top")} <= links.keys():

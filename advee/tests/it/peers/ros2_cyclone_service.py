@@ -5,26 +5,12 @@ bounds the time.
 """
 
 import json
-import os
-import sys
 import time
 from dataclasses import dataclass
 
-os.environ["CYCLONEDDS_URI"] = """
-<CycloneDDS><Domain id="any">
-  <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
-  <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
-</Domain></CycloneDDS>
-"""
-
-from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import DomainParticipant
+from cyclone import reader, writer
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import int64, sequence, uint64
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
 
 
 @dataclass
@@ -43,11 +29,9 @@ class Response(IdlStruct, typename="rcl_interfaces.srv.dds_.ListParameters_Respo
     prefixes: sequence[str]
 
 
-QOS = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(10))
-participant = DomainParticipant(int(sys.argv[1]))
 name = "/courier/list_parameters"
-answers = DataReader(participant, Topic(participant, f"rr{name}Reply", Response, qos=QOS), qos=QOS)
-asks = DataWriter(participant, Topic(participant, f"rq{name}Request", Request, qos=QOS), qos=QOS)
+answers = reader(f"rr{name}Reply", Response)
+asks = writer(f"rq{name}Request", Request)
 
 while not asks.get_matched_subscriptions() or not answers.get_matched_publications():
     time.sleep(0.02)

@@ -1,6 +1,7 @@
 //! Goals, feedback and results of the actions of navigation, as Nav2 defines them (`nav2_msgs` 1.4, of ROS 2 Kilted).
 //! `NavigateToPose` is the same in Jazzy; `NavigateThroughPoses` has its poses in `nav_msgs/Goals` since Kilted, and
-//! the states of waypoints in feedback and result.
+//! the states of waypoints at the end of feedback and result. Goals of Jazzy are read as well, and its clients do not
+//! read on to these states.
 
 use super::kind::Kind;
 use crate::action::{GoalId, Status, time};
@@ -53,15 +54,37 @@ impl From<Refusal> for Rejection {
 /// # Errors
 /// The goal is rejected.
 pub fn read_goal(kind: Kind, sample: &[u8]) -> Result<(GoalId, Vec<[f64; 3]>), Rejection> {
-    const MALFORMED: Rejection = Rejection::Pose(Refusal::Malformed);
+    match kind {
+        Kind::ToPose => read(sample, Poses::One),
+        Kind::ThroughPoses => match (read(sample, Poses::Goals), read(sample, Poses::Sequence)) {
+            (Err(MALFORMED), of_jazzy) | (Err(_), of_jazzy @ Ok(_)) => of_jazzy,
+            (of_kilted, _) => of_kilted,
+        },
+    }
+}
+
+const MALFORMED: Rejection = Rejection::Pose(Refusal::Malformed);
+
+/// How the poses of a goal are written.
+#[derive(Clone, Copy, Debug)]
+enum Poses {
+    /// `geometry_msgs/PoseStamped`.
+    One,
+    /// `nav_msgs/Goals`: a header before the sequence.
+    Goals,
+    /// `geometry_msgs/PoseStamped[]`.
+    Sequence,
+}
+
+fn read(sample: &[u8], written: Poses) -> Result<(GoalId, Vec<[f64; 3]>), Rejection> {
     let mut reader = Reader::new(sample).ok_or(MALFORMED)?;
     let id = reader.bytes().ok_or(MALFORMED)?;
-    let count = match kind {
-        Kind::ToPose => 1,
-        Kind::ThroughPoses => {
-            incoming::header(&mut reader).ok_or(MALFORMED)?;
-            reader.u32().ok_or(MALFORMED)? as usize
-        }
+    if matches!(written, Poses::Goals) {
+        incoming::header(&mut reader).ok_or(MALFORMED)?;
+    }
+    let count = match written {
+        Poses::One => 1,
+        Poses::Goals | Poses::Sequence => reader.u32().ok_or(MALFORMED)? as usize,
     };
     if !(1..=POSES_MAX).contains(&count) {
         return Err(Rejection::Count(count));
@@ -190,4 +213,42 @@ pub fn goal_request(kind: Kind, id: GoalId, frame: &str, poses: &[[f64; 3]], tre
     }
     to.string(tree);
     cdr
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The same goal as a client of Jazzy writes it: without the header before the poses.
+    fn of_jazzy(stamp: u32, frame: &str, poses: &[[f64; 3]]) -> Vec<u8> {
+        let mut cdr = Vec::new();
+        let mut to = lcm_gen::cdr::Writer::new(&mut cdr);
+        (0..16).for_each(|byte| to.u8(byte));
+        to.count(poses.len());
+        for [x, y, _] in poses {
+            to.u32(stamp);
+            to.u32(stamp % 1_000_000_000);
+            to.string(frame);
+            [*x, *y, 0.0, 0.0, 0.0, 0.0, 1.0].into_iter().for_each(|number| to.f64(number));
+        }
+        to.string("");
+        cdr
+    }
+
+    #[test]
+    fn goals_through_poses_are_read_as_jazzy_writes_them() {
+        let poses = [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [5.0, 6.0, 0.0]];
+        for stamp in [0, 1, 4, 7, 1_796_000_123] {
+            for count in 1..=3 {
+                let request = of_jazzy(stamp, "map", &poses[..count]);
+                let (id, read) = read_goal(Kind::ThroughPoses, &request).unwrap();
+                assert_eq!((id[15], &read[..]), (15, &poses[..count]), "{stamp}");
+                for end in 0..request.len() {
+                    assert!(read_goal(Kind::ThroughPoses, &request[..end]).is_err());
+                }
+            }
+        }
+        let refused = read_goal(Kind::ThroughPoses, &of_jazzy(1_796_000_123, "odom", &poses));
+        assert_eq!(refused, Err(Rejection::Pose(Refusal::Frame("odom".into()))));
+    }
 }
