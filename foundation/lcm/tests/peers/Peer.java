@@ -18,6 +18,7 @@ import lcm.lcm.LCM;
 import lcm.lcm.LCMDataInputStream;
 import lcm.lcm.LCMDataOutputStream;
 import lcm.lcm.LCMEncodable;
+import lcm.lcm.MessageAggregator;
 import lcm.logging.Log;
 
 /**
@@ -106,7 +107,17 @@ final class Peer {
         Semaphore heard = new Semaphore(0);
         lcm.subscribe(PROBE, (bus, channel, in) -> heard.release());
         probe(heard);
-        lcm.subscribe("TO_.*", (bus, channel, in) -> tell(channel, payload(in)));
+        // As a program of MATLAB receives.
+        MessageAggregator received = new MessageAggregator();
+        lcm.subscribe("TO_.*", received);
+        Thread teller = new Thread(() -> {
+            while (true) {
+                MessageAggregator.Message message = received.getNextMessage();
+                tell(message.channel, message.data);
+            }
+        });
+        teller.setDaemon(true);
+        teller.start();
         for (String name : types) {
             Class<? extends LCMEncodable> type = find(name);
             lcm.subscribe(name.replace('.', '_'), (bus, channel, in) -> {
