@@ -1,10 +1,14 @@
-"""Foreign readers of lidars: peer.py KIND PORT. The emulated device is at the TCP port; a pseudo-terminal between."""
+"""Foreign readers of lidars: peer.py KIND PORT SECONDS. The emulated device is at the TCP port; a pseudo-terminal between.
+
+Reads for so many seconds, and some scans at least; then no scan may be missing among them.
+"""
 
 import math
 import os
 import socket
 import sys
 import threading
+import time
 import tty
 
 # Directions in degrees clockwise from the front, and ranges in mm: a wall at 2 m, 4 m on the right, 1 m behind.
@@ -40,7 +44,32 @@ def check(points, tolerance_mm):
         assert near, f"nothing at {direction} degrees among {len(points)} points"
         worst = max(abs(mm - expected) for mm in near)
         assert worst <= tolerance_mm, f"{worst} mm off at {direction} degrees"
-    print(f"{len(points)} points")
+
+
+class Scans:
+    """Counts scans of a device that turns ten times a second, and those that are missing among them."""
+
+    LEAST = 3
+    PERIOD = 0.1
+
+    def __init__(self):
+        self.times, self.points = [], []
+
+    def wanted(self):
+        return len(self.times) < self.LEAST or self.times[-1] - self.times[0] < SECONDS
+
+    def add(self, points, tolerance_mm):
+        check(points, tolerance_mm)
+        self.times.append(time.monotonic())
+        self.points.append(len(points))
+
+    def finish(self):
+        # A scan that arrives late says nothing; all scans after a missing one are a period late.
+        late = [time - n * self.PERIOD for n, time in enumerate(self.times)]
+        missing = round((min(late[-20:]) - min(late[:20])) / self.PERIOD)
+        took = self.times[-1] - self.times[0]
+        print(f"{len(self.times)} scans in {took:.1f} s, {missing} missing, {min(self.points)} to {max(self.points)} points")
+        assert len(late) < 40 or missing == 0
 
 
 def lds2d(model, port):
@@ -48,11 +77,12 @@ def lds2d(model, port):
     lidar = Lidar.open(model, terminal(port))
     if model != "LD14P":
         lidar.start()
-    scans = lidar.scans()
+    scans, read = lidar.scans(), Scans()
     # The first one is cut.
     next(scans)
-    for _ in range(3):
-        check([(point.angle_deg, point.dist_mm) for point in next(scans).points], 2)
+    while read.wanted():
+        read.add([(point.angle_deg, point.dist_mm) for point in next(scans).points], 2)
+    read.finish()
 
 
 def slamtec(baud, port):
@@ -63,16 +93,16 @@ def slamtec(baud, port):
     print(info.model, info.firmware_version, info.hardware_version, info.serial_number, health.status)
     assert health.status == 0
     assert driver.start_scan()
-    good = 0
-    for _ in range(60):
+    read, empty = Scans(), 0
+    while read.wanted():
         data = driver.get_scan_data()
         if data and len(data[0]) > 100:
-            points = [(math.degrees(angle) % 360, meters * 1000) for angle, meters in zip(data[0], data[1])]
-            check(points, 20)
-            good += 1
-            if good == 3:
-                break
-    assert good == 3
+            read.add([(math.degrees(angle) % 360, meters * 1000) for angle, meters in zip(data[0], data[1])], 20)
+            empty = 0
+        else:
+            empty += 1
+            assert empty < 60
+    read.finish()
     driver.stop_scan()
     driver.disconnect()
 
@@ -83,17 +113,18 @@ def hokuyo(port):
     print(sensor.model, sensor.dmin, sensor.dmax, sensor.ares, sensor.amin, sensor.amax, sensor.aforw)
     assert (sensor.dmin, sensor.dmax, sensor.ares, sensor.amax) == (23, 60000, 1440, 1080)
     angles = sensor.get_angles()
-    for _ in range(5):
+    read = Scans()
+    while read.wanted():
         # One scan at a time: hokuyolx takes what arrives at once as one answer, and so depends on the machine's speed.
         _, scan = sensor.get_dist()
         assert len(scan) == 1081
         points = [(-math.degrees(angle) % 360, float(mm)) for angle, mm in zip(angles, scan)]
         # Its view ends 45 degrees before the back.
-        check(points + [(180.0, 1000)], 2)
+        read.add(points + [(180.0, 1000)], 2)
     sensor.close()
 
 
-kind, port = sys.argv[1], int(sys.argv[2])
+kind, port, SECONDS = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
 if kind.startswith("lds2d:"):
     lds2d(kind.removeprefix("lds2d:"), port)
 elif kind.startswith("slamtec:"):

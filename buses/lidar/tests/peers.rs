@@ -1,4 +1,5 @@
-//! Emulated devices against readers of others: SLAMTEC's own SDK (`pyrplidarsdk`), `lds2d` and `hokuyolx`.
+//! Emulated devices against readers of others: SLAMTEC's own SDK (`pyrplidarsdk`), `lds2d` and `hokuyolx`. With
+//! LIDAR_SECONDS=600 each reads for ten minutes.
 
 #![allow(
     clippy::unwrap_used,
@@ -17,8 +18,13 @@ use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant as Clock};
 use testing::{peer_or_skip, python};
 
-/// Time limit of everything.
+/// Time limit of everything besides the reading.
 const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Time for which each peer reads, s: some scans.
+fn seconds() -> u64 {
+    std::env::var("LIDAR_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(0)
+}
 
 struct Peer(Child);
 
@@ -45,12 +51,14 @@ fn serve(kind: &str, packages: &[&str], mut device: impl Device) -> Option<ExitS
     listener.set_nonblocking(true).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peer.py");
     let port = listener.local_addr().unwrap().port().to_string();
-    let mut peer = Peer(Command::new(python).arg(script).args([kind, &port]).spawn().unwrap());
+    let arguments = [kind, &port, &seconds().to_string()];
+    let mut peer = Peer(Command::new(python).arg(script).args(arguments).spawn().unwrap());
+    let patience = PATIENCE + Duration::from_secs(seconds());
     let start = Clock::now();
     let mut socket = None;
     let mut bytes = [0; 4096];
     loop {
-        assert!(start.elapsed() < PATIENCE, "{kind}: too long");
+        assert!(start.elapsed() < patience, "{kind}: too long");
         if let Some(status) = peer.0.try_wait().unwrap() {
             return Some(status);
         }
