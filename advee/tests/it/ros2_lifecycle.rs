@@ -1,5 +1,5 @@
-//! The life cycle of the robot's node beside a lifecycle node of unmodified ROS 2 (rclpy on Fast DDS), and its heartbeat
-//! as Cyclone DDS reads it.
+//! The life cycle of the robot's node beside a lifecycle node of unmodified ROS 2 (rclpy on Fast DDS), and its
+//! heartbeat as Cyclone DDS reads it.
 
 use crate::ros2_peers::{Peer, courier, domain, number};
 use crate::support;

@@ -180,7 +180,7 @@ impl Lifecycle {
         true
     }
 
-    /// `lifecycle_msgs/msg/TransitionEvent` of each transition since the last call; `micros`: now, since the UNIX epoch.
+    /// `lifecycle_msgs/msg/TransitionEvent` of each transition since the last call; `micros`: since the UNIX epoch.
     pub fn take_events(&mut self, micros: i64) -> Vec<Vec<u8>> {
         let events = std::mem::take(&mut self.happened).into_iter().map(|(number, label, from, goal)| {
             let mut cdr = Vec::new();

@@ -189,8 +189,8 @@ fn topics_are_told_to_who_listens_and_the_graph_names_the_node() {
     assert_eq!(odoms, 1);
     let text = String::from_utf8_lossy(&graphs);
     assert!(text.contains("courier\0") && text.contains("/r1\0"), "{text:?}");
-    // The participant, the writers of /odom and /tf, those of feedback and status of two actions and of transitions, and
-    // a reader and a writer of each of the three services of an action, of the six of parameters, of the five of life.
+    // The participant, the writers of /odom and /tf, those of feedback and status of two actions and of transitions,
+    // and a reader and a writer of each service: three of an action, six of parameters, five of the life cycle.
     let services = 2 * 3 + 6 + 5;
     assert_eq!(graphs.windows(12).filter(|bytes| **bytes == [1; 12]).count(), 1 + 2 + 5 + 2 * services);
 }
