@@ -34,9 +34,14 @@ pub(crate) fn domain() -> (u32, UdpSocket) {
 
 /// The courier as a node of ROS in a domain, ready to be driven.
 pub(crate) fn courier(domain: u32, extra: &[&str]) -> Robot {
+    courier_in("empty", domain, extra)
+}
+
+/// The same, in another world.
+pub(crate) fn courier_in(world: &str, domain: u32, extra: &[&str]) -> Robot {
     let config = workspace().join("conf/courier").display().to_string();
     let set = format!("ros2.domain={domain}");
-    let common = ["--config", &config, "--set", "ros2.enabled=true", "--set", &set, "--world", "empty"];
+    let common = ["--config", &config, "--set", "ros2.enabled=true", "--set", &set, "--world", world];
     let mut robot = Robot::start(&[&common[..], extra].concat());
     robot.until("all modules RUN and nothing but a command is missing", 30.0, |view| {
         view.all_run() && view.runs("ros2") && view.is_free()
@@ -54,15 +59,35 @@ pub(crate) struct Peer(Child);
 
 impl Peer {
     pub(crate) fn start(python: &Path, script: &str, args: &[&str]) -> Self {
-        let script = workspace().join("advee/tests/it/peers").join(script);
         let mut command = Command::new(python);
-        command.arg(script).args(args).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.arg(workspace().join("advee/tests/it/peers").join(script)).args(args);
+        Self::of(command)
+    }
+
+    /// An example, which is told the domain as programs of ROS are.
+    pub(crate) fn example(python: &Path, script: &str, domain: u32, args: &[&str]) -> Self {
+        let mut command = Command::new(python);
+        command.arg(workspace().join("examples/ros2").join(script)).args(args);
+        command.env("ROS_DOMAIN_ID", domain.to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+        Self::of(command)
+    }
+
+    fn of(mut command: Command) -> Self {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         Self(command.spawn().expect("python is there"))
     }
 
     /// Receives the robot's messages until the peer has ended; its line of JSON.
     #[track_caller]
-    pub(crate) fn finish(mut self, robot: &mut Robot, mut each: impl FnMut(&mut Robot)) -> Json {
+    pub(crate) fn finish(self, robot: &mut Robot, each: impl FnMut(&mut Robot)) -> Json {
+        let said = self.end(robot, each);
+        let line = said.lines().find(|line| line.starts_with('{')).unwrap_or_default();
+        serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {said}"))
+    }
+
+    /// Receives the robot's messages until the peer has ended with success; all that it wrote.
+    #[track_caller]
+    pub(crate) fn end(mut self, robot: &mut Robot, mut each: impl FnMut(&mut Robot)) -> String {
         let begin = Instant::now();
         let status = loop {
             if let Some(status) = self.0.try_wait().expect("it is our child") {
@@ -77,8 +102,7 @@ impl Peer {
         };
         let said = self.said();
         assert!(status.success(), "{said}");
-        let line = said.lines().find(|line| line.starts_with('{')).unwrap_or_default();
-        serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {said}"))
+        said
     }
 
     /// All that it wrote; it has ended.
