@@ -196,6 +196,27 @@ fn who_leaves_or_falls_silent_is_forgotten() {
 }
 
 #[test]
+fn who_misses_the_answer_to_its_first_announcements_is_answered_again() {
+    let mut net = Net::new(2);
+    net.run(1000);
+    // A program that starts: its first announcements leave before it listens.
+    net.all.push(Participant::new(Config { announce_to: vec![address(0)], ..config(2, 3) }));
+    let begin = net.now;
+    while net.now < begin + Duration::from_millis(250) {
+        net.now += Duration::from_millis(1);
+        net.all[2].handle_timeout(net.now);
+        while let Some(transmit) = net.all[2].poll_tx() {
+            net.all[0].handle_rx(net.now, address(2), &transmit.datagram);
+        }
+        net.all[0].handle_timeout(net.now);
+        while net.all[0].poll_tx().is_some() {}
+    }
+    assert_eq!((net.all[0].participants(), net.all[2].participants()), (2, 0));
+    net.run(120);
+    assert_eq!(net.all[2].participants(), 1, "not only with the next announcement after 3 s");
+}
+
+#[test]
 fn an_idle_pair_is_silent_but_for_its_announcements() {
     let mut net = Net::new(2);
     let writer = net.all[0].add_writer(net.now, TOPIC.0, TOPIC.1, Qos::LATCHED).unwrap();

@@ -92,6 +92,11 @@ impl Writer {
         self.proxies.iter().any(|proxy| proxy.is(guid))
     }
 
+    /// True if a reader of the participant has answered.
+    pub fn hears(&self, prefix: Prefix) -> bool {
+        self.proxies.iter().any(|proxy| proxy.guid.prefix == prefix && proxy.has_answered)
+    }
+
     /// Keeps a sample, and sends it to all readers.
     pub fn write(
         &mut self,
