@@ -62,6 +62,8 @@ struct Own {
 /// Further channels that are read.
 const OTHERS: [Channel; 4] =
     [Channel::LlDataOdo, Channel::LlDataVelocity, Channel::LlDataAxes, Channel::MlDataEstimate];
+/// Channels whose messages are kept for who comes later, on `/rosout`.
+const KEPT: [Channel; 2] = [Channel::CmEventText, Channel::CmEventError];
 
 impl Outgoing {
     /// Creates the translation of a robot.
@@ -98,7 +100,7 @@ impl Outgoing {
         {
             self.moving(&message, sink);
         }
-        if !listeners || !is_translated(listed) {
+        if !(listeners || KEPT.contains(&listed)) || !is_translated(listed) {
             return;
         }
         let Self { translator, translated: topics, config, .. } = self;
@@ -271,6 +273,20 @@ mod tests {
         assert_eq!(names(&sent(&mut outgoing, scan(2), true)), ["/scan_top"]);
         assert!(names(&sent(&mut outgoing, scan(2_000_000), true)).iter().all(|name| *name == "/scan_top"));
         assert!(sent(&mut outgoing, scan(3_000_000), false).is_empty(), "nobody listens");
+    }
+
+    #[test]
+    fn texts_and_errors_are_kept_also_while_nobody_listens() {
+        let mut outgoing = outgoing(1);
+        let text =
+            messages::common::EventText { module: "planner".into(), text: "it drives".into(), ..Default::default() };
+        let error = messages::common::Error { module: "planner".into(), ..Default::default() };
+        for listeners in [false, true] {
+            for kept in [sent(&mut outgoing, text.clone(), listeners), sent(&mut outgoing, error.clone(), listeners)] {
+                let rosout = kept.iter().find(|(topic, _)| topic.name == "/rosout");
+                assert_eq!(rosout.map(|(topic, _)| topic.quality), Some(Quality::History));
+            }
+        }
     }
 
     #[test]
