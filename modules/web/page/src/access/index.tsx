@@ -183,7 +183,7 @@ function Looks() {
       <div class="choice" role="group" aria-label={LANGUAGE}>
         {LANGUAGES.map(([each, label]) => (
           <Button key={each} pressed={choice.value === each} onClick={() => (choice.value = each)}>
-            {each === "auto" ? t("Language of the browser") : <span lang={each}>{label}</span>}
+            {each === "auto" ? t("As the browser") : <span lang={each}>{label}</span>}
           </Button>
         ))}
       </div>

@@ -107,7 +107,7 @@ const STOPS: Readonly<Record<string, string>> = { sd1_front: "přední snímače
 const DRIVES: Readonly<Record<string, string>> = { propulsion: "pohon pojezdu", steering: "pohon zatáčení" };
 
 /** Who commands the motion. */
-export function source(name: string): string {
+export function commander(name: string): string {
   const web = /^web:(.*)$/.exec(name)?.[1];
   if (web !== undefined) return `${web} (web)`;
   return { planner: "plánovač", "": "nikdo" }[name] ?? name;
@@ -118,7 +118,7 @@ export function who({ code, subject }: Pick<HoldRow, "code" | "subject">): strin
   if (code >= 111 && code <= 119) return STOPS[subject] ?? subject.replace(/^bumper ?(\d)$/, "nárazník $1");
   if ((code >= 211 && code <= 219) || code === 231) return DRIVES[subject] ?? `pohon ${subject}`;
   if (code >= 221 && code <= 225) return subject === "steering" ? "zatáčení" : `osa ${subject}`;
-  if ((code >= 403 && code <= 413) || code === 721) return source(subject);
+  if ((code >= 403 && code <= 413) || code === 721) return commander(subject);
   if (code === 506) return { front: "vpředu", rear: "vzadu" }[subject] ?? subject;
   if (code === 604) return place(subject);
   return subject;

@@ -1,6 +1,6 @@
 // What the robot's web server says of the status, of commands and of pairing, in Czech. Its sentences are English and not
 // numbered: each is here as it begins in its source, and a test looks it up there. Others stay as they are.
-import { place, source } from "./holds";
+import { commander, place } from "./holds";
 
 type Turn = (found: string[], said: (part: string) => string) => string;
 
@@ -14,8 +14,8 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^the robot is stopping: (.*)$/, ([why], said) => `robot zastavuje: ${said(why ?? "")}`],
   [/^the drives are not ready$/, "pohony nejsou připraveny"],
   [/^the robot is at standstill without a command$/, "robot stojí a nemá žádný povel"],
-  [/^the robot is at standstill(?:; commanded by (.*))?$/, ([by]) => (by ? `robot stojí; povely: ${source(by)}` : "robot stojí")],
-  [/^(-?[\d.]+) m\/s(?:; commanded by (.*))?$/, ([speed, by]) => `${decimal(speed)} m/s${by ? `; řídí ${source(by)}` : ""}`],
+  [/^the robot is at standstill(?:; commanded by (.*))?$/, ([by]) => (by ? `robot stojí; povely: ${commander(by)}` : "robot stojí")],
+  [/^(-?[\d.]+) m\/s(?:; commanded by (.*))?$/, ([speed, by]) => `${decimal(speed)} m/s${by ? `; řídí ${commander(by)}` : ""}`],
   [/^(\S+) is (running|ending|down|not judged)(?:: (.*))?; the robot does not move without it$/, ([module, phase, why], said) => `modul ${module} – ${said(phase ?? "")}${why ? ` (${said(why)})` : ""}; bez něj robot nejede`],
 
   // What is not well (foundation/diagnostics/src/concerns.rs).
