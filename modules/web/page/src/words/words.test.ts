@@ -11,7 +11,7 @@ import { CS, tied } from "./cs";
 import { language, preferred, words } from "./language";
 
 /** Runs it in Czech. */
-export function inCzech(body: () => void): void {
+function inCzech(body: () => void): void {
   words.value = CS;
   try {
     body();

@@ -81,7 +81,7 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0801: "Odometrie se nehlásí: poloha se určuje podle pohonů, nebo podle ničeho.",
   0x0802: "Odometrie nesouhlasí s pohony: kolo nebo jeho snímač se zasekl, nebo kola prokluzují.",
   0x0803: "Byl zaměřen maják, který není na mapě.",
-  0x0804: "Poloha robotu byla známa a už není: byl přenesen, nebo příliš dlouho neviděl majáky.",
+  0x0804: "Poloha robota byla známa a už není: byl přenesen, nebo příliš dlouho neviděl majáky.",
   0x0805: "Měření nebo ručně zadaná poloha byly odmítnuty: není to číslo, nebo je to víc, než robot dokáže.",
   0x0806: "Kola otáčejí robotem jinak, než měří inerciální jednotka: kola prokluzují, nebo se jedno z obojího mýlí.",
   0x0811: "Cíl, do kterého nelze poslat žádného robota, byl odmítnut.",

@@ -7,8 +7,8 @@ type Turn = (found: string[], said: (part: string) => string) => string;
 /** Names of states of modules, of processes and of sources stay as they are. */
 export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   // The status (foundation/diagnostics/src/status.rs).
-  [/^no message from a robot was received; is it on\?$/, "z robotu nepřišla žádná zpráva; je zapnutý?"],
-  [/^no message from the robot for (\d+) s$/, ([s]) => `z robotu nic nepřišlo už ${s} s`],
+  [/^no message from a robot was received; is it on\?$/, "z robota nepřišla žádná zpráva; je zapnutý?"],
+  [/^no message from the robot for (\d+) s$/, ([s]) => `z robota nic nepřišlo už ${s} s`],
   [/^the PAUSE line is engaged by (.*); release it, then resume$/, ([by], said) => `je aktivní PAUSE: ${said(by ?? "")}; uvolněte jej, pak zvolte Pokračovat`],
   [/^driver_canbus does not report the drives$/, "modul driver_canbus nehlásí stav pohonů"],
   [/^the robot is stopping: (.*)$/, ([why], said) => `robot zastavuje: ${said(why ?? "")}`],
@@ -36,7 +36,7 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^nothing is known of (.*)$/, ([what]) => `snímač ${what} nic neposílá`],
   [/^no sensor looks there$/, "tím směrem se nedívá žádný snímač"],
   [/^the guard is not heard$/, "hlídač okolí neodpovídá"],
-  [/^the guard does not know the motion$/, "hlídač okolí nezná pohyb robotu"],
+  [/^the guard does not know the motion$/, "hlídač okolí nezná pohyb robota"],
   [/^the guard permits no more this way$/, "hlídač okolí tímto směrem víc nedovolí"],
   [/^the sensors reach no farther: .*$/, "dál snímače nedosáhnou"],
   [/^something is near: (.*)$/, ([what]) => `v blízkosti něco je: ${what}`],
@@ -97,8 +97,8 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^this hold is over: press anew$/, "stisk už neplatí: stiskněte znovu"],
   [/^nothing was heard for 0\.2 s$/, "0,2 s nepřišel žádný povel"],
   [/^what this page says is not understood$/, "robot povelům této stránky nerozumí"],
-  [/^this is for engineers: pair with their code from the robot's console$/, "to smí jen technik: spárujte se jeho kódem z konzole robotu"],
-  [/^this is for operators: pair with the code from the robot's console$/, "to smí jen obsluha: spárujte se kódem z konzole robotu"],
+  [/^this is for engineers: pair with their code from the robot's console$/, "to smí jen technik: spárujte se jeho kódem z konzole robota"],
+  [/^this is for operators: pair with the code from the robot's console$/, "to smí jen obsluha: spárujte se kódem z konzole robota"],
   [/^this device is not paired any more$/, "zařízení už není spárované"],
   [/^a recorded run is played: nothing can be commanded$/, "přehrává se záznam: povely nelze zadávat"],
   [/^this robot is not simulated$/, "tento robot není simulovaný"],
@@ -108,12 +108,12 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
 
   // Pairing, runs, the connection (modules/web/src).
   [/^a name has 1 to 40 characters$/, "jméno má 1 až 40 znaků"],
-  [/^this is not a code that pairs now: `advee web code` on the robot's computer shows one$/, "tento kód teď neplatí: nový vypíše „advee web code“ na počítači robotu"],
+  [/^this is not a code that pairs now: `advee web code` on the robot's computer shows one$/, "tento kód teď neplatí: nový vypíše „advee web code“ na počítači robota"],
   [/^too many have tried: wait a minute$/, "příliš mnoho pokusů: počkejte minutu"],
   [/^this device is not paired$/, "zařízení není spárované"],
   [/^no such device is paired$/, "takové zařízení spárované není"],
   [/^the robot answered (\d+)$/, ([code]) => `robot odpověděl chybou ${code}`],
-  [/^the robot's web server ends$/, "webový server robotu se ukončuje"],
+  [/^the robot's web server ends$/, "webový server robota se ukončuje"],
   [/^nothing was heard for 10 s$/, "10 s nic nepřišlo"],
   [/^there is no recorded run to play$/, "není žádný záznam k přehrání"],
   [/^there is no recorded run of that name$/, "záznam tohoto jména neexistuje"],
