@@ -1,5 +1,5 @@
-// Builds the page into dist/: one script and one style sheet under names that say what is in them, so that a browser may keep
-// them for good, and every file beside its compressed form. The robot's program takes dist/ in as it is (modules/web/build/page.rs).
+// Builds the page into dist/: one script, one of each language and one style sheet under names that say what is in them, so that
+// a browser may keep them for good, and every file beside its compressed form. The robot's program takes dist/ in as it is (modules/web/build/page.rs).
 // With --dev: a server for whoever works on the page, which builds anew at each load, with the fixture (?fixture).
 import { createHash } from "node:crypto";
 import { build, context } from "esbuild";
@@ -19,9 +19,12 @@ const options = {
   minify: !DEV,
   sourcemap: DEV,
   format: "esm",
+  charset: "utf8",
+  splitting: true,
   target: ["es2022"],
   outdir: `${out}/assets`,
   entryNames: DEV ? "[name]" : "[name]-[hash]",
+  chunkNames: "[name]-[hash]",
   define: { DEV: String(DEV) },
   metafile: true,
   legalComments: "none",
@@ -53,13 +56,14 @@ if (DEV) {
 } else {
   const built = await build(options);
   const outputs = Object.keys(built.metafile.outputs).map((path) => path.slice(out.length + 1));
-  const script = outputs.find((path) => path.endsWith(".js"));
+  const script = outputs.find((path) => /^assets\/main-.*\.js$/.test(path));
+  const languages = outputs.filter((path) => path.endsWith(".js") && path !== script);
   const style = outputs.find((path) => path.endsWith(".css"));
   await page(script, style);
   await installable();
 
   // The service worker keeps what the page consists of, under a name that changes with any of it.
-  const shell = [`/${script}`, `/${style}`, "/manifest.webmanifest", "/icons/icon.svg", "/icons/icon-192.png", "/icons/icon-512.png"];
+  const shell = [`/${script}`, ...languages.map((path) => `/${path}`), `/${style}`, "/manifest.webmanifest", "/icons/icon.svg", "/icons/icon-192.png", "/icons/icon-512.png"];
   const digest = createHash("sha256");
   for (const path of ["/index.html", ...shell]) digest.update(await readFile(`${out}${path}`));
   const version = digest.digest("hex").slice(0, 12);

@@ -5,6 +5,7 @@ import "./network";
 import "./authority";
 import "./stopping";
 import "./status";
+import "./language";
 import "./map";
 import "./panels";
 import "./simulation";

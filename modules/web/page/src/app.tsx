@@ -10,21 +10,24 @@ import { me, recorded } from "./state";
 import { Timeline } from "./timeline";
 import { Toasts } from "./ui";
 import { view } from "./views";
+import { t } from "./words";
+import { language } from "./words/language";
 
 export function App() {
   const main = useRef<HTMLElement>(null);
-  const { id, label, view: View } = view.value;
+  const { id, label: english, view: View, english: isEnglish } = view.value;
+  const label = t(english);
   useEffect(watchKeys, []);
   useEffect(() => {
     document.title = `${label} · ${me.value?.robot ?? "advee"}`;
-    main.current?.scrollTo(0, 0);
-  }, [id, me.value?.robot]);
+  }, [label, me.value?.robot]);
+  useEffect(() => main.current?.scrollTo(0, 0), [id, me.value?.robot]);
   return (
     <>
       <div class={recorded ? "app is-recorded" : "app"}>
         <StatusBar>
           <a class="skip" href={`#/${id}`} onClick={(event) => (event.preventDefault(), main.current?.focus())}>
-            Skip to the view
+            {t("Skip to the view")}
           </a>
         </StatusBar>
         <Nav />
@@ -32,7 +35,13 @@ export function App() {
           <h1 class="visually-hidden">{label}</h1>
           <Banners />
           <Guard key={id}>
-            <View />
+            {isEnglish && language.value !== "en" ? (
+              <div class="in-english" lang="en">
+                <View />
+              </div>
+            ) : (
+              <View />
+            )}
           </Guard>
         </main>
         {recorded ? <Timeline /> : <Stop />}

@@ -1,13 +1,20 @@
-// How values are written: a number with its unit, an angle, an age, a size. Null and NaN are a dash.
+// How values are written in the language of the page: a number with its unit, an angle, an age, a size. Null and NaN are a dash.
+import { language, words } from "./words/language";
+
 export const NONE = "–";
+
+/** A number as the language writes it. */
+export const written = (text: string): string => text.replace(".", words.value?.point ?? ".");
+/** With its unit. */
+export const united = (figure: string | number, unit: string): string => `${figure}${words.value?.blank ?? " "}${unit}`;
 
 /** `num(1.234, 2, "m/s")` is `1.23 m/s`. */
 export function num(value: number | null | undefined, digits = 1, unit = ""): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   const text = value.toFixed(digits);
   // No "-0.0".
-  const shown = Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
-  return unit ? `${shown} ${unit}` : shown;
+  const shown = written(Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−"));
+  return unit ? united(shown, unit) : shown;
 }
 
 /** An angle in radians, written in degrees. */
@@ -18,10 +25,10 @@ export function deg(value: number | null | undefined, digits = 0): string {
 /** A time span in s, in its two greatest units: `4.2 s`, `2 min 5 s`, `3 h 20 min`, `2 d 1 h`. */
 export function span(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
-  if (seconds < 0.95) return `${Math.round(seconds * 10) / 10} s`;
-  if (seconds < 10) return `${num(seconds, 1)} s`;
+  if (seconds < 0.95) return united(written(String(Math.round(seconds * 10) / 10)), "s");
+  if (seconds < 10) return num(seconds, 1, "s");
   const s = Math.round(seconds);
-  if (s < 60) return `${s} s`;
+  if (s < 60) return united(s, "s");
   if (s < 3600) return two(s, 60, "min", "s");
   if (s < 86400) return two(Math.round(s / 60), 60, "h", "min");
   return two(Math.round(s / 3600), 24, "d", "h");
@@ -29,7 +36,7 @@ export function span(seconds: number | null | undefined): string {
 
 function two(value: number, each: number, great: string, small: string): string {
   const rest = value % each;
-  return `${Math.floor(value / each)} ${great}${rest ? ` ${rest} ${small}` : ""}`;
+  return `${united(Math.floor(value / each), great)}${rest ? ` ${united(rest, small)}` : ""}`;
 }
 
 /** `1.2 kB`, `34 MB`. */
@@ -42,10 +49,16 @@ export function bytes(count: number | null | undefined): string {
     value /= 1000;
     unit += 1;
   }
-  return `${unit === 0 || value >= 99.5 ? Math.round(value) : value.toFixed(1)} ${units[unit]}`;
+  return united(written(unit === 0 || value >= 99.5 ? String(Math.round(value)) : value.toFixed(1)), units[unit] ?? "");
 }
 
 /** The time of day of a message's timestamp, microseconds since the UNIX epoch, as clocks here show it. */
 export function time(micros: number): string {
-  return new Date(micros / 1000).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+  return new Date(micros / 1000).toLocaleTimeString(language.value === "en" ? [] : language.value, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+}
+
+/** A day of the calendar: `2026-05-17`, or as the language has it. */
+export function day(year: number, month: number, of: number): string {
+  const two = (value: number) => String(value).padStart(2, "0");
+  return words.value?.day(year, month, of) ?? `${year}-${two(month)}-${two(of)}`;
 }

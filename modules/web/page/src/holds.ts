@@ -1,6 +1,8 @@
 // Causes for which the robot does not act, by number (docs/holds.md). The words are the robot's; nothing here reads them.
 import { HOLD } from "./numbers";
 import type { DrivePart, HoldRow } from "./protocol";
+import { t } from "./words";
+import { holdWho } from "./words/said";
 
 const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseOther];
 const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal];
@@ -22,7 +24,8 @@ export function pausedBy(holds: readonly HoldRow[]): HoldRow | null {
 
 /** The same as people call it; of a recording from before the numbers by the name on the line. */
 export function pausedByWords(part: DrivePart | null): string {
-  return pausedBy(part?.holds ?? [])?.who || part?.stop.value?.source || "somebody";
+  const row = pausedBy(part?.holds ?? []);
+  return (row && holdWho(row)) || part?.stop.value?.source || t("somebody");
 }
 
 /** driver_canbus was commanded into PAUSE or STOP; null: its list is not known. */

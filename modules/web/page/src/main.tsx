@@ -1,6 +1,7 @@
 import { render } from "preact";
 import { App } from "./app";
 import { start } from "./start";
+import { ready } from "./words/language";
 import "./design/tokens.css";
 import "./design/base.css";
 import "./ui/ui.css";
@@ -11,5 +12,5 @@ declare global {
   const DEV: boolean;
 }
 
-await start();
+await Promise.all([start(), ready]);
 render(<App />, document.body);

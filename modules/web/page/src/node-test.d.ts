@@ -4,6 +4,10 @@ declare module "node:test" {
 }
 declare module "node:fs" {
   export function readFileSync(path: string, encoding: "utf8"): string;
+  export function readdirSync(path: string, options: { recursive: true }): string[];
+}
+declare module "node:module" {
+  export function createRequire(path: string): (name: string) => unknown;
 }
 declare module "node:assert/strict" {
   export function equal(actual: unknown, expected: unknown, message?: string): void;

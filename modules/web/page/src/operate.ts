@@ -5,6 +5,8 @@ import { post } from "./access/pairing";
 import { isHeld } from "./holds";
 import { clock, commandLink, drive, fresh, holder, may, role, system, UNHELD } from "./state";
 import { toast } from "./ui/news";
+import { t } from "./words";
+import { said } from "./words/said";
 
 /** Says a command; a refusal is shown in its own words. Whether it was done. */
 export async function order(command: Sayable, done?: string): Promise<boolean> {
@@ -14,9 +16,10 @@ export async function order(command: Sayable, done?: string): Promise<boolean> {
   return reply.type !== "refused";
 }
 
-/** The robot's words as a sentence: a capital at the beginning, a stop at the end. */
-export function sentence(text: string): string {
-  if (!text) return "It was refused.";
+/** The robot's words as a sentence, in the language of the page: a capital at the beginning, a stop at the end. */
+export function sentence(words: string): string {
+  if (!words) return t("It was refused.");
+  const text = said(words);
   const end = /[.!?]$/.test(text) ? "" : ".";
   return `${text[0]?.toUpperCase()}${text.slice(1)}${end}`;
 }
@@ -79,11 +82,11 @@ export async function stop(): Promise<void> {
   }
 }
 
-export const resume = (): Promise<boolean> => order({ type: "resume" }, "Resumed.");
+export const resume = (): Promise<boolean> => order({ type: "resume" }, t("Resumed."));
 
 // -------------------------------------------------------------------------------------------------- motion authority
 
-/** Who took control from us, or why it ended; shown until it is read. */
+/** Who took control from us, or why it ended, in English; shown until it is read. */
 export const lostControl = signal<string | null>(null);
 let held = false;
 /** ms after a press of "Take control and continue" in which the robot's word that we have it may come. */
@@ -97,7 +100,7 @@ listen({
       if (clock() < waiting.until) requestAnimationFrame(waiting.then);
       waiting = null;
     }
-    if (held && !holds && why) lostControl.value = sentence(why);
+    if (held && !holds && why) lostControl.value = why;
     if (holds) lostControl.value = null;
     held = holds;
   },
@@ -110,7 +113,7 @@ listen({
 /** Takes control, from exactly the one that is shown. Whether it was granted. */
 export function take(): Promise<boolean> {
   const from = holder.value;
-  return order({ type: "take", from: from?.id ?? null }, "You have control.");
+  return order({ type: "take", from: from?.id ?? null }, t("You have control."));
 }
 
 /** Says why something may not be done. Where control is all that is missing it offers to take it, and to go on with `then`. */
@@ -120,12 +123,12 @@ export function explain(why: string, then: () => void): void {
     waiting = mine;
     if (!(await take()) && waiting === mine) waiting = null;
   };
-  toast(why, "warn", why === UNHELD ? { label: "Take control and continue", run: () => void run() } : undefined);
+  toast(why, "warn", why === t(UNHELD) ? { label: t("Take control and continue"), run: () => void run() } : undefined);
 }
 
 export async function release(): Promise<void> {
   held = false;
-  await order({ type: "release" }, "Control released.");
+  await order({ type: "release" }, t("Control released."));
 }
 
 /** What is wanting to drive, in words for who is not paired; null: paired. */

@@ -1,6 +1,7 @@
 // What the page knows, as signals: the newest of each part, how old it is by now, the connection, and who we are.
 import { computed, signal } from "@preact/signals";
 import type { DrivePart, Holder, MapPart, Me, MessagePart, Part, Role, ScenePart, SensorsPart, Shown, SystemPart } from "./protocol";
+import { type Plain, t } from "./words";
 
 /** The page's clock, ms, that only grows. */
 export const clock = (): number => performance.now();
@@ -153,15 +154,15 @@ export const holder = computed<Holder | null>(() => {
 });
 
 /** Control is all that is missing, and it is free. */
-export const UNHELD = "Nobody has control. Take control first.";
+export const UNHELD: Plain = "Nobody has control. Take control first.";
 
 /** Why nothing can be commanded now that needs the authority; null: it can. */
 export const whyNot = computed<string | null>(() => {
-  if (demo.value) return "This is a recorded run: nothing can be commanded.";
-  if (!may("operator")) return "You are watching. To drive, pair this device with the code from the robot's console.";
-  if (connection.value.state !== "live") return "There is no connection to the robot.";
+  if (demo.value) return t("This is a recorded run: nothing can be commanded.");
+  if (!may("operator")) return t("You are watching. To drive, pair this device with the code from the robot's console.");
+  if (connection.value.state !== "live") return t("There is no connection to the robot.");
   if (!authority.value.yours) {
-    return holder.value ? `${holder.value.name} has control.` : UNHELD;
+    return holder.value ? t("{name} has control.", { name: holder.value.name }) : t(UNHELD);
   }
   return null;
 });

@@ -27,15 +27,18 @@ import { Power } from "./panels/power";
 import { Sensors } from "./panels/sensors";
 import { Simulator } from "./panels/simulator";
 import { me, scene } from "./state";
+import type { Plain } from "./words";
 
 export interface View {
   /** Its address: `#/id`. */
   id: string;
-  label: string;
+  label: Plain;
   icon: LucideIcon;
   view: ComponentType;
   /** Whether it is there; without it, always. */
   when?: () => boolean;
+  /** For engineers: in English, whatever the language of the page. */
+  english?: true;
   /** What the navigation shows beside it: how many errors stand, say. 0: nothing. */
   count?: () => number;
   /** On a phone it stands in the bar at the bottom; the others are under "More". */
@@ -52,10 +55,10 @@ export const VIEWS: View[] = [
   { id: "errors", label: "Errors", icon: TriangleAlert, view: Errors, count: standing, first: true },
   { id: "sensors", label: "Sensors", icon: Radar, view: Sensors },
   { id: "power", label: "Power", icon: PlugZap, view: Power },
-  { id: "buses", label: "Buses", icon: Cable, view: Buses },
-  { id: "messages", label: "Messages", icon: MessagesSquare, view: Messages },
+  { id: "buses", label: "Buses", icon: Cable, view: Buses, english: true },
+  { id: "messages", label: "Messages", icon: MessagesSquare, view: Messages, english: true },
   { id: "logs", label: "Logs", icon: HardDriveDownload, view: Logs },
-  { id: "simulator", label: "Simulator", icon: Bug, view: Simulator, when: simulated },
+  { id: "simulator", label: "Simulator", icon: Bug, view: Simulator, english: true, when: simulated },
   { id: "access", label: "This device", icon: UsersRound, view: Access },
 ];
 

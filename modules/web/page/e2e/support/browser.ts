@@ -33,6 +33,8 @@ export interface Wish {
   as?: Paired;
   name?: string;
   dark?: boolean;
+  /** Language of the browser; without it English. */
+  locale?: string;
   path?: string;
   /** The name in its address, which the robot must have in `web.hosts`. */
   host?: string;
@@ -72,7 +74,7 @@ export class Visit {
   static async open(browser: Browser, robot: Robot, wish: Wish = {}): Promise<Visit> {
     const profile = wish.profile ?? "desktop";
     const proxy = await Proxy.open(robot.port);
-    const context = await browser.newContext({ ...CONTEXTS[profile], colorScheme: wish.dark ? "dark" : "light", acceptDownloads: true, locale: "en-GB" });
+    const context = await browser.newContext({ ...CONTEXTS[profile], colorScheme: wish.dark ? "dark" : "light", acceptDownloads: true, locale: wish.locale ?? "en-GB" });
     if (wish.as) {
       const value = await robot.key(wish.as, wish.name ?? `${profile} ${wish.as}`);
       await context.addCookies([{ name: `advee-${proxy.port}`, value, domain: wish.host ?? "127.0.0.1", path: "/", httpOnly: true, sameSite: "Strict" }]);

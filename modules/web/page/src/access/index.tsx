@@ -7,12 +7,15 @@ import { sentence, unpaired } from "../operate";
 import type { Device, Role } from "../protocol";
 import { may, me, role } from "../state";
 import { Badge, Button, Card, Slide, Table, toast } from "../ui";
+import { type Plain, rich, t } from "../words";
+import { type Choice, choice } from "../words/language";
+import { said } from "../words/said";
 import { Invite } from "./invite";
 import { code8, codeInAddress, devices, forget, pair, unpair } from "./pairing";
 import "./access.css";
 
 /** What each role may do, in words. */
-const ROLES: Record<Role, string> = {
+const ROLES: Record<Role, Plain> = {
   nobody: "This device is not paired: it sees nothing of the robot.",
   viewer: "You are watching. To drive, enter the code from the robot's console.",
   operator: "You may stop the robot, take control, drive it and send it to places.",
@@ -33,8 +36,8 @@ export function Access() {
 /** A name that others will know this device by: its kind, until one is typed. */
 function usual(): string {
   const agent = navigator.userAgent;
-  const kinds: [RegExp, string][] = [[/iPhone/, "iPhone"], [/iPad/, "iPad"], [/Android.*Mobile/, "Android phone"], [/Android/, "Android tablet"], [/Windows/, "Windows computer"], [/Mac OS/, "Mac"], [/Linux/, "Linux computer"]];
-  return kinds.find(([kind]) => kind.test(agent))?.[1] ?? "A browser";
+  const kinds: [RegExp, Plain][] = [[/iPhone/, "iPhone"], [/iPad/, "iPad"], [/Android.*Mobile/, "Android phone"], [/Android/, "Android tablet"], [/Windows/, "Windows computer"], [/Mac OS/, "Mac"], [/Linux/, "Linux computer"]];
+  return t(kinds.find(([kind]) => kind.test(agent))?.[1] ?? "A browser");
 }
 
 function Pairing() {
@@ -53,17 +56,17 @@ function Pairing() {
     setBusy(false);
     codeInAddress.value = null;
     if (why === null) {
-      toast("This device is paired.", "good");
+      toast(t("This device is paired."), "good");
       location.hash = "#/drive";
-    } else setWrong(sentence(why));
+    } else setWrong(why);
   };
   return (
-    <Card title="Pair this device" icon={KeyRound} aside={<Badge tone="off">{role.value === "nobody" ? "not paired" : role.value}</Badge>}>
-      <p>{given ? "The link brought the code. How shall others see this device?" : ROLES[role.value]}</p>
+    <Card title={t("Pair this device")} icon={KeyRound} aside={<Badge tone="off">{role.value === "nobody" ? t("not paired") : t(role.value)}</Badge>}>
+      <p>{given ? t("The link brought the code. How shall others see this device?") : t(ROLES[role.value])}</p>
       <form class="stack" onSubmit={submit}>
         {given ? null : (
           <label class="field">
-            Code from the robot's console
+            {t("Code from the robot's console")}
             <input
               class="code"
               value={code}
@@ -76,21 +79,21 @@ function Pairing() {
           </label>
         )}
         <label class="field">
-          Name of this device
+          {t("Name of this device")}
           <input value={name} maxLength={40} autocomplete="off" onInput={(event) => setName(event.currentTarget.value)} />
         </label>
         {wrong === null ? null : (
           <p class="wrong" role="alert">
-            {wrong}
+            {sentence(wrong)}
           </p>
         )}
-        <Button kind="primary" type="submit" icon={KeyRound} onClick={() => {}} whyNot={busy ? "The robot is asked" : null}>
-          Pair
+        <Button kind="primary" type="submit" icon={KeyRound} onClick={() => {}} whyNot={busy ? t("The robot is asked") : null}>
+          {t("Pair")}
         </Button>
       </form>
       <p class="why-not">
-        <code>advee web code</code> on the robot's computer, over SSH too, shows one code for operators and one for engineers. Each
-        pairs one device within ten minutes. Where the robot was started in a terminal, its first lines show them as well.
+        {rich("{command} on the robot's computer, over SSH too, shows one code for operators and one for engineers.", { command: <code>advee web code</code> })}{" "}
+        {t("Each pairs one device within ten minutes. Where the robot was started in a terminal, its first lines show them as well.")}
       </p>
     </Card>
   );
@@ -99,14 +102,14 @@ function Pairing() {
 function Paired() {
   const end = async () => {
     const why = await unpair();
-    toast(why ?? "This device is forgotten by the robot.", why === null ? "good" : "bad");
+    toast(why === null ? t("This device is forgotten by the robot.") : said(why), why === null ? "good" : "bad");
   };
   return (
-    <Card title={me.value?.name || "This device"} icon={ShieldCheck} aside={<Badge tone="info">{role.value}</Badge>}>
-      <p>{ROLES[role.value]}</p>
+    <Card title={me.value?.name || t("This device")} icon={ShieldCheck} aside={<Badge tone="info">{t(role.value)}</Badge>}>
+      <p>{t(ROLES[role.value])}</p>
       <div class="row">
         <Button icon={LogOut} onClick={() => void end()}>
-          End the pairing
+          {t("End the pairing")}
         </Button>
       </div>
     </Card>
@@ -123,35 +126,35 @@ function Devices() {
   }, []);
   const gone = async (device: Device) => {
     const why = await forget(device.id);
-    if (why !== null) toast(why, "bad");
+    if (why !== null) toast(said(why), "bad");
     void ask();
   };
   return (
-    <Card title="Paired devices" icon={MonitorSmartphone} flush class="wide">
+    <Card title={t("Paired devices")} icon={MonitorSmartphone} flush class="wide">
       {typeof list === "string" ? (
-        <p class="empty">The list is not to be had: {list}.</p>
+        <p class="empty">{t("The list is not to be had: {why}.", { why: said(list) })}</p>
       ) : (
         <Table
-          caption="Paired devices"
+          caption={t("Paired devices")}
           rows={[...list].sort((a, b) => Number(b.you) - Number(a.you) || Number(b.connected) - Number(a.connected) || a.idle - b.idle)}
           id={(device) => device.id}
-          empty="No device is paired."
+          empty={t("No device is paired.")}
           columns={[
-            { head: "Name", title: true, by: (device) => device.name, cell: (device) => `${device.name}${device.you ? " (this one)" : ""}` },
-            { head: "Role", by: (device) => device.role, cell: (device) => device.role },
+            { head: t("Name"), title: true, by: (device) => device.name, cell: (device) => (device.you ? t("{name} (this one)", { name: device.name }) : device.name) },
+            { head: t("Role"), by: (device) => device.role, cell: (device) => t(device.role) },
             {
-              head: "Seen",
+              head: t("Seen"),
               by: (device) => device.idle,
-              cell: (device) => (device.connected ? <Badge tone="good">connected</Badge> : `${span(device.idle)} ago`),
+              cell: (device) => (device.connected ? <Badge tone="good">{t("connected")}</Badge> : t("{time} ago", { time: span(device.idle) })),
             },
             {
-              head: "Forget",
+              head: t("Forget"),
               cell: (device) =>
                 device.connected ? (
-                  <Slide label="Forget" tone="danger" onConfirm={() => void gone(device)} />
+                  <Slide label={t("Forget")} tone="danger" onConfirm={() => void gone(device)} />
                 ) : (
                   <Button icon={Trash2} onClick={() => void gone(device)}>
-                    Forget
+                    {t("Forget")}
                   </Button>
                 ),
             },
@@ -162,14 +165,25 @@ function Devices() {
   );
 }
 
+/** Each in its own language: who does not read the one that is shown finds their own. */
+const LANGUAGE = "Language, jazyk";
+const LANGUAGES: [Choice, string][] = [["auto", ""], ["en", "English"], ["cs", "Čeština"]];
+
 function Looks() {
-  const themes: [Theme, string][] = [["auto", "System"], ["light", "Light"], ["dark", "Dark"]];
+  const themes: [Theme, Plain][] = [["auto", "System"], ["light", "Light"], ["dark", "Dark"]];
   return (
-    <Card title="Appearance" icon={Palette}>
-      <div class="choice" role="group" aria-label="Colours">
+    <Card title={t("Appearance")} icon={Palette}>
+      <div class="choice" role="group" aria-label={t("Colours")}>
         {themes.map(([each, label]) => (
           <Button key={each} pressed={theme.value === each} onClick={() => (theme.value = each)}>
-            {label}
+            {t(label)}
+          </Button>
+        ))}
+      </div>
+      <div class="choice" role="group" aria-label={LANGUAGE}>
+        {LANGUAGES.map(([each, label]) => (
+          <Button key={each} pressed={choice.value === each} onClick={() => (choice.value = each)}>
+            {each === "auto" ? t("As the browser") : <span lang={each}>{label}</span>}
           </Button>
         ))}
       </div>

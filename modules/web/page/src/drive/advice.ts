@@ -2,6 +2,8 @@
 import { leads, pausedBy, pausedByWords } from "../holds";
 import { HOLD } from "../numbers";
 import type { DrivePart } from "../protocol";
+import { t } from "../words";
+import { holdRemedy, said } from "../words/said";
 
 export interface Advice {
   title: string;
@@ -15,31 +17,32 @@ export interface Advice {
 export function advice(part: DrivePart, held: boolean): Advice | null {
   if (part.stop.value?.engaged) {
     const who = pausedByWords(part);
+    const row = pausedBy(part.holds);
     return {
-      title: `PAUSE: ${who} stops the robot`,
+      title: t("PAUSE: {who} stops the robot", { who }),
       steps: [
-        pausedBy(part.holds)?.remedy || `Release the PAUSE line at ${who}.`,
-        "The status goes back to ready by itself.",
-        "Then drive by hand, or resume what the robot did.",
+        (row && holdRemedy(row)) || t("Release the PAUSE line at {who}.", { who }),
+        t("The status goes back to ready by itself."),
+        t("Then drive by hand, or resume what the robot did."),
       ],
       offer: null,
     };
   }
-  if (held) return { title: "Stopped by an operator", steps: ["Take control, if nobody has it.", "Slide “Resume”, where Stop was."], offer: null };
+  if (held) return { title: t("Stopped by an operator"), steps: [t("Take control, if nobody has it."), t("Slide “Resume”, where Stop was.")], offer: null };
   if (leads(part.holds, HOLD.PlannerLatched)) {
-    return { title: "It waits for an operator to resume", steps: ["After a stop, or after a hand drove it, it goes on only when an operator says so."], offer: "resume" };
+    return { title: t("It waits for an operator to resume"), steps: [t("After a stop, or after a hand drove it, it goes on only when an operator says so.")], offer: "resume" };
   }
-  if (leads(part.holds, HOLD.NotReleased)) return { title: "The hand was never off", steps: ["Let go of the pad, then press anew."], offer: null };
+  if (leads(part.holds, HOLD.NotReleased)) return { title: t("The hand was never off"), steps: [t("Let go of the pad, then press anew.")], offer: null };
   if (part.status.word === "fault" || part.status.word === "silent") {
-    return { title: "Something is wrong", steps: [part.status.reason, "Look at the modules and errors; a module that failed is started anew by itself."], offer: "modules" };
+    return { title: t("Something is wrong"), steps: [said(part.status.reason), t("Look at the modules and errors; a module that failed is started anew by itself.")], offer: "modules" };
   }
   if (leads(part.holds, HOLD.Homing, HOLD.Centering)) {
-    return { title: "The steering is being homed", steps: ["It looks for its switch, then turns straight. Wait some seconds."], offer: null };
+    return { title: t("The steering is being homed"), steps: [t("It looks for its switch, then turns straight. Wait some seconds.")], offer: null };
   }
   if (part.motion.value && !part.motion.value.homed) {
-    const why = part.motion.value.reason || "The steering does not know where straight ahead is.";
-    return { title: "The steering is not homed", steps: [why, "Home it, with room at the front wheels."], offer: "home" };
+    const why = said(part.motion.value.reason) || t("The steering does not know where straight ahead is.");
+    return { title: t("The steering is not homed"), steps: [why, t("Home it, with room at the front wheels.")], offer: "home" };
   }
-  if (part.status.word === "stopped") return { title: "It does not move", steps: [part.status.reason], offer: "modules" };
+  if (part.status.word === "stopped") return { title: t("It does not move"), steps: [said(part.status.reason)], offer: "modules" };
   return null;
 }

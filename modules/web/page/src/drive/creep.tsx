@@ -4,13 +4,14 @@ import { useRef } from "preact/hooks";
 import { drive } from "../state";
 import { ownGesture } from "../ui/gesture";
 import { toast } from "../ui/news";
+import { t } from "../words";
 import { commanded, creeping, second, whyNoCreep } from "./session";
 
 /** Only where the robot has a guard. */
 export function Creep() {
   const pointer = useRef<number | null>(null);
   if (!drive.value?.bound) return null;
-  const why = whyNoCreep.value ?? (commanded.value === null ? "Hold the pad first, then this." : null);
+  const why = whyNoCreep.value ?? (commanded.value === null ? t("Hold the pad first, then this.") : null);
   const down = (event: PointerEvent) => {
     if (event.button !== 0 || pointer.current !== null) return;
     if (why !== null) return toast(why, "warn");
@@ -39,10 +40,10 @@ export function Creep() {
         onContextMenu={(event) => event.preventDefault()}
       >
         {why === null ? <Footprints size={20} aria-hidden /> : <Lock size={20} aria-hidden />}
-        <span>Creep</span>
+        <span>{t("Creep")}</span>
       </button>
       <p id="creep-why" class="why-not">
-        {creeping.value ? "It creeps past what the guard senses: watch it." : (why ?? "Hold it beside the pad to creep past what the guard senses.")}
+        {creeping.value ? t("It creeps past what the guard senses: watch it.") : (why ?? t("Hold it beside the pad to creep past what the guard senses."))}
       </p>
     </div>
   );

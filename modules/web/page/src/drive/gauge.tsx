@@ -1,4 +1,6 @@
 // A value between two ends with zero in the middle: what is (the bar) and what is commanded (the mark).
+import { t } from "../words";
+
 export function Gauge(props: {
   name: string;
   /** Both as shown in words, and as shares of the greatest, -1 to 1; null: not known. */
@@ -20,7 +22,7 @@ export function Gauge(props: {
       <div class="gauge-words">
         <span>{name}</span>
         <strong class="figure">{actual}</strong>
-        <small class="figure">(target {commanded})</small>
+        <small class="figure">{t("(target {value})", { value: commanded })}</small>
       </div>
       <div class="gauge-bar" aria-hidden>
         <i class="gauge-middle" />

@@ -36,7 +36,7 @@ export class Hold {
   private seq = 0;
   private max = { speed: 0, steering: 0 };
   private whyNot: string | null = "Nothing is known of the robot yet.";
-  /** Why the last one ended, in words; empty: the hand let go. */
+  /** Why the last one ended, in English; empty: the hand let go. */
   ended = "";
 
   constructor(private readonly say: (command: DriveCommand) => void) {}

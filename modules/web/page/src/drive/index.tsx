@@ -9,6 +9,8 @@ import { MapStrip } from "../map/strip";
 import { order, release, resume, sentence, stopped, take } from "../operate";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import type { DrivePart } from "../protocol";
+import { t } from "../words";
+import { holdWords, said as translated } from "../words/said";
 import { Age, Badge, Button, Card, Slide } from "../ui";
 import { type Advice, advice } from "./advice";
 import { Gauge } from "./gauge";
@@ -26,14 +28,14 @@ export function Drive() {
         <MapPanel />
       </div>
       {/* On a wide screen it scrolls by itself, also where nothing in it can be pressed: the keys reach it. */}
-      <div class="drive-side" tabIndex={0} role="group" aria-label="Control and state, can be scrolled">
+      <div class="drive-side" tabIndex={0} role="group" aria-label={t("Control and state, can be scrolled")}>
         <Control />
         <Why />
         <MapStrip />
         {may("operator") ? <Hands /> : null}
         <Motion />
         {/* On a wide screen the map beside has the same. */}
-        <Card title="Destination" icon={Flag} class="drive-destination">
+        <Card title={t("Destination")} icon={Flag} class="drive-destination">
           <Destination />
         </Card>
         <Homing />
@@ -47,38 +49,38 @@ function Control() {
   if (demo.value) return null;
   const who = holder.value;
   const yours = authority.value.yours;
-  const pairing = may("operator") ? null : "Pair this device to take control";
+  const pairing = may("operator") ? null : t("Pair this device to take control");
   if (!may("operator")) {
     return (
-      <Card title="You are watching" icon={Hand} class="control">
-        <p>To drive, enter the code from the robot's console.</p>
+      <Card title={t("You are watching")} icon={Hand} class="control">
+        <p>{t("To drive, enter the code from the robot's console.")}</p>
         <a class="button primary" href="#/access">
-          Pair this device
+          {t("Pair this device")}
         </a>
       </Card>
     );
   }
   if (yours) {
     return (
-      <section class="card control is-yours" aria-label="Control">
+      <section class="card control is-yours" aria-label={t("Control")}>
         <h2>
-          <Hand size={18} aria-hidden /> You have control
+          <Hand size={18} aria-hidden /> {t("You have control")}
         </h2>
-        <Button onClick={() => void release()}>Release control</Button>
+        <Button onClick={() => void release()}>{t("Release control")}</Button>
       </section>
     );
   }
   return (
     <Card
-      title={who ? `${who.name} has control` : "Nobody has control"}
+      title={who ? t("{name} has control", { name: who.name }) : t("Nobody has control")}
       icon={Hand}
-      aside={who ? <Badge tone={who.driving ? "good" : "off"}>{who.driving ? "drives" : `since ${span(who.since)}`}</Badge> : null}
+      aside={who ? <Badge tone={who.driving ? "good" : "off"}>{who.driving ? t("drives") : t("since {time}", { time: span(who.since) })}</Badge> : null}
     >
       {who ? (
-        <Slide label={`Take over from ${who.name}`} tone="danger" whyNot={pairing} onConfirm={() => void take()} />
+        <Slide label={t("Take over from {name}", { name: who.name })} tone="danger" whyNot={pairing} onConfirm={() => void take()} />
       ) : (
-        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? pairing : "There is no connection"} onClick={() => void take()}>
-          Take control
+        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? pairing : t("There is no connection")} onClick={() => void take()}>
+          {t("Take control")}
         </Button>
       )}
     </Card>
@@ -104,15 +106,15 @@ function Why() {
       </ol>
       <Standing part={last.current.part} />
       {said.offer === "resume" && may("operator") ? (
-        <Slide label="Resume" tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />
+        <Slide label={t("Resume")} tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />
       ) : null}
       {said.offer === "modules" ? (
         <div class="row">
           <a class="button" href="#/modules">
-            Modules
+            {t("Modules")}
           </a>
           <a class="button" href="#/errors">
-            Errors
+            {t("Errors")}
           </a>
         </div>
       ) : null}
@@ -126,12 +128,12 @@ function Standing({ part }: { part: DrivePart | null }) {
   const now = part?.motion.value?.timestamp ?? null;
   if (rows.length < 2) return null;
   return (
-    <ul class="standing" aria-label="All that stands against moving">
+    <ul class="standing" aria-label={t("All that stands against moving")}>
       {rows.map((row) => (
         <li key={`${row.code} ${row.subject}`}>
-          {sentence(row.words)}
+          {sentence(holdWords(row))}
           {now !== null && row.since !== null ? <span class="age"> {span(Math.max(0, (now - row.since) / 1e6))}</span> : null}
-          {row.latched ? <Badge tone="warn">latched until commanded</Badge> : null}
+          {row.latched ? <Badge tone="warn">{t("latched until commanded")}</Badge> : null}
         </li>
       ))}
     </ul>
@@ -148,9 +150,9 @@ function Motion() {
   const guard = fresh(drive.value?.guard);
   const bounds: [number | null, number | null] = [of(guard === null ? null : -(guard.backward ?? 0), speed), of(guard?.forward, speed)];
   return (
-    <Card title="Motion" icon={Move} aside={<Age shown={shown} />}>
+    <Card title={t("Motion")} icon={Move} aside={<Age shown={shown} />}>
       <Gauge
-        name="Speed"
+        name={t("Speed")}
         actual={num(motion?.speed, 2, "m/s")}
         commanded={num(motion?.speed_target, 2, "m/s")}
         is={of(motion?.speed, speed)}
@@ -160,7 +162,7 @@ function Motion() {
       />
       <Bounded />
       <Gauge
-        name="Steering"
+        name={t("Steering")}
         actual={side(motion?.steering)}
         commanded={side(motion?.steering_target)}
         is={of(motion?.steering, steering)}
@@ -168,7 +170,7 @@ function Motion() {
         stale={grey}
         mirrored
       />
-      <p class="why-not">{motion?.source ? `Driven by: ${commander(motion.source)}` : "Driven by: nobody"}</p>
+      <p class="why-not">{t("Driven by: {who}", { who: motion?.source ? commander(motion.source) : t("nobody") })}</p>
     </Card>
   );
 }
@@ -188,24 +190,24 @@ function Bounded() {
 /** `web:Linux computer` is `Linux computer (web)`. */
 function commander(source: string): string {
   const name = /^web:(.*)$/.exec(source)?.[1];
-  return name ? `${name} (web)` : source;
+  return name ? `${name} (web)` : translated(source);
 }
 
 /** An angle of the steering, in words which side. */
 function side(value: number | null | undefined): string {
   const text = deg(typeof value === "number" ? Math.abs(value) : value);
-  return typeof value !== "number" || text === "0°" ? text : `${text} ${value > 0 ? "left" : "right"}`;
+  return typeof value !== "number" || text === "0°" ? text : `${text} ${value > 0 ? t("left") : t("right")}`;
 }
 
 function Hands() {
   const limits = scene.value?.limits;
   const now = commanded.value;
   return (
-    <Card title="Hold to drive" icon={Gamepad2} class="hands">
-      <div class="choice" role="group" aria-label="How fast at most">
+    <Card title={t("Hold to drive")} icon={Gamepad2} class="hands">
+      <div class="choice" role="group" aria-label={t("How fast at most")}>
         {(Object.keys(PACES) as (keyof typeof PACES)[]).map((each) => (
           <Button key={each} pressed={pace.value === each} onClick={() => (pace.value = each)}>
-            {each === "slow" ? "Slow" : "Normal"} {limits ? num(limits.speed * PACES[each], 1, "m/s") : ""}
+            {each === "slow" ? t("Slow") : t("Normal")} {limits ? num(limits.speed * PACES[each], 1, "m/s") : ""}
           </Button>
         ))}
       </div>
@@ -213,32 +215,38 @@ function Hands() {
       <Nearest />
       <Creep />
       <p class="hands-said figure" role="status">
-        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : "Let go, and it stops."}
+        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : t("Let go, and it stops.")}
       </p>
       <p class="why-not hands-keys">
-        <Keyboard size={16} aria-hidden /> arrow keys or WASD{drive.value?.bound ? ", with C to creep" : ""}
-        <Gamepad2 size={16} aria-hidden /> {gamepadName.value ? `${gamepadName.value}: hold a shoulder button${drive.value?.bound ? ", both to creep" : ""}` : "gamepad: press one of its buttons"}
+        <Keyboard size={16} aria-hidden /> {drive.value?.bound ? t("arrow keys or WASD, with C to creep") : t("arrow keys or WASD")}
+        <Gamepad2 size={16} aria-hidden /> {pads(gamepadName.value, Boolean(drive.value?.bound))}
       </p>
     </Card>
   );
 }
 
+/** What to do with a gamepad; `creeps`: the robot has a guard. */
+function pads(name: string | null, creeps: boolean): string {
+  if (!name) return t("gamepad: press one of its buttons");
+  return creeps ? t("{name}: hold a shoulder button, both to creep", { name }) : t("{name}: hold a shoulder button", { name });
+}
+
 function Homing() {
   const motion = fresh(drive.value?.motion);
   const needed = motion !== null && !motion.homed;
-  const home = () => void order({ type: "home", axis: "steering" }, "The steering looks for its switch.");
+  const home = () => void order({ type: "home", axis: "steering" }, t("The steering looks for its switch."));
   return (
     <Card
-      title="Steering"
+      title={t("Steering")}
       icon={House}
-      aside={motion === null ? <Badge tone="off">not known</Badge> : <Badge tone={motion.homed ? "good" : "warn"}>{motion.homed ? "homed" : "not homed"}</Badge>}
+      aside={motion === null ? <Badge tone="off">{t("not known")}</Badge> : <Badge tone={motion.homed ? "good" : "warn"}>{motion.homed ? t("homed") : t("not homed")}</Badge>}
     >
       {!may("operator") ? null : needed ? (
         <Button icon={House} kind="primary" whyNot={whyNot.value} onClick={home}>
-          Home the steering
+          {t("Home the steering")}
         </Button>
       ) : (
-        <Slide label="Home the steering anew" whyNot={whyNot.value} onConfirm={home} />
+        <Slide label={t("Home the steering anew")} whyNot={whyNot.value} onConfirm={home} />
       )}
     </Card>
   );

@@ -1,7 +1,7 @@
 // What is near while driving: the range finders by direction, judged by the guard's fields. Pure; robot frame, m, rad.
 import type { DataGuard } from "../protocol";
 import { near as byDistance } from "../panels/sensors/near";
-import { side } from "../panels/sensors/geometry";
+import { type Side, side } from "../panels/sensors/geometry";
 import type { Sounding } from "../panels/sensors/readings";
 
 /** `close`: within the distance that the robot needs to stop; `near`: within that in which it is slowed. */
@@ -57,7 +57,7 @@ export function ring(rows: readonly Sounding[], fields: Fields | null): (Level |
 export interface Nearest {
   level: Level;
   distance: number;
-  side: string;
+  side: Side;
 }
 
 /** The nearest that was measured; null: nothing. */

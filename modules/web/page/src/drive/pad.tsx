@@ -3,6 +3,7 @@ import { ChevronDown, ChevronLeft, ChevronRight, ChevronUp, Lock } from "lucide-
 import { useEffect, useRef } from "preact/hooks";
 import { clock } from "../state";
 import { ownGesture } from "../ui/gesture";
+import { t } from "../words";
 import type { Wish } from "./hold";
 import { Ring } from "./ring";
 import { commanded, hold, letGo, shown, whyNoDrive } from "./session";
@@ -73,7 +74,7 @@ export function Pad() {
         class={`pad ${held ? "is-held" : ""} ${off === null ? "" : "is-off"}`}
         role="application"
         tabIndex={0}
-        aria-label="Drive pad. Hold to drive; arrow keys or W A S D drive while they are held."
+        aria-label={t("Drive pad. Hold to drive; arrow keys or W A S D drive while they are held.")}
         aria-disabled={off !== null}
         aria-describedby="pad-why"
         onTouchStart={ownGesture}

@@ -3,6 +3,7 @@ import { useEffect } from "preact/hooks";
 import { num } from "../format";
 import { sonars } from "../panels/sensors/readings";
 import { drive, fresh, scene, sensors, stale } from "../state";
+import { t } from "../words";
 import { type Level, nearest, ring, SECTORS } from "./near";
 import { commanded } from "./session";
 
@@ -52,8 +53,8 @@ export function Nearest() {
   const unknown = all.rows.filter(({ known }) => known === "unknown").length;
   return (
     <p class={`nearest figure tone-${level === "close" ? "bad" : level === "near" ? "warn" : "off"}`}>
-      {all.grey ? "Range finders not known" : found ? `${WORDS[level]} ${num(found.distance, 2, "m")} ${found.side}` : "Nothing within range"}
-      {!all.grey && unknown > 0 ? <b class="tone-bad"> · {unknown} not known</b> : null}
+      {all.grey ? t("Range finders not known") : found ? `${WORDS[level]} ${num(found.distance, 2, "m")} ${t(found.side)}` : t("Nothing within range")}
+      {!all.grey && unknown > 0 ? <b class="tone-bad"> · {t("{n} not known", { n: unknown })}</b> : null}
     </p>
   );
 }

@@ -7,6 +7,7 @@ import { pausedByWords } from "../holds";
 import { clock, connection, drive, fresh, roundTrip, scene, stale, TOO_SLOW, whyNot } from "../state";
 import { types } from "../shell/keys";
 import { keysRest } from "../ui/rest";
+import { t } from "../words";
 import { type Act, CREEP_KEY, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
 import { Hold, type Source } from "./hold";
 
@@ -23,11 +24,11 @@ export const whyNoDrive = computed<string | null>(() => {
   if (whyNot.value !== null) return whyNot.value;
   const link = connection.value;
   if (link.state === "live" && link.quality === "bad") {
-    return `The connection is too slow to drive: ${Math.round(roundTrip.value ?? 0)} ms there and back, more than ${TOO_SLOW} ms.`;
+    return t("The connection is too slow to drive: {trip} ms there and back, more than {most} ms.", { trip: Math.round(roundTrip.value ?? 0), most: TOO_SLOW });
   }
-  if (stopped.value) return "The robot is stopped. Resume first.";
+  if (stopped.value) return t("The robot is stopped. Resume first.");
   const line = fresh(drive.value?.stop);
-  if (line?.engaged) return `PAUSE: ${pausedByWords(drive.value)} stops the robot.`;
+  if (line?.engaged) return t("PAUSE: {who} stops the robot.", { who: pausedByWords(drive.value) });
   // A latched cause waits for a hand: that one may be pressed.
   const part = drive.value;
   if (part && (part.status.word === "fault" || part.status.word === "silent") && !part.holds.some(({ latched }) => latched)) {
@@ -39,15 +40,15 @@ export const whyNoDrive = computed<string | null>(() => {
 /** Why the second input has no effect now; null: it has. */
 export const whyNoCreep = computed<string | null>(() => {
   if (whyNoDrive.value !== null) return whyNoDrive.value;
-  if (stale(drive.value?.guard)) return "The guard is not heard.";
-  return drive.value?.bound?.limits ? null : "Nothing is in the way.";
+  if (stale(drive.value?.guard)) return t("The guard is not heard.");
+  return drive.value?.bound?.limits ? null : t("Nothing is in the way.");
 });
 /** The second input is held, and reported. */
 export const creeping = signal(false);
 
 /** What the hand wants now, m/s and rad; null: no hand. */
 export const commanded = signal<{ source: Source; speed: number; steering: number } | null>(null);
-/** Why the last hold ended, other than by letting go. */
+/** Why the last hold ended, other than by letting go; in English. */
 export const endedWhy = signal("");
 /** A gamepad is there. */
 export const gamepadName = signal<string | null>(null);

@@ -1,6 +1,7 @@
 // The named destinations of the world, and how far the robot is on its way to one. Pure.
 import { num } from "../format";
 import type { DataGoal, Route } from "../protocol";
+import { t } from "../words";
 import { isActive } from "./words";
 
 /** The waypoints of a route without the first again at the end of a loop, and whether it is one. */
@@ -14,8 +15,8 @@ export function waypoints({ points }: Route): { points: [number, number][]; loop
 export function what(route: Route): string {
   const { points, looped } = waypoints(route);
   const [only] = points;
-  if (points.length === 1 && only) return `place at ${num(only[0], 1)}, ${num(only[1], 1, "m")}`;
-  return `route of ${points.length} waypoints${looped ? ", repeated" : ""}`;
+  if (points.length === 1 && only) return t("place at {x}, {y}", { x: num(only[0], 1), y: num(only[1], 1, "m") });
+  return looped ? t("route of {n} waypoints, repeated", { n: points.length }) : t("route of {n} waypoints", { n: points.length });
 }
 
 /** Which waypoint of how many, from 1; null: the robot is not on its way, or the number is not known. */

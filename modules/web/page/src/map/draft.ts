@@ -3,6 +3,7 @@ import { effect, signal } from "@preact/signals";
 import { order } from "../operate";
 import type { Route } from "../protocol";
 import { drive } from "../state";
+import { t } from "../words";
 import { waypoints } from "./destinations";
 import { follow, type Follows } from "./follow";
 
@@ -77,8 +78,8 @@ export async function confirm(): Promise<void> {
   const posing = mode.value === "pose";
   if (!posing) before = drive.value?.goal.value?.id ?? null;
   const well = posing
-    ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, "The pose is sent to the robot.")
-    : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, "The goal is sent to the robot.");
+    ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, t("The pose is sent to the robot."))
+    : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, t("The goal is sent to the robot."));
   if (!well) return;
   if (!posing) show(all, "");
   begin("look");
@@ -87,7 +88,7 @@ export async function confirm(): Promise<void> {
 /** Sends the robot to a named destination. */
 export async function goRoute(route: Route): Promise<void> {
   before = drive.value?.goal.value?.id ?? null;
-  if (!(await order({ type: "route", name: route.name }, `The robot is commanded to drive to ${route.name}.`))) return;
+  if (!(await order({ type: "route", name: route.name }, t("The robot is commanded to drive to {name}.", { name: route.name })))) return;
   show(waypoints(route).points.map(([x, y]) => ({ x, y, theta: null })), route.name);
 }
 

@@ -5,6 +5,7 @@ import { isHeld } from "../holds";
 import { order } from "../operate";
 import { drive, may, scene, whyNot } from "../state";
 import { Button, Dialog, Empty } from "../ui";
+import { t } from "../words";
 import { progress, waypoints, what } from "./destinations";
 import { goRoute, sent, sentAs, taken } from "./draft";
 import { goalWords, isActive } from "./words";
@@ -18,9 +19,9 @@ export function DriveTo() {
   return (
     <>
       <Button icon={MapPinned} whyNot={whyNot.value} onClick={() => setOpen(true)}>
-        Drive to…
+        {t("Drive to…")}
       </Button>
-      <Dialog title="Drive to" open={open} onClose={close}>
+      <Dialog title={t("Drive to")} open={open} onClose={close}>
         <ul class="destinations">
           {routes.map((route) => (
             <li key={route.name}>
@@ -41,11 +42,11 @@ export function CancelGoal() {
   const goal = drive.value?.goal.value;
   if (!goal || !isActive(goal)) return null;
   const cancel = async () => {
-    if (await order({ type: "cancel" }, "The goal is cancelled.")) sent.value = [];
+    if (await order({ type: "cancel" }, t("The goal is cancelled."))) sent.value = [];
   };
   return (
     <Button icon={CircleX} kind="danger" onClick={() => void cancel()}>
-      Cancel goal
+      {t("Cancel goal")}
     </Button>
   );
 }
@@ -60,9 +61,10 @@ export function Progress() {
       <p>{goalWords(goal, isHeld(part?.holds ?? []) === true)}</p>
       {way ? (
         <p class="progress-way">
-          <progress max={way.of} value={way.at} aria-label="Waypoints" />
+          <progress max={way.of} value={way.at} aria-label={t("Waypoints")} />
           <span class="figure">
-            {sentAs.value ? `${sentAs.value}: ` : ""}waypoint {way.at} of {way.of}
+            {sentAs.value ? `${sentAs.value}: ` : ""}
+            {t("waypoint {at} of {of}", way)}
           </span>
         </p>
       ) : null}
@@ -72,7 +74,7 @@ export function Progress() {
 
 /** All of it, for the drive view. */
 export function Destination() {
-  if (!scene.value?.routes.length) return <Empty>The robot has no named destinations. The map sends it anywhere.</Empty>;
+  if (!scene.value?.routes.length) return <Empty>{t("The robot has no named destinations. The map sends it anywhere.")}</Empty>;
   return (
     <>
       <Progress />

@@ -6,11 +6,12 @@ import { take } from "../operate";
 import { num } from "../format";
 import { authority, connection, demo, drive, fresh, holder, may, scene, sensors, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
+import { type Plain, t } from "../words";
 import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
 import { CancelGoal, DriveTo, Progress } from "./drive-to";
 import { isOn, type Layer, toggle } from "./layers";
-import { goalWords, guardWords, measureWords, positionWords, QUALITIES } from "./words";
+import { goalWords, guardWords, measureWords, positionWords } from "./words";
 import "./map.css";
 
 export function MapView() {
@@ -25,19 +26,19 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
   const goal = goalWords(part?.goal.value, isHeld(part?.holds ?? []) === true);
   useEffect(() => () => begin("look"), []);
   return (
-    <section class="map" aria-label="Map">
+    <section class="map" aria-label={t("Map")}>
       <div class="map-picture">
         <div class="map-view">
-          <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`Map. ${positionWords(part)} ${goal} ${guardWords(part)}`} />
+          <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`${t("Map")}. ${positionWords(part)} ${goal} ${guardWords(part)}`} />
           <Under />
         </div>
         <div class="map-look">
           <div class="map-zoom">
-            <Button icon={Plus} label="Nearer" onClick={() => looker.current?.zoom(1.4)} />
-            <Button icon={Minus} label="Farther" onClick={() => looker.current?.zoom(1 / 1.4)} />
-            <Button icon={Expand} label="Show all" onClick={() => looker.current?.fit()} />
-            <Button icon={Ruler} label="Measure" pressed={mode.value === "measure"} onClick={() => begin(mode.value === "measure" ? "look" : "measure")} />
-            <Button icon={LocateFixed} label="Follow the robot" pressed={follow} onClick={() => setFollow(!follow)} />
+            <Button icon={Plus} label={t("Nearer")} onClick={() => looker.current?.zoom(1.4)} />
+            <Button icon={Minus} label={t("Farther")} onClick={() => looker.current?.zoom(1 / 1.4)} />
+            <Button icon={Expand} label={t("Show all")} onClick={() => looker.current?.fit()} />
+            <Button icon={Ruler} label={t("Measure")} pressed={mode.value === "measure"} onClick={() => begin(mode.value === "measure" ? "look" : "measure")} />
+            <Button icon={LocateFixed} label={t("Follow the robot")} pressed={follow} onClick={() => setFollow(!follow)} />
           </div>
           <Layers />
         </div>
@@ -59,8 +60,8 @@ function Quality() {
   const estimate = drive.value?.estimate;
   const quality = fresh(estimate)?.quality;
   const tones: Tone[] = ["bad", "warn", "info", "good"];
-  if (quality === undefined) return <Badge tone="off">position not known</Badge>;
-  return <Badge tone={tones[quality] ?? "off"}>{`position ${QUALITIES[quality] ?? "not known"}`}</Badge>;
+  if (quality === undefined) return <Badge tone="off">{t("position not known")}</Badge>;
+  return <Badge tone={tones[quality] ?? "off"}>{[t("position lost"), t("position searching"), t("position coarse"), t("position fine")][quality] ?? t("position not known")}</Badge>;
 }
 
 function Tools({ alone }: { alone: boolean }) {
@@ -69,19 +70,19 @@ function Tools({ alone }: { alone: boolean }) {
   return (
     <div class="map-tools">
       {alone && !demo.value && !authority.value.yours && !holder.value ? (
-        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? null : "There is no connection"} onClick={() => void take()}>
-          Take control
+        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? null : t("There is no connection")} onClick={() => void take()}>
+          {t("Take control")}
         </Button>
       ) : null}
       <DriveTo />
       <Button icon={Flag} whyNot={whyNot.value} onClick={start("go")}>
-        Go to
+        {t("Go to")}
       </Button>
       <Button icon={Route} whyNot={whyNot.value} onClick={start("route")}>
-        Route
+        {t("Route")}
       </Button>
       <Button icon={Crosshair} whyNot={whyNot.value} onClick={start("pose")}>
-        Set position
+        {t("Set position")}
       </Button>
       <CancelGoal />
     </div>
@@ -92,12 +93,12 @@ function Tools({ alone }: { alone: boolean }) {
 function Measure() {
   const all = places.value;
   return (
-    <div class="map-tools" role="group" aria-label="Measure">
+    <div class="map-tools" role="group" aria-label={t("Measure")}>
       <p class="map-measured figure" role="status">
         {measureWords(all)}
       </p>
-      <Button icon={Undo2} label="Take the last one back" whyNot={all.length > 0 ? null : "There is none"} onClick={undo} />
-      <Button onClick={() => begin("look")}>Done</Button>
+      <Button icon={Undo2} label={t("Take the last one back")} whyNot={all.length > 0 ? null : t("There is none")} onClick={undo} />
+      <Button onClick={() => begin("look")}>{t("Done")}</Button>
     </div>
   );
 }
@@ -107,29 +108,29 @@ function Draft() {
   const all = places.value;
   const last = all.at(-1);
   const kind = mode.value;
-  const hint = { look: "", measure: "", go: "Tap the map where it shall go; drag to set the heading.", route: "Tap the waypoints one after another.", pose: "Tap where the robot is; drag to where it looks." }[kind];
-  const said = { look: "", measure: "", go: "Go there", route: `Drive ${all.length} waypoints`, pose: "The robot is here" }[kind];
+  const hint = { look: "", measure: "", go: t("Tap the map where it shall go; drag to set the heading."), route: t("Tap the waypoints one after another."), pose: t("Tap where the robot is; drag to where it looks.") }[kind];
+  const said = { look: "", measure: "", go: t("Go there"), route: t("Drive {n} waypoints", { n: all.length }), pose: t("The robot is here") }[kind];
   return (
-    <form class="map-draft" onSubmit={(event) => (event.preventDefault(), whyNot.value === null && void confirm())} aria-label="Place on the map">
+    <form class="map-draft" onSubmit={(event) => (event.preventDefault(), whyNot.value === null && void confirm())} aria-label={t("Place on the map")}>
       <p>{hint}</p>
       <div class="map-fields">
-        <Field label="x, m" value={last?.x ?? null} onChange={(x) => (last ? change({ x }) : (places.value = [{ x, y: 0, theta: null }]))} />
-        <Field label="y, m" value={last?.y ?? null} onChange={(y) => (last ? change({ y }) : (places.value = [{ x: 0, y, theta: null }]))} />
+        <Field label={t("x, m")} value={last?.x ?? null} onChange={(x) => (last ? change({ x }) : (places.value = [{ x, y: 0, theta: null }]))} />
+        <Field label={t("y, m")} value={last?.y ?? null} onChange={(y) => (last ? change({ y }) : (places.value = [{ x: 0, y, theta: null }]))} />
         <Field
-          label="heading, °"
+          label={t("heading, °")}
           value={last?.theta === null || last === undefined ? null : (last.theta * 180) / Math.PI}
           onChange={(degrees) => last && change({ theta: (degrees * Math.PI) / 180 })}
         />
-        {kind === "route" ? <Button icon={Milestone} label="Add a waypoint" whyNot={last ? null : "Place the first one"} onClick={() => last && (places.value = [...all, { ...last, theta: null }])} /> : null}
-        {kind === "route" ? <Button icon={Undo2} label="Take the last one back" whyNot={last ? null : "There is none"} onClick={undo} /> : null}
+        {kind === "route" ? <Button icon={Milestone} label={t("Add a waypoint")} whyNot={last ? null : t("Place the first one")} onClick={() => last && (places.value = [...all, { ...last, theta: null }])} /> : null}
+        {kind === "route" ? <Button icon={Undo2} label={t("Take the last one back")} whyNot={last ? null : t("There is none")} onClick={undo} /> : null}
         {kind === "route" ? (
           <Button icon={Repeat} pressed={loop.value} onClick={() => (loop.value = !loop.value)}>
-            Loop
+            {t("Loop")}
           </Button>
         ) : null}
       </div>
       <div class="map-confirm">
-        <Button onClick={() => begin("look")}>Cancel</Button>
+        <Button onClick={() => begin("look")}>{t("Cancel")}</Button>
         <Button kind="primary" type="submit" icon={kind === "pose" ? Crosshair : Flag} whyNot={whyNot.value ?? (last ? null : hint)} onClick={() => {}}>
           {said}
         </Button>
@@ -158,7 +159,7 @@ function Under() {
   const at = under.value;
   return at ? (
     <p class="map-under figure" aria-hidden>
-      {num(at[0], 2)}, {num(at[1], 2, "m")}
+      {t("{x}, {y}", { x: num(at[0], 2), y: num(at[1], 2, "m") })}
     </p>
   ) : null;
 }
@@ -166,12 +167,12 @@ function Under() {
 /** What the map shows, each on or off, with what it means. */
 function Layers() {
   const simulated = scene.value?.simulated ?? false;
-  const rows: [Layer, string, string][] = [
-    ...(simulated ? ([["people", "person", "people (simulation)"], ["truth", "truth", "true position (simulation)"]] as [Layer, string, string][]) : []),
+  const rows: [Layer, string, Plain][] = [
+    ...(simulated ? ([["people", "person", "people (simulation)"], ["truth", "truth", "true position (simulation)"]] as [Layer, string, Plain][]) : []),
     ["plan", "plan", "plan"],
     ["obstacles", "obstacle", "sensed obstacles"],
-    ...(drive.value?.bound ? ([["fields", "protective", "guard: protective field stops, dashed one slows; hatched: occupied"]] as [Layer, string, string][]) : []),
-    ...(sensors.value?.scans.length ? ([["scan", "scan", "lidar; pale: it reports a fault, or is silent"]] as [Layer, string, string][]) : []),
+    ...(drive.value?.bound ? ([["fields", "protective", "guard: protective field stops, dashed one slows; hatched: occupied"]] as [Layer, string, Plain][]) : []),
+    ...(sensors.value?.scans.length ? ([["scan", "scan", "lidar; pale: it reports a fault, or is silent"]] as [Layer, string, Plain][]) : []),
     ["sonar", "sonar", "sonar; dotted: nothing within range, dashed: not known"],
     ["floor", "ir", "▽ no floor seen by infrared; open: not known"],
     ["beacons", "beacon", "beacons; filled: seen"],
@@ -180,16 +181,16 @@ function Layers() {
   return (
     <details class="map-layers">
       <summary>
-        <LayersIcon size={18} aria-hidden /> <span>Layers</span>
+        <LayersIcon size={18} aria-hidden /> <span>{t("Layers")}</span>
       </summary>
       <div class="map-layer">
-        <i class="ink-robot" /> robot and its uncertainty (2σ)
+        <i class="ink-robot" /> {t("robot and its uncertainty (2σ)")}
       </div>
       {rows.map(([layer, ink, words]) => (
         <label key={layer} class="map-layer">
           <input type="checkbox" checked={isOn(layer)} onChange={() => toggle(layer)} />
           <i class={`ink-${ink}`} />
-          <span>{words}</span>
+          <span>{t(words)}</span>
         </label>
       ))}
     </details>

@@ -1,4 +1,5 @@
 // Draws the map on a canvas, from the signals as they are.
+import { united, written } from "../format";
 import { floor } from "../panels/sensors/near";
 import { infrareds, sonars } from "../panels/sensors/readings";
 import type { DrivePart, MapPart, ScenePart, SensorsPart } from "../protocol";
@@ -78,7 +79,7 @@ function figures({ on, camera, size, ink, at }: Brush): void {
   }
 }
 
-const minus = (figure: number): string => String(figure).replace("-", "−");
+const minus = (figure: number): string => written(String(figure)).replace("-", "−");
 
 function grid({ on, camera, size, ink, at }: Brush): void {
   const step = camera.scale >= 18 ? 1 : 5;
@@ -415,7 +416,7 @@ function bar({ on, camera, size, ink }: Brush): void {
   stroke(on, [[x, y - 5], [x, y], [x + length * camera.scale, y], [x + length * camera.scale, y - 5]]);
   on.font = "12px system-ui, sans-serif";
   on.textBaseline = "alphabetic";
-  on.fillText(`${length} m`, x + 5, y - 5);
+  on.fillText(united(written(String(length)), "m"), x + 5, y - 5);
   on.textBaseline = "middle";
 }
 

@@ -4,6 +4,7 @@ import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { shownTheme } from "../design/theme";
 import { drive, map, now, scene, sensors } from "../state";
+import { t } from "../words";
 import { behind, fitted, type Point, type Size } from "./camera";
 import { mode, places, sent } from "./draft";
 import { off } from "./layers";
@@ -62,8 +63,8 @@ export function MapStrip() {
     };
   }, []);
   return (
-    <section class="map-strip" aria-label="Around the robot">
-      <canvas ref={canvas} role="img" aria-label={`Map from behind the robot. ${positionWords(drive.value)}`} />
+    <section class="map-strip" aria-label={t("Around the robot")}>
+      <canvas ref={canvas} role="img" aria-label={`${t("Map from behind the robot.")} ${positionWords(drive.value)}`} />
     </section>
   );
 }

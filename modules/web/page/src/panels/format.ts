@@ -1,5 +1,6 @@
 // How figures of machines are written; what all views share is in ../format.ts.
-import { NONE, num, span, time } from "../format";
+import { day, NONE, num, span, time, written } from "../format";
+import { t } from "../words";
 
 /** A share, 0..1. */
 export function percent(value: number | null | undefined, digits = 0): string {
@@ -8,7 +9,7 @@ export function percent(value: number | null | undefined, digits = 0): string {
 
 /** A value and its limit, where it has one: `36.0 of 60 °C`. */
 export function against(value: number | null, limit: number | undefined, unit: string): string {
-  return limit === undefined ? num(value, 1, unit) : `${num(value, 1)} of ${num(limit, 0, unit)}`;
+  return limit === undefined ? num(value, 1, unit) : t("{value} of {limit}", { value: num(value, 1), limit: num(limit, 0, unit) });
 }
 
 /** s as milliseconds, without the unit. */
@@ -35,19 +36,13 @@ export function moment(microseconds: number, now = new Date()): string {
   const at = new Date(microseconds / 1000);
   if (microseconds <= 0 || Number.isNaN(at.getTime())) return NONE;
   if (at.toDateString() === now.toDateString()) return time(microseconds);
-  const two = (value: number) => String(value).padStart(2, "0");
-  return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${time(microseconds)}`;
+  return `${day(at.getFullYear(), at.getMonth() + 1, at.getDate())} ${time(microseconds)}`;
 }
 
 /** s as hours and whole minutes, as one counts what a battery lasts. */
 export function minutes(seconds: number | null | undefined): string {
-  if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return "not known";
-  return seconds < 60 ? "less than a minute" : span(60 * Math.floor(seconds / 60));
-}
-
-/** `1 run`, `2 runs`. */
-export function counted(value: number, one: string, many = `${one}s`): string {
-  return `${count(value)} ${value === 1 ? one : many}`;
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return t("not known");
+  return seconds < 60 ? t("less than a minute") : span(60 * Math.floor(seconds / 60));
 }
 
 /** Any number, with as many digits as tell. */
@@ -55,5 +50,5 @@ export function figure(value: number): string {
   const size = Math.abs(value);
   const rounded = Number(value.toPrecision(6));
   const text = size !== 0 && (size >= 1e6 || size < 1e-3) ? rounded.toExponential() : String(rounded);
-  return text.replaceAll("-", "−");
+  return written(text).replaceAll("-", "−");
 }

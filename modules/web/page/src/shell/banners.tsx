@@ -3,19 +3,22 @@
 import { CircleAlert, EyeOff, Film, RefreshCw, WifiOff } from "lucide-preact";
 import type { ComponentChildren } from "preact";
 import { num, span } from "../format";
-import { lostControl } from "../operate";
+import { lostControl, sentence } from "../operate";
 import { connection, demo, scene } from "../state";
 import { Button } from "../ui";
+import { rich, t } from "../words";
+import { language } from "../words/language";
+import { said } from "../words/said";
 import { applyUpdate, updateReady } from "./update";
 
 export function Banners() {
   const now = connection.value;
   return (
-    <div class="banners">
+    <div class="banners" lang={language.value}>
       {now.state === "lost" ? (
         <Banner tone="bad" icon={<WifiOff size={20} aria-hidden />} urgent>
-          <strong>Connection lost.</strong> Nothing shown here is newer than {span(now.for)}. {now.why ? `(${now.why}) ` : ""}It
-          is tried again by itself; a drive is not resumed.
+          <strong>{t("Connection lost.")}</strong> {t("Nothing shown here is newer than {age}.", { age: span(now.for) })} {now.why ? `(${said(now.why)}) ` : ""}
+          {t("It is tried again by itself; a drive is not resumed.")}
         </Banner>
       ) : null}
       {lostControl.value ? (
@@ -23,14 +26,14 @@ export function Banners() {
           tone="warn"
           icon={<CircleAlert size={20} aria-hidden />}
           urgent
-          action={<Button onClick={() => (lostControl.value = null)}>OK</Button>}
+          action={<Button onClick={() => (lostControl.value = null)}>{t("OK")}</Button>}
         >
-          <strong>You have no control any more.</strong> {lostControl.value}
+          <strong>{t("You have no control any more.")}</strong> {sentence(lostControl.value)}
         </Banner>
       ) : null}
       {typeof scene.value?.blind === "number" ? (
         <Banner tone="warn" icon={<EyeOff size={20} aria-hidden />}>
-          <strong>NOTHING SENSES WHAT IS IN THE WAY: AT MOST {num(scene.value.blind, 2, "m/s")}.</strong> Driven by hand it does not stop before anybody.
+          <strong>{t("NOTHING SENSES WHAT IS IN THE WAY: AT MOST {speed}.", { speed: num(scene.value.blind, 2, "m/s") })}</strong> {t("Driven by hand it does not stop before anybody.")}
         </Banner>
       ) : null}
       {demo.value ? (
@@ -39,16 +42,16 @@ export function Banners() {
           icon={<Film size={20} aria-hidden />}
           action={
             <a class="button" href={`${location.pathname}#/drive`} onClick={() => location.assign(location.pathname)}>
-              Leave
+              {t("Leave")}
             </a>
           }
         >
-          <strong>Recorded run</strong> {demo.value.run}, {span(demo.value.seconds)}. Nothing can be commanded.
+          {rich("{title} {run}, {length}. Nothing can be commanded.", { title: <strong>{t("Recorded run")}</strong>, run: demo.value.run, length: span(demo.value.seconds) })}
         </Banner>
       ) : null}
       {updateReady.value ? (
-        <Banner tone="info" icon={<RefreshCw size={20} aria-hidden />} action={<Button onClick={applyUpdate}>Reload</Button>}>
-          The robot has a new version of this page.
+        <Banner tone="info" icon={<RefreshCw size={20} aria-hidden />} action={<Button onClick={applyUpdate}>{t("Reload")}</Button>}>
+          {t("The robot has a new version of this page.")}
         </Banner>
       ) : null}
     </div>

@@ -2,6 +2,8 @@
 import type { Concern, DataEstimate, DataPower, Ellipse } from "../protocol";
 import { num, span } from "../format";
 import type { Tone } from "../ui/badge";
+import { t } from "../words";
+import { said } from "../words/said";
 
 /** From best to worst. */
 const ORDER: Tone[] = ["good", "info", "off", "warn", "bad"];
@@ -20,7 +22,7 @@ export interface Second {
 export function second(concerns: readonly Concern[], reason: string): Second | null {
   const others = concerns.filter(({ words }) => words !== reason);
   const [first] = others;
-  return first ? { tone: first.weight === "error" ? "bad" : "warn", words: first.words, more: others.length - 1 } : null;
+  return first ? { tone: first.weight === "error" ? "bad" : "warn", words: said(first.words), more: others.length - 1 } : null;
 }
 
 export interface Vital {
@@ -32,10 +34,11 @@ export interface Vital {
 
 /** How well the position is known: half of the longer axis of two standard deviations on either side. */
 export function position(estimate: DataEstimate | null, ellipse: Ellipse | null): Vital {
-  if (estimate === null) return { tone: "off", text: "not known", title: "Position not known" };
-  if (estimate.quality < 2) return { tone: "warn", text: estimate.quality === 1 ? "searching" : "lost", title: "The robot does not know where it is" };
-  const text = ellipse === null ? ["coarse", "fine"][estimate.quality - 2] ?? "not known" : `±${num(ellipse.long, 2, "m")}`;
-  return { tone: estimate.quality === 2 ? "info" : "good", text, title: `Position ${estimate.quality === 2 ? "coarse" : "fine"}, uncertainty 2σ` };
+  if (estimate === null) return { tone: "off", text: t("not known"), title: t("Position not known") };
+  if (estimate.quality < 2) return { tone: "warn", text: estimate.quality === 1 ? t("searching") : t("lost"), title: t("The robot does not know where it is") };
+  const text = ellipse === null ? ([t("coarse"), t("fine")][estimate.quality - 2] ?? t("not known")) : `±${num(ellipse.long, 2, "m")}`;
+  const title = estimate.quality === 2 ? t("Position coarse, uncertainty 2σ") : t("Position fine, uncertainty 2σ");
+  return { tone: estimate.quality === 2 ? "info" : "good", text, title };
 }
 
 /** The share of the charge below which the battery is low, and below which it is about to be empty. */
@@ -43,8 +46,9 @@ export const LOW = 0.3;
 export const EMPTY = 0.15;
 
 export function battery(power: DataPower | null): Vital {
-  if (power === null || power.charge === null) return { tone: "off", text: "not known", title: "Battery not known" };
+  if (power === null || power.charge === null) return { tone: "off", text: t("not known"), title: t("Battery not known") };
   const percent = `${num(100 * power.charge, 0)}\u202F%`;
-  const left = power.remaining === null || power.remaining < 0 ? "" : `, ${span(Math.round(power.remaining / 60) * 60)} left`;
-  return { tone: power.charge < EMPTY ? "bad" : power.charge < LOW ? "warn" : "good", text: percent, title: `Battery ${percent}${left}` };
+  const left = power.remaining === null || power.remaining < 0 ? null : span(Math.round(power.remaining / 60) * 60);
+  const title = left === null ? t("Battery {percent}", { percent }) : t("Battery {percent}, {time} left", { percent, time: left });
+  return { tone: power.charge < EMPTY ? "bad" : power.charge < LOW ? "warn" : "good", text: percent, title };
 }

@@ -3,6 +3,7 @@ import { Ellipsis } from "lucide-preact";
 import { useEffect, useState } from "preact/hooks";
 import { me } from "../state";
 import { type View, view, views } from "../views";
+import { t } from "../words";
 
 export function Nav() {
   const [open, setOpen] = useState(false);
@@ -14,7 +15,7 @@ export function Nav() {
   const count = more.reduce((sum, each) => sum + (each.count?.() ?? 0), 0);
   useEffect(() => setOpen(false), [current.id]);
   return (
-    <nav class="nav" aria-label="Views">
+    <nav class="nav" aria-label={t("Views")}>
       <p class="nav-name">
         {me.value?.robot ?? "advee"} <small>{me.value?.version}</small>
       </p>
@@ -27,7 +28,7 @@ export function Nav() {
         <li class="more" hidden={few}>
           <button type="button" class={`nav-item ${current.first ? "" : "is-current"}`} aria-expanded={open} aria-controls="nav-more" onClick={() => setOpen(!open)}>
             <Ellipsis size={22} aria-hidden />
-            <span>{current.first ? "More" : current.label}</span>
+            <span>{current.first ? t("More") : t(current.label)}</span>
             <Count of={count} />
           </button>
         </li>
@@ -49,7 +50,7 @@ function Item({ view: { id, label, icon: Icon, count }, current }: { view: View;
   return (
     <a class={`nav-item ${current ? "is-current" : ""}`} href={`#/${id}`} aria-current={current ? "page" : undefined}>
       <Icon size={22} aria-hidden />
-      <span>{label}</span>
+      <span>{t(label)}</span>
       <Count of={count?.() ?? 0} />
     </a>
   );
@@ -59,7 +60,7 @@ function Count({ of }: { of: number }) {
   return of > 0 ? (
     <b class="nav-count">
       {of}
-      <span class="visually-hidden"> to look at</span>
+      <span class="visually-hidden"> {t("to look at")}</span>
     </b>
   ) : null;
 }

@@ -9,9 +9,11 @@ import type { StatusWord } from "../protocol";
 import { authority, commandLink, connection, demo, drive, fresh, holder, me, role, roundTrip, scene, system } from "../state";
 import { stopped } from "../operate";
 import type { Tone } from "../ui/badge";
+import { type Plain, t } from "../words";
+import { said as translated } from "../words/said";
 import { battery, position, second, type Second, type Vital, worse } from "./health";
 
-const WORDS: Record<StatusWord, { word: string; icon: LucideIcon; tone: Tone }> = {
+const WORDS: Record<StatusWord, { word: Plain; icon: LucideIcon; tone: Tone }> = {
   silent: { word: "No contact", icon: CircleHelp, tone: "bad" },
   paused: { word: "Paused", icon: CirclePause, tone: "warn" },
   fault: { word: "Fault", icon: TriangleAlert, tone: "bad" },
@@ -24,23 +26,24 @@ const WORDS: Record<StatusWord, { word: string; icon: LucideIcon; tone: Tone }> 
 /** The status as it may be believed now: without a connection nothing is known. */
 export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: string; second?: Second | null } {
   const now = connection.value;
-  if (me.value === null) return { word: "Connecting", icon: Hourglass, tone: "off", reason: "the robot does not answer yet; it is asked each second" };
-  if (me.value.role === "nobody") return { word: "Not paired", icon: KeyRound, tone: "off", reason: "this device sees nothing of the robot until it is paired" };
+  if (me.value === null) return { word: t("Connecting"), icon: Hourglass, tone: "off", reason: t("the robot does not answer yet; it is asked each second") };
+  if (me.value.role === "nobody") return { word: t("Not paired"), icon: KeyRound, tone: "off", reason: t("this device sees nothing of the robot until it is paired") };
   if (now.state === "connecting") {
-    return { word: "Connecting", icon: Hourglass, tone: "off", reason: now.why || "waiting for the robot's first word" };
+    return { word: t("Connecting"), icon: Hourglass, tone: "off", reason: translated(now.why) || t("waiting for the robot's first word") };
   }
   const said = drive.value?.status ?? { word: "silent" as const, reason: "" };
-  const { word, icon, tone } = WORDS[said.word] ?? WORDS.silent;
+  const { word: english, icon, tone } = WORDS[said.word] ?? WORDS.silent;
+  const word = t(english);
   if (now.state === "lost") {
-    return { word: "Not known", icon: WifiOff, tone: "bad", reason: `no connection; ${word.toLowerCase()} at the last message` };
+    return { word: t("Not known"), icon: WifiOff, tone: "bad", reason: t("no connection; {word} at the last message", { word: word.toLowerCase() }) };
   }
   const not = second(drive.value?.concerns ?? [], said.reason);
   if (stopped.value) {
-    const reason = "an operator stopped it; it stays until an operator resumes";
-    return { word: WORDS.stopped.word, icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };
+    const reason = t("an operator stopped it; it stays until an operator resumes");
+    return { word: t(WORDS.stopped.word), icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };
   }
   // A check mark says that all is well.
-  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: said.reason, second: not };
+  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: translated(said.reason), second: not };
 }
 
 export function StatusBar({ children }: { children: ComponentChildren }) {
@@ -50,9 +53,9 @@ export function StatusBar({ children }: { children: ComponentChildren }) {
       {children}
       <p class="visually-hidden" role="status" aria-atomic>
         {/* What is spoken: no figure that changes ten times a second. */}
-        {me.value?.robot ?? "The robot"}: {word}
+        {me.value?.robot ?? t("The robot")}: {word}
         {second ? `, ${second.words}` : ""}
-        {tone === "good" ? "" : `, ${reason.replace(/[0-9.]+ (s|m\/s)\b/g, "")}`}
+        {tone === "good" ? "" : `, ${reason.replace(/[0-9.,]+[ \u00A0](s|m\/s)\b/g, "")}`}
       </p>
       <div class="status-word">
         <Icon size={28} aria-hidden />
@@ -87,14 +90,14 @@ function Vitals() {
   const now = connection.value;
   if (drive.value === null || now.state === "connecting") return null;
   const motion = fresh(drive.value.motion);
-  const speed: Vital = motion === null ? { tone: "off", text: "–", title: "Speed not known" } : { tone: "off", text: num(motion.speed, 2, "m/s"), title: `Speed ${num(motion.speed, 2, "m/s")}` };
+  const speed: Vital = motion === null ? { tone: "off", text: "–", title: t("Speed not known") } : { tone: "off", text: num(motion.speed, 2, "m/s"), title: t("Speed {speed}", { speed: num(motion.speed, 2, "m/s") }) };
   const rows: [string, LucideIcon, Vital][] = [
     ["speed", Gauge, speed],
     ...(drive.value.estimate.value ? ([["position", LocateFixed, position(fresh(drive.value.estimate), drive.value.ellipse)]] as [string, LucideIcon, Vital][]) : []),
     ...(scene.value?.power_channels.length ? ([["battery", BatteryMedium, battery(fresh(system.value?.power))]] as [string, LucideIcon, Vital][]) : []),
   ];
   return (
-    <ul class="vitals" aria-label="Speed, position, battery">
+    <ul class="vitals" aria-label={t("Speed, position, battery")}>
       {rows.map(([name, Icon, { tone, text, title }]) => (
         <li key={name} class={`tone-${tone}`} title={title}>
           <Icon size={16} aria-hidden />
@@ -112,12 +115,12 @@ function Trip() {
   if (role.value === "nobody") return null;
   const trip = roundTrip.value;
   const tone = now.state === "lost" ? "bad" : now.state === "connecting" ? "off" : { good: "good", slow: "warn", bad: "bad" }[now.quality];
-  const word = now.state === "lost" ? "Lost" : demo.value ? "Recorded" : trip === null ? "No answer yet" : { good: "", slow: "Slow", bad: "Too slow" }[now.state === "live" ? now.quality : "good"];
+  const word = now.state === "lost" ? t("Lost") : demo.value ? t("Recorded") : trip === null ? t("No answer yet") : { good: "", slow: t("Slow¦connection"), bad: t("Too slow") }[now.state === "live" ? now.quality : "good"];
   const Icon = now.state === "lost" ? WifiOff : Wifi;
   return (
-    <div class={`chip tone-${tone}`} title={`Round trip of a command to the robot and back${trip === null ? "" : `: ${num(trip, 0, "ms")}`}`}>
+    <div class={`chip tone-${tone}`} title={`${t("Round trip of a command to the robot and back")}${trip === null ? "" : `: ${num(trip, 0, "ms")}`}`}>
       <Icon size={16} aria-hidden />
-      <span class="visually-hidden">Round trip </span>
+      <span class="visually-hidden">{t("Round trip")} </span>
       {word ? <b>{word}</b> : null}
       {trip !== null && commandLink.value.open && now.state === "live" ? <span class={now.quality === "good" ? "visually-hidden" : "figure"}>{num(trip, 0, "ms")}</span> : null}
     </div>
@@ -128,7 +131,7 @@ function Trip() {
 function Control() {
   if (demo.value || connection.value.state !== "live") return null;
   const who = holder.value;
-  const text = authority.value.yours ? "You have control" : who ? `${who.name} ${who.driving ? "drives" : "has control"}` : "Nobody has control";
+  const text = authority.value.yours ? t("You have control") : who ? (who.driving ? t("{name} drives", { name: who.name }) : t("{name} has control", { name: who.name })) : t("Nobody has control");
   return (
     <a class={`chip control ${authority.value.yours ? "tone-info" : who ? "tone-warn" : "tone-off"}`} href="#/drive" title={text}>
       <Hand size={16} aria-hidden />

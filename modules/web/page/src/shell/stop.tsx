@@ -5,16 +5,18 @@ import { resume, stop, stopExplained, stopFailed, stopped, stopping, take, unpai
 import { authority, connection, demo, holder } from "../state";
 import { Button, Dialog, Slide } from "../ui";
 import { keysRest } from "../ui/rest";
+import { rich, t } from "../words";
+import { said } from "../words/said";
 
 export function Stop() {
   if (demo.value) return null;
   const failed = stopFailed.value;
   return (
-    <section class="stop" aria-label="Stop">
+    <section class="stop" aria-label={t("Stop")}>
       {stopped.value && connection.value.state === "live" ? <Stopped /> : <StopButton />}
       {failed === null ? null : (
         <p class="stop-failed" role="alert">
-          Stop was not said: {failed}. Use the button on the robot.
+          {t("Stop was not said: {why}. Use the button on the robot.", { why: said(failed) })}
         </p>
       )}
     </section>
@@ -38,26 +40,26 @@ function StopButton() {
       onClick={(event) => event.detail === 0 && void stop()}
     >
       <OctagonX size={30} strokeWidth={2.4} aria-hidden />
-      <span>{stopping.value ? "Stopping…" : "Stop"}</span>
-      <small>{viewer ? "after pairing" : "Space or Esc"}</small>
+      <span>{stopping.value ? t("Stopping…") : t("Stop")}</span>
+      <small>{viewer ? t("after pairing") : t("Space or Esc")}</small>
     </button>
   );
 }
 
 function Stopped() {
-  const whyNot = unpaired.value ? "An operator resumes" : null;
+  const whyNot = unpaired.value ? t("An operator resumes") : null;
   return (
     <div class="stop-held">
       <p>
-        <OctagonX size={22} aria-hidden /> <strong>Stopped</strong>
+        <OctagonX size={22} aria-hidden /> <strong>{t("Stopped")}</strong>
       </p>
       {authority.value.yours || whyNot ? (
-        <Slide label="Resume" tone="good" whyNot={whyNot} onConfirm={() => void resume()} />
+        <Slide label={t("Resume")} tone="good" whyNot={whyNot} onConfirm={() => void resume()} />
       ) : holder.value ? (
-        <p class="stop-note">{holder.value.name} has control and may resume.</p>
+        <p class="stop-note">{t("{name} has control and may resume.", { name: holder.value.name })}</p>
       ) : (
         <Button icon={Hand} onClick={() => void take()}>
-          Take control
+          {t("Take control")}
         </Button>
       )}
     </div>
@@ -67,15 +69,15 @@ function Stopped() {
 export function StopExplained() {
   const close = () => (stopExplained.value = false);
   return (
-    <Dialog title="You are watching" open={stopExplained.value} onClose={close}>
-      <p>Only a paired device may stop the robot from here.</p>
-      <p>In danger use the red button on the robot, or its bumper: it stops at once.</p>
-      <p>To pair, enter the eight digits that <code>advee web code</code> shows on the robot's computer.</p>
+    <Dialog title={t("You are watching")} open={stopExplained.value} onClose={close}>
+      <p>{t("Only a paired device may stop the robot from here.")}</p>
+      <p>{t("In danger use the red button on the robot, or its bumper: it stops at once.")}</p>
+      <p>{rich("To pair, enter the eight digits that {command} shows on the robot's computer.", { command: <code>advee web code</code> })}</p>
       <div class="row">
         <a class="button primary" href="#/access" onClick={close}>
-          Pair this device
+          {t("Pair this device")}
         </a>
-        <Button onClick={close}>Not now</Button>
+        <Button onClick={close}>{t("Not now")}</Button>
       </div>
     </Dialog>
   );

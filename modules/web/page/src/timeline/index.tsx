@@ -1,10 +1,13 @@
 // The time line of a recorded run, where Stop is on a live robot: play, pause, speed, jumps, and what happened when.
 import { Link, ListVideo, Pause, Play, RotateCcw, RotateCw, SkipForward } from "lucide-preact";
 import { useEffect, useState } from "preact/hooks";
+import { written } from "../format";
 import { types } from "../shell/keys";
 import { demo } from "../state";
 import { Badge, Button, Dialog } from "../ui";
 import { toast } from "../ui/news";
+import { t } from "../words";
+import { said } from "../words/said";
 import { clock, KINDS, LEAD, momentLink, nextTrouble } from "./moments";
 import { at, events, jump, rate, RATES, setRate, toggle, trouble } from "./player";
 import "./timeline.css";
@@ -20,9 +23,9 @@ export function Timeline() {
   const now = at.value;
   const paused = rate.value === 0;
   const next = nextTrouble(events.value?.events ?? [], now);
-  const noNext = events.value === null ? (trouble.value ? `The events are not known: ${trouble.value}.` : "The run is being read.") : next ? null : "There is no further error or stop.";
+  const noNext = events.value === null ? (trouble.value ? t("The events are not known: {why}.", { why: said(trouble.value) }) : t("The run is being read.")) : next ? null : t("There is no further error or stop.");
   return (
-    <section class="timeline" aria-label="Time line">
+    <section class="timeline" aria-label={t("Time line")}>
       <div class="timeline-bar">
         <Marks seconds={run.seconds} />
         <input
@@ -31,31 +34,31 @@ export function Timeline() {
           max={run.seconds}
           step={0.1}
           value={now}
-          aria-label="Moment of the run"
-          aria-valuetext={`${clock(now)} of ${clock(run.seconds)}`}
+          aria-label={t("Moment of the run")}
+          aria-valuetext={t("{at} of {length}", { at: clock(now), length: clock(run.seconds) })}
           onInput={(event) => jump(event.currentTarget.valueAsNumber)}
         />
       </div>
       <div class="timeline-tools">
-        <Button kind="primary" icon={paused ? Play : Pause} label={paused ? "Play" : "Pause"} onClick={toggle} />
-        <Button kind="quiet" icon={RotateCcw} label="10 s back" onClick={() => jump(now - STEP)} />
-        <Button kind="quiet" icon={RotateCw} label="10 s ahead" onClick={() => jump(now + STEP)} />
+        <Button kind="primary" icon={paused ? Play : Pause} label={paused ? t("Play") : t("Pause")} onClick={toggle} />
+        <Button kind="quiet" icon={RotateCcw} label={t("10 s back")} onClick={() => jump(now - STEP)} />
+        <Button kind="quiet" icon={RotateCw} label={t("10 s ahead")} onClick={() => jump(now + STEP)} />
         <p class="timeline-clock figure">
           {clock(now)} <span class="muted">/ {clock(run.seconds)}</span>
         </p>
-        <select class="timeline-rate" aria-label="Speed" value={String(rate.value)} onChange={(event) => setRate(Number(event.currentTarget.value))}>
-          {paused ? <option value="0">paused</option> : null}
+        <select class="timeline-rate" aria-label={t("Speed")} value={String(rate.value)} onChange={(event) => setRate(Number(event.currentTarget.value))}>
+          {paused ? <option value="0">{t("paused")}</option> : null}
           {RATES.map((each) => (
             <option key={each} value={String(each)}>
-              {each}×
+              {written(String(each))}×
             </option>
           ))}
         </select>
-        <Button kind="quiet" icon={SkipForward} label="Next error or stop" whyNot={noNext} onClick={() => next && jump(next.at - LEAD)} />
-        <Button kind="quiet" icon={ListVideo} label="What happened" onClick={() => list(true)} />
-        <Button kind="quiet" icon={Link} label="Link to this moment" onClick={() => void copy(run.run, now)} />
+        <Button kind="quiet" icon={SkipForward} label={t("Next error or stop")} whyNot={noNext} onClick={() => next && jump(next.at - LEAD)} />
+        <Button kind="quiet" icon={ListVideo} label={t("What happened")} onClick={() => list(true)} />
+        <Button kind="quiet" icon={Link} label={t("Link to this moment")} onClick={() => void copy(run.run, now)} />
       </div>
-      <Dialog title="What happened" open={listed} onClose={() => list(false)}>
+      <Dialog title={t("What happened")} open={listed} onClose={() => list(false)}>
         <Happened onJump={(to) => (list(false), jump(to))} />
       </Dialog>
     </section>
@@ -67,7 +70,7 @@ function Marks({ seconds }: { seconds: number }) {
   return (
     <div class="timeline-marks" aria-hidden>
       {(events.value?.events ?? []).map(({ at, kind, words }, n) => (
-        <i key={n} class={`is-${kind}`} title={`${clock(at)} ${words}`} style={{ left: `${(100 * at) / Math.max(seconds, 0.1)}%` }} />
+        <i key={n} class={`is-${kind}`} title={`${clock(at)} ${said(words)}`} style={{ left: `${(100 * at) / Math.max(seconds, 0.1)}%` }} />
       ))}
     </div>
   );
@@ -75,8 +78,8 @@ function Marks({ seconds }: { seconds: number }) {
 
 function Happened({ onJump }: { onJump: (at: number) => void }) {
   const all = events.value;
-  if (all === null) return <p>{trouble.value ? `It is not known: ${trouble.value}.` : "The run is being read."}</p>;
-  if (all.events.length === 0) return <p>No marks, stops, errors or contacts.</p>;
+  if (all === null) return <p>{trouble.value ? t("It is not known: {why}.", { why: said(trouble.value) }) : t("The run is being read.")}</p>;
+  if (all.events.length === 0) return <p>{t("No marks, stops, errors or contacts.")}</p>;
   return (
     <>
       <ol class="timeline-list">
@@ -84,13 +87,13 @@ function Happened({ onJump }: { onJump: (at: number) => void }) {
           <li key={n}>
             <button type="button" onClick={() => onJump(at - LEAD)}>
               <span class="figure">{clock(at)}</span>
-              <Badge tone={KINDS[kind].tone}>{KINDS[kind].word}</Badge>
-              <span>{words || "without a text"}</span>
+              <Badge tone={KINDS[kind].tone}>{t(KINDS[kind].word)}</Badge>
+              <span>{words ? said(words) : t("without a text")}</span>
             </button>
           </li>
         ))}
       </ol>
-      {all.left_out > 0 ? <p class="muted">{all.left_out} more are not listed.</p> : null}
+      {all.left_out > 0 ? <p class="muted">{t("{n} more are not listed.", { n: all.left_out })}</p> : null}
     </>
   );
 }
@@ -101,9 +104,9 @@ async function copy(run: string, at: number): Promise<void> {
   try {
     // Where the browser does not trust the address it has no clipboard.
     await navigator.clipboard.writeText(link);
-    toast(`Link to ${clock(at)} copied.`, "good");
+    toast(t("Link to {moment} copied.", { moment: clock(at) }), "good");
   } catch {
-    toast(`The address of this page is now that of ${clock(at)}: copy it from there.`, "info");
+    toast(t("The address of this page is now that of {moment}: copy it from there.", { moment: clock(at) }), "info");
   }
 }
 

@@ -1,6 +1,7 @@
 // Moments of a recorded run: how they are written, and which event is the next. Pure.
 import type { EventKind, RunEvent } from "../protocol";
 import type { Tone } from "../ui/badge";
+import type { Plain } from "../words";
 
 /** `1:02`, `1:01:02`. */
 export function clock(seconds: number): string {
@@ -10,7 +11,7 @@ export function clock(seconds: number): string {
   return h > 0 ? `${h}:${two(m)}:${two(s % 60)}` : `${m}:${two(s % 60)}`;
 }
 
-export const KINDS: Record<EventKind, { word: string; tone: Tone }> = {
+export const KINDS: Record<EventKind, { word: Plain; tone: Tone }> = {
   mark: { word: "mark", tone: "info" },
   stop: { word: "stop", tone: "warn" },
   error: { word: "error", tone: "bad" },

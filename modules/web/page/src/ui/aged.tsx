@@ -1,19 +1,20 @@
 // A value with its age: grey, and said so, once it is older than twice its period.
 import { Clock } from "lucide-preact";
 import type { ComponentChildren } from "preact";
-import { span } from "../format";
+import { span, united } from "../format";
 import type { Shown } from "../protocol";
 import { age, stale } from "../state";
+import { t } from "../words";
 
 /** How old a value is, in words. */
 export function Age({ shown }: { shown: Shown<unknown> | null | undefined }) {
   const old = shown ? age(shown) : null;
   const grey = stale(shown);
   return (
-    <span class={grey ? "age is-stale" : "age"} title={grey ? "older than it should be" : "age of the value"}>
+    <span class={grey ? "age is-stale" : "age"} title={grey ? t("older than it should be") : t("age of the value")}>
       <Clock size={12} aria-hidden />
-      <span class="visually-hidden">{grey ? "stale, age " : "age "}</span>
-      {old === null ? "never received" : old < 1 && !grey ? "< 1 s" : span(old)}
+      <span class="visually-hidden">{grey ? t("stale, age") : t("age")} </span>
+      {old === null ? t("never received") : old < 1 && !grey ? `< ${united(1, "s")}` : span(old)}
     </span>
   );
 }
@@ -26,7 +27,7 @@ export function Aged<T>(props: {
   /** Without the age beside it: where a card shows it once for all its values. */
   bare?: boolean;
 }) {
-  const { shown, children, none = "no data yet", bare } = props;
+  const { shown, children, none = t("no data yet"), bare } = props;
   if (!shown || shown.value === null) return <div class="aged is-stale none">{none}</div>;
   return (
     <div class={stale(shown) ? "aged is-stale" : "aged"}>

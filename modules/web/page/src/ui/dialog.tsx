@@ -3,6 +3,7 @@
 import { X } from "lucide-preact";
 import type { ComponentChildren } from "preact";
 import { useEffect, useId, useRef } from "preact/hooks";
+import { t } from "../words";
 import { Button } from "./button";
 
 export function Dialog(props: { title: string; open: boolean; onClose: () => void; wide?: boolean; children: ComponentChildren }) {
@@ -27,7 +28,7 @@ export function Dialog(props: { title: string; open: boolean; onClose: () => voi
       >
         <header>
           <h2 id={id}>{props.title}</h2>
-          <Button kind="quiet" icon={X} label="Close" onClick={props.onClose} />
+          <Button kind="quiet" icon={X} label={t("Close")} onClick={props.onClose} />
         </header>
         {props.children}
       </div>

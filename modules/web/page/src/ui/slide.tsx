@@ -2,6 +2,7 @@
 // a stray tap nor one key does it.
 import { Check, ChevronsRight } from "lucide-preact";
 import { useRef, useState } from "preact/hooks";
+import { t } from "../words";
 import { ownGesture } from "./gesture";
 import { restKeys } from "./rest";
 
@@ -69,11 +70,11 @@ export function Slide(props: {
         class="slide-thumb"
         role="slider"
         tabIndex={0}
-        aria-label={`${label}: slide to confirm, or press the right arrow key four times`}
+        aria-label={t("{what}: slide to confirm, or press the right arrow key four times", { what: label })}
         aria-valuemin={0}
         aria-valuemax={100}
         aria-valuenow={Math.round(way * 100)}
-        aria-valuetext={way === 0 ? "not confirmed" : `${Math.round(way * 100)} percent`}
+        aria-valuetext={way === 0 ? t("not confirmed") : t("{percent} percent", { percent: Math.round(way * 100) })}
         aria-disabled={whyNot !== null}
         style={{ transform: `translateX(calc((${track.current?.clientWidth ?? 0}px - ${THUMB}px) * ${way}))` }}
         onTouchStart={ownGesture}

@@ -2,6 +2,7 @@
 import { ArrowDown, ArrowUp } from "lucide-preact";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
+import { t } from "../words";
 
 export interface Column<Row> {
   /** Its head, and the name of the cell on a narrow screen. */
@@ -36,7 +37,7 @@ export function Table<Row>(props: {
   const by = columns.find((column) => column.head === order?.head)?.by;
   const rows = by && order ? sorted(props.rows, by, order.down) : props.rows;
   const turn = (head: string) => setOrder((old) => ({ head, down: old?.head === head ? !old.down : false }));
-  if (rows.length === 0) return <p class="empty">{props.empty ?? "There is none."}</p>;
+  if (rows.length === 0) return <p class="empty">{props.empty ?? t("There is none.")}</p>;
   const { groups } = props;
   const parts = groups ? groups.heads.map((head) => ({ head, rows: rows.filter((row) => groups.of(row) === head) })) : [{ head: "", rows }];
   return (

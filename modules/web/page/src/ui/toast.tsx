@@ -1,5 +1,6 @@
 // Short news at the edge of the screen, spoken by screen readers, gone by itself; bad news stays until it is closed.
 import { X } from "lucide-preact";
+import { t } from "../words";
 import { TONE_ICONS } from "./badge";
 import { Button } from "./button";
 import { close, news } from "./news";
@@ -13,7 +14,7 @@ export function Toasts() {
           <div key={id} class={`toast tone-${tone}`}>
             <Icon size={18} aria-hidden />
             <p>{text}</p>
-            <Button kind="quiet" icon={X} label="Close" onClick={() => close(id)} />
+            <Button kind="quiet" icon={X} label={t("Close")} onClick={() => close(id)} />
             {offer ? (
               <Button class="toast-offer" onClick={() => (close(id), offer.run())}>
                 {offer.label}

@@ -4,6 +4,7 @@ import type { ErrorGroup, Report } from "../../protocol";
 import { demo, system } from "../../state";
 import { momentLink } from "../../timeline/moments";
 import { Badge, Dialog, Facts } from "../../ui";
+import { t } from "../../words";
 import { count, moment } from "../format";
 import { begun, started } from "../logs/names";
 import { fault } from "./faults";
@@ -23,31 +24,31 @@ export function Details({ group, onClose }: { group: ErrorGroup; onClose: () => 
       <p>
         <b>{group.cause || group.message || fault(group.number).means}</b>
       </p>
-      {group.message && group.message !== group.cause && group.cause ? <p>Last report: {group.message}</p> : null}
+      {group.message && group.message !== group.cause && group.cause ? <p>{t("Last report: {message}", { message: group.message })}</p> : null}
       <p class="muted">{fault(group.number).means}</p>
       <Facts
         facts={[
-          { name: "Module", value: group.module },
-          { name: "Status", value: { stands: "active", unknown: "not known", over: "cleared" }[standing(group)] },
-          { name: "Severity", value: severity(group)[1] },
-          { name: "Reports", value: count(group.count) },
-          { name: "First", value: moment(group.first) },
-          { name: "Last", value: moment(group.last) },
+          { name: t("Module"), value: group.module },
+          { name: t("Status"), value: { stands: t("active"), unknown: t("not known"), over: t("cleared") }[standing(group)] },
+          { name: t("Severity"), value: severity(group)[1] },
+          { name: t("Reports"), value: count(group.count) },
+          { name: t("First"), value: moment(group.first) },
+          { name: t("Last"), value: moment(group.last) },
         ]}
       />
-      <Reports title="Its reports" rows={own} />
-      <Reports title="Reported within 2 s of it" rows={others} named />
+      <Reports title={t("Its reports")} rows={own} />
+      <Reports title={t("Reported within 2 s of it")} rows={others} named />
       <div class="row">
         {log?.run && !demo.value && at >= 0 ? (
-          <a class="button" href={momentLink(log.run, Math.max(0, at - BEFORE), "#/map")} aria-label={`Play the run ${started(log.run)} from this report on`}>
-            <MonitorPlay size={20} aria-hidden /> <span>Play from here</span>
+          <a class="button" href={momentLink(log.run, Math.max(0, at - BEFORE), "#/map")} aria-label={t("Play the run {run} from this report on", { run: started(log.run) })}>
+            <MonitorPlay size={20} aria-hidden /> <span>{t("Play from here")}</span>
           </a>
         ) : null}
         <a class="button" href="#/modules" onClick={onClose}>
-          Modules
+          {t("Modules")}
         </a>
       </div>
-      <p class="muted">All numbers with their meaning: docs/faults.md.</p>
+      <p class="muted">{t("All numbers with their meaning: docs/faults.md.")}</p>
     </Dialog>
   );
 }
@@ -62,7 +63,7 @@ function Reports({ title, rows, named }: { title: string; rows: Report[]; named?
           <li key={n}>
             <time class="figure">{moment(row.timestamp)}</time>
             <span>
-              {row.severity === 0 ? <Badge tone="off">cleared</Badge> : null} {named ? <b>{row.module}: </b> : null}
+              {row.severity === 0 ? <Badge tone="off">{t("cleared")}</Badge> : null} {named ? <b>{row.module}: </b> : null}
               {row.message}
             </span>
           </li>

@@ -1,5 +1,7 @@
 // Meaning of a fault's number.
 import { FAULTS } from "../../numbers";
+import { t } from "../../words";
+import { words } from "../../words/language";
 
 export interface Fault {
   name: string;
@@ -12,8 +14,8 @@ const FOREIGN = 0x8000;
 /** What a number stands for. */
 export function fault(number: number): Fault {
   const known = FAULTS.get(number);
-  if (known) return known;
-  if (number === FOREIGN) return { name: "Uncaught", means: "A foreign module was ended by an error that nothing in it caught." };
-  if (number > FOREIGN) return { name: "Foreign", means: "A number of the module's own: read it with the module's name." };
-  return { name: "Unknown", means: "This page does not know the number: the robot's software is newer or older than it." };
+  if (known) return { name: known.name, means: words.value?.faults[number] ?? known.means };
+  if (number === FOREIGN) return { name: "Uncaught", means: t("A foreign module was ended by an error that nothing in it caught.") };
+  if (number > FOREIGN) return { name: "Foreign", means: t("A number of the module's own: read it with the module's name.") };
+  return { name: "Unknown", means: t("This page does not know the number: the robot's software is newer or older than it.") };
 }

@@ -4,6 +4,7 @@ import { Search } from "lucide-preact";
 import type { ErrorGroup, Text } from "../../protocol";
 import { system } from "../../state";
 import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
+import { rich, t } from "../../words";
 import { count, moment } from "../format";
 import { lost } from "../lacks";
 import { fault } from "./faults";
@@ -25,17 +26,17 @@ function found(group: ErrorGroup, words: string[]): boolean {
 function Is({ group }: { group: ErrorGroup }) {
   switch (is(group)) {
     case "stands":
-      return <Badge tone={severity(group)[0]}>active</Badge>;
+      return <Badge tone={severity(group)[0]}>{t("active")}</Badge>;
     case "unknown":
-      return <Badge tone="warn">not known</Badge>;
+      return <Badge tone="warn">{t("not known")}</Badge>;
     case "over":
-      return <Badge tone="off">cleared</Badge>;
+      return <Badge tone="off">{t("cleared")}</Badge>;
   }
 }
 
-const COLUMNS: Column<ErrorGroup>[] = [
+const columns = (): Column<ErrorGroup>[] => [
   {
-    head: "What",
+    head: t("What"),
     title: true,
     by: (group) => group.cause || group.message,
     cell: (group) => (
@@ -43,21 +44,21 @@ const COLUMNS: Column<ErrorGroup>[] = [
         <span>{group.cause || group.message || fault(group.number).means}</span>
         <span class="muted">
           <b>{about(group)}</b>
-          {group.standing || group.message === group.cause ? `: ${fault(group.number).means}` : group.message && `, cleared: ${group.message}`}
+          {group.standing || group.message === group.cause ? `: ${fault(group.number).means}` : group.message && `, ${t("cleared")}: ${group.message}`}
         </span>
       </button>
     ),
   },
   {
-    head: "Status",
+    head: t("Status"),
     by: (group) => ["stands", "unknown", "over"].indexOf(is(group)),
     cell: (group) => <Is group={group} />,
   },
-  { head: "Severity", by: (group) => -group.severity, cell: (group) => severity(group)[1] },
-  { head: "Module", by: (group) => group.module, cell: (group) => group.module },
-  { head: "Count", figure: true, by: (group) => group.count, cell: (group) => count(group.count) },
-  { head: "First seen", figure: true, by: (group) => group.first, cell: (group) => moment(group.first) },
-  { head: "Last seen", figure: true, by: (group) => group.last, cell: (group) => moment(group.last) },
+  { head: t("Severity"), by: (group) => -group.severity, cell: (group) => severity(group)[1] },
+  { head: t("Module"), by: (group) => group.module, cell: (group) => group.module },
+  { head: t("Count"), figure: true, by: (group) => group.count, cell: (group) => count(group.count) },
+  { head: t("First seen"), figure: true, by: (group) => group.first, cell: (group) => moment(group.first) },
+  { head: t("Last seen"), figure: true, by: (group) => group.last, cell: (group) => moment(group.last) },
 ];
 
 /** How many stand that are more than a notice: what the navigation shows. */
@@ -67,8 +68,8 @@ export function standing(): number {
 
 function Summary() {
   const now = standing();
-  if (lost()) return <Badge tone="off">not known now</Badge>;
-  return now ? <Badge tone="bad">{`${now} active`}</Badge> : <Badge tone="good">none active</Badge>;
+  if (lost()) return <Badge tone="off">{t("not known now")}</Badge>;
+  return now ? <Badge tone="bad">{t("{n} active", { n: now })}</Badge> : <Badge tone="good">{t("none active")}</Badge>;
 }
 
 const TEXT_KEYS = (text: Text, place: number) => `${text.timestamp} ${text.module} ${place}`;
@@ -78,15 +79,15 @@ function Texts({ words }: { words: string[] }) {
   const texts = (system.value?.texts ?? []).filter((text) => !gravely.value || text.level >= 2);
   const rows = texts.filter((text) => hasAll([text.module, text.text, level(text)[1]], words));
   return (
-    <Card title="Texts" class="p-three" flush>
+    <Card title={t("Texts")} class="p-three" flush>
       <div class="p-bar">
         <Button pressed={gravely.value} onClick={() => (gravely.value = !gravely.value)}>
-          Warnings and errors only
+          {t("Warnings and errors only")}
         </Button>
-        <p class="muted p-grow">What modules have to say, the latest first; a hundred of them are shown here, all are in the log.</p>
+        <p class="muted p-grow">{t("What modules have to say, the latest first; a hundred of them are shown here, all are in the log.")}</p>
       </div>
-      {rows.length === 0 ? <p class="empty">{texts.length ? "None of them matches." : "Nothing has been said since the server started."}</p> : null}
-      <ol class={`p-texts ${lost() ? "is-stale" : ""}`} tabIndex={0} aria-label="texts of the modules">
+      {rows.length === 0 ? <p class="empty">{texts.length ? t("None of them matches.") : t("Nothing has been said since the server started.")}</p> : null}
+      <ol class={`p-texts ${lost() ? "is-stale" : ""}`} tabIndex={0} aria-label={t("texts of the modules")}>
         {rows.map((text, place) => (
           <li key={TEXT_KEYS(text, place)}>
             <time>{moment(text.timestamp)}</time>
@@ -103,39 +104,43 @@ function Texts({ words }: { words: string[] }) {
 
 export function Errors() {
   const groups = system.value?.errors;
-  if (!groups) return <Empty>No data yet.</Empty>;
+  if (!groups) return <Empty>{t("No data yet.")}</Empty>;
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
   const chosen = groups.find((group) => key(group) === opened.value);
   const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
   return (
     <div class="stack">
-      <Card title="Errors" class="p-three" flush aside={<Summary />}>
+      <Card title={t("Errors")} class="p-three" flush aside={<Summary />}>
         <div class="p-bar">
           <label class="p-search">
             <Search size={18} aria-hidden />
-            <span class="visually-hidden">Filter by module, number or words</span>
+            <span class="visually-hidden">{t("Filter by module, number or words")}</span>
             <input
               type="search"
               value={filter.value}
-              placeholder="Module, number or words"
+              placeholder={t("Module, number or words")}
               onInput={(event) => (filter.value = event.currentTarget.value)}
             />
           </label>
           <Button pressed={standingOnly.value} onClick={() => (standingOnly.value = !standingOnly.value)}>
-            Active only
+            {t("Active only")}
           </Button>
           <p class="muted p-grow">
-            A fault is <b>active</b> until its module reports it <b>cleared</b>; while the module does not run it is <b>not known</b>. Open a row for its reports.
-            Cleared faults stay here with their count; nothing needs to be acknowledged.
+            {rich("A fault is {active} until its module reports it {cleared}; while the module does not run it is {unknown}. Open a row for its reports.", {
+              active: <b>{t("active")}</b>,
+              cleared: <b>{t("cleared")}</b>,
+              unknown: <b>{t("not known")}</b>,
+            })}{" "}
+            {t("Cleared faults stay here with their count; nothing needs to be acknowledged.")}
           </p>
         </div>
         <Table
-          caption="Errors by kind"
-          columns={COLUMNS}
+          caption={t("Errors by kind")}
+          columns={columns()}
           rows={rows}
           id={key}
           stale={(group) => lost() || is(group) !== "stands"}
-          empty={groups.length ? "None of them matches." : "Nothing is active, and nothing has been reported since the server started."}
+          empty={groups.length ? t("None of them matches.") : t("Nothing is active, and nothing has been reported since the server started.")}
         />
       </Card>
       {chosen ? <Details group={chosen} onClose={() => (opened.value = null)} /> : null}

@@ -1,6 +1,7 @@
 // What is said of faults and texts, apart from how it is shown.
 import type { ErrorGroup, Report, Text } from "../../protocol";
 import type { Tone } from "../../ui";
+import { type Plain, t } from "../../words";
 import { hex } from "../format";
 import { fault } from "./faults";
 
@@ -18,14 +19,19 @@ export function about(group: Pick<ErrorGroup, "number" | "subject">): string {
   return group.subject ? `${name}, ${group.subject}` : name;
 }
 
-const SEVERITIES: readonly (readonly [Tone, string])[] = [
+const SEVERITIES: readonly (readonly [Tone, Plain])[] = [
   ["info", "notice"],
   ["warn", "warning"],
   ["bad", "error"],
 ];
 
 export function severity(group: Pick<ErrorGroup, "severity">): readonly [Tone, string] {
-  return SEVERITIES[group.severity] ?? ["bad", `unknown (${group.severity})`];
+  return inWords(SEVERITIES, group.severity);
+}
+
+function inWords(all: readonly (readonly [Tone, Plain])[], value: number): readonly [Tone, string] {
+  const [tone, word] = all[value] ?? [];
+  return tone === undefined || word === undefined ? ["bad", t("unknown ({value})", { value })] : [tone, t(word)];
 }
 
 type Named = Pick<ErrorGroup, "module" | "number" | "subject">;
@@ -43,7 +49,7 @@ export function beside(group: Named & Pick<ErrorGroup, "last">, reports: readonl
   return reports.filter((report) => !of(group, report) && report.severity > 0 && Math.abs(report.timestamp - group.last) <= BESIDE);
 }
 
-const LEVELS: readonly (readonly [Tone, string])[] = [
+const LEVELS: readonly (readonly [Tone, Plain])[] = [
   ["off", "debug"],
   ["info", "info"],
   ["warn", "warning"],
@@ -52,7 +58,7 @@ const LEVELS: readonly (readonly [Tone, string])[] = [
 
 /** A text's level. */
 export function level(text: Pick<Text, "level">): readonly [Tone, string] {
-  return LEVELS[text.level] ?? ["bad", `unknown (${text.level})`];
+  return inWords(LEVELS, text.level);
 }
 
 /** Whether a text, of whatever parts, has all words that were typed, anywhere. */

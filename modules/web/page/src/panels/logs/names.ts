@@ -1,11 +1,12 @@
 // Names and addresses of recorded runs.
+import { day } from "../../format";
 
 /** A run's name, which is when it began, as people write it; another name as it is. */
 export function started(run: string): string {
   const parts = /^(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)(.*)$/.exec(run);
   if (!parts) return run;
-  const [, year, month, day, hour, minute, second, rest] = parts;
-  return `${year}-${month}-${day} ${hour}:${minute}:${second}${rest ? ` (${rest.replace(/^[_-]/, "")})` : ""}`;
+  const [, year, month, date, hour, minute, second, rest] = parts;
+  return `${day(Number(year), Number(month), Number(date))} ${hour}:${minute}:${second}${rest ? ` (${rest.replace(/^[_-]/, "")})` : ""}`;
 }
 
 /** When a run began, s since the UNIX epoch: its name is the time in UTC. NaN for another name. */

@@ -6,7 +6,8 @@ import { stale, system } from "../../state";
 import { Age, Badge, Button, Card, Empty, Facts } from "../../ui";
 import { order } from "../../operate";
 import { lacks } from "../lacks";
-import { counted } from "../format";
+import { t } from "../../words";
+import { count } from "../format";
 import { started } from "./names";
 
 /** Characters of a marker, as the server takes them. */
@@ -18,29 +19,29 @@ export function RecorderCard() {
   const value = shown?.value;
   if (!shown || !value) {
     return (
-      <Card title="Recorder">
-        <Empty>No recorder is known.</Empty>
+      <Card title={t("Recorder")}>
+        <Empty>{t("No recorder is known.")}</Empty>
       </Card>
     );
   }
   const whyNot = lacks("operator");
   const mark = async () => {
-    if (await order({ type: "log", action: "mark", text: text.trim() }, "The marker was set.")) setText("");
+    if (await order({ type: "log", action: "mark", text: text.trim() }, t("The marker was set."))) setText("");
   };
-  const noText = text.trim() === "" ? "Write first what the marker is to say." : null;
+  const noText = text.trim() === "" ? t("Write first what the marker is to say.") : null;
   return (
-    <Card title="Recorder" aside={<Age shown={shown} />}>
+    <Card title={t("Recorder")} aside={<Age shown={shown} />}>
       <div class={stale(shown) ? "is-stale" : ""}>
         <Facts
           facts={[
-            { name: "State", value: value.recording ? <Badge tone="good" icon={Circle}>recording</Badge> : <Badge tone="warn">not recording</Badge> },
-            { name: "Run", value: value.run ? started(value.run) : "–" },
-            { name: "Written to the log", value: bytes(value.bytes) },
+            { name: t("State"), value: value.recording ? <Badge tone="good" icon={Circle}>{t("recording")}</Badge> : <Badge tone="warn">{t("not recording")}</Badge> },
+            { name: t("Run"), value: value.run ? started(value.run) : "–" },
+            { name: t("Written to the log"), value: bytes(value.bytes) },
             {
-              name: "Dropped",
-              value: value.dropped > 0 ? <Badge tone="bad">{counted(value.dropped, "message")}</Badge> : "none",
+              name: t("Dropped"),
+              value: value.dropped > 0 ? <Badge tone="bad">{t("{n} {n|message|messages}", { n: count(value.dropped) })}</Badge> : t("none"),
             },
-            { name: "Free on the disk", value: bytes(value.free) },
+            { name: t("Free on the disk"), value: bytes(value.free) },
           ]}
         />
       </div>
@@ -52,25 +53,25 @@ export function RecorderCard() {
         }}
       >
         {value.recording ? (
-          <Button icon={Square} whyNot={whyNot} onClick={() => order({ type: "log", action: "stop", text: "" }, "The recorder is commanded to stop.")}>
-            Stop recording
+          <Button icon={Square} whyNot={whyNot} onClick={() => order({ type: "log", action: "stop", text: "" }, t("The recorder is commanded to stop."))}>
+            {t("Stop recording")}
           </Button>
         ) : (
           <Button
             icon={Circle}
             kind="primary"
             whyNot={whyNot}
-            onClick={() => order({ type: "log", action: "start", text: "" }, "The recorder is commanded to start.")}
+            onClick={() => order({ type: "log", action: "start", text: "" }, t("The recorder is commanded to start."))}
           >
-            Start recording
+            {t("Start recording")}
           </Button>
         )}
         <label class="field p-grow">
-          Marker: what happens now
+          {t("Marker: what happens now")}
           <input value={text} maxLength={MARK_MAX} autocomplete="off" onInput={(event) => setText(event.currentTarget.value)} />
         </label>
         <Button type="submit" icon={Bookmark} whyNot={whyNot ?? noText} onClick={() => {}}>
-          Set marker
+          {t("Set marker")}
         </Button>
         {whyNot ? <p class="muted p-full">{whyNot}</p> : null}
       </form>

@@ -3,6 +3,8 @@ import { Download } from "lucide-preact";
 import { useEffect, useState } from "preact/hooks";
 import type { Refused } from "../../protocol";
 import { Dialog } from "../../ui";
+import { t } from "../../words";
+import { said } from "../../words/said";
 import { reportLink, started } from "./names";
 
 /** ms until it is asked again while another run is being read. */
@@ -17,17 +19,17 @@ export function Report({ run, onClose }: { run: string; onClose: () => void }) {
     return () => gone.abort();
   }, [run]);
   return (
-    <Dialog title={`Report of ${started(run)}`} open wide onClose={onClose}>
+    <Dialog title={t("Report of {run}", { run: started(run) })} open wide onClose={onClose}>
       {picture ? (
-        <div class="p-report" tabIndex={0} role="group" aria-label="Picture, can be scrolled">
-          <img src={picture} alt={`Path on the map, motion, stops, reports and states of the run ${started(run)}`} />
+        <div class="p-report" tabIndex={0} role="group" aria-label={t("Picture, can be scrolled")}>
+          <img src={picture} alt={t("Path on the map, motion, stops, reports and states of the run {run}", { run: started(run) })} />
         </div>
       ) : (
-        <p role="status">{why ? `It cannot be drawn: ${why}.` : "The robot reads the run and draws it."}</p>
+        <p role="status">{why ? t("It cannot be drawn: {why}.", { why: said(why) }) : t("The robot reads the run and draws it.")}</p>
       )}
       {picture ? (
         <a class="button" href={picture} download={`${run}.png`}>
-          <Download size={20} aria-hidden /> <span>Download the picture</span>
+          <Download size={20} aria-hidden /> <span>{t("Download the picture")}</span>
         </a>
       ) : null}
     </Dialog>

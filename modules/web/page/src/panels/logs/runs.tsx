@@ -5,7 +5,9 @@ import { useEffect } from "preact/hooks";
 import { bytes } from "../../format";
 import type { LogRun, Refused } from "../../protocol";
 import { demo } from "../../state";
-import { counted } from "../format";
+import { t } from "../../words";
+import { said } from "../../words/said";
+import { count } from "../format";
 import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { demoLink, fileLink, started } from "./names";
 import { Report } from "./report";
@@ -34,53 +36,53 @@ async function load(): Promise<void> {
   }
 }
 
-const COLUMNS: Column<LogRun>[] = [
+const columns = (): Column<LogRun>[] => [
   {
-    head: "Run",
+    head: t("Run"),
     title: true,
     by: (run) => run.run,
     cell: (run) => (
       <span class="p-name">
         {started(run.run)}
-        {run.recording ? <Badge tone="good">recording</Badge> : null}
-        {demo.value?.run === run.run ? <Badge tone="info">playing</Badge> : null}
+        {run.recording ? <Badge tone="good">{t("recording")}</Badge> : null}
+        {demo.value?.run === run.run ? <Badge tone="info">{t("playing")}</Badge> : null}
         <Figures run={run.run} />
       </span>
     ),
   },
   {
-    head: "Size",
+    head: t("Size"),
     figure: true,
     by: (run) => run.bytes,
     // The rest is what the modules took in, for the replay.
     cell: (run) => (
-      <span title="All files of the run: its log, and the inputs of its modules, from which it is replayed">
+      <span title={t("All files of the run: its log, and the inputs of its modules, from which it is replayed")}>
         {bytes(run.bytes)}
         <br />
-        <span class="muted">log {bytes(logged(run))}</span>
+        <span class="muted">{t("log {size}", { size: bytes(logged(run)) })}</span>
       </span>
     ),
   },
   {
-    head: "Look at",
+    head: t("Look at"),
     cell: (run) => (
       <span class="p-look">
-        <a class="button quiet" href={demoLink(run.run)} aria-label={`Play the run ${started(run.run)} on this page`}>
+        <a class="button quiet" href={demoLink(run.run)} aria-label={t("Play the run {run} on this page", { run: started(run.run) })}>
           <MonitorPlay size={20} aria-hidden />
-          <span>Play</span>
+          <span>{t("Play")}</span>
         </a>
-        <button type="button" class="button quiet" aria-label={`Report of the run ${started(run.run)}`} onClick={() => (reported.value = run.run)}>
+        <button type="button" class="button quiet" aria-label={t("Report of the run {run}", { run: started(run.run) })} onClick={() => (reported.value = run.run)}>
           <ChartLine size={20} aria-hidden />
-          <span>Report</span>
+          <span>{t("Report")}</span>
         </button>
       </span>
     ),
   },
   {
-    head: "Files",
+    head: t("Files"),
     cell: (run) => (
       <details class="p-files" open={run.files.length <= 2}>
-        <summary>{run.files.length === 1 ? "1 file" : `${run.files.length} files`}</summary>
+        <summary>{t("{n} {n|file|files}", { n: run.files.length })}</summary>
         <ul>
           {run.files.map((file) => (
             <li key={file.name}>
@@ -118,33 +120,33 @@ export function Runs() {
   const total = runs.value?.reduce((sum, run) => sum + run.bytes, 0) ?? 0;
   return (
     <Card
-      title="Runs"
+      title={t("Runs")}
       class="p-runs"
       flush
       aside={
         <span class="p-aside">
-          <span class="muted">{runs.value ? `${counted(runs.value.length, "run")}, ${bytes(total)}` : ""}</span>
-          <Button kind="quiet" icon={RotateCw} label="Look again" onClick={() => void load()} />
+          <span class="muted">{runs.value ? `${t("{n} {n|run|runs}", { n: count(runs.value.length) })}, ${bytes(total)}` : ""}</span>
+          <Button kind="quiet" icon={RotateCw} label={t("Look again")} onClick={() => void load()} />
         </span>
       }
     >
       {trouble.value ? (
         <p class="p-pad" role="alert">
-          <Badge tone="bad">not listed</Badge> The runs cannot be listed: {trouble.value}.
+          <Badge tone="bad">{t("not listed")}</Badge> {t("The runs cannot be listed: {why}.", { why: said(trouble.value) })}
         </p>
       ) : null}
       {runs.value ? (
-        <Table caption="Recorded runs, the newest first" columns={COLUMNS} rows={runs.value} id={(run) => run.run} empty="Nothing has been recorded." />
+        <Table caption={t("Recorded runs, the newest first")} columns={columns()} rows={runs.value} id={(run) => run.run} empty={t("Nothing has been recorded.")} />
       ) : trouble.value ? null : (
-        <Empty>Asking the robot.</Empty>
+        <Empty>{t("Asking the robot.")}</Empty>
       )}
       {reported.value ? <Report run={reported.value} onClose={() => (reported.value = null)} /> : null}
       <p class="muted p-pad">
-        Playing shows a run on this page as if it happened now, with a time line; nothing can be commanded then.
+        {t("Playing shows a run on this page as if it happened now, with a time line; nothing can be commanded then.")}
         <br />
         <a class="p-help" href="/foxglove-help">
           <BookOpenText size={16} aria-hidden />
-          How to open a run, or this robot live, in Foxglove
+          {t("How to open a run, or this robot live, in Foxglove")}
         </a>
       </p>
     </Card>

@@ -2,7 +2,8 @@
 import { signal } from "@preact/signals";
 import { num, span } from "../../format";
 import type { LogRun, RunSummary } from "../../protocol";
-import { counted } from "../format";
+import { t } from "../../words";
+import { count } from "../format";
 import { summaryLink } from "./names";
 
 /** As many runs, the newest, and none longer than this, bytes: what the robot reads in seconds. */
@@ -23,10 +24,10 @@ export function wanted(runs: readonly LogRun[], known: ReadonlyMap<string, unkno
 /** `20 min 13 s, 314 m, 2 contacts, 1 error`: what there was none of is left out, except for contacts of a simulation. */
 export function words({ seconds, distance, contacts, stops, errors, warnings }: RunSummary): string {
   const parts = [span(seconds), num(distance, distance < 100 ? 1 : 0, "m")];
-  if (contacts !== null) parts.push(contacts === 0 ? "no contact" : counted(contacts, "contact"));
-  if (stops > 0) parts.push(counted(stops, "stop"));
-  if (errors > 0) parts.push(counted(errors, "error"));
-  if (warnings > 0) parts.push(counted(warnings, "warning"));
+  if (contacts !== null) parts.push(contacts === 0 ? t("no contact") : t("{n} {n|contact|contacts}", { n: count(contacts) }));
+  if (stops > 0) parts.push(t("{n} {n|stop|stops}", { n: count(stops) }));
+  if (errors > 0) parts.push(t("{n} {n|error|errors}", { n: count(errors) }));
+  if (warnings > 0) parts.push(t("{n} {n|warning|warnings}", { n: count(warnings) }));
   return parts.join(", ");
 }
 

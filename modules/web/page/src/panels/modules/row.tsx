@@ -2,6 +2,8 @@
 import type { ModuleRow } from "../../protocol";
 import { since, system } from "../../state";
 import { Badge, type Tone } from "../../ui";
+import { t } from "../../words";
+import { said } from "../../words/said";
 import { lost } from "../lacks";
 
 /** It announces itself each second; older than twice that it is stale. */
@@ -26,17 +28,20 @@ function tone(row: ModuleRow): Tone {
 
 /** What it is, and what it should be where that is something else. */
 export function State({ row }: { row: ModuleRow }) {
-  if (!row.well && asWanted(row)) return <Badge tone="off">ended as commanded</Badge>;
+  if (!row.well && asWanted(row)) return <Badge tone="off">{t("ended as commanded")}</Badge>;
   const differs = row.wanted !== "" && row.wanted !== row.state;
   return (
     <span class="p-state">
       <Badge tone={tone(row)}>{row.state}</Badge>
-      {differs ? <span class="p-wanted">wanted {row.wanted}</span> : null}
+      {differs ? <span class="p-wanted">{t("wanted {state}", { state: row.wanted })}</span> : null}
     </span>
   );
 }
 
+/** How its last process ended, in words. */
+export const lastExit = (row: ModuleRow): string => (row.last_exit ? said(row.last_exit) : "–");
+
 /** What a process does, in words. */
 export function phase(row: ModuleRow): string {
-  return row.phase === "stranger" ? "not supervised" : row.phase;
+  return row.phase === "stranger" ? t("not supervised") : said(row.phase);
 }

@@ -4,9 +4,10 @@ import { num } from "../../format";
 import { stale, system } from "../../state";
 import { EMPTY, LOW } from "../../shell/health";
 import { Age, Badge, Card, Empty, Facts, type Tone } from "../../ui";
+import { type Plain, t } from "../../words";
 import { minutes, percent } from "../format";
 
-function judged(charge: number | null): { tone: Tone; word: string } {
+function judged(charge: number | null): { tone: Tone; word: Plain } {
   if (charge === null) return { tone: "off", word: "charge not known" };
   if (charge < EMPTY) return { tone: "bad", word: "almost empty" };
   return charge < LOW ? { tone: "warn", word: "low" } : { tone: "good", word: "good" };
@@ -17,25 +18,25 @@ export function BatteryCard() {
   const value = shown?.value;
   if (!shown || !value) {
     return (
-      <Card title="Battery" icon={BatteryMedium}>
-        <Empty>No data yet.</Empty>
+      <Card title={t("Battery")} icon={BatteryMedium}>
+        <Empty>{t("No data yet.")}</Empty>
       </Card>
     );
   }
   const { tone, word } = judged(value.charge);
   const current = value.channels.reduce((sum, channel) => sum + (channel.current ?? 0), 0);
   return (
-    <Card title="Battery" icon={BatteryMedium} aside={<Age shown={shown} />}>
+    <Card title={t("Battery")} icon={BatteryMedium} aside={<Age shown={shown} />}>
       <div class={stale(shown) ? "is-stale" : ""}>
         <p class="p-big">
-          <span>{percent(value.charge)}</span> <Badge tone={tone}>{word}</Badge>
+          <span>{percent(value.charge)}</span> <Badge tone={tone}>{t(word)}</Badge>
         </p>
-        <meter class={`p-meter tone-${tone}`} min={0} max={1} low={EMPTY} high={LOW} optimum={1} value={value.charge ?? 0} aria-label="Charge" />
+        <meter class={`p-meter tone-${tone}`} min={0} max={1} low={EMPTY} high={LOW} optimum={1} value={value.charge ?? 0} aria-label={t("Charge")} />
         <Facts
           facts={[
-            { name: "Lasts", value: minutes(value.remaining) },
-            { name: "Voltage", value: num(value.voltage, 1, "V") },
-            { name: "Channels draw", value: num(current, 2, "A") },
+            { name: t("Lasts"), value: minutes(value.remaining) },
+            { name: t("Voltage"), value: num(value.voltage, 1, "V") },
+            { name: t("Channels draw"), value: num(current, 2, "A") },
           ]}
         />
       </div>

@@ -1,4 +1,5 @@
 // The robot's frame on a picture whose top is ahead: x forward goes up, y to the left goes left. All in m, rad.
+import type { Plain } from "../../words";
 
 export interface Place {
   x: number;
@@ -38,9 +39,11 @@ export function polygon(corners: readonly (readonly [number, number])[]): string
   return corners.map(([x, y]) => point(x, y).replace(" ", ",")).join(" ");
 }
 
-/** Which side of the robot a direction of its frame is on, in words. */
-export function side(theta: number): string {
+const SIDES = ["rear", "rear right", "right", "front right", "front", "front left", "left", "rear left", "rear"] as const satisfies Plain[];
+export type Side = (typeof SIDES)[number];
+
+/** Which side of the robot a direction of its frame is on, in words: a text of the page. */
+export function side(theta: number): Side {
   const turn = Math.atan2(Math.sin(theta), Math.cos(theta));
-  const names = ["rear", "rear right", "right", "front right", "front", "front left", "left", "rear left", "rear"];
-  return names[Math.round((turn + Math.PI) / (Math.PI / 4))] as string;
+  return SIDES[Math.round((turn + Math.PI) / (Math.PI / 4))] as Side;
 }

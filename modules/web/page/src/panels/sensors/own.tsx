@@ -3,6 +3,7 @@ import { deg, num, span } from "../../format";
 import type { DataBeacons } from "../../protocol";
 import { drive, sensors, since, stale } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Facts, Table } from "../../ui";
+import { t } from "../../words";
 import { count } from "../format";
 import { side } from "./geometry";
 
@@ -22,12 +23,12 @@ function sightings(value: DataBeacons, age: number): Sighting[] {
   });
 }
 
-const BEACONS: Column<Sighting>[] = [
-  { head: "Beacon", title: true, by: (row) => row.id, cell: (row) => row.id },
-  { head: "Bearing", figure: true, by: (row) => row.bearing ?? Infinity, cell: (row) => deg(row.bearing, 1) },
-  { head: "Seen", cell: (row) => (row.bearing === null ? "–" : side(row.bearing)) },
-  { head: "Strength", figure: true, by: (row) => row.strength ?? -Infinity, cell: (row) => num(row.strength, 2) },
-  { head: "Age", figure: true, by: (row) => row.age, cell: (row) => span(row.age) },
+const columns = (): Column<Sighting>[] => [
+  { head: t("Beacon"), title: true, by: (row) => row.id, cell: (row) => row.id },
+  { head: t("Bearing"), figure: true, by: (row) => row.bearing ?? Infinity, cell: (row) => deg(row.bearing, 1) },
+  { head: t("Seen"), cell: (row) => (row.bearing === null ? "–" : t(side(row.bearing))) },
+  { head: t("Strength"), figure: true, by: (row) => row.strength ?? -Infinity, cell: (row) => num(row.strength, 2) },
+  { head: t("Age"), figure: true, by: (row) => row.age, cell: (row) => span(row.age) },
 ];
 
 export function BeaconCard() {
@@ -35,18 +36,18 @@ export function BeaconCard() {
   if (!shown) return null;
   const rows = shown.value ? sightings(shown.value, (shown.age ?? 0) + since(shown)) : null;
   return (
-    <Card title="Beacons seen" class="p-fits" flush aside={<Age shown={shown} />}>
+    <Card title={t("Beacons seen")} class="p-fits" flush aside={<Age shown={shown} />}>
       {rows ? (
         <Table
-          caption="Beacons seen in the last sweep"
-          columns={BEACONS}
+          caption={t("Beacons seen in the last sweep")}
+          columns={columns()}
           rows={rows}
           id={(row) => row.id}
           stale={() => stale(shown)}
-          empty="None was seen in the last sweep."
+          empty={t("None was seen in the last sweep.")}
         />
       ) : (
-        <Empty>No data yet.</Empty>
+        <Empty>{t("No data yet.")}</Empty>
       )}
     </Card>
   );
@@ -58,14 +59,14 @@ export function ScannerCard() {
   const value = shown?.value;
   if (!shown || !value) return null;
   return (
-    <Card title="Beacon scanner" aside={<Age shown={shown} />}>
+    <Card title={t("Beacon scanner")} aside={<Age shown={shown} />}>
       <div class={stale(shown) ? "is-stale" : ""}>
         <Facts
           facts={[
-            { name: "Supply", value: num(value.supply, 2, "V") },
-            { name: "Pulses rejected", value: count(value.rejected) },
-            { name: "Now", value: num(value.rejected_rate, 1, "1/s") },
-            { name: "Sweeps", value: count(value.sweeps) },
+            { name: t("Supply"), value: num(value.supply, 2, "V") },
+            { name: t("Pulses rejected"), value: count(value.rejected) },
+            { name: t("Now"), value: num(value.rejected_rate, 1, "1/s") },
+            { name: t("Sweeps"), value: count(value.sweeps) },
           ]}
         />
       </div>
@@ -77,22 +78,22 @@ export function OdometryCard() {
   const shown = drive.value?.odometry;
   const value = shown?.value;
   return (
-    <Card title="Odometry" aside={<Age shown={shown} />}>
+    <Card title={t("Odometry")} aside={<Age shown={shown} />}>
       {value ? (
         <div class={stale(shown) ? "is-stale" : ""}>
           <Facts
             facts={[
-              { name: "Speed", value: num(value.translation, 3, "m/s") },
-              { name: "Turning", value: `${deg(value.rotation, 1)}/s` },
-              { name: "Way", value: num(value.path, 2, "m") },
-              { name: "Turned in all", value: deg(value.heading, 1) },
-              { name: "Ticks left", value: count(value.ticks_left) },
-              { name: "Ticks right", value: count(value.ticks_right) },
+              { name: t("Speed"), value: num(value.translation, 3, "m/s") },
+              { name: t("Turning"), value: `${deg(value.rotation, 1)}/s` },
+              { name: t("Way"), value: num(value.path, 2, "m") },
+              { name: t("Turned in all"), value: deg(value.heading, 1) },
+              { name: t("Ticks left"), value: count(value.ticks_left) },
+              { name: t("Ticks right"), value: count(value.ticks_right) },
             ]}
           />
         </div>
       ) : (
-        <Empty>No data yet.</Empty>
+        <Empty>{t("No data yet.")}</Empty>
       )}
     </Card>
   );
@@ -102,20 +103,20 @@ export function GamepadCard() {
   const shown = drive.value?.gamepad;
   const value = shown?.value;
   return (
-    <Card title="Gamepad of the robot" aside={<Age shown={shown} />}>
+    <Card title={t("Gamepad of the robot")} aside={<Age shown={shown} />}>
       {value?.connected ? (
         <div class={stale(shown) ? "is-stale" : ""}>
           <Facts
             facts={[
-              { name: "Name", value: value.name },
-              { name: "Dead man", value: value.dead_man ? <Badge tone="warn">held: it drives</Badge> : <Badge tone="off">released</Badge> },
-              { name: "Speed", value: num(value.speed, 2, "m/s") },
-              { name: "Steering", value: deg(value.steering, 1) },
+              { name: t("Name"), value: value.name },
+              { name: t("Dead man"), value: value.dead_man ? <Badge tone="warn">{t("held: it drives")}</Badge> : <Badge tone="off">{t("released")}</Badge> },
+              { name: t("Speed"), value: num(value.speed, 2, "m/s") },
+              { name: t("Steering"), value: deg(value.steering, 1) },
             ]}
           />
         </div>
       ) : (
-        <Empty>{value ? "None is plugged in." : "No data yet."}</Empty>
+        <Empty>{value ? t("None is plugged in.") : t("No data yet.")}</Empty>
       )}
     </Card>
   );

@@ -1,8 +1,9 @@
 // Proximity, drawn around the robot: its front is at the top.
 import { signal } from "@preact/signals";
-import { num } from "../../format";
+import { num, united, written } from "../../format";
 import { scene, sensors, stale } from "../../state";
 import { Age, Button, Card, Empty } from "../../ui";
+import { t } from "../../words";
 import { beam, front, onPicture, polygon, side } from "./geometry";
 import { floor, GLYPHS, near, type Near } from "./near";
 import { infrareds, type Sounding, sonars } from "./readings";
@@ -18,38 +19,38 @@ export function SonarPicture() {
   const robot = scene.value;
   return (
     <Card
-      title="Proximity"
+      title={t("Proximity")}
       aside={
-        <span class="p-aside" role="group" aria-label="How far is shown">
+        <span class="p-aside" role="group" aria-label={t("How far is shown")}>
           {REACHES.map((far) => (
             <Button key={far} kind="quiet" pressed={reach.value === far} onClick={() => (reach.value = far)}>
-              {far} m
+              {united(far, "m")}
             </Button>
           ))}
         </span>
       }
     >
-      {shown && robot ? <Picture /> : <Empty>No data yet.</Empty>}
+      {shown && robot ? <Picture /> : <Empty>{t("No data yet.")}</Empty>}
       {shown ? (
         <p class="p-legend">
           <span>
-            sonars <Age shown={sonars(shown, 0).shown} />
+            {t("sonars")} <Age shown={sonars(shown, 0).shown} />
           </span>
           <span>
-            infrared <Age shown={infrareds(shown).shown} />
+            {t("infrared")} <Age shown={infrareds(shown).shown} />
           </span>
           <span>
-            beacons <Age shown={shown.beacons} />
+            {t("beacons")} <Age shown={shown.beacons} />
           </span>
         </p>
       ) : null}
       <p class="p-legend muted">
-        <span>{GLYPHS.close} under 0.5 m</span>
-        <span>{GLYPHS.near} under 1 m</span>
-        <span>dotted: nothing within range</span>
-        <span>? not known: counts as occupied</span>
-        <span>● ▽ floor, no floor</span>
-        <span>◆ beacon: its direction alone</span>
+        <span>{t("{glyph} under {distance}", { glyph: GLYPHS.close, distance: num(0.5, 1, "m") })}</span>
+        <span>{t("{glyph} under {distance}", { glyph: GLYPHS.near, distance: num(1, 0, "m") })}</span>
+        <span>{t("dotted: nothing within range")}</span>
+        <span>{t("? not known: counts as occupied")}</span>
+        <span>{t("● ▽ floor, no floor")}</span>
+        <span>{t("◆ beacon: its direction alone")}</span>
       </p>
     </Card>
   );
@@ -83,7 +84,7 @@ function Picture() {
             <g key={radius}>
               <circle cx={0} cy={-middle} r={radius} />
               <text x={across} y={down}>
-                {radius} m
+                {united(written(String(radius)), "m")}
               </text>
             </g>
           );
@@ -179,9 +180,10 @@ function Nose({ outline }: { outline: readonly (readonly [number, number])[] }) 
 function summary(sonars: readonly Sounding[]): string {
   const heard = sonars.filter((range) => range.distance !== null);
   const unknown = sonars.filter((range) => range.known === "unknown").length;
-  const rest = unknown ? ` ${unknown} of ${sonars.length} sonars are not known.` : "";
+  const all = sonars.length;
+  const rest = unknown ? ` ${t("{n} of {all} sonars are not known.", { n: unknown, all })}` : "";
   const nearest = heard.sort((a, b) => (a.distance ?? 0) - (b.distance ?? 0))[0];
-  if (!nearest) return `Proximity around the robot: no sonar hears anything.${rest}`;
-  const where = `${num(nearest.distance, 2, "m")} at the ${side(nearest.theta)}`;
-  return `Proximity around the robot: nearest ${where}; ${heard.length} of ${sonars.length} sonars have an echo.${rest}`;
+  if (!nearest) return `${t("Proximity around the robot: no sonar hears anything.")}${rest}`;
+  const values = { distance: num(nearest.distance, 2, "m"), side: t(side(nearest.theta)), n: heard.length, all };
+  return `${t("Proximity around the robot: nearest {distance} at the {side}; {n} of {all} sonars have an echo.", values)}${rest}`;
 }
