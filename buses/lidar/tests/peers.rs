@@ -87,27 +87,60 @@ fn serve(kind: &str, packages: &[&str], mut device: impl Device) -> Option<ExitS
     }
 }
 
-#[test]
-fn lds2d_reads_packets_and_single_samples() {
-    // The LD14P of lds2d has the packets of the LD19.
-    for (kind, status) in [
-        ("LD14P", serve("lds2d:LD14P", &["lds2d"], ld::emulated::Device::new(ld::Model::Ld19))),
-        ("A1", serve("lds2d:RPLIDAR-A1", &["lds2d"], rplidar::emulated::Device::new(rplidar::Model::A1))),
-        ("C1", serve("lds2d:RPLIDAR-C1", &["lds2d"], rplidar::emulated::Device::new(rplidar::Model::C1))),
-    ] {
-        assert!(status.is_none_or(|status| status.success()), "{kind}");
-    }
+/// `lds2d` reads a device.
+#[track_caller]
+fn lds2d(kind: &str, device: impl Device) {
+    let status = serve(kind, &["lds2d"], device);
+    assert!(status.is_none_or(|status| status.success()));
 }
 
 #[test]
-fn the_sdk_of_slamtec_reads_each_kind_of_capsule() {
-    use rplidar::Model;
-    // Ultra with a configuration; express without; ultra; dense; dense.
-    for model in [Model::A1, Model::A2, Model::A3, Model::C1, Model::S2] {
-        let kind = std::format!("slamtec:{}", model.baud());
-        let status = serve(&kind, &["pyrplidarsdk"], rplidar::emulated::Device::new(model));
-        assert!(status.is_none_or(|status| status.success()), "{model}");
-    }
+fn lds2d_reads_packets() {
+    // Its LD14P has the packets of the LD19.
+    lds2d("lds2d:LD14P", ld::emulated::Device::new(ld::Model::Ld19));
+}
+
+#[test]
+fn lds2d_reads_single_samples_of_an_a1() {
+    lds2d("lds2d:RPLIDAR-A1", rplidar::emulated::Device::new(rplidar::Model::A1));
+}
+
+#[test]
+fn lds2d_reads_single_samples_of_a_c1() {
+    lds2d("lds2d:RPLIDAR-C1", rplidar::emulated::Device::new(rplidar::Model::C1));
+}
+
+/// SLAMTEC's own SDK reads a device.
+#[track_caller]
+fn slamtec(model: rplidar::Model) {
+    let kind = std::format!("slamtec:{}", model.baud());
+    let status = serve(&kind, &["pyrplidarsdk"], rplidar::emulated::Device::new(model));
+    assert!(status.is_none_or(|status| status.success()));
+}
+
+#[test]
+fn the_sdk_of_slamtec_reads_ultra_capsules_of_an_a1() {
+    slamtec(rplidar::Model::A1);
+}
+
+#[test]
+fn the_sdk_of_slamtec_reads_express_capsules_of_an_a2() {
+    slamtec(rplidar::Model::A2);
+}
+
+#[test]
+fn the_sdk_of_slamtec_reads_ultra_capsules_of_an_a3() {
+    slamtec(rplidar::Model::A3);
+}
+
+#[test]
+fn the_sdk_of_slamtec_reads_dense_capsules_of_a_c1() {
+    slamtec(rplidar::Model::C1);
+}
+
+#[test]
+fn the_sdk_of_slamtec_reads_dense_capsules_of_an_s2() {
+    slamtec(rplidar::Model::S2);
 }
 
 #[test]
