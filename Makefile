@@ -120,6 +120,7 @@ bench:
 	cargo bench -p advee --locked --bench world
 	cargo bench -p advee --locked --bench patrol
 	cargo bench -p advee --locked --bench faults
+	cargo bench -p advee --locked --bench ros2
 	cargo bench -p estimator --locked --bench estimator
 	cargo bench -p lcm-gen --locked --bench codec --bench cdr
 	cargo bench -p logger --locked --bench ros

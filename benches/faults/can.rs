@@ -51,7 +51,8 @@ impl Drop for Can {
     }
 }
 
-fn open(port: u16) -> UdpSocket {
+/// Socket that hears the bus beside all its nodes.
+pub fn open(port: u16) -> UdpSocket {
     let fd = socket(AddressFamily::Inet, SockType::Datagram, SockFlag::SOCK_CLOEXEC, None).expect("a socket");
     setsockopt(&fd, sockopt::ReuseAddr, &true).expect("reuse");
     setsockopt(&fd, sockopt::ReusePort, &true).expect("reuse");
