@@ -188,9 +188,9 @@ function Bounded() {
 }
 
 /** `web:Linux computer` is `Linux computer (web)`. */
-function commander(source: string): string {
-  const name = /^web:(.*)$/.exec(source)?.[1];
-  return name ? `${name} (web)` : translated(source);
+function commander(name: string): string {
+  const device = /^web:(.*)$/.exec(name)?.[1];
+  return device ? `${device} (web)` : translated(name);
 }
 
 /** An angle of the steering, in words which side. */
