@@ -132,7 +132,7 @@ function Standing({ part }: { part: DrivePart | null }) {
       {rows.map((row) => (
         <li key={`${row.code} ${row.subject}`}>
           {sentence(holdWords(row))}
-          {now !== null && row.since !== null ? <span class="age"> {span(Math.max(0, (now - row.since) / 1e6))}</span> : null}
+          {now !== null && row.since !== null ? <span class="age">{span(Math.max(0, (now - row.since) / 1e6))}</span> : null}
           {row.latched ? <Badge tone="warn">{t("latched until commanded")}</Badge> : null}
         </li>
       ))}
