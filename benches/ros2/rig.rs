@@ -253,7 +253,7 @@ impl Rig {
         self.wait(from, patience, |point| point.operates && point.rpm == rpm)
     }
 
-    /// Time of the first such set-point since `from`; `None`: there is none within `patience`.
+    /// Time of the first such set-point since `from`; `None` if none comes within `patience`.
     fn wait(&mut self, from: Instant, patience: Duration, is: impl Fn(&SetPoint) -> bool) -> Option<Instant> {
         loop {
             while let Some(point) = self.points.pop_front() {

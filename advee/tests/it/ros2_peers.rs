@@ -64,7 +64,7 @@ impl Peer {
         Self::of(command)
     }
 
-    /// An example, which is told the domain as programs of ROS are.
+    /// An example, which gets the domain from the environment, as programs of ROS do.
     pub(crate) fn example(python: &Path, script: &str, domain: u32, args: &[&str]) -> Self {
         let mut command = Command::new(python);
         command.arg(workspace().join("examples/ros2").join(script)).args(args);
