@@ -162,7 +162,7 @@ impl Lifecycle {
         Some(cdr)
     }
 
-    /// Makes a transition, named by its label or, without one, by its number; false if this state has no such transition.
+    /// Makes a transition, named by its label or, without one, by its number. False if it is not possible now.
     fn change(&mut self, number: u8, label: &str) -> bool {
         let is_asked = |(of, name, from, _): &&Transition| {
             *from == self.state as u8 && if label.is_empty() { *of == number } else { *name == label }
