@@ -97,6 +97,11 @@ pub enum Implausible {
         /// Way that the robot has moved meanwhile.
         millimetres: u32,
     },
+    /// Sonars that heard something, and all hear nothing from one sweep to the next.
+    Deaf {
+        /// Number of sonars that heard something before.
+        heard: usize,
+    },
 }
 
 impl fmt::Display for Implausible {
@@ -106,6 +111,7 @@ impl fmt::Display for Implausible {
             Self::Value { index, value } => {
                 write!(f, "value {index} is {value}, which it cannot measure")
             }
+            Self::Deaf { heard } => write!(f, "none of its sonars hears anything any more, {heard} did just before"),
             Self::Frozen { millimetres } => {
                 write!(f, "its distances stayed the same while the robot moved by {millimetres} mm")
             }

@@ -19,9 +19,9 @@
 mod answers;
 mod config;
 mod floor;
-mod frozen;
 mod odometry;
 mod pace;
+mod plausibility;
 mod ranges;
 
 pub use config::{Config, ConfigError, Ranger, Wheels};
@@ -30,13 +30,13 @@ use crate::line::{self, Line, PORT};
 use crate::rs485_bus::{Kind, Node};
 use base::{Duration, Instant};
 use floor::Floor;
-use frozen::Frozen;
 use messages::common::CmdState;
 use messages::lowlevel::DataMotion;
 use messages::{Channel, Message};
 use module::{Actions, Event, Module, PortSpec, State};
 use odometry::Follower;
 use pace::Pace;
+use plausibility::Plausibility;
 use ranges::Ranges;
 use rs485::boards::{Instruction, sd1, so1};
 use rs485::master;
@@ -52,7 +52,7 @@ pub struct Rs485a {
     line: Line,
     ranges: Ranges,
     pace: Pace,
-    frozen: Frozen,
+    plausibility: Plausibility,
     floor: Floor,
     /// Time at which `LL_DATA_RANGES` is published even if no board has answered.
     repeat: Instant,
@@ -76,7 +76,7 @@ impl Rs485a {
             line,
             ranges: Ranges::new(&config),
             pace: Pace::new(&config),
-            frozen: Frozen::new(&config),
+            plausibility: Plausibility::new(&config),
             floor: Floor::new(&config.nodes),
             repeat: Instant::NEVER,
             odometry: Follower::new(&config.wheels),
@@ -99,7 +99,7 @@ impl Rs485a {
 
     /// The boards that look in the direction of travel are polled faster.
     fn on_motion(&mut self, now: Instant, motion: &DataMotion) {
-        self.frozen.on_motion(now, motion);
+        self.plausibility.on_motion(now, motion);
         if self.pace.on_motion(motion) {
             self.ranges.begin_round();
             for (address, period) in self.pace.periods() {

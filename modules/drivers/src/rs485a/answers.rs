@@ -40,7 +40,7 @@ impl Rs485a {
                 return;
             }
             Some(Kind::Sd1) => {
-                let both = sd1::Both::parse(data).and_then(|both| self.frozen.judge(now, to, both));
+                let both = sd1::Both::parse(data).and_then(|both| self.plausibility.judge(now, to, both));
                 let both = self.line.judge(to, both, out);
                 both.map(|both| self.on_ranges(now, to, Some(both), out))
             }

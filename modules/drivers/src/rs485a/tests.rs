@@ -823,9 +823,8 @@ fn a_reading_is_measured_silent_or_unknown() {
 #[test]
 fn ranges_of_a_failing_or_implausible_board_are_unknown_at_once() {
     let mut wire = Wire::open();
-    wire.run(ms(2000));
     wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
-    wire.run(ms(500));
+    wire.run(ms(2500));
     let before = wire.ranges().pop().unwrap().1;
     assert_eq!(statuses(&before), "mmmmmmmmssssssssmmmm");
     wire.front().dead = true;
@@ -1087,9 +1086,9 @@ fn a_board_that_repeats_itself_while_the_robot_drives_is_implausible_until_it_me
     wire.news();
     // While the robot stands nothing changes, and silence says nothing.
     drive(&mut wire, 0.0, 5000);
-    drive(&mut wire, -0.3, 900);
+    drive(&mut wire, -0.3, 450);
     assert_eq!(wire.news(), "");
-    drive(&mut wire, -0.3, 1500);
+    drive(&mut wire, -0.3, 700);
     let (_, ranges) = wire.ranges().pop().unwrap();
     assert_eq!(wire.news(), "Warning BoardImplausible sd1_front");
     let unknown = |reading: &&Reading| reading.status == Reading::UNKNOWN;
@@ -1110,8 +1109,79 @@ fn sonars_that_look_sideways_may_hear_a_wall_at_one_distance() {
     config.srfs.iter_mut().for_each(|ranger| ranger.theta = 1.57);
     let mut wire = Wire::with(config);
     wire.port(Input::Up);
+    let wall = [1000, 1000, sd1::NO_ECHO, sd1::NO_ECHO];
+    wire.front().srfs = wall.into_iter().collect();
+    wire.rear().srfs = wall.into_iter().collect();
     wire.run(ms(2000));
     wire.news();
     drive(&mut wire, 0.5, 10_000);
     assert_eq!(wire.news(), "");
+    // Three do not hear the same to the millimetre for more than a metre.
+    wire.front().srfs = [1000, 1000, 1010, sd1::NO_ECHO].into_iter().collect();
+    drive(&mut wire, 0.5, 1800);
+    assert_eq!(wire.news(), "");
+    drive(&mut wire, 0.5, 1000);
+    assert_eq!(wire.news(), "Warning BoardImplausible sd1_front");
+}
+
+#[test]
+fn a_board_whose_sonars_fall_silent_together_is_deaf_until_one_of_them_hears() {
+    let silent: sd1::Srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    for speed in [0.0, 0.3] {
+        let mut wire = Wire::with(directed());
+        wire.port(Input::Up);
+        wire.rear().srfs.clone_from(&silent);
+        wire.run(ms(1000));
+        wire.news();
+        wire.front().srfs.clone_from(&silent);
+        drive(&mut wire, speed, 1000);
+        let (_, ranges) = wire.ranges().pop().unwrap();
+        assert_eq!(wire.news(), "Warning BoardImplausible sd1_front", "{speed}");
+        let unknown = |reading: &&Reading| reading.status == Reading::UNKNOWN;
+        assert!(ranges.readings.iter().filter(unknown).count() >= 8, "{}", statuses(&ranges));
+        drive(&mut wire, speed, 60_000);
+        assert_eq!(wire.news(), "", "silence proves nothing");
+        wire.front().srfs[3] = 2000;
+        drive(&mut wire, 0.0, 1000);
+        let (_, ranges) = wire.ranges().pop().unwrap();
+        assert_eq!(wire.news(), "Notice BoardImplausible sd1_front");
+        assert_eq!(ranges.readings.iter().filter(unknown).count(), 0, "{}", statuses(&ranges));
+    }
+}
+
+#[test]
+fn sonars_lose_what_they_hear_one_after_the_other_and_a_single_sweep_may_miss_all_of_it() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    wire.run(ms(1000));
+    wire.news();
+    for channel in [0, 3, 1, 6, 2, 7, 5, 4] {
+        wire.front().srfs[channel] = sd1::NO_ECHO;
+        drive(&mut wire, 0.3, 400);
+    }
+    // The open hall.
+    drive(&mut wire, 0.3, 60_000);
+    assert_eq!(wire.news(), "");
+    wire.front().srfs = [1000; 8].into_iter().collect();
+    drive(&mut wire, 0.3, 500);
+    wire.front().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    drive(&mut wire, 0.3, 200);
+    wire.front().srfs = [1000; 8].into_iter().collect();
+    drive(&mut wire, 0.3, 400);
+    assert_eq!(wire.news(), "");
+}
+
+#[test]
+fn a_board_that_answers_no_more_and_then_hears_nothing_is_deaf_if_it_heard_before() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.run(ms(1000));
+    wire.front().dead = true;
+    wire.run(ms(5000));
+    wire.front().dead = false;
+    wire.front().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    wire.news();
+    wire.run(ms(5000));
+    assert!(wire.news().contains("Warning BoardImplausible sd1_front"));
 }
