@@ -1,5 +1,6 @@
-//! A ranging board that falls silent while the robot drives: the robot stands within a second, says why, and stays
-//! until a person acts. The board also has the floor sensors, so this holds for every source, in either direction.
+//! A ranging board that falls silent while the robot drives, or whose sonars hear nothing any more: the robot stands,
+//! says why, and stays until a person acts. The board also has the floor sensors, so this holds for every source, in
+//! either direction.
 
 use super::patrol::rig::Patrol;
 use messages::lowlevel::{CmdMotion, DataHold};
@@ -71,6 +72,29 @@ fn a_patrol_among_visitors_stands_within_a_second_of_the_loss_of_a_board() {
             }
         }
         assert!(robot.seen().way > back.way + 0.5, "{:?}", robot.seen().words);
+    }
+}
+
+#[test]
+fn a_patrol_stands_when_the_sonars_of_a_board_that_answers_hear_nothing_any_more() {
+    for (world, board) in [("hall", "sd1_front"), ("hall", "sd1_rear"), ("corridor", "sd1_front")] {
+        let mut robot = Patrol::new(world, None, 4, None);
+        robot.go();
+        let fast = (0..1200).any(|_| {
+            robot.patrol(0.1);
+            robot.seen().truth.speed > 0.4
+        });
+        assert!(fast, "{board}: {:?}", robot.seen().words);
+        fault(&mut robot, &[board], "blind");
+        robot.pass(1.5);
+        let seen = robot.seen();
+        assert!(seen.truth.speed.abs() < STANDS_MPS, "{world} {board}: {:.3} m/s after 1.5 s", seen.truth.speed);
+        assert_eq!(lost(&seen.holds), [board], "{:?}", seen.holds);
+        robot.patrol(60.0);
+        assert!((robot.seen().way - seen.way).abs() < 0.05 && robot.seen().own_contacts() == 0, "{world} {board}");
+        fault(&mut robot, &[board], "none");
+        robot.pass(5.0);
+        assert_eq!(lost(&robot.seen().holds), [""; 0], "one echo shows that it hears");
     }
 }
 
