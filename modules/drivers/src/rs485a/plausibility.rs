@@ -14,7 +14,7 @@ use crate::rs485_bus::Kind;
 use base::{Duration, Instant};
 use messages::lowlevel::DataMotion;
 use rs485::boards::Implausible;
-use rs485::boards::sd1::{Both, NO_ECHO, SLOT, SRFS, SWEEP, Srfs};
+use rs485::boards::sd1::{Both, NO_ECHO, SRFS, SWEEP, Srfs};
 
 /// Distance travelled over which equal measurements are implausible, m: the distance of what is along the axis changes
 /// by half of it at least, several times the sonars' resolution.
@@ -29,10 +29,10 @@ const ALONG_COS: f64 = 0.5;
 const MOTION_MAX: Duration = Duration::from_millis(200);
 /// Number of sonars that do not fall silent together, nor see what is beside them at constant distances.
 const TOGETHER: usize = 3;
-/// Duration of an unexpected silence after which a board is deaf: each sonar has missed twice, and a board that was
-/// reset has fired each one.
-const DEAF_AFTER: Duration = Duration::from_millis(280);
-const _: () = assert!(DEAF_AFTER.as_nanos() == SWEEP.as_nanos() + SLOT.as_nanos());
+/// Duration of an unexpected silence after which a board is deaf, two sweeps: each sonar has missed twice or more, and a
+/// board that was reset has fired each one.
+const DEAF_AFTER: Duration = Duration::from_millis(420);
+const _: () = assert!(DEAF_AFTER.as_nanos() == 2 * SWEEP.as_nanos());
 
 /// What a board measured last, and for how long.
 #[derive(Debug)]
