@@ -177,6 +177,25 @@ fn frames_of_another_host_do_not_enter_the_can_bus() {
     });
 }
 
+#[test]
+fn where_multicast_is_routed_to_the_loopback_a_can_bus_stays_whole_and_on_its_host() {
+    on_a_host("where_multicast_is_routed_to_the_loopback_a_can_bus_stays_whole_and_on_its_host", |here| {
+        let there = cabled(&here);
+        here.ip("route add 224.0.0.0/4 dev lo");
+        let bus = SocketAddrV4::new(CAN_GROUP, 24_001);
+        let [mut ours, mut neighbour] = ["ours", "neighbour"].map(|name| {
+            let mut port = Port::new(name.into(), PortConfig::CanUdp { bus });
+            port.device.open().expect("the bus opens");
+            port
+        });
+        let tap = there.tap();
+        let frame = Frame::standard(0x181, &[1]);
+        assert_eq!(neighbour.device.send(Instant::ZERO, &module::Output::Can(frame)), Ok(true));
+        assert_eq!([arrived(&mut ours), arrived(&mut neighbour)], [Some(frame), None]);
+        assert_eq!(here.seen(&["eth7"], &tap, CAN_GROUP), []);
+    });
+}
+
 /// Result of `advee doctor` for the bus: level and cure of one check.
 fn diagnosis(robot: &Robot, check: &str) -> (String, String) {
     let output = robot.advee(&["doctor", "--sim", "--json"]);

@@ -52,7 +52,7 @@ struct Sockets {
     fullness: Fullness,
     /// Separate from the receiver, whose port all nodes share: own frames are recognized by this socket's address.
     sender: UdpSocket,
-    own: SocketAddr,
+    own: SocketAddrV4,
 }
 
 impl CanUdp {
@@ -104,7 +104,7 @@ impl CanUdp {
                     _ => {}
                 }
             }
-            let from = message.address.map(|from| SocketAddr::from(SocketAddrV4::from(from)));
+            let from = message.address.map(SocketAddrV4::from);
             let length = message.bytes;
             if from != Some(sockets.own) {
                 let whom = from.map_or("nobody".into(), |from| from.to_string());
@@ -120,7 +120,7 @@ impl CanUdp {
 impl Sockets {
     fn open(bus: SocketAddrV4) -> io::Result<Self> {
         let sender = open_sender(bus)?;
-        let own = sender.local_addr()?;
+        let SocketAddr::V4(own) = sender.local_addr()? else { return Err(ErrorKind::Unsupported.into()) };
         let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
         let receiver = socket(AddressFamily::Inet, SockType::Datagram, flags, None)?;
         setsockopt(&receiver, sockopt::ReuseAddr, &true)?;
@@ -134,11 +134,13 @@ impl Sockets {
         lcm::live::keep_local(receiver.as_fd())?;
         bind_to(&receiver, bus)?;
         let receiver = UdpSocket::from(receiver);
-        // As LCM does: the interface of the default route, and the loopback.
-        let by_route = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::UNSPECIFIED);
-        let on_lo = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::LOCALHOST);
-        // Without a route both are the loopback, and the second join fails.
-        by_route.or(on_lo)?;
+        // What the sender sends is heard there, and only where somebody has joined does the TTL of 0 hold.
+        receiver.join_multicast_v4(bus.ip(), own.ip())?;
+        // As LCM does, for other programs: the interface to which multicast is routed, and the loopback. Most often one
+        // of them is joined already, and there may be no such route.
+        for interface in [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST] {
+            let _ = receiver.join_multicast_v4(bus.ip(), &interface);
+        }
         let fullness = Fullness::of(receiver.as_fd())?;
         Ok(Self { receiver, fullness, sender, own })
     }
