@@ -20,6 +20,7 @@ pub mod objects;
 pub mod operator;
 pub mod pairing;
 mod parts;
+mod recent;
 pub mod recorded;
 pub mod scene;
 pub mod session_store;

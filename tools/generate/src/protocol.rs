@@ -53,6 +53,8 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("modules/web/src/center/parts.rs", "MapPart"),
             same("modules/web/src/center/parts.rs", "SystemPart"),
             same("modules/web/src/center/inspect.rs", "MessagePart"),
+            same("modules/web/src/center/recent.rs", "RecentPart"),
+            same("modules/web/src/center/recent.rs", "RecentRow"),
             same("modules/web/src/center/viewer.rs", "Watch"),
             same("modules/web/src/center/demo.rs", "Play"),
             same("modules/web/src/center/demo.rs", "Playing"),

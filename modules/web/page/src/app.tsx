@@ -4,9 +4,10 @@ import { Banners } from "./shell/banners";
 import { Guard } from "./shell/guard";
 import { watchKeys } from "./shell/keys";
 import { Nav } from "./shell/nav";
+import { Recent, recentShown } from "./shell/recent";
 import { StatusBar } from "./shell/status";
 import { Stop, StopExplained } from "./shell/stop";
-import { me, recorded } from "./state";
+import { may, me, recorded } from "./state";
 import { Timeline } from "./timeline";
 import { Toasts } from "./ui";
 import { view } from "./views";
@@ -17,6 +18,7 @@ export function App() {
   const main = useRef<HTMLElement>(null);
   const { id, label: english, view: View, english: isEnglish } = view.value;
   const label = t(english);
+  const shown = recentShown.value && may("viewer");
   useEffect(watchKeys, []);
   useEffect(() => {
     document.title = `${label} · ${me.value?.robot ?? "advee"}`;
@@ -24,7 +26,7 @@ export function App() {
   useEffect(() => main.current?.scrollTo(0, 0), [id, me.value?.robot]);
   return (
     <>
-      <div class={recorded ? "app is-recorded" : "app"}>
+      <div class={`app${recorded ? " is-recorded" : ""}${shown ? " has-recent" : ""}`}>
         <StatusBar>
           <a class="skip" href={`#/${id}`} onClick={(event) => (event.preventDefault(), main.current?.focus())}>
             {t("Skip to the view")}
@@ -44,6 +46,7 @@ export function App() {
             )}
           </Guard>
         </main>
+        {shown ? <Recent /> : null}
         {recorded ? <Timeline /> : <Stop />}
       </div>
       <StopExplained />

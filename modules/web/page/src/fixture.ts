@@ -286,6 +286,15 @@ function said(each: Command): boolean {
 let watched: string[] = [];
 function messages(): void {
   for (const channel of watched) {
+    if (channel === "*") {
+      const [at, odometry] = [elapsed(), "translation 0.412, rotation 0.031, path 112.204, heading 3.481"];
+      receive({ part: "recent", at, recent: [
+        { channel: "LL_CMD_MOTION", since: at - 2, until: at, count: 40, words: "speed 0.400, steering 0.100, priority 2, source web", length: 61 },
+        { channel: "LL_EVENT_STOP", since: at - 31, until: at - 31, count: 1, words: "engaged true, source bumper2", length: 29 },
+        { channel: "LL_DATA_ODO", since: at - 400, until: at, count: 8000, words: odometry, length: 66 },
+      ] });
+      continue;
+    }
     const value = channel === "LL_DATA_ODO" ? drivePart().odometry.value : channel === "ML_DATA_ESTIMATE" ? drivePart().estimate.value : drivePart().motion.value;
     receive({ part: "message", channel, type: "lowlevel.data_motion_t", at: elapsed(), value: { ...value } });
   }

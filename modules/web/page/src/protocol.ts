@@ -343,6 +343,29 @@ export interface MessagePart {
   error?: string;
 }
 
+/** The latest messages, at most 2 Hz: the watched channel `*`. */
+export interface RecentPart {
+  part: "recent";
+  /** Time of the newest message, s on a monotonic scale. */
+  at: number;
+  /** At most 60, by their begin, the latest first. */
+  recent: RecentRow[];
+}
+
+/** Messages of a channel without a pause. */
+export interface RecentRow {
+  channel: string;
+  /** First and last one, s on the scale of the part. */
+  since: number;
+  until: number;
+  /** Number of messages. */
+  count: number;
+  /** The last one in a line for people; empty if it is long. */
+  words: string;
+  /** Length of the last one, bytes. */
+  length: number;
+}
+
 /** Page to `/ws/view`: the channels whose messages it is sent, at most eight; replaces the list before. */
 export interface Watch {
   watch: string[];
@@ -607,7 +630,7 @@ export interface ChannelRow {
   age: number;
 }
 
-export type Part = ScenePart | DrivePart | SensorsPart | MapPart | SystemPart | MessagePart;
+export type Part = ScenePart | DrivePart | SensorsPart | MapPart | SystemPart | MessagePart | RecentPart;
 
 // ---------------------------------------------------------------------------------------------------- commands
 

@@ -1,6 +1,6 @@
 // What the page knows, as signals: the newest of each part, how old it is by now, the connection, and who we are.
 import { computed, signal } from "@preact/signals";
-import type { DrivePart, Holder, MapPart, Me, MessagePart, Part, Role, ScenePart, SensorsPart, Shown, SystemPart } from "./protocol";
+import type { DrivePart, Holder, MapPart, Me, MessagePart, Part, RecentPart, Role, ScenePart, SensorsPart, Shown, SystemPart } from "./protocol";
 import { type Plain, t } from "./words";
 
 /** The page's clock, ms, that only grows. */
@@ -14,12 +14,14 @@ export const map = signal<MapPart | null>(null);
 export const system = signal<SystemPart | null>(null);
 /** The newest message that came of a watched channel; `watch` in connection/view.ts says which are wanted. */
 export const message = signal<MessagePart | null>(null);
+/** The latest messages, while they are watched. */
+export const recent = signal<RecentPart | null>(null);
 
 /** The page's clock, ms; five times a second. Read it where something ages by itself. */
 export const now = signal(clock());
 
 /** How often each part comes, s: no value in it is newer than that. */
-const EVERY: Record<Part["part"], number> = { scene: 0, drive: 0.1, sensors: 0.2, map: 5, system: 1, message: 0 };
+const EVERY: Record<Part["part"], number> = { scene: 0, drive: 0.1, sensors: 0.2, map: 5, system: 1, message: 0, recent: 0.5 };
 
 /** What the way through the network may add, s, before a value counts as old. */
 const NETWORK = 0.2;
@@ -54,6 +56,9 @@ export function receive(part: Part): void {
       break;
     case "message":
       message.value = part;
+      break;
+    case "recent":
+      recent.value = part;
       break;
   }
 }

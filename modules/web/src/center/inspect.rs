@@ -1,5 +1,6 @@
-//! Newest message of each channel; as JSON for watched channels.
+//! Newest message of each channel, and the latest of all; as JSON for watched channels.
 
+use super::recent::Recent;
 use axum::extract::ws::Utf8Bytes;
 use base::{Duration, Instant, Ticker};
 use messages::{Channel, Message};
@@ -14,6 +15,10 @@ const SHOWN_MAX: usize = 64 << 10;
 const UPDATE_PERIOD: Duration = Duration::from_millis(50);
 const LONG_MESSAGE: usize = 8 << 10;
 const LONG_UPDATE_PERIOD: Duration = Duration::from_millis(500);
+/// Watched for the latest messages of all channels.
+const ALL: &str = "*";
+/// Minimum interval of updates of these.
+const RECENT_PERIOD: Duration = Duration::from_millis(500);
 
 /// State of all channels.
 #[derive(Debug)]
@@ -21,6 +26,8 @@ pub struct Inspector {
     /// In step with the parts of the view, so that it causes no extra wake-ups.
     ticker: Ticker,
     channels: BTreeMap<String, Latest>,
+    /// The latest messages of all channels: what is received on [`ALL`], which is no channel.
+    recent: Recent,
 }
 
 /// State of a channel.
@@ -55,13 +62,15 @@ struct MessagePart<'a> {
 
 impl Default for Inspector {
     fn default() -> Self {
-        Self { ticker: Ticker::new(Instant::ZERO, UPDATE_PERIOD), channels: BTreeMap::new() }
+        let ticker = Ticker::new(Instant::ZERO, UPDATE_PERIOD);
+        Self { ticker, channels: BTreeMap::new(), recent: Recent::default() }
     }
 }
 
 impl Inspector {
     /// Processes a message on a channel.
     pub fn hear(&mut self, at: Instant, channel: &str, bytes: &[u8]) {
+        self.recent.hear(at, channel, bytes);
         if !self.channels.contains_key(channel) {
             if self.channels.len() >= CHANNELS_MAX {
                 return;
@@ -82,6 +91,7 @@ impl Inspector {
         latest.watchers += 1;
         // The last message is sent to all watchers again.
         latest.news |= latest.at.is_some();
+        self.recent.news |= channel == ALL;
     }
 
     /// A viewer ends watching a channel.
@@ -102,7 +112,13 @@ impl Inspector {
             return false;
         }
         let mut any = false;
-        for (channel, latest) in &mut self.channels {
+        if self.recent.news
+            && let Some(latest) = self.channels.get_mut(ALL).filter(|latest| latest.watchers > 0 && latest.next <= now)
+        {
+            let part = serde_json::to_string(&self.recent.part()).unwrap_or_default();
+            (latest.next, latest.told, any) = (now + RECENT_PERIOD, Some((turn, part.into())), true);
+        }
+        for (channel, latest) in self.channels.iter_mut().filter(|(channel, _)| *channel != ALL) {
             let (true, true, Some(at)) = (latest.watchers > 0 && latest.news, latest.next <= now, latest.at) else {
                 continue;
             };

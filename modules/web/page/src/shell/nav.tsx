@@ -1,9 +1,10 @@
 // The navigation: at the side of a wide screen, at the bottom of a phone, where the rest is under "More".
-import { Ellipsis } from "lucide-preact";
+import { Ellipsis, ListOrdered } from "lucide-preact";
 import { useEffect, useState } from "preact/hooks";
-import { me } from "../state";
+import { may, me } from "../state";
 import { type View, view, views } from "../views";
 import { t } from "../words";
+import { recentShown, toggleRecent } from "./recent";
 
 export function Nav() {
   const [open, setOpen] = useState(false);
@@ -25,6 +26,11 @@ export function Nav() {
             <Item view={each} current={each.id === current.id} />
           </li>
         ))}
+        {may("viewer") ? (
+          <li class="later beside">
+            <RecentItem />
+          </li>
+        ) : null}
         <li class="more" hidden={few}>
           <button type="button" class={`nav-item ${current.first ? "" : "is-current"}`} aria-expanded={open} aria-controls="nav-more" onClick={() => setOpen(!open)}>
             <Ellipsis size={22} aria-hidden />
@@ -40,6 +46,9 @@ export function Nav() {
               <Item view={each} current={each.id === current.id} />
             </li>
           ))}
+          <li onClick={() => setOpen(false)}>
+            <RecentItem />
+          </li>
         </ul>
       ) : null}
     </nav>
@@ -53,6 +62,16 @@ function Item({ view: { id, label, icon: Icon, count }, current }: { view: View;
       <span>{t(label)}</span>
       <Count of={count?.() ?? 0} />
     </a>
+  );
+}
+
+/** Shows the latest messages beside the view, whichever it is. */
+function RecentItem() {
+  return (
+    <button type="button" class="nav-item" aria-pressed={recentShown.value} onClick={toggleRecent}>
+      <ListOrdered size={22} aria-hidden />
+      <span>{t("Recent")}</span>
+    </button>
   );
 }
 
