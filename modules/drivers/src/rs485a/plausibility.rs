@@ -29,8 +29,8 @@ const ALONG_COS: f64 = 0.5;
 const MOTION_MAX: Duration = Duration::from_millis(200);
 /// Number of sonars that do not fall silent together, nor see what is beside them at constant distances.
 const TOGETHER: usize = 3;
-/// Duration of an unexpected silence after which a board is deaf, two sweeps: each sonar has missed twice or more, and a
-/// board that was reset has fired each one.
+/// Duration of an unexpected silence after which a board is deaf, two sweeps: each sonar has missed twice or more, and
+/// a board that was reset has fired each one.
 const DEAF_AFTER: Duration = Duration::from_millis(420);
 const _: () = assert!(DEAF_AFTER.as_nanos() == 2 * SWEEP.as_nanos());
 
