@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 
 /// Maximum number of buses.
 const BUSES_MAX: usize = 32;
+/// Maximum number of inertial measurement units.
+const IMUS_MAX: usize = 8;
 /// Maximum number of modules whose lists of causes are kept.
 const HOLDERS_MAX: usize = 16;
 /// Maximum number of command sources.
@@ -90,6 +92,7 @@ pub struct Model {
     pub clock: Slot<simulation::DataClock>,
     holds: BTreeMap<String, Slot<lowlevel::DataHold>>,
     buses: BTreeMap<String, Slot<lowlevel::DataBus>>,
+    imus: BTreeMap<String, Slot<lowlevel::DataImu>>,
     commands: BTreeMap<String, Slot<Commanded>>,
 }
 
@@ -139,6 +142,7 @@ impl Model {
             clock: Slot::every(ms(1000)),
             holds: BTreeMap::new(),
             buses: BTreeMap::new(),
+            imus: BTreeMap::new(),
             commands: BTreeMap::new(),
         }
     }
@@ -179,6 +183,10 @@ impl Model {
             Some(Message::LlDataScan(scan)) => self.scans.on_scan(at, &scan),
             Some(Message::LlDataBeacons(beacons)) => self.beacons.put(at, beacons),
             Some(Message::LlDataScanner(scanner)) => self.scanner.put(at, scanner),
+            Some(Message::LlDataImu(imu)) => {
+                let name = imu.name.clone();
+                put(&mut self.imus, IMUS_MAX, name, ms(20), at, imu);
+            }
             Some(Message::LlDataAxes(axes)) => self.axes.put(at, axes),
             Some(Message::LlDataWheels(wheels)) => self.wheels.put(at, wheels),
             Some(Message::LlDataPower(power)) => self.power.put(at, power),
@@ -236,6 +244,11 @@ impl Model {
     /// Buses in order of their names.
     pub fn buses(&self) -> impl Iterator<Item = &Slot<lowlevel::DataBus>> {
         self.buses.values()
+    }
+
+    /// Inertial measurement units in order of their names.
+    pub fn imus(&self) -> impl Iterator<Item = &Slot<lowlevel::DataImu>> {
+        self.imus.values()
     }
 
     /// Recent `LL_CMD_MOTION` of the sources whose last command is one, in order of their names.

@@ -548,3 +548,21 @@ fn a_source_that_sends_both_messages_is_shown_once_by_its_newer_command() {
     assert_eq!(sources(&model, T0), (2, 0));
     assert_eq!(sources(&model, T0 + Duration::from_secs(1)), (0, 0), "they are silent");
 }
+
+#[test]
+fn each_inertial_measurement_unit_has_its_last_message_and_their_number_is_bounded() {
+    let mut model = model();
+    let imu = |name: &str, up: f64| lowlevel::DataImu {
+        name: name.into(),
+        acceleration: [0.0, 0.0, up],
+        ..lowlevel::DataImu::default()
+    };
+    for (name, up) in [("front", 1.0), ("base", 9.8), ("front", 9.7)] {
+        say(&mut model, T0, imu(name, up));
+    }
+    let shown: Vec<_> =
+        model.imus().map(|slot| slot.get().map(|imu| (imu.name.as_str(), imu.acceleration[2]))).collect();
+    assert_eq!(shown, [Some(("base", 9.8)), Some(("front", 9.7))]);
+    (0..1000).for_each(|n| say(&mut model, T0, imu(&n.to_string(), 9.8)));
+    assert!(model.imus().count() <= 8);
+}

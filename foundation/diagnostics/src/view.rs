@@ -50,6 +50,8 @@ pub struct View<'a> {
     pub beacons: Shown<'a, lowlevel::DataBeacons>,
     /// State of the beacon scanner.
     pub scanner: Shown<'a, lowlevel::DataScanner>,
+    /// Inertial measurement units.
+    pub imus: Vec<Shown<'a, lowlevel::DataImu>>,
     /// Odometry.
     pub odometry: Shown<'a, lowlevel::DataOdo>,
     /// Drives.
@@ -136,6 +138,7 @@ impl Model {
             scans: self.scans.shown(now),
             beacons: self.beacons.shown(now),
             scanner: self.scanner.shown(now),
+            imus: self.imus().map(|imu| imu.shown(now)).collect(),
             odometry: self.odometry.shown(now),
             axes: self.axes.shown(now),
             wheels: self.wheels.shown(now),

@@ -288,7 +288,7 @@ export interface DrivePart {
   play: Playing | null;
 }
 
-/** Range finders and beacons: 5 Hz. */
+/** Range finders, beacons and inertial measurement units: 5 Hz. */
 export interface SensorsPart {
   part: "sensors";
   sonars: Shown<DataSrfs>;
@@ -299,6 +299,7 @@ export interface SensorsPart {
   scans: Shown<Scan>[];
   beacons: Shown<DataBeacons>;
   scanner: Shown<DataScanner>;
+  imus: Shown<DataImu>[];
   /** True places of people: only the simulation knows them. */
   people: Shown<DataPeople>;
 }
@@ -911,6 +912,36 @@ export interface Field {
   x: (number | null)[];
   /** Corners, robot frame, left, m. */
   y: (number | null)[];
+}
+
+/**
+ * What an inertial measurement unit measures: `LL_DATA_IMU`, at the rate of the device. Vectors are in the robot frame;
+ * the acceleration is that of the place where the device sits.
+ * - OK 0, UNCALIBRATED 1, IMPLAUSIBLE 2, FAULT 3: States of the device. OK: it works. UNCALIBRATED: its gyroscope is
+ *   not calibrated, or the robot has not stood for long enough for its zero to be known. IMPLAUSIBLE: it measures what
+ *   no robot does, or repeats itself. FAULT: it reports an error, or its line is disturbed. What is not OK is shown,
+ *   and nothing goes by it.
+ */
+export interface DataImu {
+  /** Instant of the measurement, microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Name of the device in the configuration. */
+  name: string;
+  /** One of the constants. */
+  status: number;
+  /** Proper acceleration forward, to the left and up, m/s²: 0, 0, 9.81 when level and at rest. */
+  acceleration: (number | null)[];
+  /** Rotation about the axes that point forward, to the left and up, rad/s; its zero at standstill is subtracted. */
+  rotation: (number | null)[];
+  /**
+   * Unit quaternion x, y, z, w from the robot frame to a level frame; its heading counts from the start of the device
+   * or from magnetic north, as the device is configured; 0, 0, 0, 1 without one.
+   */
+  orientation: (number | null)[];
+  /** True if the device gives an orientation. */
+  oriented: boolean;
+  /** Temperature of the device, °C; NaN if it has none. */
+  temperature: number | null;
 }
 
 /** Infrared range finders: `LL_DATA_IRS`. Always contains all of them. */

@@ -81,7 +81,7 @@ impl<'a> DrivePart<'a> {
     }
 }
 
-/// Range finders and beacons: 5 Hz.
+/// Range finders, beacons and inertial measurement units: 5 Hz.
 #[derive(Serialize)]
 #[serde(tag = "part", rename = "sensors")]
 pub struct SensorsPart<'a> {
@@ -93,6 +93,7 @@ pub struct SensorsPart<'a> {
     scans: Vec<Shown<'a, Scan>>,
     beacons: Shown<'a, lowlevel::DataBeacons>,
     scanner: Shown<'a, lowlevel::DataScanner>,
+    imus: Vec<Shown<'a, lowlevel::DataImu>>,
     /// True places of people: only the simulation knows them.
     people: Shown<'a, simulation::DataPeople>,
 }
@@ -107,6 +108,7 @@ impl<'a> SensorsPart<'a> {
             scans: model.scans.shown(now),
             beacons: model.beacons.shown(now),
             scanner: model.scanner.shown(now),
+            imus: model.imus().map(|imu| imu.shown(now)).collect(),
             people: model.people.shown(now),
         }
     }

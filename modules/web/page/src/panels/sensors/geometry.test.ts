@@ -1,6 +1,6 @@
-import { deepEqual, equal } from "node:assert/strict";
+import { deepEqual, equal, ok } from "node:assert/strict";
 import { test } from "node:test";
-import { beam, front, onPicture, polygon, side } from "./geometry";
+import { beam, front, onPicture, polygon, side, tilt } from "./geometry";
 import { floor, near } from "./near";
 import type { Known } from "./readings";
 
@@ -28,4 +28,14 @@ test("the floor is where it should be, or it is none, or that is not known", () 
 
 test("what is near is told from what is close", () => {
   deepEqual([0.49, 0.5, 0.99, 1].map(near), ["close", "near", "near", "far"]);
+});
+
+test("the tilt of a quaternion is its roll and pitch, whatever its heading", () => {
+  const [roll, pitch, heading] = [0.1, -0.2, 2.5];
+  const [sr, sp, sy] = [roll, pitch, heading].map((angle) => Math.sin(angle / 2)) as [number, number, number];
+  const [cr, cp, cy] = [roll, pitch, heading].map((angle) => Math.cos(angle / 2)) as [number, number, number];
+  const turned = tilt([sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy]);
+  ok(turned && Math.abs(turned[0] - roll) < 1e-9 && Math.abs(turned[1] - pitch) < 1e-9, String(turned));
+  equal(tilt([0, 0, null, 1]), null);
+  equal(tilt([]), null);
 });

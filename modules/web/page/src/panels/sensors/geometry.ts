@@ -47,3 +47,9 @@ export function side(theta: number): Side {
   const turn = Math.atan2(Math.sin(theta), Math.cos(theta));
   return SIDES[Math.round((turn + Math.PI) / (Math.PI / 4))] as Side;
 }
+
+/** Roll and pitch of a quaternion x, y, z, w, rad; null where it is none. Pitch is positive with the front down. */
+export function tilt([x, y, z, w]: readonly (number | null)[]): [number, number] | null {
+  if (x == null || y == null || z == null || w == null) return null;
+  return [Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), Math.asin(Math.max(-1, Math.min(1, 2 * (w * y - z * x))))];
+}

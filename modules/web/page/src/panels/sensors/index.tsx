@@ -1,6 +1,6 @@
 // What the robot senses of its surroundings and of itself.
 import { SonarPicture } from "./picture";
-import { BeaconCard, GamepadCard, OdometryCard, ScannerCard } from "./own";
+import { BeaconCard, GamepadCard, ImuCards, OdometryCard, ScannerCard } from "./own";
 import { RangerTables } from "./rangers";
 import "../panels.css";
 
@@ -12,6 +12,7 @@ export function Sensors() {
         <BeaconCard />
         <ScannerCard />
         <OdometryCard />
+        <ImuCards />
         <GamepadCard />
       </div>
       <div class="stack">

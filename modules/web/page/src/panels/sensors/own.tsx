@@ -1,11 +1,11 @@
-// Beacons, odometry and the gamepad.
+// Beacons, odometry, inertial measurement units and the gamepad.
 import { deg, num, span } from "../../format";
 import type { DataBeacons } from "../../protocol";
 import { drive, sensors, since, stale } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Facts, Table } from "../../ui";
-import { t } from "../../words";
+import { type Plain, t } from "../../words";
 import { count } from "../format";
-import { side } from "./geometry";
+import { side, tilt } from "./geometry";
 
 interface Sighting {
   id: number;
@@ -96,6 +96,44 @@ export function OdometryCard() {
         <Empty>{t("No data yet.")}</Empty>
       )}
     </Card>
+  );
+}
+
+/** `status` of `DataImu`. */
+const IMU_STATES: readonly [Plain, "good" | "warn" | "bad"][] = [
+  ["works", "good"],
+  ["not calibrated", "warn"],
+  ["not plausible", "bad"],
+  ["faulty", "bad"],
+];
+
+/** One for each inertial measurement unit that was heard. */
+export function ImuCards() {
+  const three = (values: readonly (number | null)[], write: (value: number | null) => string) => values.map(write).join(", ");
+  return (
+    <>
+      {sensors.value?.imus.map((shown) => {
+        const value = shown.value;
+        if (!value) return null;
+        const [word, tone] = IMU_STATES[value.status] ?? (["faulty", "bad"] as const);
+        const tilted = value.oriented ? tilt(value.orientation) : null;
+        return (
+          <Card key={value.name} title={t("Inertial unit {name}", { name: value.name })} aside={<Age shown={shown} />}>
+            <div class={stale(shown) ? "is-stale" : ""}>
+              <Facts
+                facts={[
+                  { name: t("State"), value: <Badge tone={tone}>{t(word)}</Badge> },
+                  { name: t("Turning"), value: `${deg(value.rotation[2], 1)}/s` },
+                  { name: t("Roll, pitch"), value: tilted ? three(tilted, (angle) => deg(angle, 1)) : "–" },
+                  { name: t("Acceleration"), value: `${three(value.acceleration, (axis) => num(axis, 2))}\u00A0m/s²` },
+                  { name: t("Temperature"), value: num(value.temperature, 0, "°C") },
+                ]}
+              />
+            </div>
+          </Card>
+        );
+      })}
+    </>
   );
 }
 

@@ -17,6 +17,7 @@ function part(readings: Reading[] | null, srfs: Range[] | null): SensorsPart {
     scans: [],
     beacons: shown<{ timestamp: number; beacons: [] }>(null),
     scanner: shown<never>(null),
+    imus: [],
     people: shown<{ timestamp: number; x: number[]; y: number[]; radius: number[] }>(null),
   };
   receive(part);
