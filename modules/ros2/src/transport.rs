@@ -30,8 +30,12 @@ use std::thread::JoinHandle;
 const PROGRAMS: u32 = 10;
 /// Ports that are tried, from the first one on: as many programs of DDS may be on this computer.
 const PORTS: u32 = 100;
-/// Datagrams, and messages of the bus, that are read before others have their turn.
+/// Messages of the bus that are read before others have their turn.
 const BURST: usize = 256;
+/// Datagrams of a socket that are read in a turn. If there are more, the next turn comes after [`REST`]: a flood takes a
+/// bounded part of a processor, wakes the thread once for many datagrams, and is dropped by the kernel.
+const DATAGRAMS: usize = 16;
+const REST: Duration = Duration::from_millis(1);
 /// Longest wait: the module looks whether the thread goes on.
 const WAIT_MAX: Duration = Duration::from_millis(200);
 /// Receive buffer, bytes: a burst of discovery, while the thread waits for its turn.
@@ -136,12 +140,16 @@ impl Worker {
         while !self.shared.end.load(Relaxed) {
             self.shared.turns.fetch_add(1, Relaxed);
             self.node.set_acts(!self.shared.paused.load(Relaxed));
-            let mut more = self.read_bus();
-            more |= self.sockets.read(&mut self.node);
+            let more = self.read_bus();
+            let flooded = self.sockets.read(&mut self.node);
             let now = clock::now();
             self.node.handle_timeout(now);
             self.send();
             self.tell(now);
+            if flooded {
+                std::thread::sleep(REST);
+                continue;
+            }
             let due = self.node.poll_timeout().map_or(WAIT_MAX, |due| due.since(now));
             let wait = if more { Duration::ZERO } else { due.min(WAIT_MAX) };
             let fds = [Some(self.bus.as_fd()), Some(self.sockets.unicast.as_fd()), self.sockets.multicast_fd()];
@@ -269,7 +277,7 @@ impl Sockets {
 }
 
 fn read(socket: &UdpSocket, control: &mut [u8], datagram: &mut [u8], node: &mut Node) -> bool {
-    for _ in 0..BURST {
+    for _ in 0..DATAGRAMS {
         let mut parts = [IoSliceMut::new(datagram)];
         let received = recvmsg::<SockaddrIn>(socket.as_raw_fd(), &mut parts, Some(&mut *control), MsgFlags::empty());
         let (length, from, stamp) = match received {
