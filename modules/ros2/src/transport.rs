@@ -32,8 +32,8 @@ const PROGRAMS: u32 = 10;
 const PORTS: u32 = 100;
 /// Messages of the bus that are read before others have their turn.
 const BURST: usize = 256;
-/// Datagrams of a socket that are read in a turn. If there are more, the next turn comes after [`REST`]: a flood takes a
-/// bounded part of a processor, wakes the thread once for many datagrams, and is dropped by the kernel.
+/// Datagrams of a socket that are read in a turn. If there are more, the next turn comes after [`REST`]: a flood takes
+/// a bounded part of a processor, wakes the thread once for many datagrams, and is dropped by the kernel.
 const DATAGRAMS: usize = 16;
 const REST: Duration = Duration::from_millis(1);
 /// Longest wait: the module looks whether the thread goes on.
