@@ -113,7 +113,7 @@ impl Board {
             () => return None,
         };
         let is_frozen = self.way_m >= way && now.since(self.since) >= SWEEP * SWEEPS;
-        is_frozen.then(|| Implausible::Frozen { millimetres: (1000.0 * self.way_m) as u32 })
+        is_frozen.then_some(Implausible::Frozen { millimetres: (1000.0 * self.way_m) as u32 })
     }
 
     fn deaf(&mut self, now: Instant, srfs: &Srfs) -> Option<Implausible> {

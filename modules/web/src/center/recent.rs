@@ -8,6 +8,7 @@ use base::{Duration, Instant};
 use messages::Message;
 use serde::Serialize;
 use serde_json::Value;
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write;
 
@@ -104,7 +105,7 @@ impl Recent {
         self.news = false;
         let ended = self.ended.iter().map(|(channel, series)| (channel, series));
         let mut all: Vec<_> = self.going_on.iter().chain(ended).collect();
-        all.sort_by(|(_, a), (_, b)| b.since.cmp(&a.since));
+        all.sort_by_key(|(_, series)| Reverse(series.since));
         let recent = all.into_iter().take(LINES_MAX).map(|(channel, series)| series.row(channel)).collect();
         RecentPart { at: seconds(self.newest), recent }
     }
