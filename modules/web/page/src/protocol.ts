@@ -367,7 +367,10 @@ export interface RecentRow {
   length: number;
 }
 
-/** Page to `/ws/view`: the channels whose messages it is sent, at most eight; replaces the list before. */
+/**
+ * Page to `/ws/view`: the channels whose messages it is sent, at most eight, and `*` for the latest messages of all;
+ * replaces the list before.
+ */
 export interface Watch {
   watch: string[];
 }

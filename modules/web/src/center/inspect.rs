@@ -16,7 +16,7 @@ const UPDATE_PERIOD: Duration = Duration::from_millis(50);
 const LONG_MESSAGE: usize = 8 << 10;
 const LONG_UPDATE_PERIOD: Duration = Duration::from_millis(500);
 /// Watched for the latest messages of all channels.
-const ALL: &str = "*";
+pub const ALL: &str = "*";
 /// Minimum interval of updates of these.
 const RECENT_PERIOD: Duration = Duration::from_millis(500);
 
@@ -83,6 +83,11 @@ impl Inspector {
             latest.bytes.extend_from_slice(bytes);
         }
         (latest.length, latest.at, latest.news) = (bytes.len(), Some(at), true);
+    }
+
+    /// Forgets the latest messages: a recorded run goes on elsewhere.
+    pub fn forget_recent(&mut self) {
+        self.recent.forget();
     }
 
     /// A viewer begins to watch a channel.

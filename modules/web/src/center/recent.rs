@@ -100,6 +100,11 @@ impl Recent {
         }
     }
 
+    /// Forgets all of them.
+    pub fn forget(&mut self) {
+        *self = Self { news: true, ..Self::default() };
+    }
+
     /// The part.
     pub fn part(&mut self) -> RecentPart {
         self.news = false;
@@ -206,6 +211,10 @@ mod tests {
         let all = lines(&mut recent);
         assert_eq!(all[..2], [line("LL_CMD_MOTION", 13.5, 1), line("LL_DATA_ODO", 13.0, 1)]);
         assert_eq!(all.len(), 6);
+        // A recorded run goes on from an earlier place.
+        recent.forget();
+        say(&mut recent, 2000, DataOdo::default());
+        assert_eq!(lines(&mut recent), [line("LL_DATA_ODO", 2.0, 1)]);
     }
 
     #[test]

@@ -176,9 +176,11 @@ impl ViewPublisher {
         self.watch(&mut progress, Vec::new());
     }
 
-    /// Discards the model but not the viewers.
+    /// Discards the model and the latest messages, but not the viewers.
     pub fn forget(&self, config: Config) {
-        self.lock().model = Model::new(config);
+        let mut inner = self.lock();
+        inner.model = Model::new(config);
+        inner.inspector.forget_recent();
     }
 
     /// Reads the model under its lock.

@@ -6,6 +6,7 @@
 //! × `UNANSWERED_PINGS_MAX` updates, 0.6 s, are on their way to a viewer.
 
 use super::access::Who;
+use super::inspect::ALL;
 use super::view_publisher::ViewPublisher;
 use super::{Center, demo};
 use crate::app::App;
@@ -184,7 +185,8 @@ impl Flow {
     }
 }
 
-/// Page to `/ws/view`: the channels whose messages it is sent, at most eight; replaces the list before.
+/// Page to `/ws/view`: the channels whose messages it is sent, at most eight, and `*` for the latest messages of all;
+/// replaces the list before.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Watch {
@@ -222,7 +224,8 @@ fn parse(text: &str, plays: bool) -> Result<Said, String> {
             watch.sort_unstable();
             watch.dedup();
             let is_name = |name: &String| (1..=NAME_MAX).contains(&name.len());
-            watch.len() <= WATCHED_MAX && watch.iter().all(is_name)
+            let channels = watch.iter().filter(|name| *name != ALL).count();
+            channels <= WATCHED_MAX && watch.iter().all(is_name)
         }
         Said::Play(play) => plays && play.is_valid(),
     };
@@ -261,6 +264,8 @@ mod tests {
         };
         assert_eq!(watched(r#"{"watch":["B","A","B"]}"#), Some(vec!["A".into(), "B".into()]));
         assert_eq!(watched(r#"{"watch":[]}"#), Some(vec![]));
+        let most = format!(r#"{{"watch":["*",{}]}}"#, r#""A","B","C","D","E","F","G","H""#);
+        assert_eq!(watched(&most).map(|names| names.len()), Some(9));
         let long = format!(r#"{{"watch":["{}"]}}"#, "x".repeat(64));
         let many = format!(r#"{{"watch":{:?}}}"#, (0..9).map(|n| n.to_string()).collect::<Vec<_>>());
         for wrong in [&long, &many, "", "[]", "{}", r#"{"watch":"A"}"#, r#"{"watch":[""]}"#, r#"{"watch":[],"x":1}"#] {

@@ -5,8 +5,10 @@ import { Socket } from "./socket";
 
 /** Channels that panels want to see, with how many want each. */
 const wanted = new Map<string, number>();
-/** What the server lets one page watch. */
+/** Number of channels that the server lets one page watch, beside `ALL`. */
 export const MOST_WATCHED = 8;
+/** In place of a channel: the latest messages of all, as `recent` parts. */
+export const ALL = "*";
 
 let opened: (() => void) | undefined;
 
@@ -47,7 +49,8 @@ export const onOpen = (call: () => void): void => void (opened = call);
 export const hooks: { watching?: (channels: string[]) => void } = {};
 
 function tell(): void {
-  const channels = [...wanted.keys()].slice(0, MOST_WATCHED);
+  const few = [...wanted.keys()].filter((channel) => channel !== ALL).slice(0, MOST_WATCHED);
+  const channels = wanted.has(ALL) ? [...few, ALL] : few;
   hooks.watching?.(channels);
   socket.send({ watch: channels });
 }

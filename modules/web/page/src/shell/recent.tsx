@@ -3,16 +3,14 @@
 import { signal } from "@preact/signals";
 import { Pause, Play, X } from "lucide-preact";
 import { useEffect } from "preact/hooks";
-import { watch } from "../connection/view";
-import { bytes, span } from "../format";
+import { ALL, watch } from "../connection/view";
+import { bytes, span, time } from "../format";
 import { choose } from "../panels/messages/store";
 import type { RecentPart, RecentRow } from "../protocol";
 import { connection, recent, recorded } from "../state";
 import { Button, Empty } from "../ui";
 import { t } from "../words";
 
-/** What a server calls the channel of all. */
-const ALL = "*";
 const KEY = "advee-recent";
 /** A series goes on while its last message is not older than this, s. */
 const GOES_ON = 1.5;
@@ -49,7 +47,7 @@ function moment(part: RecentPart, at: number): string {
   const offset = Date.now() / 1000 - part.at;
   // The least delayed part tells best; a scale that began anew tells by a leap.
   if (part === recent.value) ahead = ahead === null || Math.abs(offset - ahead) > 5 ? offset : Math.min(ahead, offset);
-  return new Date((at + (ahead ?? offset)) * 1000).toLocaleTimeString("en-GB");
+  return time((at + (ahead ?? offset)) * 1e6);
 }
 
 export function Recent() {
