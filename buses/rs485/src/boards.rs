@@ -97,10 +97,10 @@ pub enum Implausible {
         /// Way that the robot has moved meanwhile.
         millimetres: u32,
     },
-    /// Sonars that heard something, and all hear nothing from one sweep to the next.
+    /// All sonars fell silent from one sweep to the next.
     Deaf {
-        /// Number of sonars that heard something before.
-        heard: usize,
+        /// Number of sonars with an echo in the sweep before.
+        echoes: usize,
     },
 }
 
@@ -111,7 +111,9 @@ impl fmt::Display for Implausible {
             Self::Value { index, value } => {
                 write!(f, "value {index} is {value}, which it cannot measure")
             }
-            Self::Deaf { heard } => write!(f, "none of its sonars hears anything any more, {heard} did just before"),
+            Self::Deaf { echoes } => {
+                write!(f, "all of its sonars fell silent at once, {echoes} of them had an echo before")
+            }
             Self::Frozen { millimetres } => {
                 write!(f, "its distances stayed the same while the robot moved by {millimetres} mm")
             }

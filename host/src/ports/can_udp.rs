@@ -134,7 +134,7 @@ impl Sockets {
         lcm::live::keep_local(receiver.as_fd())?;
         bind_to(&receiver, bus)?;
         let receiver = UdpSocket::from(receiver);
-        // What the sender sends is heard there, and only where somebody has joined does the TTL of 0 hold.
+        // The sender's interface: frames arrive, and the kernel honours a TTL of 0 only where a socket has joined.
         receiver.join_multicast_v4(bus.ip(), own.ip())?;
         // As LCM does, for other programs: the interface to which multicast is routed, and the loopback. Most often one
         // of them is joined already, and there may be no such route.

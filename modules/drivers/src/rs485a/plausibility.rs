@@ -5,9 +5,9 @@
 //! measure. Sonars that look sideways may see a wall at a constant distance, so their echoes, [`TOGETHER`] at least,
 //! prove it after [`WAY_SIDEWAYS_M`] only.
 //!
-//! **Deaf.** Sonars lose what they hear one after the other. A board of which [`TOGETHER`] or more heard something, and
-//! from one sweep to the next none does, nor in [`DEAF_AFTER`], does not hear; until one of its sonars does again. A
-//! sonar without an echo always reads the same, so a board that heard next to nothing before proves nothing.
+//! **Deaf.** Working sonars lose their echoes one after the other. If [`TOGETHER`] or more sonars of a board had an
+//! echo, and from the next sweep on all of its sonars are silent for [`DEAF_AFTER`], the board is deaf until one of
+//! them has an echo again. Silence always reads the same: after fewer echoes it proves nothing.
 
 use super::config::Config;
 use crate::rs485_bus::Kind;
@@ -25,6 +25,8 @@ const WAY_SIDEWAYS_M: f64 = 1.0;
 const SWEEPS: u32 = 3;
 /// Least cosine of the angle to the robot's axis of a sonar whose distances change with the way.
 const ALONG_COS: f64 = 0.5;
+/// Speed below which the robot counts as standing, m/s: the measured speed of a robot at rest may jitter for hours.
+const STANDSTILL_MPS: f64 = 0.02;
 /// Maximum time for which a measured speed counts.
 const MOTION_MAX: Duration = Duration::from_millis(200);
 /// Number of sonars that do not fall silent together, nor see what is beside them at constant distances.
@@ -47,7 +49,7 @@ struct Board {
     heard: [Option<Instant>; SRFS],
     /// Last answer with an echo.
     last: Instant,
-    /// Number of sonars that heard something in the sweep before the board fell silent, and the first silent answer.
+    /// Number of sonars with an echo in the sweep before the board fell silent, and the first silent answer.
     silence: Option<(usize, Instant)>,
 }
 
@@ -55,7 +57,7 @@ struct Board {
 #[derive(Debug)]
 pub struct Plausibility {
     boards: Vec<Board>,
-    /// Last `LL_DATA_MOTION`: its time, and the absolute speed, m/s.
+    /// Last `LL_DATA_MOTION`: its time, and the absolute speed, m/s; 0 at standstill.
     motion: (Instant, f64),
 }
 
@@ -79,13 +81,14 @@ impl Plausibility {
         let (since, speed) = self.motion;
         let way = speed * now.since(since).min(MOTION_MAX).as_secs_f64();
         self.boards.iter_mut().for_each(|board| board.way_m += way);
-        self.motion = (now, if motion.speed.is_finite() { motion.speed.abs() } else { 0.0 });
+        let speed = motion.speed.abs();
+        self.motion = (now, if speed.is_finite() && speed >= STANDSTILL_MPS { speed } else { 0.0 });
     }
 
     /// Returns the measurement, unless its board does not measure.
     ///
     /// # Errors
-    /// The board has repeated it for too long, or it hears nothing any more.
+    /// The board has repeated it for too long, or all of its sonars fell silent at once.
     pub fn judge(&mut self, now: Instant, address: u8, both: Both) -> Result<Both, Implausible> {
         let Some(board) = self.boards.iter_mut().find(|board| board.address == address) else { return Ok(both) };
         if let Some(why) = board.deaf(now, &both.srfs).or_else(|| board.frozen(now, &both.srfs)) {
@@ -120,9 +123,9 @@ impl Board {
         if srfs.iter().all(|mm| *mm == NO_ECHO) {
             let recently = |at: &&Instant| self.last.since(**at) <= SWEEP;
             let before = || self.heard.iter().flatten().filter(recently).count();
-            let (heard, since) = *self.silence.get_or_insert_with(|| (before(), now));
-            let is_deaf = heard >= TOGETHER && now.since(since) >= DEAF_AFTER;
-            return is_deaf.then_some(Implausible::Deaf { heard });
+            let (echoes, since) = *self.silence.get_or_insert_with(|| (before(), now));
+            let is_deaf = echoes >= TOGETHER && now.since(since) >= DEAF_AFTER;
+            return is_deaf.then_some(Implausible::Deaf { echoes });
         }
         (self.last, self.silence) = (now, None);
         for (heard, _) in self.heard.iter_mut().zip(srfs).filter(|(_, mm)| **mm != NO_ECHO) {

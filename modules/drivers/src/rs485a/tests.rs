@@ -1104,6 +1104,21 @@ fn a_board_that_repeats_itself_while_the_robot_drives_is_implausible_until_it_me
 }
 
 #[test]
+fn a_board_that_repeats_itself_is_plausible_while_the_speed_of_a_robot_at_rest_jitters() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.run(ms(1000));
+    wire.news();
+    for _ in 0..6000 {
+        motion(&mut wire, 0.004, 0.0);
+        wire.run(ms(50));
+        motion(&mut wire, -0.004, 0.0);
+        wire.run(ms(50));
+    }
+    assert_eq!(wire.news(), "", "10 minutes, 2.4 m of jitter");
+}
+
+#[test]
 fn sonars_that_look_sideways_may_hear_a_wall_at_one_distance() {
     let mut config = directed();
     config.srfs.iter_mut().for_each(|ranger| ranger.theta = 1.57);
