@@ -32,10 +32,14 @@ const PROGRAMS: u32 = 10;
 const PORTS: u32 = 100;
 /// Messages of the bus that are read before others have their turn.
 const BURST: usize = 256;
-/// Datagrams of a socket that are read in a turn. If there are more, the next turn comes after [`REST`]: a flood takes
-/// a bounded part of a processor, wakes the thread once for many datagrams, and is dropped by the kernel.
-const DATAGRAMS: usize = 16;
-const REST: Duration = Duration::from_millis(1);
+/// Datagrams of a socket that are read in a turn, before others have theirs.
+const DATAGRAMS: u32 = 16;
+/// Datagrams of a socket that are read at once, as when many programs start together; after them one in each
+/// [`SPACING`]. A flood takes a bounded part of a processor, and the kernel drops it.
+const DATAGRAMS_AT_ONCE: u32 = 1024;
+const SPACING: Duration = Duration::from_micros(250);
+/// Pause of the thread when a socket has had its share, for [`DATAGRAMS`] of them.
+const REST: Duration = Duration::from_millis(4);
 /// Longest wait: the module looks whether the thread goes on.
 const WAIT_MAX: Duration = Duration::from_millis(200);
 /// Receive buffer, bytes: a burst of discovery, while the thread waits for its turn.
@@ -72,11 +76,27 @@ struct Worker {
 }
 
 struct Sockets {
-    unicast: UdpSocket,
-    multicast: Option<UdpSocket>,
+    unicast: Inlet,
+    multicast: Option<Inlet>,
     /// Room for times of reception.
     control: Vec<u8>,
     datagram: Box<[u8]>,
+}
+
+/// A socket, and how many datagrams of it may be read now.
+struct Inlet {
+    socket: UdpSocket,
+    allowed: u32,
+    counted_to: Instant,
+}
+
+/// How a turn with the sockets ended, the greatest of both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Turn {
+    Empty,
+    More,
+    /// A socket has had its share.
+    Flooded,
 }
 
 impl Transport {
@@ -141,18 +161,18 @@ impl Worker {
             self.shared.turns.fetch_add(1, Relaxed);
             self.node.set_acts(!self.shared.paused.load(Relaxed));
             let more = self.read_bus();
-            let flooded = self.sockets.read(&mut self.node);
+            let turn = self.sockets.read(&mut self.node);
             let now = clock::now();
             self.node.handle_timeout(now);
             self.send();
             self.tell(now);
-            if flooded {
+            if turn == Turn::Flooded {
                 std::thread::sleep(REST);
                 continue;
             }
             let due = self.node.poll_timeout().map_or(WAIT_MAX, |due| due.since(now));
-            let wait = if more { Duration::ZERO } else { due.min(WAIT_MAX) };
-            let fds = [Some(self.bus.as_fd()), Some(self.sockets.unicast.as_fd()), self.sockets.multicast_fd()];
+            let wait = if more || turn == Turn::More { Duration::ZERO } else { due.min(WAIT_MAX) };
+            let fds = [Some(self.bus.as_fd()), Some(self.sockets.unicast.socket.as_fd()), self.sockets.multicast_fd()];
             let mut fds: Vec<PollFd<'_>> =
                 fds.into_iter().flatten().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
             // Rounded up: not to spin through the last millisecond.
@@ -192,7 +212,7 @@ impl Worker {
     fn send(&mut self) {
         while let Some(transmit) = self.node.poll_tx() {
             // A full buffer or an address that is not reached loses a datagram, as any network does.
-            let _ = self.sockets.unicast.send_to(&transmit.datagram, transmit.to);
+            let _ = self.sockets.unicast.socket.send_to(&transmit.datagram, transmit.to);
         }
         while let Some(message) = self.node.poll_message() {
             if let Err(why) = self.bus.publish(&message) {
@@ -258,47 +278,69 @@ impl Sockets {
             setsockopt(socket, sockopt::ReceiveTimestampns, &true)?;
         }
         let (control, datagram) = (cmsg_space!(TimeSpec), vec![0; DATAGRAM_MAX].into_boxed_slice());
+        let (unicast, multicast) = (Inlet::new(unicast), multicast.map(Inlet::new));
         Ok((Self { unicast, multicast, control, datagram }, own))
     }
 
     fn multicast_fd(&self) -> Option<BorrowedFd<'_>> {
-        self.multicast.as_ref().map(AsFd::as_fd)
+        self.multicast.as_ref().map(|inlet| inlet.socket.as_fd())
     }
 
-    /// Reads some datagrams of both; true if there may be more.
-    fn read(&mut self, node: &mut Node) -> bool {
+    /// Reads some datagrams of both.
+    fn read(&mut self, node: &mut Node) -> Turn {
         let Self { unicast, multicast, control, datagram } = self;
-        let mut more = false;
-        for socket in [Some(&*unicast), multicast.as_ref()].into_iter().flatten() {
-            more |= read(socket, control, datagram, node);
-        }
-        more
+        let inlets = [Some(unicast), multicast.as_mut()].into_iter().flatten();
+        inlets.map(|inlet| inlet.read(control, datagram, node)).max().unwrap_or(Turn::Empty)
     }
 }
 
-fn read(socket: &UdpSocket, control: &mut [u8], datagram: &mut [u8], node: &mut Node) -> bool {
-    for _ in 0..DATAGRAMS {
-        let mut parts = [IoSliceMut::new(datagram)];
-        let received = recvmsg::<SockaddrIn>(socket.as_raw_fd(), &mut parts, Some(&mut *control), MsgFlags::empty());
-        let (length, from, stamp) = match received {
-            Ok(message) => {
-                let stamps = message.cmsgs().into_iter().flatten();
-                let stamp = stamps.into_iter().find_map(|control| match control {
-                    ControlMessageOwned::ScmTimestampns(time) => Some(time),
-                    _ => None,
-                });
-                (message.bytes, message.address.map(SocketAddrV4::from), stamp)
+impl Inlet {
+    fn new(socket: UdpSocket) -> Self {
+        Self { socket, allowed: DATAGRAMS_AT_ONCE, counted_to: clock::now() }
+    }
+
+    /// How many datagrams may be read in a turn that begins at `now`.
+    fn allow(&mut self, now: Instant) -> u32 {
+        let earned = now.since(self.counted_to).as_nanos() / SPACING.as_nanos();
+        let earned = u32::try_from(earned).unwrap_or(u32::MAX);
+        self.counted_to += SPACING * earned;
+        self.allowed = self.allowed.saturating_add(earned).min(DATAGRAMS_AT_ONCE);
+        self.allowed.min(DATAGRAMS)
+    }
+
+    fn read(&mut self, control: &mut [u8], datagram: &mut [u8], node: &mut Node) -> Turn {
+        for _ in 0..self.allow(clock::now()) {
+            self.allowed -= 1;
+            if !read_one(&self.socket, control, datagram, node) {
+                return Turn::Empty;
             }
-            // An error about a datagram that was sent earlier, to a program that is gone.
-            Err(Errno::EINTR | Errno::ECONNREFUSED) => continue,
-            Err(_) => return false,
-        };
-        let now = clock::now();
-        let nanos = |time: TimeSpec| time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64;
-        let at = stamp.map_or(now, |stamp| clock::received(now, nanos(stamp)));
-        if let Some(from) = from {
-            node.on_datagram(now, at, from, &datagram[..length]);
         }
+        if self.allowed == 0 { Turn::Flooded } else { Turn::More }
+    }
+}
+
+/// False if there is none.
+fn read_one(socket: &UdpSocket, control: &mut [u8], datagram: &mut [u8], node: &mut Node) -> bool {
+    let mut parts = [IoSliceMut::new(datagram)];
+    let received = recvmsg::<SockaddrIn>(socket.as_raw_fd(), &mut parts, Some(&mut *control), MsgFlags::empty());
+    let (length, from, stamp) = match received {
+        Ok(message) => {
+            let stamps = message.cmsgs().into_iter().flatten();
+            let stamp = stamps.into_iter().find_map(|control| match control {
+                ControlMessageOwned::ScmTimestampns(time) => Some(time),
+                _ => None,
+            });
+            (message.bytes, message.address.map(SocketAddrV4::from), stamp)
+        }
+        // An error about a datagram that was sent earlier, to a program that is gone.
+        Err(Errno::EINTR | Errno::ECONNREFUSED) => return true,
+        Err(_) => return false,
+    };
+    let now = clock::now();
+    let nanos = |time: TimeSpec| time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64;
+    let at = stamp.map_or(now, |stamp| clock::received(now, nanos(stamp)));
+    if let Some(from) = from {
+        node.on_datagram(now, at, from, &datagram[..length]);
     }
     true
 }
@@ -360,6 +402,31 @@ mod tests {
         assert!(!to.contains(&own));
         let near = announce_to(&Ros2::default(), "127.0.0.1:7412".parse().unwrap());
         assert!(near.len() == 9 && near.iter().all(|at| at.ip().is_loopback()), "{near:?}");
+    }
+
+    #[test]
+    fn a_flood_is_read_at_a_bounded_rate_and_a_burst_at_once() {
+        let mut inlet = Inlet::new(UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
+        let begin = inlet.counted_to;
+        let mut read_until = |end: Instant, from: Instant| {
+            let mut count = 0;
+            let mut now = from;
+            while now < end {
+                let allowed = inlet.allow(now);
+                inlet.allowed -= allowed;
+                count += allowed;
+                now += Duration::from_micros(100);
+            }
+            count
+        };
+        let burst = read_until(begin + Duration::from_millis(7), begin);
+        assert!((DATAGRAMS_AT_ONCE..=DATAGRAMS_AT_ONCE + 28).contains(&burst), "{burst}");
+        let flooded = read_until(begin + Duration::from_secs(10), begin + Duration::from_millis(7));
+        assert!((39_900..=40_000).contains(&flooded), "{flooded}");
+        // After a long silence no more than a burst.
+        let later = begin + Duration::from_secs(1_000_000);
+        let burst = read_until(later + Duration::from_millis(7), later);
+        assert!((DATAGRAMS_AT_ONCE..=DATAGRAMS_AT_ONCE + 28).contains(&burst), "{burst}");
     }
 
     #[test]
