@@ -78,6 +78,7 @@ impl Ros2 {
             lease: LEASE,
             name: name.clone(),
             user_data: b"enclave=/;".to_vec(),
+            endpoint_data: |_| Vec::new(),
             limits: Limits::default(),
         };
         let drive =

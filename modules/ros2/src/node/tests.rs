@@ -21,6 +21,7 @@ fn participant(n: u8, peer: u8) -> rtps::Config {
         lease: Duration::from_secs(20),
         name: String::new(),
         user_data: Vec::new(),
+        endpoint_data: |_| Vec::new(),
         limits: Limits::default(),
     }
 }
