@@ -203,6 +203,7 @@ fn announcement(domain: u32, random: &mut Random) -> Vec<u8> {
         lease: Duration::from_secs(3600),
         name: "x".repeat(200),
         user_data: vec![0; 500],
+        endpoint_data: |_| Vec::new(),
         limits: Limits::default(),
     });
     other.handle_timeout(Instant::from_millis(1));

@@ -45,6 +45,7 @@ impl Publisher {
             lease: LEASE,
             name: "bench".into(),
             user_data: b"enclave=/;".to_vec(),
+            endpoint_data: |_| Vec::new(),
             limits: Limits::default(),
         });
         // As `create_publisher` with a depth of 1.

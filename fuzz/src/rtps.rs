@@ -23,6 +23,7 @@ pub fn rtps(data: &[u8]) {
         lease: Duration::from_secs(20),
         name: "fuzz".into(),
         user_data: Vec::new(),
+        endpoint_data: |_| Vec::new(),
         limits,
     });
     let mut now = Instant::from_millis(1);

@@ -36,6 +36,7 @@ mod peers;
 mod plan;
 mod ros2_actions;
 mod ros2_examples;
+mod ros2_hashes;
 mod ros2_lifecycle;
 mod ros2_peers;
 mod ros2_record;

@@ -130,7 +130,7 @@ fn agree(name: &str, one: &[Recorded], other: &[Recorded]) -> usize {
 }
 
 /// Publishes for the `n`th time what further sensors of such a robot would.
-fn sense(robot: &mut Robot, n: i64) {
+pub(crate) fn sense(robot: &mut Robot, n: i64) {
     let timestamp = 1_000_000 + 50_000 * n;
     let acceleration = [0.0, 0.0, 9.81];
     robot.publish(lowlevel::DataImu { timestamp, name: "base".into(), acceleration, ..Default::default() });

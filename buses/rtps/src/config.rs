@@ -6,6 +6,9 @@ use alloc::vec::Vec;
 use base::Duration;
 use core::net::SocketAddrV4;
 
+/// Longest user data of a writer or reader, bytes.
+pub const USER_DATA_MAX: usize = 256;
+
 /// What a participant is, and how it is found.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -25,6 +28,9 @@ pub struct Config {
     pub name: String,
     /// What a user of DDS has others know; ROS 2 has its enclave there.
     pub user_data: Vec<u8>,
+    /// The same of a writer or reader, by the name of its type in DDS: at most [`USER_DATA_MAX`] bytes, or none. ROS 2
+    /// has the hash of the type there.
+    pub endpoint_data: fn(&str) -> Vec<u8>,
     /// Bounds of memory.
     pub limits: Limits,
 }

@@ -27,6 +27,7 @@
 //!         lease: Duration::from_secs(20),
 //!         name: "example".into(),
 //!         user_data: Vec::new(),
+//!         endpoint_data: |_| Vec::new(),
 //!         limits: Limits::default(),
 //!     })
 //! };
@@ -70,7 +71,7 @@ mod tests;
 mod wire;
 mod writer;
 
-pub use config::{Config, Counters, Limits};
+pub use config::{Config, Counters, Limits, USER_DATA_MAX};
 pub use guid::{Entity, Guid, Prefix, SampleIdentity};
 pub use outbox::Transmit;
 pub use participant::{Participant, ReaderId, Sample, WriterId};

@@ -70,6 +70,8 @@ pub(crate) struct EndpointData {
     pub topic: String,
     pub type_name: String,
     pub qos: Qos,
+    /// What its user has others know; of others' endpoints it is not read.
+    pub user_data: Vec<u8>,
     /// It asks for what a writer or reader of this implementation does not have: a deadline, liveliness by hand,
     /// exclusive ownership, a partition.
     pub is_special: bool,
@@ -92,10 +94,7 @@ impl ParticipantData {
         self.metatraffic.iter().for_each(|at| list.add(METATRAFFIC_UNICAST, |to| locator(to, *at)));
         self.default.iter().for_each(|at| list.add(DEFAULT_UNICAST, |to| locator(to, *at)));
         list.add(ENTITY_NAME, |to| string(to, &self.name));
-        list.add(USER_DATA, |to| {
-            to.put_u32(self.user_data.len() as u32);
-            to.extend_from_slice(&self.user_data);
-        });
+        list.add(USER_DATA, |to| octets(to, &self.user_data));
         list.end()
     }
 
@@ -149,6 +148,9 @@ impl EndpointData {
             to.put_u32(0); // keep last
             to.put_u32(self.qos.depth.into());
         });
+        if !self.user_data.is_empty() {
+            list.add(USER_DATA, |to| octets(to, &self.user_data));
+        }
         list.end()
     }
 
@@ -160,6 +162,7 @@ impl EndpointData {
             topic: String::new(),
             type_name: String::new(),
             qos: Qos { reliability: Reliability::BestEffort, transient_local: false, depth: 1 },
+            user_data: Vec::new(),
             is_special: false,
             unicast: Vec::new(),
         };
@@ -293,6 +296,11 @@ fn string(to: &mut Vec<u8>, text: &str) {
     to.put_u32(text.len() as u32 + 1);
     to.extend_from_slice(text.as_bytes());
     to.push(0);
+}
+
+fn octets(to: &mut Vec<u8>, octets: &[u8]) {
+    to.put_u32(octets.len() as u32);
+    to.extend_from_slice(octets);
 }
 
 fn duration(to: &mut Vec<u8>, duration: Duration) {

@@ -3,7 +3,7 @@
 mod discovery;
 
 use self::discovery::is_reader;
-use crate::config::{Config, Counters};
+use crate::config::{Config, Counters, USER_DATA_MAX};
 use crate::guid::{Entity, Guid, Prefix, SampleIdentity};
 use crate::outbox::{Outbox, Transmit};
 use crate::parameters::{EndpointData, NAME_MAX, ParticipantData, key};
@@ -139,7 +139,7 @@ impl Participant {
         Guid { prefix: self.config.prefix, entity: Entity::reader(id.0 + 1) }
     }
 
-    /// Offers a topic; `None`: too many writers, or a name that is too long. Both names are those of DDS:
+    /// Offers a topic; `None`: too many writers, or a name or user data that is too long. Both names are those of DDS:
     /// `rt/odom`, `nav_msgs::msg::dds_::Odometry_`.
     pub fn add_writer(&mut self, now: Instant, topic: &str, type_name: &str, qos: Qos) -> Option<WriterId> {
         let id = WriterId(u16::try_from(self.writers.len()).ok().filter(|n| *n < u16::MAX)?);
@@ -196,9 +196,10 @@ impl Participant {
     }
 
     fn describe(&self, guid: Guid, topic: &str, type_name: &str, qos: Qos) -> Option<EndpointData> {
+        let user_data = (self.config.endpoint_data)(type_name);
         let (topic, type_name) = (String::from(topic), String::from(type_name));
-        let fits = topic.len() <= NAME_MAX && type_name.len() <= NAME_MAX;
-        fits.then_some(EndpointData { guid, topic, type_name, qos, is_special: false, unicast: Vec::new() })
+        let fits = topic.len() <= NAME_MAX && type_name.len() <= NAME_MAX && user_data.len() <= USER_DATA_MAX;
+        fits.then_some(EndpointData { guid, topic, type_name, qos, user_data, is_special: false, unicast: Vec::new() })
     }
 
     /// Number of readers of others that hear a writer.

@@ -1,6 +1,7 @@
 //! Participants with a network between them that loses what the test wants.
 
 mod related;
+mod user_data;
 
 use crate::wire::{Submessage, parse};
 use crate::{Config, Limits, Participant, Prefix, Qos, Reliability, Sample, multicast_port, unicast_port};
@@ -26,6 +27,7 @@ fn config(n: usize, peers: usize) -> Config {
         lease: Duration::from_secs(20),
         name: "test".into(),
         user_data: b"enclave=/;".to_vec(),
+        endpoint_data: |_| Vec::new(),
         limits: Limits::default(),
     }
 }

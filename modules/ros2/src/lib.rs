@@ -56,6 +56,8 @@ pub mod settings;
 pub mod topics;
 #[cfg(feature = "rtps")]
 mod transport;
+#[cfg(feature = "rtps")]
+pub mod type_hashes;
 mod ways;
 
 #[cfg(feature = "rtps")]

@@ -10,6 +10,7 @@ use crate::servers;
 use crate::settings::Ros2 as Section;
 use crate::topics::Topic;
 use crate::transport::Transport;
+use crate::type_hashes;
 use crate::{NAME, node_name};
 use base::{Duration, Fault, Instant, Level, Severity};
 use host::clock;
@@ -78,6 +79,7 @@ impl Ros2 {
             lease: LEASE,
             name: name.clone(),
             user_data: b"enclave=/;".to_vec(),
+            endpoint_data: type_hashes::user_data,
             limits: Limits::default(),
         };
         let drive =

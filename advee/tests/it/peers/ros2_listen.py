@@ -51,7 +51,7 @@ class Listener(Node):
         try:
             message = getattr(importlib.import_module(package + ".msg"), name)
         except ModuleNotFoundError:
-            return  # of a type that is not installed, as /bond
+            return  # of a type that is not installed
         qos = QoSProfile(depth=1000, reliability=quality.reliability, durability=quality.durability)
         robot = bytes(offered.endpoint_gid[:12])
 

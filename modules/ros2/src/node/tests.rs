@@ -1,5 +1,7 @@
 //! The node beside somebody of ROS.
 
+mod hashes;
+
 use super::*;
 use crate::description::Description;
 use base::Duration;
@@ -21,7 +23,28 @@ fn participant(n: u8, peer: u8) -> rtps::Config {
         lease: Duration::from_secs(20),
         name: String::new(),
         user_data: Vec::new(),
+        endpoint_data: crate::type_hashes::user_data,
         limits: Limits::default(),
+    }
+}
+
+fn config(commands: bool, managed: bool) -> Config {
+    let [ttl, driver_ttl] = [500, 250].map(Duration::from_millis);
+    Config {
+        name: "courier".into(),
+        namespace: "/r1".into(),
+        participant: participant(1, 2),
+        outgoing: outgoing::Config {
+            scene: RobotScene::default(),
+            odometry: outgoing::OdometrySource::Drives,
+            devices: crate::topics::Devices::default(),
+            simulated: false,
+            description: Description::default(),
+        },
+        fixed: Vec::new(),
+        servers: servers::Config { operator: commands.then(Default::default), parameters: Vec::new(), managed },
+        drive: commands.then_some(drive::Config { priority: 1, ttl, driver_ttl }),
+        epoch: Epoch::default(),
     }
 }
 
@@ -32,36 +55,19 @@ struct Bench {
     ros: Participant,
     told: Vec<CmdVelocity>,
     others: Vec<Message>,
+    /// What the node has sent.
+    sent: Vec<u8>,
 }
 
 impl Bench {
     fn new(commands: bool) -> Self {
-        Self::begin(commands, false)
+        Self::of(config(commands, false))
     }
 
-    fn begin(commands: bool, managed: bool) -> Self {
-        let [ttl, driver_ttl] = [500, 250].map(Duration::from_millis);
-        let source = outgoing::OdometrySource::Drives;
-        let scene = RobotScene::default();
-        let config = Config {
-            name: "courier".into(),
-            namespace: "/r1".into(),
-            participant: participant(1, 2),
-            outgoing: outgoing::Config {
-                scene,
-                odometry: source,
-                devices: crate::topics::Devices::default(),
-                simulated: false,
-                description: Description::default(),
-            },
-            fixed: Vec::new(),
-            servers: servers::Config { operator: commands.then(Default::default), parameters: Vec::new(), managed },
-            drive: commands.then_some(drive::Config { priority: 1, ttl, driver_ttl }),
-            epoch: Epoch::default(),
-        };
+    fn of(config: Config) -> Self {
         let now = Instant::from_millis(1);
         let (node, ros) = (Node::new(config, now), Participant::new(participant(2, 1)));
-        Self { now, node, ros, told: Vec::new(), others: Vec::new() }
+        Self { now, node, ros, told: Vec::new(), others: Vec::new(), sent: Vec::new() }
     }
 
     fn run(&mut self, millis: u64) {
@@ -72,6 +78,7 @@ impl Bench {
             self.ros.handle_timeout(now);
             while let Some(sent) = self.node.poll_tx() {
                 self.ros.handle_rx(now, address(1), &sent.datagram);
+                self.sent.extend(sent.datagram);
             }
             while let Some(sent) = self.ros.poll_tx() {
                 self.node.on_datagram(now, now, address(2), &sent.datagram);
@@ -334,7 +341,7 @@ fn transition(number: u8) -> Vec<u8> {
 #[test]
 fn a_managed_node_commands_nothing_until_it_is_activated_and_its_goal_ends_when_it_is_deactivated() {
     let [configure, activate, deactivate] = [1, 3, 4];
-    let mut bench = Bench::begin(true, true);
+    let mut bench = Bench::of(config(true, true));
     let twist = bench.writer();
     let change = Client::new(&mut bench, "/courier/change_state", "lifecycle_msgs::srv::dds_::ChangeState");
     let pause = Client::new(&mut bench, "/courier/pause", "std_srvs::srv::dds_::SetBool");
