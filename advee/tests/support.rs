@@ -239,6 +239,7 @@ pub struct View {
     pub holds: BTreeMap<String, lowlevel::DataHold>,
     pub odo: Option<lowlevel::DataOdo>,
     pub estimate: Option<middlelevel::DataEstimate>,
+    pub plan: Option<middlelevel::DataPlan>,
     pub joydev: Option<lowlevel::DataJoydev>,
     pub processes: BTreeMap<String, common::Process>,
     pub errors: Vec<common::Error>,
@@ -256,6 +257,7 @@ impl View {
             Ok(Message::LlDataHold(list)) => drop(self.holds.insert(list.module.clone(), list)),
             Ok(Message::LlDataOdo(odo)) => self.odo = Some(odo),
             Ok(Message::MlDataEstimate(estimate)) => self.estimate = Some(estimate),
+            Ok(Message::MlDataPlan(plan)) => self.plan = Some(plan),
             Ok(Message::LlDataJoydev(joydev)) => self.joydev = Some(joydev),
             Ok(Message::CmDataProcesses(list)) => {
                 self.processes = list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();

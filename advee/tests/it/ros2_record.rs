@@ -169,6 +169,8 @@ fn what_fast_dds_and_cyclone_dds_record_is_what_the_robot_logs() {
         let sent = robot.advee(&["--config", &config, "goal", "--route", "patrol", "--when-ready"]);
         assert!(sent.status.success(), "{}", String::from_utf8_lossy(&sent.stderr));
 
+        robot.until("it has a plan", 30.0, |view| view.plan.as_ref().is_some_and(|plan| plan.x.len() > 10));
+
         let shared = SHARED.iter().map(|(topic, _)| *topic).filter(|topic| *topic != "/plan");
         let needed: Vec<&str> = shared.chain(OTHERS).collect();
         let (number, count) = (domain.to_string(), COUNT.to_string());
