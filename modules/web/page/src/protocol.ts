@@ -265,6 +265,8 @@ export interface DrivePart {
   /** What is not well, the most severe first; empty: all is well. */
   concerns: Concern[];
   motion: Shown<DataMotion>;
+  /** Source that commands the motion, as people call it; empty: nobody does, or it is not known. */
+  driver: string;
   /** All causes for which the robot or its goal is held; empty: it acts. */
   holds: HoldRow[];
   /** The motion commands of all sources: of those that command speed and steering, */
