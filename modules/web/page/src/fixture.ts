@@ -218,6 +218,7 @@ const SCENE: Part = {
   temperature_limits: [{ name: "cpu", celsius: 80 }, { name: "motor", celsius: 70 }],
   drives: [{ name: "propulsion", node: 1 }, { name: "steering", node: 2 }],
   faults: [{ target: "sd1_front", faults: ["silent", "garbled"] }, { target: "can", faults: ["drop", "off"] }, { target: "robot", faults: ["kidnap"] }, { target: "psc1", faults: ["pause", "silent"] }],
+  publish: [{ channel: "LL_CMD_POWER", type: "lowlevel.cmd_power_t", message: '{"timestamp":0,"device":0,"action":0}' }],
 };
 
 function tell(answer: Answer): void {
