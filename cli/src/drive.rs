@@ -10,7 +10,7 @@ use super::{Common, Failed, Outcome, finite, print, seconds};
 use base::{Duration, Instant, Ticker};
 use host::clock;
 use messages::lowlevel::{CmdCreep, CmdMotion, CmdVelocity, DataMotion};
-use messages::{Channel, Hold, Message, lowlevel};
+use messages::{Channel, Hold, Message, lowlevel, source_in_words};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -270,8 +270,8 @@ impl Session {
             None => format!("LL_DATA_MOTION is not heard on {}; is advee up?", common.lcm_url()),
             Some(motion) if !motion.reason.is_empty() => motion.reason.clone(),
             Some(motion) if !motion.homed => "the steering is not homed".into(),
-            Some(motion) if motion.source != self.tool.source => {
-                format!("{:?} holds the motion", motion.source)
+            Some(motion) if !motion.source.is_empty() && motion.source != self.tool.source => {
+                format!("{} holds the motion", source_in_words(&motion.source))
             }
             Some(_) if !self.bounded.is_empty() => self.bounded.clone(),
             Some(_) => "no reason is known".into(),

@@ -1,9 +1,15 @@
 //! Commands of the web page.
 
 use base::{Duration, Instant};
+use std::sync::LazyLock;
 use web::center::access::Role;
 use web::center::authority::{Authority, Limits, Output};
 use web::center::command::{self, Command, Robot};
+use web::center::publish::Publisher;
+
+/// Channels of motion, on which nothing is published.
+const DRIVES: [&str; 3] = ["LL_CMD_MOTION", "LL_CMD_VELOCITY", "LL_CMD_CREEP"];
+static PUBLISHER: LazyLock<Publisher> = LazyLock::new(|| Publisher::new(true).expect("the robot's own types"));
 
 /// Lines of a command socket: the first byte selects the page, the second is a delay in ms, the rest is the command.
 ///
@@ -27,6 +33,10 @@ pub fn web_command(data: &[u8]) {
             Ok(Command::Zero { hold, seq }) => authority.zero(now, page, hold, seq),
             Ok(Command::Sdo { node, index, subindex, data, .. }) => {
                 drop(command::sdo(node, index, subindex, data.as_deref()));
+            }
+            Ok(Command::Publish { channel, message_type, message, .. }) => {
+                let said = PUBLISHER.message(now, (&channel, &message_type), &message, (0, "web:a"));
+                assert!(said.is_err() || !DRIVES.contains(&channel.as_str()), "nobody drives by it");
             }
             Ok(command) => match command.drive() {
                 Some(drive) => authority.drive(now, page, drive),

@@ -125,6 +125,11 @@ impl Bus {
         self.lcm.publish(&channel, &self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))
     }
 
+    /// Publishes the bytes of a message, fingerprint and all, on any channel.
+    pub fn publish_raw(&mut self, channel: &str, bytes: &[u8]) -> Result<(), String> {
+        self.lcm.publish(channel, bytes).map_err(|error| format!("{channel} cannot be sent: {error}"))
+    }
+
     /// Number of datagrams that the kernel dropped because the receive buffer was full.
     pub fn kernel_dropped(&self) -> u64 {
         self.lcm.stats().kernel_dropped

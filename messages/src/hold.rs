@@ -13,7 +13,7 @@
 //! | 600 to 699 | the goal |
 //! | 700 to 799 | the guard: what is sensed, or not known, around the robot |
 
-use crate::{StopSource, lowlevel};
+use crate::{StopSource, lowlevel, source_in_words};
 
 macro_rules! holds {
     ($(#[doc = $means:literal] $name:ident = $code:literal, $words:literal, $remedy:literal;)*) => {
@@ -324,22 +324,39 @@ impl Hold {
         )
     }
 
-    /// Sentence about a subject.
-    #[must_use]
-    pub fn words(self, subject: &str) -> String {
-        let nameless = self == Self::PauseOther && subject.is_empty();
-        self.sentence().replace("{}", if nameless { StopSource::Unknown.words() } else { subject })
+    /// True if its subject is a source of commands.
+    const fn is_about_a_source(self) -> bool {
+        matches!(
+            self,
+            Self::Overruled
+                | Self::Contested
+                | Self::NotReleased
+                | Self::PlannerLatched
+                | Self::OtherSource
+                | Self::NoSideways
+                | Self::NoTurnOnSpot
+                | Self::TurnTooNarrow
+                | Self::GuardCreep
+        )
     }
 
-    /// Subject as people call it: `bumper 3`, `propulsion drive`.
+    /// Sentence about a subject: a source as people call it, anything else by its name.
+    #[must_use]
+    pub fn words(self, subject: &str) -> String {
+        let subject = match self {
+            _ if self.is_about_a_source() => source_in_words(subject),
+            Self::PauseOther if subject.is_empty() => StopSource::Unknown.words().into(),
+            _ => subject.into(),
+        };
+        self.sentence().replace("{}", &subject)
+    }
+
+    /// Subject as people call it: `bumper 3`, `propulsion drive`, `Jana (web)`.
     #[must_use]
     pub fn who(self, subject: &str) -> String {
         match self {
             Self::PauseBumper | Self::PauseFloor | Self::PauseButton | Self::PauseOther => {
-                match StopSource::from_name(subject) {
-                    StopSource::Unknown if !subject.is_empty() => subject.into(),
-                    source => source.words().into(),
-                }
+                StopSource::in_words(subject)
             }
             Self::DriveBooting
             | Self::DriveBootFailed
@@ -351,6 +368,7 @@ impl Hold {
             | Self::DriveFault
             | Self::DriveUnseen
             | Self::DriveParameter => format!("{subject} drive"),
+            _ if self.is_about_a_source() => source_in_words(subject),
             _ => subject.into(),
         }
     }
@@ -470,11 +488,11 @@ mod tests {
             (401, "", "nobody commands the motion"),
             (402, "", "a command was out of limits"),
             (403, "planner", "planner is overruled by a higher priority"),
-            (404, "web:Jana", "web:Jana must wait: another source of its priority moves the robot"),
-            (405, "web:Jana", "web:Jana must send zero first: the robot was stopped"),
+            (404, "web:Jana", "Jana (web) must wait: another source of its priority moves the robot"),
+            (405, "web:Jana", "Jana (web) must send zero first: the robot was stopped"),
             (406, "planner", "planner waits: an operator must resume it"),
-            (411, "web:Jana", "web:Jana commands motion to the side, which the base cannot do"),
-            (412, "web:Jana", "web:Jana commands a turn on the spot, which the base cannot do"),
+            (411, "web:Jana", "Jana (web) commands motion to the side, which the base cannot do"),
+            (412, "web:Jana", "Jana (web) commands a turn on the spot, which the base cannot do"),
             (413, "pad", "pad commands a narrower turn than the base can do: it turns as tightly as it can"),
             (511, "estimator", "the planner may not drive: estimator is not running"),
             (512, "", "the planner has no estimate to drive by"),
@@ -491,6 +509,9 @@ mod tests {
         assert_eq!(Hold::PauseOther.remedy(""), "Release the PAUSE line at an unknown source.");
         assert_eq!(Hold::PauseOther.remedy("rope"), "Release the PAUSE line at rope.");
         assert_eq!(Hold::DriveDropped.remedy("steering"), "Check the errors of the steering drive.");
+        let side = "Nothing is wrong: advee drive on robot must command forward speed and rotation only.";
+        assert_eq!(Hold::NoSideways.remedy("drive@robot:8"), side);
+        assert_eq!(Hold::GuardCreep.who("diag:6323"), "a terminal (advee diag)");
     }
 
     #[test]

@@ -30,12 +30,14 @@
 mod channels;
 mod faults;
 mod hold;
+mod source;
 mod stop;
 
 pub use channels::{Channel, Message, Raw};
 pub use faults::fault_name;
 pub use hold::{GOAL_MODULE, Hold, MOTION_MODULE};
 pub use lcm::codec::{DecodeError, EncodeError};
+pub use source::source_in_words;
 pub use stop::StopSource;
 
 include!(concat!(env!("OUT_DIR"), "/types.rs"));

@@ -61,6 +61,15 @@ impl StopSource {
         }
     }
 
+    /// Name as in `source` of `LL_EVENT_STOP` for operators; one outside the contract as it is.
+    #[must_use]
+    pub fn in_words(name: &str) -> String {
+        match Self::from_name(name) {
+            Self::Unknown if !name.is_empty() => name.into(),
+            known => known.words().into(),
+        }
+    }
+
     /// True for a bumper or a floor ranger at the front, false for one at the rear, `None` for any other source.
     #[must_use]
     pub const fn is_front(self) -> Option<bool> {

@@ -96,6 +96,11 @@ fn all() -> Vec<(Value, Role, bool)> {
             Role::Engineer,
             false,
         ),
+        (
+            json!({ "type": "publish", "channel": "CM_CMD_LOG", "message": r#"{"action":2,"text":"by hand"}"# }),
+            Role::Engineer,
+            true,
+        ),
     ]
 }
 

@@ -242,7 +242,7 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     let screen = screen(&app, 150, 40);
     for told in [
         "held       5.0s PAUSE is engaged by bumper2 ",
-        "           1.0s web:Jana must send zero first: the robot was",
+        "           1.0s Jana (web) must send zero first: the robot",
         "                latched until commanded",
         "           0.0s the estimator is lost",
     ] {

@@ -4,6 +4,7 @@ use crate::{Model, ModuleRow};
 use base::{Duration, Instant};
 use messages::lowlevel::{DataHold, Hold};
 use messages::middlelevel::DataGoal;
+use messages::{StopSource, source_in_words};
 use serde::Serialize;
 
 /// Speed below which the robot is at standstill, m/s.
@@ -70,7 +71,8 @@ impl Model {
             Some(_) => {}
         }
         if let Some(stop) = self.stop.get().filter(|stop| stop.engaged) {
-            let reason = format!("the PAUSE line is engaged by {}; release it, then resume", stop.source);
+            let by = StopSource::in_words(&stop.source);
+            let reason = format!("the PAUSE line is engaged by {by}; release it, then resume");
             return status(RobotStatus::Paused, reason);
         }
         let modules = self.modules(now);
@@ -86,7 +88,7 @@ impl Model {
         let drives = motion.speed.abs() > STANDING;
         let with_source = |text: &str| match motion.source.as_str() {
             "" => text.to_owned(),
-            source => format!("{text}; commanded by {source}"),
+            source => format!("{text}; commanded by {}", source_in_words(source)),
         };
         if drives {
             return match motion.reason.is_empty() {
@@ -121,6 +123,12 @@ impl Model {
                 None => status(RobotStatus::Ready, with_source("the robot is at standstill")),
             },
         }
+    }
+
+    /// Source that commands the motion, as people call it; empty: nobody does, or it is not known.
+    #[must_use]
+    pub fn driver(&self) -> String {
+        self.motion.get().map_or_else(String::new, |motion| source_in_words(&motion.source))
     }
 
     /// Why the robot is slower than commanded.

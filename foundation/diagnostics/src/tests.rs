@@ -88,6 +88,10 @@ fn the_status_shows_the_most_important_cause_first() {
     say(&mut model, T0, holds("driver_canbus", &[]));
     say(&mut model, T0, motion(0.4, "", "planner"));
     assert_eq!(word(&model, T0), (RobotStatus::Driving, "0.40 m/s; commanded by planner".into()));
+    for (source, words) in [("web:Jana", "Jana (web)"), ("diag:6323", "a terminal (advee diag)")] {
+        say(&mut model, T0, motion(0.4, "", source));
+        assert_eq!((word(&model, T0).1, model.driver()), (format!("0.40 m/s; commanded by {words}"), words.into()));
+    }
     say(&mut model, T0, motion(0.0, "", "planner"));
     let goal = DataGoal {
         timestamp: 1,
@@ -105,7 +109,7 @@ fn the_status_shows_the_most_important_cause_first() {
     let down = "driver_canbus is down: SIGSEGV: crashed; the robot does not move without it";
     assert_eq!(word(&model, T0), (RobotStatus::Fault, down.into()));
     say(&mut model, T0, EventStop { timestamp: 1, engaged: true, source: "bumper3".into() });
-    let paused = "the PAUSE line is engaged by bumper3; release it, then resume";
+    let paused = "the PAUSE line is engaged by bumper 3; release it, then resume";
     assert_eq!(word(&model, T0), (RobotStatus::Paused, paused.into()));
     assert_eq!(
         word(&model, T0 + Duration::from_millis(2500)),

@@ -3,6 +3,7 @@
 use super::center::Center;
 use super::center::access::Role;
 use super::center::command_queue::CommandQueue;
+use super::center::publish::Publisher;
 use super::center::session_store::SessionStore;
 use super::foxglove::hub::Hub;
 use super::stats::Stats;
@@ -23,6 +24,8 @@ pub struct App {
     pub session_store: Arc<SessionStore>,
     /// Motion authority.
     pub command_queue: Arc<CommandQueue>,
+    /// Messages that engineers publish.
+    pub publisher: Arc<Publisher>,
     /// Permits for command sockets.
     pub commanders: Seats,
     /// Permits for requested objects.

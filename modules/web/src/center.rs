@@ -20,6 +20,7 @@ pub mod objects;
 pub mod operator;
 pub mod pairing;
 mod parts;
+pub mod publish;
 mod recent;
 pub mod recorded;
 pub mod scene;

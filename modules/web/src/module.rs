@@ -3,6 +3,7 @@
 use super::app::{App, Seats};
 use super::center::command;
 use super::center::command_queue::CommandQueue;
+use super::center::publish::Publisher;
 use super::center::session_store::SessionStore;
 use super::guard::Guard;
 use super::server::{Parts, Server, listen};
@@ -181,14 +182,17 @@ fn start(settings: &Settings) -> Result<Started, String> {
     let (session_store, broken) = SessionStore::open(run, at, &web.hosts)?;
     let session_store = Arc::new(session_store);
     let limits = Limits::DEFAULT;
+    let publisher = Publisher::new(commands.simulated)?;
+    let scene_of_pages = Scene { publish: publisher.offered(), ..center.clone() };
     let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
     let app = App {
         hub: Arc::new(Mutex::new(Hub::new(limits))),
-        center: Arc::new(Center::new(center.clone(), *recorded, *picture, model, logs)),
+        center: Arc::new(Center::new(scene_of_pages, *recorded, *picture, model, logs)),
         bus: Arc::default(),
         stats: Arc::new(Stats::default()),
         session_store: session_store.clone(),
         command_queue: CommandQueue::open(lcm_url, commands.clone())?,
+        publisher: Arc::new(publisher),
         commanders: Seats::new(web.viewers.into()),
         objects: Arc::new(Semaphore::new(OBJECTS_MAX)),
         lcm_url: lcm_url.as_str().into(),

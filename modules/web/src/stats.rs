@@ -73,6 +73,8 @@ struct Inner {
     news: Vec<String>,
 }
 
+/// Maximum number of reports that wait to be taken: more than there are kinds of refusals.
+const NEWS_MAX: usize = 64;
 /// Maximum length of a quotation in a report.
 const QUOTED_MAX: usize = 80;
 
@@ -89,13 +91,21 @@ impl Stats {
         }
     }
 
+    /// Reports what somebody did, in a line.
+    pub fn say(&self, line: String) {
+        let mut inner = self.lock();
+        if inner.news.len() < NEWS_MAX {
+            inner.news.push(line);
+        }
+    }
+
     /// Counters.
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.lock().counts
     }
 
-    /// Reports, one line each: at most one per kind, ever.
+    /// Reports, one line each: of refusals at most one per kind, ever.
     pub fn take_news(&self) -> Vec<String> {
         std::mem::take(&mut self.lock().news)
     }
@@ -126,5 +136,13 @@ mod tests {
         assert_eq!(news.len(), Refusal::ALL.len());
         assert!(news.iter().all(|line| line.contains("\"ab\"") && !line.contains('\n')), "{news:?}");
         assert!(stats.take_news().is_empty());
+    }
+
+    #[test]
+    fn what_is_not_taken_is_bounded() {
+        let stats = Stats::default();
+        (0..1000).for_each(|n| stats.say(n.to_string()));
+        let news = stats.take_news();
+        assert_eq!((news.len(), news[1].as_str()), (NEWS_MAX, "1"));
     }
 }

@@ -48,6 +48,7 @@ const SECTIONS: [(&str, &[Export]); 3] = [
             same("modules/web/src/center/scene.rs", "TemperatureLimit"),
             renamed("modules/web/src/center/scene.rs", "Drive", "DriveNode"),
             renamed("modules/web/src/center/scene.rs", "Faults", "TargetFaults"),
+            same("modules/web/src/center/publish.rs", "Publishable"),
             same("modules/web/src/center/parts.rs", "DrivePart"),
             same("modules/web/src/center/parts.rs", "SensorsPart"),
             same("modules/web/src/center/parts.rs", "MapPart"),

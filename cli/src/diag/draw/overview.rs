@@ -7,8 +7,8 @@ use crate::diag::app::App;
 use crate::goal;
 use base::{Duration, Instant};
 use diagnostics::{CHARGE_EMPTY, CHARGE_LOW, Ellipse, HoldRow, Model};
-use messages::Hold;
 use messages::lowlevel::{DataPower, DataTemperature, Reading};
+use messages::{Hold, StopSource, source_in_words};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -92,12 +92,16 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             let homed = if m.homed { "" } else { " NOT HOMED" };
             format!("{:+.1} deg, target {:+.1}{homed}", degrees(m.steering), degrees(m.steering_target))
         }),
-        line("source", &model.motion, at, |m| if m.source.is_empty() { "none".into() } else { m.source.clone() }),
+        line("source", &model.motion, at, |m| if m.source.is_empty() { "none".into() } else { model.driver() }),
     ]);
     lines.extend(holds(model, at));
     lines.extend([
         line("PAUSE", &model.stop, at, |s| {
-            if s.engaged { format!("ENGAGED by {}", s.source) } else { "line is released".into() }
+            if s.engaged {
+                format!("ENGAGED by {}", StopSource::in_words(&s.source))
+            } else {
+                "line is released".into()
+            }
         }),
         sonar_line("nearest", model, at, nearest),
         battery(model, at),
@@ -245,11 +249,11 @@ fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
         lines.extend(ranges(&infrareds.readings).into_iter().map(|text| Line::styled(text, style)));
     }
     let motions = model.commands(at).map(|command| {
-        let (source, speed) = (clip(&command.source), command.speed);
+        let (source, speed) = (clip(&source_in_words(&command.source)), command.speed);
         format!("source    {source} priority {} {speed:+.2} m/s", command.priority)
     });
     let velocities = model.velocity_commands(at).map(|command| {
-        let (source, vx, omega) = (clip(&command.source), command.vx, command.omega);
+        let (source, vx, omega) = (clip(&source_in_words(&command.source)), command.vx, command.omega);
         format!("source    {source} priority {} {vx:+.2} m/s {omega:+.2} rad/s", command.priority)
     });
     lines.extend(motions.chain(velocities).take(SOURCES).map(Line::from));

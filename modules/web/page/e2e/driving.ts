@@ -18,7 +18,7 @@ for (const profile of PROFILES) {
     await v.takeControl();
     const hand = await v.drive();
     await v.shows("Driving");
-    match((await v.reason.textContent()) ?? "", /web:/);
+    match((await v.reason.textContent()) ?? "", /\(web\)/);
     const driven = robot.bus.driven();
     deepEqual([...new Set(driven.map(({ source }) => source))], [`web:${profile} operator`]);
     // To the left and back: steering follows.

@@ -82,7 +82,7 @@ for (const profile of PROFILES) {
     await v.press(v.button("What happened"));
     const list = v.page.getByRole("dialog", { name: "What happened" });
     await list.getByText("the door opens").first().waitFor();
-    await v.press(list.getByRole("button", { name: /PAUSE: bumper2/ }).first());
+    await v.press(list.getByRole("button", { name: /PAUSE: bumper 2/ }).first());
     equal(await list.count(), 0);
     const there = await at();
     await v.press(v.button("Play"));

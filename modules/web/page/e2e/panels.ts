@@ -138,6 +138,53 @@ for (const profile of PROFILES) {
   });
 }
 
+for (const profile of PROFILES) {
+  scene(`an engineer with control publishes a message, and nothing that moves the robot (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "engineer" });
+    await v.go("Messages");
+    await v.press(v.button("Publish…").first());
+    const dialog = v.page.getByRole("dialog", { name: "Publish a message" });
+    const [channel, text, why] = [dialog.getByLabel("Channel"), dialog.getByLabel("Message", { exact: true }), dialog.locator(".p-note")];
+    await channel.fill("CM_CMD_LOG");
+    deepEqual(JSON.parse(await text.inputValue()), { action: 0, text: "" }, "without the time, which the robot sets");
+    await why.getByText("Nobody has control. Take control first.").waitFor();
+    await v.press(dialog.getByRole("button", { name: "Take control" }));
+    await text.fill('{ "action": 2, "text": 5 }');
+    await v.slide(/^Publish on CM_CMD_LOG/);
+    await v.page.getByText("Text: expected a text, found a number.").waitFor();
+    await text.fill('{ "action": 2, "text": "by hand" }');
+    await v.slide(/^Publish on CM_CMD_LOG/);
+    const mark = await robot.bus.hears("CM_CMD_LOG");
+    deepEqual([mark["action"], mark["text"]], [2, "by hand"]);
+    ok((mark["timestamp"] as number) > 1.6e15, "the robot's time");
+    // A channel of motion that is typed all the same: the robot refuses it.
+    await channel.fill("LL_CMD_VELOCITY");
+    await dialog.getByLabel("Type of its messages").fill("lowlevel.cmd_velocity_t");
+    await text.fill('{ "vx": 0.2, "vy": 0, "omega": 0, "priority": 3, "session": 1 }');
+    await v.slide(/^Publish on LL_CMD_VELOCITY/);
+    await v.page.getByText(/^It moves the robot, or releases it from a stop/).waitFor();
+    await pass(200);
+    deepEqual(robot.bus.said("LL_CMD_VELOCITY"), []);
+    deepEqual(v.said.filter(({ type }) => type === "publish").length, 3);
+    await v.press(dialog.getByRole("button", { name: "Close" }));
+  });
+}
+
+scene("who is no engineer publishes nothing, and a message begins as the last one of its channel was", async ({ visit }) => {
+  const operator = await visit({ as: "operator", name: "no engineer" });
+  await operator.go("Messages");
+  await operator.page.getByPlaceholder("Channel or type").waitFor();
+  equal(await operator.button("Publish…").count(), 0);
+  const v = await visit({ as: "engineer" });
+  await v.go("Messages");
+  await v.page.getByPlaceholder("Channel or type").fill("SIM_DATA_CLOCK");
+  await v.press(v.row("SIM_DATA_CLOCK").getByRole("button"));
+  await v.page.getByRole("list", { name: "Fields of SIM_DATA_CLOCK" }).waitFor();
+  await v.press(v.card("SIM_DATA_CLOCK").getByRole("button", { name: "Publish…" }));
+  const text = await v.page.getByRole("dialog", { name: "Publish a message" }).getByLabel("Message", { exact: true }).inputValue();
+  ok((JSON.parse(text) as { rate: number }).rate > 0, text);
+});
+
 scene("errors are grouped, with count and when they were seen, and whether they stand", async ({ robot, visit }) => {
   const v = await visit();
   await robot.fault("sd1_rear", "silent");

@@ -30,7 +30,7 @@ function shown<T>(value: T, period: number | null, age = 0.03): Shown<T> {
 const wave = (period: number, size: number, middle = 0): number => middle + size * Math.sin((elapsed() * 2 * Math.PI) / period);
 
 function reason(): string {
-  if (robot.paused) return "the PAUSE line is engaged by bumper1";
+  if (robot.paused) return "the PAUSE line is engaged by bumper 1";
   if (robot.held) return "driver_canbus is in PAUSE";
   return robot.patrol || robot.want.speed !== 0 ? "" : "nobody commands the motion";
 }
@@ -87,10 +87,11 @@ function drivePart(): DrivePart {
   const why = reason();
   const patrols = robot.patrol && !holder;
   const moves = Math.abs(robot.speed) > 0.01;
+  const driver = patrols ? "planner" : holder?.driving ? `${holder.name} (web)` : "";
   const word = robot.paused ? "paused" : robot.held ? "stopped" : moves ? "driving" : "ready";
   const said = robot.paused
-    ? "the PAUSE line is engaged by bumper1; release it, then resume"
-    : robot.held ? why : moves ? `${robot.speed.toFixed(2)} m/s; commanded by ${patrols ? "planner" : `web:${holder?.name}`}` : "the robot is at standstill without a command";
+    ? "the PAUSE line is engaged by bumper 1; release it, then resume"
+    : robot.held ? why : moves ? `${robot.speed.toFixed(2)} m/s; commanded by ${driver}` : "the robot is at standstill without a command";
   const [gx, gy] = ROUTE[robot.goal % ROUTE.length] as [number, number];
   const quality = mode === "search" ? 1 : 3;
   return {
@@ -102,6 +103,7 @@ function drivePart(): DrivePart {
       steering_target: robot.steering, enabled: !robot.held && !robot.paused, homed: mode !== "unhomed", quick_stop: robot.held || robot.paused,
       source: patrols ? "planner" : holder?.driving ? `web:${holder.name}` : "", reason: why,
     }, 0.05),
+    driver,
     holds: holds(),
     commands: patrols ? [{ timestamp: micros(), speed: robot.speed, steering: robot.steering, priority: 0, source: "planner" }] : [],
     velocity_commands: [],
@@ -216,6 +218,7 @@ const SCENE: Part = {
   temperature_limits: [{ name: "cpu", celsius: 80 }, { name: "motor", celsius: 70 }],
   drives: [{ name: "propulsion", node: 1 }, { name: "steering", node: 2 }],
   faults: [{ target: "sd1_front", faults: ["silent", "garbled"] }, { target: "can", faults: ["drop", "off"] }, { target: "robot", faults: ["kidnap"] }, { target: "psc1", faults: ["pause", "silent"] }],
+  publish: [{ channel: "LL_CMD_POWER", type: "lowlevel.cmd_power_t", message: '{"timestamp":0,"device":0,"action":0}' }],
 };
 
 function tell(answer: Answer): void {
@@ -317,7 +320,7 @@ export function begin(): void {
   if (mode === "mine") setTimeout(() => said({ type: "take", id: 0, from: null }), 50);
   receive(SCENE);
   if (mode === "demo") {
-    events.value = { left_out: 0, events: [[60, "mark", "the door opens"], [312, "error", "driver_rs485a: sd1_rear does not answer"], [700, "stop", "PAUSE: bumper2"], [900, "warning", "driver_aux: fan2 is slow"], [1500, "contact", "the robot touched something"]].map(([at, kind, words]) => ({ at, kind, words }) as RunEvent) };
+    events.value = { left_out: 0, events: [[60, "mark", "the door opens"], [312, "error", "driver_rs485a: sd1_rear does not answer"], [700, "stop", "PAUSE: bumper 2"], [900, "warning", "driver_aux: fan2 is slow"], [1500, "contact", "the robot touched something"]].map(([at, kind, words]) => ({ at, kind, words }) as RunEvent) };
   }
   let silent = false;
   if (mode === "lost") setTimeout(() => ((silent = true), (viewLink.value = { open: false, heard: null, why: "" })), 1500);

@@ -188,6 +188,8 @@ export interface ScenePart {
   drives: DriveNode[];
   /** Faults that can be injected in the simulation. */
   faults: TargetFaults[];
+  /** Channels of the robot on which engineers may publish. */
+  publish: Publishable[];
 }
 
 /** A recorded run being played. */
@@ -258,6 +260,16 @@ export interface TargetFaults {
   faults: string[];
 }
 
+/** A channel on which engineers may publish. */
+export interface Publishable {
+  /** Name. */
+  channel: string;
+  /** Type of its messages. */
+  type: string;
+  /** A message to begin with: JSON in which everything is zero, false or empty. */
+  message: string;
+}
+
 /** Motion, position and goal: 10 Hz, always. Without one for 1 s the connection is lost. */
 export interface DrivePart {
   part: "drive";
@@ -265,6 +277,8 @@ export interface DrivePart {
   /** What is not well, the most severe first; empty: all is well. */
   concerns: Concern[];
   motion: Shown<DataMotion>;
+  /** Source that commands the motion, as people call it; empty: nobody does, or it is not known. */
+  driver: string;
   /** All causes for which the robot or its goal is held; empty: it acts. */
   holds: HoldRow[];
   /** The motion commands of all sources: of those that command speed and steering, */
@@ -683,7 +697,13 @@ export type Command =
    */
   | { type: "sdo"; id: number; node: number; index: number; subindex: number; data?: string }
   /** Fault of the simulation; `duration` in s. Engineers. */
-  | { type: "fault"; id: number; target: string; fault: string; value: number; duration: number };
+  | { type: "fault"; id: number; target: string; fault: string; value: number; duration: number }
+  /**
+   * A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene lists
+   * the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a second.
+   * Engineers, with the motion authority.
+   */
+  | { type: "publish"; id: number; channel: string; message_type?: string; message: string };
 
 /** A waypoint; without an angle any heading is accepted. */
 export interface Waypoint {

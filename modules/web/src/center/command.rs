@@ -87,6 +87,16 @@ pub enum Command {
     },
     /// Fault of the simulation; `duration` in s. Engineers.
     Fault { id: i64, target: String, fault: String, value: f64, duration: f64 },
+    /// A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene
+    /// lists the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a
+    /// second. Engineers, with the motion authority.
+    Publish {
+        id: i64,
+        channel: String,
+        #[serde(default)]
+        message_type: String,
+        message: String,
+    },
 }
 
 /// A waypoint; without an angle any heading is accepted.
@@ -195,7 +205,8 @@ impl Command {
             | Self::State { id, .. }
             | Self::Power { id, .. }
             | Self::Sdo { id, .. }
-            | Self::Fault { id, .. } => Some(*id),
+            | Self::Fault { id, .. }
+            | Self::Publish { id, .. } => Some(*id),
         }
     }
 
@@ -214,6 +225,7 @@ impl Command {
             Self::State { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
                 needs(Role::Engineer, false)
             }
+            Self::Publish { .. } => needs(Role::Engineer, true),
         }
     }
 
@@ -243,6 +255,7 @@ impl Command {
             Self::Home { axis, .. } => &[axis],
             Self::State { module, .. } => &[module],
             Self::Fault { target, fault, .. } => &[target, fault],
+            Self::Publish { channel, message_type, .. } => &[channel, message_type],
             _ => &[],
         };
         let good = |word: &&str| word.len() <= WORD_MAX && !word.chars().any(char::is_control);
@@ -361,7 +374,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 18] = [
+    const ALL: [&str; 19] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -380,6 +393,7 @@ mod tests {
         r#"{"type":"power","id":1,"channel":"motors","action":"off"}"#,
         r#"{"type":"sdo","id":1,"node":1,"index":4096,"subindex":0}"#,
         r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
+        r#"{"type":"publish","id":1,"channel":"CM_CMD_LOG","message":"{}"}"#,
     ];
 
     fn robot() -> Robot {
@@ -394,6 +408,8 @@ mod tests {
             let command = Command::read(text).unwrap();
             assert!(command.needs().role >= Role::Viewer, "{text}");
             let viewer = matches!(command, Command::Ping { .. });
+            let publishes = matches!(command, Command::Publish { .. });
+            assert_eq!(publishes, command.needs() == Needs { role: Role::Engineer, authority: true }, "{text}");
             assert_eq!(command.needs().role == Role::Viewer, viewer, "{text}");
             said.extend(
                 message(&command, &robot(), 7, "web:x").unwrap().map(|message| message.channel_name().into_owned()),
@@ -426,6 +442,8 @@ mod tests {
             (r#"{"type":"sdo","id":3,"node":256,"index":1,"subindex":0}"#, Some(3)),
             (r#"{"type":"state","id":3,"module":"a\nb","state":"RUN"}"#, Some(3)),
             (r#"{"type":"fault","id":3,"target":"x","fault":"y","value":0,"duration":-1}"#, Some(3)),
+            (r#"{"type":"publish","id":3,"channel":"A\nB","message":"{}"}"#, Some(3)),
+            (r#"{"type":"publish","id":3,"channel":"A","message":{}}"#, Some(3)),
         ] {
             let refused = Command::read(text).expect_err(text);
             assert!(refused.id == id && !refused.why.is_empty(), "{text}: {refused:?}");

@@ -123,6 +123,14 @@ impl CommandQueue {
         self.lock().bus.publish(message)
     }
 
+    /// Publishes the bytes of a message that is not one of the commands.
+    ///
+    /// # Errors
+    /// One line: it cannot be published.
+    pub fn publish_raw(&self, channel: &str, bytes: &[u8]) -> Result<(), String> {
+        self.lock().bus.publish_raw(channel, bytes)
+    }
+
     /// Current message timestamp.
     pub fn timestamp(&self) -> i64 {
         self.lock().epoch.timestamp(clock::now())

@@ -3,7 +3,7 @@
 use super::recorded::Recorded;
 use super::summaries::RunSummary;
 use messages::common::{CmdLog, Error};
-use messages::{Channel, Hold, Message};
+use messages::{Channel, Hold, Message, StopSource};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io;
@@ -126,7 +126,7 @@ impl Scan {
             Message::CmEventError(error) if error.severity >= Error::WARNING => self.report(at, error),
             Message::LlEventStop(stop) => {
                 if stop.engaged && !self.paused {
-                    self.add(at, EventKind::Stop, &format!("PAUSE: {}", stop.source));
+                    self.add(at, EventKind::Stop, &format!("PAUSE: {}", StopSource::in_words(&stop.source)));
                 }
                 self.paused = stop.engaged;
             }
@@ -241,8 +241,8 @@ mod tests {
             scan.found.events.iter().map(|event| (event.at, event.kind, event.words.as_str())).collect();
         let wanted = [
             (3.0, EventKind::Error, "m: lost"),
-            (5.0, EventKind::Stop, "PAUSE: bumper2"),
-            (8.0, EventKind::Stop, "PAUSE: bumper2"),
+            (5.0, EventKind::Stop, "PAUSE: bumper 2"),
+            (8.0, EventKind::Stop, "PAUSE: bumper 2"),
             (9.0, EventKind::Stop, "an operator stopped the robot"),
             (12.0, EventKind::Contact, "the robot touched something"),
             (13.0, EventKind::Mark, "here"),

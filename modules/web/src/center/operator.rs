@@ -5,6 +5,7 @@ use super::access::{Role, Who};
 use super::command::{self, Answer, Command, FRAME_MAX, Needs};
 use super::command_queue::QueueHandle;
 use super::objects;
+use super::publish;
 use crate::app::App;
 use crate::request::refused;
 use crate::socket::is_of_the_line;
@@ -235,6 +236,7 @@ impl Page {
                     Err(why) => Err(why),
                 }
             }
+            Command::Publish { channel, message_type, message, .. } => self.publish((channel, message_type), message),
             _ => {
                 let message = command::message(command, &command_queue.robot, command_queue.timestamp(), &self.source);
                 message.and_then(|message| message.map_or(Ok(()), |message| command_queue.publish(&message)))
@@ -245,6 +247,16 @@ impl Page {
             (Ok(()), None) => Ok(None),
             (Err(why), id) => Ok(Some(Answer::Refused { id, why: &why }.text())),
         }
+    }
+
+    /// Publishes a message of an engineer's, given as JSON, and says who did it.
+    fn publish(&self, (channel, message_type): (&str, &str), json: &str) -> Result<(), String> {
+        let (command_queue, who) = (&self.app.command_queue, &*self.source);
+        let stamp = (command_queue.timestamp(), who);
+        let bytes = self.app.publisher.message(clock::now(), (channel, message_type), json, stamp)?;
+        command_queue.publish_raw(channel, &bytes)?;
+        self.app.stats.say(publish::note(who, channel, json));
+        Ok(())
     }
 
     /// Requests an object in parallel; few at a time.

@@ -1,6 +1,7 @@
 //! Constant part of the view: dimensions of the robot, its map, the names of its parts.
 
 use super::authority::Limits;
+use super::publish::Publishable;
 use logger::ros::Sensor;
 use planner::map::{Cell, Map};
 use serde::Serialize;
@@ -49,6 +50,8 @@ pub struct Scene {
     pub drives: Vec<Drive>,
     /// Faults that can be injected in the simulation.
     pub faults: Vec<Faults>,
+    /// Channels of the robot on which engineers may publish.
+    pub publish: Vec<Publishable>,
 }
 
 /// A recorded run being played.
@@ -139,6 +142,7 @@ impl Default for Scene {
             temperature_limits: Vec::new(),
             drives: Vec::new(),
             faults: Vec::new(),
+            publish: Vec::new(),
         }
     }
 }
@@ -156,10 +160,10 @@ impl Scene {
         Self { faults: faults.into_iter().map(|(target, faults)| Faults { target, faults }).collect(), ..self }
     }
 
-    /// Scene of a recorded run, without faults.
+    /// Scene of a recorded run, in which nothing can be commanded.
     #[must_use]
     pub fn played(self, demo: Demo) -> Self {
-        Self { demo: Some(demo), faults: Vec::new(), ..self }
+        Self { demo: Some(demo), faults: Vec::new(), publish: Vec::new(), ..self }
     }
 
     /// JSON for the page.

@@ -170,7 +170,7 @@ function Motion() {
         stale={grey}
         mirrored
       />
-      <p class="why-not">{t("Driven by: {who}", { who: motion?.source ? commander(motion.source) : t("nobody") })}</p>
+      <p class="why-not">{t("Driven by: {who}", { who: drive.value?.driver ? translated(drive.value.driver) : t("nobody") })}</p>
     </Card>
   );
 }
@@ -185,12 +185,6 @@ function Bounded() {
       <ShieldAlert size={16} aria-hidden /> <span>{sentence(bound.words)}</span>
     </p>
   );
-}
-
-/** `web:Linux computer` is `Linux computer (web)`. */
-function commander(name: string): string {
-  const device = /^web:(.*)$/.exec(name)?.[1];
-  return device ? `${device} (web)` : translated(name);
 }
 
 /** An angle of the steering, in words which side. */

@@ -55,6 +55,7 @@ test("causes name their subject as people call it", () => {
     equal(holdWords(row(HOLD.DriveLost, "left")), "pohon left neodpovídá nebo vypadl z\u00A0provozu");
     equal(holdWords(row(HOLD.NotHomed, "steering")), "zatáčení ještě nezná výchozí polohu");
     equal(plain(holdWords(row(HOLD.Overruled, "web:Jana"))), "Jana (web) má nižší prioritu než ten, kdo řídí");
+    equal(plain(holdWords(row(HOLD.Overruled, "drive@robot:812"))), "advee drive na počítači robot má nižší prioritu než ten, kdo řídí");
     equal(plain(holdWords(row(HOLD.InTheWay, "5.5, -5.7"))), "v cestě někdo stojí, místo 5,5; -5,7");
     equal(holdWords(row(999, "x", "of a later version")), "of a later version");
   });
@@ -67,9 +68,13 @@ test("what the web server says is Czech where it is known, and stays as it is wh
     const all: [string, string][] = [
       ["the propulsion drive is in fault, error code 0x2310", "pohon pojezdu hlásí závadu, kód chyby 0x2310"],
       ["the robot is stopping: the propulsion drive is in fault", "robot zastavuje: pohon pojezdu hlásí závadu"],
-      ["0.53 m/s; commanded by web:Jana", "0,53 m/s; řídí Jana (web)"],
+      ["0.53 m/s; commanded by Jana (web)", "0,53 m/s; řídí Jana (web)"],
+      ["0.53 m/s; commanded by a terminal (advee diag)", "0,53 m/s; řídí terminál (advee diag)"],
+      ["advee drive on robot", "advee drive na počítači robot"],
+      ["Jana (web)", "Jana (web)"],
+      ["PAUSE: the red button", "PAUSE: červené tlačítko"],
       ["the robot is at standstill without a command", "robot stojí a nemá žádný povel"],
-      ["the PAUSE line is engaged by bumper2; release it, then resume", "je aktivní PAUSE: nárazník 2; uvolněte jej, pak zvolte Pokračovat"],
+      ["the PAUSE line is engaged by bumper 2; release it, then resume", "je aktivní PAUSE: nárazník 2; uvolněte jej, pak zvolte Pokračovat"],
       ["planner is down: SIGKILL: killed; the robot does not move without it", "modul planner – neběží (SIGKILL: násilně ukončen); bez něj robot nejede"],
       ["creeping; otherwise must not move backward: nothing is known of sonar 3", "popojíždí; jinak nesmí se pohnout vzad: snímač sonar 3 nic neposílá"],
       ["waits for whoever stands in the way at 5.5, 5.7", "čeká: v cestě někdo stojí, místo 5,5; 5,7"],

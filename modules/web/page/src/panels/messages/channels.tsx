@@ -8,6 +8,7 @@ import { Card, type Column, Empty, Table, toast } from "../../ui";
 import { count } from "../format";
 import { lost } from "../lacks";
 import { GROUPS, group } from "./groups";
+import { Publish } from "./publish";
 import { choose, chosen } from "./store";
 
 const filter = signal("");
@@ -74,6 +75,7 @@ export function Channels() {
             onInput={(event) => (filter.value = event.currentTarget.value)}
           />
         </label>
+        <Publish />
       </div>
       <Table
         caption="Channels with their rates"

@@ -6,6 +6,7 @@ import { span } from "../../format";
 import type { MessagePart } from "../../protocol";
 import { Badge, Button, Card, Empty, toast } from "../../ui";
 import { figure, moment } from "../format";
+import { Publish } from "./publish";
 import { choose, chosen, latest, series, toggle } from "./store";
 import { type Field, fields, FIELDS_MAX } from "./tree";
 import { Unit } from "./unit";
@@ -41,6 +42,7 @@ export function Inspected() {
       aside={
         <span class="p-aside">
           {held ? <span class={held.age > 2 ? "age is-stale" : "age"}>{span(held.age)} ago</span> : null}
+          <Publish key={channel} channel={channel} />
           <Button kind="quiet" icon={ArrowLeft} label="Back to the channels" class="p-back" onClick={() => choose(null)} />
         </span>
       }

@@ -106,10 +106,13 @@ export const HOLDS: Readonly<Record<Code, readonly [words: string, remedy: strin
 const STOPS: Readonly<Record<string, string>> = { sd1_front: "přední snímače podlahy", sd1_rear: "zadní snímače podlahy", button: "červené tlačítko", "": "neznámý zdroj" };
 const DRIVES: Readonly<Record<string, string>> = { propulsion: "pohon pojezdu", steering: "pohon zatáčení" };
 
-/** Who commands the motion. */
+/** Who commands the motion: as on the bus, or as the robot has it in words (messages/src/source.rs). */
 export function commander(name: string): string {
-  const web = /^web:(.*)$/.exec(name)?.[1];
+  const web = /^web:(.+)$/.exec(name)?.[1];
   if (web !== undefined) return `${web} (web)`;
+  if (/^(diag:\d+|a terminal \(advee diag\))$/.test(name)) return "terminál (advee diag)";
+  const tool = /^([a-z]+)@(.*):\d+$/.exec(name) ?? /^advee ([a-z]+)(?: on (.+))?$/.exec(name);
+  if (tool) return `advee ${tool[1]}${tool[2] ? ` na počítači ${tool[2]}` : ""}`;
   return { planner: "plánovač", "": "nikdo" }[name] ?? name;
 }
 

@@ -132,7 +132,15 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^sd1_front$/, "přední snímače podlahy"],
   [/^sd1_rear$/, "zadní snímače podlahy"],
   [/^button$/, "červené tlačítko"],
+  [/^the front floor sensors$/, "přední snímače podlahy"],
+  [/^the rear floor sensors$/, "zadní snímače podlahy"],
+  [/^the red button$/, "červené tlačítko"],
+  [/^an unknown source$/, "neznámý zdroj"],
+
+  // Who commands the motion (messages/src/source.rs).
   [/^planner$/, "plánovač"],
+  [/^a terminal \(advee diag\)$/, "terminál (advee diag)"],
+  [/^advee ([a-z]+)(?: on (.+))?$/, (found) => commander(`advee ${found[0]}${found[1] ? ` on ${found[1]}` : ""}`)],
 
   // After a cause.
   [/^, error code (0x[0-9a-fA-F]+)$/, ([code]) => `, kód chyby ${code}`],
