@@ -12,7 +12,7 @@
 
 The helper answers each command, rejects those beyond the limits and those that come while the module is not in RUN,
 repeats the status each second, knows repeated commands by their id, and fails what is under way when the module leaves
-RUN. All calls come from the module's loop, and all methods are called from it.
+RUN. All calls come from the module's loop, and all methods are called from it. actions.hpp is the same in C++.
 """
 import math
 import re
@@ -25,7 +25,7 @@ from highlevel import cmd_action_t, data_action_t
 ID, NAME = re.compile(r"[!-~]{1,128}"), re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,63}")
 PARAMETERS_MAX, VALUE_MAX = 32, 4096    # parameters of a command; bytes of a value
 PERIOD = 1.0                            # s between two statuses of an action that lasts
-AGAIN = 0.1                             # s at least between two statuses, unless a new one differs in more than progress
+AGAIN = 0.1                             # s at least between two statuses that differ in the progress alone
 ENDS = 3                                # times that an end is published
 UNDER_WAY_MAX = 16                      # actions at a time; further ones are rejected
 ENDED_MAX = 64                          # actions that have ended and are known by their id
@@ -60,7 +60,7 @@ class Action:
         return value
 
     def number(self, name, low, high, default=None):
-        """Returns a parameter as a number from low to high, else the action is rejected; the default needs no limits."""
+        """Returns a parameter as a number from low to high, else the action is rejected; a default needs no limits."""
         if name not in self.parameters and default is not None:
             return default
         try:
