@@ -16,6 +16,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod action;
 mod bench;
 mod bus;
 mod can;
@@ -119,6 +120,8 @@ commands! {
         Drive(drive::Drive) => drive::drive(common, command),
         /// Show the goal, send the robot somewhere, or let it stand
         Goal(goal::Goal) => goal::goal(common, command),
+        /// Command an action of the high level, cancel one, or list what is under way
+        Action(action::Action) => action::action(common, command),
         /// Tell the estimator where the robot is
         Pose(pose::Pose) => pose::tell(common, command),
         /// Show the power channels, or switch one

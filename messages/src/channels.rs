@@ -6,7 +6,7 @@ use std::ops::Deref;
 use lcm::codec::{DecodeError, EncodeError, Reader, Type, Writer};
 use serde::Serialize;
 
-use crate::{common, lowlevel, middlelevel, simulation};
+use crate::{common, highlevel, lowlevel, middlelevel, simulation};
 
 macro_rules! channels {
     ($($variant:ident = $name:literal: $type:ty;)*) => {
@@ -63,6 +63,7 @@ macro_rules! channels {
                     | Self::LlEventStop
                     | Self::MlDataEstimate
                     | Self::MlCmdEstimate
+                    | Self::HlDataAction
                     | Self::SimDataTruth
                     | Self::SimCmdFault
                     | Self::SimDataClock
@@ -173,6 +174,8 @@ channels! {
     MlDataGoal = "ML_DATA_GOAL": middlelevel::DataGoal;
     MlDataPlan = "ML_DATA_PLAN": middlelevel::DataPlan;
     MlDataObstacles = "ML_DATA_OBSTACLES": middlelevel::DataObstacles;
+    HlCmdAction = "HL_CMD_ACTION": highlevel::CmdAction;
+    HlDataAction = "HL_DATA_ACTION": highlevel::DataAction;
     SimDataTruth = "SIM_DATA_TRUTH": simulation::DataTruth;
     SimCmdFault = "SIM_CMD_FAULT": simulation::CmdFault;
     SimDataClock = "SIM_DATA_CLOCK": simulation::DataClock;

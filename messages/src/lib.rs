@@ -1,4 +1,5 @@
-//! Rust types of `/messages/**/*.lcm`, the table of channels, and the list of causes that hold the robot.
+//! Rust types of `/messages/**/*.lcm`, the table of channels, the list of causes that hold the robot, and the limits of
+//! actions.
 //!
 //! The types are generated (see `lcm_gen::rust` for the rules): `common::DataState` is `common.data_state_t`. The
 //! length members of arrays are not fields: they are the lengths of the `Vec`s. All times are microseconds since the
@@ -27,6 +28,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod action;
 mod channels;
 mod faults;
 mod hold;

@@ -33,7 +33,7 @@ fn no_two_types_can_be_mistaken_for_each_other() {
             panic!("{name} and {other} have the same members");
         }
     }
-    assert_eq!(known.len(), 64);
+    assert_eq!(known.len(), 67);
 }
 
 #[test]
@@ -49,7 +49,13 @@ fn a_list_is_the_watchdog_s_when_it_has_module_down_about_the_module_itself() {
 
 #[test]
 fn every_channel_carries_the_type_that_its_name_says() {
-    let level = BTreeMap::from([("CM", "common"), ("LL", "lowlevel"), ("ML", "middlelevel"), ("SIM", "simulation")]);
+    let level = BTreeMap::from([
+        ("CM", "common"),
+        ("LL", "lowlevel"),
+        ("ML", "middlelevel"),
+        ("HL", "highlevel"),
+        ("SIM", "simulation"),
+    ]);
     for &channel in Channel::ALL {
         let (prefix, rest) = channel.name().split_once('_').unwrap();
         let short = rest.trim_end_matches('_').to_lowercase();

@@ -253,7 +253,8 @@ enum Said {
     Fatal { number: i32, message: String },
 }
 
-fn command(built: &Built, module: Foreign) -> Command {
+/// Starts a module without what a watchdog passes.
+pub fn command(built: &Built, module: Foreign) -> Command {
     let line = built.command(module);
     let mut command = Command::new(&line[0]);
     command.args(&line[1..]).stdin(Stdio::null());

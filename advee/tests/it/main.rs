@@ -1,6 +1,7 @@
 //! Whole robot as used from the shell, live: one binary, so that everything is linked once. Tests in virtual time, and
 //! those that the documentation names by `--test`, are separate binaries.
 
+mod action;
 mod bad_input;
 mod bench_can;
 mod bench_jitter;

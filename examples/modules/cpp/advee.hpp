@@ -263,6 +263,9 @@ protected:
     // Called after a change of state has been announced. In Terminate it is the last call.
     virtual void on_state(State) {}
 
+    // Called before a change of state, for helpers on top of this one.
+    virtual void before_state(State) {}
+
     State state() const { return current; }
 
     // True if the module may act: only in RUN.
@@ -378,6 +381,15 @@ protected:
         enter(State::Terminate);
         if (code < 0)
             code = 0;
+    }
+
+    // The text, truncated to the maximum length in a list; characters are never split.
+    static std::string clipped(const std::string &text)
+    {
+        std::size_t end = std::min(text.size(), TEXT_MAX);
+        while (end < text.size() && end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80)
+            --end;
+        return text.substr(0, end);
     }
 
     const std::string name; // on the bus
@@ -500,6 +512,7 @@ private:
 
     void enter(State to)
     {
+        before_state(to);
         current = to;
         announce();
         on_state(to);
@@ -531,15 +544,6 @@ private:
         }
         message.count = std::int32_t(message.faults.size());
         publish("CM_DATA_FAULTS", message);
-    }
-
-    // The text, truncated to the maximum length in a list; characters are never split.
-    static std::string clipped(const std::string &text)
-    {
-        std::size_t end = std::min(text.size(), TEXT_MAX);
-        while (end < text.size() && end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80)
-            --end;
-        return text.substr(0, end);
     }
 
     void report(int number, Kind kind, Severity severity, const std::string &text, std::int64_t at, bool fatal = false,

@@ -430,7 +430,7 @@ fn permits_nothing(guard: &DataGuard) -> bool {
 mod tests {
     use super::*;
     use crate::State;
-    use messages::{common, lowlevel, middlelevel};
+    use messages::{common, highlevel, lowlevel, middlelevel};
 
     const WATCHDOG: u32 = 100;
     const POWER: u32 = 107;
@@ -519,6 +519,7 @@ mod tests {
             lowlevel::CmdPower::default().into(),
             lowlevel::DataActiveBeacons::default().into(),
             middlelevel::CmdEstimate::default().into(),
+            highlevel::CmdAction::default().into(),
             goal(1),
             state(State::Run),
         ];

@@ -5,7 +5,7 @@ use messages::Channel;
 /// Package of the robot's own types: `packaging/ros2/advee_msgs`, made from the messages.
 pub const PACKAGE: &str = "advee_msgs";
 /// What no type of ROS expresses, in types of the robot's own: channel, and topic.
-pub const OWN: [(Channel, &str); 8] = [
+pub const OWN: [(Channel, &str); 9] = [
     (Channel::CmDataState, "/advee/state"),
     (Channel::CmDataFaults, "/advee/faults"),
     (Channel::CmDataProcesses, "/advee/processes"),
@@ -14,6 +14,7 @@ pub const OWN: [(Channel, &str); 8] = [
     (Channel::LlEventStop, "/advee/stop"),
     (Channel::LlDataPower, "/advee/power"),
     (Channel::MlDataGoal, "/advee/goal"),
+    (Channel::HlDataAction, "/advee/action"),
 ];
 
 /// How samples of a topic are delivered.

@@ -9,10 +9,11 @@ use std::fmt::Write as _;
 
 const INTRODUCTION: &str = "\
 Every channel of the LCM bus with the message that it carries, from the definitions in \
-[messages](../messages/README.md). The name is level (`CM` common, `LL` low, `ML` middle level, `SIM` simulation), kind \
-(`CMD`, `DATA`, `EVENT`) and subject. All times are microseconds since the UNIX epoch, on a scale that no step of the \
-clock turns back; units are SI and radians, angles counter-clockwise; the robot frame has x forward and y left. A \
-value that is not known is NaN, in JSON `null`. A length member, such as `count`, is not in the JSON of a message.
+[messages](../messages/README.md). The name is level (`CM` common, `LL` low, `ML` middle, `HL` high level, `SIM` \
+simulation), kind (`CMD`, `DATA`, `EVENT`) and subject. All times are microseconds since the UNIX epoch, on a scale \
+that no step of the clock turns back; units are SI and radians, angles counter-clockwise; the robot frame has x \
+forward and y left. A value that is not known is NaN, in JSON `null`. A length member, such as `count`, is not in the \
+JSON of a message.
 
 Publishers are the modules and tools whose code makes the message, receivers the modules that subscribe to it. The \
 logger records all channels; terminal and web page show them. [design.md](design.md) has the rules for faults and \
@@ -20,8 +21,8 @@ texts, [lcm.md](lcm.md) the transport.
 ";
 
 /// Sections by the first part of the channel's name.
-const LEVELS: [(&str, &str); 4] =
-    [("CM_", "Common"), ("LL_", "Low level"), ("ML_", "Middle level"), ("SIM_", "Simulation")];
+const LEVELS: [(&str, &str); 5] =
+    [("CM_", "Common"), ("LL_", "Low level"), ("ML_", "Middle level"), ("HL_", "High level"), ("SIM_", "Simulation")];
 
 /// Phrases by which comments state a unit, and its symbol; the first match counts.
 const UNITS: [(&str, &str); 16] = [

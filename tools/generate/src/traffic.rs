@@ -46,6 +46,11 @@ const SHARED: [(&str, &[&str]); 7] = [
     ("foundation/diagnostics/src", &[TERMINAL, PAGE]),
 ];
 
+/// Stands for programs outside this source that offer actions (docs/highlevel.md).
+const OFFERING: &str = "modules that offer actions";
+/// Message that they receive, by its channel, and message that they publish, by its type.
+const OFFERED: (&str, &str) = ("HlCmdAction", "DataAction");
+
 /// Publishers and receivers of the messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
@@ -78,6 +83,10 @@ impl Traffic {
                 let file = parse(root, &path)?;
                 names.iter().for_each(|name| traffic.add(name, &file));
             }
+        }
+        let (received, published) = OFFERED;
+        for (map, key) in [(&mut traffic.receivers, received), (&mut traffic.publishers, published)] {
+            map.entry(key.into()).or_default().push(OFFERING.into());
         }
         for channel in Channel::ALL {
             if traffic.publishers(*channel).is_empty() {

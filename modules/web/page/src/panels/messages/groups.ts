@@ -4,6 +4,7 @@ const LEVELS = [
   ["CM_", "Common: states, faults, texts, the recorder (CM_)"],
   ["LL_", "Low level: drives, sensors, power (LL_)"],
   ["ML_", "Middle level: position, goals, plans (ML_)"],
+  ["HL_", "High level: actions (HL_)"],
   ["SIM_", "Simulation (SIM_)"],
 ] as const;
 const OTHERS = "Others";

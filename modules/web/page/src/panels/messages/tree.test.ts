@@ -48,5 +48,5 @@ test("a field has the unit of its definition, in each place of a list", () => {
 });
 
 test("a channel is in the group of its level", () => {
-  deepEqual(["LL_DATA_ODO", "CM_DATA_STATE", "SIM_DATA_TRUTH", "ML_DATA_GOAL", "MY_OWN"].map((channel) => GROUPS.indexOf(group(channel))), [1, 0, 3, 2, 4]);
+  deepEqual(["LL_DATA_ODO", "CM_DATA_STATE", "SIM_DATA_TRUTH", "ML_DATA_GOAL", "HL_DATA_ACTION", "MY_OWN"].map((channel) => GROUPS.indexOf(group(channel))), [1, 0, 4, 2, 3, 5]);
 });
