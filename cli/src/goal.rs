@@ -220,6 +220,7 @@ fn answer(common: &Common, command: &Goal, tool: &mut Tool, wanted: &CmdGoal) ->
     let sent = clock::now();
     let mut last: Option<DataGoal> = None;
     let mut holds: Option<DataHold> = None;
+    let mut others: Option<Instant> = None;
     loop {
         let until = match &last {
             None => sent + ANSWER,
@@ -233,11 +234,13 @@ fn answer(common: &Common, command: &Goal, tool: &mut Tool, wanted: &CmdGoal) ->
                 if news && command.wait && !command.json {
                     print(format_args!("{}", goal.message))?;
                 }
-                last = Some(goal);
+                (last, others) = (Some(goal), None);
             }
             Heard::Message(Message::LlDataHold(list)) if list.is_of_goal() => holds = Some(list),
             Heard::Message(Message::MlDataGoal(_)) if last.is_some() => {
-                return Err("another goal has taken its place".into());
+                if is_replaced(&mut others, clock::now()) {
+                    return Err("another goal has taken its place".into());
+                }
             }
             Heard::Message(_) => {}
             Heard::Nothing => break,
@@ -260,6 +263,11 @@ fn answer(common: &Common, command: &Goal, tool: &mut Tool, wanted: &CmdGoal) ->
         DataGoal::FAILED => Err(goal.message.into()),
         _ => Ok(ExitCode::SUCCESS),
     }
+}
+
+/// True if the planner speaks of other goals only: of one that it refuses it speaks once, and then goes on with this.
+fn is_replaced(others: &mut Option<Instant>, now: Instant) -> bool {
+    now.since(*others.get_or_insert(now)) >= CURRENT
 }
 
 /// Whether the planner knows what comes of a goal: it drives, or waits for something other than its own search.
@@ -293,6 +301,17 @@ mod tests {
                 assert!(!is_decided(&goal, Some(&list(10, &[thinks]))));
             }
         }
+    }
+
+    #[test]
+    fn a_goal_is_replaced_when_the_planner_speaks_of_others_only() {
+        let mut others = None;
+        let at = Instant::from_millis;
+        assert!(!is_replaced(&mut others, at(1000)) && !is_replaced(&mut others, at(1200)));
+        // It speaks of this one again.
+        others = None;
+        assert!(!is_replaced(&mut others, at(1400)) && !is_replaced(&mut others, at(1899)));
+        assert!(is_replaced(&mut others, at(1900)));
     }
 
     #[test]

@@ -110,6 +110,24 @@ fn an_estimator_that_dies_stops_it() {
 }
 
 #[test]
+fn an_impossible_goal_does_not_end_the_patrol() {
+    let mut robot = driving("hall", Some(0), 7);
+    for (id, x, y) in [(21, f64::NAN, 3.0), (22, 16.0, 5.5), (23, 500.0, 5.5)] {
+        let failed = robot.seen().failed;
+        robot.send_to(id, &[(x, y)]);
+        drive_further(&mut robot, 0.5);
+        let seen = robot.seen();
+        assert_eq!(
+            (seen.goal.id, seen.goal.status, seen.failed),
+            (1, DataGoal::DRIVING, failed + 1),
+            "{:?}",
+            seen.words
+        );
+        assert_eq!(robot.let_go, 0, "nothing was released");
+    }
+}
+
+#[test]
 fn invalid_goals_are_refused_with_a_reason() {
     let mut robot = Patrol::new("hall", Some(0), 6, None);
     robot.go();

@@ -4,7 +4,7 @@ use crate::call::{Call, CallLog};
 use crate::texts::{self, Texts};
 use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
 use base::{Deadlines, Duration, Fault, Instant, Level, Report, Severity};
-use messages::{Channel, Message, common};
+use messages::{Channel, Message, common, source_in_words};
 use std::collections::BTreeMap;
 use std::mem;
 
@@ -411,11 +411,13 @@ impl Shell {
             }
             Some(to) => {
                 let manner = if command.manual { "manual " } else { "" };
-                let message = format!("{manner}command {to} from {} refused in {}", command.source, self.state);
+                let by = source_in_words(&command.source);
+                let message = format!("{manner}command {to} from {by} refused in {}", self.state);
                 self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
             None => {
-                let message = format!("command from {} refused: {} is not a state", command.source, command.state);
+                let by = source_in_words(&command.source);
+                let message = format!("command from {by} refused: {} is not a state", command.state);
                 self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
         }

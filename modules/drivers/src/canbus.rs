@@ -65,7 +65,7 @@ use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use controller::Controller;
 use ignored::Ignored;
 use kinematics::{PerWheel, Twist};
-use messages::{Channel, Hold, Message, common, lowlevel};
+use messages::{Channel, Hold, Message, common, lowlevel, source_in_words};
 use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
 use objection::Objection;
@@ -378,7 +378,8 @@ impl Canbus {
 
     /// Rejects a command that no correct source sends: the robot stops, whatever the source.
     fn refuse(&mut self, now: Instant, request: &Request<'_>, values: &str, out: &mut Actions) {
-        let message = format!("command of {} refused: {values}, priority {}", request.source, request.priority);
+        let (by, priority) = (source_in_words(request.source), request.priority);
+        let message = format!("command of {by} refused: {values}, priority {priority}");
         self.deadlines.set(Timer::Refused, now + self.config.limits.command_ttl);
         out.raise(Severity::Error, Fault::MotionRefused, "", message);
     }

@@ -135,6 +135,13 @@ impl Frame {
         !((self.x..=self.right()).contains(&x) && (self.y..=self.top()).contains(&y))
     }
 
+    /// Distance of a point from the grid, m; 0 within its edges.
+    #[must_use]
+    pub fn distance(&self, x: f64, y: f64) -> f64 {
+        let beyond = |value: f64, low: f64, high: f64| (low - value).max(value - high).max(0.0);
+        libm::hypot(beyond(x, self.x, self.right()), beyond(y, self.y, self.top()))
+    }
+
     /// Extent of the grid as in texts: "0…20 by 0…12 m".
     #[must_use]
     pub fn extent(&self) -> impl fmt::Display {

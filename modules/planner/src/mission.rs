@@ -112,6 +112,12 @@ pub struct Mission {
     stuck: Option<Instant>,
     /// True after a contact at the leading end: the robot backs out before it continues.
     bumped: bool,
+    /// True if a path to this goal was found.
+    is_found: bool,
+    /// Goal that the robot was driving to; it goes on to it if this one turns out to be impossible.
+    before: Option<Goal>,
+    /// Goals that were refused while the robot goes on to another one, each with its number.
+    refused: Vec<(i32, GoalState)>,
     id: i32,
     waypoint: usize,
     state: GoalState,
@@ -134,6 +140,9 @@ impl Default for Mission {
             no_way_around: false,
             stuck: None,
             bumped: false,
+            is_found: false,
+            before: None,
+            refused: Vec::new(),
             id: 0,
             waypoint: 0,
             state: GoalState::NoGoal,
@@ -143,27 +152,43 @@ impl Default for Mission {
 }
 
 impl Mission {
-    /// Replaces the goal.
-    pub fn begin(&mut self, goal: Goal) {
+    /// Replaces the goal. `drives`: the robot drives to the one before, and goes on to it if no path leads to this one.
+    pub fn begin(&mut self, goal: Goal, drives: bool) {
+        let before = if self.is_found { self.goal.take() } else { self.before.take() };
+        self.replace(goal, before.filter(|_| drives));
+    }
+
+    fn replace(&mut self, goal: Goal, before: Option<Goal>) {
         let stored =
             if goal.waypoints.len() <= STORED_PATHS_MAX { vec![None; goal.waypoints.len()] } else { Vec::new() };
-        let (trace, bumped) = (mem::take(&mut self.trace), self.bumped);
-        *self = Self { id: goal.id, stored, trace, bumped, goal: Some(goal), replanned: true, ..Self::default() };
+        let (trace, bumped, refused) = (mem::take(&mut self.trace), self.bumped, mem::take(&mut self.refused));
+        let (id, waypoint, goal) = (goal.id, goal.next, Some(goal));
+        *self = Self { id, waypoint, goal, before, stored, trace, bumped, refused, replanned: true, ..Self::default() };
         self.state = GoalState::Planning;
+    }
+
+    /// Refuses a goal that is known to be impossible: the robot goes on to the one that it drives to.
+    pub fn refuse(&mut self, id: i32, state: GoalState) {
+        self.refused.push((id, state));
+    }
+
+    /// Goals that were refused since the last call while the robot goes on to another one.
+    pub fn take_refused(&mut self) -> Vec<(i32, GoalState)> {
+        mem::take(&mut self.refused)
     }
 
     /// Ends the goal with its final state.
     pub fn end(&mut self, id: i32, state: GoalState) {
         let waypoint = self.waypoint;
-        let trace = mem::take(&mut self.trace);
-        *self = Self { id, waypoint, trace, state, replanned: true, ..Self::default() };
+        let (trace, refused) = (mem::take(&mut self.trace), mem::take(&mut self.refused));
+        *self = Self { id, waypoint, trace, refused, state, replanned: true, ..Self::default() };
     }
 
     /// Interrupts driving after a stop by another party or a jump of the pose: a path is planned again when the robot
-    /// may drive.
+    /// may drive, to this goal and to no other one.
     pub fn interrupt(&mut self) {
         self.phase = Phase::Idle;
-        self.stuck = None;
+        (self.stuck, self.before) = (None, None);
         self.replanned |= !self.track.ahead().is_empty();
         self.track = Track::default();
     }
@@ -317,6 +342,7 @@ impl Mission {
         let Config { body, limits, behaviour, .. } = input.config;
         self.track = Track::new(&poses, Some(goal.next), body, limits, behaviour);
         (self.replanned, self.unchecked, self.stuck) = (true, true, None);
+        (self.is_found, self.before) = (true, None);
         self.phase = Phase::Driving { next: None };
         self.set_driving();
     }
@@ -339,8 +365,14 @@ impl Mission {
     fn on_no_path(&mut self, input: &StepInput<'_>, space: &PlanningSpace, why: Hindrance, forever: bool) {
         let Some(goal) = &self.goal else { return };
         let (id, to) = (goal.id, goal.next);
+        // What is not impossible replaces the goal before it for good.
+        let before = self.before.take();
         if forever {
-            return self.end(id, GoalState::CannotReach(to, why));
+            let state = GoalState::CannotReach(to, why);
+            return match before {
+                Some(before) => self.go_on(before, id, state),
+                None => self.end(id, state),
+            };
         }
         if self.count_attempt(input, why) {
             return;
@@ -349,6 +381,13 @@ impl Mission {
             return;
         }
         self.wait_for_way(input, why);
+    }
+
+    /// This goal is impossible: the robot goes on to the one that it was driving to.
+    fn go_on(&mut self, before: Goal, id: i32, state: GoalState) {
+        self.refuse(id, state);
+        self.replace(before, None);
+        self.is_found = true;
     }
 
     /// Waits without a path until the next attempt.

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::goal::Goal;
-use crate::goal_state::GoalState;
+use crate::goal_state::{GoalState, Hindrance};
 use crate::mission::{Mission, StepInput};
 use crate::obstacles::{Fired, Obstacles};
 use crate::ranges::{self, Sounding};
@@ -128,7 +128,7 @@ impl Planner {
             Message::LlDataSrfs(srfs) if self.senses.lacks_ranges(at) => {
                 self.on_soundings(now, &ranges::of_srfs(at, srfs, self.config.sonar_beam));
             }
-            Message::MlCmdGoal(goal) => self.on_goal(goal, out),
+            Message::MlCmdGoal(goal) => self.on_goal(now, goal, out),
             _ => {}
         }
     }
@@ -198,15 +198,49 @@ impl Planner {
         }
     }
 
-    fn on_goal(&mut self, command: &CmdGoal, out: &mut Actions) {
-        match Goal::of(command) {
-            Ok(Some(goal)) => self.mission.begin(goal),
-            Ok(None) => self.mission.end(command.id, GoalState::Cancelled),
-            Err(why) => {
-                out.report(Severity::Warning, Fault::GoalRefused, "", format!("goal {} refused: {why}", command.id));
-                self.mission.end(command.id, GoalState::Refused(why));
-            }
+    /// Begins a goal, or refuses it. A robot that drives to another one then goes on: it is not stopped by a mistake.
+    /// One that is held ends it, since the command may have released what holds it, for that goal alone.
+    fn on_goal(&mut self, now: Instant, command: &CmdGoal, out: &mut Actions) {
+        let drives = self.is_driving(now);
+        let refused = match Goal::of(command) {
+            Ok(None) => return self.mission.end(command.id, GoalState::Cancelled),
+            Ok(Some(goal)) => match self.impossible(&goal, drives) {
+                None => return self.mission.begin(goal, drives),
+                Some((waypoint, why)) => GoalState::CannotReach(waypoint, why),
+            },
+            Err(why) => GoalState::Refused(why),
+        };
+        if drives {
+            return self.mission.refuse(command.id, refused);
         }
+        if let GoalState::Refused(why) = &refused {
+            out.report(Severity::Warning, Fault::GoalRefused, "", format!("goal {} refused: {why}", command.id));
+        }
+        self.mission.end(command.id, refused);
+    }
+
+    /// Waypoint of a goal that cannot be reached, and why, as far as that is known without a search. Where the robot
+    /// cannot stand is looked at only if there is something to lose: it may stand there already.
+    fn impossible(&self, goal: &Goal, drives: bool) -> Option<(usize, Hindrance)> {
+        let blocked = || {
+            let first = goal.waypoints.first().filter(|_| drives)?;
+            Some((0, self.space.blocked(first)?))
+        };
+        self.space.outside(&goal.waypoints).or_else(blocked)
+    }
+
+    /// True if the robot drives to a goal: nothing holds it.
+    fn is_driving(&self, now: Instant) -> bool {
+        let runs = self.senses.state == Some(State::Run);
+        self.was_driving && runs && self.mission.has_goal() && self.waits_now(now).is_empty()
+    }
+
+    /// Causes that hold the robot.
+    fn waits_now(&self, now: Instant) -> Vec<Wait> {
+        // Without readings ahead the robot does not back out either: from there it could not continue.
+        let Config { body, age_max, has_sonars, .. } = &self.config;
+        let blind = has_sonars.then(|| self.obstacles.is_blind(now, true, body, *age_max));
+        self.senses.waits(now, NAME, blind)
     }
 
     /// True if there is anything to command or to wait for.
@@ -218,10 +252,7 @@ impl Planner {
     fn control(&mut self, now: Instant, out: &mut Actions) {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
-        // Without readings ahead the robot does not back out either: from there it could not continue.
-        let Config { body, age_max, has_sonars, .. } = &self.config;
-        let blind = has_sonars.then(|| self.obstacles.is_blind(now, true, body, *age_max));
-        self.waits = self.senses.waits(now, NAME, blind);
+        self.waits = self.waits_now(now);
         let drives = wants && self.waits.is_empty();
         if self.was_driving && !drives {
             self.mission.interrupt();
@@ -319,11 +350,13 @@ impl Planner {
 
     fn publish_goal(&mut self, now: Instant, out: &mut Actions) {
         self.publish_holds(now, out);
+        let refused = self.publish_refused(now, out);
         let (id, waypoint, state) = self.mission.status();
         let message = self.waits().first().map_or_else(|| state.to_string(), |wait| wait.message(NAME));
         let current = (id, waypoint, state.status() as i8, message);
         let changed = current != self.published;
-        if !(self.deadlines.tick(Timer::Goal, now, GOAL_PERIOD_MAX) | changed) {
+        // What is refused is told once, and followed by the goal that goes on.
+        if !(self.deadlines.tick(Timer::Goal, now, GOAL_PERIOD_MAX) | changed | refused) {
             return;
         }
         if changed {
@@ -338,6 +371,19 @@ impl Planner {
             remaining: self.mission.remaining(),
             message: message.clone(),
         });
+    }
+
+    /// Publishes the goals that were refused while the robot goes on; true if there were any.
+    fn publish_refused(&mut self, now: Instant, out: &mut Actions) -> bool {
+        let all = self.mission.take_refused();
+        for (id, state) in &all {
+            let message = format!("{state}; the robot goes on to the goal before it");
+            out.report(Severity::Warning, Fault::GoalRefused, "", format!("goal {id} refused: {message}"));
+            let (timestamp, status, remaining) = (out.timestamp(now), state.status() as i8, f64::NAN);
+            let waypoint = if let GoalState::CannotReach(to, _) = state { *to as i32 } else { 0 };
+            out.publish(DataGoal { timestamp, id: *id, waypoint, status, remaining, message });
+        }
+        !all.is_empty()
     }
 
     fn publish_scene(&mut self, now: Instant, out: &mut Actions) {

@@ -24,6 +24,8 @@ const MARGIN_M: f64 = 0.12;
 const MARGIN_LEAST_M: f64 = 0.05;
 /// Size of a sensed obstacle beyond its cell, m.
 const SENSED_RADIUS_M: f64 = 0.15;
+/// Greatest distance of the end of a path from its waypoint, m.
+const END_MAX_M: f64 = 0.3;
 /// Free floor beyond start and goal if there is no map, m.
 const FLOOR_MARGIN_M: f64 = 8.0;
 /// Smallest cell of such a floor, m, and the approximate number of cells along a side.
@@ -86,6 +88,21 @@ impl PlanningSpace {
         self.still.as_ref().is_none_or(|still| self.search.limits().footprint.is_free(still, pose))
     }
 
+    /// First waypoint that is beyond the edges of the map; `None` without a map.
+    #[must_use]
+    pub fn outside(&self, waypoints: &[Waypoint]) -> Option<(usize, Hindrance)> {
+        let frame = *self.still.as_ref().filter(|_| self.has_map)?.frame();
+        let number = waypoints.iter().position(|to| frame.distance(to.at.x, to.at.y) > end_tolerance(to))?;
+        Some((number, Hindrance::OutsideMap(frame)))
+    }
+
+    /// Why the robot cannot stand at a waypoint on this map, whatever the way there; `None` without a map.
+    #[must_use]
+    pub fn blocked(&self, to: &Waypoint) -> Option<Hindrance> {
+        let still = self.still.as_ref().filter(|_| self.has_map)?;
+        (!self.search.fits(still, &end(to, to.heading))).then(|| goal_blocked(still, to))
+    }
+
     /// Sets the obstacles for paths around them: all sensed ones except those that the robot already stands beside,
     /// which it may leave behind.
     pub fn set_obstacles(&mut self, obstacles: &Obstacles, robot: Pose, body: &Body) {
@@ -139,11 +156,9 @@ impl Route {
     }
 
     fn search(&self, space: &mut PlanningSpace) {
-        let Waypoint { at, tolerance, .. } = self.to;
         // People who are sensed leave, and any heading is better than no margin.
         space.search.keep_margin(self.around || self.has_other_headings());
-        // Half of the tolerance is for the path, half for path following.
-        let goal = Goal { x: at.x, y: at.y, heading: self.heading, tolerance_m: (tolerance / 2.0).min(0.3) };
+        let goal = end(&self.to, self.heading);
         if let Some(field) = if self.around { &space.live } else { &space.still } {
             let first = if self.around { WORK_AROUND_MAX } else { Budget::default().first };
             space.search.begin(field, self.from, goal, Budget { first, ..Budget::default() });
@@ -175,14 +190,32 @@ impl Route {
             }
             Status::NoPath(why) => {
                 self.over = true;
-                let frame = field.frame();
-                if why == SearchError::GoalBlocked && frame.is_outside(self.to.at.x, self.to.at.y) {
-                    return Progress::NoPath { why: Hindrance::OutsideMap(*frame), forever: true };
-                }
                 let forever = matches!(why, SearchError::GoalBlocked | SearchError::Unreachable | SearchError::Invalid);
-                Progress::NoPath { why: Hindrance::Search(why), forever }
+                let why = match why {
+                    SearchError::GoalBlocked => goal_blocked(field, &self.to),
+                    why => Hindrance::Search(why),
+                };
+                Progress::NoPath { why, forever }
             }
         }
+    }
+}
+
+/// End of a path to a waypoint. Half of the tolerance is for the path, half for path following.
+fn end(to: &Waypoint, heading: Option<f64>) -> Goal {
+    Goal { x: to.at.x, y: to.at.y, heading, tolerance_m: end_tolerance(to) }
+}
+
+fn end_tolerance(to: &Waypoint) -> f64 {
+    (to.tolerance / 2.0).min(END_MAX_M)
+}
+
+/// Why the robot does not fit in at a waypoint.
+fn goal_blocked(field: &Field, to: &Waypoint) -> Hindrance {
+    let frame = field.frame();
+    match frame.is_outside(to.at.x, to.at.y) {
+        true => Hindrance::OutsideMap(*frame),
+        false => Hindrance::Search(SearchError::GoalBlocked),
     }
 }
 

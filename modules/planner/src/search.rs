@@ -70,6 +70,19 @@ enum Phase {
 /// Goal, field, margin, offset of the end from the goal, and the headings that are free there.
 type ReachKey = (Goal, u64, f64, (f64, f64), u128);
 
+impl Goal {
+    /// Number of headings of its ends that are tried.
+    const fn headings(&self) -> usize {
+        if self.heading.is_some() { 1 } else { HEADINGS }
+    }
+
+    /// End of a path beside the goal, with one of the headings.
+    fn end(&self, (dx, dy): (f64, f64), index: usize) -> Pose {
+        let turn = index as f64 * (2.0 * core::f64::consts::PI / HEADINGS as f64);
+        Pose::new(self.x + dx, self.y + dy, self.heading.unwrap_or(0.0) + turn)
+    }
+}
+
 /// Search with its buffers.
 #[derive(Debug)]
 pub struct Search {
@@ -270,15 +283,26 @@ impl Search {
         }
     }
 
+    /// True if the robot fits in at the goal with the smallest margin. If not, each search for it ends with
+    /// [`SearchError::GoalBlocked`].
+    #[must_use]
+    pub fn fits(&self, field: &Field, goal: &Goal) -> bool {
+        let Some(least) = (0..).map_while(|attempt| self.limits.margin(attempt)).last() else { return false };
+        let body = Body::new(self.limits.footprint.grown(least.grown), field);
+        offsets(goal.tolerance_m, field.frame().resolution).any(|offset| {
+            (0..goal.headings()).any(|index| {
+                let Pose { x, y, theta } = goal.end(offset, index);
+                let (sin, cos) = theta.sin_cos();
+                body.is_free(field, x, y, sin, cos)
+            })
+        })
+    }
+
     /// Finds the end of the path and the start of the heuristic.
     fn find_target(&mut self, field: &Field) -> Result<(), SearchError> {
-        let Goal { x, y, heading, tolerance_m } = self.goal;
-        let body = self.body;
-        let pose = |(dx, dy): (f64, f64), index: usize| {
-            let turn = index as f64 * (2.0 * core::f64::consts::PI / HEADINGS as f64);
-            Pose::new(x + dx, y + dy, heading.unwrap_or(0.0) + turn)
-        };
-        let headings = if heading.is_some() { 1 } else { HEADINGS };
+        let Goal { heading, tolerance_m, .. } = self.goal;
+        let (goal, body, headings) = (self.goal, self.body, self.goal.headings());
+        let pose = |offset: (f64, f64), index: usize| goal.end(offset, index);
         for offset in offsets(tolerance_m, field.frame().resolution) {
             let is_free = |index: &usize| {
                 let Pose { x, y, theta } = pose(offset, *index);

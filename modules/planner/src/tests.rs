@@ -63,6 +63,8 @@ struct Robot {
     /// Closest distance of the moving body from a disc, m.
     nearest: f64,
     goal: DataGoal,
+    /// All messages about goals that failed.
+    failed: Vec<DataGoal>,
     commands: u32,
     lost: bool,
     deaf: bool,
@@ -151,6 +153,7 @@ impl Robot {
             blind: false,
             nearest: f64::INFINITY,
             goal: DataGoal::default(),
+            failed: Vec::new(),
             commands: 0,
             lost: false,
             deaf: false,
@@ -168,9 +171,13 @@ impl Robot {
     }
 
     fn goal(&mut self, waypoints: &[(f64, f64)], looped: bool) {
+        self.send(5, waypoints, looped);
+    }
+
+    fn send(&mut self, id: i32, waypoints: &[(f64, f64)], looped: bool) {
         let told = |&(x, y): &(f64, f64)| Waypoint { x, y, theta: 0.0, tolerance: 0.0, heading: false };
         let waypoints = waypoints.iter().map(told).collect();
-        self.bench.message(CmdGoal { timestamp: 0, id: 5, waypoints, r#loop: looped });
+        self.bench.message(CmdGoal { timestamp: 0, id, waypoints, r#loop: looped });
     }
 
     fn sonar(&self, (x, y, theta): (f64, f64, f64)) -> f64 {
@@ -319,7 +326,10 @@ impl Robot {
                     );
                     self.commands += 1;
                 }
-                Message::MlDataGoal(goal) => self.goal = goal,
+                Message::MlDataGoal(goal) => {
+                    self.failed.extend((goal.status == DataGoal::FAILED).then(|| goal.clone()));
+                    self.goal = goal;
+                }
                 Message::LlDataHold(holds) => self.holds = holds,
                 Message::MlDataObstacles(seen) => {
                     self.sensed.extend(seen.x.iter().zip(&seen.y).map(|(&x, &y)| Point { x, y }));
@@ -522,6 +532,80 @@ fn a_goal_in_a_wall_fails_with_a_reason_and_the_robot_stands() {
         robot.goal(&[goal], false);
         robot.until(DataGoal::FAILED, 10.0);
         assert_eq!((robot.goal.message.as_str(), robot.speed), (why, 0.0));
+    }
+}
+
+/// End of what is said of a goal that is refused while the robot drives to another one.
+const GOES_ON: &str = "; the robot goes on to the goal before it";
+
+#[test]
+fn a_goal_that_is_known_to_be_impossible_does_not_stop_the_robot() {
+    let mut robot = Robot::on(Some(hall()));
+    robot.goal(&[(9.0, 2.0)], false);
+    robot.pass(4.0);
+    assert!(robot.speed > 0.6, "{}", robot.speed);
+    let cases: [(&[(f64, f64)], &str); 4] = [
+        (&[(f64::NAN, 3.0)], "refused: waypoint 0 at NaN"),
+        (&[(50.0, 3.0)], "cannot reach waypoint 1: it is outside the map, which is 0…12 by 0…6 m"),
+        (&[(8.0, 3.0), (50.0, 3.0)], "cannot reach waypoint 2: it is outside the map, which is 0…12 by 0…6 m"),
+        (&[(12.0, 3.0)], "cannot reach waypoint 1: the robot does not fit in at the goal"),
+    ];
+    for (id, (places, why)) in (6..).zip(cases) {
+        robot.failed.clear();
+        robot.send(id, places, false);
+        for _ in 0..30 {
+            robot.step();
+            assert!(robot.speed > 0.6, "{why}: {}", robot.speed);
+        }
+        let [refused] = &robot.failed[..] else { panic!("told once: {:?}", robot.failed) };
+        assert!(refused.id == id && refused.message.starts_with(why), "{refused:?}");
+        assert!(refused.message.ends_with(GOES_ON) && refused.remaining.is_nan(), "{refused:?}");
+        assert_eq!((robot.goal.id, robot.goal.status, robot.hold()), (5, DataGoal::DRIVING, None));
+    }
+    robot.until(DataGoal::REACHED, 20.0);
+    assert_eq!((robot.goal.id, robot.failed.len()), (5, 1));
+}
+
+#[test]
+fn a_goal_to_which_the_search_finds_no_way_leaves_the_robot_the_one_before() {
+    let mut map = hall();
+    map.wall((9.5, 0.0), (9.5, 6.0));
+    let mut robot = Robot::on(Some(map));
+    robot.goal(&[(6.5, 2.0)], false);
+    robot.pass(3.0);
+    assert!(robot.speed > 0.6, "{}", robot.speed);
+    // The second one replaces the first, of which nothing is known yet.
+    robot.send(6, &[(10.75, 3.0)], false);
+    robot.send(7, &[(10.75, 4.0)], false);
+    robot.pass(3.0);
+    let [refused] = &robot.failed[..] else { panic!("told once: {:?}", robot.failed) };
+    assert_eq!((refused.id, refused.status), (7, DataGoal::FAILED));
+    assert_eq!(refused.message, format!("cannot reach waypoint 1: no way leads to the goal{GOES_ON}"));
+    robot.until(DataGoal::REACHED, 20.0);
+    assert_eq!(robot.goal.id, 5);
+    // Nothing is driven to any more: the next one ends as it did.
+    robot.send(8, &[(10.75, 3.0)], false);
+    robot.until(DataGoal::FAILED, 10.0);
+    assert_eq!((robot.goal.id, robot.goal.message.as_str()), (8, "cannot reach waypoint 1: no way leads to the goal"));
+}
+
+#[test]
+fn a_robot_that_is_held_does_not_go_on_to_a_goal_that_nobody_sent_again() {
+    let mut map = hall();
+    map.wall((9.5, 0.0), (9.5, 6.0));
+    for place in [(f64::NAN, 3.0), (50.0, 3.0), (12.0, 3.0), (10.75, 3.0)] {
+        let mut robot = Robot::on(Some(map.clone()));
+        robot.goal(&[(8.0, 2.0)], false);
+        robot.pass(3.0);
+        assert!(robot.speed > 0.6, "{}", robot.speed);
+        robot.stands = Some(Hold::PlannerLatched);
+        robot.pass(2.0);
+        assert_eq!((robot.goal.id, robot.speed), (5, 0.0));
+        // The driver takes any goal for the act of an operator.
+        robot.send(6, &[place], false);
+        robot.stands = None;
+        robot.pass(3.0);
+        assert_eq!((robot.goal.id, robot.goal.status, robot.speed), (6, DataGoal::FAILED, 0.0), "{place:?}");
     }
 }
 

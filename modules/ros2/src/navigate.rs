@@ -6,7 +6,9 @@
 //!
 //! There is one planner, so one goal of both actions is pursued at a time. A newer one replaces it, and it ends as
 //! ABORTED, as in Nav2. What becomes of a goal is what the planner says in `ML_DATA_GOAL` under the goal's number; once
-//! the planner speaks of another number somebody else has commanded, and the goal ends as ABORTED, too.
+//! the planner speaks of another number somebody else has commanded, and the goal ends as ABORTED, too. Of a goal that
+//! is impossible the planner speaks once, and goes on with the one before: a goal of these actions goes on with it, but
+//! one that has ended here, since it was replaced, is cancelled.
 
 mod kind;
 #[cfg(test)]
@@ -64,6 +66,10 @@ struct Active {
     since: Instant,
     stamp: i64,
     planner: Planner,
+    /// Number of the goal that the planner had before, of these actions, too.
+    before: Option<i32>,
+    /// The planner has refused a goal of somebody else, and has not spoken of this one since.
+    is_doubtful: bool,
     /// Index of the pose that is driven to.
     to: usize,
     /// Way that remains, m; NaN: not known.
@@ -96,7 +102,7 @@ impl Planner {
 pub struct Navigator {
     goals: [Goals; 2],
     active: Option<Active>,
-    /// Number of a goal that has ended here since the planner was silent: if it is pursued later it is cancelled.
+    /// Number of a goal that has ended here although the planner may have it: if it is pursued later it is cancelled.
     abandoned: Option<i32>,
     last_number: i32,
     outputs: VecDeque<Output>,
@@ -159,6 +165,7 @@ impl Navigator {
         if !self.goals[kind as usize].begin(id, timestamp) {
             return Err(Rejection::Repeated);
         }
+        let before = self.active.as_ref().and_then(Active::left_to_the_planner).or(self.abandoned);
         let status = if self.is_canceling() { Status::Canceled } else { Status::Aborted };
         self.end(now, status, "it was replaced by a newer goal");
         let waypoint = |&[x, y, theta]: &[f64; 3]| Waypoint { x, y, theta, tolerance: 0.0, heading: true };
@@ -172,6 +179,8 @@ impl Navigator {
             since: now,
             stamp: timestamp,
             planner: Planner::Begins { until: now + ANSWER_MAX },
+            before,
+            is_doubtful: false,
             to: 0,
             remaining: f64::NAN,
             recoveries: 0,
@@ -234,13 +243,18 @@ impl Navigator {
         let Some(active) = &mut self.active else { return };
         if goal.id == active.number {
             active.to = usize::try_from(goal.waypoint).unwrap_or_default().min(active.poses.len() - 1);
-            active.remaining = goal.remaining;
+            (active.remaining, active.is_doubtful) = (goal.remaining, false);
+            let before = active.before;
             if !matches!(active.planner, Planner::Ends { .. }) {
                 active.planner = Planner::Drives { until: now + SILENCE_MAX };
             }
             match goal.status {
                 DataGoal::REACHED => self.end(now, Status::Succeeded, ""),
-                DataGoal::FAILED => self.end(now, Status::Aborted, &goal.message),
+                DataGoal::FAILED => {
+                    self.end(now, Status::Aborted, &goal.message);
+                    // The planner goes on with it if this one was impossible, and ROS has given it up.
+                    self.abandoned = before;
+                }
                 _ => {}
             }
             return;
@@ -250,13 +264,19 @@ impl Navigator {
             Planner::Begins { .. } => {}
             Planner::Ends { number, .. } if number == goal.id => self.end(now, Status::Canceled, ""),
             Planner::Ends { .. } if !is_pursued => {}
+            Planner::Drives { .. } if goal.status == DataGoal::FAILED && !active.is_doubtful => {
+                active.is_doubtful = true;
+            }
             Planner::Drives { .. } | Planner::Ends { .. } => {
+                let number = active.number;
                 let why = match goal.status {
                     DataGoal::CANCELLED => "an operator cancelled it",
                     DataGoal::IDLE => "the planner was started again, without a goal",
                     _ => "another goal replaced it, which was not sent by this action",
                 };
                 self.end(now, Status::Aborted, why);
+                // If that one turns out to be impossible, the planner goes on with this.
+                self.abandoned = is_pursued.then_some(number);
             }
         }
     }
@@ -348,6 +368,15 @@ impl Navigator {
 }
 
 impl Active {
+    /// Number of the goal that the planner has, as far as it has said so.
+    fn left_to_the_planner(&self) -> Option<i32> {
+        match self.planner {
+            Planner::Begins { .. } => self.before,
+            Planner::Drives { .. } => Some(self.number),
+            Planner::Ends { .. } => None,
+        }
+    }
+
     fn progress(&self, reached: usize, has_failed: bool) -> Progress<'_> {
         Progress { poses: &self.poses, stamp: self.stamp, reached, has_failed }
     }

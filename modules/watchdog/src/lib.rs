@@ -41,7 +41,7 @@ mod tests;
 
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use guard::{Guard, Phase};
-use messages::{Channel, Message, common};
+use messages::{Channel, Message, common, source_in_words};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
 use settings::{Choice, Table, settings};
 use std::collections::BTreeMap;
@@ -331,7 +331,7 @@ impl Watchdog {
         if let Some(why) = self.reason_unexecutable(now, command) {
             let common::CmdState { module, state, source, .. } = command;
             let state = State::from_value(*state).map_or_else(|| state.to_string(), |state| state.to_string());
-            let message = format!("command {state} to {module} from {source} refused: {why}");
+            let message = format!("command {state} to {module} from {} refused: {why}", source_in_words(source));
             out.report(Severity::Warning, Fault::CommandForbidden, module.as_str(), message);
             return;
         }

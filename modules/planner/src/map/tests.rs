@@ -247,3 +247,12 @@ fn random_bytes_are_rejected_or_parsed_without_harm() {
         }
     }
 }
+
+#[test]
+fn the_distance_from_a_map_is_0_within_its_edges() {
+    let frame = Frame { x: -1.0, y: 2.0, resolution: 0.5, width: 6, height: 4 };
+    for (x, y, away) in [(-1.0, 2.0, 0.0), (2.0, 4.0, 0.0), (0.0, 3.0, 0.0), (-2.0, 3.0, 1.0), (5.0, 8.0, 5.0)] {
+        assert_eq!(frame.distance(x, y), away, "{x}, {y}");
+        assert_eq!(frame.is_outside(x, y), away > 0.0, "{x}, {y}");
+    }
+}

@@ -263,7 +263,10 @@ fn random_requests_end_with_a_valid_path_or_a_reason() {
             Goal { x: random(-0.5, 10.5), y: random(-0.5, 8.5), heading, tolerance_m: random(-0.3, 0.3).max(0.0) };
         let budget = Budget { first: 20_000, better: 2_000 };
         let clear = ADVEE.grown(0.02).is_free(&field, start);
-        if let Ok(path) = search.plan(&field, start, goal, budget)
+        let fits = search.fits(&field, &goal);
+        let planned = search.plan(&field, start, goal, budget);
+        assert_eq!(fits, planned.map(|_| ()) != Err(SearchError::GoalBlocked), "{goal:?}");
+        if let Ok(path) = planned
             && clear
         {
             check(&field, start, path);

@@ -256,6 +256,53 @@ fn what_others_command_and_what_the_planner_gives_up_aborts_with_the_reason() {
 }
 
 #[test]
+fn a_goal_of_somebody_else_that_is_refused_does_not_end_the_one_that_goes_on() {
+    let mut bench = Bench::new();
+    bench.send(1);
+    let number = bench.last();
+    bench.planner(number, DataGoal::DRIVING, "");
+    for _ in 0..3 {
+        bench.planner(number + 1, DataGoal::FAILED, "cannot reach waypoint 1: it is outside the map");
+        bench.planner(number, DataGoal::DRIVING, "");
+    }
+    assert_eq!((&bench.states[..], bench.commands.len()), (&[Status::Executing as i8][..], 1));
+    // A robot that was held ends its goal with it, and says so again.
+    bench.planner(number + 1, DataGoal::FAILED, "x");
+    bench.planner(number + 1, DataGoal::FAILED, "x");
+    let why = "another goal replaced it, which was not sent by this action".to_owned();
+    assert_eq!(bench.result(1), Some((Status::Aborted as i8, 9000, why)));
+    assert_eq!(bench.commands.len(), 1);
+}
+
+#[test]
+fn what_ros_has_given_up_is_cancelled_if_the_planner_goes_on_with_it() {
+    // A newer goal of ROS is impossible.
+    let mut bench = Bench::new();
+    bench.send(1);
+    let first = bench.last();
+    bench.planner(first, DataGoal::DRIVING, "");
+    bench.send(2);
+    let second = bench.last();
+    bench.planner(second, DataGoal::FAILED, "cannot reach waypoint 1: it is outside the map");
+    let why = "cannot reach waypoint 1: it is outside the map".to_owned();
+    assert_eq!(bench.result(2), Some((Status::Aborted as i8, 9000, why)));
+    assert_eq!(bench.commands.len(), 2);
+    bench.planner(first, DataGoal::DRIVING, "");
+    assert!(bench.commands.len() == 3 && bench.commands[2].waypoints.is_empty(), "{:?}", bench.commands);
+    // An operator's goal, for which the robot stopped, and then nothing led there.
+    let mut bench = Bench::new();
+    bench.send(1);
+    let first = bench.last();
+    bench.planner(first, DataGoal::DRIVING, "");
+    bench.planner(first + 1, DataGoal::DRIVING, "looks for a way");
+    assert_eq!(bench.states, [Status::Aborted as i8]);
+    bench.planner(first + 1, DataGoal::FAILED, "cannot reach waypoint 1: no way leads to the goal");
+    assert_eq!(bench.commands.len(), 1);
+    bench.planner(first, DataGoal::DRIVING, "");
+    assert!(bench.commands.len() == 2 && bench.commands[1].waypoints.is_empty());
+}
+
+#[test]
 fn a_goal_of_which_the_planner_does_not_speak_is_aborted_and_cancelled_if_it_is_pursued_later() {
     let mut bench = Bench::new();
     bench.send(1);

@@ -201,7 +201,8 @@ mod tests {
     fn a_command_is_published_with_the_time_and_the_user_of_here() {
         let publisher = Publisher::new(false).unwrap();
         let mark = published(&publisher, "CM_CMD_LOG", "", r#"{"action": 2, "text": "here"}"#).unwrap();
-        assert_eq!(mark, CmdLog { timestamp: 7, action: CmdLog::MARK, text: "here".into() }.into());
+        let wanted = CmdLog { timestamp: 7, action: CmdLog::MARK, text: "here".into() };
+        assert_eq!(mark, Message::from(wanted));
         let forged = r#"{"timestamp": 1, "source": "Jana", "name": "lamp", "value": null}"#;
         let Message::LlCmdOutput(output) = published(&publisher, "LL_CMD_OUTPUT", "", forged).unwrap() else {
             panic!("another message");
@@ -256,7 +257,7 @@ mod tests {
             ("MY_LIGHTS", "", "{}", "\"\" is none of the robot's types"),
             ("MY_LIGHTS", "my.lights_t", "{}", "\"my.lights_t\" is none of the robot's types"),
             ("CM_CMD_LOG", "", "{", "this is no JSON: "),
-            ("CM_CMD_LOG", "", &deep, "this is no JSON: "),
+            ("CM_CMD_LOG", "", deep.as_str(), "this is no JSON: "),
             ("CM_CMD_LOG", "", "[]", "expected an object, found an array"),
             ("CM_CMD_LOG", "", "{}", "action: missing"),
             ("CM_CMD_LOG", "", r#"{"action":1,"text":"","more":1}"#, "more: no such member"),

@@ -1,11 +1,12 @@
 // What is being placed on the map by hand, before it is said: a goal, a way of several, or the robot's own position.
 import { effect, signal } from "@preact/signals";
-import { order } from "../operate";
+import { order, sentence } from "../operate";
 import type { Route } from "../protocol";
-import { drive } from "../state";
+import { drive, system } from "../state";
+import { toast } from "../ui/news";
 import { t } from "../words";
 import { waypoints } from "./destinations";
-import { follow, type Follows } from "./follow";
+import { follow, type Follows, refusal } from "./follow";
 
 /** `measure` commands nothing. */
 export type Mode = "look" | "go" | "route" | "pose" | "measure";
@@ -39,6 +40,25 @@ effect(() => {
   if (follows === "over") sent.value = [];
   taken.value = typeof follows === "object" && "id" in follows;
 });
+
+/** ms after a goal was sent in which a refusal is the answer to it. */
+const ANSWERED = 15_000;
+/** When it was sent, ms of the page, and the time of the latest refusal before it, of the robot. */
+let asked = { at: -Infinity, after: 0 };
+effect(() => {
+  const latest = refusal(system.value?.reports ?? []);
+  if (latest === null || latest.timestamp <= asked.after || performance.now() - asked.at > ANSWERED) return;
+  asked = { at: -Infinity, after: latest.timestamp };
+  follows = "over";
+  sent.value = [];
+  toast(sentence(latest.message), "bad");
+});
+
+/** What the planner has and has refused, before it is sent another goal. */
+function note(): void {
+  before = drive.value?.goal.value?.id ?? null;
+  asked = { at: performance.now(), after: refusal(system.value?.reports ?? [])?.timestamp ?? 0 };
+}
 
 /** As many as a way may have. */
 const MOST = 32;
@@ -76,7 +96,7 @@ export async function confirm(): Promise<void> {
   const last = all.at(-1);
   if (!last) return;
   const posing = mode.value === "pose";
-  if (!posing) before = drive.value?.goal.value?.id ?? null;
+  if (!posing) note();
   const well = posing
     ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, t("The pose is sent to the robot."))
     : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, t("The goal is sent to the robot."));
@@ -87,7 +107,7 @@ export async function confirm(): Promise<void> {
 
 /** Sends the robot to a named destination. */
 export async function goRoute(route: Route): Promise<void> {
-  before = drive.value?.goal.value?.id ?? null;
+  note();
   if (!(await order({ type: "route", name: route.name }, t("The robot is commanded to drive to {name}.", { name: route.name })))) return;
   show(waypoints(route).points.map(([x, y]) => ({ x, y, theta: null })), route.name);
 }

@@ -78,6 +78,8 @@ test("what the web server says is Czech where it is known, and stays as it is wh
       ["planner is down: SIGKILL: killed; the robot does not move without it", "modul planner – neběží (SIGKILL: násilně ukončen); bez něj robot nejede"],
       ["creeping; otherwise must not move backward: nothing is known of sonar 3", "popojíždí; jinak nesmí se pohnout vzad: snímač sonar 3 nic neposílá"],
       ["waits for whoever stands in the way at 5.5, 5.7", "čeká: v cestě někdo stojí, místo 5,5; 5,7"],
+      ["goal 7 refused: cannot reach waypoint 1: no way leads to the goal; the robot goes on to the goal before it", "k bodu 1 nedojede: k cíli nevede žádná cesta; robot jede dál k předchozímu cíli"],
+      ["cannot reach waypoint 2: it is outside the map, which is 0…20.5 by -2…12 m", "k bodu 2 nedojede: leží mimo mapu (0 až 20,5 krát -2 až 12 m)"],
       ["3 of 16 range finders do not measure", "neměří 3 z 16 dálkoměrů"],
       ["Jana has taken over from you", "řízení od vás převzalo zařízení Jana"],
       ["The connection was lost, and with it the control.", "Spojení se přerušilo, a tím i řízení."],

@@ -10,7 +10,7 @@ import { driveError, nmtState, powerState, type Sort, statusBits } from "./cia40
 const OPERATIONAL = 5;
 /** The axis that has a home. */
 const HOMED = "steering";
-const TONES: Readonly<Record<Sort, Tone>> = { moves: "good", stands: "warn", fault: "bad" };
+const TONES: Readonly<Record<Sort, Tone>> = { moves: "good", rests: "off", stands: "warn", fault: "bad" };
 
 export function Axes() {
   const shown = system.value?.axes;

@@ -26,6 +26,7 @@ test("each statusword of 16 bits has one state at most", () => {
   equal(powerState(0x27).sort, "moves");
   equal(powerState(0x08).sort, "fault");
   equal(powerState(0x07).sort, "stands");
+  equal(powerState(0x40).sort, "rests");
 });
 
 test("bits that are no part of the state are named", () => {

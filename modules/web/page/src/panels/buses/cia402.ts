@@ -19,8 +19,8 @@ export function nmtState(state: number): string {
   }
 }
 
-/** How a power state is to be taken: it can move, it stands for a reason of the operator's, or something is wrong. */
-export type Sort = "moves" | "stands" | "fault";
+/** How a power state is to be taken: it can move, it rests without power as it does while nobody drives, it is held, or something is wrong. */
+export type Sort = "moves" | "rests" | "stands" | "fault";
 
 export interface PowerState {
   name: string;
@@ -28,10 +28,10 @@ export interface PowerState {
 }
 
 const STATES: readonly (readonly [mask: number, bits: number, name: string, sort: Sort])[] = [
-  [0x4f, 0x00, "Not ready to switch on", "stands"],
-  [0x4f, 0x40, "Switch on disabled", "stands"],
-  [0x6f, 0x21, "Ready to switch on", "stands"],
-  [0x6f, 0x23, "Switched on", "stands"],
+  [0x4f, 0x00, "Not ready to switch on", "rests"],
+  [0x4f, 0x40, "Switch on disabled", "rests"],
+  [0x6f, 0x21, "Ready to switch on", "rests"],
+  [0x6f, 0x23, "Switched on", "rests"],
   [0x6f, 0x27, "Operation enabled", "moves"],
   [0x6f, 0x07, "Quick stop active", "stands"],
   [0x4f, 0x0f, "Fault reaction active", "fault"],
