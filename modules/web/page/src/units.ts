@@ -32,6 +32,13 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["common.event_text_t", new Map([
     ["timestamp", "µs"],
   ])],
+  ["highlevel.cmd_action_t", new Map([
+    ["timestamp", "µs"],
+  ])],
+  ["highlevel.data_action_t", new Map([
+    ["timestamp", "µs"],
+    ["progress", "0..1"],
+  ])],
   ["lowlevel.cmd_creep_t", new Map([
     ["timestamp", "µs"],
   ])],
