@@ -511,7 +511,7 @@ mod tests {
 
     #[test]
     fn who_may_command_is_configured() {
-        let commands: [Message; 9] = [
+        let commands: [Message; 10] = [
             lowlevel::CmdMotion::default().into(),
             lowlevel::CmdVelocity::default().into(),
             lowlevel::CmdHoming::default().into(),
