@@ -3,7 +3,7 @@
 use super::series::{Lane, Series, Ticks, Track};
 use crate::Footprint;
 use diagnostics::Subjects;
-use messages::{Message, common, lowlevel, middlelevel, simulation};
+use messages::{Message, StopReports, common, lowlevel, middlelevel, simulation};
 use navitools::{Point, Pose};
 use simulator::people::Contact;
 use simulator::world::World;
@@ -95,6 +95,7 @@ pub struct Picture {
     reasons: Lane<StandstillCause>,
     /// Source of the PAUSE line.
     pub(super) pause: Lane<StandstillCause>,
+    stops: StopReports,
     pub(super) marks: Vec<(f64, String)>,
     pub(super) unmarked: u64,
 }
@@ -211,10 +212,12 @@ impl Picture {
                     REASON_VALID_S,
                 );
             }),
-            Message::LlEventStop(stop) => self.at(at).map(|this| {
+            Message::LlEventStop(stop) => self.at(at).and_then(|this| {
+                let stop = this.stops.on_report(stop)?;
                 let source = if stop.source.is_empty() { "engaged" } else { &stop.source };
                 let stand = if stop.engaged { StandstillCause::of(source) } else { StandstillCause::default() };
                 this.pause.push(at, stand, PAUSE_VALID_S);
+                Some(())
             }),
             Message::CmDataState(state) => self.at(at).map(|this| this.on_state(at, state)),
             Message::CmEventError(error) => self.at(at).map(|this| this.on_error(at, error)),

@@ -185,7 +185,9 @@ settings! {
         name: String = key;
         port: LidarPort = flat;
         driver: lidar::LidarKeys = flat;
+        stop: lidar::StopKeys = flat;
     }
+    check Lidar::check;
 }
 
 settings! {
@@ -278,6 +280,17 @@ pub fn gpio_bus(keys: &io::GpioKeys) -> String {
 }
 
 impl Lidar {
+    /// What stops the robot is evaluated by the device.
+    fn check(&self, table: &Table<'_>) {
+        let model = self.driver.model;
+        if !model.has_outputs() {
+            let keys = ["stop_fields", "stop_outputs", "simulated_fields_m"];
+            keys.iter().for_each(|key| table.refuse(key, "none: only a SICK evaluates fields by itself"));
+        } else if !model.has_fields() {
+            table.refuse("stop_fields", "none: this model reports its outputs, not its fields: stop_outputs");
+        }
+    }
+
     /// Its name as a bus.
     #[must_use]
     pub fn bus(&self) -> String {
@@ -295,7 +308,8 @@ impl Lidar {
     pub fn device(&self) -> lidar::Device {
         let line = self.stream();
         let baud = line.address.is_none().then_some(line.baud);
-        lidar::Device { name: self.name.clone(), bus: self.bus(), baud, keys: self.driver }
+        let (name, bus, stop) = (self.name.clone(), self.bus(), self.stop.clone());
+        lidar::Device { name, bus, baud, keys: self.driver, stop }
     }
 }
 

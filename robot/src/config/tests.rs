@@ -938,6 +938,43 @@ fn a_guard_by_lidars_needs_one() {
 }
 
 #[test]
+fn a_lidar_whose_fields_stop_the_robot_evaluates_some() {
+    let table = |model: &str, keys: &str| {
+        format!("[lidar.front]\nmodel = {model:?}\naddress = \"192.168.0.10:2112\"\n{keys}\n[limits]")
+    };
+    let none = "expected none: only a SICK evaluates fields by itself";
+    for (model, keys, why) in [
+        ("ust-10lx", "stop_fields = [1]", format!("stop_fields = [1 items]: {none}")),
+        ("ust-10lx", "stop_outputs = [1]", format!("stop_outputs = [1 items]: {none}")),
+        (
+            "sick-tim5xx",
+            "stop_fields = [1]",
+            "stop_fields = [1 items]: expected none: this model reports its outputs, not its fields: stop_outputs"
+                .into(),
+        ),
+        (
+            "sick-tim7xx",
+            "stop_fields = [0]",
+            "stop_fields = [1 items]: expected a list of integers from 1 to 48".into(),
+        ),
+        (
+            "sick-tim7xx",
+            "simulated_fields_m = [[[0, 0], [1, 0]]]",
+            "simulated_fields_m[0] = [2 items]: expected a list of 3 to 64 corners [x, y] within -50 to 50".into(),
+        ),
+    ] {
+        refused("[limits]", &table(model, keys), &[&format!("robot.toml:14: lidar.front.{why}")]);
+    }
+    for (model, keys) in [("sick-lms1xx", "stop_fields = [1, 2]"), ("sick-tim5xx", "stop_outputs = [1]")] {
+        let robot = ROBOT.replacen("[limits]", &table(model, keys), 1);
+        let config = load(&robot, "", &[], MODULES).unwrap();
+        assert!(config.robot.lidar[0].stop.stops(), "{model}");
+    }
+    let without = ROBOT.replacen("[limits]", &table("sick-tim7xx", ""), 1);
+    assert!(!load(&without, "", &[], MODULES).unwrap().robot.lidar[0].stop.stops());
+}
+
+#[test]
 fn an_inertial_unit_is_on_a_bus_of_its_kind_that_it_can_share() {
     let unit = |keys: &str| format!("[imu.base]\n{keys}\n[limits]");
     let i2c = r#"expected the name of an I2C bus of this file, as "i2c.main""#;
