@@ -25,7 +25,7 @@ const TEXTS_MAX: usize = 500;
 const MARKS_MAX: usize = 100;
 const CONTACTS_MAX: usize = 1000;
 const CELLS_MAX: usize = 50_000;
-const FIELDS_MAX: usize = 4;
+const FIELDS_MAX: usize = 10;
 const CORNERS_MAX: usize = 64;
 /// Greatest distance of a corner from the robot along an axis, m.
 const CORNER_MAX_M: f64 = 100.0;

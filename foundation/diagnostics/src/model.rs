@@ -46,7 +46,7 @@ pub struct Model {
     pub motion: Slot<lowlevel::DataMotion>,
     /// Velocity of the body.
     pub velocity: Slot<lowlevel::DataVelocity>,
-    /// Greatest speeds that can still be stopped, with the fields: at most 4, of at most 64 corners each.
+    /// Greatest speeds that can still be stopped, with the fields: at most 10, of at most 64 corners each.
     pub guard: Slot<lowlevel::DataGuard>,
     /// PAUSE line, of all its sources.
     pub stop: Slot<lowlevel::EventStop>,

@@ -387,7 +387,8 @@ impl Robot {
             guard::Sonar { id: id.into(), at: Point { x, y }, theta, beam }
         };
         let sonars = self.srfs.iter().map(sonar).collect();
-        let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sonars);
+        let config =
+            guard::Config::of(self.guard.clone(), &self.geometry, &self.limits, self.power_lost_mps2(), sonars);
         let planner::search::Abilities { turns, sideways } = self.abilities();
         let lidar = |lidar: &Lidar| {
             let keys = &lidar.driver;
@@ -463,6 +464,7 @@ impl Robot {
         {
             guard.refuse("ranging", "a robot with a table [lidar.<name>]");
         }
+        self.check_fields(table);
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
@@ -471,6 +473,15 @@ impl Robot {
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
             }
+        }
+    }
+
+    /// The sensors reach as far as the fields of the guard.
+    fn check_fields(&self, table: &Table<'_>) {
+        let Some(guard) = table.below("guard").filter(|_| !self.guard.fields.is_empty()) else { return };
+        let reach = self.guard.reach;
+        for item in self.guard_config().beyond_reach().into_iter().filter_map(|n| guard.item("fields", n)) {
+            item.refuse("polygon_m", format_args!("corners at most reach_m, {reach} m, from the robot's outline"));
         }
     }
 
