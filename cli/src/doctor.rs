@@ -128,6 +128,7 @@ fn guard_findings(robot: &robot::config::Robot) -> Vec<Finding> {
     if let Some(coverage) = guard::coverage(&config) {
         findings.extend([guard::deceleration(&config, &robot.limits, &robot.stop), coverage]);
     }
+    findings.extend(guard::fields(&config));
     findings
 }
 

@@ -200,7 +200,8 @@ pub fn lidar_engines(data: &[u8]) {
         }
         3 | 4 => {
             let dialect = if kind % 6 == 3 { sick::Dialect::Binary } else { sick::Dialect::Text };
-            let config = sick::Config { fields: true, ..sick::Config::new(sick::Family::Tim5xx, dialect) };
+            let usual = sick::Config::new(sick::Family::Tim5xx, dialect);
+            let config = sick::Config { fields: true, outputs: true, ..usual };
             let new = || sick::emulated::Device::new(sick::Family::Tim5xx, dialect);
             run(steps, sick::Sick::new(config), new, telegram);
         }

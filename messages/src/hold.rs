@@ -60,12 +60,18 @@ holds! {
     /// The PAUSE line was engaged and is not any more; it remains until a deliberate act. No subject.
     PauseLatched = 102, "PAUSE was engaged: the robot waits for an operator",
         "Clear the cause; then release the controls and press again, or send the goal again.";
+    /// Nothing is known yet, or heard any more, of a lidar's own fields that stop the robot. Subject: the lidar.
+    PauseFieldUnknown = 103, "nothing is heard of the fields of {}",
+        "Check its errors, and the modules: driver_lidar must run. Then release the controls and press again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
     /// Floor sensors engage the PAUSE line. Subject: `sd1_front` or `sd1_rear`.
     PauseFloor = 112, "PAUSE is engaged by {}", "Push the robot back by hand until {} are over a flat floor.";
     /// The stop button engages the PAUSE line. Subject: `button`.
     PauseButton = 113, "PAUSE is engaged by {}", "Turn the red button until it springs out.";
+    /// A field of a lidar that stops the robot is infringed, or not known. Subject: the lidar, such as `lidar.front`.
+    PauseField = 114, "PAUSE is engaged by the fields of {}",
+        "Clear what is in the fields of {}; if nothing is, check its errors.";
     /// Another source engages the PAUSE line. Subject: its name as it was reported.
     PauseOther = 119, "PAUSE is engaged by {}", "Release the PAUSE line at {}.";
 
@@ -358,6 +364,7 @@ impl Hold {
             Self::PauseBumper | Self::PauseFloor | Self::PauseButton | Self::PauseOther => {
                 StopSource::in_words(subject)
             }
+            Self::PauseField | Self::PauseFieldUnknown => subject.replacen('.', " ", 1),
             Self::DriveBooting
             | Self::DriveBootFailed
             | Self::DriveLost
@@ -466,6 +473,7 @@ mod tests {
             (111, "bumper2", "PAUSE is engaged by bumper2"),
             (112, "sd1_front", "PAUSE is engaged by sd1_front"),
             (113, "button", "PAUSE is engaged by button"),
+            (114, "lidar.front", "PAUSE is engaged by the fields of lidar.front"),
             (119, "a hand", "PAUSE is engaged by a hand"),
             (119, "", "PAUSE is engaged by an unknown source"),
             (201, "can.main", "can.main is down"),
@@ -508,6 +516,7 @@ mod tests {
         assert_eq!(Hold::PauseBumper.remedy("bumper3"), "Clear what touches bumper 3.");
         assert_eq!(Hold::PauseOther.remedy(""), "Release the PAUSE line at an unknown source.");
         assert_eq!(Hold::PauseOther.remedy("rope"), "Release the PAUSE line at rope.");
+        assert_eq!(Hold::PauseField.who("lidar.front"), "lidar front");
         assert_eq!(Hold::DriveDropped.remedy("steering"), "Check the errors of the steering drive.");
         let side = "Nothing is wrong: advee drive on robot must command forward speed and rotation only.";
         assert_eq!(Hold::NoSideways.remedy("drive@robot:8"), side);

@@ -40,7 +40,7 @@ pub use faults::fault_name;
 pub use hold::{GOAL_MODULE, Hold, MOTION_MODULE};
 pub use lcm::codec::{DecodeError, EncodeError};
 pub use source::source_in_words;
-pub use stop::StopSource;
+pub use stop::{StopReports, StopSource};
 
 include!(concat!(env!("OUT_DIR"), "/types.rs"));
 

@@ -1,6 +1,6 @@
-//! Sources of the PAUSE line, from the names in `LL_EVENT_STOP`.
+//! Sources of the PAUSE line, from the names in `LL_EVENT_STOP`, and who of several engages it.
 
-use crate::Hold;
+use crate::{Hold, lowlevel};
 use base::listed;
 
 listed! {
@@ -42,6 +42,24 @@ impl StopSource {
         Self::ALL.into_iter().find(|source| !name.is_empty() && source.name() == name).unwrap_or(Self::Unknown)
     }
 
+    /// True for the name of a source that the power controller reports: one of the list, or none.
+    #[must_use]
+    pub fn is_of_line(name: &str) -> bool {
+        name.is_empty() || Self::from_name(name) != Self::Unknown
+    }
+
+    /// True for the name of a lidar whose own fields stop the robot, such as `lidar.front`: `driver_lidar` reports it.
+    #[must_use]
+    pub fn is_lidar(name: &str) -> bool {
+        name.strip_prefix("lidar.").is_some_and(|name| !name.is_empty())
+    }
+
+    /// Cause while the source of this name engages the line.
+    #[must_use]
+    pub fn hold_of(name: &str) -> Hold {
+        if Self::is_lidar(name) { Hold::PauseField } else { Self::from_name(name).hold() }
+    }
+
     /// Name for operators.
     #[must_use]
     pub const fn words(self) -> &'static str {
@@ -65,6 +83,7 @@ impl StopSource {
     #[must_use]
     pub fn in_words(name: &str) -> String {
         match Self::from_name(name) {
+            Self::Unknown if Self::is_lidar(name) => format!("the lidar {}", name.trim_start_matches("lidar.")),
             Self::Unknown if !name.is_empty() => name.into(),
             known => known.words().into(),
         }
@@ -98,6 +117,53 @@ impl StopSource {
     }
 }
 
+/// Silence of a source beside the power controller after which it is not shown any more, µs: a person may have
+/// overruled it.
+const SILENT_US: u64 = 1_200_000;
+/// Sources beside the power controller that are distinguished.
+const OTHERS_MAX: usize = 8;
+
+/// Who engages PAUSE, as a reader of `LL_EVENT_STOP` shows it: each sender reports for its own sources, and what one of
+/// them reports says nothing of the others. By these reports nothing is decided.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct StopReports {
+    /// Source that the power controller reports; `None` within: the line is open; without: it reports nothing.
+    line: Option<Option<String>>,
+    /// Others that engage it, and the timestamps of their last reports.
+    others: Vec<(String, i64)>,
+}
+
+impl StopReports {
+    /// Processes a report. Returns the state of PAUSE with the source that is named first; `None` if the report changes
+    /// nothing of it, and is none of a power controller that reports the line.
+    pub fn on_report(&mut self, stop: &lowlevel::EventStop) -> Option<lowlevel::EventStop> {
+        let before = self.engaged().map(str::to_owned);
+        let of_line = StopSource::is_of_line(&stop.source);
+        if of_line {
+            self.line = Some(stop.engaged.then(|| stop.source.clone()));
+        } else {
+            self.others.retain(|(name, _)| *name != stop.source);
+            if stop.engaged && self.others.len() < OTHERS_MAX {
+                self.others.push((stop.source.clone(), stop.timestamp));
+            }
+        }
+        self.others.retain(|(_, at)| stop.timestamp.abs_diff(*at) < SILENT_US);
+        let engaged = self.engaged();
+        let is_news = of_line || self.line.is_none() || engaged != before.as_deref();
+        is_news.then(|| lowlevel::EventStop {
+            timestamp: stop.timestamp,
+            engaged: engaged.is_some(),
+            source: engaged.unwrap_or_default().into(),
+        })
+    }
+
+    /// The source that is named first, if any engages PAUSE.
+    fn engaged(&self) -> Option<&str> {
+        let line = self.line.iter().flatten().map(String::as_str);
+        line.chain(self.others.iter().map(|(name, _)| name.as_str())).next()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -110,6 +176,42 @@ mod tests {
         for other in ["", "bumper", "bumper0", "bumper9", "bumper01", "bumper1 ", "Button", "an unknown source"] {
             assert_eq!(StopSource::from_name(other), StopSource::Unknown, "{other:?}");
         }
+    }
+
+    #[test]
+    fn a_lidar_is_a_source_by_its_name() {
+        assert_eq!(StopSource::hold_of("lidar.front"), Hold::PauseField);
+        assert_eq!([StopSource::is_of_line("lidar.front"), StopSource::is_of_line("")], [false, true]);
+        for other in ["lidar", "lidar.", "crane", "a lidar.front"] {
+            assert_eq!(StopSource::hold_of(other), Hold::PauseOther, "{other:?}");
+        }
+        assert_eq!(StopSource::hold_of("bumper2"), Hold::PauseBumper);
+    }
+
+    #[test]
+    fn the_reports_of_several_sources_are_one_state() {
+        let stop = |ms: i64, engaged, source: &str| lowlevel::EventStop {
+            timestamp: 1000 * ms,
+            engaged,
+            source: source.into(),
+        };
+        let mut reports = StopReports::default();
+        let mut told = |ms, engaged, source: &str| reports.on_report(&stop(ms, engaged, source));
+        assert_eq!(
+            told(0, false, "lidar.front"),
+            Some(stop(0, false, "")),
+            "of a robot without a power controller, too"
+        );
+        assert_eq!(told(10, false, ""), Some(stop(10, false, "")));
+        assert_eq!(told(100, false, "lidar.front"), None);
+        assert_eq!(told(200, true, "lidar.front"), Some(stop(200, true, "lidar.front")));
+        assert_eq!(told(300, true, "lidar.front"), None);
+        assert_eq!(told(510, false, ""), Some(stop(510, true, "lidar.front")), "the line does not end it");
+        assert_eq!(told(600, true, "bumper2"), Some(stop(600, true, "bumper2")));
+        assert_eq!(told(700, false, "lidar.front"), None, "nor does it end the line");
+        assert_eq!(told(800, false, ""), Some(stop(800, false, "")));
+        assert_eq!(told(900, true, "a rope"), Some(stop(900, true, "a rope")));
+        assert_eq!(told(2100, false, ""), Some(stop(2100, false, "")), "the rope fell silent");
     }
 
     #[test]

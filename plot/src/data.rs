@@ -3,7 +3,7 @@
 use super::series::{Lane, Series, Ticks, Track};
 use crate::Footprint;
 use diagnostics::Subjects;
-use messages::{Message, common, lowlevel, middlelevel, simulation};
+use messages::{Message, StopReports, common, lowlevel, middlelevel, simulation};
 use navitools::{Point, Pose};
 use simulator::people::Contact;
 use simulator::world::World;
@@ -25,7 +25,7 @@ const TEXTS_MAX: usize = 500;
 const MARKS_MAX: usize = 100;
 const CONTACTS_MAX: usize = 1000;
 const CELLS_MAX: usize = 50_000;
-const FIELDS_MAX: usize = 4;
+const FIELDS_MAX: usize = 10;
 const CORNERS_MAX: usize = 64;
 /// Greatest distance of a corner from the robot along an axis, m.
 const CORNER_MAX_M: f64 = 100.0;
@@ -95,6 +95,7 @@ pub struct Picture {
     reasons: Lane<StandstillCause>,
     /// Source of the PAUSE line.
     pub(super) pause: Lane<StandstillCause>,
+    stops: StopReports,
     pub(super) marks: Vec<(f64, String)>,
     pub(super) unmarked: u64,
 }
@@ -211,10 +212,12 @@ impl Picture {
                     REASON_VALID_S,
                 );
             }),
-            Message::LlEventStop(stop) => self.at(at).map(|this| {
+            Message::LlEventStop(stop) => self.at(at).and_then(|this| {
+                let stop = this.stops.on_report(stop)?;
                 let source = if stop.source.is_empty() { "engaged" } else { &stop.source };
                 let stand = if stop.engaged { StandstillCause::of(source) } else { StandstillCause::default() };
                 this.pause.push(at, stand, PAUSE_VALID_S);
+                Some(())
             }),
             Message::CmDataState(state) => self.at(at).map(|this| this.on_state(at, state)),
             Message::CmEventError(error) => self.at(at).map(|this| this.on_error(at, error)),

@@ -112,6 +112,7 @@ fn lidar(lidar: &Lidar) -> LidarConfig {
         },
         mount: Pose::new(x, y, theta),
         upside_down,
+        fields: lidar.stop.simulated_fields.clone(),
     }
 }
 

@@ -535,6 +535,7 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         critical: if others.is_empty() { own } else { others },
         planning: planning.map(Into::into).collect(),
         has_pause_line: robot.power.is_some(),
+        fields: robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(config::Lidar::bus).collect(),
         ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),
         ranging_age_max: robot.sensors.age_max,
         guarded,

@@ -3,9 +3,9 @@
 use super::bases::Base;
 use super::{Robot, place};
 use base::{Duration, Instant};
-use messages::Message;
 use messages::lowlevel::DataScan;
 use messages::simulation::{CmdFault, DataTruth};
+use messages::{Hold, Message};
 use navitools::{Pose, wrap};
 use robot::place::RobotLocation;
 use sim::host::{Config, News};
@@ -27,6 +27,16 @@ theta_rad = 3.0
 upside_down = true
 "#;
 
+/// A SICK at the front whose own field, 1.5 m long, stops the robot.
+const FIELD: &str = r#"
+[lidar.front]
+model = "sick-tim7xx"
+address = "127.0.0.1:2112"
+x_m = 0.75
+stop_fields = [1]
+simulated_fields_m = [[[0.0, -0.4], [1.5, -0.4], [1.5, 0.4], [0.0, 0.4]]]
+"#;
+
 #[derive(Default)]
 struct Observed {
     news: Vec<(Instant, String)>,
@@ -42,6 +52,10 @@ struct Rig {
 
 impl Rig {
     fn new(name: &str) -> Self {
+        Self::with(name, LIDARS)
+    }
+
+    fn with(name: &str, lidars: &str) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("lidar-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder");
         let shipped = place();
@@ -49,7 +63,7 @@ impl Rig {
             std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
         }
         let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
-        std::fs::write(folder.join("robot.toml"), robot + LIDARS).expect("a file");
+        std::fs::write(folder.join("robot.toml"), robot + lidars).expect("a file");
         let world = shipped.config.join("../worlds/empty.toml");
         let place = RobotLocation { config: folder, world: Some(world), ..shipped };
         let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
@@ -141,6 +155,35 @@ fn a_lidar_that_is_cut_off_is_reported_and_comes_back() {
     let blind = rig.fault("lidar.rear", "blind", 2.0);
     rig.robot.pass(1.5);
     assert!(rig.told(blind, "LidarBlocked lidar.rear").is_some_and(|told| told <= Duration::from_secs(1)));
+}
+
+#[test]
+fn what_is_in_a_field_that_a_lidar_evaluates_stops_the_robot_as_pause_does() {
+    let mut rig = Rig::with("field", FIELD);
+    rig.robot.drive_anew(0.5, 0.0, 30.0);
+    rig.robot.pass(25.0);
+    let truth = rig.observed.borrow().truth.clone();
+    // The wall is at 20 m.
+    assert!((17.7..18.3).contains(&truth.x) && truth.speed.abs() < 0.01, "{truth:?}");
+    assert_eq!(rig.robot.hold(), Some(Hold::PauseField));
+}
+
+#[test]
+fn without_results_of_its_fields_a_lidar_stops_the_robot_and_nothing_resumes_by_itself() {
+    let mut rig = Rig::with("field-lost", FIELD);
+    for fault in ["silent", "stuck", "blind"] {
+        rig.robot.drive_anew(0.2, 0.0, 8.0);
+        rig.robot.pass(2.0);
+        assert!(rig.robot.speed() > 0.15, "{fault}: {} m/s, {:?}", rig.robot.speed(), rig.robot.hold());
+        rig.fault("lidar.front", fault, 2.0);
+        // Engaged within 0.5 s, and braked from 0.2 m/s.
+        rig.robot.pass(1.0);
+        assert_eq!(rig.robot.hold(), Some(Hold::PauseField), "{fault}");
+        assert!(rig.robot.speed().abs() < 0.01, "{fault}: {} m/s", rig.robot.speed());
+        rig.robot.pass(6.0);
+        assert_eq!(rig.robot.hold(), Some(Hold::PauseLatched), "{fault}");
+        assert!(rig.robot.speed().abs() < 0.01, "{fault}: it resumed by itself");
+    }
 }
 
 /// The shipped robots that the lidars guard, the number of wheels that are driven each by itself, and their lidars.

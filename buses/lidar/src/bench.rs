@@ -2,7 +2,7 @@
 
 use crate::emulated::{Device, Faults};
 use crate::engine::{Lidar, Protocol};
-use crate::event::{Event, Fault, FieldResult, Health, LostReason, State};
+use crate::event::{Event, Fault, FieldResult, Health, LostReason, State, Zone};
 use crate::scan::{EIGHTH_RAD, Sector, Status};
 use base::{Duration, Instant};
 use std::string::String;
@@ -13,7 +13,7 @@ use std::vec::Vec;
 pub enum Seen {
     Identity(String),
     Health(Health),
-    Field(u8, FieldResult),
+    Zone(Zone, FieldResult),
     Fault(Fault, bool),
     Lost(LostReason),
     Recovered(Duration),
@@ -81,7 +81,7 @@ impl<P: Protocol, D: Device> Bench<P, D> {
                 }
                 Event::Identity(text) => Seen::Identity(String::from_utf8_lossy(text).into_owned()),
                 Event::Health(health) => Seen::Health(health),
-                Event::Field { number, result } => Seen::Field(number, result),
+                Event::Zone { zone, result } => Seen::Zone(zone, result),
                 Event::Fault { fault, active } => Seen::Fault(fault, active),
                 Event::Lost { reason } => Seen::Lost(reason),
                 Event::Recovered { after } => Seen::Recovered(after),

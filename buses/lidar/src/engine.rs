@@ -8,7 +8,7 @@
 //!                             +------- REST ------------+
 //! ```
 
-use crate::event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text};
+use crate::event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text, Zone};
 use crate::scan::{Sector, Sectors, Status, wrap};
 use base::{Duration, Instant, Queue, earliest};
 use heapless::Vec;
@@ -43,7 +43,7 @@ enum Item {
     Identity,
     Health(Health),
     Sector,
-    Field { number: u8, result: FieldResult },
+    Zone { zone: Zone, result: FieldResult },
     Fault { fault: Fault, active: bool },
     Lost(LostReason),
     Recovered(Duration),
@@ -143,8 +143,8 @@ impl Shared {
         }
     }
 
-    pub(crate) fn field(&mut self, number: u8, result: FieldResult) {
-        self.items.push(Item::Field { number, result });
+    pub(crate) fn zone(&mut self, zone: Zone, result: FieldResult) {
+        self.items.push(Item::Zone { zone, result });
     }
 
     /// Sets or clears a fault; reported on change.
@@ -203,6 +203,11 @@ pub trait Protocol {
     fn poll_timeout(&self) -> Option<Instant>;
     /// Figures of the device, before it was asked.
     fn optics(&self) -> Optics;
+    /// What the device said last, and recently, of a field or an output of its own.
+    fn result(&self, zone: Zone) -> FieldResult {
+        let _ = zone;
+        FieldResult::Unknown
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -247,6 +252,14 @@ impl<P: Protocol> Lidar<P> {
     #[must_use]
     pub fn is_active(&self, fault: Fault) -> bool {
         self.shared.is_active(fault)
+    }
+
+    /// What the device says of a field or an output of its own, as of the last call: unknown unless it measures without
+    /// a fault that marks its sectors, and has said so within the time limit of its protocol.
+    #[must_use]
+    pub fn result(&self, zone: Zone) -> FieldResult {
+        let measures = matches!(self.life, Life::Running { .. }) && self.shared.status() == Status::Ok;
+        if measures { self.protocol.result(zone) } else { FieldResult::Unknown }
     }
 
     /// Counters.
@@ -306,7 +319,7 @@ impl<P: Protocol> Lidar<P> {
             Item::Health(health) => Event::Health(health),
             // Each of these items was added together with a sector.
             Item::Sector => Event::Sector(self.shared.sectors.pop()?),
-            Item::Field { number, result } => Event::Field { number, result },
+            Item::Zone { zone, result } => Event::Zone { zone, result },
             Item::Fault { fault, active } => Event::Fault { fault, active },
             Item::Lost(reason) => Event::Lost { reason },
             Item::Recovered(after) => Event::Recovered { after },

@@ -95,14 +95,32 @@ pub enum LostReason {
     Closed,
 }
 
-/// Result of one field evaluation of the device. Not a safety function.
+/// What a device evaluates by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Zone {
+    /// A field, by its number from 1.
+    Field(u8),
+    /// A switching output, by its number from 1.
+    Output(u8),
+}
+
+impl fmt::Display for Zone {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Field(number) => write!(f, "field {number}"),
+            Self::Output(number) => write!(f, "output {number}"),
+        }
+    }
+}
+
+/// Result of one field evaluation of the device, or the state of an output that goes by it. Not a safety function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FieldResult {
-    /// Not evaluated, or not valid.
+    /// Not evaluated, not valid, or too old; an output that is not used.
     Unknown,
-    /// Nothing in the field.
+    /// Nothing in the field; the output is active.
     Free,
-    /// An object is in the field.
+    /// An object is in the field; the output is not active.
     Infringed,
 }
 
@@ -115,10 +133,11 @@ pub enum Event<'a> {
     Health(Health),
     /// Measurements.
     Sector(&'a Sector),
-    /// Results of the device's field evaluation, by number of the field from 1; on change.
-    Field {
-        /// Number of the field.
-        number: u8,
+    /// A result of the device's own evaluation, on change. What is in force now is
+    /// [`Lidar::result`](crate::Lidar::result).
+    Zone {
+        /// The field or output.
+        zone: Zone,
         /// Its result.
         result: FieldResult,
     },

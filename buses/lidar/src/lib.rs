@@ -63,5 +63,5 @@ mod scan;
 pub mod sick;
 
 pub use engine::{Bytes, Lidar, Optics, Progress, Protocol, REST, SILENT_AFTER, Shared};
-pub use event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text};
+pub use event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text, Zone};
 pub use scan::{BEAMS_MAX, EIGHTH_RAD, Sector, Status};

@@ -1,8 +1,9 @@
 //! SICK LMS1xx, TiM5xx and TiM7xx: CoLa A (text) or CoLa B (binary) on TCP, port 2111 or 2112.
 //!
-//! Start-up: identity; state; on an LMS1xx log-in, start of the measurement and log-out; scans; results of the field
-//! evaluation, if wanted. Then every second the contamination is read. Requests that a device does not know are left
-//! out where the device can be used without them.
+//! Start-up: identity; state; on an LMS1xx log-in, start of the measurement and log-out; reports of field results and
+//! outputs, if wanted; scans. Then every second the contamination is read, and ten times a second the field results and
+//! the outputs: a device reports them only when they change, and silence proves nothing. Requests that a device does
+//! not know are left out where the device can be used without them.
 //!
 //! The configuration of the device (resolution, frequency, output) is not changed: scans are taken as they come. A host
 //! opens a new connection before each start-up, and reports one that was closed by
@@ -12,10 +13,12 @@
 //!
 //! Sources: SICK, *Telegram Listing LiDAR sensors LMS1xx, LMS5xx, TiM2xx, TiM5xx, TiM7xx …*, 8014631, chapters 2
 //! (formats) and 4 (telegrams); *LMS4400 operating instructions*, annex, reserved distance values; SICK's published
-//! driver `sick_scan_xd` (layout of LFErec, byte streams in its comments).
+//! driver `sick_scan_xd` (layout of LFErec and LIDoutputstate, byte streams in its comments; that a TiM7xx answers
+//! `sRN LFErec` with its present results).
 
 pub mod emulated;
 mod protocol;
+mod results;
 #[cfg(test)]
 mod tests;
 pub mod wire;
@@ -65,8 +68,10 @@ pub struct Config {
     pub range_min_m: f32,
     /// Longest range of the model, m (data sheet).
     pub range_max_m: f32,
-    /// Results of the field evaluation are asked for.
+    /// Results of the field evaluation are asked for. An LMS1xx or a TiM7xx has them.
     pub fields: bool,
+    /// States of the switching outputs are asked for.
+    pub outputs: bool,
 }
 
 impl Config {
@@ -78,7 +83,7 @@ impl Config {
             Family::Tim5xx => (0.05, 10.0),
             Family::Tim7xx => (0.05, 25.0),
         };
-        Self { family, dialect, no_echo: NoEcho::Unknown, range_min_m, range_max_m, fields: false }
+        Self { family, dialect, no_echo: NoEcho::Unknown, range_min_m, range_max_m, fields: false, outputs: false }
     }
 }
 

@@ -7,6 +7,9 @@ use ::guard::{Config, Direction, Motion, Ranging, Settings};
 use drivers::canbus::{PauseStop, Stop};
 use settings::robot::Limits;
 
+/// Part of a field that may be in no sensor's view: the corners between the sensors, at the robot.
+const UNWATCHED_MAX: f64 = 0.05;
+
 /// What senses what is in the way.
 pub fn ranging(config: &Config) -> Finding {
     const CHECK: &str = "guard";
@@ -59,7 +62,7 @@ pub fn coverage(config: &Config) -> Option<Finding> {
     }
     let speed = config.settings.speed_blind;
     // With nothing in the way only a direction without a sensor has a bound of zero.
-    let settings = Settings { speed_blind: 0.0, ..config.settings };
+    let settings = Settings { speed_blind: 0.0, ..config.settings.clone() };
     let Some(mut fields) = Fields::new(&Config { settings, ..config.clone() }, config.base) else {
         return Some(no_outline(CHECK));
     };
@@ -69,6 +72,20 @@ pub fn coverage(config: &Config) -> Option<Finding> {
         [] => Finding::ok(CHECK, "cover the width of the robot in every direction of travel"),
         blind => Finding::warning(CHECK, format!("do not cover the width of the robot {}", blind.join(", ")))
             .why(format!("It drives there at most at {speed} m/s (guard.speed_blind_mps).")),
+    })
+}
+
+/// Fields of the configuration, and those of which a part is in no sensor's view; `None` without such fields.
+pub fn fields(config: &Config) -> Option<Finding> {
+    const CHECK: &str = "guard, fields";
+    let parts = ::guard::unwatched(config);
+    let blind = |(n, part): (usize, &f64)| (*part > UNWATCHED_MAX).then(|| format!("{:.0} % of {n}", 100.0 * part));
+    let unwatched: Vec<String> = parts.iter().enumerate().filter_map(blind).collect();
+    Some(match (parts.len(), unwatched.as_slice()) {
+        (0, _) => return None,
+        (count, []) => Finding::ok(CHECK, format!("{count} beside those that are computed, in view of the sensors")),
+        (_, unwatched) => Finding::warning(CHECK, format!("no sensor looks at {}", unwatched.join(", ")))
+            .why("What is there is not sensed. Numbers are places in guard.fields, from 0."),
     })
 }
 

@@ -526,6 +526,25 @@ fn a_direction_that_no_sensor_covers_is_named() {
 }
 
 #[test]
+fn a_field_of_the_guard_that_no_sensor_looks_at_is_named() {
+    let field = |polygon: [[f64; 2]; 3]| ::guard::FieldKeys {
+        kind: ::guard::FieldKind::Protective,
+        from: 0.0,
+        polygon: polygon.into(),
+    };
+    let ahead = field([[1.2, -0.1], [2.0, 0.0], [1.2, 0.1]]);
+    let behind = field([[-1.0, -0.1], [-0.5, 0.0], [-1.0, 0.1]]);
+    let check = |fields: Vec<::guard::FieldKeys>| {
+        let mut config = guarded(Ranging::Sonar, &[(0.75, 0.0)]);
+        config.settings.fields = fields;
+        guard::fields(&config)
+    };
+    assert_eq!(check(vec![]), None);
+    says(&check(vec![ahead.clone()]).unwrap(), Level::Ok, "1 beside those that are computed", "");
+    says(&check(vec![ahead, behind]).unwrap(), Level::Warning, "no sensor looks at 100 % of 1", "");
+}
+
+#[test]
 fn a_clock_that_nobody_sets_is_a_warning() {
     let state = |synchronized| Ok(ClockState { synchronized, error_us: 12_345 });
     says(&machine::clock(&state(true), 2026), Level::Ok, "to 12 ms", "");

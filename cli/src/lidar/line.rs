@@ -147,7 +147,7 @@ impl Measured {
             Event::Fault { fault: Fault::Slow, active: true } if !measured => {}
             Event::Fault { fault, active: true } => _ = self.faults.insert(fault.name()),
             Event::Lost { reason } => self.lost = Some(reason),
-            Event::Fault { .. } | Event::Identity(_) | Event::Field { .. } | Event::Recovered { .. } => {}
+            Event::Fault { .. } | Event::Identity(_) | Event::Zone { .. } | Event::Recovered { .. } => {}
         }
         false
     }

@@ -256,6 +256,8 @@ faults! {
     LidarDisturbed = 0x0736, Device;
     /// A lidar reports an error of its own.
     LidarError = 0x0737, Device;
+    /// A lidar that measures gives no valid result of a field or an output that stops the robot: the robot stands.
+    LidarNoResult = 0x0738, Device;
 
     /// An inertial measurement unit does not measure: nothing goes by it.
     ImuLost = 0x0741, Device;

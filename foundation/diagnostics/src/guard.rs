@@ -6,8 +6,9 @@ use messages::Hold;
 use messages::lowlevel::{DataGuard, Field};
 use serde::Serialize;
 
-/// Maximum number of fields that are kept, and of corners of each; `guard` publishes two of about twelve.
-const FIELDS_MAX: usize = 4;
+/// Maximum number of fields that are kept, and of corners of each; `guard` publishes two of about twelve, and up to
+/// eight of the configuration.
+const FIELDS_MAX: usize = 10;
 const CORNERS_MAX: usize = 64;
 /// Greatest distance of a corner from the robot along an axis, m.
 const CORNER_MAX_M: f64 = 100.0;

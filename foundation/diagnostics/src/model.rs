@@ -2,7 +2,7 @@
 
 use crate::{Errors, ModuleRow, Modules, Scans, Slot, Texts, Traffic, guard};
 use base::{Duration, Instant};
-use messages::{Message, common, lowlevel, middlelevel, simulation};
+use messages::{Message, StopReports, common, lowlevel, middlelevel, simulation};
 use std::collections::BTreeMap;
 
 /// Maximum number of buses.
@@ -46,10 +46,11 @@ pub struct Model {
     pub motion: Slot<lowlevel::DataMotion>,
     /// Velocity of the body.
     pub velocity: Slot<lowlevel::DataVelocity>,
-    /// Greatest speeds that can still be stopped, with the fields: at most 4, of at most 64 corners each.
+    /// Greatest speeds that can still be stopped, with the fields: at most 10, of at most 64 corners each.
     pub guard: Slot<lowlevel::DataGuard>,
-    /// PAUSE line.
+    /// PAUSE line, of all its sources.
     pub stop: Slot<lowlevel::EventStop>,
+    stops: StopReports,
     /// Odometry.
     pub odometry: Slot<lowlevel::DataOdo>,
     /// Sonars.
@@ -120,6 +121,7 @@ impl Model {
             // Sent each 50 ms, good for 150 ms.
             guard: Slot::every(ms(75)),
             stop: Slot::every(ms(500)),
+            stops: StopReports::default(),
             odometry: Slot::every(ms(250)),
             sonars: Slot::every(ms(250)),
             infrareds: Slot::every(ms(250)),
@@ -175,7 +177,9 @@ impl Model {
             }
             Some(Message::LlDataVelocity(velocity)) => self.velocity.put(at, velocity),
             Some(Message::LlDataGuard(guard)) => self.guard.put(at, guard::limited(guard)),
-            Some(Message::LlEventStop(stop)) => self.stop.put(at, stop),
+            Some(Message::LlEventStop(stop)) => {
+                self.stops.on_report(&stop).into_iter().for_each(|stop| self.stop.put(at, stop));
+            }
             Some(Message::LlDataOdo(odometry)) => self.odometry.put(at, odometry),
             Some(Message::LlDataSrfs(sonars)) => self.sonars.put(at, sonars),
             Some(Message::LlDataIrs(infrareds)) => self.infrareds.put(at, infrareds),

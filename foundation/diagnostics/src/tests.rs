@@ -532,7 +532,7 @@ fn of_the_fields_that_anybody_can_publish_only_a_few_sound_ones_are_kept() {
         model.receive(T0, "LL_DATA_GUARD", 40, Some(message.into()));
         model.guard.get().unwrap().fields.len()
     };
-    assert_eq!((kept(fields), kept(vec![sound; 1000])), (2, 4));
+    assert_eq!((kept(fields), kept(vec![sound; 1000])), (2, 10));
 }
 
 #[test]

@@ -11,6 +11,7 @@
 //! | commands: the other `*_CMD_*`, and `LL_DATA_ACTIVE_BEACONS` | [`Commands`] |
 //! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
 //! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
+//! | the same of a lidar whose fields stop the robot: `lidar.front` | the process of the lidars' driver, likewise |
 //! | the same, for what the sender engaged itself | that sender, if [`Commands`] |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
@@ -112,7 +113,8 @@ impl Origin {
     pub const DUE: Self = Self { due: true, process: None };
 }
 
-/// Maximum number of senders that are remembered to have engaged PAUSE; a further one replaces the oldest.
+/// Maximum number of senders that are remembered to have engaged PAUSE in the name of a module; a further one replaces
+/// the oldest.
 const ENGAGING_MAX: usize = 8;
 
 /// Lists of the watchdog, which come at 10 Hz or more, after which the robot has started: a module without a process
@@ -227,7 +229,8 @@ pub struct Admission {
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
     /// is no watchdog.
     own: Vec<Option<Process>>,
-    /// Senders that are not the power controller and engaged PAUSE in its name: they may release that.
+    /// Senders that engaged PAUSE in the name of the power controller or a lidar, and are not it: they may release
+    /// that.
     engaging: Vec<Option<Process>>,
 }
 
@@ -328,7 +331,7 @@ impl Admission {
     pub fn origin(&self, message: &Message, sender: Sender) -> Origin {
         match message {
             Message::LlEventStop(stop) if self.is_guarded() => {
-                let due = !is_of_line(&stop.source) || self.is_due(Witness::Power, sender);
+                let due = witness_of(&stop.source).is_none_or(|witness| self.is_due(witness, sender));
                 Origin { due, process: sender.process }
             }
             Message::LlDataGuard(_) if self.is_guarded() => {
@@ -344,10 +347,10 @@ impl Admission {
         self.policy.module(witness).is_none() || known.is_some() && sender.process == known
     }
 
-    /// Remembers that a sender engages PAUSE in the name of the power controller.
+    /// Remembers that a sender engages PAUSE in the name of the power controller or a lidar.
     fn note_engaging(&mut self, message: &Message, sender: Sender) {
         let Message::LlEventStop(stop) = message else { return };
-        let is_foreign = is_of_line(&stop.source) && !self.is_due(Witness::Power, sender);
+        let is_foreign = witness_of(&stop.source).is_some_and(|witness| !self.is_due(witness, sender));
         if !is_foreign || self.engaging.contains(&sender.process) {
             return;
         }
@@ -357,7 +360,7 @@ impl Admission {
         self.engaging.push(sender.process);
     }
 
-    /// True if a sender that engaged PAUSE in the name of the power controller releases that.
+    /// True if a sender that engaged PAUSE in the name of the power controller or a lidar releases that.
     fn is_its_own_stop(&self, message: &Message, sender: Sender) -> bool {
         matches!(message, Message::LlEventStop(_)) && self.engaging.contains(&sender.process)
     }
@@ -387,8 +390,7 @@ fn process_of(module: &str, list: &DataProcesses, uid: u32) -> Option<Process> {
 fn effect(heard: &Message) -> Effect {
     match heard {
         Message::LlEventStop(stop) if stop.engaged => Effect::Stops,
-        Message::LlEventStop(stop) if is_of_line(&stop.source) => Effect::Frees(Witness::Power),
-        Message::LlEventStop(_) => Effect::EndsItsOwnStop,
+        Message::LlEventStop(stop) => witness_of(&stop.source).map_or(Effect::EndsItsOwnStop, Effect::Frees),
         Message::LlDataGuard(guard) if permits_nothing(guard) => Effect::Stops,
         Message::LlDataGuard(_) => Effect::Frees(Witness::Guard),
         Message::LlDataRanges(ranges) if measures_nothing(ranges) => Effect::Stops,
@@ -412,9 +414,12 @@ fn effect(heard: &Message) -> Effect {
     }
 }
 
-/// True for a source that the power controller reports; others report for themselves.
-fn is_of_line(source: &str) -> bool {
-    source.is_empty() || StopSource::from_name(source) != StopSource::Unknown
+/// Module that reports for a source of PAUSE; others report for themselves.
+fn witness_of(source: &str) -> Option<Witness> {
+    if StopSource::is_of_line(source) {
+        return Some(Witness::Power);
+    }
+    StopSource::is_lidar(source).then_some(Witness::Lidar)
 }
 
 fn measures_nothing(DataRanges { readings, .. }: &DataRanges) -> bool {
@@ -547,6 +552,26 @@ mod tests {
         for of_line in ["", "button", "bumper3"] {
             assert_eq!(admission.judge(&open(of_line), by(Way::Host, 0)), Err(Refusal::Release), "{of_line}");
             assert_eq!(admission.judge(&open(of_line), by(Way::Memory, POWER)), Ok(()), "{of_line}");
+        }
+    }
+
+    #[test]
+    fn that_the_fields_of_a_lidar_are_free_is_believed_from_its_driver_alone() {
+        let fields = |engaged| -> Message {
+            lowlevel::EventStop { engaged, source: "lidar.front".into(), ..Default::default() }.into()
+        };
+        let (driver, stranger) = (by(Way::Memory, LIDAR), by(Way::Memory, 300));
+        let mut admission = guarded(Commands::Network);
+        assert_eq!(admission.judge(&fields(false), driver), Err(Refusal::NotYet), "nobody has listed it yet");
+        assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
+        for other in [stranger, by(Way::Memory, POWER), by(Way::Host, 0), by(Way::Network, 0)] {
+            assert_eq!(admission.judge(&fields(false), other), Err(Refusal::Release), "{other:?}");
+            assert_eq!(admission.judge(&fields(true), other), Ok(()), "it stops");
+            assert!(!admission.origin(&fields(true), other).due);
+        }
+        for engaged in [true, false] {
+            assert_eq!(admission.judge(&fields(engaged), driver), Ok(()));
+            assert_eq!(admission.origin(&fields(engaged), driver), Origin { due: true, process: driver.process });
         }
     }
 

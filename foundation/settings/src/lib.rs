@@ -5,6 +5,7 @@
 //! docs.
 #![forbid(unsafe_code)]
 
+mod corners;
 mod declare;
 mod moved;
 mod reader;
@@ -15,6 +16,7 @@ mod rule;
 mod tests;
 mod tree;
 
+pub use corners::{CORNERS_MAX, Corners};
 pub use declare::{Declared, Given, Section};
 pub use moved::{Moved, Moves, notices};
 pub use reader::{Entry, Problems, Table};

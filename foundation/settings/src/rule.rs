@@ -14,6 +14,7 @@ use std::path::PathBuf;
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
 /// | `()`, the default | `bool`, [`String`] and [`PathBuf`] (not empty), lists of texts, declared tables, their lists |
+/// | [`Corners`](crate::Corners) | polygons, lists of polygons |
 /// | [`ZeroOr`], [`Off`], [`Blank`], [`Texts`], [`Span`], [`Form`], [`Bytes`], [`Choice`], [`Parsed`] | see there |
 pub trait Rule<T> {
     /// Converts a value; `None` if it is not allowed.

@@ -5,7 +5,7 @@
 //! robot brakes. It is dropped when the next two readings of the same sensor have found nothing there; once another
 //! echo has confirmed it, when the window has passed, or as many newer readings as prove space free have found nothing.
 
-use crate::{Obstacle, Rules, Sonar, Source, Trail};
+use crate::{Obstacle, Rules, Sonar, Source, Trail, Unseen};
 use base::Instant;
 use messages::lowlevel::{DataRanges, Reading};
 use navitools::{Point, Pose};
@@ -22,6 +22,8 @@ const READINGS_MAX: usize = 32;
 const STEP_M: f64 = 0.12;
 /// Maximum number of steps on an arc.
 const STEPS_MAX: u32 = 16;
+/// Width of the parts into which the cone of an unknown sensor is divided, rad.
+const UNSEEN_RAD: f64 = 0.05;
 /// Radii by which the cone of an unknown sensor is covered, m; the last one is the reach.
 const COVERED_M: [f64; 7] = [0.02, 0.15, 0.4, 0.7, 1.1, 1.6, 2.2];
 /// Difference of distances up to which two readings may be the same thing, m, beyond the uncertainty.
@@ -109,6 +111,22 @@ impl Echoes {
             } else {
                 cone.cover(here, self.rules.reach, found);
             }
+        }
+    }
+
+    /// Adds the parts of the cones of which nothing is known at `now`: what [`Self::obstacles`], which is called
+    /// before, covers with points.
+    pub fn unseen(&self, now: Instant, found: &mut Vec<Unseen>) {
+        for cone in self.cones.iter().filter(|cone| !cone.is_known(now, &self.rules)) {
+            let Sonar { at, theta, beam, .. } = cone.sonar;
+            let count = libm::ceil(beam / UNSEEN_RAD).max(1.0) as u32;
+            let width = beam / f64::from(count);
+            let half = libm::tan(width / 2.0) * self.rules.reach;
+            found.extend((0..count).map(|n| {
+                let (sin, cos) = libm::sincos(theta - beam / 2.0 + (f64::from(n) + 0.5) * width);
+                let to = Point { x: at.x + self.rules.reach * cos, y: at.y + self.rules.reach * sin };
+                Unseen { from: at, to, half, source: cone.source() }
+            }));
         }
     }
 }
@@ -265,6 +283,25 @@ mod tests {
         assert_eq!(bench.found(600), (0, 0, f64::INFINITY));
         assert_eq!(bench.found(1000), (0, 0, f64::INFINITY));
         assert!(matches!(bench.found(1301), (0, 1.., _)), "too old");
+    }
+
+    #[test]
+    fn what_is_not_known_is_the_whole_cone_up_to_the_reach() {
+        let mut bench = Bench::new();
+        let unseen = |bench: &Bench, at: u64| {
+            let mut unseen = Vec::new();
+            bench.echoes.unseen(ms(at), &mut unseen);
+            unseen
+        };
+        let all = unseen(&bench, 0);
+        let width: f64 = all.iter().map(|part| 2.0 * part.half).sum();
+        assert!((width - RULES.reach * SONAR.beam).abs() < 0.01, "{width} m at the end: without a gap");
+        let angle = |part: &Unseen| libm::atan2(part.to.y - part.from.y, part.to.x - part.from.x);
+        assert!(all.iter().all(|part| part.from == SONAR.at && angle(part).abs() < SONAR.beam / 2.0), "{all:?}");
+        assert!(all.iter().all(|part| (part.to.distance(part.from) - RULES.reach).abs() < 1e-9));
+        (0..3).for_each(|n| bench.hear(100 + 250 * n, Reading::SILENT, f64::NAN));
+        assert_eq!(unseen(&bench, 600), []);
+        assert_eq!(unseen(&bench, 1401).len(), all.len(), "too old");
     }
 
     #[test]

@@ -135,5 +135,19 @@ pub struct Obstacle {
     pub approaches: bool,
 }
 
+/// Part of a sensor's view of which nothing is known now, as a line along its middle from the robot on, as far as the
+/// sensor would find something. Robot's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unseen {
+    /// Begin, m.
+    pub from: Point,
+    /// End, m.
+    pub to: Point,
+    /// Half of the width of the part at its end, m.
+    pub half: f64,
+    /// What does not know.
+    pub source: Source,
+}
+
 #[cfg(test)]
 mod tests;

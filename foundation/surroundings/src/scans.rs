@@ -5,7 +5,7 @@
 //! many revolutions in succession have found it in the same place, as far as a person walks in one; then for two
 //! revolutions more, so that one that misses it frees nothing.
 
-use crate::{Lidar, Obstacle, Rules, Source, Trail};
+use crate::{Lidar, Obstacle, Rules, Source, Trail, Unseen};
 use base::{Duration, Instant};
 use kinematics::Polygon;
 use messages::lowlevel::DataScan;
@@ -145,6 +145,19 @@ impl Scans {
             let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.rules));
             let covered = unknown.flat_map(|slice| &slice.cover);
             found.extend(covered.map(|at| Obstacle { at: to_trail(*at), source, sensed: false, approaches: true }));
+        }
+    }
+
+    /// Adds the parts of the views of which nothing is known at `now`: what [`Self::obstacles`] covers with points.
+    pub fn unseen(&self, now: Instant, found: &mut Vec<Unseen>) {
+        for eye in &self.eyes {
+            let (source, mount) = (Source::Lidar(eye.place), eye.lidar.mount.point());
+            let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.rules));
+            let line = |slice: &Slice| {
+                let (from, to) = (*slice.cover.first()?, *slice.cover.last()?);
+                Some(Unseen { from, to, half: libm::tan(SLICE_RAD / 2.0) * to.distance(mount), source })
+            };
+            found.extend(unknown.filter_map(line));
         }
     }
 }

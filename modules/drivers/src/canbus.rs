@@ -205,6 +205,7 @@ impl Canbus {
                 config.critical.clone(),
                 config.planning.clone(),
                 config.has_pause_line,
+                &config.fields,
                 config.guarded,
                 Ranging::new(&config.ranging, config.ranging_age_max),
             ),

@@ -4,19 +4,23 @@
 //! Protocol  the engines of `lidar`: identity and health, start of the scan, then sectors
 //! Timing    a sector is published as soon as it is complete, with the instant of its first beam
 //! Silence   no measurement for 400 ms: reported, ERROR, started anew each time; what it looked at is unknown
+//! Fields    a SICK's own fields and outputs that stop the robot (`stop_fields`, `stop_outputs`): `LL_EVENT_STOP` at
+//!           10 Hz and on change; engaged while one is infringed, or not known
 //! Data      `LL_DATA_SCAN` for each sector, with the place of the lidar; `LL_DATA_BUS` once a second for each line
 //!
-//! In STOP nothing is published. None of these is a safety device.
+//! In STOP no scans are published, and what stops the robot is not known. None of these is a safety device.
 
 mod config;
+mod stop;
 
 use base::serial::Word;
 use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use config::{BUS_PERIOD, Engine};
-pub use config::{Config, DEVICES_MAX, Device, LidarKeys, MODELS, Model};
+pub use config::{Config, DEVICES_MAX, Device, LidarKeys, MODELS, Model, StopKeys};
 use lidar::{Event as LidarEvent, Fault as LidarFault, Health, LostReason, Sector, Status};
 use messages::lowlevel::{DataBus, DataScan};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
+use stop::Stop;
 
 /// Name of the module.
 pub const NAME: &str = "driver_lidar";
@@ -51,6 +55,8 @@ struct Scanner {
     /// Its motor is too slow or too fast; that has been reported.
     slow: bool,
     told_slow: bool,
+    /// What of it stops the robot, if anything.
+    stop: Option<Stop>,
     /// Bytes of this second, in both directions.
     bytes: usize,
     rx: Vec<u8>,
@@ -93,7 +99,7 @@ impl Lidars {
 
 impl Scanner {
     fn new(device: Device, port: PortId) -> Self {
-        let engine = config::engine(&device);
+        let (engine, stop) = (config::engine(&device), Stop::new(&device));
         Self {
             device,
             port,
@@ -104,6 +110,7 @@ impl Scanner {
             spins_until: Instant::ZERO,
             slow: false,
             told_slow: false,
+            stop,
             bytes: 0,
             rx: Vec::new(),
         }
@@ -147,7 +154,8 @@ impl Scanner {
                     let timestamp = out.timestamp(sector.at);
                     out.publish(message(device, sector, timestamp));
                 }
-                LidarEvent::Sector(_) | LidarEvent::Field { .. } => {}
+                // What is in force of them is asked of the engine.
+                LidarEvent::Sector(_) | LidarEvent::Zone { .. } => {}
                 LidarEvent::Identity(text) => {
                     let text = String::from_utf8_lossy(text);
                     if *identity != text {
@@ -175,6 +183,13 @@ impl Scanner {
         }
     }
 
+    /// Publishes whether its own fields stop the robot.
+    fn serve_stop(&mut self, now: Instant, serves: bool, out: &mut Actions) {
+        let Self { device, engine, stop: Some(stop), measures, .. } = self else { return };
+        stop.serve(now, device, |zone| engine.result(zone), serves, out);
+        stop.report(now, device, serves && *measures == Some(true), out);
+    }
+
     /// Reports the speed of the motor, after it had time to spin up.
     fn report_speed(&mut self, now: Instant, out: &mut Actions) {
         let spins = self.measures != Some(true) || now < self.spins_until;
@@ -187,7 +202,7 @@ impl Scanner {
     fn poll_timeout(&self) -> Option<Instant> {
         let engine = self.engine.poll_timeout().filter(|_| self.up == Some(true));
         let spins = (self.slow && !self.told_slow && self.measures == Some(true)).then_some(self.spins_until);
-        earliest([engine, spins])
+        earliest([engine, spins, self.stop.as_ref().and_then(Stop::poll_timeout)])
     }
 
     /// Publishes `LL_DATA_BUS`, and begins a new second.
@@ -295,6 +310,7 @@ impl Module for Lidars {
         for scanner in &mut self.scanners {
             scanner.serve(now, publishes, out);
             scanner.report_speed(now, out);
+            scanner.serve_stop(now, publishes, out);
         }
         if self.statistics.due(now) {
             self.scanners.iter_mut().for_each(|scanner| scanner.publish(now, out));

@@ -2,17 +2,18 @@
 
 use crate::law::Law;
 use base::Duration;
+use kinematics::Polygon;
 use kinematics::reach::{Ackermann, Base};
 use navitools::Point;
 use settings::robot::{Geometry, Limits};
-use settings::settings;
+use settings::{Corners, settings};
 use surroundings::{Lidar, Rules, Sonar};
 
 settings! {
     /// `[guard]`: with what the robot senses what is in its way, and how fast it may be (docs/guard.md). With
     /// `ranging = "none"` it senses nothing: it drives at most at `speed_blind_mps`, whoever commands it. So does a
     /// robot without this table: it has no guard, and 0.3 m/s, the default of `speed_blind_mps`.
-    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[derive(Clone, Debug, PartialEq)]
     pub struct Settings {
         /// What it senses with.
         ranging: Ranging = Ranging::None;
@@ -45,8 +46,35 @@ settings! {
         evaluations: u32 = 2, 1..=16;
         /// A direction of a lidar that was measured longer ago than this is unknown.
         scan_age_max_s as scan_age_max: Duration = 0.3, 0.05..=1.0;
+        /// Fields of a form of their own, at most 8, beside those that are computed: they can only lower a bound.
+        fields: Vec<FieldKeys> = [];
     }
     check Settings::check;
+}
+
+settings! {
+    /// `[[guard.fields]]`: a polygon in the robot's frame; while something sensed or unknown is in it, the robot is no
+    /// faster than it permits (docs/guard.md).
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct FieldKeys {
+        /// `"protective"`: the robot stands, but for moving away at `slow_mps`; `"warning"`: it slows to `slow_mps`.
+        kind: FieldKind = required;
+        /// Speed from which on the field counts: the robot slows to it, if that is more than the kind says.
+        from_mps as from: f64 = 0.0, 0.0..=10.0;
+        /// Corners, forward and to the left, one after the other around it; at most `reach_m` from the robot's outline.
+        polygon_m as polygon: Vec<[f64; 2]> = required, Corners(-60.0..=60.0);
+    }
+}
+
+settings! {
+    /// What a field of a form of its own does.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum FieldKind {
+        /// The robot stops.
+        Protective = "protective",
+        /// The robot slows down.
+        Warning = "warning",
+    }
 }
 
 settings! {
@@ -78,6 +106,9 @@ impl Ranging {
     }
 }
 
+/// Fields of a form of their own at most: as many are shown, too.
+pub const FIELDS_MAX: usize = 8;
+
 /// Configuration of the guard.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -103,6 +134,12 @@ impl Settings {
     fn check(&self, table: &settings::Table<'_>) {
         if self.age_max > self.window {
             table.refuse("age_max_s", "at most window_s");
+        }
+        if self.ranging == Ranging::None && !self.fields.is_empty() {
+            table.refuse("fields", "none with ranging = \"none\": nothing would sense what is in them");
+        }
+        if self.fields.len() > FIELDS_MAX {
+            table.refuse("fields", format_args!("at most {FIELDS_MAX} fields"));
         }
     }
 
@@ -133,6 +170,15 @@ impl Config {
     #[must_use]
     pub fn lidars(&self) -> &[Lidar] {
         if self.settings.ranging.has_lidars() { &self.lidars } else { &[] }
+    }
+
+    /// Fields of a form of their own, by their places in the settings, that the sensors do not reach.
+    #[must_use]
+    pub fn beyond_reach(&self) -> Vec<usize> {
+        let Some(body) = Polygon::hull(&self.footprint) else { return Vec::new() };
+        let is_far = |[x, y]: &[f64; 2]| body.distance(Point { x: *x, y: *y }) > self.settings.reach;
+        let fields = self.settings.fields.iter().enumerate();
+        fields.filter(|(_, keys)| keys.polygon.iter().any(is_far)).map(|(place, _)| place).collect()
     }
 
     /// Configuration of a robot of these measures that steers.

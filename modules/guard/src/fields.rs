@@ -212,6 +212,14 @@ impl<K: Kinematics> Fields<K> {
         &self.law
     }
 
+    /// Paths that the base can take in a direction.
+    pub fn paths(&mut self, direction: Direction, motion: &Motion) -> &[Twist] {
+        let paths = &mut self.buffers.paths;
+        paths.clear();
+        self.base.reachable(direction, motion, self.reaction, paths);
+        paths
+    }
+
     /// Bound of a direction, with obstacles in the robot's frame.
     pub fn bound(&mut self, direction: Direction, motion: &Motion, obstacles: &[Obstacle]) -> Bound {
         let mut buffers = std::mem::take(&mut self.buffers);
@@ -438,7 +446,8 @@ impl Area {
     }
 }
 
-fn is_place(point: Point) -> bool {
+/// True for a point that is somewhere.
+pub(crate) fn is_place(point: Point) -> bool {
     point.x.abs() <= PLACE_MAX_M && point.y.abs() <= PLACE_MAX_M
 }
 

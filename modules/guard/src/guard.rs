@@ -2,6 +2,7 @@
 
 use crate::config::{Config, Ranging};
 use crate::fields::{Bound, Cause, Fields};
+use crate::zones::Zones;
 use base::{Deadlines, Duration, Instant};
 use kinematics::reach::{Base, Direction, Kinematics, Motion};
 use kinematics::{Polygon, Twist};
@@ -9,7 +10,7 @@ use messages::lowlevel::{DataGuard, DataMotion, DataScan, DataVelocity, Field};
 use messages::{Channel, Hold, Message};
 use module::{Actions, Event, Module};
 use std::fmt;
-use surroundings::{Echoes, Obstacle, Scans, Source, Trail};
+use surroundings::{Echoes, Obstacle, Scans, Source, Trail, Unseen};
 
 /// Name of the module.
 pub const NAME: &str = "guard";
@@ -51,6 +52,8 @@ impl std::error::Error for NoOutline {}
 #[derive(Debug)]
 pub struct Guard {
     fields: Fields<Base>,
+    /// Fields of the configuration, beside those.
+    zones: Zones,
     ranging: Ranging,
     window: Duration,
     /// Greatest plausible speed, m/s.
@@ -66,6 +69,7 @@ pub struct Guard {
     /// Measured motion, and its instant.
     motion: Option<(Instant, Motion)>,
     obstacles: Vec<Obstacle>,
+    unseen: Vec<Unseen>,
     deadlines: Deadlines<Timer>,
 }
 
@@ -82,6 +86,7 @@ impl Guard {
         subscriptions.extend((!config.lidars().is_empty()).then_some(Channel::LlDataScan));
         Ok(Self {
             fields: Fields::new(config, config.base).ok_or(NoOutline)?,
+            zones: Zones::new(config, &body),
             ranging: config.settings.ranging,
             window: config.settings.window,
             speed_max: PLAUSIBLE * config.speed,
@@ -93,6 +98,7 @@ impl Guard {
             curve: None,
             motion: None,
             obstacles: Vec::new(),
+            unseen: Vec::new(),
             deadlines: Deadlines::new(),
         })
     }
@@ -145,6 +151,7 @@ impl Guard {
         let speed = libm::hypot(velocity.vx, velocity.vy).max(velocity.omega.abs() * self.fields.radius());
         let law = self.fields.law();
         let field = self.fields.radius() + law.protective(speed).max(law.warning(speed));
+        let field = field.max(self.zones.reach());
         if speed > STANDSTILL_MPS && distance <= field && now.since(self.published) >= SPACING {
             self.publish(now, out);
         }
@@ -166,7 +173,12 @@ impl Guard {
         for obstacle in &mut self.obstacles {
             obstacle.at = robot_from_trail(obstacle.at);
         }
-        let bounds = Direction::ALL.map(|direction| self.fields.bound(direction, &motion, &self.obstacles));
+        self.update_zones(now);
+        let radius = self.fields.radius();
+        let bounds = Direction::ALL.map(|direction| {
+            let bound = self.fields.bound(direction, &motion, &self.obstacles);
+            self.zones.lowered(bound, direction, self.fields.paths(direction, &motion), radius)
+        });
         let ahead = ahead(&motion.velocity, &bounds);
         let (code, subject) = self.described(bounds[ahead as usize].cause);
         let fields = if self.ranging == Ranging::None { Vec::new() } else { self.shown(&motion, &bounds) };
@@ -174,6 +186,17 @@ impl Guard {
         let message =
             DataGuard { timestamp, forward, backward, left, right, turn_left, turn_right, code, subject, fields };
         out.publish(message);
+    }
+
+    /// Takes note of what is in the fields of the configuration.
+    fn update_zones(&mut self, now: Instant) {
+        if self.zones.is_empty() {
+            return;
+        }
+        self.unseen.clear();
+        self.echoes.unseen(now, &mut self.unseen);
+        self.scans.unseen(now, &mut self.unseen);
+        self.zones.update(&self.obstacles, &self.unseen);
     }
 
     /// Number of a cause in `docs/holds.md`, and its subject.
@@ -200,7 +223,8 @@ impl Guard {
             let (x, y) = corners.into_iter().map(|corner| (corner.x, corner.y)).unzip();
             Field { kind, occupied, x, y }
         };
-        kinds.zip(shown).map(field).collect()
+        let speed = libm::hypot(motion.velocity.vx, motion.velocity.vy);
+        kinds.zip(shown).map(field).chain(self.zones.shown(speed)).collect()
     }
 }
 

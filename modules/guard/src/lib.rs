@@ -1,8 +1,8 @@
 //! The greatest speeds that can still be stopped before what is sensed or unknown (docs/guard.md).
 //!
 //! Read [`law`] first (how long the fields are), then [`surroundings`] (what is in the way), [`fields`] (how fast the
-//! robot may be), and [`Guard`], the module around them. It depends neither on the planner nor on the estimator, nor on
-//! a map.
+//! robot may be), `zones` (fields by configuration, beside those), and [`Guard`], the module around them. It depends
+//! neither on the planner nor on the estimator, nor on a map.
 //!
 //! A robot with one sonar, before which somebody stands at 1.2 m:
 //!
@@ -20,8 +20,10 @@ mod config;
 pub mod fields;
 mod guard;
 pub mod law;
+mod zones;
 
-pub use config::{Config, Ranging, Settings};
+pub use config::{Config, FIELDS_MAX, FieldKeys, FieldKind, Ranging, Settings};
 pub use guard::{Guard, NAME, NoOutline};
 pub use kinematics::reach::{Ackermann, Base, Direction, Motion};
 pub use surroundings::{Lidar, Sonar};
+pub use zones::unwatched;

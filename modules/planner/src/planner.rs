@@ -11,7 +11,7 @@ use crate::search::Abilities;
 use crate::senses::{EstimateCheck, Located, Senses, Wait};
 use crate::track::{Axis, Motion};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
-use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges, DataScan};
+use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges, DataScan, EventStop};
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
 use module::admission::Origin;
@@ -113,11 +113,7 @@ impl Planner {
             Message::LlEventStop(stop) if !from.due => self.senses.on_stop_of_another(at, stop),
             Message::LlEventStop(stop) => {
                 self.senses.on_stop(at, stop);
-                let source = StopSource::from_name(&stop.source);
-                if let Some(front) = source.is_front().filter(|_| stop.engaged) {
-                    self.mission.bump(front);
-                }
-                self.edge = source.is_front().filter(|_| stop.engaged && source.is_floor());
+                self.on_line(stop);
             }
             Message::LlDataRanges(ranges) => {
                 self.senses.on_ranges(at);
@@ -131,6 +127,18 @@ impl Planner {
             Message::MlCmdGoal(goal) => self.on_goal(now, goal, out),
             _ => {}
         }
+    }
+
+    /// A report about the PAUSE line: what touches the robot, and where it sees no floor. Others say nothing of that.
+    fn on_line(&mut self, stop: &EventStop) {
+        if !StopSource::is_of_line(&stop.source) {
+            return;
+        }
+        let source = StopSource::from_name(&stop.source);
+        if let Some(front) = source.is_front().filter(|_| stop.engaged) {
+            self.mission.bump(front);
+        }
+        self.edge = source.is_front().filter(|_| stop.engaged && source.is_floor());
     }
 
     fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate, out: &mut Actions) {

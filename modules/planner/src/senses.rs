@@ -17,8 +17,15 @@ const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 /// Silence of a source that engages PAUSE after which a person may have overruled it.
 const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// Causes by which PAUSE is engaged.
-const ENGAGED: [Hold; 5] =
-    [Hold::PauseUnknown, Hold::PauseBumper, Hold::PauseFloor, Hold::PauseButton, Hold::PauseOther];
+const ENGAGED: [Hold; 7] = [
+    Hold::PauseUnknown,
+    Hold::PauseFieldUnknown,
+    Hold::PauseBumper,
+    Hold::PauseFloor,
+    Hold::PauseButton,
+    Hold::PauseField,
+    Hold::PauseOther,
+];
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
 const MOTION_AGE_MAX: Duration = Duration::from_millis(500);
 /// Maximum age of `LL_DATA_GUARD` (20 Hz).
@@ -78,8 +85,8 @@ pub struct Senses {
     guard: Option<(Instant, [f64; 6])>,
     /// Causes reported by `driver_canbus` that hold the robot.
     holds: Option<(Instant, DataHold)>,
-    /// When the PAUSE line was last reported engaged, and its source, with its name as reported.
-    paused: Option<(Instant, StopSource, String)>,
+    /// When PAUSE was last reported engaged, the cause, and the name of the source as reported.
+    paused: Option<(Instant, Hold, String)>,
     /// Firing instant of the newest sonar reading.
     sonars: Option<Instant>,
     /// Reception of the last `LL_DATA_RANGES`.
@@ -161,16 +168,26 @@ impl Senses {
         }
     }
 
-    /// Processes `LL_EVENT_STOP`: state of the PAUSE line.
+    /// Processes `LL_EVENT_STOP`: state of the PAUSE line, or of another source, which ends nothing of the line, nor
+    /// the line anything of it.
     pub fn on_stop(&mut self, at: Instant, stop: &EventStop) {
-        self.paused = stop.engaged.then(|| (at, StopSource::from_name(&stop.source), stop.source.clone()));
+        let of_line = StopSource::is_of_line(&stop.source);
+        let (is_same, stays) = self.paused.as_ref().map_or((false, false), |(.., name)| {
+            let was_of_line = StopSource::is_of_line(name);
+            (if of_line { was_of_line } else { *name == stop.source }, was_of_line && !of_line)
+        });
+        if stop.engaged && !stays {
+            self.paused = Some((at, StopSource::hold_of(&stop.source), stop.source.clone()));
+        } else if !stop.engaged && is_same {
+            self.paused = None;
+        }
     }
 
     /// Processes `LL_EVENT_STOP` in the power controller's name, of another sender. What that releases is left to
     /// `driver_canbus`, whose causes hold the robot.
     pub fn on_stop_of_another(&mut self, at: Instant, stop: &EventStop) {
         if stop.engaged && self.paused.is_none() {
-            self.paused = Some((at, StopSource::Unknown, stop.source.clone()));
+            self.paused = Some((at, Hold::PauseOther, stop.source.clone()));
         }
     }
 
@@ -246,8 +263,8 @@ impl Senses {
         if let Some(hold) = self.state.unwrap_or(State::Init).hold() {
             add(hold, source);
         }
-        if let Some((_, by, name)) = &self.paused {
-            add(by.hold(), name);
+        if let Some((_, hold, name)) = &self.paused {
+            add(*hold, name);
         }
         match self.quality {
             _ if self.located(now).is_some() => {}
@@ -465,6 +482,26 @@ mod tests {
         senses.on_stop(ms(1010), &stop(true, "button"));
         senses.on_stop_of_another(ms(1020), &stop(false, ""));
         assert_eq!(why(&senses, 1100).0, [(Hold::PauseButton, "button".into())]);
+    }
+
+    #[test]
+    fn the_line_and_the_fields_of_a_lidar_do_not_end_each_other() {
+        let stop = |engaged, source: &str| EventStop { timestamp: 0, engaged, source: source.into() };
+        let mut senses = ready();
+        let field = [(Hold::PauseField, "lidar.front".to_owned())];
+        senses.on_stop(ms(1000), &stop(true, "lidar.front"));
+        senses.on_stop(ms(1010), &stop(false, ""));
+        assert_eq!(why(&senses, 1100).0, field);
+        senses.on_stop(ms(1020), &stop(true, "button"));
+        senses.on_stop(ms(1030), &stop(false, "lidar.front"));
+        senses.on_stop(ms(1040), &stop(true, "lidar.rear"));
+        assert_eq!(why(&senses, 1100).0, [(Hold::PauseButton, "button".into())]);
+        senses.on_stop(ms(1050), &stop(false, ""));
+        senses.on_stop(ms(1060), &stop(true, "lidar.front"));
+        senses.on_stop(ms(1070), &stop(false, "lidar.rear"));
+        assert_eq!(why(&senses, 1100).0, field);
+        senses.on_stop(ms(1080), &stop(false, "lidar.front"));
+        assert_eq!(why(&senses, 1100).0, []);
     }
 
     #[test]

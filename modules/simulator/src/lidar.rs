@@ -34,6 +34,8 @@ pub struct LidarConfig {
     pub mount: Pose,
     /// It hangs upside down.
     pub upside_down: bool,
+    /// Corners of the fields that a SICK evaluates, from its front on, m; `None`: as it is delivered.
+    pub fields: Option<Vec<Vec<[f64; 2]>>>,
 }
 
 /// What a lidar is.
@@ -60,8 +62,8 @@ impl LidarModel {
         Self::Hokuyo(like)
     }
 
-    /// The device at power-on, and the distance up to which it sees, m.
-    fn device(self) -> (Box<dyn Device>, f64) {
+    /// The device at power-on, with these fields, if it has any, and the distance up to which it sees, m.
+    fn device(self, fields: Option<&[Vec<[f64; 2]>]>) -> (Box<dyn Device>, f64) {
         match self {
             Self::Ld(model) => (Box::new(ld::emulated::Device::new(model)), 12.0),
             Self::Rplidar(model) => {
@@ -74,7 +76,14 @@ impl LidarModel {
             }
             Self::Sick(family, dialect) => {
                 let reach = f64::from(sick::Config::new(family, dialect).range_max_m);
-                (Box::new(sick::emulated::Device::new(family, dialect)), reach)
+                let device = sick::emulated::Device::new(family, dialect);
+                let corner = |corner: &[f64; 2]| corner.map(|part| part as f32);
+                let field = |field: &Vec<[f64; 2]>| -> sick::emulated::Field { field.iter().map(corner).collect() };
+                let device = match fields {
+                    Some(fields) => device.with_fields(fields.iter().map(field).collect()),
+                    None => device,
+                };
+                (Box::new(device), reach)
             }
             Self::Hokuyo(model) => {
                 let reach = f64::from(model.parameters.range_max_mm) / 1000.0;
@@ -110,7 +119,7 @@ struct Lidar {
 impl Lidars {
     pub fn new(configs: &[LidarConfig], now: Instant) -> Self {
         let lidar = |config: &LidarConfig| {
-            let (device, reach) = config.model.device();
+            let (device, reach) = config.model.device(config.fields.as_deref());
             let (looks, wild, lost, until) = (0, 0.0, 0.0, Instant::NEVER);
             Lidar { config: config.clone(), device, reach, look: now, looks, pass: now, wild, lost, until }
         };
@@ -221,6 +230,7 @@ mod tests {
     use crate::body::Parameters;
     use crate::sonar::Sonar;
     use crate::world::World;
+    use lidar::{FieldResult, Zone};
 
     #[test]
     fn a_lidar_sees_the_walls_from_where_it_sits() {
@@ -234,6 +244,7 @@ mod tests {
             model: LidarModel::Sick(Family::Tim7xx, Dialect::Binary),
             mount: Pose::new(0.5, 0.0, -TAU / 4.0),
             upside_down,
+            fields: None,
         };
         for (upside_down, left, right) in [(false, 5.5, 6.5), (true, 6.5, 5.5)] {
             let mut lidars = Lidars::new(&[config(upside_down)], Instant::ZERO);
@@ -245,6 +256,41 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_sick_evaluates_the_fields_that_it_is_given_by_what_stands_in_them() {
+        // A wall at 1.0 m ahead; the field ends before it, or reaches beyond it.
+        let mut world = World::hall(20.0, 12.0);
+        world.start = Pose::new(19.0, 6.0, 0.0);
+        let scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1);
+        for (reach, result) in [(0.8, FieldResult::Free), (1.2, FieldResult::Infringed)] {
+            let config = LidarConfig {
+                bus: "lidar.a".into(),
+                baud: 115_200,
+                model: LidarModel::Sick(Family::Tim7xx, Dialect::Binary),
+                mount: Pose::default(),
+                upside_down: false,
+                fields: Some(vec![vec![[0.0, -0.3], [reach, -0.3], [reach, 0.3], [0.0, 0.3]]]),
+            };
+            let mut lidars = Lidars::new(&[config], Instant::ZERO);
+            let own = sick::Config { fields: true, ..sick::Config::new(Family::Tim7xx, Dialect::Binary) };
+            let mut engine = sick::Sick::new(own);
+            for now in (0..1500).map(Instant::from_millis) {
+                lidars.handle_timeout(now, &scene);
+                while let Some((_, words)) = lidars.poll_tx(now) {
+                    let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
+                    engine.handle_rx(now, &bytes);
+                }
+                engine.handle_timeout(now);
+                while let Some(request) = engine.poll_tx() {
+                    let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
+                    lidars.on_words(now, 0, &words);
+                }
+                while engine.poll_event().is_some() {}
+            }
+            assert_eq!(engine.result(Zone::Field(1)), result, "{reach} m");
+        }
+    }
+
     fn ld19() -> LidarConfig {
         LidarConfig {
             bus: "lidar.a".into(),
@@ -252,6 +298,7 @@ mod tests {
             model: LidarModel::Ld(ld::Model::Ld19),
             mount: Pose::default(),
             upside_down: false,
+            fields: None,
         }
     }
 

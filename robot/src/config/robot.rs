@@ -185,7 +185,9 @@ settings! {
         name: String = key;
         port: LidarPort = flat;
         driver: lidar::LidarKeys = flat;
+        stop: lidar::StopKeys = flat;
     }
+    check Lidar::check;
 }
 
 settings! {
@@ -278,6 +280,17 @@ pub fn gpio_bus(keys: &io::GpioKeys) -> String {
 }
 
 impl Lidar {
+    /// What stops the robot is evaluated by the device.
+    fn check(&self, table: &Table<'_>) {
+        let model = self.driver.model;
+        if !model.has_outputs() {
+            let keys = ["stop_fields", "stop_outputs", "simulated_fields_m"];
+            keys.iter().for_each(|key| table.refuse(key, "none: only a SICK evaluates fields by itself"));
+        } else if !model.has_fields() {
+            table.refuse("stop_fields", "none: this model reports its outputs, not its fields: stop_outputs");
+        }
+    }
+
     /// Its name as a bus.
     #[must_use]
     pub fn bus(&self) -> String {
@@ -295,7 +308,8 @@ impl Lidar {
     pub fn device(&self) -> lidar::Device {
         let line = self.stream();
         let baud = line.address.is_none().then_some(line.baud);
-        lidar::Device { name: self.name.clone(), bus: self.bus(), baud, keys: self.driver }
+        let (name, bus, stop) = (self.name.clone(), self.bus(), self.stop.clone());
+        lidar::Device { name, bus, baud, keys: self.driver, stop }
     }
 }
 
@@ -373,7 +387,8 @@ impl Robot {
             guard::Sonar { id: id.into(), at: Point { x, y }, theta, beam }
         };
         let sonars = self.srfs.iter().map(sonar).collect();
-        let config = guard::Config::of(self.guard, &self.geometry, &self.limits, self.power_lost_mps2(), sonars);
+        let config =
+            guard::Config::of(self.guard.clone(), &self.geometry, &self.limits, self.power_lost_mps2(), sonars);
         let planner::search::Abilities { turns, sideways } = self.abilities();
         let lidar = |lidar: &Lidar| {
             let keys = &lidar.driver;
@@ -449,6 +464,7 @@ impl Robot {
         {
             guard.refuse("ranging", "a robot with a table [lidar.<name>]");
         }
+        self.check_fields(table);
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
@@ -457,6 +473,15 @@ impl Robot {
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
             }
+        }
+    }
+
+    /// The sensors reach as far as the fields of the guard.
+    fn check_fields(&self, table: &Table<'_>) {
+        let Some(guard) = table.below("guard").filter(|_| !self.guard.fields.is_empty()) else { return };
+        let reach = self.guard.reach;
+        for item in self.guard_config().beyond_reach().into_iter().filter_map(|n| guard.item("fields", n)) {
+            item.refuse("polygon_m", format_args!("corners at most reach_m, {reach} m, from the robot's outline"));
         }
     }
 

@@ -938,6 +938,74 @@ fn a_guard_by_lidars_needs_one() {
 }
 
 #[test]
+fn fields_of_the_guard_are_polygons_that_its_sensors_reach() {
+    let with = |ranging: &str, field: &str| {
+        format!("[guard]\nranging = {ranging:?}\nreach_m = 2.0\n[[guard.fields]]\n{field}\n[limits]")
+    };
+    let polygon = |corners: &str| format!("kind = \"protective\"\npolygon_m = [{corners}]");
+    let name = "robot.toml:16: guard.fields[0].polygon_m";
+    for (corners, why) in [
+        ("[0, 0], [1, 0]", "expected a list of 3 to 64 corners [x, y] within -60 to 60"),
+        (
+            "[0, 0], [1, 1], [1, 0], [0, 1]",
+            "expected corners one after the other around the polygon: the edge from [0] meets the one from [2]",
+        ),
+        // The front is at 0.75 m.
+        ("[0, 0], [2.8, 0], [1, 1]", "expected corners at most reach_m, 2 m, from the robot's outline"),
+    ] {
+        let count = corners.matches('[').count();
+        refused("[limits]", &with("sonar", &polygon(corners)), &[&format!("{name} = [{count} items]: {why}")]);
+    }
+    let nan = polygon("[0, 0], [1, nan], [1, 1]");
+    let why = format!("{name}[1] = [2 items]: expected two numbers from -60 to 60: x, y");
+    refused("[limits]", &with("sonar", &nan), &[&why]);
+    let good = polygon("[0, -1], [2.7, -0.3], [0.8, -0.3], [0, -0.3]");
+    let why = "expected none with ranging = \"none\": nothing would sense what is in them";
+    refused("[limits]", &with("none", &good), &[&format!("robot.toml:14: guard.fields = [1 items]: {why}")]);
+    let robot = ROBOT.replacen("[limits]", &with("sonar", &good), 1);
+    let config = load(&robot, "", &[], MODULES).unwrap();
+    let [field] = &config.robot.guard.fields[..] else { panic!("{:?}", config.robot.guard) };
+    assert_eq!((field.kind, field.from, field.polygon.len()), (guard::FieldKind::Protective, 0.0, 4));
+}
+
+#[test]
+fn a_lidar_whose_fields_stop_the_robot_evaluates_some() {
+    let table = |model: &str, keys: &str| {
+        format!("[lidar.front]\nmodel = {model:?}\naddress = \"192.168.0.10:2112\"\n{keys}\n[limits]")
+    };
+    let none = "expected none: only a SICK evaluates fields by itself";
+    for (model, keys, why) in [
+        ("ust-10lx", "stop_fields = [1]", format!("stop_fields = [1 items]: {none}")),
+        ("ust-10lx", "stop_outputs = [1]", format!("stop_outputs = [1 items]: {none}")),
+        (
+            "sick-tim5xx",
+            "stop_fields = [1]",
+            "stop_fields = [1 items]: expected none: this model reports its outputs, not its fields: stop_outputs"
+                .into(),
+        ),
+        (
+            "sick-tim7xx",
+            "stop_fields = [0]",
+            "stop_fields = [1 items]: expected a list of integers from 1 to 48".into(),
+        ),
+        (
+            "sick-tim7xx",
+            "simulated_fields_m = [[[0, 0], [1, 0]]]",
+            "simulated_fields_m[0] = [2 items]: expected a list of 3 to 64 corners [x, y] within -50 to 50".into(),
+        ),
+    ] {
+        refused("[limits]", &table(model, keys), &[&format!("robot.toml:14: lidar.front.{why}")]);
+    }
+    for (model, keys) in [("sick-lms1xx", "stop_fields = [1, 2]"), ("sick-tim5xx", "stop_outputs = [1]")] {
+        let robot = ROBOT.replacen("[limits]", &table(model, keys), 1);
+        let config = load(&robot, "", &[], MODULES).unwrap();
+        assert!(config.robot.lidar[0].stop.stops(), "{model}");
+    }
+    let without = ROBOT.replacen("[limits]", &table("sick-tim7xx", ""), 1);
+    assert!(!load(&without, "", &[], MODULES).unwrap().robot.lidar[0].stop.stops());
+}
+
+#[test]
 fn an_inertial_unit_is_on_a_bus_of_its_kind_that_it_can_share() {
     let unit = |keys: &str| format!("[imu.base]\n{keys}\n[limits]");
     let i2c = r#"expected the name of an I2C bus of this file, as "i2c.main""#;

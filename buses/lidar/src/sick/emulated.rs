@@ -1,17 +1,26 @@
 //! The other end: an LMS1xx, TiM5xx or TiM7xx that answers and scans.
 //!
-//! Assumed, where the listing is silent: results of the field evaluation are sent when they change, and once when they
-//! are asked for; its only field is a circle of 1 m.
+//! Its fields are polygons, evaluated with each scan: what it measures in one infringes it. Each has an output of the
+//! same number, which is active while the field is free; further outputs are not used.
+//!
+//! Assumed, where the listing is silent: results and outputs are sent when they change, and once when they are asked
+//! for; without a valid measurement a field is not valid. A TiM5xx sends no results.
 
 use super::Family;
 use super::wire::{Dialect, ETX, HEADER_B, Reader, STX, TELEGRAM_MAX, Writer, checksum};
 use crate::emulated::{Faults, Line, Scene};
+use alloc::vec;
+use alloc::vec::Vec;
 use base::{Duration, Instant, earliest};
 use core::f64::consts::{FRAC_PI_2, TAU};
-use heapless::Vec;
 
-/// Range of the field, m.
-const FIELD_M: f32 = 1.0;
+/// Corners of a field, m: forward from the device's front, and to the left.
+pub type Field = Vec<[f32; 2]>;
+
+/// Outputs that it has, used or not.
+const OUTPUTS: usize = 4;
+/// Range up to which it measures, m.
+const REACH_M: f32 = 20.0;
 /// Request at most.
 const REQUEST_MAX: usize = 200;
 
@@ -23,19 +32,28 @@ pub struct Device {
     faults: Faults,
     scene: Scene,
     line: Line,
-    rx: Vec<u8, REQUEST_MAX>,
-    /// Scans, and field results, are asked for.
-    sends: (bool, bool),
+    rx: heapless::Vec<u8, REQUEST_MAX>,
+    sends: Sends,
     /// An LMS1xx measures after it was started.
     measures: bool,
     logged_in: bool,
     next: Option<Instant>,
     numbers: (u16, u16),
-    field: Option<u8>,
+    fields: Vec<Field>,
+    /// Results of the fields; empty before the first scan for somebody who asked for them.
+    results: Vec<u8>,
+}
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sends {
+    scans: bool,
+    results: bool,
+    outputs: bool,
 }
 
 impl Device {
-    /// A device at power-on.
+    /// A device at power-on, with one field: a square of 2 m around it.
     #[must_use]
     pub fn new(family: Family, dialect: Dialect) -> Self {
         Self {
@@ -48,14 +66,21 @@ impl Device {
                 Family::Lms1xx | Family::Tim7xx => 200_000,
                 Family::Tim5xx => 60_000,
             }),
-            rx: Vec::new(),
-            sends: (false, false),
+            rx: heapless::Vec::new(),
+            sends: Sends::default(),
             measures: family != Family::Lms1xx,
             logged_in: false,
             next: None,
             numbers: (0, 0),
-            field: None,
+            fields: vec![vec![[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]],
+            results: Vec::new(),
         }
+    }
+
+    /// The same with these fields, by number from 1.
+    #[must_use]
+    pub fn with_fields(self, fields: Vec<Field>) -> Self {
+        Self { fields, ..self }
     }
 
     /// Scans per second, 1/100 Hz; first direction and step, 1/10000°; number of beams.
@@ -105,13 +130,21 @@ impl Device {
             self.logged_in = false;
             self.new_telegram("sAN Run").blank().u8(1)
         } else if let Some(mut values) = is("sEN LMDscandata") {
-            self.sends.0 = values.u8() == Some(1);
-            self.next = self.sends.0.then_some(now + self.period());
-            self.new_telegram("sEA LMDscandata").blank().u8(u8::from(self.sends.0))
+            self.sends.scans = values.u8() == Some(1);
+            self.next = self.sends.scans.then_some(now + self.period());
+            self.new_telegram("sEA LMDscandata").blank().u8(u8::from(self.sends.scans))
         } else if let Some(mut values) = is("sEN LFErec").filter(|_| self.family != Family::Tim5xx) {
-            self.sends.1 = values.u8() == Some(1);
-            self.field = None;
-            self.new_telegram("sEA LFErec").blank().u8(u8::from(self.sends.1))
+            self.sends.results = values.u8() == Some(1);
+            self.results.clear();
+            self.new_telegram("sEA LFErec").blank().u8(u8::from(self.sends.results))
+        } else if let Some(mut values) = is("sEN LIDoutputstate") {
+            self.sends.outputs = values.u8() == Some(1);
+            self.results.clear();
+            self.new_telegram("sEA LIDoutputstate").blank().u8(u8::from(self.sends.outputs))
+        } else if is("sRN LFErec").filter(|_| self.family != Family::Tim5xx).is_some() {
+            self.result_telegram("sRA LFErec")
+        } else if is("sRN LIDoutputstate").is_some() {
+            self.output_telegram("sRA LIDoutputstate", now)
         } else if is("sRN LCMstate").filter(|_| self.family != Family::Tim7xx).is_some() {
             let level = match self.faults {
                 Faults { blocked: true, .. } => 2,
@@ -145,10 +178,9 @@ impl Device {
         let angle = |n: u16| (f64::from(start) + f64::from(n) * f64::from(step)) / 3_600_000.0 * TAU - FRAC_PI_2;
         let range_m = |n: u16| self.scene.range_m(angle(n));
         let range_mm = |n: u16| match range_m(n) {
-            range if range < 20.0 && !self.faults.blocked => libm::roundf(range * 1000.0) as u16,
+            range if range < REACH_M && !self.faults.blocked => libm::roundf(range * 1000.0) as u16,
             _ => 0,
         };
-        let nearest = (0..count).map(range_m).fold(f32::INFINITY, f32::min);
         let telegram = self
             .new_telegram("sSN LMDscandata")
             .blank()
@@ -188,18 +220,74 @@ impl Device {
         // No position; no name; no comment; no time; no event.
         let telegram = telegram.u16(0).u16(0).u16(0).u16(0).u16(0);
         self.send(telegram);
-        self.evaluate(nearest);
-    }
-
-    fn evaluate(&mut self, nearest_m: f32) {
-        let result = if nearest_m < FIELD_M { 2 } else { 1 };
-        if self.sends.1 && self.field.replace(result) != Some(result) {
-            let mut telegram = self.new_telegram("sSN LFErec").blank().u16(1).u16(1).u8(1).u32(0);
-            telegram = telegram.u32(0x3F80_0000).u32(0).u32(0xD05).u32((-450_000_i32).cast_unsigned()).u8(result);
-            let telegram = telegram.u16(0).u16(0).u16(0).u16(1).u16(1970).u8(1).u8(1).u8(8).u8(51).u8(46).u32(634_000);
-            self.send(telegram);
+        if self.sends.results || self.sends.outputs {
+            self.evaluate(at);
         }
     }
+
+    /// Evaluates the fields by what it measures, and reports a change.
+    fn evaluate(&mut self, now: Instant) {
+        let (_, start, step, count) = self.figures();
+        let point = |n: u16| {
+            let angle = (f64::from(start) + f64::from(n) * f64::from(step)) / 3_600_000.0 * TAU - FRAC_PI_2;
+            let (sin, cos) = libm::sincos(angle);
+            let range = self.scene.range_m(angle);
+            (range < REACH_M).then_some([range * cos as f32, range * sin as f32])
+        };
+        let points: Vec<[f32; 2]> = (0..count).filter_map(point).collect();
+        let measures = !self.faults.blocked && !self.faults.error;
+        let result = |field: &Field| match points.iter().any(|point| contains(field, *point)) {
+            _ if !measures => 0,
+            false => 1,
+            true => 2,
+        };
+        let results: Vec<u8> = self.fields.iter().map(result).collect();
+        if results == self.results {
+            return;
+        }
+        self.results = results;
+        if self.sends.results {
+            self.send(self.result_telegram("sSN LFErec"));
+        }
+        if self.sends.outputs {
+            self.send(self.output_telegram("sSN LIDoutputstate", now));
+        }
+    }
+
+    /// Telegram with the results of its fields.
+    fn result_telegram(&self, name: &str) -> Writer<TELEGRAM_MAX> {
+        let telegram = self.new_telegram(name).blank().u16(self.results.len() as u16);
+        (1..).zip(&self.results).fold(telegram, |telegram, (number, result)| {
+            let telegram = telegram.u16(1).u8(number).u32(0).u32(0x3F80_0000).u32(0).u32(0xD05);
+            let telegram = telegram.u32((-450_000_i32).cast_unsigned()).u8(*result).u16(0).u16(0).u16(0);
+            telegram.u16(1).u16(1970).u8(1).u8(1).u8(8).u8(51).u8(46).u32(634_000)
+        })
+    }
+
+    /// Telegram with the states of its outputs.
+    fn output_telegram(&self, name: &str, now: Instant) -> Writer<TELEGRAM_MAX> {
+        let telegram = self.new_telegram(name).blank().u16(1).u32((now.as_nanos() / 1000) as u32);
+        let telegram = (0..OUTPUTS).fold(telegram, |telegram, place| {
+            let state = match self.results.get(place) {
+                Some(1) => 1,
+                _ if place < self.fields.len() => 0,
+                _ => 2,
+            };
+            telegram.u8(state).u32(7)
+        });
+        // No time.
+        telegram.u16(0)
+    }
+}
+
+/// True if a point is within a polygon: it crosses an odd number of edges on its way to the left.
+fn contains(corners: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
+    let edges = corners.iter().zip(corners.iter().cycle().skip(1));
+    let crossed = edges.filter(|([ax, ay], [bx, by])| {
+        let passes = (*ay > y) != (*by > y);
+        passes && x < (bx - ax) * (y - ay) / (by - ay) + ax
+    });
+    crossed.count() % 2 == 1
 }
 
 impl crate::emulated::Device for Device {
@@ -242,7 +330,8 @@ impl crate::emulated::Device for Device {
 
     fn handle_timeout(&mut self, now: Instant) {
         if self.faults.unpowered {
-            (self.sends, self.next, self.field, self.logged_in) = ((false, false), None, None, false);
+            (self.sends, self.next, self.logged_in) = (Sends::default(), None, false);
+            self.results.clear();
             self.measures = self.family != Family::Lms1xx;
             self.rx.clear();
             self.line.clear();

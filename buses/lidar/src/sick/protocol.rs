@@ -1,10 +1,14 @@
 //! The start-up of a SICK lidar, and its scans to sectors.
 
-use super::wire::{Dialect, ETX, HEADER_B, Reader, STX, Scan, TELEGRAM_MAX, VALID_MIN, Writer, checksum, fields};
+use super::results::{Read, Reads, Results};
+use super::wire::{
+    Dialect, ETX, FIELDS_MAX, HEADER_B, OUTPUTS_MAX, Reader, STX, Scan, TELEGRAM_MAX, VALID_MIN, Writer, checksum,
+    fields, outputs,
+};
 use super::{Config, Family};
 use crate::clock::Clock;
 use crate::engine::{Optics, Progress, Protocol, Shared};
-use crate::event::{Fault, FieldResult, Health, LostReason, text};
+use crate::event::{Fault, FieldResult, Health, LostReason, Zone, text};
 use crate::scan::{BEAMS_MAX, EIGHTH_RAD};
 use alloc::boxed::Box;
 use base::{Duration, Instant, earliest};
@@ -17,12 +21,17 @@ const ANSWER_WITHIN: Duration = Duration::from_millis(250);
 const TRIES: u8 = 3;
 /// Time limit of the first scan after it was asked for.
 const SCAN_WITHIN: Duration = Duration::from_millis(1000);
-/// Interval in which the contamination is read.
-const CHECK_EVERY: Duration = Duration::from_secs(1);
+/// From the request for scans on, the time until the contamination is read.
+const CONTAMINATION_AFTER: Duration = Duration::from_secs(1);
 /// Password of the user level "authorized client", as it travels (telegram listing, log in).
 const CLIENT: (u8, u32) = (3, 0xF472_4744);
-/// Fields whose results are remembered.
-const FIELDS: usize = 48;
+/// Telegrams with results of the device's own evaluation: what they are of, and whether they are answers.
+const RESULTS: [(&str, Read, bool); 4] = [
+    ("sSN LFErec", Read::Fields, false),
+    ("sRA LFErec", Read::Fields, true),
+    ("sSN LIDoutputstate", Read::Outputs, false),
+    ("sRA LIDoutputstate", Read::Outputs, true),
+];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ask {
@@ -33,6 +42,7 @@ enum Ask {
     Run,
     Scans,
     Fields,
+    Outputs,
 }
 
 impl Ask {
@@ -46,6 +56,7 @@ impl Ask {
             Self::Run => "sAN Run",
             Self::Scans => "sEA LMDscandata",
             Self::Fields => "sEA LFErec",
+            Self::Outputs => "sEA LIDoutputstate",
         }
     }
 }
@@ -77,10 +88,10 @@ pub struct Cola {
     /// Number and clock of the last scan, µs.
     last: Option<(u16, u32)>,
     revolution: u64,
-    /// When the contamination is read; `None`: the device does not know it.
-    check_at: Option<Instant>,
+    reads: Reads,
     view: Optics,
-    fields: [FieldResult; FIELDS],
+    fields: Results<FIELDS_MAX>,
+    outputs: Results<OUTPUTS_MAX>,
 }
 
 impl Cola {
@@ -94,14 +105,15 @@ impl Cola {
             clock: Clock::new(1 << 32, 1000),
             last: None,
             revolution: 0,
-            check_at: None,
+            reads: Reads::default(),
             view: Optics {
                 range_min_m: config.range_min_m,
                 range_max_m: config.range_max_m,
                 view_rad: 0.0,
                 rate_min_hz: 0.0,
             },
-            fields: [FieldResult::Unknown; FIELDS],
+            fields: Results::new(Zone::Field),
+            outputs: Results::new(Zone::Output),
         }
     }
 
@@ -122,6 +134,7 @@ impl Cola {
             Ask::Run => new("sMN Run"),
             Ask::Scans => new("sEN LMDscandata").blank().u8(1),
             Ask::Fields => new("sEN LFErec").blank().u8(1),
+            Ask::Outputs => new("sEN LIDoutputstate").blank().u8(1),
         };
         shared.send(&request.frame());
         self.phase = Phase::Asking { ask, tries, until: now + ANSWER_WITHIN };
@@ -137,17 +150,28 @@ impl Cola {
         let next = match ask {
             Ask::Identity => Ask::State,
             Ask::State if self.config.family == Family::Lms1xx => Ask::Login,
-            Ask::State | Ask::Run if self.config.fields => Ask::Fields,
-            Ask::State | Ask::Run | Ask::Fields => Ask::Scans,
             Ask::Login => Ask::Start,
             Ask::Start => Ask::Run,
+            Ask::State | Ask::Run if self.config.fields => Ask::Fields,
+            Ask::State | Ask::Run | Ask::Fields if self.config.outputs => Ask::Outputs,
+            Ask::State | Ask::Run | Ask::Fields | Ask::Outputs => Ask::Scans,
             Ask::Scans => {
                 self.phase = Phase::Scanning { until: Some(now + SCAN_WITHIN) };
-                self.check_at = Some(now + CHECK_EVERY);
+                self.begin_reading(now);
                 return Progress::Pending;
             }
         };
         self.next(now, next, shared)
+    }
+
+    fn begin_reading(&mut self, now: Instant) {
+        self.reads.begin(Read::Contamination, now + CONTAMINATION_AFTER);
+        if self.config.fields {
+            self.reads.begin(Read::Fields, now);
+        }
+        if self.config.outputs {
+            self.reads.begin(Read::Outputs, now);
+        }
     }
 
     /// Takes one whole telegram.
@@ -163,14 +187,14 @@ impl Cola {
             }
             return Progress::Pending;
         }
-        if let Some(values) = read("sSN LFErec") {
-            match fields(values) {
-                Some(results) => self.evaluated(&results, shared),
-                None => shared.reject(),
+        for (name, of, is_answer) in RESULTS {
+            if let Some(values) = read(name) {
+                self.evaluated(values, of, is_answer, shared);
+                return Progress::Pending;
             }
-            return Progress::Pending;
         }
         if let Some(mut values) = read("sRA LCMstate") {
+            self.reads.answered(Read::Contamination);
             match values.u8() {
                 Some(level) => self.contaminated(level, shared),
                 None => shared.reject(),
@@ -196,13 +220,13 @@ impl Cola {
 
     fn refused(&mut self, now: Instant, code: u32, shared: &mut Shared) -> Progress {
         match self.phase {
-            Phase::Asking { ask: ask @ (Ask::Login | Ask::Start | Ask::Run | Ask::Fields | Ask::State), .. } => {
-                self.proceed(now, ask, shared)
-            }
-            Phase::Asking { .. } => Progress::Lost(LostReason::Refused { code }),
-            // It does not know the contamination.
+            Phase::Asking { ask: Ask::Identity | Ask::Scans, .. } => Progress::Lost(LostReason::Refused { code }),
+            Phase::Asking { ask, .. } => self.proceed(now, ask, shared),
             Phase::Scanning { .. } => {
-                self.check_at = None;
+                // It does not know it. Results that stop a robot are asked for all the same, and are unknown.
+                if self.reads.refused() == Some(Read::Contamination) {
+                    self.reads.end(Read::Contamination);
+                }
                 Progress::Pending
             }
             Phase::Off => Progress::Pending,
@@ -253,13 +277,15 @@ impl Cola {
         shared.fault(Fault::Blocked, level > 1);
     }
 
-    fn evaluated(&mut self, results: &[(u8, FieldResult)], shared: &mut Shared) {
-        for (number, result) in results {
-            let known = usize::from(*number).checked_sub(1).and_then(|index| self.fields.get_mut(index));
-            if let Some(known) = known.filter(|known| **known != *result) {
-                *known = *result;
-                shared.field(*number, *result);
-            }
+    /// Takes results of the field evaluation, or states of the outputs: an answer, or the report of a change.
+    fn evaluated(&mut self, values: Reader<'_>, of: Read, is_answer: bool, shared: &mut Shared) {
+        let asked = if is_answer { self.reads.answered(of) } else { None };
+        let taken = match of {
+            Read::Outputs => outputs(values).map(|states| self.outputs.take(&states, asked, shared)),
+            _ => fields(values).map(|results| self.fields.take(&results, asked, shared)),
+        };
+        if taken.is_none() {
+            shared.reject();
         }
     }
 
@@ -279,7 +305,7 @@ impl Cola {
             shared.fault(Fault::Slow, slow);
         }
         shared.fault(Fault::Device, scan.status & 0b101 == 0b001);
-        if self.check_at.is_none() || scan.status & 0b110 != 0 {
+        if !self.reads.has(Read::Contamination) || scan.status & 0b110 != 0 {
             shared.fault(Fault::Dirty, scan.status & 0b110 == 0b010);
             shared.fault(Fault::Blocked, scan.status & 0b100 != 0);
         }
@@ -417,9 +443,10 @@ enum Frame {
 impl Protocol for Cola {
     fn start(&mut self, now: Instant, shared: &mut Shared) {
         self.rx.get_or_insert_default().clear();
-        (self.in_step, self.skipped, self.last, self.check_at) = (false, 0, None, None);
+        (self.in_step, self.skipped, self.last, self.reads) = (false, 0, None, Reads::default());
         self.clock.reset();
-        self.fields = [FieldResult::Unknown; FIELDS];
+        self.fields.forget(shared);
+        self.outputs.forget(shared);
         self.ask(now, Ask::Identity, TRIES, shared);
     }
 
@@ -433,7 +460,7 @@ impl Protocol for Cola {
     fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) -> Progress {
         match self.phase {
             Phase::Asking { ask, tries: 1, until } if until <= now => {
-                if ask == Ask::Fields {
+                if matches!(ask, Ask::Fields | Ask::Outputs) {
                     return self.proceed(now, ask, shared);
                 }
                 self.phase = Phase::Off;
@@ -446,10 +473,11 @@ impl Protocol for Cola {
             }
             _ => {}
         }
-        if self.check_at.is_some_and(|at| at <= now) {
-            self.check_at = Some(now + CHECK_EVERY);
-            shared.send(&Writer::<80>::new(self.config.dialect, "sRN LCMstate").frame());
+        if let Some(read) = self.reads.next(now) {
+            shared.send(&Writer::<80>::new(self.config.dialect, read.name()).frame());
         }
+        self.fields.expire(now, shared);
+        self.outputs.expire(now, shared);
         Progress::Pending
     }
 
@@ -459,10 +487,17 @@ impl Protocol for Cola {
             Phase::Asking { until, .. } => Some(until),
             Phase::Scanning { until } => until,
         };
-        earliest([until, self.check_at])
+        earliest([until, self.reads.poll_timeout(), self.fields.poll_timeout(), self.outputs.poll_timeout()])
     }
 
     fn optics(&self) -> Optics {
         self.view
+    }
+
+    fn result(&self, zone: Zone) -> FieldResult {
+        match zone {
+            Zone::Field(number) => self.fields.get(number),
+            Zone::Output(number) => self.outputs.get(number),
+        }
     }
 }

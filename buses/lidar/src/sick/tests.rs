@@ -3,7 +3,7 @@ use super::wire::{self, Dialect, Reader, Scan, Writer};
 use super::{Cola, Config, Family, Sick};
 use crate::bench::{Bench, Cause, LINE, Seen, ms};
 use crate::emulated::Device as _;
-use crate::event::{Event, Fault, FieldResult, Health, LostReason, State};
+use crate::event::{Event, Fault, FieldResult, Health, LostReason, State, Zone};
 use crate::scan::{Sector, Status};
 use base::{Duration, Instant};
 use core::f64::consts::{FRAC_PI_2, PI};
@@ -37,6 +37,14 @@ const FIELDS: &str = "02020202 0000008e 73534e204c464572656320 0003 \
 0001 02 00000000 3f800000 00000000 00000d05 fff92230 01 000000000000 0001 07b2 01 01 08 34 02 00069f50 \
 0001 03 00000000 3f800000 00000000 00000d05 fff92230 01 000000000000 0001 07b2 01 01 08 33 35 0009ac90 ac";
 
+/// Outputs of a TiM781S in CoLa B, as recorded in the comments of `sick_scan_xd` (`sick_scan_messages.cpp`).
+const OUTPUTS: &str = "02020202 00000034 73534e204c49446f757470757473746174652000000000 0000 \
+01 00000126 00 00000122 00 00000000 01 00000004 02 00000000 0000 45";
+
+/// Outputs of an LMS5xx in CoLa A, with a time, as quoted in the comments of a public driver of that device.
+const OUTPUTS_A: &[u8] =
+    b"sRA LIDoutputstate 1 E88CDA0F 1 A 1 A 1 A 2 0 2 0 2 0 2 0 2 0 2 0 2 0 2 0 1 7DD 1 1 0 1D 3B 5B8D8";
+
 fn hex(text: &str) -> Vec<u8> {
     let digits: Vec<u8> = text.bytes().filter(u8::is_ascii_hexdigit).collect();
     let digit = |byte: u8| char::from(byte).to_digit(16).unwrap() as u8;
@@ -46,6 +54,14 @@ fn hex(text: &str) -> Vec<u8> {
 fn bench(family: Family, dialect: Dialect, fields: bool) -> Bench<Cola, Device> {
     let config = Config { fields, ..Config::new(family, dialect) };
     Bench::new(Sick::new(config), Device::new(family, dialect))
+}
+
+/// Both fields and outputs are asked for.
+fn evaluating(family: Family, dialect: Dialect) -> Bench<Cola, Device> {
+    let config = Config { fields: true, outputs: true, ..Config::new(family, dialect) };
+    let mut bench = Bench::new(Sick::new(config), Device::new(family, dialect));
+    bench.run();
+    bench
 }
 
 #[test]
@@ -109,6 +125,26 @@ fn recorded_field_results_are_read() {
 }
 
 #[test]
+fn recorded_outputs_are_read_with_and_without_a_time() {
+    use FieldResult::{Free, Infringed, Unknown};
+    let frame = hex(OUTPUTS);
+    let (telegram, sum) = (&frame[8..frame.len() - 1], frame[frame.len() - 1]);
+    assert_eq!((telegram.len(), wire::checksum(telegram)), (0x34, sum));
+    let read = |dialect, telegram: &[u8], name: &str| wire::outputs(Reader::new(dialect, telegram, name).unwrap());
+    let outputs = read(Dialect::Binary, telegram, "sSN LIDoutputstate").expect("valid");
+    assert_eq!(outputs[..], [(1, Free), (2, Infringed), (3, Infringed), (4, Free), (5, Unknown)]);
+    let outputs = read(Dialect::Text, OUTPUTS_A, "sRA LIDoutputstate").expect("valid");
+    assert_eq!((outputs.len(), outputs[2], outputs[3]), (11, (3, Free), (4, Unknown)));
+    for cut in 19..telegram.len() {
+        let cut = read(Dialect::Binary, &telegram[..cut], "sSN LIDoutputstate");
+        assert!(cut.is_none_or(|outputs| outputs.iter().zip(1..).all(|((number, _), n)| *number == n)));
+    }
+    let mut wrong = telegram.to_vec();
+    wrong[25] = 3;
+    assert!(read(Dialect::Binary, &wrong, "sSN LIDoutputstate").is_none(), "no state of an output");
+}
+
+#[test]
 fn the_recorded_scan_becomes_sectors() {
     let mut bench = bench(Family::Tim5xx, Dialect::Text, false);
     bench.run();
@@ -150,7 +186,7 @@ fn every_family_and_dialect_starts_and_measures() {
             let Some((_, Seen::Identity(text))) = bench.seen.first() else { panic!("{:?}", bench.seen) };
             assert!(text.starts_with(family.name_begins()) && text.ends_with("V2.46-18.12.13"), "{text}");
             assert!(bench.has(&Seen::Health(Health::Good)));
-            assert_eq!(bench.has(&Seen::Field(1, FieldResult::Free)), family != Family::Tim5xx);
+            assert_eq!(bench.has(&Seen::Zone(Zone::Field(1), FieldResult::Free)), family != Family::Tim5xx);
             bench.run();
             bench.pass(ms(500));
             let revolution = bench.sectors[9].revolution;
@@ -197,7 +233,85 @@ fn an_object_in_a_field_is_reported_on_change() {
     bench.device.scene().0[100] = 3.0;
     bench.pass(ms(200));
     let fields: Vec<&Seen> = bench.seen.iter().map(|(_, seen)| seen).collect();
-    assert_eq!(fields, [&Seen::Field(1, FieldResult::Infringed), &Seen::Field(1, FieldResult::Free)]);
+    let seen = |result| Seen::Zone(Zone::Field(1), result);
+    assert_eq!(fields, [&seen(FieldResult::Infringed), &seen(FieldResult::Free)]);
+}
+
+#[test]
+fn what_is_in_a_field_infringes_it_and_its_output_is_not_active() {
+    for (family, has_results) in [(Family::Lms1xx, true), (Family::Tim5xx, false), (Family::Tim7xx, true)] {
+        for dialect in [Dialect::Text, Dialect::Binary] {
+            let mut bench = evaluating(family, dialect);
+            let known = |result| if has_results { result } else { FieldResult::Unknown };
+            let (field, output) = (Zone::Field(1), Zone::Output(1));
+            let now = |bench: &Bench<Cola, Device>| [field, output].map(|zone| bench.engine.result(zone));
+            assert_eq!(now(&bench), [known(FieldResult::Free), FieldResult::Free], "{family} {dialect:?}");
+            bench.device.scene().0[700] = 0.9;
+            bench.pass(ms(250));
+            assert_eq!(now(&bench), [known(FieldResult::Infringed), FieldResult::Infringed]);
+            bench.device.scene().0[700] = 1.3;
+            bench.pass(ms(250));
+            assert_eq!(now(&bench), [known(FieldResult::Free), FieldResult::Free], "beside it");
+            // A field that the device does not have, an output that it does not use, and numbers of none.
+            for zone in [Zone::Field(2), Zone::Field(0), Zone::Field(200), Zone::Output(2), Zone::Output(17)] {
+                assert_eq!(bench.engine.result(zone), FieldResult::Unknown, "{zone}");
+            }
+            assert_eq!(bench.engine.counters().rejected, 0);
+        }
+    }
+}
+
+#[test]
+fn results_are_read_ten_times_a_second_and_one_at_a_time() {
+    let mut bench = evaluating(Family::Tim7xx, Dialect::Binary);
+    bench.sent.clear();
+    bench.pass(ms(1000));
+    let asked = |bench: &Bench<Cola, Device>, name: &[u8]| {
+        bench.sent.iter().filter(|it| it.windows(name.len()).any(|part| part == name)).count()
+    };
+    assert!((8..=10).contains(&asked(&bench, b"sRN LFErec")), "{:?}", bench.sent);
+    assert!((8..=10).contains(&asked(&bench, b"sRN LIDoutputstate")), "{:?}", bench.sent);
+    // What is not configured is not asked for.
+    let mut bench = self::bench(Family::Tim7xx, Dialect::Binary, false);
+    bench.run();
+    assert_eq!((asked(&bench, b"LFErec"), asked(&bench, b"LIDoutputstate")), (0, 0));
+}
+
+#[test]
+fn a_result_that_is_not_confirmed_is_unknown_within_half_a_second() {
+    let faults: [Cause; 6] = [
+        ("refuses", |faults| faults.refuses = true),
+        ("cut", |faults| faults.cut = true),
+        ("nothing reaches it", |faults| faults.deaf = true),
+        ("hangs", |faults| faults.hangs = true),
+        ("repeats itself", |faults| faults.repeats = true),
+        ("holds back", |faults| faults.held_back = true),
+    ];
+    for (name, set) in faults {
+        let mut bench = evaluating(Family::Tim7xx, Dialect::Binary);
+        set(bench.device.faults());
+        bench.pass(ms(500));
+        for zone in [Zone::Field(1), Zone::Output(1)] {
+            assert_eq!(bench.engine.result(zone), FieldResult::Unknown, "{name}: {zone}");
+        }
+        // What the line held back until now is no result of now.
+        *bench.device.faults() = crate::emulated::Faults::default();
+        bench.pass(ms(3000));
+        assert_eq!(bench.engine.result(Zone::Field(1)), FieldResult::Free, "{name}");
+    }
+}
+
+#[test]
+fn a_device_that_only_reports_changes_or_does_not_measure_says_nothing() {
+    // A TiM5xx does not answer for its fields: a report alone is not believed.
+    let mut bench = evaluating(Family::Tim5xx, Dialect::Binary);
+    bench.engine.handle_rx(bench.now, &hex(FIELDS));
+    assert_eq!(bench.engine.result(Zone::Field(2)), FieldResult::Unknown);
+    let mut bench = evaluating(Family::Lms1xx, Dialect::Binary);
+    bench.device.faults().blocked = true;
+    bench.pass(ms(300));
+    assert_eq!(bench.engine.result(Zone::Field(1)), FieldResult::Unknown, "the optics are blocked");
+    assert_eq!(bench.engine.state(), State::Running);
 }
 
 #[test]
@@ -284,8 +398,8 @@ fn hostile_bytes_in_any_state_do_no_harm() {
                 bytes.push(3);
             }
             if random.one_in(20) {
-                let mut telegram = hex(FIELDS);
-                let (at, end) = (8 + random.index(130), telegram.len() - 1);
+                let mut telegram = hex(if random.one_in(2) { FIELDS } else { OUTPUTS });
+                let (at, end) = (8 + random.index(telegram.len() - 10), telegram.len() - 1);
                 telegram[at] = random.edge_byte();
                 telegram[end] = wire::checksum(&telegram[8..end]);
                 bytes.extend(telegram);

@@ -1,4 +1,4 @@
-//! Telegrams of CoLa A and CoLa B: frames, values, scans and field results, without state.
+//! Telegrams of CoLa A and CoLa B: frames, values, scans, field results and outputs, without state.
 
 use crate::event::FieldResult;
 use heapless::Vec;
@@ -260,6 +260,17 @@ impl<'a> Reader<'a> {
         Some(text)
     }
 
+    /// Number of outputs in what is left, and whether a time follows them: each has a state and a counter.
+    fn outputs(&self) -> Option<(usize, bool)> {
+        let (left, each, ends) = match self.dialect {
+            Dialect::Text => (self.left.split(|byte| *byte == b' ').filter(|it| !it.is_empty()).count(), 2, [1, 8]),
+            Dialect::Binary => (self.left.len(), 5, [2, 13]),
+        };
+        let count = |end: usize| left.checked_sub(end).filter(|left| left % each == 0).map(|left| left / each);
+        // No length is that of both.
+        count(ends[0]).map(|count| (count, false)).or_else(|| count(ends[1]).map(|count| (count, true)))
+    }
+
     /// The next value of a channel, of 16 or 8 bits.
     fn sample(&mut self, is_wide: bool) -> Option<u16> {
         if is_wide { self.u16() } else { self.u8().map(u16::from) }
@@ -372,8 +383,10 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// Fields of a telegram LFErec at most.
-pub const FIELDS_MAX: usize = 16;
+/// Fields of a telegram LFErec at most, and their highest number.
+pub const FIELDS_MAX: usize = 48;
+/// Outputs of a telegram LIDoutputstate at most.
+pub const OUTPUTS_MAX: usize = 16;
 
 /// Decodes the results of a field evaluation: number and result of each field. `None`: it is cut, or a value is out of
 /// its range. An LMS5xx adds values to fields that are infringed, which are not read: it is not supported.
@@ -401,4 +414,24 @@ pub fn fields(mut values: Reader<'_>) -> Option<Vec<(u8, FieldResult), FIELDS_MA
         fields.push((number, result)).ok()?;
     }
     Some(fields)
+}
+
+/// Decodes the states of the outputs: number and state of each; one that is not used is unknown. `None`: the telegram
+/// is cut, or a value is out of its range.
+#[must_use]
+pub fn outputs(mut values: Reader<'_>) -> Option<Vec<(u8, FieldResult), OUTPUTS_MAX>> {
+    let (_version, _clock) = (values.u16()?, values.u32()?);
+    let (count, has_time) = values.outputs()?;
+    let mut outputs = Vec::new();
+    for number in 1..=u8::try_from(count).ok()? {
+        let state = match values.u8()? {
+            0 => FieldResult::Infringed,
+            1 => FieldResult::Free,
+            2 => FieldResult::Unknown,
+            _ => return None,
+        };
+        let _changes = values.u32()?;
+        outputs.push((number, state)).ok()?;
+    }
+    ((values.u16()? != 0) == has_time).then_some(outputs)
 }

@@ -182,6 +182,26 @@ fn what_is_unknown_begins_at_the_outline() {
 }
 
 #[test]
+fn a_direction_that_is_not_known_is_not_known_up_to_the_reach_and_without_a_gap() {
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+    let unseen = |bench: &Bench| {
+        let mut unseen = Vec::new();
+        bench.scans.unseen(bench.now(), &mut unseen);
+        unseen
+    };
+    let all = unseen(&bench);
+    assert_eq!(all.len(), 180);
+    let mount = Point { x: 0.3, y: 0.0 };
+    for part in &all {
+        assert!((part.half / part.to.distance(mount) - libm::tan(SLICE_RAD / 2.0)).abs() < 1e-9, "{part:?}");
+        assert!((part.to.distance(part.from) - (rules().reach - COVERED_M[0])).abs() < 1e-9, "{part:?}");
+        assert!(body().outside(part.from) > 0.0 && part.source == Source::Lidar(0), "{part:?}");
+    }
+    bench.revolve_times(2);
+    assert_eq!(unseen(&bench), []);
+}
+
+#[test]
 fn two_revolutions_find_something_and_a_wild_beam_is_nothing() {
     let thing = leg(1.5, 0.1);
     for (evaluations, counts) in [(1, [true, true]), (2, [false, true]), (3, [false, false])] {

@@ -329,6 +329,8 @@ pub struct Config {
     pub planning: Vec<String>,
     /// The robot has a power controller that reports the PAUSE line.
     pub has_pause_line: bool,
+    /// Lidars whose own fields stop the robot, as `driver_lidar` reports them: `lidar.front`.
+    pub fields: Vec<String>,
     /// A watchdog started this process: without its list of processes the robot does not move.
     pub guarded: bool,
     /// Release of the first homing.
@@ -546,6 +548,7 @@ impl BusConfig {
             critical: Vec::new(),
             planning: Vec::new(),
             has_pause_line: false,
+            fields: Vec::new(),
             ranging: Vec::new(),
             ranging_age_max: Duration::ZERO,
             guarded: false,

@@ -6,14 +6,21 @@
 //! source is a name of a sender, as far as the host tells senders apart. A source other than the power controller that
 //! engaged the line and fell silent stays engaged until its sender reports that it is open, or until a person overrules
 //! it. The same holds for a power controller that the robot is not configured with.
+//!
+//! A lidar whose own fields stop the robot by the configuration is such a source as the power controller:
+//! `driver_lidar` reports for it, the robot does not move without its report, and nobody overrules it.
 
-use base::{Duration, Instant};
+use base::{Duration, Instant, earliest};
 use messages::{Hold, StopSource, lowlevel};
 use module::admission::{Origin, Process};
 
 /// `LL_EVENT_STOP` is sent every 500 ms; after this time without it the state of its source is unknown.
 pub(super) const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
-/// Maximum number of sources beside the power controller that are distinguished; a further one replaces the last.
+/// `driver_lidar` reports ten times a second whether the fields of a lidar are free; after this time without it they
+/// are unknown.
+const FIELDS_TIMEOUT: Duration = Duration::from_millis(500);
+/// Maximum number of sources beside the power controller and the lidars that are distinguished; a further one replaces
+/// the last.
 const OTHERS_MAX: usize = 8;
 
 /// Reason why the PAUSE line stops the robot.
@@ -23,6 +30,10 @@ pub enum Paused {
     Unknown,
     /// The power controller reports this source.
     Engaged(StopSource),
+    /// Nothing is heard of the fields of a lidar: its place among those of the configuration.
+    FieldsUnknown(usize),
+    /// A field of a lidar is infringed, or not known, as its driver reports.
+    Fields(usize),
     /// Another sender: its place among them.
     Other(usize),
     /// It was engaged, and no operator has released the robot since.
@@ -37,6 +48,27 @@ enum Controller {
     Open,
     /// Source, and its name as reported.
     Engaged(StopSource, String),
+}
+
+/// A lidar whose own fields stop the robot.
+#[derive(Clone, Debug, PartialEq)]
+struct Fields {
+    /// Its name as a source: `lidar.front`.
+    name: String,
+    /// Last report; `None`: there was none.
+    engaged: Option<bool>,
+    /// Instant from which on it is too old.
+    until: Instant,
+}
+
+impl Fields {
+    fn reason(&self, now: Instant, place: usize) -> Option<Paused> {
+        match self.engaged.filter(|_| now < self.until) {
+            Some(false) => None,
+            Some(true) => Some(Paused::Fields(place)),
+            None => Some(Paused::FieldsUnknown(place)),
+        }
+    }
 }
 
 /// Another sender that engages the line.
@@ -65,18 +97,24 @@ pub(super) struct PauseLine {
     reported: Instant,
     /// Instant from which on the controller's report is too old; absent without a controller.
     until: Option<Instant>,
+    fields: Vec<Fields>,
     others: Vec<Other>,
     latched: bool,
 }
 
 impl PauseLine {
-    /// `has_controller`: a power controller reports the line, and the robot does not move without its report.
-    pub(super) fn new(has_controller: bool) -> Self {
+    /// `has_controller`: a power controller reports the line, and the robot does not move without its report; `fields`:
+    /// lidars whose own fields stop it, likewise, by their names as sources.
+    pub(super) fn new(has_controller: bool, fields: &[String]) -> Self {
         let controller = if has_controller { Controller::Unknown } else { Controller::Open };
         Self {
             controller,
             reported: Instant::ZERO,
             until: has_controller.then_some(Instant::ZERO + PAUSE_TIMEOUT),
+            fields: fields
+                .iter()
+                .map(|name| Fields { name: name.clone(), engaged: None, until: Instant::ZERO })
+                .collect(),
             others: vec![],
             latched: false,
         }
@@ -86,11 +124,13 @@ impl PauseLine {
     /// even under the name of one of its sources.
     pub(super) fn on_stop(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) {
         self.latched |= stop.engaged;
-        if !is_of_line(&stop.source) || !from.due {
+        if from.due && self.on_fields(at, from, stop) {
+            return;
+        }
+        if !StopSource::is_of_line(&stop.source) || !from.due {
             return self.on_other(at, from, stop);
         }
-        // Its reports before the watchdog listed its process.
-        self.others.retain(|other| other.process.is_none() || !other.is_of(from) || !is_of_line(&other.name));
+        self.forget_early(from, StopSource::is_of_line);
         let source = StopSource::from_name(&stop.source);
         self.controller =
             if stop.engaged { Controller::Engaged(source, stop.source.clone()) } else { Controller::Open };
@@ -98,6 +138,19 @@ impl PauseLine {
         if let Some(until) = &mut self.until {
             *until = at + PAUSE_TIMEOUT;
         }
+    }
+
+    /// Processes a report of the lidars' driver; false if it is none, or of a lidar that does not stop this robot.
+    fn on_fields(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) -> bool {
+        let Some(fields) = self.fields.iter_mut().find(|fields| fields.name == stop.source) else { return false };
+        (fields.engaged, fields.until) = (Some(stop.engaged), at + FIELDS_TIMEOUT);
+        self.forget_early(from, |name| name == stop.source);
+        true
+    }
+
+    /// Forgets what a module reported before the watchdog listed its process.
+    fn forget_early(&mut self, from: Origin, is_its_own: impl Fn(&str) -> bool) {
+        self.others.retain(|other| other.process.is_none() || !other.is_of(from) || !is_its_own(&other.name));
     }
 
     fn on_other(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) {
@@ -122,9 +175,11 @@ impl PauseLine {
             Controller::Engaged(source, _) => Some(Paused::Engaged(*source)),
             Controller::Open => None,
         };
+        let fields = self.fields.iter().enumerate().filter_map(move |(place, fields)| fields.reason(now, place));
         let others = (0..self.others.len()).map(Paused::Other);
-        let latched = self.latched && controller.is_none() && self.others.is_empty();
-        controller.into_iter().chain(others).chain(latched.then_some(Paused::Latched))
+        let engaged = controller.into_iter().chain(fields).chain(others);
+        let latched = self.latched && engaged.clone().next().is_none();
+        engaged.chain(latched.then_some(Paused::Latched))
     }
 
     /// Cause in `LL_DATA_HOLD` with its subject.
@@ -134,15 +189,23 @@ impl PauseLine {
             (Paused::Latched, _) => (Hold::PauseLatched, ""),
             (Paused::Engaged(source), Controller::Engaged(_, name)) => (source.hold(), name),
             (Paused::Engaged(source), _) => (source.hold(), source.name()),
+            (Paused::FieldsUnknown(place), _) => (Hold::PauseFieldUnknown, self.lidar(place)),
+            (Paused::Fields(place), _) => (Hold::PauseField, self.lidar(place)),
             (Paused::Other(place), _) => {
                 (Hold::PauseOther, self.others.get(place).map_or("", |other| other.name.as_str()))
             }
         }
     }
 
+    fn lidar(&self, place: usize) -> &str {
+        self.fields.get(place).map_or("", |fields| fields.name.as_str())
+    }
+
     /// True while any source is known to engage the line.
     pub(super) fn is_engaged(&self) -> bool {
-        matches!(self.controller, Controller::Engaged(..)) || !self.others.is_empty()
+        matches!(self.controller, Controller::Engaged(..))
+            || self.fields.iter().any(|fields| fields.engaged == Some(true))
+            || !self.others.is_empty()
     }
 
     /// True while the power controller reports that its line is engaged: the line cuts the motors' feed. Other sources
@@ -161,7 +224,8 @@ impl PauseLine {
         self.latched &= self.is_engaged();
     }
 
-    /// A person overrules senders that engaged the line and have been silent since; never the robot's power controller.
+    /// A person overrules senders that engaged the line and have been silent since; never the robot's power controller,
+    /// nor its lidars.
     pub(super) fn overrule(&mut self, now: Instant) {
         if self.until.is_none() && now.since(self.reported) >= PAUSE_TIMEOUT {
             self.controller = Controller::Open;
@@ -171,13 +235,9 @@ impl PauseLine {
 
     /// Next deadline after `now`.
     pub(super) fn poll_timeout(&self, now: Instant) -> Option<Instant> {
-        self.until.filter(|until| now < *until)
+        let fields = self.fields.iter().map(|fields| fields.until).filter(|until| now < *until).min();
+        earliest([self.until.filter(|until| now < *until), fields])
     }
-}
-
-/// True for a source that the power controller reports.
-fn is_of_line(name: &str) -> bool {
-    name.is_empty() || StopSource::from_name(name) != StopSource::Unknown
 }
 
 #[cfg(test)]
@@ -203,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_source_is_not_released_by_another_one() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "a rope"));
         line.on_stop(at(10), Origin::DUE, &stop(true, "bumper2"));
         assert_eq!(holds(&line, at(20)), [(Hold::PauseBumper, "bumper2"), (Hold::PauseOther, "a rope")]);
@@ -218,7 +278,7 @@ mod tests {
     #[test]
     fn pause_in_the_power_controllers_name_is_not_undone_by_the_power_controller() {
         for name in ["", "button", "bumper3", "sd1_rear"] {
-            let mut line = PauseLine::new(true);
+            let mut line = PauseLine::new(true, &[]);
             line.on_stop(at(0), of(true, 7), &stop(false, ""));
             line.on_stop(at(100), of(false, 300), &stop(true, name));
             assert!(!line.cuts_feed(), "only the line itself does");
@@ -240,7 +300,7 @@ mod tests {
 
     #[test]
     fn a_sender_that_fell_silent_is_overruled_by_a_person_whatever_its_name() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(0), of(false, 300), &stop(true, "button"));
         line.on_stop(at(1000), of(true, 7), &stop(false, ""));
         line.overrule(at(1199));
@@ -251,7 +311,7 @@ mod tests {
 
     #[test]
     fn a_name_of_its_own_is_of_each_sender_too() {
-        let mut line = PauseLine::new(false);
+        let mut line = PauseLine::new(false, &[]);
         line.on_stop(at(0), of(true, 300), &stop(true, "crane"));
         line.on_stop(at(10), of(true, 301), &stop(true, "crane"));
         line.on_stop(at(20), of(true, 301), &stop(false, "crane"));
@@ -262,7 +322,7 @@ mod tests {
 
     #[test]
     fn a_stranger_does_not_stand_in_for_a_silent_power_controller() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(0), of(true, 7), &stop(false, ""));
         for ms in (100..2000).step_by(100) {
             line.on_stop(at(ms), of(false, 300), &stop(ms % 200 == 0, "button"));
@@ -272,7 +332,7 @@ mod tests {
 
     #[test]
     fn what_the_power_controller_reported_before_it_was_listed_is_its_own() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(0), of(false, 7), &stop(true, "bumper2"));
         assert_eq!(holds(&line, at(0)), [(Hold::PauseUnknown, ""), (Hold::PauseOther, "bumper2")]);
         line.on_stop(at(500), of(true, 7), &stop(true, "bumper2"));
@@ -283,7 +343,7 @@ mod tests {
 
     #[test]
     fn a_person_does_not_overrule_the_robots_power_controller() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "button"));
         line.overrule(at(1100));
         assert_eq!(holds(&line, at(1100)), [(Hold::PauseButton, "button")]);
@@ -293,7 +353,7 @@ mod tests {
 
     #[test]
     fn reports_of_others_do_not_stand_in_for_the_power_controller() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(100), Origin::DUE, &stop(false, ""));
         for ms in (200..2000).step_by(100) {
             line.on_stop(at(ms), Origin::DUE, &stop(false, "a rope"));
@@ -305,7 +365,7 @@ mod tests {
 
     #[test]
     fn the_line_stays_latched_until_an_operator_acts_after_it_is_open() {
-        let mut line = PauseLine::new(false);
+        let mut line = PauseLine::new(false, &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "button"));
         line.release();
         line.on_stop(at(10), Origin::DUE, &stop(false, ""));
@@ -314,9 +374,67 @@ mod tests {
         assert_eq!(holds(&line, at(3_600_000)), []);
     }
 
+    fn with_fields() -> PauseLine {
+        PauseLine::new(false, &["lidar.front".into(), "lidar.rear".into()])
+    }
+
+    #[test]
+    fn the_fields_of_each_lidar_must_be_known_and_free() {
+        let mut line = with_fields();
+        let (front, rear) = ((Hold::PauseFieldUnknown, "lidar.front"), (Hold::PauseFieldUnknown, "lidar.rear"));
+        assert_eq!(holds(&line, at(0)), [front, rear], "nothing was received yet");
+        line.on_stop(at(0), Origin::DUE, &stop(false, "lidar.front"));
+        line.on_stop(at(100), Origin::DUE, &stop(false, "lidar.rear"));
+        assert_eq!((holds(&line, at(499)), line.poll_timeout(at(100))), (vec![], Some(at(500))));
+        assert_eq!(holds(&line, at(500)), [front], "silence");
+        assert_eq!(holds(&line, at(600)), [front, rear]);
+        line.on_stop(at(700), Origin::DUE, &stop(false, "lidar.front"));
+        line.on_stop(at(700), Origin::DUE, &stop(true, "lidar.rear"));
+        assert_eq!(holds(&line, at(700)), [(Hold::PauseField, "lidar.rear")]);
+        assert!(!line.cuts_feed(), "only the line itself does");
+    }
+
+    #[test]
+    fn an_infringed_field_stays_latched_until_an_operator_acts_after_it_is_free() {
+        let mut line = with_fields();
+        let all = |line: &mut PauseLine, ms, front| {
+            line.on_stop(at(ms), of(true, 7), &stop(front, "lidar.front"));
+            line.on_stop(at(ms), of(true, 7), &stop(false, "lidar.rear"));
+        };
+        all(&mut line, 0, true);
+        line.release();
+        line.overrule(at(5000));
+        assert_eq!(holds(&line, at(5000)).len(), 2, "it is silent, and nobody overrules that");
+        all(&mut line, 5000, false);
+        assert_eq!(holds(&line, at(5100)), [(Hold::PauseLatched, "")]);
+        line.release();
+        assert_eq!(holds(&line, at(5100)), []);
+    }
+
+    #[test]
+    fn a_stranger_frees_no_field_and_what_it_engages_is_its_own() {
+        let mut line = with_fields();
+        for ms in (0..2000).step_by(100) {
+            line.on_stop(at(ms), of(true, 7), &stop(true, "lidar.front"));
+            line.on_stop(at(ms), of(true, 7), &stop(false, "lidar.rear"));
+            line.on_stop(at(ms), of(false, 300), &stop(false, "lidar.front"));
+            assert_eq!(holds(&line, at(ms)), [(Hold::PauseField, "lidar.front")]);
+        }
+        line.on_stop(at(2000), of(false, 300), &stop(true, "lidar.rear"));
+        line.on_stop(at(2000), of(true, 7), &stop(false, "lidar.front"));
+        line.on_stop(at(2000), of(true, 7), &stop(false, "lidar.rear"));
+        assert_eq!(holds(&line, at(2000)), [(Hold::PauseOther, "lidar.rear")]);
+        // What the driver reported before it was listed is its own.
+        let mut line = with_fields();
+        line.on_stop(at(0), of(false, 7), &stop(true, "lidar.front"));
+        line.on_stop(at(10), of(true, 7), &stop(false, "lidar.front"));
+        line.on_stop(at(10), of(true, 7), &stop(false, "lidar.rear"));
+        assert_eq!(holds(&line, at(10)), [(Hold::PauseLatched, "")]);
+    }
+
     #[test]
     fn more_sources_than_can_be_told_apart_stay_engaged_until_a_person_overrules_them() {
-        let mut line = PauseLine::new(true);
+        let mut line = PauseLine::new(true, &[]);
         line.on_stop(at(0), Origin::DUE, &stop(false, ""));
         for n in 0..=OTHERS_MAX {
             line.on_stop(at(10), Origin::DUE, &stop(true, &format!("s{n}")));
@@ -333,7 +451,7 @@ mod tests {
 
     #[test]
     fn a_person_overrules_only_senders_that_fell_silent() {
-        let mut line = PauseLine::new(false);
+        let mut line = PauseLine::new(false, &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "a rope"));
         line.on_stop(at(1000), Origin::DUE, &stop(true, "a wire"));
         line.on_stop(at(1000), Origin::DUE, &stop(true, "button"));

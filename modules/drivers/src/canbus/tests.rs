@@ -63,6 +63,7 @@ pub(super) fn config() -> Config {
         critical: vec!["driver_rs485a".into()],
         planning: vec!["planner".into()],
         has_pause_line: false,
+        fields: Vec::new(),
         ranging: Vec::new(),
         ranging_age_max: Duration::ZERO,
         guarded: false,

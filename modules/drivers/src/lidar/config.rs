@@ -5,8 +5,8 @@ use lidar::hokuyo::Hokuyo;
 use lidar::ld::{self, LdLidar, NoEcho};
 use lidar::rplidar::{self, Rplidar};
 use lidar::sick::{self, Dialect, Sick};
-use lidar::{Counters, Event, Lidar, Protocol};
-use settings::{Choice, settings};
+use lidar::{Counters, Event, FieldResult, Lidar, Protocol, Zone};
+use settings::{Choice, Corners, settings};
 use std::f64::consts::TAU;
 use std::fmt;
 
@@ -74,6 +74,37 @@ settings! {
     }
 }
 
+settings! {
+    /// Keys of `[lidar.<name>]` about what a SICK evaluates by itself (docs/lidars.md).
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct StopKeys {
+        /// SICK LMS1xx, TiM7xx: numbers of the fields of the device that stop the robot as PAUSE does, while one of
+        /// them is infringed, not valid, or not reported.
+        stop_fields: Vec<u16> = Vec::new(), 1..=48;
+        /// SICK: numbers of the switching outputs of the device that stop the robot as PAUSE does, while one of them is
+        /// not active, or not reported.
+        stop_outputs: Vec<u16> = Vec::new(), 1..=16;
+        /// In simulation: corners of the fields of the device, by number, from its front on; each switches the output
+        /// of its number. Absent: one field, a square of 2 m around it.
+        simulated_fields_m as simulated_fields: Option<Vec<Vec<[f64; 2]>>> = optional, Corners(-50.0..=50.0);
+    }
+}
+
+impl StopKeys {
+    /// True if something that the device evaluates stops the robot.
+    #[must_use]
+    pub fn stops(&self) -> bool {
+        self.zones().next().is_some()
+    }
+
+    /// What of it stops the robot.
+    pub fn zones(&self) -> impl Iterator<Item = Zone> + '_ {
+        // At most 48, by their rules.
+        let fields = self.stop_fields.iter().map(|number| Zone::Field(*number as u8));
+        fields.chain(self.stop_outputs.iter().map(|number| Zone::Output(*number as u8)))
+    }
+}
+
 /// A lidar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Device {
@@ -85,6 +116,8 @@ pub struct Device {
     pub baud: Option<u32>,
     /// Its keys.
     pub keys: LidarKeys,
+    /// What of it stops the robot.
+    pub stop: StopKeys,
 }
 
 /// All lidars.
@@ -125,6 +158,18 @@ impl Model {
         }
     }
 
+    /// True if it evaluates fields by itself, and reports their results.
+    #[must_use]
+    pub fn has_fields(self) -> bool {
+        matches!(self, Self::Sick(sick::Family::Lms1xx | sick::Family::Tim7xx))
+    }
+
+    /// True if it has switching outputs that go by what it evaluates, and reports them.
+    #[must_use]
+    pub fn has_outputs(self) -> bool {
+        matches!(self, Self::Sick(_))
+    }
+
     /// Rate of a serial line as the device is delivered, Bd.
     #[must_use]
     pub fn usual_baud(self) -> u32 {
@@ -145,6 +190,7 @@ pub(super) trait Engine: fmt::Debug {
     fn poll_event(&mut self) -> Option<Event<'_>>;
     fn poll_timeout(&self) -> Option<base::Instant>;
     fn counters(&self) -> &Counters;
+    fn result(&self, zone: Zone) -> FieldResult;
 }
 
 impl<P: Protocol + fmt::Debug> Engine for Lidar<P> {
@@ -175,6 +221,10 @@ impl<P: Protocol + fmt::Debug> Engine for Lidar<P> {
     fn counters(&self) -> &Counters {
         self.counters()
     }
+
+    fn result(&self, zone: Zone) -> FieldResult {
+        self.result(zone)
+    }
 }
 
 /// The engine of a device.
@@ -183,7 +233,11 @@ pub(super) fn engine(device: &Device) -> Box<dyn Engine> {
     match model {
         Model::Ld(model) => Box::new(LdLidar::new(ld::Config { model, no_echo })),
         Model::Rplidar(model) => Box::new(Rplidar::new(rplidar::Config { no_echo, ..rplidar::Config::new(model) })),
-        Model::Sick(family) => Box::new(Sick::new(sick::Config { no_echo, ..sick::Config::new(family, dialect) })),
+        Model::Sick(family) => {
+            let StopKeys { stop_fields, stop_outputs, .. } = &device.stop;
+            let (fields, outputs) = (!stop_fields.is_empty(), !stop_outputs.is_empty());
+            Box::new(Sick::new(sick::Config { no_echo, fields, outputs, ..sick::Config::new(family, dialect) }))
+        }
         Model::Hokuyo(model) => {
             let bytes_per_s = device.baud.map_or(0, |baud| baud / 10);
             Box::new(Hokuyo::new(lidar::hokuyo::Config { bytes_per_s, ..lidar::hokuyo::Config::new(model) }))

@@ -6,8 +6,10 @@ use lidar::ld::NoEcho;
 use lidar::sick::{Dialect, Family};
 use lidar::{hokuyo, ld, rplidar, sick};
 use messages::Message;
+use messages::lowlevel::EventStop;
 use module::bench::Bench;
 use module::{Action, Output, Shell, ShellConfig};
+use settings::Section;
 
 fn device(name: &str, model: Model) -> Device {
     let keys = LidarKeys {
@@ -21,7 +23,8 @@ fn device(name: &str, model: Model) -> Device {
         no_echo: NoEcho::Unknown,
         dialect: Dialect::Binary,
     };
-    Device { name: name.into(), bus: format!("lidar.{name}"), baud: Some(model.usual_baud()), keys }
+    let (bus, baud) = (format!("lidar.{name}"), Some(model.usual_baud()));
+    Device { name: name.into(), bus, baud, keys, stop: StopKeys::usual() }
 }
 
 /// One of each protocol.
@@ -247,4 +250,117 @@ fn what_is_outside_of_the_view_that_is_used_is_not_measured() {
         }
     }
     assert!(within > 1000 && outside == 0, "{within} {outside}");
+}
+
+/// A SICK whose field 1, a square of 2 m, or its output stops the robot.
+fn stopping(family: Family, fields: &[u16], outputs: &[u16]) -> Rig {
+    let (stop_fields, stop_outputs) = (fields.to_vec(), outputs.to_vec());
+    let stop = StopKeys { stop_fields, stop_outputs, ..StopKeys::usual() };
+    let device = Device { baud: None, stop, ..device("front", Model::Sick(family)) };
+    let emulated = Box::new(sick::emulated::Device::new(family, Dialect::Binary));
+    Rig::new(vec![(device, emulated)])
+}
+
+/// What was published of PAUSE since the log was taken last: when, and whether it is engaged.
+fn stops(rig: &Rig) -> Vec<(Instant, bool)> {
+    let stop = |(at, action): &(Instant, Action)| match action {
+        Action::Publish(Message::LlEventStop(EventStop { engaged, source, .. })) => {
+            assert_eq!(source, "lidar.front");
+            Some((*at, *engaged))
+        }
+        _ => None,
+    };
+    rig.log.iter().filter_map(stop).collect()
+}
+
+#[test]
+fn a_field_that_is_infringed_engages_pause_at_once_and_says_so_ten_times_a_second() {
+    let one = &[1][..];
+    for (family, fields, outputs) in
+        [(Family::Tim7xx, one, &[][..]), (Family::Lms1xx, one, one), (Family::Tim5xx, &[][..], one)]
+    {
+        let mut rig = stopping(family, fields, outputs);
+        rig.run(3000);
+        let begin = stops(&rig);
+        assert!(begin.len() > 10 && begin.iter().all(|(_, engaged)| !engaged), "{family}: {begin:?}");
+        assert!(rig.reports(Fault::LidarNoResult).is_empty());
+        rig.log.clear();
+        let since = rig.bench.now();
+        rig.emulated[0].scene().0[0..20].fill(0.8);
+        rig.run(1000);
+        let told = stops(&rig);
+        let first = told.iter().find(|(_, engaged)| *engaged).expect("engaged").0;
+        assert!(first.since(since) <= Duration::from_millis(250), "{family}: after {:?}", first.since(since));
+        assert!(told.len() >= 9 && told.iter().rev().take(7).all(|(_, engaged)| *engaged), "{told:?}");
+        assert!(told.windows(2).all(|two| two[1].0.since(two[0].0) <= Duration::from_millis(100)), "{told:?}");
+        rig.emulated[0].scene().0[0..20].fill(3.0);
+        rig.run(500);
+        assert!(stops(&rig).last().is_some_and(|(_, engaged)| !engaged), "{family}");
+        assert!(rig.reports(Fault::LidarNoResult).is_empty());
+    }
+}
+
+#[test]
+fn without_a_valid_result_pause_is_engaged_within_half_a_second_whatever_is_wrong() {
+    type Set = fn(&mut lidar::emulated::Faults);
+    let faults: [(&str, Set); 7] = [
+        ("cut", |faults| faults.cut = true),
+        ("refuses", |faults| faults.refuses = true),
+        ("nothing reaches it", |faults| faults.deaf = true),
+        ("hangs", |faults| faults.hangs = true),
+        ("repeats itself", |faults| faults.repeats = true),
+        ("held back", |faults| faults.held_back = true),
+        ("blocked", |faults| faults.blocked = true),
+    ];
+    for (name, set) in faults {
+        let mut rig = stopping(Family::Tim7xx, &[1], &[]);
+        rig.run(3000);
+        assert!(stops(&rig).last().is_some_and(|(_, engaged)| !engaged), "{name}");
+        rig.log.clear();
+        set(rig.emulated[0].faults());
+        rig.run(501);
+        assert!(stops(&rig).last().is_some_and(|(_, engaged)| *engaged), "{name}: {:?}", stops(&rig));
+        *rig.emulated[0].faults() = lidar::emulated::Faults::default();
+        rig.run(4000);
+        assert!(stops(&rig).last().is_some_and(|(_, engaged)| !engaged), "{name}: it is well again");
+    }
+}
+
+#[test]
+fn a_field_that_the_device_does_not_have_is_not_free_and_is_reported() {
+    let mut rig = stopping(Family::Tim7xx, &[1, 2], &[]);
+    rig.run(4000);
+    assert!(stops(&rig).is_empty(), "not known yet, and `driver_canbus` takes silence for what it is");
+    assert_eq!(rig.reports(Fault::LidarNoResult).len(), 1);
+    // Nor is one whose line is down.
+    let mut rig = stopping(Family::Tim7xx, &[1], &[]);
+    rig.run(3000);
+    rig.bench.event(Event::Port { port: PortId(0), input: Input::Down("no such device") });
+    rig.log.clear();
+    rig.run(10);
+    assert!(stops(&rig).last().is_some_and(|(_, engaged)| *engaged));
+    // What is infringed from the start on is said, whatever is not known.
+    let mut rig = stopping(Family::Tim7xx, &[1, 2], &[]);
+    rig.emulated[0].scene().0[0..20].fill(0.8);
+    rig.run(4000);
+    assert!(stops(&rig).len() > 10 && stops(&rig).iter().all(|(_, engaged)| *engaged));
+}
+
+#[test]
+fn in_stop_the_fields_are_not_known_and_without_keys_nothing_is_said() {
+    let mut rig = stopping(Family::Tim7xx, &[1], &[]);
+    rig.run(3000);
+    assert!(stops(&rig).last().is_some_and(|(_, engaged)| !engaged));
+    rig.bench.message(messages::common::CmdState {
+        timestamp: 0,
+        module: NAME.into(),
+        state: State::Stop as i8,
+        manual: true,
+        source: "test".into(),
+    });
+    rig.run(10);
+    assert!(stops(&rig).last().is_some_and(|(_, engaged)| *engaged));
+    let mut rig = Rig::new(devices());
+    rig.run(3000);
+    assert!(stops(&rig).is_empty());
 }

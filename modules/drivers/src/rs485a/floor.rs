@@ -47,8 +47,12 @@ impl Floor {
         Self(nodes.iter().filter(|node| node.kind == Kind::Sd1).filter_map(board).collect())
     }
 
-    /// The state of the PAUSE line was reported: addresses of the boards to be asked.
+    /// The state of the PAUSE line was reported: addresses of the boards to be asked. What others report says nothing
+    /// of the boards.
     pub(super) fn on_stop(&mut self, now: Instant, stop: &EventStop) -> Vec<u8> {
+        if !StopSource::is_of_line(&stop.source) {
+            return Vec::new();
+        }
         let named = if stop.engaged { StopSource::from_name(&stop.source) } else { StopSource::Unknown };
         let due = self.0.iter_mut().filter_map(|board| {
             board.unable &= board.source == named;

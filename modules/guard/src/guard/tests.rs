@@ -1,7 +1,7 @@
 //! The module on its bench: what it publishes, also when it knows nothing.
 
 use super::*;
-use crate::config::Settings;
+use crate::config::{FieldKeys, FieldKind, Settings};
 use kinematics::reach::Ackermann;
 use messages::lowlevel::{DataRanges, Reading};
 use module::bench::Bench;
@@ -52,7 +52,17 @@ struct Robot {
 
 impl Robot {
     fn new(ranging: Ranging) -> Self {
-        let guard = Guard::new(&config(ranging)).expect("an outline");
+        Self::of(&config(ranging))
+    }
+
+    /// With fields of a form of their own.
+    fn with(fields: Vec<FieldKeys>) -> Self {
+        let config = config(Ranging::Sonar);
+        Self::of(&Config { settings: Settings { fields, ..config.settings.clone() }, ..config })
+    }
+
+    fn of(config: &Config) -> Self {
+        let guard = Guard::new(config).expect("an outline");
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(guard)));
         bench.start();
         Self { bench, speed: 0.0, distances: [f64::INFINITY; 8], moves: true, ranges: true }
@@ -114,6 +124,80 @@ fn an_echo_bounds_the_speed_and_names_its_sonar() {
     assert!(guard.forward == 0.0 && guard.backward > 0.6, "{guard:?}");
     assert_eq!((guard.code, guard.subject.as_str()), (Hold::GuardStops.code(), "sonar 2"));
     assert!(guard.fields.iter().all(|field| field.occupied == (field.kind == Field::PROTECTIVE)), "it stands");
+}
+
+fn field(kind: FieldKind, polygon: [[f64; 2]; 4]) -> FieldKeys {
+    FieldKeys { kind, from: 0.0, polygon: polygon.into() }
+}
+
+#[test]
+fn a_field_of_the_configuration_bounds_the_speed_beside_the_others_and_is_shown_with_them() {
+    let ahead = [[0.75, -0.3], [2.2, -0.3], [2.2, 0.3], [0.75, 0.3]];
+    for (kind, forward, backward, hold) in [
+        (FieldKind::Protective, 0.0, 0.3, Hold::GuardStops),
+        (FieldKind::Warning, 0.3, f64::INFINITY, Hold::GuardSlows),
+    ] {
+        let mut robot = Robot::with(vec![field(kind, ahead)]);
+        let (free, _) = robot.pass(1500);
+        assert!(free.forward > 0.6 && free.backward > 0.6 && free.code == 0, "{free:?}");
+        assert!(free.fields.len() == 3 && free.fields.iter().all(|field| !field.occupied), "{free:?}");
+        robot.distances[2] = 1.2;
+        let (guard, _) = robot.pass(600);
+        assert_eq!((guard.forward, guard.backward.min(0.3)), (forward, backward.min(0.3)), "{guard:?}");
+        assert_eq!((guard.code, guard.subject.as_str()), (hold.code(), "sonar 2"));
+        let [.., own] = &guard.fields[..] else { panic!("{guard:?}") };
+        let x = ahead.map(|[x, _]| x);
+        assert_eq!(
+            (own.kind == Field::PROTECTIVE, own.occupied, &own.x[..]),
+            (kind == FieldKind::Protective, true, &x[..])
+        );
+        // Without it the robot would drive on.
+        let mut robot = Robot::new(Ranging::Sonar);
+        robot.pass(1500);
+        robot.distances[2] = 1.2;
+        assert!(robot.pass(600).0.forward > 0.5);
+    }
+}
+
+#[test]
+fn a_sonar_that_is_unknown_occupies_the_fields_that_it_looks_into() {
+    let ahead = [[1.5, -0.3], [2.2, -0.3], [2.2, 0.3], [1.5, 0.3]];
+    let mut robot = Robot::with(vec![field(FieldKind::Protective, ahead)]);
+    robot.pass(1500);
+    robot.distances[2] = f64::NAN;
+    let (guard, _) = robot.pass(300);
+    assert_eq!((guard.forward, guard.code, guard.subject.as_str()), (0.0, Hold::GuardUnknown.code(), "sonar 2"));
+    assert!(guard.fields.last().is_some_and(|field| field.occupied), "though none of its points is there");
+    assert_eq!(guard.backward, 0.3, "it moves away, slowly");
+}
+
+#[test]
+fn fields_of_the_configuration_never_raise_a_bound() {
+    let mut random = testing::Random::new(47);
+    let ahead = [[0.5, -0.6], [1.8, -0.5], [1.6, 0.6], [0.4, 0.5]];
+    let behind = [[-1.2, -0.4], [-0.1, -0.4], [-0.1, 0.4], [-1.2, 0.4]];
+    let own = |from| FieldKeys { from, ..field(FieldKind::Protective, behind) };
+    let fields = vec![field(FieldKind::Warning, ahead), own(0.4), own(0.0)];
+    let mut robots = [Robot::new(Ranging::Sonar), Robot::with(fields[..2].to_vec()), Robot::with(fields)];
+    let mut lower = 0;
+    for _ in 0..300 {
+        let distances = [(); 8].map(|()| match random.below(8) {
+            0 => f64::NAN,
+            1 | 2 => 0.2 + random.below(100) as f64 / 50.0,
+            _ => f64::INFINITY,
+        });
+        let speed = if random.below(2) == 0 { 0.0 } else { 0.3 };
+        let bounds = robots.each_mut().map(|robot| {
+            (robot.distances, robot.speed) = (distances, speed);
+            let (guard, _) = robot.pass(300);
+            [guard.forward, guard.backward, guard.turn_left, guard.turn_right]
+        });
+        for pair in bounds.windows(2) {
+            assert!(pair[0].iter().zip(&pair[1]).all(|(before, after)| after <= before), "{bounds:?} {distances:?}");
+            lower += u32::from(pair[0] != pair[1]);
+        }
+    }
+    assert!(lower > 100, "{lower}");
 }
 
 #[test]

@@ -13,6 +13,8 @@ const REPEAT_PERIOD_US: u64 = 1_000_000;
 const FIELDS_PERIOD_US: u64 = 200_000;
 /// Maximum number of corners of a field; one with more is left out.
 const CORNERS_MAX: usize = 64;
+/// Maximum number of fields of a kind.
+const FIELDS_MAX: usize = 10;
 
 const CUBE_LIST: i32 = 6;
 const CYLINDER: i32 = 3;
@@ -37,8 +39,9 @@ const OCCUPIED: f32 = 0.35;
 pub struct Scene {
     pub robot: RobotScene,
     shown: Option<i64>,
-    /// Time at which the guard's fields were sent last.
+    /// Time at which the guard's fields were sent last, and how many of each kind.
     fields: Option<i64>,
+    counts: [usize; 2],
 }
 
 /// Marker; fields that its kind does not use stay empty.
@@ -58,7 +61,7 @@ struct Marker<'a> {
 
 impl Scene {
     pub fn new(robot: RobotScene) -> Self {
-        Self { robot, shown: None, fields: None }
+        Self { robot, shown: None, fields: None, counts: [0; 2] }
     }
 
     /// Ellipse of two standard deviations around the robot; periodically its outline and the beacons too.
@@ -102,33 +105,63 @@ impl Scene {
             (Field::PROTECTIVE, "protective_field", PROTECTIVE, 0.03),
             (Field::WARNING, "warning_field", WARNING, 0.015),
         ];
+        let of = |kind: i8| message.fields.iter().filter(move |field| field.kind == kind).take(FIELDS_MAX);
+        let counts = names.map(|(kind, ..)| of(kind).count());
+        // Those that were sent last, and are gone, are deleted.
+        let rows = [0, 1].map(|n| counts[n].max(self.counts[n]).max(1));
+        self.counts = counts;
         to.send("/scene", Standard::Markers, |fields| {
-            fields.to.count(2 * names.len());
-            for (kind, ns, color, width) in names {
-                let field = message.fields.iter().find(|field| field.kind == kind);
-                let (outline, filling) = field.map_or_else(Default::default, shape);
-                let line = Marker { frame: "base_link", ns, ty: LINE_STRIP, ..Marker::new(color) };
-                let action = |points: &[[f64; 2]]| if points.is_empty() { DELETE } else { ADD };
-                let line = Marker { action: action(&outline), scale: [width, 0.0, 0.0], points: &outline, ..line };
-                line.write(message.timestamp, fields);
-                let [r, g, b, _] = color;
-                let (scale, color) = ([1.0; 3], [r, g, b, OCCUPIED]);
-                let area = Marker { id: 1, ty: TRIANGLES, action: action(&filling), scale, color, ..line };
-                Marker { points: &filling, ..area }.write(message.timestamp, fields);
+            fields.to.count(2 * (rows[0] + rows[1]));
+            for ((kind, ns, color, width), rows) in names.into_iter().zip(rows) {
+                let mut of_kind = of(kind);
+                for id in (0..2 * rows as i32).step_by(2) {
+                    let (outline, filling) = of_kind.next().map_or_else(Default::default, shape);
+                    let line = Marker { frame: "base_link", ns, id, ty: LINE_STRIP, ..Marker::new(color) };
+                    let action = |points: &[[f64; 2]]| if points.is_empty() { DELETE } else { ADD };
+                    let line = Marker { action: action(&outline), scale: [width, 0.0, 0.0], points: &outline, ..line };
+                    line.write(message.timestamp, fields);
+                    let [r, g, b, _] = color;
+                    let (scale, color) = ([1.0; 3], [r, g, b, OCCUPIED]);
+                    let area = Marker { id: id + 1, ty: TRIANGLES, action: action(&filling), scale, color, ..line };
+                    Marker { points: &filling, ..area }.write(message.timestamp, fields);
+                }
             }
         });
     }
 }
 
-/// Closed outline of a convex field, and its triangles if it is occupied; empty if its corners are invalid.
+/// Closed outline of a field, and its triangles if it is occupied; empty if its corners are invalid.
 fn shape(field: &Field) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
     let corners: Vec<[f64; 2]> = field.x.iter().zip(&field.y).map(|(&x, &y)| [x, y]).collect();
     let [first, rest @ ..] = &corners[..] else { return Default::default() };
     if !(2..CORNERS_MAX).contains(&rest.len()) || corners.iter().flatten().any(|place| !place.is_finite()) {
         return Default::default();
     }
-    let triangles = rest.windows(2).filter(|_| field.occupied).flat_map(|pair| [*first, pair[0], pair[1]]);
-    (corners.iter().chain([first]).copied().collect(), triangles.collect())
+    let filling = if field.occupied { triangles(&corners) } else { Vec::new() };
+    (corners.iter().chain([first]).copied().collect(), filling)
+}
+
+/// Triangles of a polygon whose corners are counter-clockwise and whose edges do not cross, corner by corner; as far as
+/// one can be cut off.
+fn triangles(corners: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let (mut left, mut found) = (corners.to_vec(), Vec::new());
+    let turn =
+        |[ax, ay]: [f64; 2], [bx, by]: [f64; 2], [cx, cy]: [f64; 2]| (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+    while left.len() >= 3 {
+        let count = left.len();
+        let around = |n: usize| [left[(n + count - 1) % count], left[n % count], left[(n + 1) % count]];
+        // It is convex, and no other corner is within.
+        let is_ear = |n: &usize| {
+            let [a, b, c] = around(*n);
+            let mut others = left.iter().filter(|other| ![a, b, c].contains(other));
+            let within = |p: &[f64; 2]| turn(a, b, *p) >= 0.0 && turn(b, c, *p) >= 0.0 && turn(c, a, *p) >= 0.0;
+            turn(a, b, c) > 0.0 && !others.any(within)
+        };
+        let Some(ear) = (1..=count).find(is_ear) else { break };
+        found.extend(around(ear));
+        left.remove(ear % count);
+    }
+    found
 }
 
 /// Cells that the planner avoids.

@@ -501,6 +501,45 @@ fn the_guard_s_fields_are_outlines_in_the_robot_s_frame_and_filled_while_somethi
 }
 
 #[test]
+fn each_field_of_a_kind_is_shown_and_deleted_when_it_is_gone_and_a_notch_is_not_filled() {
+    let mut translator = translator();
+    let field = |x: &[f64], y: &[f64]| lowlevel::Field {
+        kind: lowlevel::Field::PROTECTIVE,
+        occupied: true,
+        x: x.to_vec(),
+        y: y.to_vec(),
+    };
+    // The last corner but one is a notch.
+    let notched = field(&[0.0, 2.0, 2.0, 1.0, 0.0], &[0.0, 0.0, 2.0, 0.5, 2.0]);
+    let fields = vec![field(&[0.0, 1.0, 1.0], &[0.0, 0.0, 1.0]), notched];
+    let mut guard = DataGuard { timestamp: NOW, fields, ..DataGuard::default() };
+    let mut markers =
+        |guard: &DataGuard| told(&mut translator, guard.clone()).get("/scene").map(|all| all["markers"].clone());
+    let all = markers(&guard).unwrap();
+    let rows = |all: &Json| -> Vec<(String, Json, Json)> {
+        let row = |row: &Json| (row["ns"].as_str().unwrap().to_owned(), row["id"].clone(), row["action"].clone());
+        all.as_array().unwrap().iter().map(row).collect()
+    };
+    let of = |ns: &str, id: i32, action: i32| (ns.to_owned(), json!(id), json!(action));
+    let warning = [of("warning_field", 0, 2), of("warning_field", 1, 2)];
+    let both: Vec<_> = (0..4).map(|id| of("protective_field", id, 0)).chain(warning.clone()).collect();
+    assert_eq!(rows(&all), both);
+    let corner = |point: &Json| [point["x"].as_f64().unwrap(), point["y"].as_f64().unwrap()];
+    let points: Vec<[f64; 2]> = all[3]["points"].as_array().unwrap().iter().map(corner).collect();
+    let area = |t: &[[f64; 2]]| (t[1][0] - t[0][0]) * (t[2][1] - t[0][1]) - (t[1][1] - t[0][1]) * (t[2][0] - t[0][0]);
+    let areas: Vec<f64> = points.chunks(3).map(|triangle| area(triangle) / 2.0).collect();
+    assert!(areas.len() == 3 && areas.iter().all(|area| *area > 0.0), "{points:?}");
+    assert!((areas.iter().sum::<f64>() - 2.5).abs() < 1e-9, "{areas:?}");
+    guard.timestamp += 250_000;
+    guard.fields.pop();
+    let gone: Vec<_> =
+        (0..4).map(|id| of("protective_field", id, if id < 2 { 0 } else { 2 })).chain(warning.clone()).collect();
+    assert_eq!(rows(&markers(&guard).unwrap()), gone);
+    guard.timestamp += 250_000;
+    assert_eq!(rows(&markers(&guard).unwrap()).len(), 4);
+}
+
+#[test]
 fn plan_obstacles_battery_temperatures_and_marks() {
     let mut translator = translator();
     let plan = DataPlan { timestamp: NOW, x: vec![0.0, 1.0, 1.0], y: vec![0.0, 0.0, 2.0] };

@@ -285,7 +285,7 @@ export interface DrivePart {
   commands: CmdMotion[];
   /** and of those that command a velocity. */
   velocity_commands: CmdVelocity[];
-  /** Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 4, of 64 corners. */
+  /** Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 10, of 64 corners. */
   guard: Shown<DataGuard>;
   /** The bound of these that holds; `null`: the robot has no guard. */
   bound: Bound | null;

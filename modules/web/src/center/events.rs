@@ -3,7 +3,7 @@
 use super::recorded::Recorded;
 use super::summaries::RunSummary;
 use messages::common::{CmdLog, Error};
-use messages::{Channel, Hold, Message, StopSource};
+use messages::{Channel, Hold, Message, StopReports, StopSource};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io;
@@ -89,6 +89,7 @@ pub fn of(run: &Recorded) -> io::Result<(RunEvents, RunSummary)> {
 #[derive(Debug)]
 struct Scan {
     found: RunEvents,
+    stops: StopReports,
     /// True while the PAUSE line is engaged, and while an operator stops the robot.
     paused: bool,
     held: bool,
@@ -108,6 +109,7 @@ impl Default for Scan {
         let found = RunEvents { events: Vec::new(), left_out: 0 };
         Self {
             found,
+            stops: StopReports::default(),
             paused: false,
             held: false,
             contacts: None,
@@ -125,6 +127,7 @@ impl Scan {
             Message::CmCmdLog(mark) if mark.action == CmdLog::MARK => self.add(at, EventKind::Mark, &mark.text),
             Message::CmEventError(error) if error.severity >= Error::WARNING => self.report(at, error),
             Message::LlEventStop(stop) => {
+                let Some(stop) = self.stops.on_report(stop) else { return };
                 if stop.engaged && !self.paused {
                     self.add(at, EventKind::Stop, &format!("PAUSE: {}", StopSource::in_words(&stop.source)));
                 }

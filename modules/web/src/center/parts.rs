@@ -41,7 +41,7 @@ pub struct DrivePart<'a> {
     commands: Vec<&'a lowlevel::CmdMotion>,
     /// and of those that command a velocity.
     velocity_commands: Vec<&'a lowlevel::CmdVelocity>,
-    /// Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 4, of 64 corners.
+    /// Greatest speeds that can still be stopped, and the fields in the robot's frame: at most 10, of 64 corners.
     guard: Shown<'a, lowlevel::DataGuard>,
     /// The bound of these that holds; `null`: the robot has no guard.
     bound: Option<Bound>,

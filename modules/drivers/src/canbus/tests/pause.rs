@@ -26,6 +26,47 @@ fn an_opened_line_lets_nothing_move_until_a_deliberate_act() {
     assert!(robot.moves(), "{}", robot.reason());
 }
 
+/// Time passes; `driver_lidar` reports ten times a second whether the fields of its lidar are free, if at all.
+fn hear(robot: &mut Robot, engaged: Option<bool>, speed: Option<f64>, ms: u32) {
+    for n in 0..ms / 50 {
+        if let Some(engaged) = engaged.filter(|_| n % 2 == 0) {
+            robot.bench.message(pause(engaged, "lidar.front"));
+        }
+        speed.into_iter().for_each(|speed| robot.command(speed, 0.0));
+        robot.pass(50);
+    }
+}
+
+#[test]
+fn the_fields_of_a_lidar_stop_the_robot_if_infringed_or_silent_and_nothing_resumes_by_itself() {
+    let fields = vec!["lidar.front".to_owned()];
+    let mut robot = Robot::with(epos::dictionary(1), Config { fields, ..config() });
+    let unknown = (Hold::PauseFieldUnknown, "lidar.front");
+    robot.pass(1000);
+    assert!(robot.holds().contains(&unknown), "{:?}", robot.holds());
+    hear(&mut robot, Some(false), None, 4000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    robot.press(0.4);
+    hear(&mut robot, Some(false), Some(0.4), 500);
+    assert!(robot.moves(), "{}", robot.reason());
+
+    hear(&mut robot, Some(true), Some(0.4), 500);
+    assert!(!robot.moves() && robot.holds().contains(&(Hold::PauseField, "lidar.front")), "{:?}", robot.holds());
+    hear(&mut robot, Some(false), Some(0.4), 1000);
+    assert!(!robot.moves() && robot.holds().contains(&(Hold::PauseLatched, "")), "{:?}", robot.holds());
+    robot.press(0.4);
+    hear(&mut robot, Some(false), Some(0.4), 500);
+    assert!(robot.moves(), "{}", robot.reason());
+
+    hear(&mut robot, None, Some(0.4), 1000);
+    assert!(!robot.moves() && robot.holds().contains(&unknown), "{:?}", robot.holds());
+    hear(&mut robot, Some(false), Some(0.4), 1000);
+    assert!(!robot.moves(), "it resumed by itself");
+    robot.press(0.4);
+    hear(&mut robot, Some(false), Some(0.4), 500);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
 #[test]
 fn acts_while_the_line_is_engaged_do_not_count() {
     let mut robot = Robot::ready();

@@ -72,6 +72,7 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0735: "Část toho, co má lidar měřit, nepřichází.",
   0x0736: "Linka lidaru je rušená.",
   0x0737: "Lidar hlásí vlastní závadu.",
+  0x0738: "Lidar měří, ale nedává platný výsledek pole nebo výstupu, který má robota zastavit: robot stojí.",
   0x0741: "Inerciální jednotka neměří: nic se jí neřídí.",
   0x0742: "Linka inerciální jednotky je rušená.",
   0x0743: "Inerciální jednotka měří, co žádný robot nedělá, nebo se otáčí vstoje: nic se jí neřídí.",

@@ -12,9 +12,11 @@ const FREE_THE_WAY = "Uvolněte průjezd.";
 export const HOLDS: Readonly<Record<Code, readonly [words: string, remedy: string]>> = {
   101: ["stav signálu PAUSE není znám", "Zkontrolujte, že je řídicí jednotka napájení zapnutá a připojená."],
   102: ["byl aktivní PAUSE: robot čeká na obsluhu", "Odstraňte příčinu; pak uvolněte ovládání a stiskněte je znovu, nebo znovu odešlete cíl."],
+  103: ["pole, která hlídá {}, nejsou známa", "Podívejte se na chyby a na moduly: driver_lidar musí běžet. Pak uvolněte ovládání a stiskněte je znovu."],
   111: ["je aktivní PAUSE: {}", "Odstraňte, čeho se dotýká {}."],
   112: ["je aktivní PAUSE: {}", "Odtlačte robota rukou zpět, až budou {} nad rovnou podlahou."],
   113: ["je aktivní PAUSE: {}", "Pootočte červeným tlačítkem, dokud nevyskočí."],
+  114: ["je aktivní PAUSE: {}, vlastní pole", "Uvolněte pole, která hlídá {}; není-li v nich nic, podívejte se na chyby."],
   119: ["je aktivní PAUSE: {}", "Uvolněte signál PAUSE, příčina: {}."],
 
   201: ["sběrnice {} je mimo provoz", "Zkontrolujte adaptér CAN sběrnice {}; otevře se znovu sám."],
@@ -118,6 +120,7 @@ export function commander(name: string): string {
 
 /** The subject as people call it. */
 export function who({ code, subject }: Pick<HoldRow, "code" | "subject">): string {
+  if (code === 103 || code === 114) return subject.replace(".", " ");
   if (code >= 111 && code <= 119) return STOPS[subject] ?? subject.replace(/^bumper ?(\d)$/, "nárazník $1");
   if ((code >= 211 && code <= 219) || code === 231) return DRIVES[subject] ?? `pohon ${subject}`;
   if (code >= 221 && code <= 225) return subject === "steering" ? "zatáčení" : `osa ${subject}`;
