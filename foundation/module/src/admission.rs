@@ -565,6 +565,7 @@ mod tests {
         assert_eq!(admission.judge(&fields(false), driver), Err(Refusal::NotYet), "nobody has listed it yet");
         assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));
         for other in [stranger, by(Way::Memory, POWER), by(Way::Host, 0), by(Way::Network, 0)] {
+            let mut admission = admission.clone();
             assert_eq!(admission.judge(&fields(false), other), Err(Refusal::Release), "{other:?}");
             assert_eq!(admission.judge(&fields(true), other), Ok(()), "it stops");
             assert!(!admission.origin(&fields(true), other).due);
