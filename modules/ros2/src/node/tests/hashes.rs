@@ -3,6 +3,7 @@
 use super::*;
 use crate::type_hashes::user_data;
 use messages::common::{DataFaults, DataProcesses, DataState, EventText};
+use messages::highlevel::DataAction;
 use messages::lowlevel::{
     DataAxes, DataGuard, DataHold, DataImu, DataPower, DataRanges, DataScan, DataTemperature, EventStop, Reading,
     Temperature,
@@ -31,7 +32,8 @@ fn talkative() -> Bench {
     }
     bench.bus(DataRanges { timestamp: 1, readings: vec![Reading::default()] });
     bench.bus(DataTemperature { temperatures: vec![Temperature::default()], ..Default::default() });
-    let rest: [Message; 13] = [
+    let rest: [Message; 14] = [
+        DataAction::default().into(),
         DataAxes::default().into(),
         DataEstimate::default().into(),
         DataFaults::default().into(),
