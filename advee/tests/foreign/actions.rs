@@ -35,9 +35,9 @@ fn a_presentation_is_played_to_its_end_and_known_by_its_id() {
         assert_eq!(stage.ends("a"), [DataAction::SUCCEEDED; 3]);
         // The same id is the same action, whatever else is in the command.
         stage.heard.clear();
-        stage.command("a", "present", &LONG);
-        stage.until("the answer", |stage| !stage.of("a").is_empty());
-        assert_eq!(stage.ends("a"), [DataAction::SUCCEEDED]);
+        stage.repeat("a", "present", &LONG);
+        let again = stage.of("a");
+        assert!(again.iter().all(|data| data.status == DataAction::SUCCEEDED), "{again:?}");
         // So it is free for another one.
         stage.command("b", "present", &LONG);
         stage.until("the next one", |stage| !stage.of("b").is_empty());
@@ -224,9 +224,17 @@ impl Stage {
     /// Receives until `condition` is true.
     #[track_caller]
     fn until(&mut self, what: &str, condition: impl Fn(&Self) -> bool) {
-        let end = Instant::now() + PATIENCE;
+        let told = self.receive(PATIENCE, condition);
+        assert!(told, "not within {PATIENCE:?}: {what}; heard: {:?}", self.heard);
+    }
+
+    /// Receives until `condition` is true, or the time is over.
+    fn receive(&mut self, time: Duration, condition: impl Fn(&Self) -> bool) -> bool {
+        let end = Instant::now() + time;
         while !condition(self) {
-            assert!(Instant::now() < end, "not within {PATIENCE:?}: {what}; heard: {:?}", self.heard);
+            if Instant::now() >= end {
+                return false;
+            }
             self.bus.wait(Duration::from_millis(20)).expect("the bus can be waited for");
             while let Some(received) = self.bus.recv().expect("the bus can be read") {
                 match Message::receive(received.channel, received.payload) {
@@ -236,6 +244,17 @@ impl Stage {
                 }
             }
         }
+        true
+    }
+
+    /// Repeats a command until it is answered, as commanders do.
+    #[track_caller]
+    fn repeat(&mut self, id: &str, name: &str, parameters: &[(&str, &str)]) {
+        let answered = (0..PATIENCE.as_secs() * 2).any(|_| {
+            self.command(id, name, parameters);
+            self.receive(Duration::from_millis(500), |stage| !stage.of(id).is_empty())
+        });
+        assert!(answered, "not within {PATIENCE:?}: a status of {id}; heard: {:?}", self.heard);
     }
 
     /// Statuses of an action.

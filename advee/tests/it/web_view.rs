@@ -93,6 +93,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "columns",
         "routes",
         "power_channels",
+        "publish",
         "temperature_limits",
         "drives",
         "faults",

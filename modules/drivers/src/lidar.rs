@@ -186,8 +186,10 @@ impl Scanner {
     /// Publishes whether its own fields stop the robot.
     fn serve_stop(&mut self, now: Instant, serves: bool, out: &mut Actions) {
         let Self { device, engine, stop: Some(stop), measures, .. } = self else { return };
-        stop.serve(now, device, |zone| engine.result(zone), serves, out);
-        stop.report(now, device, serves && *measures == Some(true), out);
+        // What a device says before its first scan is no result of a scan.
+        let evaluates = serves && *measures == Some(true);
+        stop.serve(now, device, |zone| engine.result(zone), evaluates, out);
+        stop.report(now, device, evaluates, out);
     }
 
     /// Reports the speed of the motor, after it had time to spin up.

@@ -13,6 +13,7 @@ use crate::scan::{BEAMS_MAX, EIGHTH_RAD};
 use alloc::boxed::Box;
 use base::{Duration, Instant, earliest};
 use core::f64::consts::{FRAC_PI_2, TAU};
+use core::mem::replace;
 use heapless::Vec;
 
 /// Time limit of an answer.
@@ -87,6 +88,8 @@ pub struct Cola {
     clock: Clock,
     /// Number and clock of the last scan, µs.
     last: Option<(u16, u32)>,
+    /// A scan has come since the start.
+    scans: bool,
     revolution: u64,
     reads: Reads,
     view: Optics,
@@ -104,6 +107,7 @@ impl Cola {
             skipped: 0,
             clock: Clock::new(1 << 32, 1000),
             last: None,
+            scans: false,
             revolution: 0,
             reads: Reads::default(),
             view: Optics {
@@ -157,7 +161,6 @@ impl Cola {
             Ask::State | Ask::Run | Ask::Fields | Ask::Outputs => Ask::Scans,
             Ask::Scans => {
                 self.phase = Phase::Scanning { until: Some(now + SCAN_WITHIN) };
-                self.begin_reading(now);
                 return Progress::Pending;
             }
         };
@@ -290,6 +293,10 @@ impl Cola {
     }
 
     fn scan(&mut self, now: Instant, scan: &Scan<'_>, shared: &mut Shared) {
+        if !replace(&mut self.scans, true) {
+            // Before its first scan what it answers is of none: its outputs are not active yet.
+            self.begin_reading(now);
+        }
         let Some(sent) = self.clock.at(now, scan.sent_us.into()) else {
             self.last = None;
             return shared.stale();
@@ -445,6 +452,7 @@ impl Protocol for Cola {
         self.rx.get_or_insert_default().clear();
         (self.in_step, self.skipped, self.last, self.reads) = (false, 0, None, Reads::default());
         self.clock.reset();
+        self.scans = false;
         self.fields.forget(shared);
         self.outputs.forget(shared);
         self.ask(now, Ask::Identity, TRIES, shared);

@@ -34,16 +34,17 @@ impl Stop {
         (!zones.is_empty()).then_some(Self { zones, engaged, due, unknown, told })
     }
 
-    /// Publishes and reports the present results. `serves`: the module is not in STOP; else nothing is known.
+    /// Publishes and reports the present results. `evaluates`: the lidar measures, and the module is not in STOP; else
+    /// nothing is known.
     pub(super) fn serve(
         &mut self,
         now: Instant,
         device: &Device,
         result: impl Fn(Zone) -> FieldResult,
-        serves: bool,
+        evaluates: bool,
         out: &mut Actions,
     ) {
-        let result = |zone| if serves { result(zone) } else { FieldResult::Unknown };
+        let result = |zone| if evaluates { result(zone) } else { FieldResult::Unknown };
         let first = |wanted| self.zones.iter().copied().find(|zone| result(*zone) == wanted);
         let (infringed, unknown) = (first(FieldResult::Infringed), first(FieldResult::Unknown));
         self.unknown = unknown.map(|_| self.unknown.unwrap_or(now));
