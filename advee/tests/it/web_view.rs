@@ -121,6 +121,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "part",
         "status",
         "concerns",
+        "driver",
         "motion",
         "holds",
         "commands",
