@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::page::{Frame, Socket, ask, free, get};
-use crate::support::{Robot, listen, logs, signal};
+use crate::support::{Robot, listen, logs, signal, undisturbed};
 use lcm::live::Lcm;
 use messages::common::CmdLog;
 use messages::lowlevel::DataSdo;
@@ -199,64 +199,66 @@ fn each_part_has_its_shape_and_its_rate() {
 
 #[test]
 fn a_watched_channel_delivers_its_newest_message() {
-    let mut robot = Robot::ready(&[]);
-    let web = Web::beside(&robot);
-    robot.publish(DataSdo { request: 77, data: vec![1, 2], ..Default::default() });
-    robot.pass(0.5);
-    let mut socket = web.view("");
-    socket.say(r#"{"watch":["LL_DATA_ODO","LL_DATA_SDO","STRANGE","ML_DATA_PLAN"]}"#);
-    let mut bus: Lcm = listen(&robot.url);
-    let speak = std::thread::spawn(move || {
-        for n in 0..300u32 {
-            bus.publish("STRANGE", &n.to_be_bytes()).unwrap();
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        // Newer messages replace older ones: three times, of which the planner's own plan coincides with one at most.
-        for _ in 0..3 {
-            bus.publish("ML_DATA_PLAN", b"nonsense").unwrap();
-            std::thread::sleep(Duration::from_millis(150));
-        }
-    });
-    let texts = socket.during(4.0);
-    speak.join().unwrap();
-    let of = |channel: &str| -> Vec<&Value> {
-        part(&texts, "message").into_iter().filter(|text| text["channel"] == channel).collect()
-    };
-    let odometry = of("LL_DATA_ODO");
-    assert!((60..=84).contains(&odometry.len()), "{}", odometry.len());
-    assert_eq!(odometry[0]["type"], "lowlevel.data_odo_t");
-    assert!(odometry[0]["value"]["ticks_left"].is_number() && odometry[0].get("error").is_none());
-    assert!(odometry.windows(2).all(|pair| pair[0]["at"].as_f64() < pair[1]["at"].as_f64()), "time only grows");
-    let sdo = of("LL_DATA_SDO");
-    assert_eq!((sdo.len(), &sdo[0]["value"]["request"]), (1, &json!(77)), "said before somebody looked, and once");
-    let strange = of("STRANGE");
-    assert!((30..=64).contains(&strange.len()), "20 Hz at most: {}", strange.len());
-    assert_eq!(strange[0]["error"], "a message of none of the robot's types");
-    assert!(strange.iter().all(|text| text["value"].is_null() && text["type"] == ""));
-    assert!(of("ML_DATA_PLAN").iter().any(|text| text["error"].is_string() && text["value"].is_null()));
-
-    socket.say(r#"{"watch":[]}"#);
-    socket.during(0.5);
-    let texts = socket.during(1.0);
-    assert!(part(&texts, "message").is_empty() && !part(&texts, "drive").is_empty());
-    // Malformed input is counted, and tolerated up to a limit.
-    for wrong in ["", "{}", r#"{"watch":["1","2","3","4","5","6","7","8","9"]}"#, r#"{"type":"stop","id":1}"#] {
-        socket.say(wrong);
-    }
-    socket.send(2, &[1, 2, 3]).unwrap();
-    assert!(!part(&socket.during(1.0), "drive").is_empty());
-    assert_eq!(web.health()["refused"]["malformed"], 5);
-    for (opcode, payload) in [(1, vec![b' '; 5000]), (3, vec![1]), (1, vec![0xFF, 0xFE])] {
+    undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let web = Web::beside(&robot);
+        robot.publish(DataSdo { request: 77, data: vec![1, 2], ..Default::default() });
+        robot.pass(0.5);
         let mut socket = web.view("");
-        socket.send(opcode, &payload).unwrap();
-        while let Some(frame) = socket.frame() {
-            if let Frame::Close(code, _) = frame {
-                assert_eq!(code, 1008);
+        socket.say(r#"{"watch":["LL_DATA_ODO","LL_DATA_SDO","STRANGE","ML_DATA_PLAN"]}"#);
+        let mut bus: Lcm = listen(&robot.url);
+        let speak = std::thread::spawn(move || {
+            for n in 0..300u32 {
+                bus.publish("STRANGE", &n.to_be_bytes()).unwrap();
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            // Newer messages replace older ones: three times, of which the planner's own plan coincides with one at most.
+            for _ in 0..3 {
+                bus.publish("ML_DATA_PLAN", b"nonsense").unwrap();
+                std::thread::sleep(Duration::from_millis(150));
+            }
+        });
+        let texts = socket.during(4.0);
+        speak.join().unwrap();
+        let of = |channel: &str| -> Vec<&Value> {
+            part(&texts, "message").into_iter().filter(|text| text["channel"] == channel).collect()
+        };
+        let odometry = of("LL_DATA_ODO");
+        assert!((60..=84).contains(&odometry.len()), "{}", odometry.len());
+        assert_eq!(odometry[0]["type"], "lowlevel.data_odo_t");
+        assert!(odometry[0]["value"]["ticks_left"].is_number() && odometry[0].get("error").is_none());
+        assert!(odometry.windows(2).all(|pair| pair[0]["at"].as_f64() < pair[1]["at"].as_f64()), "time only grows");
+        let sdo = of("LL_DATA_SDO");
+        assert_eq!((sdo.len(), &sdo[0]["value"]["request"]), (1, &json!(77)), "said before somebody looked, and once");
+        let strange = of("STRANGE");
+        assert!((30..=64).contains(&strange.len()), "20 Hz at most: {}", strange.len());
+        assert_eq!(strange[0]["error"], "a message of none of the robot's types");
+        assert!(strange.iter().all(|text| text["value"].is_null() && text["type"] == ""));
+        assert!(of("ML_DATA_PLAN").iter().any(|text| text["error"].is_string() && text["value"].is_null()));
+
+        socket.say(r#"{"watch":[]}"#);
+        socket.during(0.5);
+        let texts = socket.during(1.0);
+        assert!(part(&texts, "message").is_empty() && !part(&texts, "drive").is_empty());
+        // Malformed input is counted, and tolerated up to a limit.
+        for wrong in ["", "{}", r#"{"watch":["1","2","3","4","5","6","7","8","9"]}"#, r#"{"type":"stop","id":1}"#] {
+            socket.say(wrong);
+        }
+        socket.send(2, &[1, 2, 3]).unwrap();
+        assert!(!part(&socket.during(1.0), "drive").is_empty());
+        assert_eq!(web.health()["refused"]["malformed"], 5);
+        for (opcode, payload) in [(1, vec![b' '; 5000]), (3, vec![1]), (1, vec![0xFF, 0xFE])] {
+            let mut socket = web.view("");
+            socket.send(opcode, &payload).unwrap();
+            while let Some(frame) = socket.frame() {
+                if let Frame::Close(code, _) = frame {
+                    assert_eq!(code, 1008);
+                }
             }
         }
-    }
-    assert_eq!(web.health()["refused"]["frame"], 3);
-    assert!(robot.view.all_run());
+        assert_eq!(web.health()["refused"]["frame"], 3);
+        assert!(robot.view.all_run());
+    });
 }
 
 #[test]
