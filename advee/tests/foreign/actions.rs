@@ -224,8 +224,8 @@ impl Stage {
     /// Receives until `condition` is true.
     #[track_caller]
     fn until(&mut self, what: &str, condition: impl Fn(&Self) -> bool) {
-        let told = self.receive(PATIENCE, condition);
-        assert!(told, "not within {PATIENCE:?}: {what}; heard: {:?}", self.heard);
+        let met = self.receive(PATIENCE, condition);
+        assert!(met, "not within {PATIENCE:?}: {what}; heard: {:?}", self.heard);
     }
 
     /// Receives until `condition` is true, or the time is over.

@@ -21,17 +21,18 @@ fn run(args: &[&str], lasting: &[DataAction], answer: impl Fn(&CmdAction) -> Vec
     let port = unique_port();
     let url = format!("udpm://239.255.76.67:{port}?ttl=0");
     let run_dir = std::env::temp_dir().join(format!("advee-action-{}-{port}", std::process::id()));
-    let mut bus = Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
+    let (bus_url, _) = lcm::Url::parse(&url).expect("a good url");
+    let mut bus = Lcm::new(&bus_url).expect("the bus opens");
     // Its own messages would wake it.
-    bus.subscribe("HL_CMD_ACTION").unwrap();
+    bus.subscribe("HL_CMD_ACTION").expect("a good pattern");
     let mut command = advee(&url, &run_dir);
     command.arg("action").args(args).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().expect("the executable is built");
     let mut sent = Vec::new();
     loop {
-        let has_ended = child.try_wait().unwrap().is_some();
+        let has_ended = child.try_wait().expect("it was started").is_some();
         lasting.iter().for_each(|data| publish(&mut bus, data.clone()));
-        bus.wait(Duration::from_millis(20)).unwrap();
+        bus.wait(Duration::from_millis(20)).expect("the bus can be waited for");
         while let Some(message) = next(&mut bus) {
             if let Some(Message::HlCmdAction(command)) = message {
                 answer(&command).into_iter().for_each(|data| publish(&mut bus, data));
@@ -42,8 +43,8 @@ fn run(args: &[&str], lasting: &[DataAction], answer: impl Fn(&CmdAction) -> Vec
             break;
         }
     }
-    let output = child.wait_with_output().unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    let output = child.wait_with_output().expect("it has ended");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("UTF-8");
     Run { code: output.status.code(), out: text(output.stdout), error: text(output.stderr), sent }
 }
 
@@ -114,7 +115,7 @@ fn an_action_whose_module_falls_silent_counts_as_failed() {
         false => vec![status(&command.id, DataAction::RUNNING, 0.0, "")],
     });
     assert_eq!(run.code, Some(1));
-    assert_eq!(run.error, "advee: present counts as failed: its module has not been heard for 3 s\n");
+    assert_eq!(run.error, "advee: present counts as failed: its module has been silent for 3 s\n");
     assert!(run.sent.last().is_some_and(|last| last.cancel), "{:?}", run.sent);
 }
 
