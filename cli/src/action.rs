@@ -100,7 +100,7 @@ fn start(common: &Common, name: &str, command: &Action) -> Outcome {
     let Pursued { end, words, interrupted } =
         pursue(&mut tool, Order::new(clock::now(), wanted.clone(), command.time), command.json)?;
     if !matches!(end, End::Reported(_)) {
-        // A module that hears and is not heard may have begun it.
+        // Its answers may have been lost: the module may have started the action.
         tool.publish(CmdAction { timestamp: tool.timestamp(), cancel: true, parameters: Vec::new(), ..wanted })?;
     }
     let because = if words.is_empty() { String::new() } else { format!(": {}", OneLine(&words)) };
@@ -117,7 +117,7 @@ fn start(common: &Common, name: &str, command: &Action) -> Outcome {
 
 fn silent(what: &str) -> Failed {
     let seconds = action::SILENCE.as_secs();
-    format!("{what} counts as failed: its module has not been heard for {seconds} s").into()
+    format!("{what} counts as failed: its module has been silent for {seconds} s").into()
 }
 
 /// Identifier that no other action has: name, host, process, and time in ms.
@@ -175,7 +175,7 @@ fn print_status(status: ActionStatus, data: &DataAction, json: bool) -> Result<(
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shown {
     Status(ActionStatus),
-    /// It lasts, and its module is not heard any more.
+    /// It has not ended, but its module has fallen silent.
     Silent,
 }
 

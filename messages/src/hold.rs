@@ -60,8 +60,8 @@ holds! {
     /// The PAUSE line was engaged and is not any more; it remains until a deliberate act. No subject.
     PauseLatched = 102, "PAUSE was engaged: the robot waits for an operator",
         "Clear the cause; then release the controls and press again, or send the goal again.";
-    /// Nothing is known yet, or heard any more, of a lidar's own fields that stop the robot. Subject: the lidar.
-    PauseFieldUnknown = 103, "nothing is heard of the fields of {}",
+    /// The state of a lidar's own fields that stop the robot is not known yet, or not any more. Subject: the lidar.
+    PauseFieldUnknown = 103, "the fields of {} are not known to be free",
         "Check its errors, and the modules: driver_lidar must run. Then release the controls and press again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// Time within which each action that lasts has published its status.
 const LISTEN: Duration = PERIOD.saturating_add(Duration::from_millis(300));
-/// Interval at which it is looked whether an action is not heard of any more.
+/// Interval of the check for actions whose modules have fallen silent.
 const LOOK: Duration = Duration::from_millis(500);
 /// Maximum number of actions; further ones are not shown.
 const ACTIONS_MAX: usize = 256;
@@ -114,15 +114,15 @@ impl List {
         all.map(|(_, status, data)| (Shown::Status(*status), data))
     }
 
-    /// Forgets what is not heard of any more; returns what had not ended.
+    /// Forgets the actions without a recent status; returns those that had not ended.
     fn expire(&mut self, now: Instant) -> Vec<DataAction> {
         let mut silent = Vec::new();
         self.0.retain(|_, (heard, status, data)| {
-            let is_heard = now.since(*heard) < SILENCE;
-            if !is_heard && !status.is_end() {
+            let is_recent = now.since(*heard) < SILENCE;
+            if !is_recent && !status.is_end() {
                 silent.push(data.clone());
             }
-            is_heard
+            is_recent
         });
         silent
     }

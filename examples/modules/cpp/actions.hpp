@@ -221,7 +221,7 @@ private:
             publish_status(*action);
     }
 
-    // The reason for which a command is rejected; empty if there is none.
+    // Why a command is rejected; empty if it is accepted.
     std::string objection(const highlevel::cmd_action_t &command) const
     {
         if (!acts())

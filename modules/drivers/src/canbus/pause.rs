@@ -30,7 +30,7 @@ pub enum Paused {
     Unknown,
     /// The power controller reports this source.
     Engaged(StopSource),
-    /// Nothing is heard of the fields of a lidar: its place among those of the configuration.
+    /// The state of a lidar's fields is not known: its place among those of the configuration.
     FieldsUnknown(usize),
     /// A field of a lidar is infringed, or not known, as its driver reports.
     Fields(usize),

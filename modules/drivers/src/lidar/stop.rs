@@ -23,15 +23,15 @@ pub(super) struct Stop {
     /// Since when it measures and one of them is not known.
     unknown: Option<Instant>,
     /// That was reported.
-    told: bool,
+    reported: bool,
 }
 
 impl Stop {
     /// `None`: nothing of the lidar stops the robot.
     pub(super) fn new(device: &Device) -> Option<Self> {
         let zones: Vec<Zone> = device.stop.zones().collect();
-        let (engaged, due, unknown, told) = (None, Instant::NEVER, None, false);
-        (!zones.is_empty()).then_some(Self { zones, engaged, due, unknown, told })
+        let (engaged, due, unknown, reported) = (None, Instant::NEVER, None, false);
+        (!zones.is_empty()).then_some(Self { zones, engaged, due, unknown, reported })
     }
 
     /// Publishes and reports the present results. `evaluates`: the lidar measures, and the module is not in STOP; else
@@ -69,18 +69,18 @@ impl Stop {
         }
         let (bus, name) = (device.bus.as_str(), &device.name);
         let is_due = self.unknown.is_some_and(|since| since + REPORTED_AFTER <= now);
-        if !self.told && is_due {
+        if !self.reported && is_due {
             let message = format!("lidar {name} gives no valid result of what is to stop the robot: PAUSE");
             out.raise(Severity::Error, Fault::LidarNoResult, bus, message);
-            self.told = true;
-        } else if self.told && self.unknown.is_none() {
+            self.reported = true;
+        } else if self.reported && self.unknown.is_none() {
             out.clear(Fault::LidarNoResult, bus, format!("lidar {name} gives results again"));
-            self.told = false;
+            self.reported = false;
         }
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let report = self.unknown.filter(|_| !self.told).map(|since| since + REPORTED_AFTER);
+        let report = self.unknown.filter(|_| !self.reported).map(|since| since + REPORTED_AFTER);
         earliest([Some(self.due), report])
     }
 }
