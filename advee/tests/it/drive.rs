@@ -51,8 +51,12 @@ fn a_second_command_to_drive_waits_for_the_first_one_and_drives_at_once_after_it
         let mut second = second.spawn().unwrap();
         let mut lines = BufReader::new(second.stdout.take().unwrap()).lines().map(Result::unwrap);
         let waiting = lines.next().unwrap();
-        let end = format!(":{} drives the robot", first.id());
-        assert!(waiting.starts_with("waiting, at most 20 s: drive@") && waiting.ends_with(&end), "{waiting}");
+        // Bus and programs have the name with the process, people the words for it.
+        let source = robot.view.motion.as_ref().map_or("", |motion| &motion.source);
+        assert!(source.starts_with("drive@") && source.ends_with(&format!(":{}", first.id())), "{source}");
+        let words = Hold::OtherSource.words(source);
+        assert!(words.starts_with("advee drive on ") && words.ends_with(" drives the robot"), "{words}");
+        assert_eq!(waiting, format!("waiting, at most 20 s: {words}"));
         support::signal(first.id() as i32, "INT");
         assert!(first.wait().unwrap().success());
         // The cause may change while the first one stops.

@@ -464,14 +464,24 @@ fn recorded_runs_are_listed_downloaded_and_played() {
         Err(why) => why,
         Ok(part) => panic!("{query}: {part}"),
     };
-    assert_eq!(why("?demo=../secret"), "1008 there is no recorded run of that name");
-    assert_eq!(why("?demo=2001_01_01_00_00_00"), "1008 there is no recorded run of that name");
+    // The place of a viewer who has just gone may not be free yet.
+    let why_in_a_place = |query: &str| {
+        let begin = Instant::now();
+        loop {
+            let why = why(query);
+            if !why.contains("as may be at once") || begin.elapsed().as_secs() >= 10 {
+                return why;
+            }
+        }
+    };
+    assert_eq!(why_in_a_place("?demo=../secret"), "1008 there is no recorded run of that name");
+    assert_eq!(why_in_a_place("?demo=2001_01_01_00_00_00"), "1008 there is no recorded run of that name");
     for (run, content) in [("2001_01_01_00_00_00", None), ("2001_01_01_00_00_01", Some("x".repeat(100_000)))] {
         fs::create_dir(folder.join(run)).unwrap();
         if let Some(text) = content {
             fs::write(folder.join(run).join("log_000.mcap"), text).unwrap();
         }
-        assert_eq!(why(&format!("?demo={run}")), format!("1008 the run {run} has no messages"));
+        assert_eq!(why_in_a_place(&format!("?demo={run}")), format!("1008 the run {run} has no messages"));
     }
     let others: Vec<Socket> = (0..3).map(|_| web.view(&format!("?demo={run}"))).collect();
     std::thread::sleep(Duration::from_millis(500));
