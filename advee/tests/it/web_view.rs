@@ -483,8 +483,18 @@ fn recorded_runs_are_listed_downloaded_and_played() {
         }
         assert_eq!(why_in_a_place(&format!("?demo={run}")), format!("1008 the run {run} has no messages"));
     }
-    let others: Vec<Socket> = (0..3).map(|_| web.view(&format!("?demo={run}"))).collect();
-    std::thread::sleep(Duration::from_millis(500));
+    let others: Vec<Socket> = (0..3)
+        .map(|viewer| {
+            let begin = Instant::now();
+            loop {
+                let mut other = web.view(&format!("?demo={run}"));
+                match other.json() {
+                    Ok(_) => break other,
+                    Err(why) => assert!(begin.elapsed().as_secs() < 10, "viewer {viewer}: {why}"),
+                }
+            }
+        })
+        .collect();
     assert_eq!(why("?demo"), "1013 as many recorded runs are played as may be at once");
     drop((others, socket));
     let begin = Instant::now();
