@@ -487,3 +487,15 @@ fn beacons_are_counted_by_their_state_and_listed_in_detail() {
     assert!(detail.contains("   1 used         +0.57 deg 0.5 sigma  7 ok 0 refused"), "{detail}");
     assert!(detail.contains("   3 excluded "), "{detail}");
 }
+
+#[test]
+fn an_error_in_detail_says_what_to_do() {
+    let mut app = app(false);
+    let error = Error { module: "driver_aux".into(), number: 0x0703, severity: 2, ..Error::default() };
+    hear(&mut app, Error { message: "fan1 does not turn".into(), ..error });
+    app.turn_to(Tab::Errors);
+    assert!(!screen(&app, 120, 40).contains("what to do"));
+    app.expanded = true;
+    let detail = screen(&app, 120, 40);
+    assert!(detail.contains("what to do  Clean the fan and check its plug, else replace it."), "{detail}");
+}

@@ -470,7 +470,11 @@ export const TEXTS = {
   "Reported within 2 s of it": "Další hlášení v rozmezí 2 s",
   "Play the run {run} from this report on": "Přehrát záznam {run} od tohoto hlášení",
   "Play from here": "Přehrát odtud",
-  "All numbers with their meaning: docs/faults.md.": "Všechna čísla s významem: docs/faults.md.",
+  "What to do: {remedy}": "Co dělat: {remedy}",
+  "It belongs to what stops the robot: {words}.": "Patří k tomu, co robota zastavilo: {words}.",
+  "In the documentation: docs/faults.md, {number}.": "V dokumentaci: docs/faults.md, {number}.",
+  "Stops the robot: {words}. {remedy}": "Robota zastavuje: {words}. {remedy}",
+  "Other errors": "Ostatní chyby",
   "A foreign module was ended by an error that nothing in it caught.": "Cizí modul skončil chybou, kterou nic nezachytilo.",
   "A number of the module's own: read it with the module's name.": "Vlastní číslo modulu: čtěte ho spolu s jeho jménem.",
   "This page does not know the number: the robot's software is newer or older than it.":
