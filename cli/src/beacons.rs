@@ -33,7 +33,7 @@ enum Which {
 const HEARD: Duration = Duration::from_millis(2500);
 
 fn which(text: &str) -> Result<Which, String> {
-    match text.parse() {
+    match text.parse::<i32>() {
         Ok(id) if id >= 0 => Ok(Which::One(id)),
         _ if text == "all" => Ok(Which::All),
         _ => Err("expected the number of a beacon, or all".into()),

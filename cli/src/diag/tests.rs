@@ -483,7 +483,7 @@ fn beacons_are_counted_by_their_state_and_listed_in_detail() {
     let brief = screen(&app, 120, 40);
     assert!(brief.contains("1 used, 1 refused, 1 excluded"), "{brief}");
     app.expanded = true;
-    let detail = screen(&app, 160, 40);
+    let detail = screen(&app, 150, 40);
     assert!(detail.contains("   1 used         +0.57 deg 0.5 sigma  7 ok 0 refused"), "{detail}");
     assert!(detail.contains("   3 excluded "), "{detail}");
 }
