@@ -189,6 +189,7 @@ fn picked(mut view: Value, tab: Option<Tab>) -> Value {
             "commands",
             "stop",
             "estimate",
+            "beacon_use",
             "ellipse",
             "goal",
             "plan",

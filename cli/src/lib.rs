@@ -17,6 +17,7 @@
 #![forbid(unsafe_code)]
 
 mod action;
+mod beacons;
 mod bench;
 mod bus;
 mod can;
@@ -124,6 +125,8 @@ commands! {
         Action(action::Action) => action::action(common, command),
         /// Tell the estimator where the robot is
         Pose(pose::Pose) => pose::tell(common, command),
+        /// Show what the estimator makes of each beacon, exclude one, or permit it again
+        Beacons(beacons::Beacons) => beacons::beacons(common, command),
         /// Show the power channels, or switch one
         Power(power::Power) => power::power(common, command),
         /// Show inputs and outputs, or set an output

@@ -63,6 +63,7 @@ macro_rules! channels {
                     | Self::LlEventStop
                     | Self::MlDataEstimate
                     | Self::MlCmdEstimate
+                    | Self::MlCmdBeaconUse
                     | Self::HlDataAction
                     | Self::SimDataTruth
                     | Self::SimCmdFault
@@ -170,6 +171,8 @@ channels! {
     LlDataJoydev = "LL_DATA_JOYDEV": lowlevel::DataJoydev;
     MlDataEstimate = "ML_DATA_ESTIMATE": middlelevel::DataEstimate;
     MlCmdEstimate = "ML_CMD_ESTIMATE": middlelevel::CmdEstimate;
+    MlDataBeaconUse = "ML_DATA_BEACON_USE": middlelevel::DataBeaconUse;
+    MlCmdBeaconUse = "ML_CMD_BEACON_USE": middlelevel::CmdBeaconUse;
     MlCmdGoal = "ML_CMD_GOAL": middlelevel::CmdGoal;
     MlDataGoal = "ML_DATA_GOAL": middlelevel::DataGoal;
     MlDataPlan = "ML_DATA_PLAN": middlelevel::DataPlan;

@@ -22,6 +22,12 @@ impl Fault {
     }
 }
 
+/// What a person does about a fault, by its number; `None` for those of foreign modules.
+#[must_use]
+pub fn fault_remedy(number: i32) -> Option<&'static str> {
+    Code::ALL.iter().find(|code| **code as i32 == number).map(|code| code.what_to_do())
+}
+
 /// Name of a fault by its number (`docs/faults.md`); the number in hexadecimal for those of foreign modules.
 #[must_use]
 pub fn fault_name(number: i32) -> Cow<'static, str> {

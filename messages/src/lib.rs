@@ -32,13 +32,15 @@ pub mod action;
 mod channels;
 mod faults;
 mod hold;
+mod related;
 mod source;
 mod stop;
 
 pub use channels::{Channel, Message, Raw};
-pub use faults::fault_name;
+pub use faults::{fault_name, fault_remedy};
 pub use hold::{GOAL_MODULE, Hold, MOTION_MODULE};
 pub use lcm::codec::{DecodeError, EncodeError};
+pub use related::Related;
 pub use source::source_in_words;
 pub use stop::{StopReports, StopSource};
 

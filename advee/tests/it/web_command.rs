@@ -85,6 +85,7 @@ fn all() -> Vec<(Value, Role, bool)> {
         operator(json!({ "type": "goal", "waypoints": [{ "x": 3, "y": 4, "theta": 1 }], "loop": false }), true),
         operator(json!({ "type": "route", "name": "patrol" }), true),
         operator(json!({ "type": "pose", "x": 1, "y": 2, "theta": 3 }), true),
+        operator(json!({ "type": "beacon", "beacon": 2, "permitted": true }), true),
         operator(json!({ "type": "home", "axis": "steering" }), true),
         operator(json!({ "type": "cancel" }), false),
         operator(json!({ "type": "log", "action": "mark", "text": "here" }), false),
@@ -327,6 +328,7 @@ fn each_role_has_exactly_its_rights() {
     for channel in [
         "ML_CMD_GOAL",
         "ML_CMD_ESTIMATE",
+        "ML_CMD_BEACON_USE",
         "LL_CMD_HOMING",
         "CM_CMD_LOG",
         "CM_CMD_STATE",

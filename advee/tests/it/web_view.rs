@@ -163,6 +163,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "power",
         "temperatures",
         "busses",
+        "beacon_use",
         "log",
         "clock",
         "errors",
@@ -179,6 +180,8 @@ fn each_part_has_its_shape_and_its_rate() {
         (&module["state"], &module["wanted"], &module["critical"], &module["well"]),
         (&json!("RUN"), &json!("RUN"), &json!(true), &json!(true))
     );
+    let beacons = system["beacon_use"]["value"]["beacons"].as_array().unwrap();
+    assert!(beacons.len() == 6 && beacons.iter().all(|beacon| beacon["permitted"] == true), "{beacons:?}");
     let channels = system["channels"].as_array().unwrap();
     let odometry = channels.iter().find(|channel| channel["channel"] == "LL_DATA_ODO").unwrap();
     assert!((15.0..25.0).contains(&odometry["rate"].as_f64().unwrap()), "{odometry}");

@@ -2,7 +2,7 @@
 
 use super::{Robot, command};
 use base::{Duration, Fault, Instant};
-use messages::middlelevel::{CmdEstimate, CmdGoal, DataEstimate, Waypoint};
+use messages::middlelevel::{CmdBeaconUse, CmdEstimate, CmdGoal, DataBeaconUse, DataEstimate, Waypoint};
 use messages::simulation::{CmdFault, DataTruth};
 use messages::{Message, common};
 use sim::host::News;
@@ -17,6 +17,7 @@ struct Observed {
     errors: Vec<common::Error>,
     /// Reception of a sighting, its timestamp, and the beacon.
     sightings: Vec<(Instant, i64, i32)>,
+    uses: Vec<(Instant, DataBeaconUse)>,
     /// Speeds, m/s.
     speeds: Vec<(Instant, f64)>,
 }
@@ -37,6 +38,7 @@ fn observed(seed: u64) -> (Robot, Rc<RefCell<Observed>>) {
             Message::LlDataBeacons(data) => {
                 seen.sightings.extend(data.beacons.iter().map(|beacon| (now, beacon.timestamp, beacon.id)));
             }
+            Message::MlDataBeaconUse(uses) => seen.uses.push((now, uses.clone())),
             Message::CmEventError(error) => seen.errors.push(error.clone()),
             Message::MlDataEstimate(estimate) => {
                 let off = length(estimate.x - seen.truth.x, estimate.y - seen.truth.y);
@@ -202,4 +204,38 @@ fn a_kidnapping_on_the_way_to_a_goal_stops_the_robot_and_the_pose_is_found_again
         let late = seen.speeds.iter().filter(|(at, _)| at > stopped);
         assert!(late.map(|(_, speed)| speed.abs()).fold(0.0, f64::max) < 0.01, "it drove on by itself");
     }
+}
+
+#[test]
+fn each_beacon_is_reported_and_an_excluded_one_is_not_looked_for() {
+    let (mut robot, seen) = observed(10);
+    round(&mut robot, 30.0);
+    let (at, last) = seen.borrow().uses.last().cloned().expect("1 Hz");
+    assert!(robot.machine.now().since(at) <= Duration::from_secs(1) && last.beacons.len() == 6, "{last:?}");
+    let used: Vec<_> = last.beacons.iter().filter(|beacon| beacon.accepted > 10).collect();
+    assert!(used.len() >= 3, "{last:?}");
+    for beacon in &used {
+        // Nothing lies: the residuals are those of the pose's accuracy, 6 deviations at most.
+        assert!(beacon.active && beacon.permitted && beacon.deviation > 0.0, "{beacon:?}");
+        assert!(!beacon.fits || beacon.residual.abs() < 6.0 * beacon.deviation, "{beacon:?}");
+        assert!(beacon.refused * 5 < beacon.accepted, "{beacon:?}");
+    }
+    let id = used[0].id;
+    let now = robot.machine.now();
+    robot.machine.inject(now, CmdBeaconUse { timestamp: 0, id, permitted: false });
+    // The scanner finishes its sweep.
+    robot.pass(4.0);
+    let then = robot.machine.now();
+    round(&mut robot, 20.0);
+    let now = robot.machine.now();
+    let seen_since = |id: i32| seen.borrow().sightings.iter().any(|(at, _, seen)| *at > then && *seen == id);
+    assert!(!seen_since(id) && used[1..].iter().any(|beacon| seen_since(beacon.id)));
+    let (_, last) = seen.borrow().uses.last().cloned().expect("1 Hz");
+    let excluded = last.beacons.iter().find(|beacon| beacon.id == id).expect("it stays on the map");
+    assert!(!excluded.active && !excluded.permitted, "{excluded:?}");
+    assert!(seen.borrow().estimates.last().is_some_and(|(_, estimate, ..)| estimate.quality >= DataEstimate::COARSE));
+    robot.machine.inject(now, CmdBeaconUse { timestamp: 0, id: CmdBeaconUse::ALL, permitted: true });
+    robot.pass(0.2);
+    let (_, last) = seen.borrow().uses.last().cloned().expect("at once");
+    assert!(last.beacons.iter().all(|beacon| beacon.permitted && beacon.active), "{last:?}");
 }

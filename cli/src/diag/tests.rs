@@ -469,3 +469,33 @@ fn what_is_frozen_stays_while_the_status_goes_on() {
         "{screen}"
     );
 }
+
+#[test]
+fn beacons_are_counted_by_their_state_and_listed_in_detail() {
+    use messages::middlelevel::{BeaconUse, DataBeaconUse};
+    let mut app = app(false);
+    assert!(!screen(&app, 120, 40).contains("beacons"), "of a robot without a map");
+    let seen = BeaconUse { id: 1, active: true, permitted: true, fits: true, last: 9_000_000, ..BeaconUse::default() };
+    let seen = BeaconUse { residual: 0.01, deviation: 0.02, accepted: 7, ..seen };
+    let refused = BeaconUse { id: 2, fits: false, refused: 3, ..seen.clone() };
+    let excluded = BeaconUse { id: 3, active: false, permitted: false, ..seen.clone() };
+    hear(&mut app, DataBeaconUse { timestamp: 10_000_000, beacons: vec![seen, refused, excluded] });
+    let brief = screen(&app, 120, 40);
+    assert!(brief.contains("1 used, 1 refused, 1 excluded"), "{brief}");
+    app.expanded = true;
+    let detail = screen(&app, 150, 40);
+    assert!(detail.contains("   1 used         +0.57 deg 0.5 sigma  7 ok 0 refused"), "{detail}");
+    assert!(detail.contains("   3 excluded "), "{detail}");
+}
+
+#[test]
+fn an_error_in_detail_says_what_to_do() {
+    let mut app = app(false);
+    let error = Error { module: "driver_aux".into(), number: 0x0703, severity: 2, ..Error::default() };
+    hear(&mut app, Error { message: "fan1 does not turn".into(), ..error });
+    app.turn_to(Tab::Errors);
+    assert!(!screen(&app, 120, 40).contains("what to do"));
+    app.expanded = true;
+    let detail = screen(&app, 120, 40);
+    assert!(detail.contains("what to do  Clean the fan and check its plug, else replace it."), "{detail}");
+}

@@ -34,6 +34,7 @@ pub mod gpio;
 pub mod i2c;
 mod listed;
 mod queue;
+mod remedy;
 mod report;
 pub mod serial;
 pub mod store;

@@ -120,7 +120,8 @@ faults! {
     BoardLost = 0x0102, Device;
     /// A board does not know an instruction of its kind.
     BoardRefused = 0x0103, Device;
-    /// A board answered what its kind cannot answer.
+    /// A board answered what its kind cannot answer, is deaf (it answers, and its sonars receive nothing any more), or
+    /// is frozen (it repeats one measurement).
     BoardImplausible = 0x0104, Device;
     /// Somebody talks on a bus without being asked.
     BusBabble = 0x0105, Device;

@@ -30,6 +30,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod beacons;
 mod concerns;
 mod errors;
 mod guard;
@@ -48,6 +49,7 @@ mod texts;
 mod traffic;
 mod view;
 
+pub use beacons::{BeaconState, normalized_residual};
 pub use concerns::{CHARGE_EMPTY, CHARGE_LOW, Concern, Weight};
 pub use errors::{ErrorGroup, Errors, Knowledge, LIST_VALID, Reported, ShownGroup};
 pub use guard::Bound;

@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 const BUSES_MAX: usize = 32;
 /// Maximum number of inertial measurement units.
 const IMUS_MAX: usize = 8;
+/// Maximum number of beacons whose use is kept: those that the map lists first.
+const BEACONS_MAX: usize = 256;
 /// Maximum number of modules whose lists of causes are kept.
 const HOLDERS_MAX: usize = 16;
 /// Maximum number of command sources.
@@ -79,6 +81,8 @@ pub struct Model {
     pub sdo: Slot<lowlevel::DataSdo>,
     /// Estimated pose.
     pub estimate: Slot<middlelevel::DataEstimate>,
+    /// What the estimator makes of each beacon: at most 256.
+    pub beacon_use: Slot<middlelevel::DataBeaconUse>,
     /// State of the goal.
     pub goal: Slot<middlelevel::DataGoal>,
     /// Planned path.
@@ -136,6 +140,7 @@ impl Model {
             gamepad: Slot::every(ms(200)),
             sdo: Slot::every(Duration::MAX),
             estimate: Slot::every(ms(50)),
+            beacon_use: Slot::every(ms(1000)),
             goal: Slot::every(ms(200)),
             plan: Slot::every(ms(1000)),
             obstacles: Slot::every(ms(1000)),
@@ -206,6 +211,10 @@ impl Model {
             Some(Message::LlDataJoydev(gamepad)) => self.gamepad.put(at, gamepad),
             Some(Message::LlDataSdo(sdo)) => self.sdo.put(at, sdo),
             Some(Message::MlDataEstimate(estimate)) => self.estimate.put(at, estimate),
+            Some(Message::MlDataBeaconUse(mut uses)) => {
+                uses.beacons.truncate(BEACONS_MAX);
+                self.beacon_use.put(at, uses);
+            }
             Some(Message::MlDataGoal(goal)) => self.goal.put(at, goal),
             Some(Message::MlDataPlan(plan)) => self.plan.put(at, plan),
             Some(Message::MlDataObstacles(obstacles)) => self.obstacles.put(at, obstacles),

@@ -2,7 +2,7 @@
 
 use messages::common::{CmdLog, CmdState};
 use messages::lowlevel::{CmdHoming, CmdPower};
-use messages::middlelevel::{CmdEstimate, CmdGoal, Waypoint};
+use messages::middlelevel::{CmdBeaconUse, CmdEstimate, CmdGoal, Waypoint};
 use module::State;
 use rs485::boards::psc1::CHANNELS;
 
@@ -27,6 +27,12 @@ pub fn pose(timestamp: i64, [x, y, theta]: [f64; 3], deviations: [f64; 3]) -> Cm
 #[must_use]
 pub fn covariance([dx, dy, turn]: [f64; 3]) -> [[f64; 3]; 3] {
     [[dx * dx, 0.0, 0.0], [0.0, dy * dy, 0.0], [0.0, 0.0, turn * turn]]
+}
+
+/// Permits a beacon of the map to be used for the estimate, or excludes it; `None` means all beacons.
+#[must_use]
+pub fn beacon(timestamp: i64, id: Option<i32>, permitted: bool) -> CmdBeaconUse {
+    CmdBeaconUse { timestamp, id: id.unwrap_or(CmdBeaconUse::ALL), permitted }
 }
 
 /// Homing of an axis.
@@ -93,6 +99,7 @@ mod tests {
         assert!(power(0, "motors", "toggle").is_err());
         assert!(mark(0, "").is_err() && mark(0, &"x".repeat(1001)).is_err() && mark(0, "a\0").is_err());
         assert_eq!(mark(0, "here").unwrap().action, CmdLog::MARK);
+        assert_eq!([Some(7), None].map(|id| beacon(0, id, true).id), [7, CmdBeaconUse::ALL]);
         assert_eq!(goal(1_795_302_110_792_249, Vec::new(), false).id, 302_110_792);
     }
 }

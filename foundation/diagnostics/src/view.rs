@@ -30,6 +30,8 @@ pub struct View<'a> {
     pub stop: Shown<'a, lowlevel::EventStop>,
     /// Estimated pose.
     pub estimate: Shown<'a, middlelevel::DataEstimate>,
+    /// What the estimator makes of each beacon.
+    pub beacon_use: Shown<'a, middlelevel::DataBeaconUse>,
     /// Ellipse of two standard deviations around the estimate.
     pub ellipse: Option<Ellipse>,
     /// State of the goal.
@@ -128,6 +130,7 @@ impl Model {
             bound: self.bound(now),
             stop: self.stop.shown(now),
             estimate: self.estimate.shown(now),
+            beacon_use: self.beacon_use.shown(now),
             ellipse: self.estimate.get().and_then(|estimate| Ellipse::of(&estimate.covariance)),
             goal: self.goal.shown(now),
             plan: self.plan.shown(now),

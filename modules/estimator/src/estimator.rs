@@ -2,10 +2,12 @@
 //!
 //! Takes    `LL_DATA_ODO` (20 Hz), `LL_DATA_BEACONS` (each bearing at its own instant), `LL_DATA_MOTION` (motion of the
 //!          drives, while the odometry is silent or stuck), `ML_CMD_ESTIMATE` (a pose set by hand); of a base that does
-//!          not steer `LL_DATA_VELOCITY` in place of odometry and drives; `LL_DATA_IMU`, where a unit is configured
+//!          not steer `LL_DATA_VELOCITY` in place of odometry and drives; `LL_DATA_IMU`, where a unit is configured;
+//!          `ML_CMD_BEACON_USE` (a person excludes a beacon, or permits it again)
 //! Rotation by that unit while it is OK, else by the wheels; where they disagree the wheels slip, and their way counts
 //!          for less
-//! Gives    `ML_DATA_ESTIMATE` at 20 Hz, predicted to the present; `LL_DATA_ACTIVE_BEACONS` every five seconds
+//! Gives    `ML_DATA_ESTIMATE` at 20 Hz, predicted to the present; `LL_DATA_ACTIVE_BEACONS` every five seconds;
+//!          `ML_DATA_BEACON_USE`, what became of the bearings of each beacon, every second
 //! Silence  without odometry the drives count, without them nothing does: at most COARSE then
 //! States   in PAUSE and STOP it goes on estimating; in STOP it publishes nothing
 
@@ -15,7 +17,7 @@ use crate::gyro::{Gyro, Turn};
 use crate::motion_source::{MotionSources, Source};
 use base::{Duration, Epoch, Fault, Instant, Severity, Ticker};
 use messages::lowlevel::{DataActiveBeacons, DataBeacons, DataImu, DataMotion, DataOdo, DataVelocity};
-use messages::middlelevel::{CmdEstimate, DataEstimate};
+use messages::middlelevel::{BeaconUse, CmdBeaconUse, CmdEstimate, DataBeaconUse, DataEstimate};
 use messages::{Channel, Message};
 use module::{Actions, Event, Module, State};
 use navitools::odometry::SteeredWheels;
@@ -26,6 +28,8 @@ pub const NAME: &str = "estimator";
 const PERIOD: Duration = Duration::from_millis(50);
 /// Periods between two publications of the active beacons.
 const ACTIVE_BEACONS_PERIODS: u32 = 100;
+/// Periods between two publications of the use of beacons.
+const BEACON_USE_PERIODS: u32 = 20;
 /// Greatest difference between a time stamp and the time of reception; beyond it the sender's clock is another one.
 const CLOCK_DIFFERENCE_MAX: Duration = Duration::from_millis(150);
 /// Noise of the drives' motion: wheels slip and the steering has play.
@@ -54,10 +58,16 @@ pub struct Config {
 impl Config {
     fn subscriptions(&self) -> Vec<Channel> {
         let all: &[Channel] = match self.wheels {
-            Wheels::Steered { .. } => {
-                &[Channel::LlDataOdo, Channel::LlDataBeacons, Channel::LlDataMotion, Channel::MlCmdEstimate]
+            Wheels::Steered { .. } => &[
+                Channel::LlDataOdo,
+                Channel::LlDataBeacons,
+                Channel::LlDataMotion,
+                Channel::MlCmdEstimate,
+                Channel::MlCmdBeaconUse,
+            ],
+            Wheels::Driven { .. } => {
+                &[Channel::LlDataVelocity, Channel::LlDataBeacons, Channel::MlCmdEstimate, Channel::MlCmdBeaconUse]
             }
-            Wheels::Driven { .. } => &[Channel::LlDataVelocity, Channel::LlDataBeacons, Channel::MlCmdEstimate],
         };
         all.iter().copied().chain(self.imu.iter().map(|_| Channel::LlDataImu)).collect()
     }
@@ -94,6 +104,10 @@ pub struct Estimator {
     tick: Option<Ticker>,
     ticks: u32,
     active: Vec<i32>,
+    /// Beacons of the map that a person excluded.
+    excluded: Vec<i32>,
+    /// The excluded ones have changed: the active ones are to be chosen anew.
+    to_choose: bool,
     source: Source,
     silent: bool,
     /// True if a pose was ever known, and if its loss has been reported.
@@ -128,6 +142,8 @@ impl Estimator {
             tick: None,
             ticks: 0,
             active: Vec::new(),
+            excluded: Vec::new(),
+            to_choose: false,
             source: Source::None,
             silent: false,
             known: false,
@@ -228,6 +244,9 @@ impl Estimator {
                 Ok(age_us) => said - Duration::from_micros(age_us),
                 Err(_) => said + Duration::from_micros(age_us.unsigned_abs()),
             };
+            if self.excluded.contains(&beacon.id) {
+                continue;
+            }
             let taken = self.filter.bearing(stamp, beacon.id, beacon.bearing);
             if taken == Err(Refused::Unknown) && !self.unknown.contains(&beacon.id) && self.unknown.len() < 256 {
                 self.unknown.push(beacon.id);
@@ -246,6 +265,30 @@ impl Estimator {
                 let why = "a pose by hand was refused: numbers that are none, or no covariance";
                 out.report(Severity::Warning, Fault::MeasurementBad, "pose", why);
             }
+        }
+    }
+
+    fn on_beacon_use(&mut self, command: &CmdBeaconUse, out: &mut Actions) {
+        let CmdBeaconUse { id, permitted, .. } = *command;
+        let of_map = self.config.filter.beacons.iter().map(|beacon| beacon.id);
+        let meant: Vec<i32> = of_map.filter(|own| id == CmdBeaconUse::ALL || id == *own).collect();
+        if meant.is_empty() {
+            let why = format!("beacon {id} is not on the map: it is neither excluded nor permitted");
+            out.report(Severity::Warning, Fault::CommandForbidden, "beacons", why);
+            return;
+        }
+        let before = self.excluded.len();
+        self.excluded.retain(|excluded| !meant.contains(excluded));
+        if !permitted {
+            self.excluded.extend(meant);
+        }
+        self.to_choose = true;
+        if self.excluded.len() != before {
+            let excluded: Vec<String> = self.excluded.iter().map(i32::to_string).collect();
+            out.note(match excluded.is_empty() {
+                true => "all beacons are permitted".into(),
+                false => format!("excluded beacons: {}", excluded.join(", ")),
+            });
         }
     }
 
@@ -303,8 +346,12 @@ impl Estimator {
         let (theta, level) = (theta.radians(), quality as i8);
         out.publish(DataEstimate { timestamp, x, y, theta, speed, rotation, covariance, quality: level });
         self.tell(quality, out);
-        if self.ticks.is_multiple_of(ACTIVE_BEACONS_PERIODS) {
+        let anew = std::mem::take(&mut self.to_choose);
+        if anew || self.ticks.is_multiple_of(ACTIVE_BEACONS_PERIODS) {
             self.choose(now, (quality >= Quality::Coarse).then_some(estimate.pose), out);
+        }
+        if anew || self.ticks.is_multiple_of(BEACON_USE_PERIODS) {
+            self.publish_beacon_use(now, out);
         }
         self.ticks = self.ticks.wrapping_add(1);
     }
@@ -329,8 +376,33 @@ impl Estimator {
             return;
         }
         let Config { active_max, filter: filter::Config { range, .. }, .. } = self.config;
-        self.active = active::choose(beacons, active_max, range, pose, &self.active, turn);
+        let mut permitted = beacons.clone();
+        permitted.retain(|beacon| !self.excluded.contains(&beacon.id));
+        self.active = active::choose(&permitted, active_max, range, pose, &self.active, turn);
         out.publish(DataActiveBeacons { timestamp: out.timestamp(now), ids: self.active.clone() });
+    }
+
+    fn publish_beacon_use(&self, now: Instant, out: &mut Actions) {
+        let beacons = &self.config.filter.beacons;
+        if beacons.is_empty() {
+            return;
+        }
+        let count = |count: u64| i32::try_from(count).unwrap_or(i32::MAX);
+        let of = |(beacon, seen): (&filter::Beacon, &filter::BeaconUse)| BeaconUse {
+            id: beacon.id,
+            x: beacon.at.x,
+            y: beacon.at.y,
+            active: self.active.contains(&beacon.id),
+            permitted: !self.excluded.contains(&beacon.id),
+            last: seen.last.map_or(0, |last| out.timestamp(last.stamp)),
+            residual: seen.last.map_or(f64::NAN, |last| last.residual),
+            deviation: seen.last.map_or(f64::NAN, |last| last.deviation),
+            fits: seen.last.is_some_and(|last| last.fits),
+            accepted: count(seen.accepted),
+            refused: count(seen.refused),
+        };
+        let beacons = beacons.iter().zip(self.filter.uses()).map(of).collect();
+        out.publish(DataBeaconUse { timestamp: out.timestamp(now), beacons });
     }
 }
 
@@ -361,6 +433,7 @@ impl Module for Estimator {
                 Message::LlDataVelocity(velocity) => self.on_velocity(at, velocity, out),
                 Message::LlDataImu(imu) => self.on_imu(at, imu, out),
                 Message::MlCmdEstimate(command) => self.on_command(command, out),
+                Message::MlCmdBeaconUse(command) => self.on_beacon_use(command, out),
                 _ => {}
             },
             Event::State(State::Stop | State::Terminate) => self.tick = None,

@@ -123,6 +123,50 @@ pub struct Counts {
     pub unknown: u64,
 }
 
+/// What became of the bearings of a beacon since the start. For people: the filter decides nothing by it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BeaconUse {
+    /// The last bearing that was compared with a known pose; `None`: none was.
+    pub last: Option<Judged>,
+    /// Bearings that were accepted, those of a standing robot that repeat and are not applied among them.
+    pub accepted: u64,
+    /// Bearings that were refused as outliers, at once or later.
+    pub refused: u64,
+}
+
+/// A bearing and its fit to the pose at its instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// Its time stamp.
+    pub stamp: Instant,
+    /// Measured minus expected direction, rad, counter-clockwise.
+    pub residual: f64,
+    /// Expected standard deviation of the residual, of pose and measurement, rad; above 0.
+    pub deviation: f64,
+    /// Accepted; false if refused as an outlier.
+    pub fits: bool,
+}
+
+impl BeaconUse {
+    fn judge(&mut self, judged: Judged) {
+        self.last = Some(judged);
+        if judged.fits {
+            self.accepted += 1;
+        } else {
+            self.refused += 1;
+        }
+    }
+
+    /// Counts a bearing as refused that had been accepted.
+    fn take_back(&mut self, stamp: Instant) {
+        self.accepted = self.accepted.saturating_sub(1);
+        self.refused += 1;
+        if let Some(last) = self.last.as_mut().filter(|last| last.stamp == stamp) {
+            last.fits = false;
+        }
+    }
+}
+
 /// Greatest plausible speed, m/s.
 pub const SPEED_MAX: f64 = 10.0;
 /// Greatest plausible rotation, rad/s.
@@ -259,6 +303,8 @@ pub struct Kalman<const N: usize> {
     /// Number of searches since the last one that found a pose.
     failed: u32,
     counts: Counts,
+    /// By beacon, in the order of the map.
+    uses: Vec<BeaconUse>,
 }
 
 impl<const N: usize> Kalman<N> {
@@ -270,6 +316,7 @@ impl<const N: usize> Kalman<N> {
         config.check()?;
         let state = State::new(&config);
         let applied = vec![Applied::default(); config.beacons.len()];
+        let uses = vec![BeaconUse::default(); config.beacons.len()];
         Ok(Self {
             walk: core::array::from_fn(|place| state.cov[place][place] / CHANGES_IN),
             history: History::new(Instant::ZERO, &state),
@@ -291,6 +338,7 @@ impl<const N: usize> Kalman<N> {
             to_search: false,
             failed: 0,
             counts: Counts::default(),
+            uses,
             config,
         })
     }
@@ -299,6 +347,12 @@ impl<const N: usize> Kalman<N> {
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counts
+    }
+
+    /// What became of the bearings of each beacon, in the order of the map.
+    #[must_use]
+    pub fn uses(&self) -> &[BeaconUse] {
+        &self.uses
     }
 
     /// Estimated calibration parameters.
@@ -491,7 +545,7 @@ impl<const N: usize> Kalman<N> {
         let place_of = self.config.beacons[beacon].at;
         let (mount, rates) = (self.config.mount.into(), step.rates());
         let sight = Sight { number: beacon, beacon: place_of, bearing, variance, weight, mount, rates, later };
-        let kind = Kind::Bearing { sight, fresh: true, used };
+        let kind = Kind::Bearing { sight, fresh: true, used, accepted: false };
         self.history.insert(place, &Entry { at, kind, ..before });
         self.see(Bearing { stamp, beacon, place: place_of, bearing });
         self.last_seen = self.last_seen.max(Some(at));
@@ -540,7 +594,7 @@ impl<const N: usize> Kalman<N> {
             match &mut entry.kind {
                 Kind::Begin => {}
                 Kind::Way(step) => state.predict(step, &self.walk),
-                Kind::Bearing { sight, fresh, used } if self.has_pose => {
+                Kind::Bearing { sight, fresh, used, accepted } if self.has_pose => {
                     if let Some(fit) = state.fit(sight) {
                         let (own, other) = ((1.0 - wild) * fit.density(), wild / TAU);
                         let right = own / (own + other);
@@ -560,6 +614,10 @@ impl<const N: usize> Kalman<N> {
                                 clean = sight.stamp(entry.at);
                             }
                             self.applied[sight.number].judge(sight, entry.at, fits, fit.innovation);
+                            *accepted = fits;
+                            let (residual, deviation) = (fit.innovation, libm::sqrt(fit.variance));
+                            let stamp = sight.stamp(entry.at);
+                            self.uses[sight.number].judge(Judged { stamp, residual, deviation, fits });
                             self.counts.gated += u64::from(!fits);
                             self.misfits += (f64::from(u8::from(!fits)) - self.misfits) / LOOKED_AT;
                         }
@@ -591,7 +649,9 @@ impl<const N: usize> Kalman<N> {
             }
         }
         if let (gain, Some(place)) = best {
-            self.history.take_back(place);
+            if let Some((at, sight)) = self.history.take_back(place) {
+                self.uses[sight.number].take_back(sight.stamp(at));
+            }
             self.counts.gated += 1;
             self.against = (self.against - gain).max(0.0);
             self.work_out();

@@ -6,6 +6,7 @@ use crate::diag::rows;
 use base::{Fault, Instant};
 use diagnostics::{Model, Reported, ShownGroup};
 use messages::common::Error;
+use messages::fault_remedy;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -123,6 +124,7 @@ fn lines(model: &Model, group: &ShownGroup<'_>) -> Vec<Line<'static>> {
     let mut lines = vec![
         Line::from(clip(&group.message)).bold(),
         fact("fault", &format!("{:#06x} {name}, by {}", group.number, clip(&group.module))),
+        fact("what to do", fault_remedy(group.number).unwrap_or("see the documentation of the module")),
         fact("about", if group.subject.is_empty() { "-" } else { &group.subject }),
         fact(
             "first",

@@ -6,8 +6,9 @@ use super::{errors, modules};
 use crate::diag::app::App;
 use crate::goal;
 use base::{Duration, Instant};
-use diagnostics::{CHARGE_EMPTY, CHARGE_LOW, Ellipse, HoldRow, Model};
+use diagnostics::{BeaconState, CHARGE_EMPTY, CHARGE_LOW, Ellipse, HoldRow, Model, normalized_residual};
 use messages::lowlevel::{DataPower, DataTemperature, Reading};
+use messages::middlelevel::{BeaconUse, DataBeaconUse};
 use messages::{Hold, StopSource, source_in_words};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -20,6 +21,8 @@ const QUALITY: [&str; 4] = ["LOST", "SEARCHING", "COARSE", "FINE"];
 const SOURCES: usize = 4;
 /// Width from which errors and modules are beside the overview, columns.
 const WIDE: u16 = 160;
+/// Beacons that are listed.
+const BEACONS: usize = 12;
 /// Causes for which it stands that are listed.
 const HOLDS: usize = 8;
 
@@ -121,6 +124,9 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             (true, held) => format!("{}{}", g.name, if held { "  dead man held" } else { "" }),
         }),
     ]);
+    if model.beacon_use.get().is_some() {
+        lines.push(line("beacons", &model.beacon_use, at, beacons));
+    }
     if model.truth.get().is_some() {
         let text = |t: &messages::simulation::DataTruth| {
             format!("{:.2} {:.2} m  {}", t.x, t.y, crate::counted(t.collisions, "contact"))
@@ -147,6 +153,26 @@ fn holds(model: &Model, at: Instant) -> Vec<Line<'static>> {
         [Some(cause), latched].into_iter().flatten()
     })
     .collect()
+}
+
+/// How many beacons there are in each state.
+fn beacons(heard: &DataBeaconUse) -> String {
+    let count = |state: &BeaconState| {
+        let count = heard.beacons.iter().filter(|beacon| BeaconState::of(beacon, heard.timestamp) == *state).count();
+        (count > 0).then(|| format!("{count} {}", state.name()))
+    };
+    let counts: Vec<String> = BeaconState::ALL.iter().filter_map(count).collect();
+    if counts.is_empty() { "none on the map".into() } else { counts.join(", ") }
+}
+
+/// A beacon, with the residual of its last bearing.
+fn beacon(beacon: &BeaconUse, timestamp: i64) -> String {
+    let state = BeaconState::of(beacon, timestamp).name();
+    let residual = match normalized_residual(beacon) {
+        Some(ratio) => format!("{:+.2} deg {:.1} sigma", beacon.residual.to_degrees(), ratio.abs()),
+        None => "-".into(),
+    };
+    format!("  {:>4} {state:<12} {residual}  {} ok {} refused", beacon.id, beacon.accepted, beacon.refused)
 }
 
 /// Coloured by the charge, beside the figure.
@@ -233,6 +259,12 @@ fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
             let text: String = pair.iter().map(text).collect();
             lines.push(Line::styled(text, super::style(&model.power, at)));
         }
+    }
+    if let Some(heard) = model.beacon_use.get() {
+        lines.push(line("beacons", &model.beacon_use, at, |_| "last residual, advee beacons ID off|on".into()));
+        let style = super::style(&model.beacon_use, at);
+        let rows = heard.beacons.iter().take(BEACONS).map(|seen| Line::styled(beacon(seen, heard.timestamp), style));
+        lines.extend(rows);
     }
     if let Some(sonars) = model.sonar_readings(at, 0.0) {
         let style = sonar_style(model, at);

@@ -99,6 +99,11 @@ impl Rig {
         self.bench.published().into_iter().filter_map(estimate).collect()
     }
 
+    fn uses(&mut self) -> Vec<DataBeaconUse> {
+        let uses = |message| if let Message::MlDataBeaconUse(uses) = message { Some(uses) } else { None };
+        self.bench.published().into_iter().filter_map(uses).collect()
+    }
+
     fn faults(&mut self) -> Vec<(Fault, Severity)> {
         let report = |(_, action)| if let Action::Report(report) = action { Some(report) } else { None };
         self.bench.done().into_iter().filter_map(report).map(|report| (report.fault, report.severity)).collect()
@@ -146,6 +151,69 @@ fn the_active_beacons_are_told_and_repeated() {
     let ids = |message| if let Message::LlDataActiveBeacons(active) = message { Some(active.ids) } else { None };
     let told: Vec<Vec<i32>> = rig.bench.published().into_iter().filter_map(ids).collect();
     assert_eq!(told, vec![vec![1, 2, 3, 4]; 3]);
+}
+
+#[test]
+fn once_a_second_it_says_what_it_makes_of_each_beacon() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    let uses = rig.uses();
+    assert_eq!(uses.len(), 11);
+    let of_map = uses.iter().flat_map(|uses| &uses.beacons).map(|beacon| (beacon.id, beacon.x, beacon.y));
+    assert!(of_map.eq(BEACONS.iter().cycle().take(44).copied()));
+    let unseen = &uses[0].beacons[0];
+    assert!(unseen.active && unseen.permitted && !unseen.fits && unseen.last == 0, "{unseen:?}");
+    assert!(unseen.residual.is_nan() && unseen.deviation.is_nan() && unseen.accepted + unseen.refused == 0);
+    let last = uses.last().unwrap();
+    for beacon in &last.beacons {
+        assert!(beacon.fits && beacon.accepted >= 6 && beacon.refused == 0, "{beacon:?}");
+        assert!(beacon.residual.abs() < 0.03 && beacon.deviation > 0.0, "{beacon:?}");
+        // Sighted with this sweep or the one before.
+        assert!((0..2_500_000).contains(&(last.timestamp - beacon.last)), "{} {beacon:?}", last.timestamp);
+    }
+    rig.faults();
+    // Beacon 3 appears in a wrong direction.
+    let timestamp = (rig.at() * 1e6).round() as i64;
+    let (_, x, y) = BEACONS[2];
+    let place = rig.pose(timestamp as f64 * 1e-6);
+    let sensor = place * Point { x: 0.25, y: 0.0 };
+    let bearing = wrap(libm::atan2(y - sensor.y, x - sensor.x) - place.theta.radians() + 0.4);
+    let beacons = vec![lowlevel::Beacon { timestamp, id: 3, bearing, strength: 0.5 }];
+    rig.bench.message(lowlevel::DataBeacons { timestamp, beacons });
+    rig.beacons = false;
+    rig.drive(1);
+    let refused = rig.uses().pop().unwrap().beacons.remove(2);
+    assert!(!refused.fits && refused.refused == 1 && (refused.residual - 0.4).abs() < 0.05, "{refused:?}");
+}
+
+#[test]
+fn an_excluded_beacon_is_neither_looked_for_nor_used_until_it_is_permitted_again() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    let before = rig.uses().pop().unwrap();
+    let exclude = |id, permitted| CmdBeaconUse { timestamp: 0, id, permitted };
+    rig.bench.message(exclude(2, false));
+    rig.bench.pass(PERIOD);
+    let published = rig.bench.published();
+    let ids = |message: &Message| {
+        if let Message::LlDataActiveBeacons(active) = message { Some(active.ids.clone()) } else { None }
+    };
+    assert_eq!(published.iter().filter_map(ids).collect::<Vec<_>>(), [[1, 3, 4]], "at once");
+    rig.drive(3);
+    let uses = rig.uses().pop().unwrap();
+    let state: Vec<_> = uses.beacons.iter().map(|beacon| (beacon.active, beacon.permitted)).collect();
+    assert_eq!(state, [(true, true), (false, false), (true, true), (true, true)]);
+    for (place, (then, now)) in before.beacons.iter().zip(&uses.beacons).enumerate() {
+        assert_eq!(now.accepted > then.accepted, place != 1, "{then:?} {now:?}");
+    }
+    rig.bench.message(exclude(CmdBeaconUse::ALL, false));
+    rig.bench.pass(PERIOD);
+    assert_eq!(rig.bench.published().iter().filter_map(ids).collect::<Vec<_>>(), [[0; 0]]);
+    rig.bench.message(exclude(CmdBeaconUse::ALL, true));
+    rig.bench.pass(PERIOD);
+    assert_eq!(rig.bench.published().iter().filter_map(ids).collect::<Vec<_>>(), [[1, 2, 3, 4]]);
+    rig.bench.message(exclude(77, false));
+    assert_eq!(rig.faults(), [(Fault::CommandForbidden, Severity::Warning)]);
 }
 
 #[test]

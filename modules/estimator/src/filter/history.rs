@@ -21,6 +21,8 @@ pub enum Kind {
         fresh: bool,
         /// True if it may change the state; false if only its fit is computed.
         used: bool,
+        /// True if it was accepted when it was processed.
+        accepted: bool,
     },
 }
 
@@ -130,12 +132,15 @@ impl<const N: usize> History<N> {
         self.entries.range(place..)
     }
 
-    /// Excludes the bearing at this index from the estimate; later states are computed again.
-    pub fn take_back(&mut self, place: usize) {
-        if let Kind::Bearing { used, .. } = &mut self.entries[place].kind {
-            *used = false;
-            self.dirty = self.dirty.min(place);
-        }
+    /// Excludes the bearing at this index from the estimate; later states are computed again. Returns the bearing if it
+    /// had been accepted.
+    pub fn take_back(&mut self, place: usize) -> Option<(Instant, Sight)> {
+        let Entry { at, kind: Kind::Bearing { sight, used, accepted, .. }, .. } = &mut self.entries[place] else {
+            return None;
+        };
+        *used = false;
+        self.dirty = self.dirty.min(place);
+        std::mem::take(accepted).then_some((*at, *sight))
     }
 
     /// Next entry to be processed, and the state before it.

@@ -418,3 +418,37 @@ fn unequal_wheels_that_were_found_straight_ahead_are_known_in_a_turn() {
         assert!(now < 15_000 || off < bound.min(0.04), "{now}: {off} {bound} {:?}", filter.nuisances());
     }
 }
+
+#[test]
+fn each_beacon_has_the_residual_of_its_last_bearing_and_what_is_refused_is_counted() {
+    let mut filter = filter();
+    assert_eq!(filter.uses(), [BeaconUse::default(); 4]);
+    drive(&mut filter, 1000, 12_000);
+    filter.estimate(ms(12_000));
+    for seen in filter.uses() {
+        let last = seen.last.unwrap();
+        assert!(last.fits && last.residual.abs() < 0.01 && seen.accepted >= 8 && seen.refused == 0, "{seen:?}");
+        // The deviation of a bearing is half a degree; that of the pose adds to it.
+        assert!((0.5f64.to_radians()..0.05).contains(&last.deviation), "{seen:?}");
+    }
+    let before = filter.uses().to_vec();
+    filter.bearing(ms(11_990), BEACONS[2].0, bearing(pose(11_990), 2) + 0.5).unwrap();
+    filter.estimate(ms(12_000));
+    let after = filter.uses();
+    assert_eq!((after[2].accepted, after[2].refused), (before[2].accepted, 1));
+    let last = after[2].last.unwrap();
+    assert!(!last.fits && (last.residual - 0.5).abs() < 0.02 && last.stamp == ms(11_990), "{last:?}");
+    assert_eq!([after[0], after[1], after[3]], [before[0], before[1], before[3]], "others are as before");
+}
+
+#[test]
+fn a_bearing_that_is_taken_back_counts_as_refused_and_not_twice() {
+    let mut seen = BeaconUse::default();
+    let judged = |stamp, fits| Judged { stamp, residual: 0.1, deviation: 0.02, fits };
+    seen.judge(judged(ms(1), true));
+    seen.judge(judged(ms(2), true));
+    seen.take_back(ms(1));
+    assert_eq!((seen.accepted, seen.refused, seen.last), (1, 1, Some(judged(ms(2), true))));
+    seen.take_back(ms(2));
+    assert_eq!((seen.accepted, seen.refused, seen.last), (0, 2, Some(judged(ms(2), false))));
+}

@@ -172,6 +172,7 @@ function system(): Part {
       shown({ timestamp: at, bus: "b", load: 0.02, frames: Math.round(elapsed() * 2), errors: 0, state: 0, nodes: [{ name: "sbs1", address: 0x30, state: 0, requests: 1_071, retries: 0, timeouts: 0, crc_errors: 0, round_trip_min: 0.004, round_trip_mean: 0.005, round_trip_max: 0.006 }] }, 1, 4.2),
     ],
     log: shown({ timestamp: at, recording: robot.recording, run: "2026_11_22_09_12_40", bytes: (robot.bytes += 12_000), dropped: 0, free: 21.4e9 }, 1),
+    beacon_use: shown({ timestamp: at, beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y, active: i < 5, permitted: !excluded.has(i + 1), last: i < 4 ? at - i * 2e5 : 0, residual: i < 4 ? (i === 3 ? 0.21 : wave(7 + i, 0.01)) : null, deviation: i < 4 ? 0.012 : null, fits: i < 3, accepted: i < 4 ? 600 - 90 * i : 0, refused: i === 3 ? 41 : 0 })) }, 1),
     clock: shown({ timestamp: at, rate: 1 }, 1),
     errors: [
       { module: "driver_aux", number: 0x0703, subject: "fan2", cause: "fan2 does not turn though it is commanded to", count: 14, first: at - 900e6, last: at - 2e6, severity: 2, standing: true, known: true, message: "fan2 does not turn though it is commanded to" },
@@ -228,6 +229,9 @@ function authorityIs(why: string): void {
   tell({ type: "authority", holder, yours: holder?.id === 1, why });
 }
 
+/** Numbers of beacons that are left out. */
+const excluded = new Set<number>();
+
 /** What the page said, for who looks at it from outside. */
 const heard: Command[] = [];
 Object.assign(globalThis, { said: heard });
@@ -273,6 +277,10 @@ function said(each: Command): boolean {
       robot.x = each.x;
       robot.y = each.y;
       robot.theta = each.theta;
+      break;
+    case "beacon":
+      if (each.permitted) excluded.delete(each.beacon);
+      else excluded.add(each.beacon);
       break;
     case "sdo":
       tell({ type: "sdo", id: each.id, data: "92010200", abort: 0, why: "" });

@@ -334,6 +334,8 @@ export interface SystemPart {
   power: Shown<DataPower>;
   temperatures: Shown<DataTemperature>;
   busses: Shown<DataBus>[];
+  /** What the estimator makes of each beacon. */
+  beacon_use: Shown<DataBeaconUse>;
   log: Shown<DataLog>;
   clock: Shown<DataClock>;
   errors: ErrorGroup[];
@@ -682,6 +684,8 @@ export type Command =
   | { type: "route"; id: number; name: string }
   /** Position for the estimator, m and rad, map frame. Needs the motion authority. */
   | { type: "pose"; id: number; x: number; y: number; theta: number }
+  /** Permits a beacon of the map for the estimate, or excludes it. Needs the motion authority. */
+  | { type: "beacon"; id: number; beacon: number; permitted: boolean }
   /** Homes an axis. Needs the motion authority. */
   | { type: "home"; id: number; axis: string }
   /** Cancels the goal. Any operator. */
@@ -1215,6 +1219,47 @@ export interface Range {
   distance: number | null;
   /** True if there is an echo. */
   valid: boolean;
+}
+
+/**
+ * What the estimator makes of the bearings of each beacon on its map: `ML_DATA_BEACON_USE`, 1 Hz. Counts begin with the
+ * estimator's start.
+ */
+export interface DataBeaconUse {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Beacons in the order of the map. */
+  beacons: BeaconUse[];
+}
+
+/** Use of a beacon. */
+export interface BeaconUse {
+  /** Number of the beacon. */
+  id: number;
+  /** Position of the beacon in the world, m. */
+  x: number | null;
+  /** Position of the beacon in the world, m. */
+  y: number | null;
+  /** True if the scanner is to look for it at present. */
+  active: boolean;
+  /** False if a person excluded it (`ML_CMD_BEACON_USE`): it is not looked for, and its bearings are ignored. */
+  permitted: boolean;
+  /**
+   * Instant of the last bearing that was compared with a known pose, microseconds since the UNIX epoch; 0: none was.
+   */
+  last: number;
+  /** Residual of that bearing, counter-clockwise, measured minus expected direction, rad; NaN: there is none. */
+  residual: number | null;
+  /**
+   * Standard deviation of the residual that was expected, of pose and measurement, rad; NaN: there is no residual.
+   */
+  deviation: number | null;
+  /** True if that bearing was accepted; false if it was refused as an outlier, or there is none. */
+  fits: boolean;
+  /** Number of bearings that were accepted. */
+  accepted: number;
+  /** Number of bearings that were refused as outliers, at once or later. */
+  refused: number;
 }
 
 /**

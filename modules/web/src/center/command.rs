@@ -60,6 +60,8 @@ pub enum Command {
     Route { id: i64, name: String },
     /// Position for the estimator, m and rad, map frame. Needs the motion authority.
     Pose { id: i64, x: f64, y: f64, theta: f64 },
+    /// Permits a beacon of the map for the estimate, or excludes it. Needs the motion authority.
+    Beacon { id: i64, beacon: i32, permitted: bool },
     /// Homes an axis. Needs the motion authority.
     Home { id: i64, axis: String },
     /// Cancels the goal. Any operator.
@@ -199,6 +201,7 @@ impl Command {
             | Self::Goal { id, .. }
             | Self::Route { id, .. }
             | Self::Pose { id, .. }
+            | Self::Beacon { id, .. }
             | Self::Home { id, .. }
             | Self::Cancel { id }
             | Self::Log { id, .. }
@@ -221,7 +224,7 @@ impl Command {
             Self::Take { .. } | Self::Release { .. } | Self::Stop { .. } => needs(Role::Operator, false),
             Self::Cancel { .. } | Self::Log { .. } => needs(Role::Operator, false),
             Self::Resume { .. } | Self::Goal { .. } | Self::Route { .. } => needs(Role::Operator, true),
-            Self::Pose { .. } | Self::Home { .. } => needs(Role::Operator, true),
+            Self::Pose { .. } | Self::Beacon { .. } | Self::Home { .. } => needs(Role::Operator, true),
             Self::State { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
                 needs(Role::Engineer, false)
             }
@@ -324,6 +327,7 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
         }
         Command::Cancel { .. } => orders::goal(timestamp, Vec::new(), false).into(),
         Command::Pose { x, y, theta, .. } => orders::pose(timestamp, [*x, *y, *theta], orders::DEVIATIONS).into(),
+        Command::Beacon { beacon, permitted, .. } => orders::beacon(timestamp, Some(*beacon), *permitted).into(),
         Command::Home { axis, .. } => orders::home(timestamp, axis).into(),
         Command::Log { action, text, .. } => match action.as_str() {
             "mark" => orders::mark(timestamp, text)?.into(),
@@ -374,7 +378,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 19] = [
+    const ALL: [&str; 20] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -386,6 +390,7 @@ mod tests {
         r#"{"type":"goal","id":1,"waypoints":[{"x":1,"y":2},{"x":1,"y":2,"theta":3,"tolerance":0.5}],"loop":true}"#,
         r#"{"type":"route","id":1,"name":"patrol"}"#,
         r#"{"type":"pose","id":1,"x":1,"y":2,"theta":3}"#,
+        r#"{"type":"beacon","id":1,"beacon":3,"permitted":false}"#,
         r#"{"type":"home","id":1,"axis":"steering"}"#,
         r#"{"type":"cancel","id":1}"#,
         r#"{"type":"log","id":1,"action":"mark","text":"here"}"#,
@@ -415,7 +420,7 @@ mod tests {
                 message(&command, &robot(), 7, "web:x").unwrap().map(|message| message.channel_name().into_owned()),
             );
         }
-        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_ESTIMATE LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE LL_CMD_POWER SIM_CMD_FAULT";
+        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_ESTIMATE ML_CMD_BEACON_USE LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE LL_CMD_POWER SIM_CMD_FAULT";
         assert_eq!(said.join(" "), expected);
     }
 
@@ -439,6 +444,8 @@ mod tests {
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1e9}],"loop":false}"#, Some(3)),
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1,"theta":null}],"loop":false}"#, Some(3)),
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1,"tolerance":-1}],"loop":false}"#, Some(3)),
+            (r#"{"type":"beacon","id":3,"beacon":1}"#, Some(3)),
+            (r#"{"type":"beacon","id":3,"beacon":4294967296,"permitted":true}"#, Some(3)),
             (r#"{"type":"sdo","id":3,"node":256,"index":1,"subindex":0}"#, Some(3)),
             (r#"{"type":"state","id":3,"module":"a\nb","state":"RUN"}"#, Some(3)),
             (r#"{"type":"fault","id":3,"target":"x","fault":"y","value":0,"duration":-1}"#, Some(3)),

@@ -143,6 +143,8 @@ pub struct SystemPart<'a> {
     temperatures: Shown<'a, lowlevel::DataTemperature>,
     #[serde(rename = "busses")]
     buses: Vec<Shown<'a, lowlevel::DataBus>>,
+    /// What the estimator makes of each beacon.
+    beacon_use: Shown<'a, middlelevel::DataBeaconUse>,
     log: Shown<'a, common::DataLog>,
     clock: Shown<'a, simulation::DataClock>,
     errors: Vec<ShownGroup<'a>>,
@@ -165,6 +167,7 @@ impl<'a> SystemPart<'a> {
             power: model.power.shown(now),
             temperatures: model.temperatures.shown(now),
             buses: model.buses().map(|bus| bus.shown(now)).collect(),
+            beacon_use: model.beacon_use.shown(now),
             log: model.log.shown(now),
             clock: model.clock.shown(now),
             errors: model.errors.groups(now),

@@ -7,6 +7,7 @@ import { num } from "../format";
 import { authority, connection, demo, drive, fresh, holder, may, scene, sensors, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
 import { type Plain, t } from "../words";
+import { BeaconTable } from "./beacon-table";
 import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
 import { CancelGoal, DriveTo, Progress } from "./drive-to";
@@ -51,6 +52,7 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
           <Progress />
           <p class={stale(part?.guard) ? "is-stale" : ""}>{guardWords(part)}</p>
         </div>
+        <BeaconTable />
       </div>
     </section>
   );
@@ -175,7 +177,7 @@ function Layers() {
     ...(sensors.value?.scans.length ? ([["scan", "scan", "lidar; pale: it reports a fault, or is silent"]] as [Layer, string, Plain][]) : []),
     ["sonar", "sonar", "sonar; dotted: nothing within range, dashed: not known"],
     ["floor", "ir", "▽ no floor seen by infrared; open: not known"],
-    ["beacons", "beacon", "beacons; filled: seen"],
+    ["beacons", "beacon", "beacons; filled: used or seen, crossed: refused, dashed: left out"],
     ["trail", "trail", "trail"],
   ];
   return (

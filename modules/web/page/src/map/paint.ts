@@ -3,7 +3,8 @@ import { united, written } from "../format";
 import { floor } from "../panels/sensors/near";
 import { infrareds, sonars } from "../panels/sensors/readings";
 import type { DrivePart, MapPart, ScenePart, SensorsPart } from "../protocol";
-import { drive, fresh, map, scene, sensors, stale } from "../state";
+import { drive, fresh, map, scene, sensors, stale, system } from "../state";
+import { type BeaconState, statesOf } from "./beacons";
 import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
 import { mode, type Place, places, sent } from "./draft";
 import { isOn } from "./layers";
@@ -42,7 +43,7 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
   if (sensors.value && isOn("people")) people(brush, sensors.value);
   if (isOn("trail")) line(brush, trail.value, ink.trail, 2, [1, 5]);
   if (map.value && isOn("plan")) plan(brush, map.value);
-  if (scene.value && isOn("beacons")) beacons(brush, scene.value, drive.value, sensors.value);
+  if (scene.value && isOn("beacons")) beacons(brush, scene.value, drive.value, sensors.value, statesOf(fresh(system.value?.beacon_use)));
   if (scene.value && drive.value) {
     if (isOn("fields")) fields(brush, drive.value);
     if (sensors.value && isOn("scan")) scans(brush, drive.value, sensors.value);
@@ -153,15 +154,18 @@ function plan(brush: Brush, part: MapPart): void {
   if (sent.value.length === 0 && mode.value === "look") flag(brush, points.at(-1) as Point, brush.ink.goal, "");
 }
 
-/** Seen ones are filled and joined with the robot, unseen ones are hollow. */
-function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DrivePart | null, sensors: SensorsPart | null): void {
+/** Those that are used or seen are filled and joined with the robot, refused ones crossed, others hollow. */
+function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DrivePart | null, sensors: SensorsPart | null, states: ReadonlyMap<number, BeaconState>): void {
   const seen = new Set(fresh(sensors?.beacons)?.beacons.map((beacon) => beacon.id));
   const robot = pose(drive);
   on.font = "600 11px system-ui, sans-serif";
   on.textBaseline = "middle";
   for (const { id, x, y } of scene.beacons) {
     const place = at(x, y);
-    const is = seen.has(id);
+    const state = states.get(id);
+    // Until the estimator has said what it makes of it: whether the scanner sees it.
+    const is = state ? state === "used" : seen.has(id);
+    const color = state === "refused" ? ink.ir : state === "unselected" || state === "excluded" ? ink.muted : ink.beacon;
     if (is && robot) {
       on.strokeStyle = ink.beacon;
       on.globalAlpha = 0.35;
@@ -178,11 +182,18 @@ function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DriveP
     on.lineTo(place[0], place[1] + half);
     on.lineTo(place[0] - half, place[1]);
     on.closePath();
-    on.fillStyle = is ? ink.beacon : ink.floor;
+    on.fillStyle = is ? color : ink.floor;
     on.fill();
-    on.strokeStyle = ink.beacon;
+    on.strokeStyle = color;
     on.lineWidth = 2;
+    on.setLineDash(state === "excluded" ? [3, 3] : []);
     on.stroke();
+    on.setLineDash([]);
+    // Not by its colour alone.
+    if (state === "refused") {
+      stroke(on, [[place[0] - half / 2, place[1] - half / 2], [place[0] + half / 2, place[1] + half / 2]]);
+      stroke(on, [[place[0] - half / 2, place[1] + half / 2], [place[0] + half / 2, place[1] - half / 2]]);
+    }
     on.fillStyle = ink.muted;
     on.fillText(String(id), place[0] + half + 4, place[1]);
   }

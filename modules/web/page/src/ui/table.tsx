@@ -30,7 +30,7 @@ export function Table<Row>(props: {
   stale?: (row: Row) => boolean;
   empty?: string;
   /** Rows under headings: which a row belongs to, and the headings in their order. */
-  groups?: { of: (row: Row) => string; heads: readonly string[] };
+  groups?: { of: (row: Row) => string; heads: readonly string[] } | undefined;
 }) {
   const { caption, columns, id } = props;
   const [order, setOrder] = useState<Order | null>(props.order ?? null);

@@ -21,6 +21,8 @@ export interface Words {
   hold(row: Pick<HoldRow, "code" | "subject">): { words: string; remedy: string; who: string } | null;
   /** Meanings of docs/faults.md. */
   faults: Readonly<Record<number, string>>;
+  /** What to do about them. */
+  remedies: Readonly<Record<number, string>>;
   /** A sentence of the robot's web server; null: it is not known here. */
   robot(text: string, said: (part: string) => string): string | null;
 }

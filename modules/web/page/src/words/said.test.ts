@@ -6,7 +6,7 @@ import { FAULTS as KNOWN, HOLD } from "../numbers";
 import type { DrivePart, HoldRow } from "../protocol";
 import { drive } from "../state";
 import { CS } from "./cs";
-import { FAULTS } from "./cs/faults";
+import { FAULTS, REMEDIES } from "./cs/faults";
 import { hold, HOLDS } from "./cs/holds";
 import { SENTENCES } from "./cs/robot";
 import { words } from "./language";
@@ -41,9 +41,11 @@ test("every cause of docs/holds.md has its Czech sentence and what to do, with a
   deepEqual(Object.keys(HOLDS).map(Number), Object.values(HOLD));
 });
 
-test("every fault of docs/faults.md has its Czech meaning", () => {
+test("every fault of docs/faults.md has its Czech meaning, and what to do", () => {
   deepEqual(Object.keys(FAULTS).map(Number), [...KNOWN.keys()]);
-  inCzech([], () => deepEqual(fault(0x0703), { name: "FanFailed", means: "Ventilátor se netočí, ačkoli má." }));
+  deepEqual(Object.keys(REMEDIES).map(Number), [...KNOWN.keys()]);
+  for (const [number, remedy] of Object.entries(REMEDIES)) ok(/^\p{Lu}.*\.$/u.test(remedy), `${number}: ${remedy}`);
+  inCzech([], () => deepEqual(Object.values(fault(0x0703)).map(plain), ["FanFailed", "Ventilátor se netočí, ačkoli má.", "Očistěte ventilátor a zkontrolujte jeho konektor, jinak jej vyměňte."]));
   equal(fault(0x0703).means, "A fan does not turn although it is driven.");
 });
 

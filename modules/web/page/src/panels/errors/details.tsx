@@ -1,13 +1,17 @@
 // One fault: its cause, its reports, what else was reported at the time, and the recorded run from there on.
 import { MonitorPlay } from "lucide-preact";
 import type { ErrorGroup, Report } from "../../protocol";
-import { demo, system } from "../../state";
+import { standing as holding } from "../../holds";
+import { demo, drive, system } from "../../state";
 import { momentLink } from "../../timeline/moments";
 import { Badge, Dialog, Facts } from "../../ui";
 import { t } from "../../words";
-import { count, moment } from "../format";
+import { holdWords } from "../../words/said";
+import { count, hex, moment } from "../format";
 import { begun, started } from "../logs/names";
+import { lost } from "../lacks";
 import { fault } from "./faults";
+import { stopOf } from "./stops";
 import { about, beside, of, severity, standing } from "./words";
 
 /** s before a report from which on the run is played. */
@@ -17,15 +21,19 @@ export function Details({ group, onClose }: { group: ErrorGroup; onClose: () => 
   const reports = system.value?.reports ?? [];
   const own = reports.filter((report) => of(group, report));
   const others = beside(group, reports);
+  const stop = lost() ? null : stopOf(group, holding(drive.value?.holds ?? []));
+  const { means, remedy } = fault(group.number);
   const log = system.value?.log.value;
   const at = log?.run ? group.last / 1e6 - begun(log.run) : NaN;
   return (
     <Dialog title={about(group)} open onClose={onClose}>
       <p>
-        <b>{group.cause || group.message || fault(group.number).means}</b>
+        <b>{group.cause || group.message || means}</b>
       </p>
       {group.message && group.message !== group.cause && group.cause ? <p>{t("Last report: {message}", { message: group.message })}</p> : null}
-      <p class="muted">{fault(group.number).means}</p>
+      <p class="muted">{means}</p>
+      {remedy ? <p>{t("What to do: {remedy}", { remedy })}</p> : null}
+      {stop ? <p>{t("It belongs to what stops the robot: {words}.", { words: holdWords(stop) })}</p> : null}
       <Facts
         facts={[
           { name: t("Module"), value: group.module },
@@ -48,7 +56,7 @@ export function Details({ group, onClose }: { group: ErrorGroup; onClose: () => 
           {t("Modules")}
         </a>
       </div>
-      <p class="muted">{t("All numbers with their meaning: docs/faults.md.")}</p>
+      <p class="muted">{t("In the documentation: docs/faults.md, {number}.", { number: hex(group.number) })}</p>
     </Dialog>
   );
 }

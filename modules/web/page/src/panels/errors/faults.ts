@@ -6,6 +6,8 @@ import { words } from "../../words/language";
 export interface Fault {
   name: string;
   means: string;
+  /** What to do about it; empty: the page does not know. */
+  remedy: string;
 }
 
 /** From here on numbers are those of foreign modules, each module's own (docs/writing-a-module.md). */
@@ -14,8 +16,8 @@ const FOREIGN = 0x8000;
 /** What a number stands for. */
 export function fault(number: number): Fault {
   const known = FAULTS.get(number);
-  if (known) return { name: known.name, means: words.value?.faults[number] ?? known.means };
-  if (number === FOREIGN) return { name: "Uncaught", means: t("A foreign module was ended by an error that nothing in it caught.") };
-  if (number > FOREIGN) return { name: "Foreign", means: t("A number of the module's own: read it with the module's name.") };
-  return { name: "Unknown", means: t("This page does not know the number: the robot's software is newer or older than it.") };
+  if (known) return { name: known.name, means: words.value?.faults[number] ?? known.means, remedy: words.value?.remedies[number] ?? known.remedy };
+  if (number === FOREIGN) return { name: "Uncaught", means: t("A foreign module was ended by an error that nothing in it caught."), remedy: "" };
+  if (number > FOREIGN) return { name: "Foreign", means: t("A number of the module's own: read it with the module's name."), remedy: "" };
+  return { name: "Unknown", means: t("This page does not know the number: the robot's software is newer or older than it."), remedy: "" };
 }

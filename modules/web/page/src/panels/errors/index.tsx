@@ -1,14 +1,17 @@
 // What went wrong, the reports of one fault and subject together; and what modules say.
 import { signal } from "@preact/signals";
 import { Search } from "lucide-preact";
-import type { ErrorGroup, Text } from "../../protocol";
-import { system } from "../../state";
+import type { ErrorGroup, HoldRow, Text } from "../../protocol";
+import { standing as holding } from "../../holds";
+import { drive, system } from "../../state";
 import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { rich, t } from "../../words";
+import { holdRemedy, holdWords } from "../../words/said";
 import { count, moment } from "../format";
 import { lost } from "../lacks";
 import { fault } from "./faults";
 import { Details } from "./details";
+import { stopOf, stops } from "./stops";
 import { about, hasAll, level, severity, standing as is } from "./words";
 import "../panels.css";
 
@@ -46,6 +49,7 @@ const columns = (): Column<ErrorGroup>[] => [
           <b>{about(group)}</b>
           {group.standing || group.message === group.cause ? `: ${fault(group.number).means}` : group.message && `, ${t("cleared")}: ${group.message}`}
         </span>
+        {group.standing && fault(group.number).remedy ? <span>{fault(group.number).remedy}</span> : null}
       </button>
     ),
   },
@@ -70,6 +74,24 @@ function Summary() {
   const now = standing();
   if (lost()) return <Badge tone="off">{t("not known now")}</Badge>;
   return now ? <Badge tone="bad">{t("{n} active", { n: now })}</Badge> : <Badge tone="good">{t("none active")}</Badge>;
+}
+
+/** What stops the robot, with what to do, over the errors that belong to it. */
+function heading(row: HoldRow): string {
+  return t("Stops the robot: {words}. {remedy}", { words: holdWords(row), remedy: holdRemedy(row) });
+}
+
+/** Rows under what stops the robot; nothing where none of them belongs to a stop. */
+function under(rows: ErrorGroup[]): { of: (group: ErrorGroup) => string; heads: string[] } | undefined {
+  const causes = lost() ? [] : holding(drive.value?.holds ?? []);
+  const found = stops(rows, causes);
+  if (found.length === 0) return undefined;
+  const others = t("Other errors");
+  const of = (group: ErrorGroup): string => {
+    const row = stopOf(group, causes);
+    return row ? heading(row) : others;
+  };
+  return { of, heads: [...new Set(found.map(heading)), others] };
 }
 
 const TEXT_KEYS = (text: Text, place: number) => `${text.timestamp} ${text.module} ${place}`;
@@ -138,6 +160,7 @@ export function Errors() {
           caption={t("Errors by kind")}
           columns={columns()}
           rows={rows}
+          groups={under(rows)}
           id={key}
           stale={(group) => lost() || is(group) !== "stands"}
           empty={groups.length ? t("None of them matches.") : t("Nothing is active, and nothing has been reported since the server started.")}

@@ -1,6 +1,6 @@
 // Czech, in a file of its own, which is loaded where it is chosen.
 import type { Words } from "../language";
-import { FAULTS } from "./faults";
+import { FAULTS, REMEDIES } from "./faults";
 import { hold } from "./holds";
 import { TEXTS } from "./page";
 import { robot } from "./robot";
@@ -28,6 +28,7 @@ export const CS: Words = {
   day: (year, month, day) => `${day}.${BLANK}${month}.${BLANK}${year}`,
   texts: all(TEXTS),
   faults: all(FAULTS),
+  remedies: all(REMEDIES),
   hold(row) {
     const found = hold(row);
     return found && { who: found.who, words: tied(found.words), remedy: tied(found.remedy) };
