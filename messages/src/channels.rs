@@ -63,6 +63,9 @@ macro_rules! channels {
                     | Self::LlEventStop
                     | Self::MlDataEstimate
                     | Self::MlCmdEstimate
+                    | Self::MlCmdMode
+                    | Self::MlDataMode
+                    | Self::MlCmdParameter
                     | Self::HlDataAction
                     | Self::SimDataTruth
                     | Self::SimCmdFault
@@ -174,6 +177,10 @@ channels! {
     MlDataGoal = "ML_DATA_GOAL": middlelevel::DataGoal;
     MlDataPlan = "ML_DATA_PLAN": middlelevel::DataPlan;
     MlDataObstacles = "ML_DATA_OBSTACLES": middlelevel::DataObstacles;
+    MlCmdMode = "ML_CMD_MODE": middlelevel::CmdMode;
+    MlDataMode = "ML_DATA_MODE": middlelevel::DataMode;
+    MlCmdParameter = "ML_CMD_PARAMETER": middlelevel::CmdParameter;
+    MlDataParameters = "ML_DATA_PARAMETERS": middlelevel::DataParameters;
     HlCmdAction = "HL_CMD_ACTION": highlevel::CmdAction;
     HlDataAction = "HL_DATA_ACTION": highlevel::DataAction;
     SimDataTruth = "SIM_DATA_TRUTH": simulation::DataTruth;

@@ -134,6 +134,7 @@ impl Robot {
             has_sonars: true,
             abilities: Abilities::default(),
             map,
+            home: None,
         };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
         let mut bench = Bench::new(shell);

@@ -50,6 +50,7 @@ impl Wheels {
             has_sonars: false,
             abilities,
             map: Some(map.clone()),
+            home: None,
         };
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config))));
         bench.start();
