@@ -191,6 +191,8 @@ fn picked(mut view: Value, tab: Option<Tab>) -> Value {
             "estimate",
             "ellipse",
             "goal",
+            "mode",
+            "parameters",
             "plan",
             "obstacles",
             "sonars",

@@ -11,6 +11,8 @@ const BUSES_MAX: usize = 32;
 const IMUS_MAX: usize = 8;
 /// Maximum number of modules whose lists of causes are kept.
 const HOLDERS_MAX: usize = 16;
+/// Maximum number of parameters of the planner.
+const PARAMETERS_MAX: usize = 32;
 /// Maximum number of command sources.
 const SOURCES_MAX: usize = 16;
 
@@ -81,6 +83,10 @@ pub struct Model {
     pub estimate: Slot<middlelevel::DataEstimate>,
     /// State of the goal.
     pub goal: Slot<middlelevel::DataGoal>,
+    /// Operation mode of the planner.
+    pub mode: Slot<middlelevel::DataMode>,
+    /// Parameters of the planner that can be changed while it runs: at most 32.
+    pub parameters: Slot<middlelevel::DataParameters>,
     /// Planned path.
     pub plan: Slot<middlelevel::DataPlan>,
     /// Sensed obstacles.
@@ -137,6 +143,8 @@ impl Model {
             sdo: Slot::every(Duration::MAX),
             estimate: Slot::every(ms(50)),
             goal: Slot::every(ms(200)),
+            mode: Slot::every(ms(1000)),
+            parameters: Slot::every(ms(1000)),
             plan: Slot::every(ms(1000)),
             obstacles: Slot::every(ms(1000)),
             truth: Slot::every(ms(100)),
@@ -207,6 +215,11 @@ impl Model {
             Some(Message::LlDataSdo(sdo)) => self.sdo.put(at, sdo),
             Some(Message::MlDataEstimate(estimate)) => self.estimate.put(at, estimate),
             Some(Message::MlDataGoal(goal)) => self.goal.put(at, goal),
+            Some(Message::MlDataMode(mode)) => self.mode.put(at, mode),
+            Some(Message::MlDataParameters(mut parameters)) => {
+                parameters.parameters.truncate(PARAMETERS_MAX);
+                self.parameters.put(at, parameters);
+            }
             Some(Message::MlDataPlan(plan)) => self.plan.put(at, plan),
             Some(Message::MlDataObstacles(obstacles)) => self.obstacles.put(at, obstacles),
             Some(Message::SimDataTruth(truth)) => self.truth.put(at, truth),

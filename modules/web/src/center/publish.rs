@@ -21,12 +21,13 @@ const SIZE_MAX: usize = 4 << 10;
 const QUOTED_MAX: usize = 200;
 
 /// Motion, and acts that move the robot or release it from a stop: each has a command of its own, with its checks.
-const MOVES: [Channel; 6] = [
+const MOVES: [Channel; 7] = [
     Channel::LlCmdMotion,
     Channel::LlCmdVelocity,
     Channel::LlCmdCreep,
     Channel::LlCmdHoming,
     Channel::MlCmdGoal,
+    Channel::MlCmdMode,
     Channel::CmCmdState,
 ];
 /// By these the watchdog judges modules, and modules the watchdog.
@@ -296,8 +297,15 @@ mod tests {
     fn each_offered_channel_has_a_message_to_begin_with() {
         let [real, simulated] = [false, true].map(|simulated| Publisher::new(simulated).unwrap());
         let names = |publisher: &Publisher| publisher.offered().iter().map(|offer| offer.channel).collect::<Vec<_>>();
-        let commands =
-            ["CM_CMD_LOG", "HL_CMD_ACTION", "LL_CMD_OUTPUT", "LL_CMD_POWER", "LL_CMD_SDO", "ML_CMD_ESTIMATE"];
+        let commands = [
+            "CM_CMD_LOG",
+            "HL_CMD_ACTION",
+            "LL_CMD_OUTPUT",
+            "LL_CMD_POWER",
+            "LL_CMD_SDO",
+            "ML_CMD_ESTIMATE",
+            "ML_CMD_PARAMETER",
+        ];
         assert_eq!(names(&real), commands);
         assert!(names(&simulated).contains(&"SIM_CMD_FAULT") && names(&simulated).contains(&"LL_DATA_ODO"));
         for Publishable { channel, r#type, message } in simulated.offered() {
