@@ -89,6 +89,8 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string }> = new 
   [0x0806, { name: "RotationDisagrees", means: "The wheels turn the robot otherwise than an inertial unit measures: wheels slip, or one of both errs." }],
   [0x0811, { name: "GoalRefused", means: "A goal that no robot can be sent to was refused." }],
   [0x0812, { name: "EstimateBad", means: "The estimate that the planner drives by is no number, or its time runs backwards: the robot stands." }],
+  [0x0813, { name: "ModeRefused", means: "An operation mode was commanded that does not exist, or that this robot cannot carry out." }],
+  [0x0814, { name: "ParameterRefused", means: "A parameter was to be changed that does not exist, or to a value that is out of its range." }],
 ]);
 
 /** Numbers of causes for which a module does not act: docs/holds.md. */
@@ -161,6 +163,9 @@ export const HOLD = {
   SomebodyNear: 605,
   BackingOut: 606,
   AtLoop: 607,
+  ModeManual: 608,
+  NoHome: 609,
+  WaitsForPeople: 610,
   GoalBlocked: 611,
   StartBlocked: 612,
   Unreachable: 613,

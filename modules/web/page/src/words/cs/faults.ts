@@ -87,4 +87,6 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0806: "Kola otáčejí robotem jinak, než měří inerciální jednotka: kola prokluzují, nebo se jedno z obojího mýlí.",
   0x0811: "Cíl, do kterého nelze poslat žádného robota, byl odmítnut.",
   0x0812: "Poloha, podle které plánovač jede, není číslo, nebo její čas běží zpět: robot stojí.",
+  0x0813: "Byl zadán režim, který neexistuje, nebo který tento robot neumí.",
+  0x0814: "Byl měněn parametr, který neexistuje, nebo na hodnotu mimo jeho rozsah.",
 };
