@@ -52,7 +52,7 @@ fn show(all: &DataParameters, only: Option<&str>, json: bool) -> Outcome {
     }
     if json {
         let parameters = parameters.into_iter().cloned().collect();
-        let shown = DataParameters { timestamp: all.timestamp, parameters };
+        let shown = DataParameters { parameters, ..all.clone() };
         print(serde_json::to_string(&shown).map_err(|error| error.to_string())?)?;
         return Ok(ExitCode::SUCCESS);
     }

@@ -100,9 +100,7 @@ fn it_drives_home_by_one_order_and_stays_there() {
     modes.robot.pass(3.0);
     assert!(modes.is_standing() && modes.observed.borrow().mode.has_home);
     modes.enter(CmdMode::HOME);
-    modes.until("it is at home", 90.0, |seen| {
-        (seen.mode.mode, seen.mode.state) == (CmdMode::HOME, DataMode::ARRIVED)
-    });
+    modes.until("it is at home", 90.0, |seen| (seen.mode.mode, seen.mode.state) == (CmdMode::HOME, DataMode::ARRIVED));
     modes.robot.pass(2.0);
     let truth = modes.truth();
     let turned = navitools::wrap(truth.theta).abs();

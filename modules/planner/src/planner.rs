@@ -173,6 +173,7 @@ impl Planner {
             EstimateCheck::Ok => {}
             EstimateCheck::Jumped => {
                 self.obstacles.clear();
+                self.attention = Attention::default();
                 self.mission.interrupt();
                 self.mission.forget_trace();
             }
