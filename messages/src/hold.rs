@@ -221,7 +221,8 @@ holds! {
     /// A loop of one waypoint: the robot is there. No subject.
     AtLoop = 607, "the robot stands at the only waypoint of its loop", "Send the robot to another goal.";
     /// The operation mode is MANUAL: the planner drives nowhere. No subject.
-    ModeManual = 608, "mode manual: only people drive the robot", "Set the mode to route, then send the robot to a goal.";
+    ModeManual = 608, "mode manual: only people drive the robot",
+        "Set the mode to route, then send the robot to a goal.";
     /// The operation mode is HOME, and no home place is configured. No subject.
     NoHome = 609, "no home place is configured", "Configure planner.home, or send the robot to a goal.";
     /// The operation mode is WAIT or APPROACH, and there is nobody to turn or to drive to. No subject.
