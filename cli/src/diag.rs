@@ -192,6 +192,8 @@ fn picked(mut view: Value, tab: Option<Tab>) -> Value {
             "beacon_use",
             "ellipse",
             "goal",
+            "mode",
+            "parameters",
             "plan",
             "obstacles",
             "sonars",

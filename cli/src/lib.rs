@@ -42,7 +42,9 @@ mod keep;
 mod lcm;
 mod lidar;
 mod log;
+mod mode;
 mod neighbours;
+mod parameters;
 mod plan;
 mod plot;
 mod port;
@@ -121,6 +123,10 @@ commands! {
         Drive(drive::Drive) => drive::drive(common, command),
         /// Show the goal, send the robot somewhere, or let it stand
         Goal(goal::Goal) => goal::goal(common, command),
+        /// Show the operation mode of the planner, or command one
+        Mode(mode::Mode) => mode::mode(common, command),
+        /// Show the planner's parameters, or change one until it restarts
+        Parameters(parameters::Parameters) => parameters::parameters(common, command),
         /// Command an action of the high level, cancel one, or list what is under way
         Action(action::Action) => action::action(common, command),
         /// Tell the estimator where the robot is

@@ -64,6 +64,9 @@ macro_rules! channels {
                     | Self::MlDataEstimate
                     | Self::MlCmdEstimate
                     | Self::MlCmdBeaconUse
+                    | Self::MlCmdMode
+                    | Self::MlDataMode
+                    | Self::MlCmdParameter
                     | Self::HlDataAction
                     | Self::SimDataTruth
                     | Self::SimCmdFault
@@ -177,6 +180,10 @@ channels! {
     MlDataGoal = "ML_DATA_GOAL": middlelevel::DataGoal;
     MlDataPlan = "ML_DATA_PLAN": middlelevel::DataPlan;
     MlDataObstacles = "ML_DATA_OBSTACLES": middlelevel::DataObstacles;
+    MlCmdMode = "ML_CMD_MODE": middlelevel::CmdMode;
+    MlDataMode = "ML_DATA_MODE": middlelevel::DataMode;
+    MlCmdParameter = "ML_CMD_PARAMETER": middlelevel::CmdParameter;
+    MlDataParameters = "ML_DATA_PARAMETERS": middlelevel::DataParameters;
     HlCmdAction = "HL_CMD_ACTION": highlevel::CmdAction;
     HlDataAction = "HL_DATA_ACTION": highlevel::DataAction;
     SimDataTruth = "SIM_DATA_TRUTH": simulation::DataTruth;

@@ -220,6 +220,13 @@ holds! {
     BackingOut = 606, "the planner backs out", "Wait some seconds.";
     /// A loop of one waypoint: the robot is there. No subject.
     AtLoop = 607, "the robot stands at the only waypoint of its loop", "Send the robot to another goal.";
+    /// The operation mode is MANUAL: the planner drives nowhere. No subject.
+    ModeManual = 608, "mode manual: only people drive the robot",
+        "Set the mode to route, then send the robot to a goal.";
+    /// The operation mode is HOME, and no home place is configured. No subject.
+    NoHome = 609, "no home place is configured", "Configure planner.home, or send the robot to a goal.";
+    /// The operation mode is WAIT or APPROACH, and there is nobody to turn or to drive to. No subject.
+    WaitsForPeople = 610, "the planner waits for people", "Wait for somebody, or set the mode to route.";
     /// No path: the robot does not fit in at the waypoint. Subject: the waypoint, counted from 1.
     GoalBlocked = 611, "no way to waypoint {}: the robot does not fit in at the goal",
         "Clear the place, or send the robot to another one.";
@@ -287,7 +294,7 @@ impl Hold {
     /// True if nothing is wrong: the module acts as soon as it is commanded to.
     #[must_use]
     pub const fn is_idle(self) -> bool {
-        matches!(self, Self::NobodyCommands | Self::NoGoal)
+        matches!(self, Self::NobodyCommands | Self::NoGoal | Self::ModeManual | Self::WaitsForPeople)
     }
 
     /// True if the module acts, but not as far as it is commanded to: a speed is bounded, or the base cannot do a part
@@ -502,6 +509,9 @@ mod tests {
             (411, "web:Jana", "Jana (web) commands motion to the side, which the base cannot do"),
             (412, "web:Jana", "Jana (web) commands a turn on the spot, which the base cannot do"),
             (413, "pad", "pad commands a narrower turn than the base can do: it turns as tightly as it can"),
+            (608, "", "mode manual: only people drive the robot"),
+            (609, "", "no home place is configured"),
+            (610, "", "the planner waits for people"),
             (511, "estimator", "the planner may not drive: estimator is not running"),
             (512, "", "the planner has no estimate to drive by"),
         ] {

@@ -1,5 +1,5 @@
-//! Rust types of `/messages/**/*.lcm`, the table of channels, the list of causes that hold the robot, and the limits of
-//! actions.
+//! Rust types of `/messages/**/*.lcm`, the table of channels, the list of causes that hold the robot, the operation
+//! modes, and the limits of actions.
 //!
 //! The types are generated (see `lcm_gen::rust` for the rules): `common::DataState` is `common.data_state_t`. The
 //! length members of arrays are not fields: they are the lengths of the `Vec`s. All times are microseconds since the
@@ -33,6 +33,7 @@ mod channels;
 mod faults;
 mod hold;
 mod related;
+mod mode;
 mod source;
 mod stop;
 

@@ -617,6 +617,7 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
         has_sonars: !robot.srfs.is_empty() || robot.guard.ranging.has_sonars(),
         abilities,
         map,
+        home: robot.planner.home,
     }))
 }
 

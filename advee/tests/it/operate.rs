@@ -104,6 +104,21 @@ fn the_goal_is_shown_and_a_measurement_is_no_module_of_the_robot() {
     let why = refused(&robot, &["goal", "--wait"]);
     assert!(why.contains("--wait needs a target"), "{why}");
 
+    assert!(good(&robot, &["mode"]).starts_with("route, "));
+    assert!(good(&robot, &["mode", "wait"]).starts_with("wait, waiting: waits for people"));
+    assert!(good(&robot, &["mode", "--json"]).contains("\"mode\":2"));
+    assert!(refused(&robot, &["mode", "home"]).contains("no home place is configured"));
+    assert!(good(&robot, &["mode", "route"]).starts_with("route, "));
+    let parameters = good(&robot, &["parameters"]);
+    assert!(parameters.lines().count() == 9 && parameters.contains("(0.05 to 0.5, configured 0.5)"), "{parameters}");
+    assert_eq!(good(&robot, &["parameters", "speed_mps", "0.3"]), "speed_mps is 0.3 until the planner restarts\n");
+    let slower = good(&robot, &["parameters", "speed_mps", "--json"]);
+    assert!(slower.contains("\"value\":0.3,\"minimum\":0.05,\"maximum\":0.5,\"configured\":0.5"), "{slower}");
+    for (name, value, why) in [("speed_mps", "0.6", "not within 0.05 to 0.5"), ("speed", "0.3", "no parameter")] {
+        let refused = refused(&robot, &["parameters", name, value]);
+        assert!(refused.contains(why), "{refused}");
+    }
+
     let mut measures = robot.spawn(&["bench", "jitter"]);
     // Modules announce themselves once a second, which is how long the table listens.
     for _ in 0..2 {

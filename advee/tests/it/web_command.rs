@@ -84,6 +84,8 @@ fn all() -> Vec<(Value, Role, bool)> {
         operator(json!({ "type": "resume" }), true),
         operator(json!({ "type": "goal", "waypoints": [{ "x": 3, "y": 4, "theta": 1 }], "loop": false }), true),
         operator(json!({ "type": "route", "name": "patrol" }), true),
+        operator(json!({ "type": "mode", "mode": "route" }), true),
+        operator(json!({ "type": "parameter", "name": "speed_mps", "value": 0.3 }), true),
         operator(json!({ "type": "pose", "x": 1, "y": 2, "theta": 3 }), true),
         operator(json!({ "type": "beacon", "beacon": 2, "permitted": true }), true),
         operator(json!({ "type": "home", "axis": "steering" }), true),
@@ -327,6 +329,8 @@ fn each_role_has_exactly_its_rights() {
     page.ask(json!({ "type": "state", "module": "driver_joydev", "state": "RUN" })).unwrap();
     for channel in [
         "ML_CMD_GOAL",
+        "ML_CMD_MODE",
+        "ML_CMD_PARAMETER",
         "ML_CMD_ESTIMATE",
         "ML_CMD_BEACON_USE",
         "LL_CMD_HOMING",

@@ -15,6 +15,7 @@ mod io;
 mod lidar;
 mod logs;
 mod loss;
+mod modes;
 mod patrol;
 mod power;
 #[path = "../support/stands.rs"]

@@ -290,6 +290,10 @@ faults! {
     GoalRefused = 0x0811, Unknown;
     /// The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.
     EstimateBad = 0x0812, Unknown;
+    /// An operation mode was commanded that does not exist, or that this robot cannot carry out.
+    ModeRefused = 0x0813, Unknown;
+    /// A parameter was to be changed that does not exist, or to a value that is out of its range.
+    ParameterRefused = 0x0814, Unknown;
 }
 
 /// One report, as a module makes it; its host prints it and sends it as `common.error_t`.

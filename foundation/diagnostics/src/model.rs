@@ -13,6 +13,8 @@ const IMUS_MAX: usize = 8;
 const BEACONS_MAX: usize = 256;
 /// Maximum number of modules whose lists of causes are kept.
 const HOLDERS_MAX: usize = 16;
+/// Maximum number of parameters of the planner.
+const PARAMETERS_MAX: usize = 32;
 /// Maximum number of command sources.
 const SOURCES_MAX: usize = 16;
 
@@ -85,6 +87,10 @@ pub struct Model {
     pub beacon_use: Slot<middlelevel::DataBeaconUse>,
     /// State of the goal.
     pub goal: Slot<middlelevel::DataGoal>,
+    /// Operation mode of the planner.
+    pub mode: Slot<middlelevel::DataMode>,
+    /// Parameters of the planner that can be changed while it runs: at most 32.
+    pub parameters: Slot<middlelevel::DataParameters>,
     /// Planned path.
     pub plan: Slot<middlelevel::DataPlan>,
     /// Sensed obstacles.
@@ -142,6 +148,8 @@ impl Model {
             estimate: Slot::every(ms(50)),
             beacon_use: Slot::every(ms(1000)),
             goal: Slot::every(ms(200)),
+            mode: Slot::every(ms(1000)),
+            parameters: Slot::every(ms(1000)),
             plan: Slot::every(ms(1000)),
             obstacles: Slot::every(ms(1000)),
             truth: Slot::every(ms(100)),
@@ -216,6 +224,11 @@ impl Model {
                 self.beacon_use.put(at, uses);
             }
             Some(Message::MlDataGoal(goal)) => self.goal.put(at, goal),
+            Some(Message::MlDataMode(mode)) => self.mode.put(at, mode),
+            Some(Message::MlDataParameters(mut parameters)) => {
+                parameters.parameters.truncate(PARAMETERS_MAX);
+                self.parameters.put(at, parameters);
+            }
             Some(Message::MlDataPlan(plan)) => self.plan.put(at, plan),
             Some(Message::MlDataObstacles(obstacles)) => self.obstacles.put(at, obstacles),
             Some(Message::SimDataTruth(truth)) => self.truth.put(at, truth),

@@ -2,7 +2,7 @@
 
 use messages::common::{CmdLog, CmdState};
 use messages::lowlevel::{CmdHoming, CmdPower};
-use messages::middlelevel::{CmdBeaconUse, CmdEstimate, CmdGoal, Waypoint};
+use messages::middlelevel::{CmdBeaconUse, CmdEstimate, CmdGoal, CmdMode, CmdParameter, Waypoint};
 use module::State;
 use rs485::boards::psc1::CHANNELS;
 
@@ -15,6 +15,21 @@ pub const MARK_MAX: usize = 1000;
 #[must_use]
 pub fn goal(timestamp: i64, waypoints: Vec<Waypoint>, looped: bool) -> CmdGoal {
     CmdGoal { timestamp, id: (timestamp / 1000 % 1_000_000_000) as i32, waypoints, r#loop: looped }
+}
+
+/// Operation mode of the planner, by its name.
+///
+/// # Errors
+/// A sentence: there is no such mode.
+pub fn mode(timestamp: i64, name: &str, source: &str) -> Result<CmdMode, String> {
+    let mode = CmdMode::from_name(name).ok_or_else(|| format!("modes are {}", CmdMode::NAMES.join(", ")))?;
+    Ok(CmdMode { timestamp, mode, source: source.into() })
+}
+
+/// Change of a parameter of the planner, which checks name and value.
+#[must_use]
+pub fn parameter(timestamp: i64, name: &str, value: f64, source: &str) -> CmdParameter {
+    CmdParameter { timestamp, name: name.into(), value, source: source.into() }
 }
 
 /// Pose of the robot with standard deviations; m, m, rad.

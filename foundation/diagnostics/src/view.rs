@@ -36,6 +36,10 @@ pub struct View<'a> {
     pub ellipse: Option<Ellipse>,
     /// State of the goal.
     pub goal: Shown<'a, middlelevel::DataGoal>,
+    /// Operation mode of the planner.
+    pub mode: Shown<'a, middlelevel::DataMode>,
+    /// Parameters of the planner that can be changed while it runs.
+    pub parameters: Shown<'a, middlelevel::DataParameters>,
     /// Planned path.
     pub plan: Shown<'a, middlelevel::DataPlan>,
     /// Sensed obstacles.
@@ -133,6 +137,8 @@ impl Model {
             beacon_use: self.beacon_use.shown(now),
             ellipse: self.estimate.get().and_then(|estimate| Ellipse::of(&estimate.covariance)),
             goal: self.goal.shown(now),
+            mode: self.mode.shown(now),
+            parameters: self.parameters.shown(now),
             plan: self.plan.shown(now),
             obstacles: self.obstacles.shown(now),
             sonars: self.sonars.shown(now),

@@ -7,7 +7,7 @@
 //! | message | accepted from |
 //! |---|---|
 //! | engages or keeps a stop: `LL_EVENT_STOP` engaged, `CM_CMD_STATE` other than RUN, `ML_CMD_GOAL` without waypoints,
-//! `LL_DATA_GUARD` that permits nothing, `LL_DATA_RANGES` of unknown readings only | any sender |
+//! `ML_CMD_MODE` MANUAL, `LL_DATA_GUARD` that permits nothing, `LL_DATA_RANGES` of unknown readings only | any sender |
 //! | commands: the other `*_CMD_*`, and `LL_DATA_ACTIVE_BEACONS` | [`Commands`] |
 //! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
 //! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
@@ -29,6 +29,7 @@
 use base::Duration;
 use messages::common::{CmdState, DataProcesses, DataState};
 use messages::lowlevel::{DataGuard, DataRanges, Reading};
+use messages::middlelevel::CmdMode;
 use messages::{Channel, Message, StopSource};
 
 /// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
@@ -408,6 +409,8 @@ fn effect(heard: &Message) -> Effect {
         Message::CmDataState(DataState { state: DataState::RUN | DataState::PAUSE, .. }) => Effect::Works,
         Message::CmCmdState(CmdState { state, .. }) if *state != crate::State::Run as i8 => Effect::Stops,
         Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => Effect::Stops,
+        // The planner then drives nowhere.
+        Message::MlCmdMode(CmdMode { mode: CmdMode::MANUAL, .. }) => Effect::Stops,
         Message::LlDataActiveBeacons(_) => Effect::Commands,
         other if other.channel().name().contains("_CMD_") => Effect::Commands,
         _ => Effect::Informs,
@@ -485,6 +488,10 @@ mod tests {
         middlelevel::CmdGoal { waypoints, ..Default::default() }.into()
     }
 
+    fn mode(mode: i8) -> Message {
+        CmdMode { mode, ..CmdMode::default() }.into()
+    }
+
     fn policy(commands: Commands) -> Policy {
         let [power, guard, ranging, lidar, imu, motion] =
             ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_imu", "driver_canbus"]
@@ -516,7 +523,7 @@ mod tests {
 
     #[test]
     fn who_may_command_is_configured() {
-        let commands: [Message; 10] = [
+        let commands: [Message; 15] = [
             lowlevel::CmdMotion::default().into(),
             lowlevel::CmdVelocity::default().into(),
             lowlevel::CmdHoming::default().into(),
@@ -527,6 +534,11 @@ mod tests {
             highlevel::CmdAction::default().into(),
             goal(1),
             state(State::Run),
+            mode(CmdMode::ROUTE),
+            mode(CmdMode::WAIT),
+            mode(CmdMode::APPROACH),
+            mode(CmdMode::HOME),
+            middlelevel::CmdParameter::default().into(),
         ];
         let senders = [by(Way::Memory, 300), by(Way::Host, 300), by(Way::Host, 0), by(Way::Network, 0)];
         let table = [
@@ -641,7 +653,7 @@ mod tests {
     fn what_stops_is_believed_from_any_sender() {
         let states = [State::Pause, State::Stop, State::Terminate].map(state);
         let unknown = ranges([Reading::UNKNOWN; 2]);
-        let stops = states.into_iter().chain([stop(true), goal(0), bounds(0.0), unknown]);
+        let stops = states.into_iter().chain([stop(true), goal(0), mode(CmdMode::MANUAL), bounds(0.0), unknown]);
         for message in stops {
             for way in [Way::Memory, Way::Host, Way::Network] {
                 assert_eq!(guarded(Commands::Memory).judge(&message, by(way, 0)), Ok(()), "{message:?} {way:?}");

@@ -310,6 +310,7 @@ impl Canbus {
             Message::LlDataRanges(ranges) => self.around.on_ranges(at, ranges),
             Message::MlDataEstimate(estimate) => self.around.on_estimate(at, estimate),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.on_goal(now, at, out),
+            Message::MlCmdMode(mode) if mode.is_order_to_drive() => self.on_goal(now, at, out),
             Message::CmCmdState(command) => self.on_state_command(now, at, command, out),
             Message::LlDataPower(power) => self.on_power(now, power),
             Message::LlCmdPower(command) => self.on_power_command(now, command, out),
@@ -1052,6 +1053,7 @@ impl Module for Canbus {
             Channel::CmCmdState,
             Channel::MlDataEstimate,
             Channel::MlCmdGoal,
+            Channel::MlCmdMode,
             Channel::LlDataPower,
             Channel::LlCmdPower,
         ]

@@ -22,9 +22,8 @@ const LATERAL_SLOW_M: f64 = 0.45;
 /// Speed beside an obstacle that is almost touched, m/s, and its increase per metre of distance, 1/s.
 const LATERAL_SPEED_MPS: f64 = 0.30;
 const LATERAL_SPEED_GAIN: f64 = 1.1;
-/// Distance to the middle of a person, m, and its increase per standard deviation of the position, and of the velocity
-/// each second.
-const PERSON_DISTANCE_M: f64 = 0.35;
+/// Increase of the distance to the middle of a person (`people_margin_m`) per standard deviation of the position, m/m,
+/// and of the velocity each second.
 const PERSON_DISTANCE_PER_SIGMA: f64 = 0.2;
 /// Speed at which a person may leave the predicted path, m/s.
 const PERSON_DEVIATION_MPS: f64 = 0.05;
@@ -153,7 +152,7 @@ pub fn person_speed_limit(now: Instant, ahead: &[Sample], obstacles: &Obstacles,
         let goes = libm::hypot(person.velocity.0, person.velocity.1);
         // A person farther away cannot arrive within the longest stop.
         let reach = STOP_DISTANCE_MAX_M
-            + PERSON_DISTANCE_M
+            + config.behaviour.people_margin
             + (goes + PERSON_SPEED_ASSUMED_MPS + person.velocity_sigma) * STOP_TIME_MAX_S;
         if gap > reach {
             continue;
@@ -210,7 +209,7 @@ impl PredictedPath {
         let (body, a, reaction) = (&config.body, config.limits.deceleration, config.law.reaction);
         // A person that close may be left behind; the closer, the less may the robot approach.
         let closer = APPROACH_MAX_M * ((gap_now - PERSON_CONTACT_M) / 0.2).clamp(0.0, 1.0) + 1e-3;
-        let keep = (PERSON_DISTANCE_M + PERSON_DISTANCE_PER_SIGMA * person.sigma).min(gap_now - closer);
+        let keep = (config.behaviour.people_margin + PERSON_DISTANCE_PER_SIGMA * person.sigma).min(gap_now - closer);
         let (deviation, comes) = if speed <= PERSON_DEVIATION_FROM_MPS {
             (0.0, 0.0)
         } else {

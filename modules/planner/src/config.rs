@@ -4,8 +4,8 @@ use crate::map::Map;
 use crate::search::Abilities;
 use base::Duration;
 use guard::law::Law;
-use navitools::Point;
-use settings::{Section, robot, settings};
+use navitools::{Point, Pose};
+use settings::{Entry, Form, Section, Value, robot, settings};
 use std::path::PathBuf;
 
 /// The configuration; SI units. Whoever builds it from a file has checked its numbers.
@@ -31,6 +31,8 @@ pub struct Config {
     pub abilities: Abilities,
     /// Walls and what else is known to stand; none: the floor is taken as free, and the sonars say what is not.
     pub map: Option<Map>,
+    /// Pose of the map to which mode HOME drives; `None`: that mode is refused.
+    pub home: Option<Pose>,
 }
 
 /// The rectangle on the floor that the robot covers; origin under the middle of the rear axle.
@@ -107,6 +109,26 @@ impl Limits {
     }
 }
 
+/// Largest absolute coordinate of the home place, m; the same as of a goal.
+const COORDINATE_MAX_M: f64 = 1e4;
+/// Home place: `[x, y, theta]`.
+const HOME: Form<Pose> = Form(home, "a list of 3 numbers within ±10000: x, y, theta", "", |_| {});
+
+fn home(entry: &Entry<'_>) -> Option<Pose> {
+    let within = |value: f64| value.abs() <= COORDINATE_MAX_M;
+    let read: Option<Vec<f64>> = match &entry.node.value {
+        Value::Array(items) => items.iter().map(|item| item.value.number().filter(|value| within(*value))).collect(),
+        _ => None,
+    };
+    match read.as_deref() {
+        Some(&[x, y, theta]) => Some(Pose::new(x, y, theta)),
+        _ => {
+            entry.refuse(HOME.1);
+            None
+        }
+    }
+}
+
 settings! {
     /// `[planner]`: what stands where the robot drives, and how it drives among it.
     #[derive(Clone, Debug, PartialEq)]
@@ -114,6 +136,9 @@ settings! {
         /// Map of walls in YAML and PGM, as nav2 has them, from the configuration folder on. Absent: an open floor, in
         /// simulation the world's walls.
         map: Option<PathBuf> = optional;
+        /// Pose to which mode `home` drives: x and y of the middle of the rear axle in the map, m; theta, rad. Absent:
+        /// that mode is refused.
+        home: Option<Pose> = optional, HOME;
         behaviour: Behaviour = flat;
     }
 }
@@ -128,10 +153,16 @@ settings! {
         speed_reverse_mps as speed_reverse: f64 = 0.3, 0.01..=2.0;
         /// Speed through space that was not seen within the last second.
         speed_unseen_mps as speed_unseen: f64 = 0.4, 0.01..=2.0;
+        /// Speed towards a person in mode `approach`.
+        speed_approach_mps as speed_approach: f64 = 0.4, 0.01..=2.0;
         /// Distance beside the robot to what is sensed.
         margin_m as margin: f64 = 0.15, 0.01..=1.0;
         /// Distance to what stands in the way, beyond the margin.
         stop_distance_m as stop_distance: f64 = 0.1, 0.05..=2.0;
+        /// Distance from the robot to the middle of a tracked person that it keeps while it drives.
+        people_margin_m as people_margin: f64 = 0.35, 0.35..=1.0;
+        /// Distance from the robot to the middle of a person at which it stops in mode `approach`.
+        approach_distance_m as approach_distance: f64 = 1.2, 0.5..=2.0;
         /// Time from a thing's appearance to the brakes. Absent: `reaction_s` and `sensing_s` of the guard.
         reaction_s as reaction: Option<f64> = optional, 0.05..=2.0;
         /// Deceleration of the robot when PAUSE opens the motors' feed, if less than `[stop]` says; it drives no faster
@@ -181,6 +212,18 @@ mod tests {
         for (own, speed) in [(None, 0.8), (Some(0.5), 0.5), (Some(2.0), 0.8)] {
             let behaviour = Behaviour { speed: own, ..Behaviour::usual() };
             assert_eq!(Limits::new(&limits, &behaviour, Abilities::default()).speed, speed);
+        }
+    }
+    #[test]
+    fn a_home_place_is_three_numbers() {
+        let read = |text: &str| {
+            let node = settings::Node::parse(std::path::Path::new("robot.toml"), text).unwrap();
+            settings::read_as::<Settings>(&node)
+        };
+        assert_eq!(read("home = [1, 2.5, -1.5]").unwrap().home, Some(Pose::new(1.0, 2.5, -1.5)));
+        assert_eq!(read("").unwrap().home, None);
+        for bad in ["home = [1, 2]", "home = [1, 2, 3, 4]", "home = 3", "home = [1, 2, \"x\"]", "home = [1e5, 0, 0]"] {
+            assert!(read(bad).is_err(), "{bad}");
         }
     }
 }

@@ -24,6 +24,12 @@ pub struct Waypoint {
 }
 
 impl Waypoint {
+    /// Waypoint with the usual tolerance.
+    #[must_use]
+    pub const fn new(at: Point, heading: Option<f64>) -> Self {
+        Self { at, heading, tolerance: TOLERANCE_DEFAULT_M }
+    }
+
     /// True if a robot at this pose has reached the waypoint.
     #[must_use]
     pub fn is_reached(&self, robot: Pose) -> bool {
@@ -74,6 +80,12 @@ impl Goal {
         }
         let goal = Self { id: command.id, waypoints, looped: command.r#loop, next: 0 };
         Ok((!goal.waypoints.is_empty()).then_some(goal))
+    }
+
+    /// Goal of one waypoint.
+    #[must_use]
+    pub fn to(id: i32, waypoint: Waypoint) -> Self {
+        Self { id, waypoints: vec![waypoint], looped: false, next: 0 }
     }
 
     /// Waypoint after `number`; `None` after the last.

@@ -21,6 +21,8 @@ pub enum GoalState {
     Cancelled,
     /// Rejected as invalid, with the reason.
     Refused(String),
+    /// Rejected in the operation mode MANUAL.
+    ModeManual,
     /// The first path is being searched.
     Planning,
     /// Driving.
@@ -91,7 +93,7 @@ impl GoalState {
                 Status::Blocked
             }
             Self::Reached(_) | Self::AtLoop => Status::Reached,
-            Self::Refused(_) | Self::CannotReach(..) | Self::GaveUp(..) => Status::Failed,
+            Self::Refused(_) | Self::ModeManual | Self::CannotReach(..) | Self::GaveUp(..) => Status::Failed,
         }
     }
 
@@ -107,6 +109,7 @@ impl GoalState {
             Self::NoPath { to, why } => Some((why.hold(), (to + 1).to_string())),
             Self::BackingOut => Some((Hold::BackingOut, String::new())),
             Self::AtLoop => Some((Hold::AtLoop, String::new())),
+            Self::ModeManual => Some((Hold::ModeManual, String::new())),
             Self::NoGoal
             | Self::Cancelled
             | Self::Refused(_)
@@ -124,6 +127,7 @@ impl fmt::Display for GoalState {
             Self::NoGoal => f.write_str("there is no goal"),
             Self::Cancelled => f.write_str("cancelled: there is no goal"),
             Self::Refused(why) => write!(f, "refused: {why}"),
+            Self::ModeManual => write!(f, "refused: {}", Hold::ModeManual.words("")),
             Self::Planning => f.write_str("looks for a way"),
             Self::Driving { to, of, looped, narrow } => {
                 let loops = if *looped { ", for ever" } else { "" };
@@ -192,6 +196,12 @@ mod tests {
             (GoalState::NoGoal, "there is no goal", Status::Idle, Some((601, ""))),
             (GoalState::Cancelled, "cancelled: there is no goal", Status::Cancelled, Some((601, ""))),
             (GoalState::Refused("x".into()), "refused: x", Status::Failed, Some((601, ""))),
+            (
+                GoalState::ModeManual,
+                "refused: mode manual: only people drive the robot",
+                Status::Failed,
+                Some((608, "")),
+            ),
             (GoalState::Planning, "looks for a way", Status::Driving, Some((603, ""))),
             (
                 GoalState::Driving { to: 1, of: 12, looped: true, narrow: false },

@@ -27,12 +27,15 @@
 #![forbid(unsafe_code)]
 
 pub mod ahead;
+pub mod attention;
 mod config;
 pub mod goal;
 pub mod goal_state;
 pub mod map;
 pub mod mission;
+pub mod mode;
 pub mod obstacles;
+pub mod parameters;
 pub mod path;
 pub mod people;
 mod planner;

@@ -193,6 +193,12 @@ impl Mission {
         self.track = Track::default();
     }
 
+    /// Applies changed limits and margins to the path that is driven.
+    pub fn reshape(&mut self, now: Instant, obstacles: &Obstacles, config: &Config) {
+        self.track.shape(&config.body, &config.limits, &config.behaviour);
+        self.check_ahead(now, obstacles, config);
+    }
+
     /// Notes a pressed bumper, at the front or at the rear.
     pub fn bump(&mut self, front: bool) {
         self.bumped = self.trace.back().is_some_and(|(_, forward)| *forward == front);
@@ -303,7 +309,8 @@ impl Mission {
         }
         (self.track, self.no_way_around) = (Track::default(), false);
         if around {
-            space.set_obstacles(input.obstacles, input.robot, &input.config.body);
+            let Config { body, behaviour, .. } = input.config;
+            space.set_obstacles(input.obstacles, input.robot, body, behaviour.margin);
         }
         if let Some(poses) = self.stored_path(goal.next, input.robot).filter(|_| !around) {
             return self.start_driving(poses, input);

@@ -1,10 +1,13 @@
 //! Planner module: subscriptions, control loop, published messages.
 
+use crate::attention::Attention;
 use crate::config::Config;
 use crate::goal::Goal;
 use crate::goal_state::{GoalState, Hindrance};
 use crate::mission::{Mission, StepInput};
+use crate::mode::Mode;
 use crate::obstacles::{Fired, Obstacles};
+use crate::parameters::Parameters;
 use crate::ranges::{self, Sounding};
 use crate::route::PlanningSpace;
 use crate::search::Abilities;
@@ -12,11 +15,13 @@ use crate::senses::{EstimateCheck, Located, Senses, Wait};
 use crate::track::{Axis, Motion};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges, DataScan, EventStop};
-use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
+use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataMode, DataObstacles, DataPlan};
 use messages::{Channel, Message, StopSource};
 use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Module, State};
 use navitools::Pose;
+
+mod modes;
 
 /// Name of the module, and the source of its motion commands.
 pub const NAME: &str = "planner";
@@ -45,12 +50,22 @@ base::deadlines! {
         Goal,
         /// `ML_DATA_PLAN` and `ML_DATA_OBSTACLES` are published.
         Scene,
+        /// `ML_DATA_MODE` is published.
+        Mode,
+        /// `ML_DATA_PARAMETERS` is published.
+        Parameters,
     }
 }
 
 /// Planner module.
 pub struct Planner {
+    /// Configuration with the present values of the parameters.
     config: Config,
+    parameters: Parameters,
+    mode: Mode,
+    attention: Attention,
+    /// Mode, state and text as last published.
+    published_mode: (Mode, i8, String),
     space: PlanningSpace,
     senses: Senses,
     obstacles: Obstacles,
@@ -83,7 +98,11 @@ impl Planner {
     pub fn new(config: Config) -> Self {
         Self {
             space: PlanningSpace::new(&config),
+            parameters: Parameters::new(&config.limits, &config.behaviour),
             config,
+            mode: Mode::default(),
+            attention: Attention::default(),
+            published_mode: (Mode::default(), DataMode::IDLE, String::new()),
             senses: Senses::default(),
             obstacles: Obstacles::new(),
             scanned: Instant::ZERO,
@@ -125,6 +144,8 @@ impl Planner {
                 self.on_soundings(now, &ranges::of_srfs(at, srfs, self.config.sonar_beam));
             }
             Message::MlCmdGoal(goal) => self.on_goal(now, goal, out),
+            Message::MlCmdMode(command) => self.on_mode(now, command, out),
+            Message::MlCmdParameter(command) => self.on_parameter(now, command, out),
             _ => {}
         }
     }
@@ -152,6 +173,7 @@ impl Planner {
             EstimateCheck::Ok => {}
             EstimateCheck::Jumped => {
                 self.obstacles.clear();
+                self.attention = Attention::default();
                 self.mission.interrupt();
                 self.mission.forget_trace();
             }
@@ -207,13 +229,21 @@ impl Planner {
     }
 
     /// Begins a goal, or refuses it. A robot that drives to another one then goes on: it is not stopped by a mistake.
-    /// One that is held ends it, since the command may have released what holds it, for that goal alone.
+    /// One that is held ends it, since the command may have released what holds it, for that goal alone. What replaces
+    /// or ends the goal of another mode ends that mode.
     fn on_goal(&mut self, now: Instant, command: &CmdGoal, out: &mut Actions) {
         let drives = self.is_driving(now);
         let refused = match Goal::of(command) {
-            Ok(None) => return self.mission.end(command.id, GoalState::Cancelled),
+            Ok(None) => {
+                self.leave_mode(now);
+                return self.mission.end(command.id, GoalState::Cancelled);
+            }
+            Ok(Some(_)) if self.mode == Mode::Manual => GoalState::ModeManual,
             Ok(Some(goal)) => match self.impossible(&goal, drives) {
-                None => return self.mission.begin(goal, drives),
+                None => {
+                    self.leave_mode(now);
+                    return self.mission.begin(goal, drives);
+                }
                 Some((waypoint, why)) => GoalState::CannotReach(waypoint, why),
             },
             Err(why) => GoalState::Refused(why),
@@ -221,9 +251,10 @@ impl Planner {
         if drives {
             return self.mission.refuse(command.id, refused);
         }
-        if let GoalState::Refused(why) = &refused {
-            out.report(Severity::Warning, Fault::GoalRefused, "", format!("goal {} refused: {why}", command.id));
+        if matches!(refused, GoalState::Refused(_) | GoalState::ModeManual) {
+            out.report(Severity::Warning, Fault::GoalRefused, "", format!("goal {} {refused}", command.id));
         }
+        self.leave_mode(now);
         self.mission.end(command.id, refused);
     }
 
@@ -253,11 +284,12 @@ impl Planner {
 
     /// True if there is anything to command or to wait for.
     fn is_busy(&self) -> bool {
-        self.mission.has_goal() || self.zeros > 0
+        self.mission.has_goal() || self.zeros > 0 || self.attends()
     }
 
     /// One step of the control loop.
     fn control(&mut self, now: Instant, out: &mut Actions) {
+        self.attend(now);
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
         self.waits = self.waits_now(now);
@@ -348,7 +380,7 @@ impl Planner {
         let mut holds = std::mem::take(&mut self.holds);
         let waits = self.waits();
         // Without such a cause, the mission has the cause for which it does not drive.
-        let own = self.mission.hold().filter(|_| waits.is_empty());
+        let own = self.mode_hold().or_else(|| self.mission.hold()).filter(|_| waits.is_empty());
         let own = own.as_ref().map(|(hold, subject)| ActiveHold::new(*hold, subject));
         let waits =
             waits.iter().map(|wait| ActiveHold { hold: wait.hold, subject: &wait.subject, latched: wait.latched });
@@ -360,7 +392,7 @@ impl Planner {
         self.publish_holds(now, out);
         let refused = self.publish_refused(now, out);
         let (id, waypoint, state) = self.mission.status();
-        let message = self.waits().first().map_or_else(|| state.to_string(), |wait| wait.message(NAME));
+        let message = self.goal_message();
         let current = (id, waypoint, state.status() as i8, message);
         let changed = current != self.published;
         // What is refused is told once, and followed by the goal that goes on.
@@ -414,7 +446,7 @@ fn slack(located: &Located) -> f64 {
 
 impl Module for Planner {
     fn subscriptions(&self) -> &[Channel] {
-        const ALL: [Channel; 10] = [
+        const ALL: [Channel; 12] = [
             Channel::MlDataEstimate,
             Channel::LlDataMotion,
             Channel::LlDataGuard,
@@ -424,17 +456,19 @@ impl Module for Planner {
             Channel::LlDataSrfs,
             Channel::LlEventStop,
             Channel::MlCmdGoal,
+            Channel::MlCmdMode,
+            Channel::MlCmdParameter,
             Channel::LlDataVelocity,
         ];
         // Of a robot that steers, `LL_DATA_MOTION` has it all.
-        if self.steers() { &ALL[..9] } else { &ALL }
+        if self.steers() { &ALL[..11] } else { &ALL }
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => {
                 self.session = out.timestamp(now);
-                for timer in [Timer::Control, Timer::Goal, Timer::Scene] {
+                for timer in [Timer::Control, Timer::Goal, Timer::Scene, Timer::Mode, Timer::Parameters] {
                     self.deadlines.set(timer, now);
                 }
                 self.holds.start(now);
@@ -448,6 +482,7 @@ impl Module for Planner {
             self.control(now, out);
         }
         self.publish_goal(now, out);
+        self.publish_mode(now, out);
         self.publish_scene(now, out);
     }
 

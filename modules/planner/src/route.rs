@@ -22,8 +22,10 @@ const MARGIN_M: f64 = 0.12;
 /// Margin where no path has the whole one, m: by this the guard widens the outline at any speed (`guard.uncertainty_m`
 /// by default), so that it does not let the robot pass between nearer obstacles.
 const MARGIN_LEAST_M: f64 = 0.05;
-/// Size of a sensed obstacle beyond its cell, m.
+/// Size of a sensed obstacle beyond its cell, m; and by how much farther than `margin_m` a path around it must stay,
+/// m: within that margin the obstacle stops the robot.
 const SENSED_RADIUS_M: f64 = 0.15;
+const BEYOND_MARGIN_M: f64 = 0.03;
 /// Greatest distance of the end of a path from its waypoint, m.
 const END_MAX_M: f64 = 0.3;
 /// Free floor beyond start and goal if there is no map, m.
@@ -104,13 +106,13 @@ impl PlanningSpace {
     }
 
     /// Sets the obstacles for paths around them: all sensed ones except those that the robot already stands beside,
-    /// which it may leave behind.
-    pub fn set_obstacles(&mut self, obstacles: &Obstacles, robot: Pose, body: &Body) {
+    /// which it may leave behind. `margin`: the distance to sensed obstacles that the robot keeps, m.
+    pub fn set_obstacles(&mut self, obstacles: &Obstacles, robot: Pose, body: &Body, margin: f64) {
         let Some(still) = &self.still else { return };
         let inverse = robot.inverse();
-        let sensed = obstacles.hits().filter(|hit| !body.covers(inverse * hit.at, MARGIN_M + SENSED_RADIUS_M));
-        let sensed: Vec<Obstacle> =
-            sensed.map(|hit| Obstacle { x: hit.at.x, y: hit.at.y, radius: SENSED_RADIUS_M }).collect();
+        let radius = SENSED_RADIUS_M.max(margin + BEYOND_MARGIN_M - MARGIN_M);
+        let sensed = obstacles.hits().filter(|hit| !body.covers(inverse * hit.at, MARGIN_M + radius));
+        let sensed: Vec<Obstacle> = sensed.map(|hit| Obstacle { x: hit.at.x, y: hit.at.y, radius }).collect();
         self.live.get_or_insert_with(|| still.clone()).overlay(&sensed);
     }
 

@@ -5,7 +5,7 @@ use crate::config::{Behaviour, Body, Limits};
 use kinematics::Direction;
 use messages::Hold;
 use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, EventStop, Reading};
-use messages::middlelevel::Waypoint;
+use messages::middlelevel::{DataParameters, Waypoint};
 use module::bench::Bench;
 use module::{Shell, ShellConfig};
 use navitools::{Motion as Moved, Point, Pose, wrap};
@@ -86,6 +86,11 @@ struct Robot {
     measured_last: [(i64, f64); 16],
     /// Sensed points, of all messages.
     sensed: Vec<Point>,
+    /// Operation mode and parameters, as last published.
+    mode: DataMode,
+    parameters: DataParameters,
+    /// Numbers of all reports.
+    reports: Vec<i32>,
 }
 
 /// The guard of the reference robot.
@@ -123,6 +128,11 @@ impl Robot {
 
     /// On the floor of this map: the hall, or one with further walls that no sonar comes near.
     fn on(map: Option<crate::map::Map>) -> Self {
+        Self::with(map, None)
+    }
+
+    /// The same with a home place.
+    fn with(map: Option<crate::map::Map>, home: Option<Pose>) -> Self {
         let walls = map.as_ref().map(|_| (12.0, 6.0));
         let config = Config {
             body: BODY,
@@ -134,6 +144,7 @@ impl Robot {
             has_sonars: true,
             abilities: Abilities::default(),
             map,
+            home,
         };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
         let mut bench = Bench::new(shell);
@@ -167,6 +178,9 @@ impl Robot {
             firing: [(0, f64::NAN); 16],
             measured_last: [(0, f64::NAN); 16],
             sensed: Vec::new(),
+            mode: DataMode::default(),
+            parameters: DataParameters::default(),
+            reports: Vec::new(),
         }
     }
 
@@ -331,6 +345,9 @@ impl Robot {
                     self.goal = goal;
                 }
                 Message::LlDataHold(holds) => self.holds = holds,
+                Message::MlDataMode(mode) => self.mode = mode,
+                Message::MlDataParameters(parameters) => self.parameters = parameters,
+                Message::CmEventError(error) => self.reports.push(error.number),
                 Message::MlDataObstacles(seen) => {
                     self.sensed.extend(seen.x.iter().zip(&seen.y).map(|(&x, &y)| Point { x, y }));
                 }
@@ -898,3 +915,4 @@ fn backing_out_leads_to_no_waypoint() {
 
 #[path = "tests/bases.rs"]
 mod bases;
+mod modes;

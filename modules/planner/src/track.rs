@@ -148,8 +148,8 @@ impl Track {
         self.shape(body, limits, behaviour);
     }
 
-    /// Computes curvature and speed of each sample.
-    fn shape(&mut self, body: &Body, limits: &Limits, behaviour: &Behaviour) {
+    /// Computes curvature and speed of each sample, anew after a change of the limits.
+    pub fn shape(&mut self, body: &Body, limits: &Limits, behaviour: &Behaviour) {
         let count = self.samples.len();
         let mut begin = 0;
         while begin < count {

@@ -6,7 +6,7 @@
 //! The witness is the host, which knows each sender; `module::admission`, which the modules use, is not asked.
 
 use super::Limits;
-use messages::{Message, common};
+use messages::{Message, common, middlelevel};
 use module::State;
 use module::admission::{Commands, Sender, Way};
 
@@ -68,6 +68,7 @@ impl Believed {
             | Message::LlDataActiveBeacons(_) => may_command,
             Message::CmCmdState(common::CmdState { state, .. }) if *state != State::Run as i8 => true,
             Message::MlCmdGoal(goal) if goal.waypoints.is_empty() => true,
+            Message::MlCmdMode(command) if command.mode == middlelevel::CmdMode::MANUAL => true,
             other if other.channel().name().contains("_CMD_") => may_command,
             _ => true,
         }

@@ -69,6 +69,11 @@ impl SetPoint {
     }
 }
 
+/// True for a mode by which an operator orders the robot to drive: to a person, or home.
+pub(super) const fn orders_to_drive(command: &middlelevel::CmdMode) -> bool {
+    matches!(command.mode, middlelevel::CmdMode::APPROACH | middlelevel::CmdMode::HOME)
+}
+
 impl Base {
     /// Longest time in which its wheels reach their speeds: from full speed one way to that of the other.
     pub fn ramp(&self, speed: f64) -> Duration {
@@ -403,6 +408,7 @@ impl Facts {
             }
             Message::CmDataProcesses(list) => self.on_list(now, at, list),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),
+            Message::MlCmdMode(command) if orders_to_drive(command) => self.goal = Some(now),
             Message::CmCmdState(command) => self.on_command(now, command),
             Message::MlDataEstimate(estimate) if estimate.quality >= middlelevel::DataEstimate::COARSE => {
                 self.located = Some(at);

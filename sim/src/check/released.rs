@@ -4,12 +4,13 @@
 //!
 //! The witnesses are the body, whose wheels turn, and the steering's statusword, which says whether it has a reference;
 //! where it does not, `LL_DATA_MOTION`.
-//! A release is an act that was served to the driver: motion of a manual source after its zero, a goal, an operator's
-//! RUN for the driver, the planner or all, `LL_CMD_HOMING`; and where the configuration says so, the robot's start.
+//! A release is an act that was served to the driver: motion of a manual source after its zero, a goal, a mode that
+//! orders the robot to drive, an operator's RUN for the driver, the planner or all, `LL_CMD_HOMING`; and where the
+//! configuration says so, the robot's start.
 //! Causes are those that the driver was served, its own restart, and a steering that booted.
 
 use super::Verdict;
-use super::facts::Facts;
+use super::facts::{Facts, orders_to_drive};
 use super::pause_line::{PAUSE_TIMEOUT, Pause};
 use base::{Duration, Instant};
 use messages::Message;
@@ -83,6 +84,7 @@ impl Rule {
         let run_of = [facts.limits.driver.as_str(), facts.limits.planner.as_str(), "*"];
         let acts = match message {
             Message::MlCmdGoal(goal) => !goal.waypoints.is_empty(),
+            Message::MlCmdMode(command) => orders_to_drive(command),
             Message::LlCmdHoming(_) => true,
             Message::CmCmdState(command) => {
                 command.manual && command.state == State::Run as i8 && run_of.contains(&command.module.as_str())

@@ -243,6 +243,10 @@ impl Bench {
                 let waypoints = vec![middlelevel::Waypoint::default()];
                 self.served(0, middlelevel::CmdGoal { waypoints, ..Default::default() });
             }
+            ["mode", mode] => {
+                let mode = middlelevel::CmdMode::from_name(mode).unwrap();
+                self.served(0, middlelevel::CmdMode { mode, ..Default::default() });
+            }
             ["estimate"] => {
                 let quality = middlelevel::DataEstimate::FINE;
                 self.served(0, middlelevel::DataEstimate { quality, ..Default::default() });
@@ -501,6 +505,8 @@ fn the_planner_needs_a_release_and_an_estimate() {
         +210 say planner 0.7
         drive 0.7 ! resumes",
     );
+    check("mode home \n estimate \n say planner 0.7 \n drive 0.7");
+    check("mode route \n estimate \n say planner 0.7 \n drive 0.7 ! resumes");
     check("estimate \n say planner 0.7 \n drive 0.7 ! resumes");
     check("goal \n say planner 0.7 \n drive 0.7 ! resumes");
 }

@@ -4,7 +4,7 @@ use super::near::{self, nearest};
 use super::{Body, GREY, age, clip, line, size, time};
 use super::{errors, modules};
 use crate::diag::app::App;
-use crate::goal;
+use crate::{goal, mode};
 use base::{Duration, Instant};
 use diagnostics::{BeaconState, CHARGE_EMPTY, CHARGE_LOW, Ellipse, HoldRow, Model, normalized_residual};
 use messages::lowlevel::{DataPower, DataTemperature, Reading};
@@ -119,14 +119,16 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             let left = if g.remaining.is_finite() { format!(" {:.1} m", g.remaining) } else { String::new() };
             format!("{}{left}  {}", word(&goal::STATUS, g.status), g.message)
         }),
-        line("gamepad", &model.gamepad, at, |g| match (g.connected, g.dead_man) {
-            (false, _) => "not there".into(),
-            (true, held) => format!("{}{}", g.name, if held { "  dead man held" } else { "" }),
-        }),
     ]);
     if model.beacon_use.get().is_some() {
         lines.push(line("beacons", &model.beacon_use, at, beacons));
     }
+    // Of a planner that has modes.
+    lines.extend(model.mode.get().map(|_| line("mode", &model.mode, at, mode::in_words)));
+    lines.push(line("gamepad", &model.gamepad, at, |g| match (g.connected, g.dead_man) {
+        (false, _) => "not there".into(),
+        (true, held) => format!("{}{}", g.name, if held { "  dead man held" } else { "" }),
+    }));
     if model.truth.get().is_some() {
         let text = |t: &messages::simulation::DataTruth| {
             format!("{:.2} {:.2} m  {}", t.x, t.y, crate::counted(t.collisions, "contact"))

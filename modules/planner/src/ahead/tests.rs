@@ -29,6 +29,7 @@ fn config() -> Config {
         has_sonars: true,
         abilities: Abilities::default(),
         map: None,
+        home: None,
     }
 }
 

@@ -6,6 +6,7 @@ use crate::path::Move;
 use crate::search::{Abilities, Footprint};
 use core::f64::consts::{FRAC_PI_2, PI};
 use messages::lowlevel::DataVelocity;
+use messages::middlelevel::CmdMode;
 
 const COURIER: Body = Body { wheelbase: 0.30, front: 0.35, rear: 0.35, width: 0.50 };
 const TURNS: Abilities = Abilities { turns: true, sideways: false };
@@ -50,6 +51,7 @@ impl Wheels {
             has_sonars: false,
             abilities,
             map: Some(map.clone()),
+            home: None,
         };
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config))));
         bench.start();
@@ -187,6 +189,48 @@ fn several_goals_in_a_room_with_walls_are_reached_by_each_base() {
             robot.go(Pose::new(x, y, theta), 60.0);
         }
     }
+}
+
+/// Readings of eight sonars around the courier, for a leg at this point of the map.
+fn around(robot: Pose, leg: Point, timestamp: i64) -> DataRanges {
+    let reading = |id: i32| {
+        let theta = f64::from(id) * core::f64::consts::FRAC_PI_4;
+        let (sin, cos) = libm::sincos(theta);
+        let to_edge = (COURIER.front / cos.abs()).min(COURIER.width / 2.0 / sin.abs());
+        let (x, y) = (to_edge * cos, to_edge * sin);
+        let mount = robot * Pose::new(x, y, theta);
+        let (distance, bearing) =
+            (mount.point().distance(leg), libm::atan2(leg.y - mount.y, leg.x - mount.x) - mount.theta.radians());
+        let hears = wrap(bearing).abs() < 0.48 && distance < 2.5;
+        let (status, distance) = if hears { (Reading::MEASURED, distance) } else { (Reading::SILENT, f64::NAN) };
+        Reading { timestamp, id, kind: Reading::SONAR, status, distance, x, y, theta, beam: 0.96 }
+    };
+    DataRanges { timestamp, readings: (0..8).map(reading).collect() }
+}
+
+#[test]
+fn one_that_waits_turns_to_a_person_who_comes_near_and_stays_at_its_place() {
+    let start = Pose::new(5.0, 4.0, 0.0);
+    let mut robot = Wheels::new(TURNS, start, &[]);
+    robot.bench.message(CmdMode { mode: CmdMode::WAIT, ..Default::default() });
+    let person = Point { x: 5.0, y: 5.2 };
+    let off = |robot: &Wheels| {
+        let bearing = libm::atan2(person.y - robot.pose.y, person.x - robot.pose.x);
+        wrap(bearing - robot.pose.theta.radians()).abs()
+    };
+    for n in 0..2000 {
+        robot.step();
+        if n % 20 == 0 {
+            let timestamp = (robot.bench.now().as_nanos() / 1000) as i64;
+            let ranges = around(robot.pose, person, timestamp);
+            robot.bench.message(ranges);
+        }
+        if n > 500 && off(&robot) < 0.3 && robot.velocity.iter().all(|part| part.abs() < 0.01) {
+            assert!(robot.greatest[2] > 0.0 && robot.pose.point().distance(start.point()) < 0.15, "{:?}", robot.pose);
+            return;
+        }
+    }
+    panic!("{} rad off at {:?}: {:?}", off(&robot), robot.pose, robot.goal);
 }
 
 #[test]

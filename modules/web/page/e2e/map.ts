@@ -202,3 +202,23 @@ scene("a control that lacks control alone offers to take it, and does then what 
   await v.page.getByRole("form", { name: "Place on the map" }).waitFor();
   deepEqual(v.said.map(({ type }) => type), ["take"]);
 });
+
+scene("mode and speed limit are set from the map; without a home place it does not go home", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await v.takeControl();
+  await v.go("Map");
+  await v.button("Mode: Wait").click();
+  const command = (await robot.bus.hears("ML_CMD_MODE")) as { mode: number; source: string };
+  deepEqual([command.mode, command.source.startsWith("web:")], [2, true]);
+  await v.text(/^Mode: Wait, waits for people\.$/).waitFor();
+  equal(await v.button("Mode: Wait").getAttribute("aria-pressed"), "true");
+  equal(await v.button("Mode: Home").getAttribute("aria-disabled"), "true");
+  const summary = v.page.locator(".map-parameters summary");
+  await summary.click();
+  await v.page.getByRole("slider", { name: /^Speed limit/ }).fill("0.3");
+  const change = (await robot.bus.hears("ML_CMD_PARAMETER")) as { name: string; value: number };
+  deepEqual([change.name, change.value], ["speed_mps", 0.3]);
+  await until("the robot shows it", 5, async () => (await summary.textContent())?.includes("0.30 m/s"));
+  await v.button("Mode: Route").click();
+  await until("it is in route", 5, async () => (await v.button("Mode: Route").getAttribute("aria-pressed")) === "true");
+});

@@ -2,6 +2,7 @@
 // ?fixture=viewer, paused, lost, slow, other, stopped … show what is rare; without a word an engineer watches a patrol.
 import * as command from "./connection/command";
 import * as view from "./connection/view";
+import { MODES } from "./map/planner";
 import { HOLD } from "./numbers";
 import { events } from "./timeline/player";
 import type { Answer, Bound, Command, DataGuard, DrivePart, Field, Holder, HoldRow, Part, Range, Reading, Role, RunEvent, Shown } from "./protocol";
@@ -18,7 +19,7 @@ const BEACONS = [[0.1, 0.1], [10, 0.1], [19.9, 0.1], [19.9, 11.9], [8, 11.9], [0
 
 const robot = {
   x: 4.2, y: 6.05, theta: 0.02, speed: 0, steering: 0, want: { speed: 0, steering: 0 }, path: 0, collisions: 0,
-  held: mode === "stopped", paused: mode === "paused", goal: 3, recording: true, creep: false, bytes: 4.2e6, patrol: mode === "" || mode === "viewer",
+  held: mode === "stopped", paused: mode === "paused", goal: 3, recording: true, creep: false, bytes: 4.2e6, patrol: mode === "" || mode === "viewer", mode: 1, speedLimit: 0.5, margin: 0.15,
 };
 let holder: Holder | null = mode === "other" ? { id: 7, name: "Jana’s phone", role: "operator", driving: true, since: 42 } : null;
 let hold = { number: 0, at: -1 };
@@ -114,6 +115,7 @@ function drivePart(): DrivePart {
     estimate: shown({ timestamp: micros(), x: robot.x + wave(7, 0.04), y: robot.y + wave(5, 0.03), theta: robot.theta, speed: robot.speed, rotation: 0, covariance: [[0.0016, 0, 0], [0, 0.0009, 0], [0, 0, 0.0004]], quality }, 0.05),
     ellipse: { long: 0.22, short: 0.12, angle: robot.theta + 0.4, heading: 0.06 },
     goal: shown({ timestamp: micros(), id: 3, waypoint: robot.goal % ROUTE.length, status: patrols ? 1 : 0, remaining: patrols ? Math.hypot(gx - robot.x, gy - robot.y) : null, message: "" }, null),
+    mode: shown({ timestamp: micros(), mode: robot.mode, state: robot.mode === 1 ? (patrols ? 1 : 0) : 2, text: robot.mode === 0 ? "mode manual: only people drive the robot" : robot.mode === 1 ? "" : "waits for people", has_home: false }, 1),
     truth: shown({ timestamp: micros(), x: robot.x, y: robot.y, theta: robot.theta, speed: robot.speed, steering: robot.steering, clearance: 1.1, collisions: 0 }, 0.05),
     gamepad: shown({ timestamp: micros(), name: "Logitech F710", connected: true, dead_man: false, speed: 0, steering: 0 }, 0.2),
     holder,
@@ -171,6 +173,10 @@ function system(): Part {
       ] }, 1),
       shown({ timestamp: at, bus: "b", load: 0.02, frames: Math.round(elapsed() * 2), errors: 0, state: 0, nodes: [{ name: "sbs1", address: 0x30, state: 0, requests: 1_071, retries: 0, timeouts: 0, crc_errors: 0, round_trip_min: 0.004, round_trip_mean: 0.005, round_trip_max: 0.006 }] }, 1, 4.2),
     ],
+    parameters: shown({ timestamp: at, parameters: [
+      { name: "speed_mps", value: robot.speedLimit, minimum: 0.05, maximum: 0.5, configured: 0.5 },
+      { name: "margin_m", value: robot.margin, minimum: 0.15, maximum: 0.3, configured: 0.15 },
+    ] }, 1),
     log: shown({ timestamp: at, recording: robot.recording, run: "2026_11_22_09_12_40", bytes: (robot.bytes += 12_000), dropped: 0, free: 21.4e9 }, 1),
     beacon_use: shown({ timestamp: at, beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y, active: i < 5, permitted: !excluded.has(i + 1), last: i < 4 ? at - i * 2e5 : 0, residual: i < 4 ? (i === 3 ? 0.21 : wave(7 + i, 0.01)) : null, deviation: i < 4 ? 0.012 : null, fits: i < 3, accepted: i < 4 ? 600 - 90 * i : 0, refused: i === 3 ? 41 : 0 })) }, 1),
     clock: shown({ timestamp: at, rate: 1 }, 1),
@@ -288,6 +294,15 @@ function said(each: Command): boolean {
     case "goal":
     case "route":
       robot.patrol = true;
+      if (robot.mode !== 0) robot.mode = 1;
+      break;
+    case "mode":
+      robot.mode = MODES.findIndex(([name]) => name === each.mode);
+      robot.patrol = false;
+      break;
+    case "parameter":
+      if (each.name === "speed_mps") robot.speedLimit = each.value;
+      if (each.name === "margin_m") robot.margin = each.value;
       break;
   }
   tell({ type: "done", id: each.id });

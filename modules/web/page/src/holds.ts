@@ -5,7 +5,7 @@ import { t } from "./words";
 import { holdWho } from "./words/said";
 
 const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseField, HOLD.PauseOther];
-const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal];
+const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal, HOLD.ModeManual, HOLD.WaitsForPeople];
 
 /** The weightiest of each module: they are in order, those of a module together. */
 export function leading(holds: readonly HoldRow[]): HoldRow[] {

@@ -294,6 +294,8 @@ export interface DrivePart {
   estimate: Shown<DataEstimate>;
   ellipse: Ellipse | null;
   goal: Shown<DataGoal>;
+  /** Operation mode of the planner. */
+  mode: Shown<DataMode>;
   truth: Shown<DataTruth>;
   gamepad: Shown<DataJoydev>;
   /** Holder of the motion authority among the web clients. */
@@ -336,6 +338,8 @@ export interface SystemPart {
   busses: Shown<DataBus>[];
   /** What the estimator makes of each beacon. */
   beacon_use: Shown<DataBeaconUse>;
+  /** Parameters of the planner that can be changed while it runs: at most 32. */
+  parameters: Shown<DataParameters>;
   log: Shown<DataLog>;
   clock: Shown<DataClock>;
   errors: ErrorGroup[];
@@ -682,6 +686,13 @@ export type Command =
   | { type: "goal"; id: number; waypoints: Waypoint[]; loop: boolean }
   /** A named route of the world. Needs the motion authority. */
   | { type: "route"; id: number; name: string }
+  /** Operation mode of the planner: `manual`, `route`, `wait`, `approach` or `home`. Needs the motion authority. */
+  | { type: "mode"; id: number; mode: string }
+  /**
+   * Parameter of the planner, by its name in the view; the planner refuses what is out of its range. Needs the motion
+   * authority.
+   */
+  | { type: "parameter"; id: number; name: string; value: number }
   /** Position for the estimator, m and rad, map frame. Needs the motion authority. */
   | { type: "pose"; id: number; x: number; y: number; theta: number }
   /** Permits a beacon of the map for the estimate, or excludes it. Needs the motion authority. */
@@ -1304,6 +1315,24 @@ export interface DataGoal {
   message: string;
 }
 
+/**
+ * Operation mode of the planner, and what it does in it: `ML_DATA_MODE`, 1 Hz and on change.
+ * - IDLE 0, DRIVING 1, WAITING 2, ARRIVED 3, FAILED 4: States: nothing to do; drives, or is about to; waits, for people
+ *   or for a cause to end; at its destination; cannot do it.
+ */
+export interface DataMode {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** One of the modes of cmd_mode_t. */
+  mode: number;
+  /** One of the constants. */
+  state: number;
+  /** State as a sentence for people. */
+  text: string;
+  /** True if a home place is configured. */
+  has_home: boolean;
+}
+
 /** Obstacles sensed by the planner: `ML_DATA_OBSTACLES`. */
 export interface DataObstacles {
   /** Microseconds since the UNIX epoch. */
@@ -1314,6 +1343,28 @@ export interface DataObstacles {
   x: (number | null)[];
   /** Middles of the cells in the world, m. */
   y: (number | null)[];
+}
+
+/** Parameters of the planner that can be changed while it runs: `ML_DATA_PARAMETERS`, 1 Hz and on change. */
+export interface DataParameters {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Parameters, always in the same order. */
+  parameters: LiveParameter[];
+}
+
+/** Parameter that can be changed while the module runs. */
+export interface LiveParameter {
+  /** Name: a key of the table `planner` of `robot.toml`. The unit is in the name. */
+  name: string;
+  /** Present value. */
+  value: number | null;
+  /** Smallest value that is accepted. */
+  minimum: number | null;
+  /** Greatest value that is accepted. */
+  maximum: number | null;
+  /** Value of the configuration, which a restart restores. */
+  configured: number | null;
 }
 
 /** Path that the planner follows: `ML_DATA_PLAN`. */

@@ -58,6 +58,11 @@ pub enum Command {
     Goal { id: i64, waypoints: Vec<WaypointRequest>, r#loop: bool },
     /// A named route of the world. Needs the motion authority.
     Route { id: i64, name: String },
+    /// Operation mode of the planner: `manual`, `route`, `wait`, `approach` or `home`. Needs the motion authority.
+    Mode { id: i64, mode: String },
+    /// Parameter of the planner, by its name in the view; the planner refuses what is out of its range. Needs the
+    /// motion authority.
+    Parameter { id: i64, name: String, value: f64 },
     /// Position for the estimator, m and rad, map frame. Needs the motion authority.
     Pose { id: i64, x: f64, y: f64, theta: f64 },
     /// Permits a beacon of the map for the estimate, or excludes it. Needs the motion authority.
@@ -200,6 +205,8 @@ impl Command {
             | Self::Resume { id }
             | Self::Goal { id, .. }
             | Self::Route { id, .. }
+            | Self::Mode { id, .. }
+            | Self::Parameter { id, .. }
             | Self::Pose { id, .. }
             | Self::Beacon { id, .. }
             | Self::Home { id, .. }
@@ -225,6 +232,7 @@ impl Command {
             Self::Cancel { .. } | Self::Log { .. } => needs(Role::Operator, false),
             Self::Resume { .. } | Self::Goal { .. } | Self::Route { .. } => needs(Role::Operator, true),
             Self::Pose { .. } | Self::Beacon { .. } | Self::Home { .. } => needs(Role::Operator, true),
+            Self::Mode { .. } | Self::Parameter { .. } => needs(Role::Operator, true),
             Self::State { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
                 needs(Role::Engineer, false)
             }
@@ -254,7 +262,9 @@ impl Command {
             Self::Fault { value, duration, .. } if !in_range(*value) || !(0.0..=NUMBER_MAX).contains(duration) => {
                 return Err("a value out of range".into());
             }
-            Self::Route { name, .. } => &[name],
+            Self::Parameter { value, .. } if !in_range(*value) => return Err("a value out of range".into()),
+            Self::Route { name, .. } | Self::Parameter { name, .. } => &[name],
+            Self::Mode { mode, .. } => &[mode],
             Self::Home { axis, .. } => &[axis],
             Self::State { module, .. } => &[module],
             Self::Fault { target, fault, .. } => &[target, fault],
@@ -325,6 +335,8 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
             let point = |[x, y]: &[f64; 2]| waypoint(&WaypointRequest { x: *x, y: *y, theta: None, tolerance: None });
             orders::goal(timestamp, route.points.iter().map(point).collect(), route.looped).into()
         }
+        Command::Mode { mode, .. } => orders::mode(timestamp, mode, source)?.into(),
+        Command::Parameter { name, value, .. } => orders::parameter(timestamp, name, *value, source).into(),
         Command::Cancel { .. } => orders::goal(timestamp, Vec::new(), false).into(),
         Command::Pose { x, y, theta, .. } => orders::pose(timestamp, [*x, *y, *theta], orders::DEVIATIONS).into(),
         Command::Beacon { beacon, permitted, .. } => orders::beacon(timestamp, Some(*beacon), *permitted).into(),
@@ -378,7 +390,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 20] = [
+    const ALL: [&str; 22] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -389,6 +401,8 @@ mod tests {
         r#"{"type":"resume","id":1}"#,
         r#"{"type":"goal","id":1,"waypoints":[{"x":1,"y":2},{"x":1,"y":2,"theta":3,"tolerance":0.5}],"loop":true}"#,
         r#"{"type":"route","id":1,"name":"patrol"}"#,
+        r#"{"type":"mode","id":1,"mode":"approach"}"#,
+        r#"{"type":"parameter","id":1,"name":"speed_mps","value":0.3}"#,
         r#"{"type":"pose","id":1,"x":1,"y":2,"theta":3}"#,
         r#"{"type":"beacon","id":1,"beacon":3,"permitted":false}"#,
         r#"{"type":"home","id":1,"axis":"steering"}"#,
@@ -420,7 +434,8 @@ mod tests {
                 message(&command, &robot(), 7, "web:x").unwrap().map(|message| message.channel_name().into_owned()),
             );
         }
-        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_ESTIMATE ML_CMD_BEACON_USE LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE LL_CMD_POWER SIM_CMD_FAULT";
+        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE LL_CMD_HOMING \
+            ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE LL_CMD_POWER SIM_CMD_FAULT";
         assert_eq!(said.join(" "), expected);
     }
 
@@ -446,6 +461,9 @@ mod tests {
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1,"tolerance":-1}],"loop":false}"#, Some(3)),
             (r#"{"type":"beacon","id":3,"beacon":1}"#, Some(3)),
             (r#"{"type":"beacon","id":3,"beacon":4294967296,"permitted":true}"#, Some(3)),
+            (r#"{"type":"mode","id":3,"mode":"a\nb"}"#, Some(3)),
+            (r#"{"type":"parameter","id":3,"name":"speed_mps","value":1e9}"#, Some(3)),
+            (r#"{"type":"parameter","id":3,"name":"speed_mps","value":null}"#, Some(3)),
             (r#"{"type":"sdo","id":3,"node":256,"index":1,"subindex":0}"#, Some(3)),
             (r#"{"type":"state","id":3,"module":"a\nb","state":"RUN"}"#, Some(3)),
             (r#"{"type":"fault","id":3,"target":"x","fault":"y","value":0,"duration":-1}"#, Some(3)),
@@ -465,6 +483,7 @@ mod tests {
         for text in [
             r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
             r#"{"type":"route","id":1,"name":"nowhere"}"#,
+            r#"{"type":"mode","id":1,"mode":"fly"}"#,
             r#"{"type":"power","id":1,"channel":"motor","action":"off"}"#,
             r#"{"type":"state","id":1,"module":"planner","state":"INIT"}"#,
             r#"{"type":"log","id":1,"action":"mark","text":""}"#,

@@ -50,6 +50,8 @@ pub struct DrivePart<'a> {
     estimate: Shown<'a, middlelevel::DataEstimate>,
     ellipse: Option<Ellipse>,
     goal: Shown<'a, middlelevel::DataGoal>,
+    /// Operation mode of the planner.
+    mode: Shown<'a, middlelevel::DataMode>,
     truth: Shown<'a, simulation::DataTruth>,
     gamepad: Shown<'a, lowlevel::DataJoydev>,
     /// Holder of the motion authority among the web clients.
@@ -76,6 +78,7 @@ impl<'a> DrivePart<'a> {
             estimate: model.estimate.shown(now),
             ellipse: model.estimate.get().and_then(|estimate| Ellipse::of(&estimate.covariance)),
             goal: model.goal.shown(now),
+            mode: model.mode.shown(now),
             truth: model.truth.shown(now),
             gamepad: model.gamepad.shown(now),
             holder: beside.holder,
@@ -145,6 +148,8 @@ pub struct SystemPart<'a> {
     buses: Vec<Shown<'a, lowlevel::DataBus>>,
     /// What the estimator makes of each beacon.
     beacon_use: Shown<'a, middlelevel::DataBeaconUse>,
+    /// Parameters of the planner that can be changed while it runs: at most 32.
+    parameters: Shown<'a, middlelevel::DataParameters>,
     log: Shown<'a, common::DataLog>,
     clock: Shown<'a, simulation::DataClock>,
     errors: Vec<ShownGroup<'a>>,
@@ -168,6 +173,7 @@ impl<'a> SystemPart<'a> {
             temperatures: model.temperatures.shown(now),
             buses: model.buses().map(|bus| bus.shown(now)).collect(),
             beacon_use: model.beacon_use.shown(now),
+            parameters: model.parameters.shown(now),
             log: model.log.shown(now),
             clock: model.clock.shown(now),
             errors: model.errors.groups(now),

@@ -21,12 +21,13 @@ const SIZE_MAX: usize = 4 << 10;
 const QUOTED_MAX: usize = 200;
 
 /// Motion, and acts that move the robot or release it from a stop: each has a command of its own, with its checks.
-const MOVES: [Channel; 6] = [
+const MOVES: [Channel; 7] = [
     Channel::LlCmdMotion,
     Channel::LlCmdVelocity,
     Channel::LlCmdCreep,
     Channel::LlCmdHoming,
     Channel::MlCmdGoal,
+    Channel::MlCmdMode,
     Channel::CmCmdState,
 ];
 /// By these the watchdog judges modules, and modules the watchdog.
@@ -304,6 +305,8 @@ mod tests {
             "LL_CMD_SDO",
             "ML_CMD_BEACON_USE",
             "ML_CMD_ESTIMATE",
+            "ML_CMD_ESTIMATE",
+            "ML_CMD_PARAMETER",
         ];
         assert_eq!(names(&real), commands);
         assert!(names(&simulated).contains(&"SIM_CMD_FAULT") && names(&simulated).contains(&"LL_DATA_ODO"));

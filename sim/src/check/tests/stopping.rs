@@ -13,10 +13,13 @@ const DISTURBED: &str = "frame 181 27 00 \n speed 0.5 \n begin pad 0.5 \n fault 
 #[test]
 fn homing_needs_a_release() {
     check(&format!("{LOST} \n turn 0.03 2 ! released"));
-    for release in ["home", "goal", "operator planner RUN", "operator driver RUN", "operator * RUN", "begin pad 0.1"] {
+    let modes = ["mode home", "mode approach"];
+    let releases = ["home", "goal", "operator planner RUN", "operator driver RUN", "operator * RUN", "begin pad 0.1"];
+    for release in releases.into_iter().chain(modes) {
         check(&format!("{LOST} \n {release} \n stop \n turn 0.03 20"));
     }
-    for other in ["program planner RUN", "operator power RUN", "say pad 0", "network home"] {
+    let modes = ["mode manual", "mode route", "mode wait", "network mode home"];
+    for other in ["program planner RUN", "operator power RUN", "say pad 0", "network home"].into_iter().chain(modes) {
         check(&format!("{LOST} \n {other} \n turn 0.03 2 ! released"));
     }
 }

@@ -1,7 +1,7 @@
 //! The PAUSE line: latched until a deliberate act, for every source.
 
 use super::*;
-use messages::middlelevel::{CmdGoal, Waypoint};
+use messages::middlelevel::{CmdGoal, CmdMode, Waypoint};
 
 fn pause(engaged: bool, source: &str) -> lowlevel::EventStop {
     lowlevel::EventStop { timestamp: 0, engaged, source: source.into() }
@@ -80,6 +80,22 @@ fn acts_while_the_line_is_engaged_do_not_count() {
     robot.bench.message(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
     robot.exchange();
     assert_eq!(robot.holds(), [(Hold::NobodyCommands, "")]);
+}
+
+#[test]
+fn only_a_mode_that_orders_the_robot_to_drive_releases_it_like_a_goal() {
+    for mode in [CmdMode::MANUAL, CmdMode::ROUTE, CmdMode::WAIT, CmdMode::APPROACH, CmdMode::HOME, 5, -1] {
+        let mut robot = Robot::ready();
+        robot.bench.message(pause(true, "bumper1"));
+        robot.exchange();
+        robot.bench.message(pause(false, ""));
+        robot.pass(1000);
+        robot.bench.message(CmdMode { mode, ..Default::default() });
+        robot.exchange();
+        let is_order = [CmdMode::APPROACH, CmdMode::HOME].contains(&mode);
+        let holds = if is_order { Hold::NobodyCommands } else { Hold::PauseLatched };
+        assert_eq!(robot.holds(), [(holds, "")], "{mode}");
+    }
 }
 
 #[test]

@@ -12,6 +12,8 @@ import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
 import { CancelGoal, DriveTo, Progress } from "./drive-to";
 import { isOn, type Layer, toggle } from "./layers";
+import { PlannerControls } from "./planner-controls";
+import { modeWords } from "./planner";
 import { goalWords, guardWords, measureWords, positionWords } from "./words";
 import "./map.css";
 
@@ -46,10 +48,12 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
       </div>
       <div class="map-below">
         {mode.value === "look" ? <Tools alone={alone} /> : mode.value === "measure" ? <Measure /> : <Draft />}
+        {mode.value === "look" ? <PlannerControls /> : null}
         <div class="map-words" role="status" aria-live="off">
           <Quality />
           <p class={stale(part?.estimate) ? "is-stale" : ""}>{positionWords(part)}</p>
           <Progress />
+          <p class={stale(part?.mode) ? "is-stale" : ""}>{modeWords(part?.mode.value)}</p>
           <p class={stale(part?.guard) ? "is-stale" : ""}>{guardWords(part)}</p>
         </div>
         <BeaconTable />

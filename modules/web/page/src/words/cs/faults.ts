@@ -87,6 +87,8 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0806: "Kola otáčejí robotem jinak, než měří inerciální jednotka: kola prokluzují, nebo se jedno z obojího mýlí.",
   0x0811: "Cíl, do kterého nelze poslat žádného robota, byl odmítnut.",
   0x0812: "Poloha, podle které plánovač jede, není číslo, nebo její čas běží zpět: robot stojí.",
+  0x0813: "Byl zadán režim, který neexistuje, nebo který tento robot neumí.",
+  0x0814: "Byl měněn parametr, který neexistuje, nebo na hodnotu mimo jeho rozsah.",
 };
 
 export const REMEDIES: Readonly<Record<number, string>> = {
@@ -177,4 +179,6 @@ export const REMEDIES: Readonly<Record<number, string>> = {
   0x0806: "Zkontrolujte, zda podlaha a kola neprokluzují, a upevnění inerciální jednotky.",
   0x0811: "Odešlete cíl, který leží na mapě, s platnými souřadnicemi.",
   0x0812: "Spusťte estimator znovu; zkontrolujte hodiny počítačů, které mu posílají zprávy.",
+  0x0813: "Zvolte režim, který robot umí: vypíše je `advee mode`.",
+  0x0814: "Zvolte hodnotu v rozsahu: jména a rozsahy vypíše `advee parameters`.",
 };
