@@ -915,4 +915,5 @@ fn backing_out_leads_to_no_waypoint() {
 
 #[path = "tests/bases.rs"]
 mod bases;
+#[path = "tests/modes.rs"]
 mod modes;

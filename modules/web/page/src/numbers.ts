@@ -89,6 +89,8 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string; remedy: 
   [0x0806, { name: "RotationDisagrees", means: "The wheels turn the robot otherwise than an inertial unit measures: wheels slip, or one of both errs.", remedy: "Check floor and wheels for slip, and how the inertial unit is mounted." }],
   [0x0811, { name: "GoalRefused", means: "A goal that no robot can be sent to was refused.", remedy: "Send a goal that lies on the map, with finite coordinates." }],
   [0x0812, { name: "EstimateBad", means: "The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.", remedy: "Restart the estimator; check the clocks of the computers that publish to it." }],
+  [0x0813, { name: "ModeRefused", means: "An operation mode was commanded that does not exist, or that this robot cannot carry out.", remedy: "Command a mode that the message does not refuse: `advee mode` lists them." }],
+  [0x0814, { name: "ParameterRefused", means: "A parameter was to be changed that does not exist, or to a value that is out of its range.", remedy: "Choose a value within the range: `advee parameters` lists names and ranges." }],
 ]);
 
 /** Numbers of causes for which a module does not act: docs/holds.md. */

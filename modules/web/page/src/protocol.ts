@@ -1261,9 +1261,7 @@ export interface BeaconUse {
   last: number;
   /** Residual of that bearing, counter-clockwise, measured minus expected direction, rad; NaN: there is none. */
   residual: number | null;
-  /**
-   * Standard deviation of the residual that was expected, of pose and measurement, rad; NaN: there is no residual.
-   */
+  /** Standard deviation of the residual that was expected, of pose and measurement, rad; NaN: there is no residual. */
   deviation: number | null;
   /** True if that bearing was accepted; false if it was refused as an outlier, or there is none. */
   fits: boolean;

@@ -216,6 +216,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["lowlevel.event_stop_t", new Map([
     ["timestamp", "µs"],
   ])],
+  ["middlelevel.cmd_beacon_use_t", new Map([
+    ["timestamp", "µs"],
+  ])],
   ["middlelevel.cmd_estimate_t", new Map([
     ["timestamp", "µs"],
     ["x", "m"],
@@ -230,6 +233,20 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["waypoints.theta", "rad"],
     ["waypoints.tolerance", "m"],
   ])],
+  ["middlelevel.cmd_mode_t", new Map([
+    ["timestamp", "µs"],
+  ])],
+  ["middlelevel.cmd_parameter_t", new Map([
+    ["timestamp", "µs"],
+  ])],
+  ["middlelevel.data_beacon_use_t", new Map([
+    ["timestamp", "µs"],
+    ["beacons.x", "m"],
+    ["beacons.y", "m"],
+    ["beacons.last", "µs"],
+    ["beacons.residual", "rad"],
+    ["beacons.deviation", "rad"],
+  ])],
   ["middlelevel.data_estimate_t", new Map([
     ["timestamp", "µs"],
     ["x", "m"],
@@ -243,11 +260,17 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["timestamp", "µs"],
     ["remaining", "m"],
   ])],
+  ["middlelevel.data_mode_t", new Map([
+    ["timestamp", "µs"],
+  ])],
   ["middlelevel.data_obstacles_t", new Map([
     ["timestamp", "µs"],
     ["size", "m"],
     ["x", "m"],
     ["y", "m"],
+  ])],
+  ["middlelevel.data_parameters_t", new Map([
+    ["timestamp", "µs"],
   ])],
   ["middlelevel.data_plan_t", new Map([
     ["timestamp", "µs"],
