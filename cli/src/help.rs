@@ -19,7 +19,8 @@ const GROUPS: [Group; 5] = [
     Group {
         name: "Operate",
         commands: &[
-            "diag", "state", "errors", "drive", "goal", "action", "pose", "home", "power", "io", "lidar", "imu",
+            "diag", "state", "errors", "level", "drive", "goal", "action", "pose", "home", "power", "io", "lidar",
+            "imu",
         ],
         examples: &["advee goal 12,3 --wait", "advee drive 0.3 0 --for 2"],
     },

@@ -39,6 +39,7 @@ mod imu;
 mod io;
 mod keep;
 mod lcm;
+mod level;
 mod lidar;
 mod log;
 mod neighbours;
@@ -116,6 +117,8 @@ commands! {
         State(state::State) => state::state(common, command),
         /// Show the active faults of all modules, and follow them
         Errors(errors::Errors) => errors::errors(common, command),
+        /// Show from which level modules print and send their texts and reports, or change it
+        Level(level::Level) => level::level(common, command),
         /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
         Drive(drive::Drive) => drive::drive(common, command),
         /// Show the goal, send the robot somewhere, or let it stand

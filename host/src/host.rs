@@ -18,6 +18,7 @@ use super::raw::Tap;
 use super::recorder::{Inputs, Recording};
 use super::sys;
 use base::{Duration, Fault, Instant, Level, Report, Severity, earliest};
+use messages::common::CmdLevel;
 use messages::{Channel, Message, Raw};
 use module::admission::{Admission, Policy, RELEASES, Refusal, SECOND_ROBOT_END, Sender, Way};
 use module::texts::Texts;
@@ -433,6 +434,9 @@ impl Host {
                         if let Channel::CmDataProcesses = message.channel() {
                             self.on_watchdog_sign(now);
                         }
+                        if let Message::CmCmdLevel(command) = &message {
+                            self.set_levels(now, command);
+                        }
                         if self.shell.wants(message.channel()) {
                             let from = self.admission.origin(&message, self.bus.sender());
                             self.feed(Event::Message { at, from, message: &message });
@@ -703,6 +707,18 @@ impl Host {
                 self.publish(&message.into());
             }
         }
+    }
+
+    /// Changes the thresholds of the lines of foreign modules, and answers in their names; only in the watchdog.
+    fn set_levels(&mut self, now: Instant, command: &CmdLevel) {
+        let Some(processes) = &mut self.processes else {
+            return;
+        };
+        let timestamp = self.out.epoch().timestamp(now);
+        for (module, levels) in processes.set_levels(command) {
+            self.publish(&levels.answer(timestamp, &module).into());
+        }
+        self.act();
     }
 
     /// Publishes the numbers of omitted lines of foreign modules.

@@ -25,6 +25,7 @@ fn foreign_modules_live_under_the_watchdog() {
     test.a_torn_page_is_told_and_the_module_lives_on();
     test.they_obey();
     test.a_fault_is_reported_and_cleared();
+    test.the_watchdog_answers_for_them_with_their_levels();
     test.a_hung_one_is_restarted();
     test.a_killed_one_comes_back_into_its_wanted_state();
     test.terminate_keeps_it_down();
@@ -101,6 +102,23 @@ impl Supervised {
         self.robot.until("its report", 4.0, |view| view.errors.iter().any(of(common::Error::WARNING)));
         self.robot.advee(&["fault", "psc1", "none"]);
         self.robot.until("its end", 4.0, |view| view.errors.iter().any(of(common::Error::NOTICE)));
+    }
+
+    /// All of them, ours and foreign ones; a foreign one's lines are printed and sent by the watchdog.
+    fn the_watchdog_answers_for_them_with_their_levels(&mut self) {
+        let levels = |robot: &Robot, args: &[&str]| {
+            let output = robot.advee(&[&["level", "--json"], args].concat());
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            String::from_utf8_lossy(&output.stdout).into_owned()
+        };
+        let all = levels(&self.robot, &[]);
+        for module in [BEATING[0], BEATING[1], QUIET, "watchdog", "driver_power"] {
+            assert!(all.contains(&format!("\"module\":\"{module}\"")), "{module}: {all}");
+        }
+        let changed = levels(&self.robot, &["battery_watch", "--send", "debug"]);
+        assert!(changed.contains("\"send_from\":\"debug\"") && changed.contains("\"changed\":true"), "{changed}");
+        let reset = levels(&self.robot, &["battery_watch", "--reset"]);
+        assert!(reset.contains("\"send_from\":\"info\"") && reset.contains("\"changed\":false"), "{reset}");
     }
 
     /// Restarted within a second with heartbeats, within two by announcements; on a loaded machine in one of three

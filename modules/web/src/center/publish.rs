@@ -296,8 +296,15 @@ mod tests {
     fn each_offered_channel_has_a_message_to_begin_with() {
         let [real, simulated] = [false, true].map(|simulated| Publisher::new(simulated).unwrap());
         let names = |publisher: &Publisher| publisher.offered().iter().map(|offer| offer.channel).collect::<Vec<_>>();
-        let commands =
-            ["CM_CMD_LOG", "HL_CMD_ACTION", "LL_CMD_OUTPUT", "LL_CMD_POWER", "LL_CMD_SDO", "ML_CMD_ESTIMATE"];
+        let commands = [
+            "CM_CMD_LEVEL",
+            "CM_CMD_LOG",
+            "HL_CMD_ACTION",
+            "LL_CMD_OUTPUT",
+            "LL_CMD_POWER",
+            "LL_CMD_SDO",
+            "ML_CMD_ESTIMATE",
+        ];
         assert_eq!(names(&real), commands);
         assert!(names(&simulated).contains(&"SIM_CMD_FAULT") && names(&simulated).contains(&"LL_DATA_ODO"));
         for Publishable { channel, r#type, message } in simulated.offered() {
