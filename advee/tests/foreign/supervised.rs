@@ -34,6 +34,35 @@ fn foreign_modules_live_under_the_watchdog() {
     test.ends();
 }
 
+/// A virtual machine starts slowly, and its loop is interrupted by its collector: it is supervised as all others.
+#[test]
+fn modules_in_java_and_csharp_are_restarted_after_a_hang() {
+    let java = Built::in_java().map(|built| ("watch_java", built.command(("java", "battery_watch"))));
+    let csharp = Built::in_csharp().map(|built| ("watch_csharp", built.command(("csharp", "battery_watch"))));
+    let modules: Vec<(&str, Vec<String>)> = java.into_iter().chain(csharp).collect();
+    if modules.is_empty() {
+        return;
+    }
+    let config = std::env::temp_dir().join(format!("advee-foreign-machines-{}", std::process::id()));
+    configure(&modules, &config);
+    let folder = config.join("advee");
+    let mut robot = Robot::start(&["--config", folder.to_str().expect("UTF-8")]);
+    robot.until("the watchdog is heard", 10.0, |view| !view.processes.is_empty());
+    robot.until("all modules RUN", 30.0, View::all_run);
+    for (module, _) in &modules {
+        let before = robot.view.pid(module);
+        signal(before, "STOP");
+        robot.until("another process", 10.0, |view| ![0, before].contains(&view.pid(module)));
+        robot.until("all RUN again", 30.0, View::all_run);
+        let start = format!("{module} hangs, its thread main has sent no heartbeat for ");
+        let is_hang =
+            |error: &common::Error| error.number == Fault::ModuleHung as i32 && error.message.starts_with(&start);
+        assert!(robot.view.errors.iter().any(is_hang), "{:?}", robot.view.errors);
+    }
+    assert_eq!(robot.stop(), 0);
+    let _ = fs::remove_dir_all(&config);
+}
+
 struct Supervised {
     robot: Robot,
     /// Subscribed to all announcements, for the order of states.
@@ -45,7 +74,7 @@ struct Supervised {
 impl Supervised {
     fn start(built: &Built) -> Self {
         let config = std::env::temp_dir().join(format!("advee-foreign-{}", std::process::id()));
-        configure(built, &config);
+        configure(&foreign(built), &config);
         let folder = config.join("advee");
         let folder = folder.to_str().expect("UTF-8");
         let robot = Robot::start(&["--config", folder]);
@@ -269,8 +298,23 @@ fn refused(error: &common::Error, module: &str, state: &str) -> bool {
     error.number == Fault::CommandForbidden as i32 && error.module == module && error.message.starts_with(&message)
 }
 
-/// Shipped robot with the example modules instead of the drives'.
-fn configure(built: &Built, config: &Path) {
+/// The example modules, each with its command line.
+fn foreign(built: &Built) -> [(&'static str, Vec<String>); 4] {
+    let below = |mut line: Vec<String>| {
+        line.extend(["--below", "24"].map(String::from));
+        line
+    };
+    let quiet = ["env", "-u", "ADVEE_BEATS"].map(String::from).to_vec();
+    [
+        (BEATING[0], below(built.command(("python", "battery_watch")))),
+        (BEATING[1], [built.command(("cpp", "nearest_obstacle")), vec!["0.02".into()]].concat()),
+        (QUIET, [quiet, below(built.command(("python", "battery_watch")))].concat()),
+        (TORN, built.command(("python", "torn_page"))),
+    ]
+}
+
+/// Shipped robot with these modules instead of the drives'.
+fn configure(foreign: &[(&str, Vec<String>)], config: &Path) {
     let (advee, worlds) = (config.join("advee"), config.join("worlds"));
     for (from, to) in [("conf/advee", &advee), ("conf/worlds", &worlds)] {
         fs::create_dir_all(to).expect("a folder");
@@ -283,17 +327,8 @@ fn configure(built: &Built, config: &Path) {
     for driver in ["driver_power", "driver_rs485a"] {
         modules += &format!("[[modules]]\nname = \"{driver}\"\ndepends = [\"simulator\"]\ncritical = true\n");
     }
-    let mut add = |name: &str, line: Vec<String>| {
+    for (name, line) in foreign {
         modules += &format!("[[modules]]\nname = {name:?}\ncommand = {:?}\nargs = {:?}\n", line[0], &line[1..]);
-    };
-    let below = |mut line: Vec<String>| {
-        line.extend(["--below", "24"].map(String::from));
-        line
-    };
-    add(BEATING[0], below(built.command(("python", "battery_watch"))));
-    add(BEATING[1], [built.command(("cpp", "nearest_obstacle")), vec!["0.02".into()]].concat());
-    let quiet = ["env", "-u", "ADVEE_BEATS"].map(String::from).to_vec();
-    add(QUIET, [quiet, below(built.command(("python", "battery_watch")))].concat());
-    add(TORN, built.command(("python", "torn_page")));
+    }
     fs::write(advee.join("modules.toml"), modules).expect("written");
 }

@@ -60,7 +60,7 @@ struct advee {
     void *user;
     lcm_t *bus;
     advee_state_t state, before_error, wanted;
-    void (*on_state)(advee_t *, advee_state_t);
+    void (*on_state)(advee_t *, advee_state_t), (*before_state)(advee_t *, advee_state_t);
     bool lost;    /* last report of the module about its device */
     int send_from; /* level from which reports are sent */
     unsigned refused; /* commands for the levels since the last report of one */
@@ -152,7 +152,7 @@ int64_t advee_timestamp(void)
     return epoch + micros_of(CLOCK_MONOTONIC);
 }
 
-static const char *name_of(advee_state_t state)
+const char *advee_state_name(advee_state_t state)
 {
     static const char *const names[] = {"UNKNOWN", "INIT", "STOP", "RUN", "ERROR", "TERMINATE", "PAUSE"};
     return names[state];
@@ -391,6 +391,8 @@ void advee_fatal_at(const char *file, int line, advee_t *module, int number, adv
 
 static void enter(advee_t *module, advee_state_t to)
 {
+    if (module->before_state)
+        module->before_state(module, to);
     module->state = to;
     announce(module);
     if (module->on_state)
@@ -468,8 +470,8 @@ static void obey(advee_t *module, const common_cmd_state_t *command)
         if (module->lost && (module->state == ADVEE_RUN || module->state == ADVEE_PAUSE))
             advee_failed(module);
     } else {
-        refused(module, __LINE__, "%scommand %s from %s refused in %s", command->manual ? "manual " : "", name_of(to),
-                command->source, name_of(module->state));
+        refused(module, __LINE__, "%scommand %s from %s refused in %s", command->manual ? "manual " : "",
+                advee_state_name(to), command->source, advee_state_name(module->state));
     }
 }
 ADVEE_HANDLER(common_cmd_state_t, obey)
@@ -695,4 +697,14 @@ bool advee_acts(const advee_t *module)
 void advee_on_state(advee_t *module, void (*handler)(advee_t *, advee_state_t))
 {
     module->on_state = handler;
+}
+
+void advee_before_state(advee_t *module, void (*handler)(advee_t *, advee_state_t))
+{
+    module->before_state = handler;
+}
+
+const char *advee_name(const advee_t *module)
+{
+    return module->name;
 }

@@ -578,8 +578,12 @@ namespace Advee
                 Report(CommandForbidden, Kind.Unknown, Severity.Warning, text, Clock.Timestamp, false, file, line);
         }
 
+        /// <summary>Called before a change of state, for helpers on top of this one.</summary>
+        internal virtual void BeforeState(State to) { }
+
         void Enter(State to)
         {
+            BeforeState(to);
             State = to;
             Announce();
             OnState(to);
@@ -623,7 +627,7 @@ namespace Advee
         }
 
         /// <summary>The text, truncated to the maximum length in a list.</summary>
-        static string Clipped(string text)
+        internal static string Clipped(string text)
         {
             byte[] bytes = Encoding.UTF8.GetBytes(text.Replace('\0', ' '));
             int length = Math.Min(bytes.Length, TextMax);
@@ -632,6 +636,6 @@ namespace Advee
             return Encoding.UTF8.GetString(bytes, 0, length);
         }
 
-        static string Wire(State state) { return state.ToString().ToUpperInvariant(); }
+        internal static string Wire(State state) { return state.ToString().ToUpperInvariant(); }
     }
 }

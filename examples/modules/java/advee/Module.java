@@ -460,7 +460,7 @@ public abstract class Module {
         });
     }
 
-    private void broken(Throwable error) {
+    final void broken(Throwable error) {
         error.printStackTrace();
         fatal(UNHANDLED, Kind.UNKNOWN, said(error), OTHER);
     }
@@ -552,7 +552,12 @@ public abstract class Module {
         return severity.ordinal() + 1 >= sendFrom;
     }
 
+    /** Called before a change of state, for helpers on top of this one. */
+    void beforeState(State to) {
+    }
+
     private void enter(State to) {
+        beforeState(to);
         state = to;
         announce();
         onState(to);
@@ -592,7 +597,7 @@ public abstract class Module {
     }
 
     /** The text as a field, truncated to the maximum length in a list; characters are never split. */
-    private static String clipped(String text) {
+    static String clipped(String text) {
         String bytes = wire(text).replace('\0', ' ');
         int end = Math.min(bytes.length(), TEXT_MAX);
         while (end < bytes.length() && end > 0 && (bytes.charAt(end) & 0xC0) == 0x80)
