@@ -259,6 +259,12 @@ impl From<ConfigError> for Failed {
     }
 }
 
+impl From<host::Failure> for Failed {
+    fn from(host::Failure { code, why }: host::Failure) -> Self {
+        Self { code, why }
+    }
+}
+
 type Outcome = Result<ExitCode, Failed>;
 
 impl Common {

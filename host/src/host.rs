@@ -22,7 +22,7 @@ use messages::common::CmdLevel;
 use messages::{Channel, Message, Raw};
 use module::admission::{Admission, Policy, RELEASES, Refusal, SECOND_ROBOT_END, Sender, Way};
 use module::texts::Texts;
-use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell};
+use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell, exit};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::signal::{SigSet, Signal};
@@ -73,12 +73,21 @@ pub struct HostConfig {
     pub inputs: Option<Inputs>,
 }
 
+/// Why a module's process ends by failure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Exit code of the process: one of [`module::exit`].
+    pub code: u8,
+    /// Reason, in one line.
+    pub why: String,
+}
+
 /// Runs a module until it ends and returns its exit code.
 ///
 /// # Errors
-/// A resource that the machine refused at the start, in one line.
-pub fn run(shell: Shell, config: HostConfig) -> Result<u8, String> {
-    Host::open(shell, config)?.run()
+/// A resource that the machine refused, at the start or later.
+pub fn run(shell: Shell, config: HostConfig) -> Result<u8, Failure> {
+    Host::open(shell, config).map_err(|why| Failure { code: exit::START, why })?.run()
 }
 
 struct Host {
@@ -218,7 +227,7 @@ impl Host {
         })
     }
 
-    fn run(mut self) -> Result<u8, String> {
+    fn run(mut self) -> Result<u8, Failure> {
         // Processes that an earlier watchdog left come before everything else.
         self.report_processes();
         self.feed(Event::Start);
@@ -241,7 +250,10 @@ impl Host {
             {
                 return Ok(code);
             }
-            let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
+            let count = self.wait(now, &mut ready).map_err(|errno| {
+                let why = format!("epoll: {}", errno.desc());
+                Failure { code: exit::WAIT, why }
+            })?;
             for event in &ready[..count] {
                 match event.data() {
                     // Setting the timer again clears its readiness.
@@ -261,7 +273,8 @@ impl Host {
             self.end_unsupervised();
             if self.bus.is_cut_off() {
                 let name = self.shell.name();
-                return Err(format!("{name}: its file in shared memory was truncated: it ends, to be started again"));
+                let why = format!("{name}: its file in shared memory was truncated: it ends, to be started again");
+                return Err(Failure { code: exit::BUS_LOST, why });
             }
         }
     }
@@ -571,7 +584,7 @@ impl Host {
         match action {
             Action::Publish(message) => self.publish(&message),
             Action::Send(PortId(index), output) => self.send(usize::from(index), &output),
-            Action::Report(report) => self.log.report(&report),
+            Action::Report(report) => self.log.report(&report, self.shell.prints_places()),
             Action::Note(level, line) => self.log.text(level, line),
             Action::Process(ProcessCommand::Health { healthy, status }) => {
                 if let Some(parent) = &mut self.parent {

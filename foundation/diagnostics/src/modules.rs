@@ -194,7 +194,10 @@ impl Modules {
 /// signal n.
 #[must_use]
 pub fn exit_in_words(code: i32) -> String {
-    let class = |name: &str, base: u8| format!("{name} ({:#04x})", code.max(i32::from(base)));
+    let class = |name: &str, base: u8| {
+        let more = exit::meaning(code).map(|meaning| format!(": {meaning}")).unwrap_or_default();
+        format!("{name} ({:#04x}){more}", code.max(i32::from(base)))
+    };
     match code {
         0 => "ended on command".into(),
         -1 => "ended unseen".into(),

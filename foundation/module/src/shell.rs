@@ -158,6 +158,12 @@ impl Shell {
         self.state
     }
 
+    /// True if printed reports name the place in the source where they were made: while it prints from DEBUG.
+    #[must_use]
+    pub fn prints_places(&self) -> bool {
+        self.levels.print() == Some(Level::Debug)
+    }
+
     /// The module inside, for its ports and subscriptions.
     #[must_use]
     pub fn module(&self) -> &dyn Module {
