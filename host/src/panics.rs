@@ -13,8 +13,9 @@ const BACKTRACE: &str = "RUST_BACKTRACE";
 
 /// From now on a panic of any thread ends the process with [`exit::PANIC`], after a line in the module's name with its
 /// file and line. Nothing else is done: no destructor runs, as with an abort, and the state of the module may be
-/// invalid. With `RUST_BACKTRACE` set the standard library prints the backtrace and the process ends by SIGABRT, so that
-/// the kernel can keep a core file; where panics unwind (a build for tests) its exit code is the standard library's.
+/// invalid. With `RUST_BACKTRACE` set the standard library prints the backtrace and the process ends by SIGABRT, so
+/// that the kernel can keep a core file; where panics unwind (a build for tests) its exit code is the standard
+/// library's.
 pub fn end_process(module: &str) {
     if std::env::var_os(BACKTRACE).is_some_and(|value| value != "0") {
         return;
