@@ -22,6 +22,7 @@ const GROUPS: [Group; 5] = [
             "diag",
             "state",
             "errors",
+            "level",
             "drive",
             "goal",
             "mode",

@@ -40,6 +40,7 @@ mod imu;
 mod io;
 mod keep;
 mod lcm;
+mod level;
 mod lidar;
 mod log;
 mod mode;
@@ -119,6 +120,8 @@ commands! {
         State(state::State) => state::state(common, command),
         /// Show the active faults of all modules, and follow them
         Errors(errors::Errors) => errors::errors(common, command),
+        /// Show from which level modules print and send their texts and reports, or change it
+        Level(level::Level) => level::level(common, command),
         /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
         Drive(drive::Drive) => drive::drive(common, command),
         /// Show the goal, send the robot somewhere, or let it stand
@@ -262,6 +265,12 @@ impl From<ConfigError> for Failed {
     fn from(error: ConfigError) -> Self {
         let heading = if error.0.len() > 1 { "the configuration is refused:\n" } else { "" };
         Self { code: module::exit::RESOURCE, why: format!("{heading}{error}") }
+    }
+}
+
+impl From<host::Failure> for Failed {
+    fn from(host::Failure { code, why }: host::Failure) -> Self {
+        Self { code, why }
     }
 }
 

@@ -15,6 +15,7 @@ mod play;
 mod recover;
 mod select;
 mod source;
+mod texts;
 
 use super::commands::commands;
 
@@ -23,7 +24,7 @@ commands! {
     pub enum Log {
         /// Show what a log has: times, channels, rates, attachments, marks, damage
         Info(info::Info) => info::info(command),
-        /// Print messages as JSON lines
+        /// Print messages as JSON lines, or texts and reports as lines for people
         Cat(cat::Cat) => cat::cat(command),
         /// Play a log onto the bus
         #[command(after_help = play::HELP)]

@@ -3,6 +3,7 @@
 use super::{Common, Outcome};
 use host::log::Log;
 use host::log_repair;
+use host::panics;
 use host::ports::PortConfig;
 use host::processes;
 use module::State;
@@ -39,6 +40,7 @@ impl Run {
 }
 
 pub fn run(common: &Common, command: &Run) -> Outcome {
+    panics::end_process(&command.module);
     // In a running robot the watchdog publishes the notices, once for all modules.
     if command.module != watchdog::NAME && std::env::var_os(processes::VARIABLE).is_none() {
         common.load(command.sim)?;

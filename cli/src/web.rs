@@ -4,6 +4,7 @@
 use super::{Common, Failed, Outcome, print, qr};
 use ::web as server;
 use ::web::center::session_store::{self, ShownCodes};
+use host::panics;
 use module::State;
 use robot::topology;
 use std::io::IsTerminal;
@@ -45,9 +46,10 @@ pub fn web(common: &Common, command: &Web) -> Outcome {
     let at = robot.web.listen;
     // As a module it would wait until the address is free.
     TcpListener::bind(at).map_err(|error| Failed {
-        code: module::exit::RESOURCE,
+        code: module::exit::ADDRESS_IN_USE,
         why: format!("{at}: {error}; is the robot's own web server there? --http takes another address"),
     })?;
+    panics::end_process(server::NAME);
     let (shell, host) = topology::module(&place, server::NAME, State::Run)?;
     Ok(ExitCode::from(host::run(shell, host)?))
 }

@@ -18,10 +18,11 @@ use super::raw::Tap;
 use super::recorder::{Inputs, Recording};
 use super::sys;
 use base::{Duration, Fault, Instant, Level, Report, Severity, earliest};
+use messages::common::CmdLevel;
 use messages::{Channel, Message, Raw};
 use module::admission::{Admission, Policy, RELEASES, Refusal, SECOND_ROBOT_END, Sender, Way};
 use module::texts::Texts;
-use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell};
+use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell, exit};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::signal::{SigSet, Signal};
@@ -72,12 +73,21 @@ pub struct HostConfig {
     pub inputs: Option<Inputs>,
 }
 
+/// Why a module's process ends by failure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Exit code of the process: one of [`module::exit`].
+    pub code: u8,
+    /// Reason, in one line.
+    pub why: String,
+}
+
 /// Runs a module until it ends and returns its exit code.
 ///
 /// # Errors
-/// A resource that the machine refused at the start, in one line.
-pub fn run(shell: Shell, config: HostConfig) -> Result<u8, String> {
-    Host::open(shell, config)?.run()
+/// A resource that the machine refused, at the start or later.
+pub fn run(shell: Shell, config: HostConfig) -> Result<u8, Failure> {
+    Host::open(shell, config).map_err(|why| Failure { code: exit::START, why })?.run()
 }
 
 struct Host {
@@ -217,7 +227,7 @@ impl Host {
         })
     }
 
-    fn run(mut self) -> Result<u8, String> {
+    fn run(mut self) -> Result<u8, Failure> {
         // Processes that an earlier watchdog left come before everything else.
         self.report_processes();
         self.feed(Event::Start);
@@ -240,7 +250,10 @@ impl Host {
             {
                 return Ok(code);
             }
-            let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
+            let count = self.wait(now, &mut ready).map_err(|errno| {
+                let why = format!("epoll: {}", errno.desc());
+                Failure { code: exit::WAIT, why }
+            })?;
             for event in &ready[..count] {
                 match event.data() {
                     // Setting the timer again clears its readiness.
@@ -260,7 +273,8 @@ impl Host {
             self.end_unsupervised();
             if self.bus.is_cut_off() {
                 let name = self.shell.name();
-                return Err(format!("{name}: its file in shared memory was truncated: it ends, to be started again"));
+                let why = format!("{name}: its file in shared memory was truncated: it ends, to be started again");
+                return Err(Failure { code: exit::BUS_LOST, why });
             }
         }
     }
@@ -433,6 +447,9 @@ impl Host {
                         if let Channel::CmDataProcesses = message.channel() {
                             self.on_watchdog_sign(now);
                         }
+                        if let Message::CmCmdLevel(command) = &message {
+                            self.set_levels(now, command);
+                        }
                         if self.shell.wants(message.channel()) {
                             let from = self.admission.origin(&message, self.bus.sender());
                             self.feed(Event::Message { at, from, message: &message });
@@ -567,7 +584,7 @@ impl Host {
         match action {
             Action::Publish(message) => self.publish(&message),
             Action::Send(PortId(index), output) => self.send(usize::from(index), &output),
-            Action::Report(report) => self.log.report(&report),
+            Action::Report(report) => self.log.report(&report, self.shell.prints_places()),
             Action::Note(level, line) => self.log.text(level, line),
             Action::Process(ProcessCommand::Health { healthy, status }) => {
                 if let Some(parent) = &mut self.parent {
@@ -703,6 +720,18 @@ impl Host {
                 self.publish(&message.into());
             }
         }
+    }
+
+    /// Changes the thresholds of the lines of foreign modules, and answers in their names; only in the watchdog.
+    fn set_levels(&mut self, now: Instant, command: &CmdLevel) {
+        let Some(processes) = &mut self.processes else {
+            return;
+        };
+        let timestamp = self.out.epoch().timestamp(now);
+        for (module, levels) in processes.set_levels(command) {
+            self.publish(&levels.answer(timestamp, &module).into());
+        }
+        self.act();
     }
 
     /// Publishes the numbers of omitted lines of foreign modules.

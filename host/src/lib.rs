@@ -42,6 +42,7 @@ pub mod limits;
 pub mod log;
 pub mod log_repair;
 pub mod notify;
+pub mod panics;
 pub mod ports;
 pub mod processes;
 pub mod raw;
@@ -52,4 +53,4 @@ pub mod sys;
 #[cfg(test)]
 mod tests;
 
-pub use host::{HostConfig, run};
+pub use host::{Failure, HostConfig, run};

@@ -18,9 +18,9 @@ impl Log {
         Self { module: module.into() }
     }
 
-    /// Prints a report.
-    pub fn report(&self, report: &Report) {
-        self.line(format_args!("{}", ReportLine(report)));
+    /// Prints a report; `place`: with the place in the source where it was made.
+    pub fn report(&self, report: &Report, place: bool) {
+        self.line(format_args!("{}", ReportLine { report, place }));
     }
 
     /// Prints a line with its level; INFO has no prefix.
@@ -40,11 +40,14 @@ impl Log {
     }
 }
 
-struct ReportLine<'a>(&'a Report);
+struct ReportLine<'a> {
+    report: &'a Report,
+    place: bool,
+}
 
 impl Display for ReportLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let report = self.0;
+        let report = self.report;
         let severity = match report.severity {
             Severity::Notice => "NOTICE",
             Severity::Warning => "WARNING",
@@ -54,7 +57,14 @@ impl Display for ReportLine<'_> {
         if !report.subject.is_empty() {
             write!(f, " {}", report.subject)?;
         }
-        write!(f, ": {}", OneLine(&report.message))
+        write!(f, ": {}", OneLine(&report.message))?;
+        if report.fatal {
+            f.write_str(" (fatal: the module ends)")?;
+        }
+        if self.place {
+            write!(f, " ({}:{})", report.location.file, report.location.line)?;
+        }
+        Ok(())
     }
 }
 
@@ -86,9 +96,13 @@ mod tests {
     #[test]
     fn a_report_is_one_line_that_names_what_it_is_about() {
         let report = Report::new(Severity::Warning, Fault::BoardLost, "sd1_front", "no answer\nfor 2 s");
-        assert_eq!(ReportLine(&report).to_string(), "WARNING BoardLost sd1_front: no answer for 2 s");
+        let line = |report: &Report, place| ReportLine { report, place }.to_string();
+        assert_eq!(line(&report, false), "WARNING BoardLost sd1_front: no answer for 2 s");
+        let here = format!(" ({}:{})", report.location.file, report.location.line);
+        assert!(here.contains("log.rs:") && line(&report, true).ends_with(&here), "{}", line(&report, true));
         let report = Report::new(Severity::Error, Fault::WatchdogSilent, "", "it stops");
-        assert_eq!(ReportLine(&report).to_string(), "ERROR WatchdogSilent: it stops");
+        assert_eq!(line(&report, false), "ERROR WatchdogSilent: it stops");
+        assert_eq!(line(&report.fatal(), false), "ERROR WatchdogSilent: it stops (fatal: the module ends)");
     }
 
     #[test]

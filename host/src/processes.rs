@@ -25,7 +25,8 @@ use super::sys;
 use base::{Duration, Instant, Level, Ticker};
 pub use identity::{Stat, VARIABLE, children};
 use kept::{Answer, Kept};
-use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
+use messages::common::CmdLevel;
+use module::{ExitStatus, Levels, ProcessCommand, ProcessEvent, State};
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
 use nix::sys::signal::{Signal, kill, killpg};
 use nix::sys::wait::{Id, WaitPidFlag, WaitStatus, waitid};
@@ -84,6 +85,17 @@ pub struct LinesFrom {
 impl Default for LinesFrom {
     fn default() -> Self {
         Self { print: Level::Info, send: Level::Info }
+    }
+}
+
+impl LinesFrom {
+    fn levels(self) -> Levels {
+        Levels::new(Some(self.print), Some(self.send))
+    }
+
+    fn of(levels: &Levels) -> Self {
+        let default = Self::default();
+        Self { print: levels.print().unwrap_or(default.print), send: levels.send().unwrap_or(default.send) }
     }
 }
 
@@ -158,8 +170,8 @@ struct Process {
     end: Option<OwnedFd>,
     leaf: Option<Leaf>,
     page: Option<PageReader>,
-    /// Standard error of a foreign module.
-    stderr: Option<(Stderr, LinesFrom)>,
+    /// Standard error of a foreign module, and the thresholds of its lines.
+    stderr: Option<(Stderr, Levels)>,
     /// Its heartbeat page has invalid content.
     bad: bool,
     beats: bool,
@@ -177,7 +189,7 @@ struct PendingStart {
     module: String,
     leaf: Option<Leaf>,
     page: Option<io::Result<PageReader>>,
-    stderr: Option<(Stderr, LinesFrom)>,
+    stderr: Option<(Stderr, Levels)>,
 }
 
 /// News for the watchdog.
@@ -271,7 +283,8 @@ impl Processes {
                 }
             };
             if let (Some(process), true) = (self.running.last_mut().filter(|_| process.is_some()), start.foreign) {
-                process.stderr = Stderr::open(&run_dir, &entry.module).ok().map(|stderr| (stderr, start.lines_from));
+                let levels = start.lines_from.levels();
+                process.stderr = Stderr::open(&run_dir, &entry.module).ok().map(|stderr| (stderr, levels));
             }
             let process = match process {
                 // Not adopted: its command line differs from today's configuration.
@@ -361,6 +374,18 @@ impl Processes {
         }
     }
 
+    /// Changes the thresholds of the lines of the foreign modules that a command concerns, until their process or this
+    /// watchdog ends; returns each of these modules with its thresholds. A command that is no valid one concerns none.
+    pub fn set_levels(&mut self, command: &CmdLevel) -> Vec<(String, Levels)> {
+        let meant = self.running.iter_mut().filter(|process| Levels::are_meant(command, &process.module));
+        let obeyed = |process: &mut Process| {
+            let (_, levels) = process.stderr.as_mut()?;
+            levels.obey(command).ok()?;
+            Some((process.module.clone(), *levels))
+        };
+        meant.filter_map(obeyed).collect()
+    }
+
     fn spawn(&mut self, module: String, wanted: State) {
         let start = (self.launch.start)(&module, wanted);
         let Start { mut command, limits, capabilities, foreign, lines_from, keeper } = start;
@@ -380,7 +405,7 @@ impl Processes {
         let stderr = match stderr {
             Some(Ok((stderr, written))) => {
                 command.stderr(written);
-                Some((stderr, lines_from))
+                Some((stderr, lines_from.levels()))
             }
             Some(Err(error)) => {
                 self.note(format!("{module}: its standard error is not read: {error}"));
@@ -728,8 +753,8 @@ impl Process {
 
     /// Reads the lines that a foreign module wrote, including an unfinished last line if it has ended.
     fn read_lines(&mut self, ended: bool, lines: &mut VecDeque<Line>) {
-        if let Some((stderr, from)) = &mut self.stderr {
-            let (module, from) = (&self.module, *from);
+        if let Some((stderr, levels)) = &mut self.stderr {
+            let (module, from) = (&self.module, LinesFrom::of(levels));
             stderr.read(ended, |level, text| lines.push_back(Line { module: module.clone(), level, text, from }));
         }
     }

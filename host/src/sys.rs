@@ -45,6 +45,12 @@ pub fn is_pseudo_terminal(terminal: BorrowedFd<'_>) -> bool {
     fstat(terminal).is_ok_and(|state| PSEUDO_TERMINALS.contains(&major(state.st_rdev)))
 }
 
+/// Ends the process now with this code: nothing of its memory is used any more, no destructor and no handler runs.
+pub fn exit_now(code: u8) -> ! {
+    // SAFETY: a plain number; the call does not return.
+    unsafe { libc::_exit(libc::c_int::from(code)) }
+}
+
 /// Number of columns of a terminal; `None` if it is not a terminal.
 pub fn columns(terminal: BorrowedFd<'_>) -> Option<usize> {
     // SAFETY: all zeros is a valid winsize.

@@ -50,6 +50,8 @@ macro_rules! channels {
                     | Self::CmCmdState
                     | Self::CmEventError
                     | Self::CmEventText
+                    | Self::CmCmdLevel
+                    | Self::CmDataLevel
                     | Self::LlDataOdo
                     | Self::LlDataScanner
                     | Self::LlCmdMotion
@@ -138,6 +140,8 @@ channels! {
     CmEventError = "CM_EVENT_ERROR": common::Error;
     CmDataFaults = "CM_DATA_FAULTS": common::DataFaults;
     CmEventText = "CM_EVENT_TEXT": common::EventText;
+    CmCmdLevel = "CM_CMD_LEVEL": common::CmdLevel;
+    CmDataLevel = "CM_DATA_LEVEL": common::DataLevel;
     CmDataProcesses = "CM_DATA_PROCESSES": common::DataProcesses;
     CmCmdLog = "CM_CMD_LOG": common::CmdLog;
     CmDataLog = "CM_DATA_LOG": common::DataLog;

@@ -1,4 +1,4 @@
-//! Actions of foreign modules, the presentations in Python and C++: the contract of docs/highlevel.md, by messages of
+//! Actions of foreign modules, the presentations in five languages: the contract of docs/highlevel.md, by messages of
 //! the test and by `advee action`.
 
 use crate::alone::command;
@@ -11,7 +11,10 @@ use module::State;
 use std::process::{Child, Output};
 use std::time::{Duration, Instant};
 
-const PRESENTATIONS: [Foreign; 2] = [("python", "presentation"), ("cpp", "presentation")];
+/// Those built on the Python package, without further tools.
+const PRESENTATIONS: [Foreign; 3] = [("python", "presentation"), ("c", "presentation"), ("cpp", "presentation")];
+const IN_JAVA: Foreign = ("java", "presentation");
+const IN_CSHARP: Foreign = ("csharp", "presentation");
 /// Timeout, long enough for a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Three sentences, each for half a second.
@@ -90,6 +93,26 @@ fn what_cannot_be_done_is_rejected_and_what_is_no_command_is_dropped() {
             let DataAction { status, message, .. } = stage.of(&id)[0];
             assert_eq!((*status, message.as_str()), (DataAction::REJECTED, why));
         }
+        // As many as are remembered, and one that is forgotten by then.
+        for number in 0..70 {
+            let id = format!("bad-more-{number}");
+            stage.command(&id, "present", &[]);
+            stage.until("the rejection", |stage| !stage.of(&id).is_empty());
+        }
+        stage.heard.clear();
+        stage.command("bad-more-69", "present", &LONG);
+        stage.command("bad-0", "present", &[("text", "é")]);
+        stage.until("the forgotten one, begun anew", |stage| !stage.of("bad-0").is_empty());
+        assert_eq!(stage.of("bad-0")[0].status, DataAction::RUNNING);
+        assert!(stage.of("bad-more-69").iter().all(|data| data.status == DataAction::REJECTED));
+        stage.cancel("bad-0", "");
+        stage.until("its end", |stage| !stage.ends("bad-0").is_empty());
+        // A message is cut between two characters.
+        stage.command("bad-long", "present", &[("text", "é".repeat(400).as_str()), ("seconds", "600")]);
+        stage.until("its start", |stage| !stage.of("bad-long").is_empty());
+        assert_eq!(stage.of("bad-long")[0].message, "é".repeat(256));
+        stage.cancel("bad-long", "");
+        stage.until("its end", |stage| !stage.ends("bad-long").is_empty());
         for id in ["", "a b", "\u{e4}", &"i".repeat(129), &"i".repeat(60_000)] {
             stage.command(id, "present", &LONG);
         }
@@ -163,10 +186,12 @@ fn error(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Runs a test with each of the modules, unless it is skipped.
+/// Runs a test with each of the modules that this machine can build, unless it is skipped.
 fn on_each_stage(test: impl Fn(Stage)) {
-    let Some(built) = Built::on_the_wheel() else { return };
-    for module in PRESENTATIONS {
+    let wheel = Built::on_the_wheel().into_iter().flat_map(|built| PRESENTATIONS.map(|module| (built, module)));
+    let java = Built::in_java().map(|built| (built, IN_JAVA));
+    let csharp = Built::in_csharp().map(|built| (built, IN_CSHARP));
+    for (built, module) in wheel.chain(java).chain(csharp) {
         test(Stage::start(built, module));
     }
 }

@@ -92,6 +92,7 @@ fn keeps_the_contract(built: &Built, module: Foreign) {
     robot.hears_of_others_nothing();
     robot.reports_what_it_watches_and_its_end();
     robot.reports_a_bad_message_once();
+    robot.sends_reports_from_the_commanded_level();
     robot.reports_that_its_device_is_lost_and_found();
     robot.command("*", State::Terminate as i8, false);
     assert!(robot.ends(State::Run).success());
@@ -377,6 +378,37 @@ impl Robot {
         assert_eq!((number, severity), (MALFORMED, common::Error::WARNING), "{message}");
         assert!(message.contains("a message of 8 bytes is dropped"), "{message}");
         self.expect_state(State::Run);
+    }
+
+    /// Below the level faults are listed and not reported; what is no level is refused, and a flood of it counted.
+    fn sends_reports_from_the_commanded_level(&mut self) {
+        const RESET: i8 = common::CmdLevel::CONFIGURED;
+        let is_watched = |robot: &Self| robot.active.iter().any(|fault| fault.number == WATCHED);
+        self.level("another", 0, 3);
+        self.level(self.name, common::CmdLevel::UNCHANGED, 3);
+        (self.volts, self.metres) = (20.0, 0.1);
+        while !is_watched(self) {
+            self.expect_state(State::Run);
+        }
+        (self.volts, self.metres) = (26.0, 2.0);
+        while is_watched(self) {
+            self.expect_state(State::Run);
+        }
+        self.level("*", RESET, RESET);
+        for _ in 0..3 {
+            self.level(self.name, 0, 9);
+        }
+        self.expect_warning(FORBIDDEN, "command from test refused: 9 is no level");
+        for _ in 0..3 {
+            self.expect_state(State::Run);
+        }
+        self.level("*", -2, 0);
+        self.expect_warning(FORBIDDEN, "command from test refused: -2 is no level; 3 refused since the last report");
+    }
+
+    fn level(&mut self, module: &str, print_from: i8, send_from: i8) {
+        let (module, source) = (module.into(), "test".into());
+        self.publish(common::CmdLevel { timestamp: 0, module, print_from, send_from, source });
     }
 
     /// From RUN to STOP and back.

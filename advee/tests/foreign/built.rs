@@ -100,7 +100,11 @@ impl Built {
 
 /// Class of a module in Java or C#.
 fn class(module: &str) -> &'static str {
-    if module == "battery_watch" { "BatteryWatch" } else { "Broken" }
+    match module {
+        "battery_watch" => "BatteryWatch",
+        "presentation" => "Presentation",
+        _ => "Broken",
+    }
 }
 
 /// Where the Python package has its other files.

@@ -25,12 +25,42 @@ fn foreign_modules_live_under_the_watchdog() {
     test.a_torn_page_is_told_and_the_module_lives_on();
     test.they_obey();
     test.a_fault_is_reported_and_cleared();
+    test.the_watchdog_answers_for_them_with_their_levels();
     test.a_hung_one_is_restarted();
     test.a_killed_one_comes_back_into_its_wanted_state();
     test.terminate_keeps_it_down();
     test.they_outlive_their_watchdog_and_serve_the_next();
     assert_eq!(test.robot.view.pid(TORN), test.torn, "the one with the torn page has lived through all of it");
     test.ends();
+}
+
+/// A virtual machine starts slowly, and its loop is interrupted by its collector: it is supervised as all others.
+#[test]
+fn modules_in_java_and_csharp_are_restarted_after_a_hang() {
+    let java = Built::in_java().map(|built| ("watch_java", built.command(("java", "battery_watch"))));
+    let csharp = Built::in_csharp().map(|built| ("watch_csharp", built.command(("csharp", "battery_watch"))));
+    let modules: Vec<(&str, Vec<String>)> = java.into_iter().chain(csharp).collect();
+    if modules.is_empty() {
+        return;
+    }
+    let config = std::env::temp_dir().join(format!("advee-foreign-machines-{}", std::process::id()));
+    configure(&modules, &config);
+    let folder = config.join("advee");
+    let mut robot = Robot::start(&["--config", folder.to_str().expect("UTF-8")]);
+    robot.until("the watchdog is heard", 10.0, |view| !view.processes.is_empty());
+    robot.until("all modules RUN", 30.0, View::all_run);
+    for (module, _) in &modules {
+        let before = robot.view.pid(module);
+        signal(before, "STOP");
+        robot.until("another process", 10.0, |view| ![0, before].contains(&view.pid(module)));
+        robot.until("all RUN again", 30.0, View::all_run);
+        let start = format!("{module} hangs, its thread main has sent no heartbeat for ");
+        let is_hang =
+            |error: &common::Error| error.number == Fault::ModuleHung as i32 && error.message.starts_with(&start);
+        assert!(robot.view.errors.iter().any(is_hang), "{:?}", robot.view.errors);
+    }
+    assert_eq!(robot.stop(), 0);
+    let _ = fs::remove_dir_all(&config);
 }
 
 struct Supervised {
@@ -44,7 +74,7 @@ struct Supervised {
 impl Supervised {
     fn start(built: &Built) -> Self {
         let config = std::env::temp_dir().join(format!("advee-foreign-{}", std::process::id()));
-        configure(built, &config);
+        configure(&foreign(built), &config);
         let folder = config.join("advee");
         let folder = folder.to_str().expect("UTF-8");
         let robot = Robot::start(&["--config", folder]);
@@ -101,6 +131,23 @@ impl Supervised {
         self.robot.until("its report", 4.0, |view| view.errors.iter().any(of(common::Error::WARNING)));
         self.robot.advee(&["fault", "psc1", "none"]);
         self.robot.until("its end", 4.0, |view| view.errors.iter().any(of(common::Error::NOTICE)));
+    }
+
+    /// All of them, ours and foreign ones; a foreign one's lines are printed and sent by the watchdog.
+    fn the_watchdog_answers_for_them_with_their_levels(&mut self) {
+        let levels = |robot: &Robot, args: &[&str]| {
+            let output = robot.advee(&[&["level", "--json"], args].concat());
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            String::from_utf8_lossy(&output.stdout).into_owned()
+        };
+        let all = levels(&self.robot, &[]);
+        for module in [BEATING[0], BEATING[1], QUIET, "watchdog", "driver_power"] {
+            assert!(all.contains(&format!("\"module\":\"{module}\"")), "{module}: {all}");
+        }
+        let changed = levels(&self.robot, &["battery_watch", "--send", "debug"]);
+        assert!(changed.contains("\"send_from\":\"debug\"") && changed.contains("\"changed\":true"), "{changed}");
+        let reset = levels(&self.robot, &["battery_watch", "--reset"]);
+        assert!(reset.contains("\"send_from\":\"info\"") && reset.contains("\"changed\":false"), "{reset}");
     }
 
     /// Restarted within a second with heartbeats, within two by announcements; on a loaded machine in one of three
@@ -251,8 +298,23 @@ fn refused(error: &common::Error, module: &str, state: &str) -> bool {
     error.number == Fault::CommandForbidden as i32 && error.module == module && error.message.starts_with(&message)
 }
 
-/// Shipped robot with the example modules instead of the drives'.
-fn configure(built: &Built, config: &Path) {
+/// The example modules, each with its command line.
+fn foreign(built: &Built) -> [(&'static str, Vec<String>); 4] {
+    let below = |mut line: Vec<String>| {
+        line.extend(["--below", "24"].map(String::from));
+        line
+    };
+    let quiet = ["env", "-u", "ADVEE_BEATS"].map(String::from).to_vec();
+    [
+        (BEATING[0], below(built.command(("python", "battery_watch")))),
+        (BEATING[1], [built.command(("cpp", "nearest_obstacle")), vec!["0.02".into()]].concat()),
+        (QUIET, [quiet, below(built.command(("python", "battery_watch")))].concat()),
+        (TORN, built.command(("python", "torn_page"))),
+    ]
+}
+
+/// Shipped robot with these modules instead of the drives'.
+fn configure(foreign: &[(&str, Vec<String>)], config: &Path) {
     let (advee, worlds) = (config.join("advee"), config.join("worlds"));
     for (from, to) in [("conf/advee", &advee), ("conf/worlds", &worlds)] {
         fs::create_dir_all(to).expect("a folder");
@@ -265,17 +327,8 @@ fn configure(built: &Built, config: &Path) {
     for driver in ["driver_power", "driver_rs485a"] {
         modules += &format!("[[modules]]\nname = \"{driver}\"\ndepends = [\"simulator\"]\ncritical = true\n");
     }
-    let mut add = |name: &str, line: Vec<String>| {
+    for (name, line) in foreign {
         modules += &format!("[[modules]]\nname = {name:?}\ncommand = {:?}\nargs = {:?}\n", line[0], &line[1..]);
-    };
-    let below = |mut line: Vec<String>| {
-        line.extend(["--below", "24"].map(String::from));
-        line
-    };
-    add(BEATING[0], below(built.command(("python", "battery_watch"))));
-    add(BEATING[1], [built.command(("cpp", "nearest_obstacle")), vec!["0.02".into()]].concat());
-    let quiet = ["env", "-u", "ADVEE_BEATS"].map(String::from).to_vec();
-    add(QUIET, [quiet, below(built.command(("python", "battery_watch")))].concat());
-    add(TORN, built.command(("python", "torn_page")));
+    }
     fs::write(advee.join("modules.toml"), modules).expect("written");
 }

@@ -184,6 +184,17 @@ fn soak_and_a_module_by_itself_print_each_notice_once() {
 }
 
 #[test]
+fn a_module_without_its_bus_ends_with_the_code_for_that() {
+    let run_dir = std::env::temp_dir().join(format!("advee-no-bus-{}", std::process::id()));
+    let mut command = support::advee("nowhere://", &run_dir);
+    command.args(["run", "driver_aux", "--sim"]);
+    let outcome = Outcome::of(command.output().expect("the executable is built"));
+    assert_eq!(outcome.code, Some(i32::from(module::exit::START)), "{outcome:?}");
+    assert!(outcome.err.starts_with("advee: "), "{outcome:?}");
+    let _ = fs::remove_dir_all(&run_dir);
+}
+
+#[test]
 fn a_configuration_of_0_1_drives_as_fast_as_a_robot_that_senses_nothing() {
     let place = RobotLocation {
         config: of_0_1(),

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::operator::{Page, Received, get, post, request};
-use crate::support::Robot;
+use crate::support::{Robot, View};
 use messages::{Channel, Hold, Message};
 use serde_json::{Value, json};
 use std::net::{SocketAddr, TcpListener};
@@ -327,7 +327,11 @@ fn each_role_has_exactly_its_rights() {
         .robot
         .until("it is in PAUSE", 3.0, |view| view.processes["driver_joydev"].state == module::State::Pause as i8);
     page.ask(json!({ "type": "state", "module": "driver_joydev", "state": "RUN" })).unwrap();
+    page.ask(json!({ "type": "level", "module": "driver_joydev", "print": "ERROR", "send": "DEBUG" })).unwrap();
+    let answered = |view: &View| view.seen.get("CM_DATA_LEVEL").is_some_and(|count| *count > 0);
+    bench.robot.until("the module answers with its levels", 3.0, answered);
     for channel in [
+        "CM_CMD_LEVEL",
         "ML_CMD_GOAL",
         "ML_CMD_MODE",
         "ML_CMD_PARAMETER",

@@ -125,7 +125,7 @@ pub fn measure(plan: Plan) -> Result<Report, Failed> {
         beats: None,
         inputs: None,
     };
-    host::run(shell, host)?;
+    host::run(shell, host).map_err(|failure| failure.why)?;
     let Measured { late, missed, faults } = measured.borrow().clone();
     let scheduler = plan.priority.map_or("normal scheduler".into(), |priority| format!("SCHED_FIFO {priority}"));
     Ok(Report {

@@ -1,8 +1,9 @@
-//! `advee log cat`: messages as JSON lines.
+//! `advee log cat`: messages as JSON lines; with `--texts` what modules reported, as lines for people.
 
 use super::decode::Decoder;
 use super::select::{Select, Selection};
 use super::source::{Item, Log};
+use super::texts;
 use crate::lcm::show::hold_words;
 use crate::lcm::types::TypesArg;
 use crate::{Failed, Outcome, complain};
@@ -28,6 +29,12 @@ pub struct Cat {
     /// form
     #[arg(long)]
     json: bool,
+    /// Texts, reports and marks as lines for people, reports with file and line; nothing else
+    #[arg(long, conflicts_with_all = ["fields", "json"])]
+    texts: bool,
+    /// Lowest level of these
+    #[arg(long, value_name = "LEVEL", requires = "texts", value_parser = texts::LEVELS, default_value = "debug")]
+    level: String,
     #[command(flatten)]
     types: TypesArg,
 }
@@ -38,9 +45,17 @@ pub fn cat(command: &Cat) -> Outcome {
     let mut decoder = Decoder::new(&command.types)?;
     let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
     let mut left = command.count.unwrap_or(u64::MAX);
+    let from = texts::level(&command.level);
     while left > 0
         && let Some(item) = items.next()?
     {
+        if command.texts {
+            if let Some(text) = texts::line(&item, from) {
+                left -= 1;
+                written(writeln!(out, "{text}"))?;
+            }
+            continue;
+        }
         left -= 1;
         written(line(&mut decoder, &item, &command.fields, &mut out))?;
     }

@@ -2,6 +2,7 @@
 #define _GNU_SOURCE
 #include "advee.h"
 
+#include "common_cmd_level_t.h"
 #include "common_cmd_state_t.h"
 #include "common_data_faults_t.h"
 #include "common_data_state_t.h"
@@ -29,7 +30,10 @@ enum {
     TEXT_MAX = 512,   /* bytes of a subject or a message in a list */
     BURST = 64,       /* messages per cycle of the loop, so that a flood delays nothing else for long */
     THREADS_MAX = 63,
+    LEVEL_DEBUG = 0, /* lowest and highest level; a severity is of the level above its value */
+    LEVEL_ERROR = 3,
 };
+static const double REFUSALS = 1.0; /* s at least between two reports of refused commands for the levels */
 
 /* An active fault: as it was last raised, and the time when it was first raised. */
 typedef struct {
@@ -37,6 +41,7 @@ typedef struct {
     advee_kind_t kind;
     advee_severity_t severity;
     int64_t since;
+    bool sent; /* its begin was reported, so its end will be */
     char *subject, *message;
 } fault_t;
 
@@ -55,8 +60,11 @@ struct advee {
     void *user;
     lcm_t *bus;
     advee_state_t state, before_error, wanted;
-    void (*on_state)(advee_t *, advee_state_t);
+    void (*on_state)(advee_t *, advee_state_t), (*before_state)(advee_t *, advee_state_t);
     bool lost;    /* last report of the module about its device */
+    int send_from; /* level from which reports are sent */
+    unsigned refused; /* commands for the levels since the last report of one */
+    double refusal;   /* s; time of that report */
     int unheard;  /* checks since the last message of the watchdog */
     int code;     /* 0 or above: the module ends with this code */
     int signals;  /* descriptor */
@@ -144,7 +152,7 @@ int64_t advee_timestamp(void)
     return epoch + micros_of(CLOCK_MONOTONIC);
 }
 
-static const char *name_of(advee_state_t state)
+const char *advee_state_name(advee_state_t state)
 {
     static const char *const names[] = {"UNKNOWN", "INIT", "STOP", "RUN", "ERROR", "TERMINATE", "PAUSE"};
     return names[state];
@@ -293,6 +301,12 @@ static void report(advee_t *module, source_t source, int number, advee_kind_t ki
     common_error_t_publish(module->bus, "CM_EVENT_ERROR", &message);
 }
 
+/* True if reports of this severity are sent. */
+static bool sends(const advee_t *module, advee_severity_t severity)
+{
+    return (int)severity + 1 >= module->send_from;
+}
+
 static fault_t *active(advee_t *module, int number, const char *subject)
 {
     for (size_t n = 0; n < module->fault_count; ++n)
@@ -321,9 +335,11 @@ void advee_fault_at(const char *file, int line, advee_t *module, int number, adv
             list(module, now);
     } else if (module->fault_count < FAULTS_MAX) {
         char *whole = checked(strdup(message));
-        module->faults[module->fault_count++] = (fault_t){number, kind, severity, now, own, clipped(message)};
+        const bool sent = sends(module, severity);
+        module->faults[module->fault_count++] = (fault_t){number, kind, severity, now, sent, own, clipped(message)};
         list(module, now);
-        report(module, (source_t){file, line}, number, kind, severity, whole, now, false);
+        if (sent)
+            report(module, (source_t){file, line}, number, kind, severity, whole, now, false);
         free(whole);
     } else {
         free(own);
@@ -339,6 +355,7 @@ void advee_clear_at(const char *file, int line, advee_t *module, int number, con
     if (!known)
         return;
     const advee_kind_t kind = known->kind;
+    const bool sent = known->sent;
     free(known->subject);
     free(known->message);
     *known = module->faults[--module->fault_count];
@@ -348,7 +365,8 @@ void advee_clear_at(const char *file, int line, advee_t *module, int number, con
     va_end(arguments);
     const int64_t now = advee_timestamp();
     list(module, now);
-    report(module, (source_t){file, line}, number, kind, ADVEE_NOTICE, message, now, false);
+    if (sent)
+        report(module, (source_t){file, line}, number, kind, ADVEE_NOTICE, message, now, false);
     free(message);
 }
 
@@ -373,6 +391,8 @@ void advee_fatal_at(const char *file, int line, advee_t *module, int number, adv
 
 static void enter(advee_t *module, advee_state_t to)
 {
+    if (module->before_state)
+        module->before_state(module, to);
     module->state = to;
     announce(module);
     if (module->on_state)
@@ -424,8 +444,9 @@ static void refused(advee_t *module, int line, const char *text, ...)
     va_start(arguments, text);
     char *message = formatted(text, arguments);
     va_end(arguments);
-    report(module, (source_t){__FILE__, line}, ADVEE_COMMAND_FORBIDDEN, ADVEE_KIND_UNKNOWN, ADVEE_WARNING, message,
-           advee_timestamp(), false);
+    if (sends(module, ADVEE_WARNING))
+        report(module, (source_t){__FILE__, line}, ADVEE_COMMAND_FORBIDDEN, ADVEE_KIND_UNKNOWN, ADVEE_WARNING, message,
+               advee_timestamp(), false);
     free(message);
 }
 
@@ -449,11 +470,44 @@ static void obey(advee_t *module, const common_cmd_state_t *command)
         if (module->lost && (module->state == ADVEE_RUN || module->state == ADVEE_PAUSE))
             advee_failed(module);
     } else {
-        refused(module, __LINE__, "%scommand %s from %s refused in %s", command->manual ? "manual " : "", name_of(to),
-                command->source, name_of(module->state));
+        refused(module, __LINE__, "%scommand %s from %s refused in %s", command->manual ? "manual " : "",
+                advee_state_name(to), command->source, advee_state_name(module->state));
     }
 }
 ADVEE_HANDLER(common_cmd_state_t, obey)
+
+static bool is_level(int value)
+{
+    return (value >= LEVEL_DEBUG && value <= LEVEL_ERROR) || value == COMMON_CMD_LEVEL_T_UNCHANGED ||
+           value == COMMON_CMD_LEVEL_T_CONFIGURED;
+}
+
+/* Obeys a command for the level from which reports are sent. Its watchdog prints and sends its lines, and answers. A
+ * flood of refused commands is one report each second. */
+static void set_level(advee_t *module, const common_cmd_level_t *command)
+{
+    if (strcmp(command->module, module->name) != 0 && strcmp(command->module, "*") != 0)
+        return;
+    if (is_level(command->print_from) && is_level(command->send_from)) {
+        if (command->send_from == COMMON_CMD_LEVEL_T_CONFIGURED)
+            module->send_from = LEVEL_DEBUG;
+        else if (command->send_from != COMMON_CMD_LEVEL_T_UNCHANGED)
+            module->send_from = command->send_from;
+        return;
+    }
+    ++module->refused;
+    const double now = advee_now();
+    if (now - module->refusal < REFUSALS)
+        return;
+    const int value = is_level(command->print_from) ? command->send_from : command->print_from;
+    char more[64] = "";
+    if (module->refused > 1)
+        snprintf(more, sizeof more, "; %u refused since the last report", module->refused);
+    module->refused = 0;
+    module->refusal = now;
+    refused(module, __LINE__, "command from %s refused: %d is no level%s", command->source, value, more);
+}
+ADVEE_HANDLER(common_cmd_level_t, set_level)
 
 static bool on_watchdog(advee_t *module, void *bytes, int size)
 {
@@ -561,6 +615,8 @@ advee_t *advee_create(const advee_options_t *options, void *user)
     module->state = module->before_error = ADVEE_INIT;
     module->wanted = options->state;
     module->code = module->page = -1;
+    module->send_from = LEVEL_DEBUG;
+    module->refusal = -REFUSALS;
     pthread_mutex_init(&module->page_lock, NULL);
     /* Before any thread is started, as LCM does: all threads inherit the mask. */
     module->signals = asked_to_end();
@@ -571,6 +627,7 @@ advee_t *advee_create(const advee_options_t *options, void *user)
     if (path && (module->page = open(path, O_WRONLY | O_NOFOLLOW | O_CLOEXEC)) < 0)
         fprintf(stderr, "no page of beats: %s: %s\n", path, strerror(errno));
     ADVEE_SUBSCRIBE(module, "CM_CMD_STATE", obey);
+    ADVEE_SUBSCRIBE(module, "CM_CMD_LEVEL", set_level);
     advee_watch(module, lcm_get_fileno(module->bus), on_bus);
     advee_watch(module, module->signals, advee_end);
     if (getenv("ADVEE_GUARDED")) { /* a watchdog has started us */
@@ -640,4 +697,14 @@ bool advee_acts(const advee_t *module)
 void advee_on_state(advee_t *module, void (*handler)(advee_t *, advee_state_t))
 {
     module->on_state = handler;
+}
+
+void advee_before_state(advee_t *module, void (*handler)(advee_t *, advee_state_t))
+{
+    module->before_state = handler;
+}
+
+const char *advee_name(const advee_t *module)
+{
+    return module->name;
 }

@@ -75,6 +75,13 @@ bool advee_acts(const advee_t *module);
 /* Has the handler called after a change of state has been announced. In TERMINATE it is the last call. */
 void advee_on_state(advee_t *module, void (*handler)(advee_t *, advee_state_t));
 
+/* Has the handler called before a change of state, for helpers on top of this one. */
+void advee_before_state(advee_t *module, void (*handler)(advee_t *, advee_state_t));
+
+/* Its name on the bus, and the name of a state. */
+const char *advee_name(const advee_t *module);
+const char *advee_state_name(advee_state_t state);
+
 /* Has the handler called with this period; missed calls are dropped. */
 void advee_every(advee_t *module, double seconds, void (*handler)(advee_t *));
 

@@ -39,6 +39,7 @@
 #include <unistd.h>
 #include <utility>
 #include <vector>
+#include "common/cmd_level_t.hpp"
 #include "common/cmd_state_t.hpp"
 #include "common/data_faults_t.hpp"
 #include "common/data_state_t.hpp"
@@ -53,6 +54,8 @@ constexpr int ORPHANED = 6;      // checks without CM_DATA_PROCESSES: the watchd
 constexpr std::size_t FAULTS_MAX = 256; // active faults in a list; further ones are not reported
 constexpr std::size_t TEXT_MAX = 512;   // bytes of a subject or a message in a list
 constexpr int BURST = 64;        // maximum messages per cycle of the loop, so that a flood delays nothing else for long
+constexpr int LEVEL_DEBUG = 0, LEVEL_ERROR = 3; // lowest and highest; a severity is of the level above its value
+constexpr double REFUSALS = 1.0; // s at least between two reports of refused commands for the levels
 
 // Exit codes: a class plus a number 0 to 16.
 enum Exit : int { RESOURCE = 0x10, DEVICE = 0x20, OTHER = 0x40 };
@@ -227,6 +230,7 @@ public:
         if (!bus.good())
             options.refuse("LCM at " + options.lcm_url + " cannot be had");
         subscribe<common::cmd_state_t>("CM_CMD_STATE", [this](const auto &command) { obey(command); });
+        subscribe<common::cmd_level_t>("CM_CMD_LEVEL", [this](const auto &command) { set_level(command); });
         watch(bus.getFileno(), [this] { on_bus(); });
         watch(signals.fd, [this] { end(); });
         if (std::getenv("ADVEE_GUARDED")) { // a watchdog has started us
@@ -345,9 +349,11 @@ protected:
             if (news)
                 list(since);
         } else if (faults.size() < FAULTS_MAX) {
-            faults.emplace(key, Active{kind, severity, since, text});
+            const bool sent = sends(severity);
+            faults.emplace(key, Active{kind, severity, since, text, sent});
             list(since);
-            report(number, kind, severity, text, since, false, file, line);
+            if (sent)
+                report(number, kind, severity, text, since, false, file, line);
         }
     }
 
@@ -359,10 +365,12 @@ protected:
         if (found == faults.end())
             return;
         const Kind kind = found->second.kind;
+        const bool sent = found->second.sent;
         faults.erase(found);
         const std::int64_t at = timestamp();
         list(at);
-        report(number, kind, Severity::Notice, text, at, false, file, line);
+        if (sent)
+            report(number, kind, Severity::Notice, text, at, false, file, line);
     }
 
     // Reports a fatal error, and ends with this exit code, or that of the kind. The watchdog restarts the module.
@@ -407,6 +415,7 @@ private:
         Severity severity;
         std::int64_t since;
         std::string message;
+        bool sent; // its begin was reported, so its end will be
     };
 
     // A channel and its handler.
@@ -490,9 +499,7 @@ private:
         if ((command.module != name && command.module != "*") || to == current || current == State::Terminate)
             return;
         if (command.state < 0 || command.state > int(State::Pause)) {
-            report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning,
-                   "command from " + command.source + " refused: " + std::to_string(command.state) + " is no state",
-                   timestamp());
+            forbidden("command from " + command.source + " refused: " + std::to_string(command.state) + " is no state");
         } else if (to == State::Terminate) {
             end();
         } else if (allows(current, to, manual)) {
@@ -503,12 +510,48 @@ private:
             if (lost && (current == State::Run || current == State::Pause))
                 failed();
         } else {
-            report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning,
-                   std::string(manual ? "manual " : "") + "command " + name_of(to) + " from " + command.source +
-                       " refused in " + name_of(current),
-                   timestamp());
+            forbidden(std::string(manual ? "manual " : "") + "command " + name_of(to) + " from " + command.source +
+                      " refused in " + name_of(current));
         }
     }
+
+    // Obeys a command for the level from which reports are sent. Its watchdog prints and sends its lines, and answers.
+    void set_level(const common::cmd_level_t &command)
+    {
+        const int unchanged = common::cmd_level_t::UNCHANGED, configured = common::cmd_level_t::CONFIGURED;
+        const auto good = [&](int value) {
+            return (value >= LEVEL_DEBUG && value <= LEVEL_ERROR) || value == unchanged || value == configured;
+        };
+        if (command.module != name && command.module != "*")
+            return;
+        if (!good(command.print_from) || !good(command.send_from))
+            refuse_level(good(command.print_from) ? command.send_from : command.print_from, command.source);
+        else if (command.send_from == configured)
+            send_from = LEVEL_DEBUG;
+        else if (command.send_from != unchanged)
+            send_from = command.send_from;
+    }
+
+    // Counts a refused command for the levels, and reports at most one each second.
+    void refuse_level(int value, const std::string &source)
+    {
+        ++refused;
+        if (now() - refusal < REFUSALS)
+            return;
+        const std::string more =
+            refused > 1 ? "; " + std::to_string(refused) + " refused since the last report" : std::string();
+        refused = 0;
+        refusal = now();
+        forbidden("command from " + source + " refused: " + std::to_string(value) + " is no level" + more);
+    }
+
+    void forbidden(const std::string &text, const char *file = __builtin_FILE(), int line = __builtin_LINE())
+    {
+        if (sends(Severity::Warning))
+            report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning, text, timestamp(), false, file, line);
+    }
+
+    bool sends(Severity severity) const { return int(severity) + 1 >= send_from; }
 
     void enter(State to)
     {
@@ -572,6 +615,9 @@ private:
     std::map<std::pair<int, std::string>, Active> faults;
     State current = State::Init, before_error = State::Init, wanted;
     bool lost = false; // last report of the module about its device
+    int send_from = LEVEL_DEBUG; // level from which reports are sent
+    unsigned refused = 0;        // commands for the levels since the last report of one
+    double refusal = -REFUSALS;  // s; time of that report
     int unheard = 0;   // checks since the last message of the watchdog
     int code = -1; // 0 or above: the module ends with this code
 };

@@ -202,6 +202,8 @@ namespace Advee
         const int Orphaned = 6;            // checks without CM_DATA_PROCESSES: it is gone, without a successor
         const int FaultsMax = 256;         // active faults in a list; further ones are not reported
         const int TextMax = 512;           // bytes of a subject or a message in a list
+        const int LevelDebug = 0, LevelError = 3; // a severity is of the level above its value
+        const double Refusals = 1.0;       // s at least between two reports of refused commands for the levels
         const int Burst = 64;              // datagrams per turn of the loop: a flood delays nothing else for long
 
         sealed class Timer
@@ -218,6 +220,7 @@ namespace Advee
             public Kind Kind;
             public Severity Severity;
             public long Since;
+            public bool Sent; // its begin was reported, so its end will be
         }
 
         readonly LCM.LCM.LCM lcm;
@@ -227,6 +230,9 @@ namespace Advee
         readonly List<Action> handlers = new List<Action>();
         State wanted, beforeError = State.Init;
         bool lost;
+        int sendFrom = LevelDebug; // level from which reports are sent
+        int refused; // commands for the levels since the last report of one
+        double refusal = Clock.Now - Refusals; // time of that report
         int unheard;
         int? code;
 
@@ -251,6 +257,7 @@ namespace Advee
             }
             CatchSignals();
             Subscribe<common.cmd_state_t>("CM_CMD_STATE", Obey);
+            Subscribe<common.cmd_level_t>("CM_CMD_LEVEL", SetLevel);
             Watch(lcm.FileDescriptor, OnBus);
             if (Environment.GetEnvironmentVariable("ADVEE_GUARDED") != null) // a watchdog has started us
             {
@@ -371,10 +378,12 @@ namespace Advee
             }
             else if (faults.Count < FaultsMax)
             {
+                bool sent = Sends(severity);
                 faults.Add(new Active { Number = number, Subject = subject, Kind = kind, Severity = severity,
-                    Since = now, Message = text });
+                    Since = now, Message = text, Sent = sent });
                 List(now);
-                Report(number, kind, severity, text, now, false, file, line);
+                if (sent)
+                    Report(number, kind, severity, text, now, false, file, line);
             }
         }
 
@@ -388,7 +397,8 @@ namespace Advee
             long now = Clock.Timestamp;
             faults.Remove(active);
             List(now);
-            Report(number, active.Kind, Severity.Notice, text, now, false, file, line);
+            if (active.Sent)
+                Report(number, active.Kind, Severity.Notice, text, now, false, file, line);
         }
 
         /// <summary>Reports a fatal error, and ends with this exit code, or the kind's one. The watchdog restarts the
@@ -528,13 +538,52 @@ namespace Advee
             }
         }
 
+        /// <summary>Obeys a command for the level from which reports are sent. Its watchdog prints and sends its lines,
+        /// and answers.</summary>
+        void SetLevel(common.cmd_level_t command)
+        {
+            if (command.module != Name && command.module != "*")
+                return;
+            if (!IsLevel(command.print_from) || !IsLevel(command.send_from))
+                RefuseLevel(IsLevel(command.print_from) ? command.send_from : command.print_from, command.source);
+            else if (command.send_from == common.cmd_level_t.CONFIGURED)
+                sendFrom = LevelDebug;
+            else if (command.send_from != common.cmd_level_t.UNCHANGED)
+                sendFrom = command.send_from;
+        }
+
+        static bool IsLevel(sbyte value)
+        {
+            return (value >= LevelDebug && value <= LevelError) || value == common.cmd_level_t.UNCHANGED
+                || value == common.cmd_level_t.CONFIGURED;
+        }
+
+        /// <summary>Counts a refused command for the levels, and reports at most one each second.</summary>
+        void RefuseLevel(int value, string source)
+        {
+            ++refused;
+            if (Clock.Now - refusal < Refusals)
+                return;
+            string more = refused > 1 ? "; " + refused + " refused since the last report" : "";
+            refused = 0;
+            refusal = Clock.Now;
+            Refused("command from " + source + " refused: " + value + " is no level" + more);
+        }
+
+        bool Sends(Severity severity) { return (int) severity + 1 >= sendFrom; }
+
         void Refused(string text, [CallerFilePath] string file = "", [CallerLineNumber] int line = 0)
         {
-            Report(CommandForbidden, Kind.Unknown, Severity.Warning, text, Clock.Timestamp, false, file, line);
+            if (Sends(Severity.Warning))
+                Report(CommandForbidden, Kind.Unknown, Severity.Warning, text, Clock.Timestamp, false, file, line);
         }
+
+        /// <summary>Called before a change of state, for helpers on top of this one.</summary>
+        internal virtual void BeforeState(State to) { }
 
         void Enter(State to)
         {
+            BeforeState(to);
             State = to;
             Announce();
             OnState(to);
@@ -578,7 +627,7 @@ namespace Advee
         }
 
         /// <summary>The text, truncated to the maximum length in a list.</summary>
-        static string Clipped(string text)
+        internal static string Clipped(string text)
         {
             byte[] bytes = Encoding.UTF8.GetBytes(text.Replace('\0', ' '));
             int length = Math.Min(bytes.Length, TextMax);
@@ -587,6 +636,6 @@ namespace Advee
             return Encoding.UTF8.GetString(bytes, 0, length);
         }
 
-        static string Wire(State state) { return state.ToString().ToUpperInvariant(); }
+        internal static string Wire(State state) { return state.ToString().ToUpperInvariant(); }
     }
 }

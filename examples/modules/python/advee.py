@@ -33,7 +33,7 @@ import traceback
 import lcm
 
 sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "types"))
-from common import cmd_state_t, data_faults_t, data_state_t, error_t, fault_t  # noqa: E402
+from common import cmd_level_t, cmd_state_t, data_faults_t, data_state_t, error_t, fault_t  # noqa: E402
 
 ANNOUNCE = 1.0              # s between two announcements
 BEAT = 0.05                 # s between two beats
@@ -41,6 +41,8 @@ LOOK = 0.5                  # s between two looks for the watchdog
 ORPHANED = 6                # looks without its CM_DATA_PROCESSES: it is gone, and none came in its place
 FAULTS_MAX = 256            # active faults in a list; further ones are not reported
 TEXT_MAX = 512              # bytes of a subject or a message in a list
+LEVELS = range(4)           # debug, info, warning, error; a severity is of the level above its value
+REFUSALS = 1.0              # s at least between two reports of refused commands for the levels
 BURST = 64                  # messages taken in one turn of the loop, so that a flood delays nothing else for long
 
 # Exit codes: a class plus a number 0 to 16.
@@ -163,6 +165,7 @@ class Module:
         """`args` are the arguments parsed by arguments()."""
         self.name, self.state, self.beats = args.name, State.INIT, Beats()
         self._wanted, self._before_error, self._failed = args.state, State.INIT, False
+        self._send_from, self._refused, self._refusal = LEVELS[0], 0, -REFUSALS
         self._faults, self._timers, self._handlers, self._code = {}, [], {}, None
         self._poll = select.poll()
         try:
@@ -171,6 +174,7 @@ class Module:
             print(f"{self.name}: LCM at {args.lcm_url}: {error}", file=sys.stderr)
             sys.exit(RESOURCE)
         self.subscribe("CM_CMD_STATE", cmd_state_t, self._on_command)
+        self.subscribe("CM_CMD_LEVEL", cmd_level_t, self._on_level)
         self.watch(self._lcm.fileno(), self._on_bus)
         if "ADVEE_GUARDED" in os.environ:  # a watchdog has started us
             self._unheard = 0
@@ -236,17 +240,20 @@ class Module:
             if news:
                 self._list(timestamp())
         elif len(self._faults) < FAULTS_MAX:
-            since = timestamp()
-            self._faults[number, subject] = {"kind": kind, "severity": severity, "since": since, "message": text}
+            since, sent = timestamp(), self._sends(severity)
+            self._faults[number, subject] = {
+                "kind": kind, "severity": severity, "since": since, "message": text, "sent": sent}
             self._list(since)
-            self._report(number, kind, severity, text, since)
+            if sent:
+                self._report(number, kind, severity, text, since)
 
     def clear(self, number, text, subject=""):
         """Clears a fault; reported if it was active."""
         if (number, subject) in self._faults:
-            now, kind = timestamp(), self._faults.pop((number, subject))["kind"]
+            now, active = timestamp(), self._faults.pop((number, subject))
             self._list(now)
-            self._report(number, kind, Severity.NOTICE, text, now)
+            if active["sent"]:
+                self._report(number, active["kind"], Severity.NOTICE, text, now)
 
     def fatal(self, number, kind, text, code=None):
         """Reports a fatal error, and ends with this exit code, or the kind's one. The watchdog restarts the module."""
@@ -334,11 +341,40 @@ class Module:
                 self.failed()
         elif command.state in list(State):
             manner = "manual " if command.manual else ""
-            self._report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING, f"{manner}command "
-                         f"{State(command.state).name} from {command.source} refused in {self.state.name}", timestamp())
+            self._forbidden(f"{manner}command {State(command.state).name} from {command.source} refused in "
+                            f"{self.state.name}")
         else:
-            self._report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING,
-                         f"command from {command.source} refused: {command.state} is no state", timestamp())
+            self._forbidden(f"command from {command.source} refused: {command.state} is no state")
+
+    def _on_level(self, command):
+        """Obeys a command for the level from which reports are sent. Its watchdog prints and sends its lines, and
+        answers."""
+        if command.module not in (self.name, "*"):
+            return
+        known = (cmd_level_t.UNCHANGED, cmd_level_t.CONFIGURED, *LEVELS)
+        for value in (command.print_from, command.send_from):
+            if value not in known:
+                return self._refuse_level(value, command.source)
+        if command.send_from == cmd_level_t.CONFIGURED:
+            self._send_from = LEVELS[0]
+        elif command.send_from != cmd_level_t.UNCHANGED:
+            self._send_from = command.send_from
+
+    def _refuse_level(self, value, source):
+        """Counts a refused command for the levels, and reports at most one each second."""
+        self._refused += 1
+        if time.monotonic() - self._refusal < REFUSALS:
+            return
+        more = f"; {self._refused} refused since the last report" if self._refused > 1 else ""
+        self._refused, self._refusal = 0, time.monotonic()
+        self._forbidden(f"command from {source} refused: {value} is no level{more}")
+
+    def _forbidden(self, text):
+        if self._sends(Severity.WARNING):
+            self._report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING, text, timestamp())
+
+    def _sends(self, severity):
+        return severity + 1 >= self._send_from
 
     def _enter(self, state):
         self.state = state

@@ -174,6 +174,7 @@ impl Model {
         self.traffic.count(at, channel, bytes);
         match message {
             Some(Message::CmDataState(state)) => self.modules.on_state(at, &state),
+            Some(Message::CmDataLevel(level)) => self.modules.on_level(&level),
             Some(Message::CmDataProcesses(processes)) => self.processes.put(at, processes),
             Some(Message::CmEventError(error)) => self.errors.on_report(at, &error),
             Some(Message::CmDataFaults(list)) => self.errors.on_list(at, &list),

@@ -1,10 +1,11 @@
 //! Modules: their announced states, and the watchdog's report on their processes.
 
 use crate::Slot;
-use base::{Duration, Instant};
-use messages::common::{self, Process};
+use base::{Duration, Instant, Level};
+use messages::common::{self, DataLevel, Process};
 use module::{State, exit};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Maximum number of modules.
 const MODULES_MAX: usize = 200;
@@ -45,12 +46,21 @@ pub struct ModuleRow {
     pub age: Option<f64>,
     /// Number of its active faults; `None` if unknown.
     pub faults: Option<usize>,
+    /// Name of the level from which its texts and reports are printed; empty if unknown: it was not asked since its
+    /// start.
+    pub print_from: &'static str,
+    /// Name of the level from which its texts and reports are sent; empty likewise.
+    pub send_from: &'static str,
+    /// True if an operator has changed these levels.
+    pub levels_changed: bool,
 }
 
 /// All modules.
 #[derive(Clone, Debug)]
 pub struct Modules {
     announced: Vec<(String, Slot<State>)>,
+    /// Last answers of modules about their levels, with the names.
+    levels: BTreeMap<String, DataLevel>,
     critical: Vec<String>,
 }
 
@@ -58,12 +68,16 @@ impl Modules {
     /// Creates an empty table; without `critical` modules the robot does not move.
     #[must_use]
     pub fn new(critical: Vec<String>) -> Self {
-        Self { announced: Vec::new(), critical }
+        Self { announced: Vec::new(), levels: BTreeMap::new(), critical }
     }
 
     /// Processes the announcement of a module's state.
     pub fn on_state(&mut self, at: Instant, announced: &common::DataState) {
         let state = State::from_value(announced.state).unwrap_or(State::Unknown);
+        if state == State::Init {
+            // A new process has the levels of the configuration.
+            self.levels.remove(&announced.module);
+        }
         if let Some((_, slot)) = self.announced.iter_mut().find(|(name, _)| *name == announced.module) {
             slot.put(at, state);
         } else if self.announced.len() < MODULES_MAX {
@@ -71,6 +85,20 @@ impl Modules {
             slot.put(at, state);
             self.announced.push((announced.module.clone(), slot));
         }
+    }
+
+    /// Processes the answer of a module about its levels.
+    pub fn on_level(&mut self, level: &DataLevel) {
+        if self.levels.contains_key(&level.module) || self.levels.len() < MODULES_MAX {
+            self.levels.insert(level.module.clone(), level.clone());
+        }
+    }
+
+    /// Names of the levels from which a module prints and sends, empty if unknown; true if they were changed.
+    fn levels(&self, module: &str) -> (&'static str, &'static str, bool) {
+        let name = |value| Level::from_value(value).map_or("", Level::name);
+        let level = self.levels.get(module);
+        level.map_or(("", "", false), |level| (name(level.print_from), name(level.send_from), level.commanded))
     }
 
     /// Last announced state of a module, unless it is stale.
@@ -92,6 +120,14 @@ impl Modules {
     /// Modules: the watchdog's in its order, then those that only announce themselves.
     #[must_use]
     pub fn rows(&self, now: Instant, processes: &[Process]) -> Vec<ModuleRow> {
+        let mut rows = self.rows_without_levels(now, processes);
+        for row in &mut rows {
+            (row.print_from, row.send_from, row.levels_changed) = self.levels(&row.module);
+        }
+        rows
+    }
+
+    fn rows_without_levels(&self, now: Instant, processes: &[Process]) -> Vec<ModuleRow> {
         let guarded = processes.iter().take(MODULES_MAX).map(|process| self.guarded(now, process));
         let strangers = self.announced.iter().filter(|(name, _)| processes.iter().all(|p| p.module != *name));
         let listed = |name: &str, slot: &Slot<State>| {
@@ -112,6 +148,9 @@ impl Modules {
             well: slot.fresh(now).is_some_and(|state| *state != State::Error),
             age: slot.age(now).map(|age| age.as_secs_f64()),
             faults: None,
+            print_from: "",
+            send_from: "",
+            levels_changed: false,
         });
         guarded.chain(strangers).collect()
     }
@@ -144,6 +183,9 @@ impl Modules {
             well: process.phase == Process::RUNNING && process.state == process.wanted,
             age: age.map(|age| age.as_secs_f64()),
             faults: None,
+            print_from: "",
+            send_from: "",
+            levels_changed: false,
         }
     }
 }
@@ -152,7 +194,10 @@ impl Modules {
 /// signal n.
 #[must_use]
 pub fn exit_in_words(code: i32) -> String {
-    let class = |name: &str, base: u8| format!("{name} ({:#04x})", code.max(i32::from(base)));
+    let class = |name: &str, base: u8| {
+        let more = exit::meaning(code).map(|meaning| format!(": {meaning}")).unwrap_or_default();
+        format!("{name} ({:#04x}){more}", code.max(i32::from(base)))
+    };
     match code {
         0 => "ended on command".into(),
         -1 => "ended unseen".into(),

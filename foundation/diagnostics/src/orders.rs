@@ -1,6 +1,7 @@
 //! Commands of operators as messages, for the command line, the terminal and the web page.
 
-use messages::common::{CmdLog, CmdState};
+use base::Level;
+use messages::common::{CmdLevel, CmdLog, CmdState};
 use messages::lowlevel::{CmdHoming, CmdPower};
 use messages::middlelevel::{CmdBeaconUse, CmdEstimate, CmdGoal, CmdMode, CmdParameter, Waypoint};
 use module::State;
@@ -72,6 +73,24 @@ pub fn manual(timestamp: i64, module: &str, state: State, source: &str) -> CmdSt
     CmdState { timestamp, module: module.into(), state: state as i8, manual: true, source: source.into() }
 }
 
+/// Commands the levels from which a module prints and sends its texts and reports; `*` means all modules. A level is
+/// `DEBUG`, `INFO`, `WARNING`, `ERROR`, `UNCHANGED`, or `CONFIGURED` for that of the configuration.
+///
+/// # Errors
+/// A sentence: that is not a level.
+pub fn level(timestamp: i64, module: &str, print: &str, send: &str, source: &str) -> Result<CmdLevel, String> {
+    let value = |name: &str| match name {
+        "UNCHANGED" => Ok(CmdLevel::UNCHANGED),
+        "CONFIGURED" => Ok(CmdLevel::CONFIGURED),
+        _ => {
+            let level = Level::ALL.into_iter().find(|level| level.name() == name);
+            level.map(|level| level as i8).ok_or_else(|| format!("{name} is not a level"))
+        }
+    };
+    let (print_from, send_from) = (value(print)?, value(send)?);
+    Ok(CmdLevel { timestamp, module: module.into(), print_from, send_from, source: source.into() })
+}
+
 /// Switches a power channel: `on`, `off` or `reboot`.
 ///
 /// # Errors
@@ -108,6 +127,11 @@ mod tests {
         assert_eq!(state(0, "planner", "PAUSE", "x").unwrap().state, State::Pause as i8);
         for none in ["INIT", "UNKNOWN", "ERROR", "pause!", ""] {
             assert!(state(0, "planner", none, "x").is_err(), "{none}");
+        }
+        let asked = level(0, "planner", "DEBUG", "UNCHANGED", "x").unwrap();
+        assert_eq!((asked.print_from, asked.send_from), (0, CmdLevel::UNCHANGED));
+        for none in ["", "debug", "NOTICE", "4", "DEBUG "] {
+            assert!(level(0, "planner", "INFO", none, "x").is_err() && level(0, "planner", none, "INFO", "x").is_err());
         }
         assert_eq!(power(0, "motors", "reboot").unwrap(), CmdPower { timestamp: 0, device: 3, action: 2 });
         assert!(power(0, "engine", "on").unwrap_err().starts_with("channels are host, "));

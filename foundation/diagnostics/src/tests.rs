@@ -272,6 +272,8 @@ fn a_module_without_a_watchdog_is_a_stranger() {
     say(&mut model, later, process(Process::RUNNING, DataState::ERROR, 0));
     assert_eq!(model.modules(later).len(), 1);
     assert_eq!(exit_in_words(0x21), "a device failed (0x21)");
+    assert_eq!(exit_in_words(0x14), "a resource is unavailable (0x14): its server stood still");
+    assert_eq!(exit_in_words(0x41), "failed (0x41): a defect of the program, at the place in its last line");
     assert_eq!(exit_in_words(137), "SIGKILL: killed");
     assert_eq!(exit_in_words(128 + 40), "signal 40");
 }

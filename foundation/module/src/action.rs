@@ -189,6 +189,13 @@ impl Actions {
         self.push(Action::Report(Report::new(severity, fault, subject, message)));
     }
 
+    /// Reports a fatal error, severity ERROR, and ends the process with this code: one of [`crate::exit`] other than 0.
+    #[track_caller]
+    pub fn fatal(&mut self, fault: Fault, subject: impl Into<String>, message: impl Into<String>, code: u8) {
+        self.push(Action::Report(Report::new(Severity::Error, fault, subject, message).fatal()));
+        self.push(Action::Exit(code));
+    }
+
     /// Adds a text for people, level INFO.
     pub fn note(&mut self, line: impl Into<String>) {
         self.say(Level::Info, line);

@@ -54,6 +54,7 @@ mod call;
 mod event;
 pub mod exit;
 mod holds;
+mod levels;
 mod shell;
 mod state;
 #[cfg(test)]
@@ -64,6 +65,7 @@ pub use action::{Action, Actions, Condition, OUTSTANDING, Output, ProcessCommand
 pub use call::{Call, CallLog};
 pub use event::{Event, ExitStatus, Input, Line, PortId, PortSpec, ProcessEvent};
 pub use holds::{ActiveHold, Holds};
+pub use levels::Levels;
 pub use messages::{Channel, Message};
 pub use shell::{Shell, ShellConfig};
 pub use state::{Cause, State};
@@ -74,7 +76,7 @@ use base::{Fault, Instant};
 ///
 /// After any call its host drains the actions and arms one timer for [`Module::poll_timeout`].
 pub trait Module {
-    /// Channels that it subscribes to, in addition to `CM_CMD_STATE`, which the shell handles.
+    /// Channels that it subscribes to, in addition to `CM_CMD_STATE` and `CM_CMD_LEVEL`, which the shell handles.
     fn subscriptions(&self) -> &[Channel] {
         &[]
     }

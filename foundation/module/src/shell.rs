@@ -2,7 +2,7 @@
 
 use crate::call::{Call, CallLog};
 use crate::texts::{self, Texts};
-use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
+use crate::{Action, Actions, Cause, Condition, Event, Levels, Module, State, exit};
 use base::{Deadlines, Duration, Fault, Instant, Level, Report, Severity};
 use messages::{Channel, Message, common, source_in_words};
 use std::collections::BTreeMap;
@@ -23,9 +23,11 @@ pub struct ShellConfig {
     /// Reports of at least this severity are published on `CM_EVENT_ERROR` and printed, and so is the end of such a
     /// fault; others are dropped. The list on `CM_DATA_FAULTS` contains all active faults, whatever their severity.
     pub report_from: Severity,
-    /// Lowest level of texts and reports that are printed; `None`: `report_from` for reports, INFO for texts.
+    /// Lowest level of texts and reports that are printed, until a command changes it; `None`: `report_from` for
+    /// reports, INFO for texts.
     pub print_from: Option<Level>,
-    /// Lowest level of texts and reports that are published; `None`: `report_from` for reports, INFO for texts.
+    /// Lowest level of texts and reports that are published, until a command changes it; `None`: `report_from` for
+    /// reports, INFO for texts.
     pub send_from: Option<Level>,
     /// True if it follows commands to module `*` (the watchdog does not).
     pub obeys_all: bool,
@@ -46,14 +48,6 @@ impl ShellConfig {
             obeys_all: true,
             end_within: Duration::from_secs(2),
         }
-    }
-
-    fn prints(&self, severity: Severity) -> bool {
-        self.print_from.map_or(severity >= self.report_from, |from| severity.level() >= from)
-    }
-
-    fn sends(&self, severity: Severity) -> bool {
-        self.send_from.map_or(severity >= self.report_from, |from| severity.level() >= from)
     }
 }
 
@@ -84,6 +78,10 @@ pub struct Shell {
     /// The list of active faults is to be published at the end of this call.
     list_due: bool,
     texts: Texts,
+    /// Thresholds of texts and reports.
+    levels: Levels,
+    /// Refused commands for the thresholds since the last report of one, and the time of that report.
+    refused_levels: (u32, Option<Instant>),
     /// Buffer for the module's actions.
     inner: Actions,
     ending: Ending,
@@ -118,6 +116,7 @@ impl Shell {
     pub fn new(config: ShellConfig, module: Box<dyn Module>) -> Self {
         let mut deadlines = Deadlines::new().with(Timer::Announce, Instant::ZERO);
         deadlines.replace(Timer::Module, module.poll_timeout());
+        let levels = Levels::new(config.print_from, config.send_from);
         Self {
             config,
             module,
@@ -128,6 +127,8 @@ impl Shell {
             faults: BTreeMap::new(),
             list_due: false,
             texts: Texts::default(),
+            levels,
+            refused_levels: (0, None),
             inner: Actions::default(),
             ending: Ending::No,
             recorder: None,
@@ -157,16 +158,22 @@ impl Shell {
         self.state
     }
 
+    /// True if printed reports name the place in the source where they were made: while it prints from DEBUG.
+    #[must_use]
+    pub fn prints_places(&self) -> bool {
+        self.levels.print() == Some(Level::Debug)
+    }
+
     /// The module inside, for its ports and subscriptions.
     #[must_use]
     pub fn module(&self) -> &dyn Module {
         &*self.module
     }
 
-    /// Channels that the host subscribes to, so that other messages need not be decoded: state commands, and the
-    /// module's channels. A channel may be listed twice.
+    /// Channels that the host subscribes to, so that other messages need not be decoded: commands for the
+    /// state and for the levels, and the module's channels. A channel may be listed twice.
     pub fn subscriptions(&self) -> impl Iterator<Item = Channel> {
-        [Channel::CmCmdState].into_iter().chain(self.module.subscriptions().iter().copied())
+        [Channel::CmCmdState, Channel::CmCmdLevel].into_iter().chain(self.module.subscriptions().iter().copied())
     }
 
     /// True if `channel` is among [`Shell::subscriptions`].
@@ -222,8 +229,10 @@ impl Shell {
                 if self.module.subscriptions().contains(&message.channel()) {
                     self.call_module(now, event, out);
                 }
-                if let Message::CmCmdState(command) = message {
-                    self.on_state_command(now, command, out);
+                match message {
+                    Message::CmCmdState(command) => self.on_state_command(now, command, out),
+                    Message::CmCmdLevel(command) => self.on_level_command(now, command, out),
+                    _ => {}
                 }
             }
             other => self.call_module(now, other, out),
@@ -269,8 +278,8 @@ impl Shell {
                 severity,
                 since: out.timestamp(now),
                 message: report.message.clone(),
-                printed: self.config.prints(severity),
-                sent: self.config.sends(severity),
+                printed: self.prints(severity),
+                sent: self.sends(severity),
             };
             let (sent, printed) = (active.sent, active.printed);
             self.faults.insert(key, active);
@@ -299,12 +308,12 @@ impl Shell {
     }
 
     fn text(&mut self, now: Instant, level: Level, text: String, out: &mut Actions) {
-        if level >= self.config.send_from.unwrap_or(Level::Info)
+        if level >= self.levels.send().unwrap_or(Level::Info)
             && let Some(message) = self.texts.take(now, out.timestamp(now), &self.config.name, level, &text)
         {
             out.publish(message);
         }
-        if level >= self.config.print_from.unwrap_or(Level::Info) {
+        if level >= self.levels.print().unwrap_or(Level::Info) {
             out.push(Action::Note(level, text));
         }
     }
@@ -423,6 +432,47 @@ impl Shell {
         }
     }
 
+    /// Changes the thresholds, and answers with those that apply.
+    fn on_level_command(&mut self, now: Instant, command: &common::CmdLevel, out: &mut Actions) {
+        if !Levels::are_meant(command, &self.config.name) {
+            return;
+        }
+        match self.levels.obey(command) {
+            Ok(changed) => {
+                let answer = self.levels.answer(out.timestamp(now), &self.config.name);
+                if changed {
+                    let name = |value| Level::from_value(value).unwrap_or(Level::Info).name();
+                    let (print, send) = (name(answer.print_from), name(answer.send_from));
+                    let by = source_in_words(&command.source);
+                    self.text(now, Level::Info, format!("prints from {print}, sends from {send}, by {by}"), out);
+                }
+                out.publish(answer);
+            }
+            Err(value) => self.refuse_level(now, value, &command.source, out),
+        }
+    }
+
+    /// Counts a refused command for the thresholds; at most one report each second.
+    fn refuse_level(&mut self, now: Instant, value: i8, source: &str, out: &mut Actions) {
+        let (count, last) = (self.refused_levels.0.saturating_add(1), self.refused_levels.1);
+        if last.is_some_and(|at| now.since(at) < ANNOUNCE_PERIOD) {
+            self.refused_levels.0 = count;
+            return;
+        }
+        self.refused_levels = (0, Some(now));
+        let more = if count > 1 { format!("; {count} refused since the last report") } else { String::new() };
+        let message = format!("command from {} refused: {value} is not a level{more}", source_in_words(source));
+        self.publish_report(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+    }
+
+    fn prints(&self, severity: Severity) -> bool {
+        self.levels.print().map_or(severity >= self.config.report_from, |from| severity.level() >= from)
+    }
+
+    fn sends(&self, severity: Severity) -> bool {
+        self.levels.send().map_or(severity >= self.config.report_from, |from| severity.level() >= from)
+    }
+
     fn enter(&mut self, now: Instant, state: State, out: &mut Actions) {
         self.state = state;
         if state == State::Terminate {
@@ -443,7 +493,7 @@ impl Shell {
     }
 
     fn publish_report(&self, now: Instant, report: Report, out: &mut Actions) {
-        let (sent, printed) = (self.config.sends(report.severity), self.config.prints(report.severity));
+        let (sent, printed) = (self.sends(report.severity), self.prints(report.severity));
         self.report(now, report, sent, printed, out);
     }
 

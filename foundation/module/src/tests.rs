@@ -215,7 +215,8 @@ fn the_end_waits_for_the_module_for_a_limited_time() {
 #[test]
 fn only_subscribed_messages_reach_the_module() {
     let mut bench = bench(State::Run);
-    assert_eq!(bench.shell.subscriptions().collect::<Vec<_>>(), [Channel::CmCmdState, Channel::LlCmdHoming]);
+    let subscribed = [Channel::CmCmdState, Channel::CmCmdLevel, Channel::LlCmdHoming];
+    assert_eq!(bench.shell.subscriptions().collect::<Vec<_>>(), subscribed);
     assert!(bench.shell.wants(Channel::CmCmdState) && bench.shell.wants(Channel::LlCmdHoming));
     assert!(!bench.shell.wants(Channel::LlCmdMotion));
     bench.start();
@@ -423,6 +424,92 @@ fn texts_are_sent_and_printed_from_separate_levels() {
         order(&mut bench, "debug L0\nnote L1\nwarning L2");
         assert_eq!(texts(&mut bench), [lines(sent), lines(printed)]);
     }
+}
+
+fn level(module: &str, print_from: i8, send_from: i8) -> common::CmdLevel {
+    common::CmdLevel { timestamp: 0, module: module.into(), print_from, send_from, source: "test".into() }
+}
+
+/// Answers to commands for the levels since the last call: printed from, sent from, commanded.
+fn answers(bench: &mut Bench) -> Vec<(i8, i8, bool)> {
+    let answer = |(_, action)| match action {
+        Action::Publish(Message::CmDataLevel(level)) => {
+            assert_eq!(level.module, "driver");
+            Some((level.print_from, level.send_from, level.commanded))
+        }
+        _ => None,
+    };
+    bench.done().into_iter().filter_map(answer).collect()
+}
+
+#[test]
+fn levels_are_changed_while_it_runs_and_answered() {
+    const KEEP: i8 = common::CmdLevel::UNCHANGED;
+    const RESET: i8 = common::CmdLevel::CONFIGURED;
+    let config = ShellConfig { print_from: Some(Level::Error), ..ShellConfig::new("driver") };
+    let lines = |levels: &[i8]| levels.iter().map(|level| (*level, format!("L{level}"))).collect::<Vec<_>>();
+    let mut bench = boards(config);
+    bench.done();
+    // A question changes nothing; commands to others are not obeyed.
+    for (module, answered) in [("driver", 1), ("*", 1), ("other", 0), ("", 0)] {
+        bench.message(level(module, KEEP, KEEP));
+        assert_eq!(answers(&mut bench), [(3, 1, false)].repeat(answered), "{module:?}");
+    }
+    for (module, [print, send], answer, sent, printed) in [
+        ("driver", [KEEP, 0], (3, 0, true), &[0, 1, 2][..], &[][..]),
+        ("*", [0, 2], (0, 2, true), &[2], &[0, 1, 2]),
+        ("driver", [RESET, KEEP], (3, 2, true), &[2], &[]),
+        ("driver", [RESET, RESET], (3, 1, false), &[1, 2], &[]),
+    ] {
+        bench.message(level(module, print, send));
+        assert_eq!(answers(&mut bench), [answer]);
+        bench.pass(Duration::from_secs(1));
+        bench.done();
+        order(&mut bench, "debug L0\nnote L1\nwarning L2");
+        assert_eq!(texts(&mut bench), [lines(sent), lines(printed)], "{print} {send}");
+    }
+}
+
+#[test]
+fn a_changed_level_applies_to_reports_and_the_list_has_all_faults() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    bench.message(level("driver", 3, 3));
+    bench.done();
+    order(&mut bench, "raise front warning silent");
+    let done = bench.done();
+    let reported = |action: &Action| matches!(action, Action::Publish(Message::CmEventError(_)) | Action::Report(_));
+    assert!(!done.iter().any(|(_, action)| reported(action)), "{done:?}");
+    let listed = done.iter().find_map(|(_, action)| match action {
+        Action::Publish(Message::CmDataFaults(list)) => Some(list.faults.len()),
+        _ => None,
+    });
+    assert_eq!(listed, Some(1));
+    order(&mut bench, "raise rear error silent");
+    assert_eq!(bench.done().iter().filter(|(_, action)| reported(action)).count(), 2, "published and printed");
+}
+
+#[test]
+fn what_is_no_level_is_refused_and_a_flood_of_it_is_counted_in_one_report_a_second() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    bench.done();
+    let reports = |bench: &mut Bench| {
+        let report = |(_, action)| match action {
+            Action::Publish(Message::CmEventError(error)) => Some(error.message),
+            Action::Publish(Message::CmDataLevel(_)) => panic!("a refused command is not answered"),
+            _ => None,
+        };
+        bench.done().into_iter().filter_map(report).collect::<Vec<_>>()
+    };
+    for _ in 0..100 {
+        bench.message(level("driver", 4, 0));
+    }
+    assert_eq!(reports(&mut bench), ["command from test refused: 4 is not a level"]);
+    bench.pass(Duration::from_secs(1));
+    bench.message(level("*", 0, -128));
+    let more = "command from test refused: -128 is not a level; 100 refused since the last report";
+    assert_eq!(reports(&mut bench), [more]);
+    bench.message(level("driver", common::CmdLevel::UNCHANGED, common::CmdLevel::UNCHANGED));
+    assert_eq!(answers(&mut bench), [(1, 1, false)]);
 }
 
 #[test]

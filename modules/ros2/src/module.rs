@@ -123,8 +123,8 @@ impl Ros2 {
         let turns = transport.turns();
         self.turns = if turns == seen { (seen, silent + 1) } else { (turns, 0) };
         if transport.has_ended() || silent >= MISSED_TURNS_MAX {
-            out.report(Severity::Error, Fault::PortDown, NAME, "the node stands still: it is started again");
-            out.push(module::Action::Exit(exit::RESOURCE));
+            let why = "the node stands still: it is started again";
+            out.fatal(Fault::PortDown, NAME, why, exit::SERVER_STALLED);
         }
     }
 }

@@ -42,7 +42,7 @@ mod tests;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use guard::{Guard, Phase};
 use messages::{Channel, Message, common, source_in_words};
-use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
+use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State, exit};
 use settings::{Choice, Table, settings};
 use std::collections::BTreeMap;
 
@@ -445,7 +445,10 @@ impl Watchdog {
         let name = &guard.config.name;
         let how = match status {
             ExitStatus::Code(..0) => "with an unknown status".into(),
-            ExitStatus::Code(code) => format!("with exit code {code:#04x}"),
+            ExitStatus::Code(code) => {
+                let meaning = exit::meaning(code).map(|meaning| format!(" ({meaning})")).unwrap_or_default();
+                format!("with exit code {code:#04x}{meaning}")
+            }
             ExitStatus::Signal(signal) => format!("by signal {signal}"),
         };
         let then = match (guard.config.restart, delay.as_millis()) {

@@ -120,8 +120,8 @@ impl Web {
         let turns = server.bus.turns();
         self.turns = if turns == seen { (seen, silent + 1) } else { (turns, 0) };
         if server.has_ended() || silent >= MISSED_TURNS_MAX {
-            out.report(Severity::Error, Fault::PortDown, NAME, "the web server stands still: it is started again");
-            out.push(module::Action::Exit(exit::RESOURCE));
+            let why = "the web server stands still: it is started again";
+            out.fatal(Fault::PortDown, NAME, why, exit::SERVER_STALLED);
         }
     }
 }

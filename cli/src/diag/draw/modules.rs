@@ -105,6 +105,10 @@ fn lines(model: &Model, row: &ModuleRow, now: Instant) -> Vec<Line<'static>> {
         fact("takes", &format!("{:.1} % of a core, {}", 100.0 * row.cpu, size(row.rss as f64))),
         fact("critical", critical),
     ];
+    if !row.print_from.is_empty() {
+        let changed = if row.levels_changed { ", changed until its process ends" } else { "" };
+        lines.push(fact("levels", &format!("prints from {}, sends from {}{changed}", row.print_from, row.send_from)));
+    }
     if model.errors.knowledge(&row.module, now) == Knowledge::Unknown {
         lines.push(fact("faults", "not known: it does not list them, or does not run"));
     }

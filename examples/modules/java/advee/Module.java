@@ -1,5 +1,6 @@
 package advee;
 
+import common.cmd_level_t;
 import common.cmd_state_t;
 import common.data_faults_t;
 import common.data_state_t;
@@ -61,9 +62,11 @@ public abstract class Module {
     private static final int FAULTS_MAX = 256;  // active faults in a list; further ones are not reported
     private static final int TEXT_MAX = 512;    // bytes of a subject or a message in a list
     private static final int BURST = 64; // maximum messages per cycle of the loop, and waiting ones of a channel
+    private static final int LEVEL_DEBUG = 0, LEVEL_ERROR = 3; // a severity is of the level above its value
+    private static final long REFUSALS = 1_000_000_000; // ns at least between two reports of refused levels
     private static final long MS = 1_000_000; // ns
     /** Methods between the place of a fault and the stack that report() sees. */
-    private static final List<String> RAISING = List.of("report", "fault", "clear", "fatal");
+    private static final List<String> RAISING = List.of("report", "forbidden", "fault", "clear", "fatal");
 
     /** Exit codes: a class plus a number 0 to 16. */
     public static final int RESOURCE = 0x10, DEVICE = 0x20, OTHER = 0x40;
@@ -113,10 +116,12 @@ public abstract class Module {
     private static final class Active {
         private final Kind kind;
         private final long since;
+        private final boolean sent; // its begin was reported, so its end will be
         private Severity severity;
         private String message;
 
-        private Active(Kind kind, Severity severity, long since, String message) {
+        private Active(Kind kind, Severity severity, long since, String message, boolean sent) {
+            this.sent = sent;
             this.kind = kind;
             this.severity = severity;
             this.since = since;
@@ -165,6 +170,9 @@ public abstract class Module {
     private volatile State state = State.INIT;
     private State beforeError = State.INIT, wanted;
     private boolean lost;  // last report of the module about its device
+    private int sendFrom = LEVEL_DEBUG; // level from which reports are sent
+    private int refused;   // commands for the levels since the last report of one
+    private long refusal = System.nanoTime() - REFUSALS; // time of that report
     private int unheard;   // checks since the last message of the watchdog
     private int code = -1; // 0 or above: the module ends with this code
 
@@ -184,6 +192,7 @@ public abstract class Module {
             throw arguments.refuse("LCM at " + arguments.lcmUrl + ": " + said(error));
         }
         subscribe("CM_CMD_STATE", cmd_state_t::new, this::obey);
+        subscribe("CM_CMD_LEVEL", cmd_level_t::new, this::setLevel);
         if (System.getenv("ADVEE_GUARDED") != null) { // a watchdog has started us
             receive("CM_DATA_PROCESSES", data -> unheard = 0);
             every(LOOK, this::lookForWatchdog);
@@ -290,9 +299,11 @@ public abstract class Module {
                 list(timestamp());
         } else if (faults.size() < FAULTS_MAX) {
             long since = timestamp();
-            faults.put(Map.entry(number, subject), new Active(kind, severity, since, text));
+            boolean sent = sends(severity);
+            faults.put(Map.entry(number, subject), new Active(kind, severity, since, text, sent));
             list(since);
-            report(number, kind, severity, text, since, false);
+            if (sent)
+                report(number, kind, severity, text, since, false);
         }
     }
 
@@ -308,7 +319,8 @@ public abstract class Module {
             return;
         long now = timestamp();
         list(now);
-        report(number, active.kind, Severity.NOTICE, text, now, false);
+        if (active.sent)
+            report(number, active.kind, Severity.NOTICE, text, now, false);
     }
 
     /** Reports a fatal error, and ends with the exit code of its kind. The watchdog restarts the module. */
@@ -448,7 +460,7 @@ public abstract class Module {
         });
     }
 
-    private void broken(Throwable error) {
+    final void broken(Throwable error) {
         error.printStackTrace();
         fatal(UNHANDLED, Kind.UNKNOWN, said(error), OTHER);
     }
@@ -481,8 +493,7 @@ public abstract class Module {
         if (!module.equals(name) && !module.equals("*") || command.state == state.ordinal() || state == State.TERMINATE)
             return;
         if (command.state < 0 || command.state >= State.values().length) {
-            report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING,
-                    "command from " + source + " refused: " + command.state + " is no state", timestamp(), false);
+            forbidden("command from " + source + " refused: " + command.state + " is no state");
             return;
         }
         State to = State.values()[command.state];
@@ -497,12 +508,56 @@ public abstract class Module {
                 failed();
         } else {
             String manner = command.manual ? "manual " : "";
-            report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING,
-                    manner + "command " + to + " from " + source + " refused in " + state, timestamp(), false);
+            forbidden(manner + "command " + to + " from " + source + " refused in " + state);
         }
     }
 
+    /**
+     * Obeys a command for the level from which reports are sent. Its watchdog prints and sends its lines, and answers.
+     */
+    private void setLevel(cmd_level_t command) {
+        String module = text(command.module);
+        if (!module.equals(name) && !module.equals("*"))
+            return;
+        if (!isLevel(command.print_from) || !isLevel(command.send_from))
+            refuseLevel(isLevel(command.print_from) ? command.send_from : command.print_from, text(command.source));
+        else if (command.send_from == cmd_level_t.CONFIGURED)
+            sendFrom = LEVEL_DEBUG;
+        else if (command.send_from != cmd_level_t.UNCHANGED)
+            sendFrom = command.send_from;
+    }
+
+    private static boolean isLevel(byte value) {
+        return value >= LEVEL_DEBUG && value <= LEVEL_ERROR || value == cmd_level_t.UNCHANGED
+                || value == cmd_level_t.CONFIGURED;
+    }
+
+    /** Counts a refused command for the levels, and reports at most one each second. */
+    private void refuseLevel(int value, String source) {
+        refused++;
+        if (System.nanoTime() - refusal < REFUSALS)
+            return;
+        String more = refused > 1 ? "; " + refused + " refused since the last report" : "";
+        refused = 0;
+        refusal = System.nanoTime();
+        forbidden("command from " + source + " refused: " + value + " is no level" + more);
+    }
+
+    private void forbidden(String text) {
+        if (sends(Severity.WARNING))
+            report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING, text, timestamp(), false);
+    }
+
+    private boolean sends(Severity severity) {
+        return severity.ordinal() + 1 >= sendFrom;
+    }
+
+    /** Called before a change of state, for helpers on top of this one. */
+    void beforeState(State to) {
+    }
+
     private void enter(State to) {
+        beforeState(to);
         state = to;
         announce();
         onState(to);
@@ -542,7 +597,7 @@ public abstract class Module {
     }
 
     /** The text as a field, truncated to the maximum length in a list; characters are never split. */
-    private static String clipped(String text) {
+    static String clipped(String text) {
         String bytes = wire(text).replace('\0', ' ');
         int end = Math.min(bytes.length(), TEXT_MAX);
         while (end < bytes.length() && end > 0 && (bytes.charAt(end) & 0xC0) == 0x80)

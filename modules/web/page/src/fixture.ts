@@ -152,7 +152,7 @@ function system(): Part {
     modules: names.map(([module, state, critical], i) => ({
       module, state: robot.held && module === "driver_canbus" ? "PAUSE" : state, wanted: robot.held && module === "driver_canbus" ? "PAUSE" : "RUN", phase: "running", pid: 4711 + i, uptime: 3 * 3600 + elapsed() + i,
       restarts: i === 4 ? 2 : 0, last_exit: i === 4 ? "killed by signal 11 (SIGSEGV)" : "", cpu: 0.004 + 0.003 * i, rss: (4 + i) * 1e6, critical, well: state === "RUN", age: 0.4,
-      faults: i === 4 ? 1 : i === 9 ? null : 0,
+      faults: i === 4 ? 1 : i === 9 ? null : 0, print_from: i === 5 ? "WARNING" : i === 9 ? "" : "INFO", send_from: i === 9 ? "" : "INFO", levels_changed: i === 5,
     })),
     axes: shown({ timestamp: at, axes: [
       { name: "propulsion", nmt_state: 5, statusword: 0x1637, error_code: 0, position: robot.path, velocity: robot.speed, current: wave(3, 0.4, 1.2) },
@@ -187,10 +187,10 @@ function system(): Part {
       { module: "driver_joydev", number: 0x0711, subject: "", cause: "the gamepad has no dead-man button", count: 1, first: at - 40e6, last: at - 40e6, severity: 1, standing: true, known: false, message: "the gamepad has no dead-man button" },
     ],
     reports: [
-      { timestamp: at - 2e6, module: "driver_aux", number: 0x0703, subject: "fan2", severity: 2, message: "fan2 does not turn though it is commanded to" },
-      { timestamp: at - 2.5e6, module: "driver_power", number: 0x0501, subject: "", severity: 1, message: "the current of the fans is low" },
-      { timestamp: at - 63e6, module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", severity: 0, message: "sd1_rear answers again" },
-      { timestamp: at - 64e6, module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", severity: 1, message: "sd1_rear does not answer" },
+      { timestamp: at - 2e6, module: "driver_aux", number: 0x0703, subject: "fan2", severity: 2, message: "fan2 does not turn though it is commanded to", fatal: false, file: "modules/drivers/src/auxiliary/fans.rs", line: 214 },
+      { timestamp: at - 2.5e6, module: "driver_power", number: 0x0501, subject: "", severity: 1, message: "the current of the fans is low", fatal: false, file: "modules/drivers/src/power.rs", line: 388 },
+      { timestamp: at - 63e6, module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", severity: 0, message: "sd1_rear answers again", fatal: false, file: "modules/drivers/src/line/health.rs", line: 97 },
+      { timestamp: at - 64e6, module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", severity: 1, message: "sd1_rear does not answer", fatal: false, file: "modules/drivers/src/line/health.rs", line: 83 },
     ],
     texts: [
       { timestamp: at - 3e6, module: "driver_canbus", level: 1, text: "the steering is homed: the robot may be driven" },

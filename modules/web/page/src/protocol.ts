@@ -580,6 +580,14 @@ export interface ModuleRow {
   age: number | null;
   /** Number of its active faults; `None` if unknown. */
   faults: number | null;
+  /**
+   * Name of the level from which its texts and reports are printed; empty if unknown: it was not asked since its start.
+   */
+  print_from: string;
+  /** Name of the level from which its texts and reports are sent; empty likewise. */
+  send_from: string;
+  /** True if an operator has changed these levels. */
+  levels_changed: boolean;
 }
 
 /** Group at one instant. */
@@ -622,6 +630,12 @@ export interface Report {
   severity: number;
   /** For people. */
   message: string;
+  /** True if its module ends because of it. */
+  fatal: boolean;
+  /** Source file where it was made; empty if its module gave none. */
+  file: string;
+  /** Line of the file. */
+  line: number;
 }
 
 /** Text as shown. */
@@ -705,6 +719,11 @@ export type Command =
   | { type: "log"; id: number; action: string; text?: string }
   /** `state`: `RUN`, `PAUSE`, `STOP` or `TERMINATE`. Engineers. */
   | { type: "state"; id: number; module: string; state: string }
+  /**
+   * From which level a module prints and sends its texts and reports: `DEBUG`, `INFO`, `WARNING`, `ERROR`, `UNCHANGED`,
+   * or `CONFIGURED` for that of the configuration. The module answers with both. Engineers.
+   */
+  | { type: "level"; id: number; module: string; print: string; send: string }
   /** `action`: `on`, `off` or `reboot`. Engineers. */
   | { type: "power"; id: number; channel: string; action: string }
   /**

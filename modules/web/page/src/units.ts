@@ -2,6 +2,9 @@
 
 /** Units of fields of messages, by type and by path without indices; the others have none. */
 export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
+  ["common.cmd_level_t", new Map([
+    ["timestamp", "µs"],
+  ])],
   ["common.cmd_log_t", new Map([
     ["timestamp", "µs"],
   ])],
@@ -11,6 +14,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["common.data_faults_t", new Map([
     ["timestamp", "µs"],
     ["faults.since", "µs"],
+  ])],
+  ["common.data_level_t", new Map([
+    ["timestamp", "µs"],
   ])],
   ["common.data_log_t", new Map([
     ["timestamp", "µs"],

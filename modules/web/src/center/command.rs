@@ -80,6 +80,9 @@ pub enum Command {
     },
     /// `state`: `RUN`, `PAUSE`, `STOP` or `TERMINATE`. Engineers.
     State { id: i64, module: String, state: String },
+    /// From which level a module prints and sends its texts and reports: `DEBUG`, `INFO`, `WARNING`, `ERROR`,
+    /// `UNCHANGED`, or `CONFIGURED` for that of the configuration. The module answers with both. Engineers.
+    Level { id: i64, module: String, print: String, send: String },
     /// `action`: `on`, `off` or `reboot`. Engineers.
     Power { id: i64, channel: String, action: String },
     /// Object of a CANopen node. `data`: hexadecimal, least significant byte first; absent: the object is read.
@@ -213,6 +216,7 @@ impl Command {
             | Self::Cancel { id }
             | Self::Log { id, .. }
             | Self::State { id, .. }
+            | Self::Level { id, .. }
             | Self::Power { id, .. }
             | Self::Sdo { id, .. }
             | Self::Fault { id, .. }
@@ -233,7 +237,7 @@ impl Command {
             Self::Resume { .. } | Self::Goal { .. } | Self::Route { .. } => needs(Role::Operator, true),
             Self::Pose { .. } | Self::Beacon { .. } | Self::Home { .. } => needs(Role::Operator, true),
             Self::Mode { .. } | Self::Parameter { .. } => needs(Role::Operator, true),
-            Self::State { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
+            Self::State { .. } | Self::Level { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
                 needs(Role::Engineer, false)
             }
             Self::Publish { .. } => needs(Role::Engineer, true),
@@ -266,7 +270,7 @@ impl Command {
             Self::Route { name, .. } | Self::Parameter { name, .. } => &[name],
             Self::Mode { mode, .. } => &[mode],
             Self::Home { axis, .. } => &[axis],
-            Self::State { module, .. } => &[module],
+            Self::State { module, .. } | Self::Level { module, .. } => &[module],
             Self::Fault { target, fault, .. } => &[target, fault],
             Self::Publish { channel, message_type, .. } => &[channel, message_type],
             _ => &[],
@@ -348,6 +352,7 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
             _ => return Err("the recorder is started or stopped, or given a mark".into()),
         },
         Command::State { module, state, .. } => orders::state(timestamp, module, state, source)?.into(),
+        Command::Level { module, print, send, .. } => orders::level(timestamp, module, print, send, source)?.into(),
         Command::Power { channel, action, .. } => orders::power(timestamp, channel, action)?.into(),
         Command::Fault { .. } if !robot.simulated => return Err("this robot is not simulated".into()),
         Command::Fault { target, fault, value, duration, .. } => {
@@ -390,7 +395,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 22] = [
+    const ALL: [&str; 23] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -409,6 +414,7 @@ mod tests {
         r#"{"type":"cancel","id":1}"#,
         r#"{"type":"log","id":1,"action":"mark","text":"here"}"#,
         r#"{"type":"state","id":1,"module":"planner","state":"PAUSE"}"#,
+        r#"{"type":"level","id":1,"module":"planner","print":"DEBUG","send":"UNCHANGED"}"#,
         r#"{"type":"power","id":1,"channel":"motors","action":"off"}"#,
         r#"{"type":"sdo","id":1,"node":1,"index":4096,"subindex":0}"#,
         r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
@@ -435,7 +441,7 @@ mod tests {
             );
         }
         let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE LL_CMD_HOMING \
-            ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE LL_CMD_POWER SIM_CMD_FAULT";
+            ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT";
         assert_eq!(said.join(" "), expected);
     }
 
@@ -466,6 +472,8 @@ mod tests {
             (r#"{"type":"parameter","id":3,"name":"speed_mps","value":null}"#, Some(3)),
             (r#"{"type":"sdo","id":3,"node":256,"index":1,"subindex":0}"#, Some(3)),
             (r#"{"type":"state","id":3,"module":"a\nb","state":"RUN"}"#, Some(3)),
+            (r#"{"type":"level","id":3,"module":"a\nb","print":"INFO","send":"INFO"}"#, Some(3)),
+            (r#"{"type":"level","id":3,"module":"a","print":"INFO"}"#, Some(3)),
             (r#"{"type":"fault","id":3,"target":"x","fault":"y","value":0,"duration":-1}"#, Some(3)),
             (r#"{"type":"publish","id":3,"channel":"A\nB","message":"{}"}"#, Some(3)),
             (r#"{"type":"publish","id":3,"channel":"A","message":{}}"#, Some(3)),
@@ -486,6 +494,7 @@ mod tests {
             r#"{"type":"mode","id":1,"mode":"fly"}"#,
             r#"{"type":"power","id":1,"channel":"motor","action":"off"}"#,
             r#"{"type":"state","id":1,"module":"planner","state":"INIT"}"#,
+            r#"{"type":"level","id":1,"module":"planner","print":"LOUD","send":"INFO"}"#,
             r#"{"type":"log","id":1,"action":"mark","text":""}"#,
             r#"{"type":"log","id":1,"action":"erase","text":""}"#,
         ] {

@@ -200,12 +200,19 @@ struct Report<'a> {
     severity: i8,
     /// For people.
     message: &'a str,
+    /// True if its module ends because of it.
+    fatal: bool,
+    /// Source file where it was made; empty if its module gave none.
+    file: &'a str,
+    /// Line of the file.
+    line: i32,
 }
 
 impl<'a> Report<'a> {
     fn of(reported: &'a Reported) -> Self {
-        let common::Error { timestamp, module, number, message, severity, .. } = &reported.error;
-        let (timestamp, number, severity) = (*timestamp, *number, *severity);
-        Self { timestamp, module, number, subject: reported.subject.as_deref().unwrap_or_default(), severity, message }
+        let common::Error { timestamp, module, number, message, severity, fatal, file, line, .. } = &reported.error;
+        let (timestamp, number, severity, fatal, line) = (*timestamp, *number, *severity, *fatal, *line);
+        let subject = reported.subject.as_deref().unwrap_or_default();
+        Self { timestamp, module, number, subject, severity, message, fatal, file, line }
     }
 }

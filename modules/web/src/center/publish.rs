@@ -298,13 +298,13 @@ mod tests {
         let [real, simulated] = [false, true].map(|simulated| Publisher::new(simulated).unwrap());
         let names = |publisher: &Publisher| publisher.offered().iter().map(|offer| offer.channel).collect::<Vec<_>>();
         let commands = [
+            "CM_CMD_LEVEL",
             "CM_CMD_LOG",
             "HL_CMD_ACTION",
             "LL_CMD_OUTPUT",
             "LL_CMD_POWER",
             "LL_CMD_SDO",
             "ML_CMD_BEACON_USE",
-            "ML_CMD_ESTIMATE",
             "ML_CMD_ESTIMATE",
             "ML_CMD_PARAMETER",
         ];

@@ -94,7 +94,7 @@ test("what the web server says is Czech where it is known, and stays as it is wh
 });
 
 test("each sentence is one of the robot's source", () => {
-  const folders = ["../../../foundation/diagnostics/src", "../../../modules/web/src", "../../../modules/planner/src", "../../../messages/src", "../../../modules/drivers/src/canbus", "src"];
+  const folders = ["../../../foundation/diagnostics/src", "../../../modules/web/src", "../../../modules/planner/src", "../../../messages/src", "../../../modules/drivers/src/canbus", "../../../foundation/module/src", "src"];
   const source = folders
     .flatMap((folder) => readdirSync(folder, { recursive: true }).map((path) => `${folder}/${path}`))
     .filter((path) => /\.rs$|^src\/(?!words\/).*\.tsx?$/.test(path))

@@ -2,7 +2,7 @@
 import { MonitorPlay } from "lucide-preact";
 import type { ErrorGroup, Report } from "../../protocol";
 import { standing as holding } from "../../holds";
-import { demo, drive, system } from "../../state";
+import { demo, drive, may, system } from "../../state";
 import { momentLink } from "../../timeline/moments";
 import { Badge, Dialog, Facts } from "../../ui";
 import { t } from "../../words";
@@ -71,8 +71,10 @@ function Reports({ title, rows, named }: { title: string; rows: Report[]; named?
           <li key={n}>
             <time class="figure">{moment(row.timestamp)}</time>
             <span>
-              {row.severity === 0 ? <Badge tone="off">{t("cleared")}</Badge> : null} {named ? <b>{row.module}: </b> : null}
+              {row.severity === 0 ? <Badge tone="off">{t("cleared")}</Badge> : null} {row.fatal ? <Badge tone="bad">{t("fatal")}</Badge> : null}{" "}
+              {named ? <b>{row.module}: </b> : null}
               {row.message}
+              {row.file && may("engineer") ? <small class="p-source">{`${row.file}:${row.line}`}</small> : null}
             </span>
           </li>
         ))}

@@ -25,7 +25,7 @@ test("all words must be there, in any part", () => {
 });
 
 test("a fault has its reports, and beside them what was reported of others at the time", () => {
-  const report = (module: string, subject: string, timestamp: number, severity = 2): Report => ({ module, number: 1, subject, timestamp, severity, message: "" });
+  const report = (module: string, subject: string, timestamp: number, severity = 2): Report => ({ module, number: 1, subject, timestamp, severity, message: "", fatal: false, file: "", line: 0 });
   const group = { module: "m", number: 1, subject: "a", last: 10e6 };
   deepEqual(["a", "", "b"].map((subject) => of(group, report("m", subject, 0))), [true, true, false]);
   const found = beside(group, [report("m", "a", 10e6), report("n", "", 11.9e6), report("n", "", 12.1e6), report("n", "", 9e6, 0), report("m", "b", 8e6)]);

@@ -5,6 +5,7 @@ import type { ModuleRow } from "../../protocol";
 import { Button, Dialog, Facts, Slide } from "../../ui";
 import { order } from "../../operate";
 import { t } from "../../words";
+import { level } from "../errors/words";
 import { lacks } from "../lacks";
 import { percent } from "../format";
 import { announced, lastExit, phase, State } from "./row";
@@ -53,7 +54,46 @@ export function ModuleDialog({ row, onClose }: { row: ModuleRow; onClose: () => 
           </li>
         ))}
       </ul>
+      <Levels row={row} whyNot={whyNot} />
       {whyNot ? <p class="p-note">{whyNot}</p> : null}
     </Dialog>
+  );
+}
+
+/** Names of the levels, in the order of their values. */
+const LEVELS = ["DEBUG", "INFO", "WARNING", "ERROR"];
+
+/** From which level a module prints and sends its texts and reports. The module is asked when this is opened. */
+function Levels({ row, whyNot }: { row: ModuleRow; whyNot: string | null }) {
+  const ask = (print: string, send: string, done?: string) => order({ type: "level", module: row.module, print, send }, done);
+  const change = (print: string, send: string) => void ask(print, send, t("{module} is commanded to change its levels.", { module: row.module }));
+  return (
+    <details class="p-levels" onToggle={(event) => event.currentTarget.open && whyNot === null && void ask("UNCHANGED", "UNCHANGED")}>
+      <summary>{t("Levels of texts and reports")}</summary>
+      <div class="p-form">
+        <Threshold name={t("Printed from")} value={row.print_from} whyNot={whyNot} onChange={(print) => change(print, "UNCHANGED")} />
+        <Threshold name={t("Sent from")} value={row.send_from} whyNot={whyNot} onChange={(send) => change("UNCHANGED", send)} />
+        <Button whyNot={whyNot} onClick={() => change("CONFIGURED", "CONFIGURED")}>
+          {t("As configured")}
+        </Button>
+      </div>
+      {row.levels_changed ? <p class="p-note">{t("Changed until its process ends.")}</p> : null}
+    </details>
+  );
+}
+
+function Threshold({ name, value, whyNot, onChange }: { name: string; value: string; whyNot: string | null; onChange: (level: string) => void }) {
+  return (
+    <label class="field">
+      {name}
+      <select value={value} disabled={whyNot !== null} onChange={(event) => onChange(event.currentTarget.value)}>
+        {value === "" ? <option value="">{t("not known")}</option> : null}
+        {LEVELS.map((each, n) => (
+          <option key={each} value={each}>
+            {level({ level: n })[1]}
+          </option>
+        ))}
+      </select>
+    </label>
   );
 }

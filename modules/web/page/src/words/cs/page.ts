@@ -449,8 +449,15 @@ export const TEXTS = {
   "As paused, and sensors are not polled. Only a command by hand leads out of it.":
     "Jako pozastavený a nečte snímače. Ukončí to jen ruční povel.",
   "Its process is ended, and kept down until it is to run.": "Jeho proces se ukončí a poběží, až dostane povel Spustit.",
+  "Levels of texts and reports": "Úrovně sdělení a hlášení",
+  "Printed from": "Vypisuje od úrovně",
+  "Sent from": "Odesílá od úrovně",
+  "As configured": "Podle konfigurace",
+  "Changed until its process ends.": "Změněno do konce jeho procesu.",
+  "{module} is commanded to change its levels.": "Modul {module} dostal povel změnit úrovně.",
 
   // ---- errors
+  fatal: "ukončila modul",
   What: "Závada",
   Severity: "Závažnost",
   Count: "Počet",

@@ -86,11 +86,18 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^not judged$/, "neposuzuje se"],
   [/^ended on command$/, "ukončen na povel"],
   [/^ended unseen$/, "skončil nepozorovaně"],
-  [/^a resource is unavailable \((.*)\)$/, ([code]) => `chybí prostředek (${code})`],
-  [/^a device failed \((.*)\)$/, ([code]) => `selhalo zařízení (${code})`],
-  [/^failed \((.*)\)$/, ([code]) => `selhal (${code})`],
+  [/^a resource is unavailable \((0x\w+)\)(?:: (.*))?$/, ([code, why], said) => `chybí prostředek (${code})${why ? `: ${said(why)}` : ""}`],
+  [/^a device failed \((0x\w+)\)(?:: (.*))?$/, ([code, why], said) => `selhalo zařízení (${code})${why ? `: ${said(why)}` : ""}`],
+  [/^failed \((0x\w+)\)(?:: (.*))?$/, ([code, why], said) => `selhal (${code})${why ? `: ${said(why)}` : ""}`],
   [/^(SIG[A-Z]+): (crashed|aborted|killed|hung|terminated)$/, ([signal, how]) => `${signal}: ${ENDS[how ?? ""]}`],
   [/^ended with (-?\d+)$/, ([code]) => `skončil s kódem ${code}`],
+  // Why it ended (foundation/module/src/exit.rs).
+  [/^the machine refused what it needs to start$/, "systém odmítl to, co potřebuje ke spuštění"],
+  [/^its place in the shared memory of the message bus was damaged$/, "jeho místo ve sdílené paměti sběrnice zpráv bylo poškozeno"],
+  [/^the kernel refused to wait for input$/, "jádro odmítlo čekat na vstup"],
+  [/^its server stood still$/, "jeho server se zastavil"],
+  [/^another program has its address$/, "jeho adresu má jiný program"],
+  [/^a defect of the program, at the place in its last line$/, "chyba programu; místo je na posledním řádku výpisu"],
 
   // Who holds the motion authority (modules/web/src/center/authority.rs, operator.rs).
   [/^(.*) has gone: nobody holds the robot$/, ([name]) => `zařízení ${name} se odpojilo: řízení nemá nikdo`],
