@@ -44,6 +44,46 @@ voltage = "volts"
 current = "amps"
 "#;
 
+/// A horn and lamps, and what they show.
+const SIGNALS: &str = r#"
+[[io.gpio]]
+name = "horn"
+chip = "gpio-horn"
+line = 1
+output = true
+safe = 0
+[[io.gpio]]
+name = "left"
+chip = "gpio-left"
+line = 2
+output = true
+safe = 0
+[[io.gpio]]
+name = "beacon"
+chip = "gpio-beacon"
+line = 3
+output = true
+safe = 0
+[signals]
+signal_s = 1.0
+[[signals.show]]
+output = "horn"
+when = "starting"
+pattern = "beep 1 0.3 0.1"
+[[signals.show]]
+output = "left"
+when = "turning_left"
+pattern = "blink 2"
+[[signals.show]]
+output = "beacon"
+when = "pause"
+pattern = "on"
+[[signals.show]]
+output = "beacon"
+when = "driving"
+pattern = "pulses 2 0.1 0.1 0.7"
+"#;
+
 #[derive(Default)]
 struct Observed {
     news: Vec<String>,
@@ -72,6 +112,11 @@ struct Rig {
 
 impl Rig {
     fn new(name: &str) -> Self {
+        Self::with(name, IO)
+    }
+
+    /// The shipped robot with these tables.
+    fn with(name: &str, tables: &str) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("io-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder");
         let shipped = place();
@@ -79,7 +124,7 @@ impl Rig {
             std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
         }
         let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
-        std::fs::write(folder.join("robot.toml"), robot + IO).expect("a file");
+        std::fs::write(folder.join("robot.toml"), robot + tables).expect("a file");
         let place = RobotLocation { config: folder, ..shipped };
         let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
         let mut robot = Robot::at(&place, config);
@@ -142,4 +187,40 @@ fn a_line_that_is_silent_is_reported_and_comes_back_and_the_robot_drives_on() {
     rig.robot.pass(4.0);
     assert_eq!(rig.news(), ["Notice IoDeviceLost modbus.line unit 5", "RUN"]);
     assert_eq!(rig.value("volts"), (24.5, true));
+}
+
+#[test]
+fn outputs_show_what_the_robot_does() {
+    let mut rig = Rig::with("signals", SIGNALS);
+    let names = ["horn", "left", "beacon"];
+    // Rising edges of each output.
+    let watch = |rig: &mut Rig, seconds: f64| {
+        let (mut was, mut rises) = (names.map(|name| rig.value(name).0), [0; 3]);
+        for _ in 0..(seconds / 0.02) as u32 {
+            rig.robot.pass(0.02);
+            let is = names.map(|name| rig.value(name).0);
+            for n in 0..3 {
+                rises[n] += u32::from(is[n] > was[n]);
+            }
+            was = is;
+        }
+        rises
+    };
+    assert_eq!(watch(&mut rig, 3.0), [0; 3], "the robot stands");
+    rig.robot.drive_anew(0.4, 0.5, 6.0);
+    let [horn, left, beacon] = watch(&mut rig, 5.0);
+    assert_eq!(horn, 1, "once, at the start");
+    assert!((7..=10).contains(&left), "{left}: twice a second");
+    assert!((9..=10).contains(&beacon), "{beacon}: two of a second");
+    let fault = CmdFault { target: "psc1".into(), fault: "stop_button".into(), duration: 3.0, ..CmdFault::default() };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    rig.robot.pass(2.5);
+    assert_eq!(names.map(|name| rig.value(name)), [(0.0, true), (0.0, true), (1.0, true)]);
+    // A person lights the left lamp meanwhile.
+    rig.command("left", 1.0);
+    rig.robot.pass(0.3);
+    assert_eq!(rig.value("left"), (1.0, true));
+    rig.robot.pass(1.2);
+    assert_eq!(rig.value("left"), (0.0, true));
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
 }

@@ -9,6 +9,7 @@
 //! Data      `LL_DATA_IO` and `LL_DATA_BATTERY` in their period, the first also at each change; `LL_DATA_BUS` once a
 //!           second for each Modbus line
 //! Commands  `LL_CMD_OUTPUT`: the newest counts, from any sender
+//! Shown     outputs that nobody commands show what the robot does, by `[signals]`: see `situation`, `pattern`
 //!
 //! In STOP nothing is read, and outputs are held at their safe values.
 
@@ -16,19 +17,27 @@ mod battery;
 mod bus;
 mod config;
 mod gpio;
+mod indicator;
+mod pattern;
 mod signal;
+mod situation;
 
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
 pub use config::{
-    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SIGNALS_MAX, SignalKeys,
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SHOWS_MAX, SIGNALS_MAX, ShowKeys,
+    Shows, SignalKeys,
 };
 use gpio::GpioLine;
+use indicator::Indicator;
 use messages::lowlevel::{CmdOutput, DataIo};
 use messages::{Channel, Message};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
+pub use pattern::Pattern;
 use signal::Signal;
+pub use situation::Situation;
+use situation::Watcher;
 
 /// Name of the module.
 pub const NAME: &str = "driver_io";
@@ -55,6 +64,8 @@ pub struct Io {
     /// Their ports follow those of the buses.
     lines: Vec<GpioLine>,
     batteries: Vec<Battery>,
+    watcher: Watcher,
+    indicators: Vec<Indicator>,
     state: State,
     /// Commands are obeyed: not in INIT, PAUSE, STOP and after TERMINATE.
     active: bool,
@@ -95,6 +106,8 @@ impl Io {
         Ok(Self {
             ports,
             batteries: batteries.collect::<Option<_>>().ok_or(ConfigError::Battery)?,
+            watcher: Watcher::new(&config.signals),
+            indicators: indicator::all(&config.signals.show, &signals)?,
             signals,
             buses,
             lines,
@@ -165,6 +178,17 @@ impl Io {
         }
     }
 
+    /// Lets the outputs show what applies.
+    fn indicate(&mut self, now: Instant) {
+        if self.indicators.is_empty() {
+            return;
+        }
+        let applies = self.watcher.situations(now);
+        for indicator in &mut self.indicators {
+            indicator.show(now, self.active.then_some(applies), &mut self.signals);
+        }
+    }
+
     /// Expires what is old, and lets all lines do what is due.
     fn serve(&mut self, now: Instant, out: &mut Actions) {
         for signal in &mut self.signals {
@@ -232,7 +256,10 @@ impl Io {
 
 impl Module for Io {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::LlCmdOutput]
+        if self.indicators.is_empty() {
+            return &[Channel::LlCmdOutput];
+        }
+        &[Channel::LlCmdOutput, Channel::LlDataVelocity, Channel::LlDataHold, Channel::CmDataFaults]
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -247,9 +274,15 @@ impl Module for Io {
             }
             Event::Port { port, input } => self.on_port(now, port, &input, out),
             Event::Message { at, message: Message::LlCmdOutput(command), .. } => self.on_command(now, at, command, out),
+            Event::Message { at, message: Message::LlDataVelocity(velocity), .. } => {
+                self.watcher.on_velocity(at, velocity);
+            }
+            Event::Message { at, message: Message::LlDataHold(list), .. } => self.watcher.on_hold(at, list),
+            Event::Message { at, message: Message::CmDataFaults(list), .. } => self.watcher.on_faults(at, list),
             Event::State(state) => self.set_state(now, state),
             Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
+        self.indicate(now);
         self.serve(now, out);
         self.publish(now, out);
     }
@@ -262,7 +295,9 @@ impl Module for Io {
         let change = self.changed.then_some(self.change);
         let end = self.end.filter(|_| !self.ended);
         let own = [Some(self.publish.next()), Some(self.statistics.next()), change, end].into_iter().flatten();
-        own.chain(buses).chain(lines).chain(signals).min()
+        let shown = self.indicators.iter().filter_map(Indicator::poll_timeout);
+        let shown = shown.chain(self.watcher.poll_timeout().filter(|_| !self.indicators.is_empty()));
+        own.chain(buses).chain(lines).chain(signals).chain(shown).min()
     }
 
     fn finished(&self) -> bool {

@@ -49,6 +49,8 @@ settings! {
         w1: Option<W1> = optional;
         /// Inputs and outputs by name (docs/io.md).
         io: Option<Io> = optional;
+        /// What outputs show of the robot (docs/io.md).
+        signals: io::Shows = table;
         /// Lidars by name (docs/lidars.md).
         lidar: Vec<Lidar> = named;
         /// Inertial measurement units by name (docs/imu.md).
@@ -260,15 +262,24 @@ impl Io {
         }
     }
 
-    /// Configuration of `driver_io`.
+    /// True if it has an output of this name that takes these values.
+    fn takes(&self, name: &str, values: &[f64]) -> bool {
+        let all = |takes: &dyn Fn(f64) -> bool| values.iter().all(|value| takes(*value));
+        let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
+        modbus.any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.gpio.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+    }
+
+    /// Configuration of `driver_io`, whose outputs show `signals`.
     #[must_use]
-    pub fn config(&self) -> io::Config {
+    pub fn config(&self, signals: &io::Shows) -> io::Config {
         let modbus = |bus: &ModbusBus| io::Modbus { bus: bus.bus(), line: bus.line(), keys: bus.driver.clone() };
         io::Config {
             publish: self.publish,
             modbus: self.modbus.iter().map(modbus).collect(),
             gpio: self.gpio.iter().map(|keys| io::Gpio { bus: gpio_bus(keys), keys: keys.clone() }).collect(),
             batteries: self.battery.clone(),
+            signals: signals.clone(),
         }
     }
 }
@@ -465,6 +476,7 @@ impl Robot {
             guard.refuse("ranging", "a robot with a table [lidar.<name>]");
         }
         self.check_fields(table);
+        self.check_signals(table);
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
@@ -472,6 +484,19 @@ impl Robot {
                 Some([Node { kind: Kind::Psc1, .. }]) => {}
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
+            }
+        }
+    }
+
+    /// What is shown, is shown by outputs that there are.
+    fn check_signals(&self, table: &Table<'_>) {
+        let Some(signals) = table.below("signals") else { return };
+        for (n, keys) in self.signals.show.iter().enumerate() {
+            let values = [keys.value, keys.value_off];
+            if !self.io.as_ref().is_some_and(|io| io.takes(&keys.output, &values))
+                && let Some(item) = signals.item("show", n)
+            {
+                item.refuse("output", "the name of an output of [io] that takes value and value_off");
             }
         }
     }

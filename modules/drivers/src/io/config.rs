@@ -1,16 +1,20 @@
 //! What inputs and outputs there are, and what cannot be.
 
+use super::pattern::Pattern;
+use super::situation::Situation;
 use crate::gpio_line::LineRule;
 use base::Duration;
 use base::gpio::{Bias, LineId};
 use base::listed;
 use modbus::value::{Kind, Place};
 use modbus::{Line, Table as Registers};
-use settings::{Choice, Off, Table, ZeroOr, settings};
+use settings::{Choice, Off, Parsed, Table, ZeroOr, settings};
 use std::path::PathBuf;
 
 /// Signals of the robot at most.
 pub const SIGNALS_MAX: usize = 500;
+/// Entries of `[signals]` at most.
+pub const SHOWS_MAX: usize = 100;
 
 const TABLES: Choice<Registers> = Choice(&[
     ("coil", Registers::Coils),
@@ -154,6 +158,49 @@ settings! {
     }
 }
 
+settings! {
+    /// `[signals]`: what outputs show of the robot: lamps, horns and the like (docs/io.md). No output is a safety
+    /// function.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Shows {
+        /// Time for which `starting` applies, from the first set-point of a robot that stood. Motion does not wait.
+        signal_s as signal: Duration = 2.0, 0.1..=30.0;
+        /// Speed from which the robot counts as moving.
+        speed_mps: f64 = 0.02, 0.001..=1.0;
+        /// Rotation from which it counts as turning.
+        turn_radps: f64 = 0.1, 0.01..=3.0;
+        /// What each output shows when: of the entries of an output, the first that applies; without one it has its
+        /// safe value.
+        show: Vec<ShowKeys> = [];
+    }
+    check Shows::check;
+}
+
+settings! {
+    /// `[[signals.show]]`: what an output shows in a situation.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ShowKeys {
+        /// Name of an output of `[io]`.
+        output: String = required;
+        /// Situation in which it is shown.
+        when: Situation = required;
+        /// What the output does from the begin of the situation on.
+        pattern: Pattern = required, Parsed(Pattern::parse, Pattern::EXPECTED, "on");
+        /// Value of the output while it is on.
+        value: f64 = 1.0, -1e9..=1e9;
+        /// Value while it is off.
+        value_off: f64 = 0.0, -1e9..=1e9;
+    }
+}
+
+impl Shows {
+    fn check(&self, table: &Table<'_>) {
+        for item in (SHOWS_MAX..self.show.len()).filter_map(|n| table.item("show", n)) {
+            item.refuse("output", format_args!("no more than {SHOWS_MAX} entries"));
+        }
+    }
+}
+
 impl ModbusKeys {
     fn check(&self, table: &Table<'_>) {
         if self.signals.is_empty() {
@@ -190,6 +237,12 @@ impl SignalKeys {
             table.refuse("table", "\"coil\" or \"holding\" for an output");
         }
         self.limits.check(table, self.output, |value| place.number(value).is_some());
+    }
+
+    /// True for an output that takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.output && self.limits.accepts(value) && self.place().number(value).is_some()
     }
 
     /// The unit of the device on a bus with this one.
@@ -229,6 +282,12 @@ impl OutputKeys {
 impl GpioKeys {
     fn check(&self, table: &Table<'_>) {
         self.limits.check(table, self.output, |value| value == 0.0 || value == 1.0);
+    }
+
+    /// True for an output that takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.output && self.limits.accepts(value) && (value == 0.0 || value == 1.0)
     }
 }
 
@@ -272,6 +331,8 @@ pub struct Config {
     pub gpio: Vec<Gpio>,
     /// Batteries.
     pub batteries: Vec<BatteryKeys>,
+    /// What outputs show.
+    pub signals: Shows,
 }
 
 listed! {
@@ -286,6 +347,8 @@ listed! {
         Name => "two signals have the same name",
         /// A battery names no signal.
         Battery => "a battery names a signal that there is not",
+        /// An entry of `[signals]` names no output, or a value that the output does not take.
+        Show => "an entry of [signals] names no output, or a value that it does not take",
         /// A serial line has units 1 to 247.
         Unit => "a serial line has units 1 to 247",
         /// The master's own check.

@@ -27,6 +27,8 @@ pub(super) struct Output {
     /// Where it is; absent: a switch.
     place: Option<Place>,
     command: Option<(f64, Instant)>,
+    /// What it shows of the robot while nobody commands it.
+    shown: Option<f64>,
 }
 
 /// All signals of a configuration.
@@ -97,6 +99,13 @@ impl Signal {
         self.output.as_ref().map(Output::target)
     }
 
+    /// Sets what an output shows while nobody commands it; `None`: its safe value.
+    pub fn show(&mut self, value: Option<f64>) {
+        if let Some(output) = &mut self.output {
+            output.shown = value;
+        }
+    }
+
     /// Forgets a command.
     pub fn release(&mut self) {
         if let Some(output) = &mut self.output {
@@ -122,7 +131,7 @@ impl Signal {
 
 impl Output {
     fn new(keys: OutputKeys, place: Option<Place>) -> Self {
-        Self { keys, place, command: None }
+        Self { keys, place, command: None, shown: None }
     }
 
     /// True for values that it has, within its limits.
@@ -140,7 +149,7 @@ impl Output {
 
     fn target(&self) -> f64 {
         let safe = self.keys.safe.unwrap_or_default();
-        self.command.map_or(safe, |(value, _)| value)
+        self.command.map(|(value, _)| value).or(self.shown).unwrap_or(safe)
     }
 
     fn expiry(&self) -> Option<Instant> {

@@ -1,13 +1,15 @@
 //! The driver with emulated devices on its lines.
 
-use super::config::{BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SignalKeys};
-use super::{Io, NAME};
+use super::config::{
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, ShowKeys, Shows, SignalKeys,
+};
+use super::{Io, NAME, Pattern, Situation};
 use base::gpio::{Bias, LineId, Signal as Wire};
 use base::serial::Word;
 use base::{Duration, Instant};
 use messages::Message;
 use messages::common::CmdState;
-use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::lowlevel::{CmdOutput, DataBattery, DataHold, DataIo, DataVelocity};
 use modbus::device::Device;
 use modbus::value::Kind;
 use modbus::{Exception, Line, Table};
@@ -97,6 +99,7 @@ fn config(line: Line) -> Config {
         modbus: vec![Modbus { bus: "modbus.plc".into(), line, keys }],
         gpio: vec![gpio("horn", Some(0.0)), gpio("door", None)],
         batteries: vec![battery],
+        signals: Shows { signal: Duration::from_secs(2), speed_mps: 0.02, turn_radps: 0.1, show: Vec::new() },
     }
 }
 
@@ -111,6 +114,10 @@ struct Rig {
 
 impl Rig {
     fn new(line: Line) -> Self {
+        Self::of(line, config(line))
+    }
+
+    fn of(line: Line, config: Config) -> Self {
         let mut device = Device::new(line, 5);
         let points = [
             (Table::InputRegisters, 10, 243),
@@ -122,7 +129,7 @@ impl Rig {
             (Table::HoldingRegisters, 7, 0xFFFF),
         ];
         points.into_iter().for_each(|(table, address, word)| assert!(device.set(table, address, word)));
-        let module = Io::new(config(line)).unwrap();
+        let module = Io::new(config).unwrap();
         let bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
         let mut rig = Self { bench, device, horn: true, door: true, log: Vec::new() };
         rig.bench.start();
@@ -486,6 +493,83 @@ fn hostile_words_and_levels_stop_nothing() {
     assert_eq!(rig.value("volts"), (243.0 * 0.1, true));
 }
 
+fn show(output: &str, when: Situation, pattern: &str) -> ShowKeys {
+    ShowKeys { output: output.into(), when, pattern: Pattern::parse(pattern).unwrap(), value: 1.0, value_off: 0.0 }
+}
+
+/// A driver whose outputs show something, and 20 times a second what the robot does.
+fn showing(show: Vec<ShowKeys>) -> Rig {
+    let config = config(Line::Tcp);
+    let mut rig = Rig::of(Line::Tcp, Config { signals: Shows { show, ..config.signals.clone() }, ..config });
+    rig.run(1000);
+    rig
+}
+
+impl Rig {
+    /// The robot moves so for a while; the horn at the end of each 50 ms.
+    fn moves(&mut self, forward: f64, rotation: f64, ms: u64) -> Vec<bool> {
+        let mut horn = Vec::new();
+        for _ in 0..ms / 50 {
+            let velocity = DataVelocity {
+                vx: forward,
+                omega: rotation,
+                vx_target: forward,
+                omega_target: rotation,
+                ..Default::default()
+            };
+            self.bench.message(velocity);
+            self.bench.message(DataHold { module: "driver_canbus".into(), ..Default::default() });
+            self.collect();
+            self.run(50);
+            horn.push(self.horn);
+        }
+        horn
+    }
+}
+
+#[test]
+fn outputs_show_the_first_entry_that_applies_and_blink_from_its_begin_on() {
+    let mut rig = showing(vec![
+        show("lamp", Situation::TurningLeft, "on"),
+        ShowKeys { value: 80.0, value_off: 20.0, ..show("fan", Situation::Always, "pulses 2 0.1 0.1 1") },
+        show("horn", Situation::TurningLeft, "off"),
+        show("horn", Situation::Reversing, "blink 5"),
+        show("horn", Situation::Unknown, "on"),
+    ]);
+    assert!(rig.horn, "what the robot does is not known");
+    assert_eq!(rig.moves(0.4, 0.0, 200), [false; 4], "no entry applies: the safe value");
+    // Edges each 100 ms; looked at between them.
+    let horn: Vec<bool> = rig.moves(-0.4, 0.0, 800).into_iter().step_by(2).collect();
+    assert_eq!(horn, [true, false, true, false, true, false, true, false]);
+    assert_eq!(rig.get(Table::Coils, 3), 0);
+    assert_eq!(rig.moves(-0.4, 0.5, 200), [false; 4], "the entry above");
+    assert_eq!(rig.get(Table::Coils, 3), 1);
+    // Nobody says anything any more: 0.5 s later it is not known.
+    rig.run(400);
+    assert!(!rig.horn);
+    rig.run(200);
+    assert!(rig.horn);
+    assert!([160, 40].contains(&rig.get(Table::HoldingRegisters, 2)), "80 or 20, by halves");
+}
+
+#[test]
+fn a_command_overrides_what_is_shown_and_stop_ends_both() {
+    let mut rig = showing(vec![show("horn", Situation::Driving, "on")]);
+    assert_eq!(rig.moves(0.4, 0.0, 100), [true; 2]);
+    rig.command("horn", 0.0);
+    assert_eq!(rig.moves(0.4, 0.0, 900), [false; 18]);
+    assert_eq!(rig.moves(0.4, 0.0, 200)[2..], [true; 2], "its commander is silent");
+    for state in [State::Pause, State::Stop] {
+        rig.state(state);
+        assert_eq!(rig.moves(0.4, 0.0, 100), [false; 2], "{state:?}");
+        rig.state(State::Run);
+        assert_eq!(rig.moves(0.4, 0.0, 100), [true; 2], "{state:?}");
+    }
+    rig.state(State::Terminate);
+    rig.run(600);
+    assert!(!rig.horn);
+}
+
 #[test]
 fn a_configuration_that_cannot_be_is_refused() {
     let why = |change: fn(&mut Config)| {
@@ -498,6 +582,17 @@ fn a_configuration_that_cannot_be_is_refused() {
     assert_eq!(why(|config| config.batteries[0].charge = Some("soc".into())), Some(ConfigError::Battery));
     assert_eq!(why(|config| config.modbus[0].keys.unit = 0), Some(ConfigError::Unit));
     assert_eq!(why(|config| config.modbus[0].line = Line::Rtu { baud: 5 }), Some(ConfigError::Line));
+    let bad = [
+        show("door", Situation::Always, "on"),
+        show("lamb", Situation::Always, "on"),
+        ShowKeys { value: 101.0, ..show("fan", Situation::Always, "on") },
+        ShowKeys { value_off: 0.5, ..show("lamp", Situation::Always, "on") },
+    ];
+    for show in bad {
+        let mut config = config(Line::Tcp);
+        config.signals.show = vec![show.clone()];
+        assert_eq!(Io::new(config).err(), Some(ConfigError::Show), "{show:?}");
+    }
     let empty = |config: &mut Config| {
         config.modbus.clear();
         config.gpio.clear();
