@@ -7,10 +7,12 @@ use base::Duration;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
 use drivers::lidar::{LidarKeys, Model};
+use drivers::power;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
 use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
+use rs485::boards::psc1::CHANNELS;
 use settings::robot::{Base, Beacon};
 use simulator::boards::battery::BatteryConfig;
 use simulator::boards::cia402::Cia402Config;
@@ -23,13 +25,16 @@ use simulator::imu::ImuConfig;
 use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
-    Axis, BoardConfig, BoardKind, CanConfig, Config, DeviceConfig, DriveConfig, DriveKind, I2cConfig, LineConfig,
-    ModbusConfig, SerialConfig, W1Config,
+    Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind, I2cConfig,
+    LineConfig, ModbusConfig, SerialConfig, W1Config,
 };
 
 /// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
 /// what the configuration says shows.
 const STEERING_RESERVE: f64 = 2.0;
+
+/// Time that a simulated computer needs to shut down, if it is given twice as much.
+const COMPUTER_SHUTDOWN: Duration = Duration::from_secs(8);
 
 /// `simulator`: every bus, the robot's body, a world.
 ///
@@ -82,6 +87,7 @@ pub(crate) fn config(
         lidars: robot.lidar.iter().map(lidar).collect(),
         imus: robot.imu.iter().map(|unit| imu(unit, can.as_ref())).collect::<Result<_, _>>()?,
         gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
+        computers: robot.power.iter().flat_map(|power| &power.computers).filter_map(computer).collect(),
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
@@ -95,6 +101,19 @@ pub(crate) fn config(
         wire_time,
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },
         ..usual
+    })
+}
+
+/// A computer that shuts down by its button; its lines are simulated if they are GPIO lines.
+fn computer(keys: &power::ComputerConfig) -> Option<ComputerConfig> {
+    let number = CHANNELS.iter().position(|name| *name == keys.channel)?;
+    let line = |name: &String| format!("gpio.{name}");
+    Some(ComputerConfig {
+        channel: (u8::try_from(number).ok()?, keys.channel.clone()),
+        button: Some(line(&keys.button)),
+        alive: keys.alive.as_ref().map(line),
+        shutdown: COMPUTER_SHUTDOWN.min(keys.shutdown / 2),
+        starts: !keys.press_on,
     })
 }
 

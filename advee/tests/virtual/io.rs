@@ -3,7 +3,7 @@
 use super::{Robot, place};
 use base::Duration;
 use messages::Message;
-use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::lowlevel::{CmdOutput, CmdPower, DataBattery, DataIo, DataPower};
 use messages::simulation::CmdFault;
 use robot::place::RobotLocation;
 use sim::host::{Config, News};
@@ -84,11 +84,33 @@ when = "driving"
 pattern = "pulses 2 0.1 0.1 0.7"
 "#;
 
+/// A computer with its power button and its power LED.
+const COMPUTER: &str = r#"
+[[io.gpio]]
+name = "power_button"
+chip = "gpio-power-button"
+line = 1
+output = true
+safe = 0
+[[io.gpio]]
+name = "power_led"
+chip = "gpio-power-led"
+line = 2
+[[power.computers]]
+channel = "computer1"
+button = "power_button"
+alive = "power_led"
+shutdown_s = 10
+"#;
+
 #[derive(Default)]
 struct Observed {
     news: Vec<String>,
     io: Option<DataIo>,
     battery: Option<DataBattery>,
+    power: Option<DataPower>,
+    /// Reports of the power driver.
+    computers: Vec<String>,
 }
 
 impl Observed {
@@ -97,6 +119,10 @@ impl Observed {
             News::Report { module: "driver_io", report } => {
                 self.news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
             }
+            News::Report { module: "driver_power", report } => {
+                self.computers.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
+            }
+            News::Message { message: Message::LlDataPower(power), .. } => self.power = Some(power.clone()),
             News::State { module: "driver_io", state } => self.news.push(state.to_string()),
             News::Message { message: Message::LlDataIo(io), .. } => self.io = Some(io.clone()),
             News::Message { message: Message::LlDataBattery(battery), .. } => self.battery = Some(battery.clone()),
@@ -223,4 +249,59 @@ fn outputs_show_what_the_robot_does() {
     rig.robot.pass(1.2);
     assert_eq!(rig.value("left"), (0.0, true));
     assert_eq!(rig.news(), ["INIT", "RUN"]);
+}
+
+#[test]
+fn a_computer_is_shut_down_by_its_button_before_its_supply_is_cut() {
+    let mut rig = Rig::with("computer", COMPUTER);
+    let switch = |rig: &mut Rig, action| {
+        rig.robot.machine.inject(rig.robot.machine.now(), CmdPower { timestamp: 0, device: 1, action });
+    };
+    let supplied = |rig: &Rig| {
+        let power = rig.observed.borrow().power.clone().expect("LL_DATA_POWER each second");
+        power.channels.iter().find(|channel| channel.name == "computer1").expect("all channels").on
+    };
+    assert!(rig.value("power_led") == (1.0, true) && supplied(&rig));
+    switch(&mut rig, CmdPower::OFF);
+    rig.robot.pass(0.2);
+    assert_eq!(rig.value("power_button"), (1.0, true));
+    rig.robot.pass(1.0);
+    assert_eq!((rig.value("power_button"), supplied(&rig)), ((0.0, true), true));
+    // The simulated one needs half of its time.
+    let pressed = rig.robot.machine.now();
+    while rig.value("power_led").0 == 1.0 {
+        rig.robot.pass(0.1);
+        assert!(supplied(&rig), "it is not down yet");
+        assert!(rig.robot.machine.now().since(pressed) < Duration::from_secs(8), "it does not shut down");
+    }
+    rig.robot.pass(4.5);
+    assert!(!supplied(&rig));
+    switch(&mut rig, CmdPower::ON);
+    rig.robot.pass(4.0);
+    assert!(rig.value("power_led") == (1.0, true) && supplied(&rig), "it starts with its supply");
+    assert_eq!(rig.observed.borrow().computers, [] as [String; 0]);
+    // It hangs, and loses its supply nevertheless.
+    let fault = CmdFault { target: "computer1".into(), fault: "silent".into(), duration: 60.0, ..CmdFault::default() };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    switch(&mut rig, CmdPower::OFF);
+    rig.robot.pass(9.0);
+    assert!(supplied(&rig));
+    rig.robot.pass(4.0);
+    assert!(!supplied(&rig) && rig.value("power_led") == (0.0, true));
+    assert_eq!(rig.observed.borrow().computers, ["Warning ComputerStuck computer1"]);
+}
+
+#[test]
+fn before_the_supply_is_cut_the_computers_are_asked_to_shut_down_while_the_modules_end() {
+    let mut rig = Rig::with("shutdown", COMPUTER);
+    rig.robot.drive_anew(0.4, 0.0, 5.0);
+    rig.robot.pass(1.5);
+    let fault = CmdFault { target: "psc1".into(), fault: "power_off".into(), value: 30.0, ..CmdFault::default() };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    rig.robot.pass(5.0);
+    assert!(rig.robot.speed().abs() < 0.001, "it does not wait for the computer");
+    assert!(!rig.news().contains(&"TERMINATE".into()), "the power LED is still read");
+    rig.robot.pass(4.0);
+    assert_eq!(rig.value("power_led").0, 0.0);
+    assert!(rig.news().contains(&"TERMINATE".into()));
 }

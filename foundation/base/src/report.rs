@@ -211,6 +211,8 @@ faults! {
     ChannelTripped = 0x0505, Device;
     /// A power channel draws nearly as much current as it may.
     ChannelCurrent = 0x0506, Resource;
+    /// A computer did not shut down in its time, and lost its supply nevertheless.
+    ComputerStuck = 0x0507, Timeout;
 
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;

@@ -52,6 +52,6 @@ pub mod world;
 
 pub use auxiliary::{I2cConfig, W1Config};
 pub use boards::drive::{Axis, DriveConfig, DriveKind};
-pub use io::{DeviceConfig, LineConfig, ModbusConfig};
+pub use io::{ComputerConfig, DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

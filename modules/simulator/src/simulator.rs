@@ -16,7 +16,7 @@ use crate::body::{Parameters, STEP};
 use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
 use crate::imu::{ImuConfig, Imus};
-use crate::io::{Io, LineConfig, ModbusConfig};
+use crate::io::{ComputerConfig, Io, LineConfig, ModbusConfig};
 use crate::lidar::{LidarConfig, Lidars};
 use crate::random::Random;
 use crate::scene::Scene;
@@ -118,6 +118,8 @@ pub struct Config {
     pub modbus: Vec<ModbusConfig>,
     /// GPIO lines of `driver_io`.
     pub gpio: Vec<LineConfig>,
+    /// Computers that the power controller feeds.
+    pub computers: Vec<ComputerConfig>,
     /// Lidars.
     pub lidars: Vec<LidarConfig>,
     /// Inertial measurement units; those on CAN are on the bus of the drives.
@@ -148,6 +150,7 @@ impl Default for Config {
             line: None,
             modbus: Vec::new(),
             gpio: Vec::new(),
+            computers: Vec::new(),
             lidars: Vec::new(),
             imus: Vec::new(),
             pause_delay: Duration::ZERO,
@@ -260,7 +263,7 @@ impl Simulator {
         self.scene = scene(&self.config, now);
         (self.motors, self.cut) = (true, false);
         self.gamepad = Gamepad::default();
-        self.io = Io::new(&self.config.modbus, &self.config.gpio);
+        self.io = Io::new(&self.config.modbus, &self.config.gpio, &self.config.computers);
         self.lidars = Lidars::new(&self.config.lidars, now);
         self.imus = Imus::new(&self.config.imus, now, &self.scene);
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
@@ -425,6 +428,7 @@ impl Simulator {
                 psc1.handle_timeout(now, scene);
                 engaged = psc1.is_engaged();
                 feeds = psc1.feeds(psc1::MOTORS);
+                self.io.supply(now, |channel| psc1.feeds(channel));
                 sensors = psc1.feeds(psc1::SENSORS);
             }
         }
@@ -730,7 +734,7 @@ impl Module for Simulator {
             }
             Event::Port { port, input: Input::Gpio(signal) } => {
                 let answer = match self.io_of(port) {
-                    Some(line) => self.io.on_signal(line, signal),
+                    Some(line) => self.io.on_signal(now, line, signal),
                     None => self.feed_line.as_mut().and_then(|line| line.answer(now, signal)),
                 };
                 if let Some(signal) = answer {

@@ -270,6 +270,20 @@ impl Io {
             || self.gpio.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
     }
 
+    /// What its output of this name has.
+    fn output(&self, name: &str) -> Option<&io::OutputKeys> {
+        let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
+        let found = modbus.find(|keys| keys.output && keys.name == name).map(|keys| &keys.limits);
+        found.or_else(|| Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits))
+    }
+
+    /// True if it has an input of this name.
+    fn has_input(&self, name: &str) -> bool {
+        let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
+        modbus.any(|keys| !keys.output && keys.name == name)
+            || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+    }
+
     /// Configuration of `driver_io`, whose outputs show `signals`.
     #[must_use]
     pub fn config(&self, signals: &io::Shows) -> io::Config {
@@ -477,6 +491,7 @@ impl Robot {
         }
         self.check_fields(table);
         self.check_signals(table);
+        self.check_computers(table);
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
@@ -484,6 +499,26 @@ impl Robot {
                 Some([Node { kind: Kind::Psc1, .. }]) => {}
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
+            }
+        }
+    }
+
+    /// Power buttons of computers are outputs that nobody presses by accident, power LEDs inputs that are published often
+    /// enough.
+    fn check_computers(&self, table: &Table<'_>) {
+        let (Some(power), Some(table)) = (&self.power, table.below("power")) else { return };
+        for (n, computer) in power.computers.iter().enumerate() {
+            let Some(item) = table.item("computers", n) else { continue };
+            let button = self.io.as_ref().filter(|io| io.takes(&computer.button, &[0.0, 1.0]));
+            let button = button.and_then(|io| io.output(&computer.button));
+            let short = |keys: &io::OutputKeys| keys.hold.is_some_and(|hold| hold <= Duration::from_secs(2));
+            if button.is_none_or(|keys| keys.safe != Some(0.0) || !short(keys)) {
+                item.refuse("button", "the name of an output of [io] with safe = 0 and a hold_s of at most 2");
+            }
+            let Some(alive) = &computer.alive else { continue };
+            let often = |io: &&Io| io.publish <= Duration::from_secs(2);
+            if !self.io.as_ref().filter(often).is_some_and(|io| io.has_input(alive)) {
+                item.refuse("alive", "the name of an input of [io], whose publish_s is at most 2");
             }
         }
     }

@@ -34,8 +34,8 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses, those of Modbus, the lidars and
-    /// the inertial measurement units last.
+    /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses, those of Modbus, computers, the
+    /// lidars and the inertial measurement units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
@@ -47,6 +47,7 @@ impl Simulator {
         targets.extend(config.can.iter().map(|can| can.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
         targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));
+        targets.extend(config.computers.iter().map(|computer| computer.channel.1.clone()));
         targets.extend(config.lidars.iter().map(|lidar| lidar.bus.clone()));
         targets.extend(config.imus.iter().map(|imu| imu.name.clone()));
         targets

@@ -54,6 +54,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string }> = new 
   [0x0504, { name: "ChannelStuck", means: "A power channel does not do what it was told." }],
   [0x0505, { name: "ChannelTripped", means: "A power channel switched itself off, which it does at an over-current." }],
   [0x0506, { name: "ChannelCurrent", means: "A power channel draws nearly as much current as it may." }],
+  [0x0507, { name: "ComputerStuck", means: "A computer did not shut down in its time, and lost its supply nevertheless." }],
   [0x0601, { name: "InputsLost", means: "What a module is told is not all written down for replay: the disk is slow, full or broken." }],
   [0x0602, { name: "LogLost", means: "Messages are not written to the log: the disk takes them too slowly, or not at all." }],
   [0x0603, { name: "LogRefused", means: "The disk takes no log: it is full, read-only or broken; it is tried again." }],

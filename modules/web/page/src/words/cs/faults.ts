@@ -52,6 +52,7 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0504: "Napájecí kanál neudělal, co měl.",
   0x0505: "Napájecí kanál se sám vypnul, což dělá při nadproudu.",
   0x0506: "Napájecí kanál odebírá téměř největší povolený proud.",
+  0x0507: "Počítač se včas nevypnul, a přesto přišel o napájení.",
   0x0601: "Vstupy modulu se pro zpětné přehrání nezapisují všechny: disk je pomalý, plný nebo vadný.",
   0x0602: "Zprávy se nezapisují do záznamu: disk je nestíhá, nebo nezapisuje vůbec.",
   0x0603: "Na disk nelze zapisovat záznam: je plný, jen pro čtení nebo vadný; zkouší se to znovu.",
