@@ -1,7 +1,7 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
 use crate::config::{CanBus, ConfigError, Imu, Lidar, ModbusBus, Robot, gpio_bus};
-use crate::place::{GAMEPAD_BUS, RobotLocation, W1_BUS};
+use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
 use drivers::auxiliary::ChipKeys;
@@ -25,8 +25,8 @@ use simulator::imu::ImuConfig;
 use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
-    Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind, I2cConfig,
-    LineConfig, ModbusConfig, SerialConfig, W1Config,
+    Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind, HostConfig,
+    I2cConfig, LineConfig, ModbusConfig, SerialConfig, W1Config,
 };
 
 /// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
@@ -80,6 +80,10 @@ pub(crate) fn config(
         bus: W1_BUS.into(),
         thermometers: w1.driver.sensors.iter().map(|sensor| (sensor.rom, sensor.name.clone())).collect(),
     });
+    let host = robot.host.as_ref().map(|host| HostConfig {
+        bus: HOST_BUS.into(),
+        sensors: host.driver.sensors.iter().map(|sensor| (sensor.zone.clone(), sensor.name.clone())).collect(),
+    });
     let usual = Config::default();
     let gpio = robot.io.iter().flat_map(|io| &io.gpio);
     Ok(Config {
@@ -96,6 +100,7 @@ pub(crate) fn config(
         serial: serial.collect(),
         i2c: i2c.collect(),
         w1,
+        host,
         line: robot.stop.feed_line().map(|_| canbus::LINE_BUS.into()),
         gamepad: robot.gamepad.as_ref().filter(|gamepad| gamepad.port.is_simulated()).map(|_| GAMEPAD_BUS.into()),
         wire_time,

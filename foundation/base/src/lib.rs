@@ -37,6 +37,7 @@ mod queue;
 mod report;
 pub mod serial;
 pub mod store;
+pub mod thermal;
 mod time;
 pub mod w1;
 

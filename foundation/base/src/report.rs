@@ -231,6 +231,8 @@ faults! {
     FanFailed = 0x0703, Device;
     /// What a 1-Wire thermometer says is damaged, or no temperature.
     ThermometerBad = 0x0704, Device;
+    /// The computer slows itself down, by its temperature or a supply voltage that is too low.
+    HostThrottled = 0x0705, Resource;
 
     /// A gamepad cannot drive the robot: it lacks an axis or a button, or an axis has no range.
     GamepadRefused = 0x0711, Device;

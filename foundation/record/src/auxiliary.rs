@@ -1,8 +1,9 @@
-//! Encoding of I2C transfers and 1-Wire requests.
+//! Encoding of I2C transfers, 1-Wire requests and temperatures of the computer.
 
 use super::Malformed;
 use super::wire::{self, Decoder};
 use base::i2c::{Outcome, Transfer, codec};
+use base::thermal::{State, Throttle};
 use base::w1::{self, Answer, Request, Rom};
 
 // Requests and answers of a 1-Wire bus; then the possible errors of a temperature.
@@ -91,6 +92,32 @@ pub(super) fn take_answer(take: &mut Decoder<'_>) -> Result<Answer, Malformed> {
         _ => return Err(Malformed("an answer of a 1-Wire bus")),
     };
     Ok(Answer::Temperature(take_rom(take)?, Err(error)))
+}
+
+pub(super) fn thermal(out: &mut Vec<u8>, state: &State) {
+    wire::varint(out, state.readings().len() as u64);
+    for reading in state.readings() {
+        wire::text(out, &reading.zone);
+        wire::signed(out, reading.millidegrees.into());
+    }
+    // 0: not known; else 4, and a bit for each.
+    out.push(state.throttle.map_or(0, |throttle| 4 | u8::from(throttle.slowed) | u8::from(throttle.under_voltage) << 1));
+}
+
+pub(super) fn take_thermal(take: &mut Decoder<'_>) -> Result<State, Malformed> {
+    let mut state = State::default();
+    for _ in 0..take.count()? {
+        let (zone, value) = (take.text()?, i32::try_from(take.signed()?));
+        if !state.push(zone, value.map_err(|_| Malformed("a number in its range"))?) {
+            return Err(Malformed("temperatures of a computer"));
+        }
+    }
+    state.throttle = match take.u8()? {
+        0 => None,
+        bits @ 4..=7 => Some(Throttle { slowed: bits & 1 != 0, under_voltage: bits & 2 != 0 }),
+        _ => return Err(Malformed("what a computer does about heat")),
+    };
+    Ok(state)
 }
 
 fn rom(out: &mut Vec<u8>, rom: Rom) {

@@ -4,6 +4,7 @@ use crate::boards::climate::Climate;
 use crate::boards::fan1::Fan1;
 use crate::faults::InjectedFault;
 use base::i2c::{Address, Error, Outcome, Transfer};
+use base::thermal;
 use base::w1::{self, Answer, Rom};
 use base::{Duration, Instant, Ticker};
 use std::collections::VecDeque;
@@ -31,11 +32,24 @@ pub struct W1Config {
     pub thermometers: Vec<(Rom, String)>,
 }
 
+/// Temperatures of the computer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HostConfig {
+    /// The port's name, as its driver has it: `host`.
+    pub bus: String,
+    /// Part of the computer and name, the target of faults.
+    pub sensors: Vec<(String, String)>,
+}
+
+/// A processor is that much warmer than the air in the box, °C.
+const PROCESSOR_C: f64 = 14.0;
+
 /// State.
 #[derive(Debug)]
 pub(crate) struct Auxiliary {
     buses: Vec<Bus>,
     thermometers: Vec<Thermometer>,
+    zones: Vec<Zone>,
     /// Output for the 1-Wire port.
     news: VecDeque<Answer>,
     climate: Climate,
@@ -60,8 +74,17 @@ struct Thermometer {
     told: Option<Result<i32, w1::Error>>,
 }
 
+/// A temperature of the computer.
+#[derive(Debug)]
+struct Zone {
+    zone: String,
+    name: String,
+    absent: Instant,
+    hot: (Instant, f64),
+}
+
 impl Auxiliary {
-    pub fn new(i2c: &[I2cConfig], w1: Option<&W1Config>, now: Instant) -> Self {
+    pub fn new(i2c: &[I2cConfig], w1: Option<&W1Config>, host: Option<&HostConfig>, now: Instant) -> Self {
         let buses = i2c.iter().map(|bus| Bus {
             hz: bus.hz,
             fans: bus.fans.iter().map(|(name, address)| Fan1::new(name, *address)).collect(),
@@ -76,9 +99,16 @@ impl Auxiliary {
             told: None,
         });
         let (buses, thermometers): (Vec<Bus>, Vec<Thermometer>) = (buses.collect(), thermometers.collect());
-        let nothing = buses.is_empty() && thermometers.is_empty();
+        let zones = host.iter().flat_map(|host| &host.sensors).map(|(zone, name)| Zone {
+            zone: zone.clone(),
+            name: name.clone(),
+            absent: Instant::ZERO,
+            hot: (Instant::ZERO, 0.0),
+        });
+        let zones: Vec<Zone> = zones.collect();
+        let nothing = buses.is_empty() && thermometers.is_empty() && zones.is_empty();
         let second = Ticker::new(if nothing { Instant::NEVER } else { now + SECOND }, SECOND);
-        Self { buses, thermometers, news: VecDeque::new(), climate: Climate::default(), second }
+        Self { buses, thermometers, zones, news: VecDeque::new(), climate: Climate::default(), second }
     }
 
     /// Takes a transfer of a bus's master, which a device that is not one of these has `answered`, if any; with
@@ -133,8 +163,25 @@ impl Auxiliary {
         self.news.pop_front()
     }
 
-    pub fn handle_timeout(&mut self, now: Instant, speed_mps: f64) {
+    /// Temperatures of the computer; it never slows down, unless one of them is above 100 °C.
+    pub fn computer(&self, now: Instant) -> thermal::State {
+        let mut state = thermal::State::default();
+        let mut slowed = false;
+        for zone in self.zones.iter().filter(|zone| zone.absent <= now) {
+            let (until, hot) = zone.hot;
+            let celsius = if now < until { hot } else { self.climate.box_c + PROCESSOR_C };
+            slowed |= celsius > 100.0;
+            state.push(&zone.zone, (celsius.clamp(-55.0, 150.0) * 1000.0) as i32);
+        }
+        state.throttle = Some(thermal::Throttle { slowed, under_voltage: false });
+        state
+    }
+
+    /// A second passes: true if one did.
+    pub fn handle_timeout(&mut self, now: Instant, speed_mps: f64) -> bool {
+        let mut passed = false;
         while self.second.due(now) {
+            passed = true;
             let fans = || self.buses.iter().flat_map(|bus| &bus.fans);
             let flow = fans().map(Fan1::flow).sum::<f64>() / (fans().count().max(1) as f64);
             self.climate.second(speed_mps, flow);
@@ -146,6 +193,7 @@ impl Auxiliary {
             }
             self.measure(now);
         }
+        passed
     }
 
     pub fn poll_timeout(&self) -> Instant {
@@ -157,6 +205,15 @@ impl Auxiliary {
     pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         if let Some(fan) = self.buses.iter_mut().flat_map(|bus| &mut bus.fans).find(|fan| fan.name == target) {
             return fan.inject(now, injected, until);
+        }
+        if let Some(zone) = self.zones.iter_mut().find(|zone| zone.name == target) {
+            match injected {
+                InjectedFault::Silent => zone.absent = until,
+                InjectedFault::Hot(celsius) => zone.hot = (until, celsius),
+                InjectedFault::None => (zone.absent, zone.hot.0) = (now, now),
+                _ => return false,
+            }
+            return true;
         }
         let Some(thermometer) = self.thermometers.iter_mut().find(|thermometer| thermometer.name == target) else {
             return false;

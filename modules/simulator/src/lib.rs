@@ -50,7 +50,7 @@ mod simulator;
 pub mod sonar;
 pub mod world;
 
-pub use auxiliary::{I2cConfig, W1Config};
+pub use auxiliary::{HostConfig, I2cConfig, W1Config};
 pub use boards::drive::{Axis, DriveConfig, DriveKind};
 pub use io::{ComputerConfig, DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;

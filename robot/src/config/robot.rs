@@ -3,7 +3,7 @@
 
 use super::modules::LEVELS;
 use base::{Duration, Level, Severity};
-use drivers::auxiliary::{Chips, ThermometerKeys};
+use drivers::auxiliary::{Chips, HostSensors, ThermometerKeys};
 use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
 use drivers::rs485_bus::{Kind, Node};
@@ -11,7 +11,7 @@ use drivers::rs485a::Ranger;
 use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{
-    CanInterface, CanPort, GamepadPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
+    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
 };
 use module::Line;
 use module::admission::Commands;
@@ -47,6 +47,8 @@ settings! {
         i2c: Vec<I2cBus> = named;
         /// The 1-Wire bus.
         w1: Option<W1> = optional;
+        /// Temperatures of the computer.
+        host: Option<Host> = optional;
         /// Inputs and outputs by name (docs/io.md).
         io: Option<Io> = optional;
         /// What outputs show of the robot (docs/io.md).
@@ -151,6 +153,15 @@ settings! {
     pub struct W1 {
         port: W1Port = flat;
         driver: ThermometerKeys = flat;
+    }
+}
+
+settings! {
+    /// `[host]`: temperatures of the computer (docs/i2c.md).
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Host {
+        port: HostPort = flat;
+        driver: HostSensors = flat;
     }
 }
 

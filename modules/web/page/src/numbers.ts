@@ -63,6 +63,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string }> = new 
   [0x0702, { name: "OverTemperature", means: "Something is hotter than its limit." }],
   [0x0703, { name: "FanFailed", means: "A fan does not turn although it is driven." }],
   [0x0704, { name: "ThermometerBad", means: "What a 1-Wire thermometer says is damaged, or no temperature." }],
+  [0x0705, { name: "HostThrottled", means: "The computer slows itself down, by its temperature or a supply voltage that is too low." }],
   [0x0711, { name: "GamepadRefused", means: "A gamepad cannot drive the robot: it lacks an axis or a button, or an axis has no range." }],
   [0x0712, { name: "GamepadNotReleased", means: "The dead-man button is held and moves nothing: it was held before, or pressed with a stick off its middle." }],
   [0x0721, { name: "IoDeviceLost", means: "A device of inputs and outputs does not answer: its inputs are unknown, its outputs as it leaves them." }],

@@ -61,6 +61,7 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0702: "Něco je teplejší než povolená mez.",
   0x0703: "Ventilátor se netočí, ačkoli má.",
   0x0704: "Údaj teploměru 1-Wire je poškozený, nebo to není teplota.",
+  0x0705: "Počítač se zpomaluje kvůli teplotě nebo nízkému napájecímu napětí.",
   0x0711: "Gamepad nemůže robota řídit: chybí mu osa nebo tlačítko, nebo osa nemá rozsah.",
   0x0712: "Tlačítko bdělosti je stisknuté a nic se nehýbe: bylo stisknuté už předtím, nebo páčka nebyla uprostřed.",
   0x0721: "Zařízení vstupů a výstupů neodpovídá: vstupy nejsou známy, výstupy zůstávají, jak je nechá.",
