@@ -76,6 +76,7 @@ pub fn modules(data: &[u8]) {
                             port,
                             &match number & 4 {
                                 0 => base::w1::Answer::List([rom].into_iter().collect()),
+                                _ if number & 8 != 0 => base::w1::Answer::Switch(rom, Ok(number as u8)),
                                 _ => base::w1::Answer::Temperature(rom, Ok(i32::from(number) * 2 - 40_000)),
                             },
                         );

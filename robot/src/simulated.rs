@@ -4,8 +4,10 @@ use crate::config::{CanBus, ConfigError, Imu, Lidar, ModbusBus, Robot, gpio_bus}
 use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
+use base::w1::Rom;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
+use drivers::io::SwitchKeys;
 use drivers::lidar::{LidarKeys, Model};
 use drivers::power;
 use drivers::rs485_bus::{Kind, Node};
@@ -79,6 +81,7 @@ pub(crate) fn config(
     let w1 = robot.w1.as_ref().map(|w1| W1Config {
         bus: W1_BUS.into(),
         thermometers: w1.driver.sensors.iter().map(|sensor| (sensor.rom, sensor.name.clone())).collect(),
+        switches: robot.io.as_ref().map_or_else(Vec::new, |io| switches(&io.w1)),
     });
     let host = robot.host.as_ref().map(|host| HostConfig {
         bus: HOST_BUS.into(),
@@ -120,6 +123,21 @@ fn computer(keys: &power::ComputerConfig) -> Option<ComputerConfig> {
         shutdown: COMPUTER_SHUTDOWN.min(keys.shutdown / 2),
         starts: !keys.press_on,
     })
+}
+
+/// Switches, with what their pins see from outside: outputs are pulled up.
+fn switches(keys: &[SwitchKeys]) -> Vec<(Rom, u8)> {
+    let mut all: Vec<(Rom, u8)> = Vec::new();
+    for keys in keys {
+        let n = all.iter().position(|(rom, _)| *rom == keys.rom).unwrap_or_else(|| {
+            all.push((keys.rom, 3));
+            all.len() - 1
+        });
+        if !keys.output && keys.simulated == keys.active_low {
+            all[n].1 &= !(1 << keys.channel);
+        }
+    }
+    all
 }
 
 /// A lidar where it sits.

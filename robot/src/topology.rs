@@ -569,7 +569,7 @@ fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
 
 /// `driver_io`: the Modbus and GPIO lines.
 fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
-    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals)) else {
+    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS)) else {
         return refused("driver_io: robot.toml has no table [io]".into());
     };
     io::Io::new(config).or_else(|error| refused(format!("driver_io: {error}")))

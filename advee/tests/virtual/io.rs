@@ -305,3 +305,34 @@ fn before_the_supply_is_cut_the_computers_are_asked_to_shut_down_while_the_modul
     assert_eq!(rig.value("power_led").0, 0.0);
     assert!(rig.news().contains(&"TERMINATE".into()));
 }
+
+/// A switch on the 1-Wire bus, beside its thermometers.
+const SWITCH: &str = r#"
+[[io.w1]]
+name = "lamp"
+id = "3a-000000000007"
+channel = "A"
+output = true
+safe = 0
+hold_s = 5
+[[io.w1]]
+name = "door"
+id = "3a-000000000007"
+channel = "B"
+active_low = true
+simulated = true
+"#;
+
+#[test]
+fn switches_on_the_bus_of_the_thermometers_are_outputs_and_inputs() {
+    let mut rig = Rig::with("w1", SWITCH);
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
+    assert_eq!((rig.value("lamp"), rig.value("door")), ((0.0, true), (1.0, true)));
+    rig.command("lamp", 1.0);
+    // Measurements of thermometers may come first.
+    rig.robot.pass(3.0);
+    assert_eq!(rig.value("lamp"), (1.0, true));
+    rig.robot.pass(5.0);
+    assert_eq!(rig.value("lamp"), (0.0, true));
+    assert!(rig.news().is_empty());
+}

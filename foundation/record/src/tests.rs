@@ -381,6 +381,8 @@ fn every_call_is_read_as_it_was_written() {
     let temperatures = [Ok(-55_000), Ok(i32::MAX), Err(w1::Error::Absent), Err(w1::Error::Crc)];
     let temperatures = temperatures.into_iter().chain([Err(w1::Error::Nonsense), Err(w1::Error::Other)]);
     let answers = temperatures.map(|said| w1::Answer::Temperature(rom, said));
+    let switches = [Ok(0), Ok(255), Err(w1::Error::Absent), Err(w1::Error::Other)];
+    let answers = answers.chain(switches.map(|said| w1::Answer::Switch(other, said)));
     let answers: Vec<w1::Answer> = answers.chain([&[][..], &[rom, other]].map(list)).collect();
     let of_process = |due| Origin { due, process: Some(Process { pid: 4711, uid: 1000 }) };
     let pad = pad();
@@ -471,6 +473,8 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(1), Output::I2cAnswer(Err(i2c::Error::Stuck))),
         Action::Send(PortId(2), Output::OneWire(w1::Request::List)),
         Action::Send(PortId(2), Output::OneWire(w1::Request::Temperature(rom))),
+        Action::Send(PortId(2), Output::OneWire(w1::Request::Read(rom))),
+        Action::Send(PortId(2), Output::OneWire(w1::Request::Write(rom, 2))),
         Action::Send(PortId(2), Output::OneWireState(w1::Answer::Temperature(rom, Ok(85_000)))),
         Action::Send(PortId(3), Output::Thermal),
         Action::Send(PortId(3), Output::ThermalState(heat().remove(1))),

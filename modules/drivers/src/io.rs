@@ -1,7 +1,8 @@
-//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer.
+//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire.
 //!
 //! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
-//! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time
+//! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time;
+//!           the kernel's `w1_ds2413`: one request at a time
 //! Timing    inputs are read in their period, adjacent ones at once; outputs are written at each change, and refreshed
 //! Silence   a device that does not answer: reported, ERROR, asked once a second; its values are invalid after their
 //!           greatest age. An output whose commander is silent gets its safe value; so do all in PAUSE and STOP, and
@@ -21,13 +22,14 @@ mod indicator;
 mod pattern;
 mod signal;
 mod situation;
+mod switches;
 
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
 pub use config::{
     BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SHOWS_MAX, SIGNALS_MAX, ShowKeys,
-    Shows, SignalKeys,
+    Shows, SignalKeys, SwitchKeys,
 };
 use gpio::GpioLine;
 use indicator::Indicator;
@@ -38,6 +40,7 @@ pub use pattern::Pattern;
 use signal::Signal;
 pub use situation::Situation;
 use situation::Watcher;
+use switches::Switches;
 
 /// Name of the module.
 pub const NAME: &str = "driver_io";
@@ -63,6 +66,8 @@ pub struct Io {
     buses: Vec<Bus>,
     /// Their ports follow those of the buses.
     lines: Vec<GpioLine>,
+    /// Their port is the last.
+    switches: Option<Switches>,
     batteries: Vec<Battery>,
     watcher: Watcher,
     indicators: Vec<Indicator>,
@@ -90,16 +95,19 @@ impl Io {
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let mut signals = signal::all(&config)?;
         signals.sort_by(|a, b| a.name.cmp(&b.name));
-        if config.modbus.len() + config.gpio.len() > PORTS_MAX {
+        if config.modbus.len() + config.gpio.len() + 1 > PORTS_MAX {
             return Err(ConfigError::Count);
         }
         let serial =
             |bus: &Modbus| PortSpec { bus: bus.bus.clone(), line: module::Line::Serial { baud: bus.line.baud() } };
         let gpio = |line: &Gpio| PortSpec { bus: line.bus.clone(), line: module::Line::Gpio };
-        let ports = config.modbus.iter().map(serial).chain(config.gpio.iter().map(gpio)).collect();
+        let w1 = || PortSpec { bus: config.w1_bus.clone(), line: module::Line::OneWire };
+        let w1 = (!config.switches.is_empty()).then(w1);
+        let ports = config.modbus.iter().map(serial).chain(config.gpio.iter().map(gpio)).chain(w1).collect();
         let buses = config.modbus.iter().enumerate().map(|(n, bus)| Bus::new(bus, PortId(n as u8), &signals));
         let buses: Vec<Bus> = buses.collect::<Result<_, _>>()?;
         let first = buses.len();
+        let switches = Switches::new(&config, PortId((first + config.gpio.len()) as u8), &signals);
         let lines = config.gpio.iter().enumerate();
         let lines = lines.map(|(n, line)| GpioLine::new(line, PortId((first + n) as u8), &signals)).collect();
         let batteries = config.batteries.iter().map(|keys| Battery::new(keys, &signals));
@@ -111,6 +119,7 @@ impl Io {
             signals,
             buses,
             lines,
+            switches,
             state: State::Init,
             active: false,
             publish: Ticker::new(Instant::NEVER, config.publish),
@@ -175,6 +184,8 @@ impl Io {
             bus.on_port(now, input, out);
         } else if let Some(line) = place.checked_sub(first).and_then(|place| self.lines.get_mut(place)) {
             line.on_port(now, input, &mut self.signals, out);
+        } else if let Some(switches) = self.switches.as_mut().filter(|switches| switches.port() == port) {
+            switches.on_port(now, input, &mut self.signals, out);
         }
     }
 
@@ -203,6 +214,9 @@ impl Io {
         for line in &mut self.lines {
             line.serve(now, &self.signals, reads, out);
         }
+        if let Some(switches) = &mut self.switches {
+            switches.serve(now, &self.signals, reads, out);
+        }
         // All of them, so that each change is taken once.
         let changes = self.signals.iter_mut().map(|signal| signal.take_change(now));
         self.changed |= changes.fold(false, |any, changed| any | changed);
@@ -214,14 +228,16 @@ impl Io {
         if let Some(end) = self.end {
             let signals = &self.signals;
             let settled = self.buses.iter().all(|bus| bus.is_settled(signals))
-                && self.lines.iter().all(|line| line.is_settled(signals));
+                && self.lines.iter().all(|line| line.is_settled(signals))
+                && self.switches.iter().all(|switches| switches.is_settled(signals));
             self.ended = settled || end <= now;
         }
     }
 
     /// Reports to the shell whether the module works, if that changed and is known of all devices.
     fn report_condition(&mut self, out: &mut Actions) {
-        let all = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let lines = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let all = || lines().chain(self.switches.iter().map(Switches::works));
         let works = match all().any(|works| works == Some(false)) {
             true => Some(false),
             false => all().all(|works| works.is_some()).then_some(true),
@@ -291,6 +307,7 @@ impl Module for Io {
         let reads = !matches!(self.state, State::Stop | State::Terminate);
         let buses = self.buses.iter().filter_map(|bus| bus.poll_timeout(&self.signals, reads));
         let lines = self.lines.iter().filter_map(|line| line.poll_timeout(&self.signals, reads));
+        let lines = lines.chain(self.switches.iter().filter_map(|all| all.poll_timeout(&self.signals, reads)));
         let signals = self.signals.iter().filter_map(Signal::poll_timeout);
         let change = self.changed.then_some(self.change);
         let end = self.end.filter(|_| !self.ended);

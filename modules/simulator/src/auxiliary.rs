@@ -30,6 +30,8 @@ pub struct W1Config {
     pub bus: String,
     /// Code and name, the target of faults.
     pub thermometers: Vec<(Rom, String)>,
+    /// Switches: code, and the levels at their pins while they do not conduct, bit 0 of A, bit 1 of B.
+    pub switches: Vec<(Rom, u8)>,
 }
 
 /// Temperatures of the computer.
@@ -50,6 +52,7 @@ pub(crate) struct Auxiliary {
     buses: Vec<Bus>,
     thermometers: Vec<Thermometer>,
     zones: Vec<Zone>,
+    switches: Vec<(Rom, u8)>,
     /// Output for the 1-Wire port.
     news: VecDeque<Answer>,
     climate: Climate,
@@ -106,9 +109,10 @@ impl Auxiliary {
             hot: (Instant::ZERO, 0.0),
         });
         let zones: Vec<Zone> = zones.collect();
-        let nothing = buses.is_empty() && thermometers.is_empty() && zones.is_empty();
+        let switches: Vec<(Rom, u8)> = w1.iter().flat_map(|w1| &w1.switches).copied().collect();
+        let nothing = buses.is_empty() && thermometers.is_empty() && zones.is_empty() && switches.is_empty();
         let second = Ticker::new(if nothing { Instant::NEVER } else { now + SECOND }, SECOND);
-        Self { buses, thermometers, zones, news: VecDeque::new(), climate: Climate::default(), second }
+        Self { buses, thermometers, zones, switches, news: VecDeque::new(), climate: Climate::default(), second }
     }
 
     /// Takes a transfer of a bus's master, which a device that is not one of these has `answered`, if any; with
@@ -235,13 +239,15 @@ impl Auxiliary {
 
     fn list(&mut self, now: Instant) {
         let there = self.thermometers.iter().filter(|thermometer| !thermometer.is_absent(now));
-        let mut roms: Vec<Rom> = there.map(|thermometer| thermometer.rom).collect();
+        let switches = self.switches.iter().map(|(rom, _)| *rom);
+        let mut roms: Vec<Rom> = there.map(|thermometer| thermometer.rom).chain(switches).collect();
         roms.sort_unstable();
         self.news.push_back(Answer::List(roms.into_iter().take(w1::MAX).collect()));
     }
 
-    /// Sends the readings that have changed.
+    /// Sends the readings that have changed, and the pins of all switches.
     fn measure(&mut self, now: Instant) {
+        self.news.extend(self.switches.iter().map(|(rom, pins)| Answer::Switch(*rom, Ok(*pins))));
         for (place, thermometer) in self.thermometers.iter_mut().enumerate() {
             let warm = if place == 0 { self.climate.battery_c } else { self.climate.box_c };
             let says = thermometer.says(now, warm);

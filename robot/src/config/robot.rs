@@ -175,6 +175,8 @@ settings! {
         modbus: Vec<ModbusBus> = named;
         /// GPIO lines of the computer.
         gpio: Vec<io::GpioKeys> = [];
+        /// Channels of switches on the 1-Wire bus.
+        w1: Vec<io::SwitchKeys> = [];
         /// Batteries whose values are inputs.
         battery: Vec<io::BatteryKeys> = [];
     }
@@ -262,7 +264,10 @@ impl Io {
     fn check(&self, table: &Table<'_>) {
         let gpio = self.gpio.iter().map(|line| &line.name);
         let signals = self.modbus.iter().flat_map(|bus| &bus.driver.signals).map(|signal| &signal.name);
-        let names: Vec<&String> = signals.chain(gpio).collect();
+        let w1 = self.w1.iter().map(|keys| &keys.name);
+        let names: Vec<&String> = signals.chain(gpio).chain(w1).collect();
+        let channels: Vec<_> = self.w1.iter().map(|keys| (keys.rom, keys.channel)).collect();
+        table.unique("w1", "channel", &channels, "one that no other entry of this id has");
         for (n, battery) in self.battery.iter().enumerate() {
             if battery.names().any(|name| !names.contains(&name)) {
                 table
@@ -279,13 +284,16 @@ impl Io {
         let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
         modbus.any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.gpio.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.w1.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
     }
 
     /// What its output of this name has.
     fn output(&self, name: &str) -> Option<&io::OutputKeys> {
         let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
         let found = modbus.find(|keys| keys.output && keys.name == name).map(|keys| &keys.limits);
-        found.or_else(|| Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits))
+        let gpio = || Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits);
+        let w1 = || Some(&self.w1.iter().find(|keys| keys.output && keys.name == name)?.limits);
+        found.or_else(gpio).or_else(w1)
     }
 
     /// True if it has an input of this name.
@@ -293,16 +301,19 @@ impl Io {
         let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
         modbus.any(|keys| !keys.output && keys.name == name)
             || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+            || self.w1.iter().any(|keys| !keys.output && keys.name == name)
     }
 
-    /// Configuration of `driver_io`, whose outputs show `signals`.
+    /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus.
     #[must_use]
-    pub fn config(&self, signals: &io::Shows) -> io::Config {
+    pub fn config(&self, signals: &io::Shows, w1_bus: &str) -> io::Config {
         let modbus = |bus: &ModbusBus| io::Modbus { bus: bus.bus(), line: bus.line(), keys: bus.driver.clone() };
         io::Config {
             publish: self.publish,
             modbus: self.modbus.iter().map(modbus).collect(),
             gpio: self.gpio.iter().map(|keys| io::Gpio { bus: gpio_bus(keys), keys: keys.clone() }).collect(),
+            w1_bus: w1_bus.into(),
+            switches: self.w1.clone(),
             batteries: self.battery.clone(),
             signals: signals.clone(),
         }
@@ -503,6 +514,12 @@ impl Robot {
         self.check_fields(table);
         self.check_signals(table);
         self.check_computers(table);
+        if self.w1.is_none()
+            && self.io.as_ref().is_some_and(|io| !io.w1.is_empty())
+            && let Some(item) = table.below("io").and_then(|io| io.item("w1", 0))
+        {
+            item.refuse("id", "a switch of a robot with a table [w1]");
+        }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";

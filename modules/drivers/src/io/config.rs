@@ -6,6 +6,7 @@ use crate::gpio_line::LineRule;
 use base::Duration;
 use base::gpio::{Bias, LineId};
 use base::listed;
+use base::w1::Rom;
 use modbus::value::{Kind, Place};
 use modbus::{Line, Table as Registers};
 use settings::{Choice, Off, Parsed, Table, ZeroOr, settings};
@@ -133,6 +134,33 @@ settings! {
         limits: OutputKeys = flat;
     }
     check GpioKeys::check;
+}
+
+/// Channels of a switch.
+const CHANNELS: Choice<u8> = Choice(&[("A", 0), ("B", 1)]);
+
+settings! {
+    /// `[[io.w1]]`: a channel of a DS2413 on the 1-Wire bus, `[w1]`. As an output its value is 1 while it conducts to
+    /// ground, as an input while its pin is high.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SwitchKeys {
+        /// Name, of one signal of the robot.
+        name: String = required;
+        /// Code as the kernel names it.
+        id as rom: Rom = required, Parsed(
+            switch, "a DS2413 as the kernel names it: \"3a-0000001a2b3c\"", "3a-0000001a2b3c"
+        );
+        /// Channel: PIOA or PIOB.
+        channel: u8 = required, CHANNELS;
+        /// Its value is the other one: 1 while it does not conduct, or its pin is low.
+        active_low: bool = false;
+        /// It is set. Otherwise it is read.
+        output: bool = false;
+        /// Inputs: it is 1 in simulation.
+        simulated: bool = false;
+        limits: OutputKeys = flat;
+    }
+    check SwitchKeys::check;
 }
 
 settings! {
@@ -291,6 +319,22 @@ impl GpioKeys {
     }
 }
 
+fn switch(text: &str) -> Option<Rom> {
+    Rom::parse(text).filter(|id| id.is_switch())
+}
+
+impl SwitchKeys {
+    fn check(&self, table: &Table<'_>) {
+        self.limits.check(table, self.output, |value| value == 0.0 || value == 1.0);
+    }
+
+    /// True for an output that takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.output && self.limits.accepts(value) && (value == 0.0 || value == 1.0)
+    }
+}
+
 impl BatteryKeys {
     /// The signals that it names.
     pub fn names(&self) -> impl Iterator<Item = &String> {
@@ -329,6 +373,10 @@ pub struct Config {
     pub modbus: Vec<Modbus>,
     /// GPIO lines.
     pub gpio: Vec<Gpio>,
+    /// Name of the 1-Wire bus.
+    pub w1_bus: String,
+    /// Channels of switches on it.
+    pub switches: Vec<SwitchKeys>,
     /// Batteries.
     pub batteries: Vec<BatteryKeys>,
     /// What outputs show.

@@ -1,7 +1,7 @@
 //! A signal: its value, how old that is, and of an output what is wanted.
 
 use super::config::{Config, ConfigError, OutputKeys, SIGNALS_MAX};
-use super::gpio;
+use super::{gpio, switches};
 use base::{Duration, Instant, earliest};
 use messages::lowlevel;
 use modbus::value::Place;
@@ -43,7 +43,11 @@ pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
         let output = line.keys.output.then(|| Output::new(line.keys.limits, None));
         Signal::new(&line.keys.name, output, gpio::AGE_MAX)
     });
-    let signals: Vec<Signal> = modbus.chain(gpio).collect();
+    let w1 = config.switches.iter().map(|keys| {
+        let output = keys.output.then(|| Output::new(keys.limits, None));
+        Signal::new(&keys.name, output, switches::AGE_MAX)
+    });
+    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).collect();
     let mut names: Vec<&str> = signals.iter().map(|signal| signal.name.as_str()).collect();
     names.sort_unstable();
     match signals.len() {

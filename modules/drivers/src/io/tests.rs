@@ -2,10 +2,12 @@
 
 use super::config::{
     BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, ShowKeys, Shows, SignalKeys,
+    SwitchKeys,
 };
 use super::{Io, NAME, Pattern, Situation};
 use base::gpio::{Bias, LineId, Signal as Wire};
 use base::serial::Word;
+use base::w1::{self, Answer, Request, Rom};
 use base::{Duration, Instant};
 use messages::Message;
 use messages::common::CmdState;
@@ -98,6 +100,8 @@ fn config(line: Line) -> Config {
         publish: Duration::from_secs(1),
         modbus: vec![Modbus { bus: "modbus.plc".into(), line, keys }],
         gpio: vec![gpio("horn", Some(0.0)), gpio("door", None)],
+        w1_bus: "w1".into(),
+        switches: Vec::new(),
         batteries: vec![battery],
         signals: Shows { signal: Duration::from_secs(2), speed_mps: 0.02, turn_radps: 0.1, show: Vec::new() },
     }
@@ -599,4 +603,166 @@ fn a_configuration_that_cannot_be_is_refused() {
         config.batteries.clear();
     };
     assert_eq!(why(empty), Some(ConfigError::Empty));
+}
+
+/// A driver with switches alone, and these switches on their bus: levels at the pins, and latches.
+struct Wire {
+    bench: Bench,
+    switches: Vec<(Rom, u8, u8)>,
+    /// Requests; further ones are not answered while the bus is held.
+    asked: Vec<Request>,
+    held: bool,
+    log: Vec<Action>,
+}
+
+impl Wire {
+    fn new() -> Self {
+        let [one, two] = [1, 2].map(|serial| Rom::new(0x3A, serial).unwrap());
+        let keys = |name: &str, rom, channel, output, active_low| {
+            let limits = OutputKeys { safe: Some(0.0), ..signal("", Table::Coils, 0).limits };
+            SwitchKeys { name: name.into(), rom, channel, active_low, output, simulated: false, limits }
+        };
+        let switches = vec![
+            keys("lamp", one, 0, true, false),
+            keys("door", one, 1, false, false),
+            keys("siren", two, 1, true, true),
+        ];
+        let plain = config(Line::Tcp);
+        let (modbus, gpio, batteries) = (Vec::new(), Vec::new(), Vec::new());
+        let module = Io::new(Config { modbus, gpio, batteries, switches, ..plain }).unwrap();
+        let bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
+        let switches = vec![(one, 3, 3), (two, 3, 3)];
+        let mut wire = Self { bench, switches, asked: Vec::new(), held: false, log: Vec::new() };
+        wire.bench.start();
+        wire.run(10);
+        wire
+    }
+
+    fn run(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.bench.pass(Duration::from_millis(1));
+            self.serve();
+        }
+    }
+
+    fn serve(&mut self) {
+        for (_, action) in self.bench.done() {
+            if let Action::Send(PortId(0), Output::OneWire(request)) = &action {
+                self.asked.push(*request);
+            }
+            self.log.push(action);
+        }
+        while let Some(request) = self.asked.pop().filter(|_| !self.held) {
+            assert!(self.asked.is_empty(), "one at a time");
+            let (rom, new) = match request {
+                Request::Read(rom) => (rom, None),
+                Request::Write(rom, latches) => (rom, Some(latches)),
+                other => panic!("{other:?}"),
+            };
+            let found = self.switches.iter_mut().find(|(own, ..)| *own == rom);
+            let state = found.map(|(_, pins, latches)| {
+                *latches = new.unwrap_or(*latches);
+                w1::switch_state(*pins, *latches)
+            });
+            self.bench.w1(PortId(0), &Answer::Switch(rom, state.ok_or(w1::Error::Absent)));
+            for (_, action) in self.bench.done() {
+                if let Action::Send(PortId(0), Output::OneWire(request)) = &action {
+                    self.asked.push(*request);
+                }
+                self.log.push(action);
+            }
+        }
+    }
+
+    fn command(&mut self, name: &str, value: f64) {
+        self.bench.message(CmdOutput { name: name.into(), value, source: "test".into(), ..Default::default() });
+        self.serve();
+    }
+
+    fn latches(&self) -> [u8; 2] {
+        [self.switches[0].2, self.switches[1].2]
+    }
+
+    /// The last published values.
+    fn values(&self) -> Vec<(String, f64, bool)> {
+        let io = self.log.iter().rev().find_map(|action| match action {
+            Action::Publish(Message::LlDataIo(io)) => Some(io),
+            _ => None,
+        });
+        let signals = io.expect("LL_DATA_IO").signals.iter();
+        signals.map(|signal| (signal.name.clone(), signal.value, signal.valid)).collect()
+    }
+
+    fn news(&mut self) -> Vec<String> {
+        let line = |action: &Action| match action {
+            Action::Report(report) => Some(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject)),
+            Action::State(state) => Some(state.to_string()),
+            _ => None,
+        };
+        let news = self.log.iter().filter_map(line).collect();
+        self.log.retain(|action| line(action).is_none());
+        news
+    }
+}
+
+#[test]
+fn channels_of_switches_are_outputs_and_inputs() {
+    let mut wire = Wire::new();
+    wire.run(1500);
+    assert!(wire.news().contains(&"RUN".into()));
+    // What conducts has the latch 0; the siren's value is inverted.
+    assert_eq!(wire.latches(), [0b11, 0b01]);
+    let named = |name: &str, value| (name.to_owned(), value, true);
+    assert_eq!(wire.values(), [named("door", 1.0), named("lamp", 0.0), named("siren", 0.0)]);
+    wire.command("lamp", 1.0);
+    wire.command("siren", 1.0);
+    wire.run(5);
+    assert_eq!(wire.latches(), [0b10, 0b11], "at once");
+    wire.switches[0].1 = 1;
+    wire.run(600);
+    assert_eq!(wire.values(), [named("door", 0.0), named("lamp", 1.0), named("siren", 1.0)]);
+    wire.run(600);
+    assert_eq!(wire.latches(), [0b11, 0b01], "their commander is silent");
+    // It lost its power: it is written again.
+    wire.switches[1].2 = 3;
+    wire.run(600);
+    assert_eq!(wire.latches()[1], 0b01);
+}
+
+#[test]
+fn a_switch_that_is_gone_is_reported_and_the_others_are_served() {
+    let mut wire = Wire::new();
+    wire.run(1500);
+    wire.news();
+    let gone = wire.switches.remove(1);
+    wire.run(3500);
+    assert_eq!(wire.news(), ["Error IoDeviceLost w1 3a-000000000002", "ERROR"]);
+    wire.switches[0].1 = 1;
+    wire.run(3000);
+    assert_eq!(wire.values()[0], ("door".into(), 0.0, true));
+    assert!(!wire.values()[2].2, "nothing is known of it");
+    wire.switches.push(gone);
+    wire.run(1500);
+    assert_eq!(wire.news(), ["Notice IoDeviceLost w1 3a-000000000002", "RUN"]);
+}
+
+#[test]
+fn a_bus_that_hangs_is_asked_once_and_foreign_answers_change_nothing() {
+    let mut wire = Wire::new();
+    wire.run(1500);
+    wire.held = true;
+    wire.run(700);
+    let sent = |wire: &Wire| wire.log.iter().filter(|action| matches!(action, Action::Send(..))).count();
+    let before = sent(&wire);
+    wire.command("lamp", 1.0);
+    wire.run(10_000);
+    assert_eq!(sent(&wire), before);
+    assert!(wire.values().iter().all(|(.., valid)| !valid));
+    for rom in [Rom::new(0x3A, 9).unwrap(), Rom::new(0x28, 1).unwrap()] {
+        wire.bench.w1(PortId(0), &Answer::Switch(rom, Ok(0xFF)));
+        wire.bench.w1(PortId(0), &Answer::Temperature(rom, Ok(85_000)));
+        wire.bench.w1(PortId(0), &Answer::List([rom].into_iter().collect()));
+    }
+    wire.run(1500);
+    assert!(wire.values().iter().all(|(.., valid)| !valid));
 }

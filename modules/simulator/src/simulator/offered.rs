@@ -91,6 +91,7 @@ mod tests {
             w1: Some(W1Config {
                 bus: "w1".into(),
                 thermometers: vec![(base::w1::Rom::new(0x28, 1).unwrap(), "cabin".into())],
+                switches: Vec::new(),
             }),
             gamepad: Some("joystick".into()),
             line: Some("stop.gpio".into()),
