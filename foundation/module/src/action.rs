@@ -58,8 +58,8 @@ pub enum Output {
     OneWire(w1::Request),
     /// The simulator's end of a 1-Wire bus: the present thermometers, or the value of one of them, from now on.
     OneWireState(w1::Answer),
-    /// The temperatures of the computer are read; the host answers with `Input::Thermal`. At most [`OUTSTANDING`] may be
-    /// pending.
+    /// The temperatures of the computer are read; the host answers with `Input::Thermal`. At most [`OUTSTANDING`] may
+    /// be pending.
     Thermal,
     /// The simulator's end of them: what they are from now on.
     ThermalState(thermal::State),

@@ -121,8 +121,8 @@ pub enum Input<'a> {
     /// Answer to a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order. Requests pending when
     /// the port went down have none.
     OneWire(&'a w1::Answer),
-    /// Temperatures of the computer: one for each [`Output::Thermal`](crate::Output::Thermal), in order. Requests pending
-    /// when the port went down have none. At the simulator's end: what was written.
+    /// Temperatures of the computer: one for each [`Output::Thermal`](crate::Output::Thermal), in order. Requests
+    /// pending when the port went down have none. At the simulator's end: what was written.
     Thermal(&'a thermal::State),
     /// News of a gamepad. An absent gamepad is news, too, and not [`Input::Down`].
     Gamepad(gamepad::Input<'a>),

@@ -1,5 +1,5 @@
-//! Temperatures of the computer: thermal zones and hardware monitors of the kernel, and the simulator's end, a folder of
-//! the same layout.
+//! Temperatures of the computer: thermal zones and hardware monitors of the kernel, and the simulator's end, a folder
+//! of the same layout.
 
 pub mod read;
 

@@ -1,4 +1,4 @@
-//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire.
+//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire, power channels.
 //!
 //! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
 //! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time;
@@ -9,6 +9,7 @@
 //!           at the end
 //! Data      `LL_DATA_IO` and `LL_DATA_BATTERY` in their period, the first also at each change; `LL_DATA_BUS` once a
 //!           second for each Modbus line
+//! Power     `LL_CMD_POWER` for channels that are outputs; their states by `LL_DATA_POWER`
 //! Commands  `LL_CMD_OUTPUT`: the newest counts, from any sender
 //! Shown     outputs that nobody commands show what the robot does, by `[signals]`: see `situation`, `pattern`
 //!
@@ -16,6 +17,7 @@
 
 mod battery;
 mod bus;
+mod channels;
 mod config;
 mod gpio;
 mod indicator;
@@ -27,9 +29,10 @@ mod switches;
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
+use channels::PowerOutput;
 pub use config::{
-    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SHOWS_MAX, SIGNALS_MAX, ShowKeys,
-    Shows, SignalKeys, SwitchKeys,
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, SHOWS_MAX,
+    SIGNALS_MAX, ShowKeys, Shows, SignalKeys, SwitchKeys,
 };
 use gpio::GpioLine;
 use indicator::Indicator;
@@ -68,6 +71,7 @@ pub struct Io {
     lines: Vec<GpioLine>,
     /// Their port is the last.
     switches: Option<Switches>,
+    power: Vec<PowerOutput>,
     batteries: Vec<Battery>,
     watcher: Watcher,
     indicators: Vec<Indicator>,
@@ -95,7 +99,7 @@ impl Io {
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let mut signals = signal::all(&config)?;
         signals.sort_by(|a, b| a.name.cmp(&b.name));
-        if config.modbus.len() + config.gpio.len() + 1 > PORTS_MAX {
+        if config.modbus.len() + config.gpio.len() + usize::from(!config.switches.is_empty()) > PORTS_MAX {
             return Err(ConfigError::Count);
         }
         let serial =
@@ -108,6 +112,7 @@ impl Io {
         let buses: Vec<Bus> = buses.collect::<Result<_, _>>()?;
         let first = buses.len();
         let switches = Switches::new(&config, PortId((first + config.gpio.len()) as u8), &signals);
+        let power = config.power.iter().filter_map(|keys| PowerOutput::new(keys, &signals)).collect();
         let lines = config.gpio.iter().enumerate();
         let lines = lines.map(|(n, line)| GpioLine::new(line, PortId((first + n) as u8), &signals)).collect();
         let batteries = config.batteries.iter().map(|keys| Battery::new(keys, &signals));
@@ -120,6 +125,7 @@ impl Io {
             buses,
             lines,
             switches,
+            power,
             state: State::Init,
             active: false,
             publish: Ticker::new(Instant::NEVER, config.publish),
@@ -217,6 +223,9 @@ impl Io {
         if let Some(switches) = &mut self.switches {
             switches.serve(now, &self.signals, reads, out);
         }
+        for output in &mut self.power {
+            output.serve(now, &self.signals, out);
+        }
         // All of them, so that each change is taken once.
         let changes = self.signals.iter_mut().map(|signal| signal.take_change(now));
         self.changed |= changes.fold(false, |any, changed| any | changed);
@@ -272,10 +281,20 @@ impl Io {
 
 impl Module for Io {
     fn subscriptions(&self) -> &[Channel] {
-        if self.indicators.is_empty() {
-            return &[Channel::LlCmdOutput];
+        match (self.indicators.is_empty(), self.power.is_empty()) {
+            (true, true) => &[Channel::LlCmdOutput],
+            (true, false) => &[Channel::LlCmdOutput, Channel::LlDataPower],
+            (false, true) => {
+                &[Channel::LlCmdOutput, Channel::LlDataVelocity, Channel::LlDataHold, Channel::CmDataFaults]
+            }
+            (false, false) => &[
+                Channel::LlCmdOutput,
+                Channel::LlDataVelocity,
+                Channel::LlDataHold,
+                Channel::CmDataFaults,
+                Channel::LlDataPower,
+            ],
         }
-        &[Channel::LlCmdOutput, Channel::LlDataVelocity, Channel::LlDataHold, Channel::CmDataFaults]
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -295,6 +314,9 @@ impl Module for Io {
             }
             Event::Message { at, message: Message::LlDataHold(list), .. } => self.watcher.on_hold(at, list),
             Event::Message { at, message: Message::CmDataFaults(list), .. } => self.watcher.on_faults(at, list),
+            Event::Message { message: Message::LlDataPower(power), .. } => {
+                self.power.iter_mut().for_each(|output| output.on_power(now, power, &mut self.signals));
+            }
             Event::State(state) => self.set_state(now, state),
             Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
@@ -312,9 +334,10 @@ impl Module for Io {
         let change = self.changed.then_some(self.change);
         let end = self.end.filter(|_| !self.ended);
         let own = [Some(self.publish.next()), Some(self.statistics.next()), change, end].into_iter().flatten();
+        let power = self.power.iter().filter_map(|output| output.poll_timeout(&self.signals));
         let shown = self.indicators.iter().filter_map(Indicator::poll_timeout);
         let shown = shown.chain(self.watcher.poll_timeout().filter(|_| !self.indicators.is_empty()));
-        own.chain(buses).chain(lines).chain(signals).chain(shown).min()
+        own.chain(buses).chain(lines).chain(signals).chain(power).chain(shown).min()
     }
 
     fn finished(&self) -> bool {

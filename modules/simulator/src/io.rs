@@ -192,7 +192,8 @@ impl Io {
         devices.fold(computers, |next, device| earliest([next, device.poll_timeout()]))
     }
 
-    /// A line is silent, or a computer ignores its button, or not any more; false if that is no target, or no fault of its kind.
+    /// A line is silent, or a computer ignores its button, or not any more; false if that is no target, or no fault of
+    /// its kind.
     pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         let lines = self.lines.iter_mut().filter(|line| line.bus == target).map(|line| &mut line.silent_until);
         let computers = self.computers.iter_mut().filter(|computer| computer.config.channel.1 == target);

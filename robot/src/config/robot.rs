@@ -177,6 +177,8 @@ settings! {
         gpio: Vec<io::GpioKeys> = [];
         /// Channels of switches on the 1-Wire bus.
         w1: Vec<io::SwitchKeys> = [];
+        /// Channels of the power controller that are outputs.
+        power: Vec<io::PowerKeys> = [];
         /// Batteries whose values are inputs.
         battery: Vec<io::BatteryKeys> = [];
     }
@@ -265,7 +267,10 @@ impl Io {
         let gpio = self.gpio.iter().map(|line| &line.name);
         let signals = self.modbus.iter().flat_map(|bus| &bus.driver.signals).map(|signal| &signal.name);
         let w1 = self.w1.iter().map(|keys| &keys.name);
-        let names: Vec<&String> = signals.chain(gpio).chain(w1).collect();
+        let power = self.power.iter().map(|keys| &keys.name);
+        let names: Vec<&String> = signals.chain(gpio).chain(w1).chain(power).collect();
+        let powered: Vec<_> = self.power.iter().map(|keys| keys.channel).collect();
+        table.unique("power", "channel", &powered, "one that no other entry has");
         let channels: Vec<_> = self.w1.iter().map(|keys| (keys.rom, keys.channel)).collect();
         table.unique("w1", "channel", &channels, "one that no other entry of this id has");
         for (n, battery) in self.battery.iter().enumerate() {
@@ -285,6 +290,7 @@ impl Io {
         modbus.any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.gpio.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.w1.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.power.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
     }
 
     /// What its output of this name has.
@@ -314,6 +320,7 @@ impl Io {
             gpio: self.gpio.iter().map(|keys| io::Gpio { bus: gpio_bus(keys), keys: keys.clone() }).collect(),
             w1_bus: w1_bus.into(),
             switches: self.w1.clone(),
+            power: self.power.clone(),
             batteries: self.battery.clone(),
             signals: signals.clone(),
         }
@@ -520,6 +527,12 @@ impl Robot {
         {
             item.refuse("id", "a switch of a robot with a table [w1]");
         }
+        if self.power.is_none()
+            && self.io.as_ref().is_some_and(|io| !io.power.is_empty())
+            && let Some(item) = table.below("io").and_then(|io| io.item("power", 0))
+        {
+            item.refuse("channel", "a channel of a robot with a table [power]");
+        }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
@@ -531,8 +544,8 @@ impl Robot {
         }
     }
 
-    /// Power buttons of computers are outputs that nobody presses by accident, power LEDs inputs that are published often
-    /// enough.
+    /// Power buttons of computers are outputs that nobody presses by accident, power LEDs inputs that are published
+    /// often enough.
     fn check_computers(&self, table: &Table<'_>) {
         let (Some(power), Some(table)) = (&self.power, table.below("power")) else { return };
         for (n, computer) in power.computers.iter().enumerate() {
@@ -556,6 +569,13 @@ impl Robot {
         let Some(signals) = table.below("signals") else { return };
         for (n, keys) in self.signals.show.iter().enumerate() {
             let values = [keys.value, keys.value_off];
+            let relay = |io: &Io| io.power.iter().any(|power| power.name == keys.output);
+            if keys.pattern.changes()
+                && self.io.as_ref().is_some_and(relay)
+                && let Some(item) = signals.item("show", n)
+            {
+                item.refuse("pattern", "\"on\" or \"off\" for a power channel, a relay that is switched slowly");
+            }
             if !self.io.as_ref().is_some_and(|io| io.takes(&keys.output, &values))
                 && let Some(item) = signals.item("show", n)
             {

@@ -955,6 +955,40 @@ value_off = 20
 }
 
 #[test]
+fn switches_need_their_bus_and_power_channels_their_controller() {
+    const SWITCHES: &str = r#"[[io.w1]]
+name = "light"
+id = "3a-000000000007"
+channel = "A"
+output = true
+safe = 0
+[[io.w1]]
+name = "hatch"
+id = "3a-000000000007"
+channel = "B"
+[w1]
+"#;
+    let with = |tables: &str| load(&format!("{ROBOT}{tables}"), "", &[], MODULES);
+    assert!(with(SWITCHES).is_ok(), "{:?}", with(SWITCHES).err());
+    for (from, to, what) in [
+        ("[w1]", "", "expected a switch of a robot with a table [w1]"),
+        ("\"3a-000000000007\"", "\"28-000000000007\"", "expected a DS2413 as the kernel names it"),
+        ("channel = \"B\"", "channel = \"A\"", "expected one that no other entry of this id has"),
+        ("channel = \"B\"", "channel = \"C\"", "expected \"A\" or \"B\""),
+        ("safe = 0", "", "io.w1[0].safe: missing"),
+    ] {
+        assert!(SWITCHES.contains(from), "{from}");
+        let lines = with(&SWITCHES.replacen(from, to, 1)).unwrap_err();
+        assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
+    }
+    let power = "[[io.power]]\nname = \"stage\"\nchannel = \"audio\"\nsafe = 1\n";
+    let lines = with(power).unwrap_err();
+    assert!(lines.iter().any(|line| line.contains("a channel of a robot with a table [power]")), "{lines:?}");
+    let lines = with(&power.replace("audio", "motors")).unwrap_err();
+    assert!(lines.iter().any(|line| line.contains("expected \"monitor\" or \"audio\"")), "{lines:?}");
+}
+
+#[test]
 fn power_buttons_are_outputs_that_let_go_by_themselves() {
     const POWER: &str = r#"[rs485.power]
 port = "/dev/ttyS2"

@@ -41,7 +41,8 @@ impl Reader {
         Self { folder, events: None }
     }
 
-    /// How often x86 processors slowed down since the start of the computer, as of the last reading; `None`: not counted.
+    /// How often x86 processors slowed down since the start of the computer, as of the last reading; `None`: not
+    /// counted.
     #[must_use]
     pub fn events(&self) -> Option<u64> {
         self.events

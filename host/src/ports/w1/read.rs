@@ -1,5 +1,5 @@
-//! Files of `w1_therm` (Documentation/w1/slaves/w1_therm.rst) and `w1_ds2413` (w1_ds2413.rst). Their driver may be on a slow, long or unplugged wire:
-//! any content is an answer.
+//! Files of `w1_therm` (Documentation/w1/slaves/w1_therm.rst) and `w1_ds2413` (w1_ds2413.rst). Their driver may be on
+//! a slow, long or unplugged wire: any content is an answer.
 
 use base::w1::{Answer, Error, List, MAX, Request, Rom};
 use nix::errno::Errno;

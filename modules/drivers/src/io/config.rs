@@ -163,6 +163,22 @@ settings! {
     check SwitchKeys::check;
 }
 
+/// Power channels that may be outputs: those that no sensor, drive or computer depends on.
+const POWER_CHANNELS: Choice<&'static str> = Choice(&[("monitor", "monitor"), ("audio", "audio")]);
+
+settings! {
+    /// `[[io.power]]`: a channel of the power controller as an output, 1 while it is on.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct PowerKeys {
+        /// Name, of one signal of the robot.
+        name: String = required;
+        /// Power channel.
+        channel: &'static str = required, POWER_CHANNELS;
+        limits: OutputKeys = flat;
+    }
+    check PowerKeys::check;
+}
+
 settings! {
     /// `[[io.battery]]`: a battery whose values are signals; each key but `name` and `cells` is the name of one.
     #[derive(Clone, Debug, PartialEq)]
@@ -335,6 +351,18 @@ impl SwitchKeys {
     }
 }
 
+impl PowerKeys {
+    fn check(&self, table: &Table<'_>) {
+        self.limits.check(table, true, |value| value == 0.0 || value == 1.0);
+    }
+
+    /// True if it takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.limits.accepts(value) && (value == 0.0 || value == 1.0)
+    }
+}
+
 impl BatteryKeys {
     /// The signals that it names.
     pub fn names(&self) -> impl Iterator<Item = &String> {
@@ -377,6 +405,8 @@ pub struct Config {
     pub w1_bus: String,
     /// Channels of switches on it.
     pub switches: Vec<SwitchKeys>,
+    /// Channels of the power controller.
+    pub power: Vec<PowerKeys>,
     /// Batteries.
     pub batteries: Vec<BatteryKeys>,
     /// What outputs show.

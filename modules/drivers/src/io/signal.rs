@@ -1,10 +1,15 @@
 //! A signal: its value, how old that is, and of an output what is wanted.
 
 use super::config::{Config, ConfigError, OutputKeys, SIGNALS_MAX};
-use super::{gpio, switches};
+use super::gpio;
 use base::{Duration, Instant, earliest};
 use messages::lowlevel;
 use modbus::value::Place;
+
+/// Older values of a switch on 1-Wire are not valid: measurements of thermometers come between.
+const SWITCH_AGE_MAX: Duration = Duration::from_secs(5);
+/// Older values of a power channel are not valid: they are published each second.
+const POWER_AGE_MAX: Duration = Duration::from_secs(3);
 
 /// An input or an output.
 #[derive(Debug)]
@@ -45,9 +50,11 @@ pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
     });
     let w1 = config.switches.iter().map(|keys| {
         let output = keys.output.then(|| Output::new(keys.limits, None));
-        Signal::new(&keys.name, output, switches::AGE_MAX)
+        Signal::new(&keys.name, output, SWITCH_AGE_MAX)
     });
-    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).collect();
+    let power = config.power.iter();
+    let power = power.map(|keys| Signal::new(&keys.name, Some(Output::new(keys.limits, None)), POWER_AGE_MAX));
+    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).chain(power).collect();
     let mut names: Vec<&str> = signals.iter().map(|signal| signal.name.as_str()).collect();
     names.sort_unstable();
     match signals.len() {

@@ -15,8 +15,6 @@ const PERIOD: Duration = Duration::from_millis(500);
 const RETRY: Duration = Duration::from_secs(1);
 /// Failures in a row from which on it counts as lost.
 const FAILURES_MAX: u8 = 3;
-/// Older values are not valid: measurements of thermometers come between.
-pub(super) const AGE_MAX: Duration = Duration::from_secs(5);
 
 /// All switches of the bus.
 #[derive(Debug)]

@@ -1,8 +1,8 @@
 //! The driver with emulated devices on its lines.
 
 use super::config::{
-    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, ShowKeys, Shows, SignalKeys,
-    SwitchKeys,
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, ShowKeys, Shows,
+    SignalKeys, SwitchKeys,
 };
 use super::{Io, NAME, Pattern, Situation};
 use base::gpio::{Bias, LineId, Signal as Wire};
@@ -11,7 +11,7 @@ use base::w1::{self, Answer, Request, Rom};
 use base::{Duration, Instant};
 use messages::Message;
 use messages::common::CmdState;
-use messages::lowlevel::{CmdOutput, DataBattery, DataHold, DataIo, DataVelocity};
+use messages::lowlevel::{self, CmdOutput, CmdPower, DataBattery, DataHold, DataIo, DataPower, DataVelocity};
 use modbus::device::Device;
 use modbus::value::Kind;
 use modbus::{Exception, Line, Table};
@@ -102,6 +102,7 @@ fn config(line: Line) -> Config {
         gpio: vec![gpio("horn", Some(0.0)), gpio("door", None)],
         w1_bus: "w1".into(),
         switches: Vec::new(),
+        power: Vec::new(),
         batteries: vec![battery],
         signals: Shows { signal: Duration::from_secs(2), speed_mps: 0.02, turn_radps: 0.1, show: Vec::new() },
     }
@@ -765,4 +766,43 @@ fn a_bus_that_hangs_is_asked_once_and_foreign_answers_change_nothing() {
     }
     wire.run(1500);
     assert!(wire.values().iter().all(|(.., valid)| !valid));
+}
+
+#[test]
+fn a_power_channel_is_ordered_until_it_obeys_and_left_alone_afterwards() {
+    let limits = OutputKeys { safe: Some(1.0), ..signal("", Table::Coils, 0).limits };
+    let power = vec![PowerKeys { name: "light".into(), channel: "audio", limits }];
+    let (modbus, gpio, batteries) = (Vec::new(), Vec::new(), Vec::new());
+    let module = Io::new(Config { modbus, gpio, batteries, power, ..config(Line::Tcp) }).unwrap();
+    let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
+    bench.start();
+    // The controller reports this for a while, once a second; returns the orders.
+    let pass = |bench: &mut Bench, on: bool, seconds: u32| {
+        let mut orders = Vec::new();
+        for _ in 0..seconds {
+            let channel = |name: &str, on| lowlevel::Channel { name: name.into(), on, current: 0.0 };
+            let channels = vec![channel("motors", true), channel("audio", on)];
+            bench.message(DataPower { channels, ..Default::default() });
+            bench.pass(Duration::from_secs(1));
+            orders.extend(bench.published().into_iter().filter_map(|message| match message {
+                Message::LlCmdPower(CmdPower { device, action, .. }) => Some((device, action)),
+                _ => None,
+            }));
+        }
+        orders
+    };
+    let command = |bench: &mut Bench, value: f64| {
+        let command = CmdOutput { name: "light".into(), value, source: "test".into(), ..Default::default() };
+        bench.message(command);
+    };
+    bench.pass(Duration::from_secs(2));
+    bench.done();
+    assert!(pass(&mut bench, true, 3).is_empty(), "on, as it should be");
+    command(&mut bench, 0.0);
+    assert_eq!(pass(&mut bench, true, 1), [(5, CmdPower::OFF), (5, CmdPower::ON)], "for a second");
+    assert!(pass(&mut bench, false, 10).is_empty(), "the controller is slow");
+    assert_eq!(pass(&mut bench, false, 4), [(5, CmdPower::ON)], "again");
+    assert!(pass(&mut bench, true, 20).is_empty());
+    // It switches itself off, or a person does: nobody orders it on.
+    assert!(pass(&mut bench, false, 30).is_empty());
 }

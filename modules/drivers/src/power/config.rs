@@ -57,7 +57,8 @@ settings! {
 
 settings! {
     /// `[[power.computers]]`: a computer that is fed by a power channel and has a power button that an output of `[io]`
-    /// presses. Switching the channel off presses it, and switches off when the computer is down, or after `shutdown_s`.
+    /// presses. Switching the channel off presses it, and switches off when the computer is down, or after
+    /// `shutdown_s`.
     #[derive(Clone, Debug, PartialEq)]
     pub struct ComputerConfig {
         /// Power channel: `computer1` or `computer2`.
