@@ -159,6 +159,7 @@ fn machine_group(common: &Common, wanted: Option<u8>, capable: impl Fn(u32) -> b
         machine::real_time(&machine::RealTime::gather(wanted, capable), user),
         machine::clock(&machine::gather_clock(), year),
         machine::governors(&machine::gather_governors()),
+        machine::temperatures(&machine::Heat::gather()),
         machine::run_folder(&machine::Folder::gather(&common.run_dir()), user),
     ]
 }

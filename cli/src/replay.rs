@@ -334,6 +334,8 @@ fn show(action: &Action, ports: &[PortSpec]) -> (String, Value) {
         Action::Send(port, Output::I2cAnswer(Err(error))) => (bus(*port), json!({ "error": error.to_string() })),
         Action::Send(port, Output::OneWire(request)) => (bus(*port), json!({ "asked": format!("{request:?}") })),
         Action::Send(port, Output::OneWireState(answer)) => (bus(*port), json!({ "is": format!("{answer:?}") })),
+        Action::Send(port, Output::Thermal) => (bus(*port), json!({ "asked": "temperatures" })),
+        Action::Send(port, Output::ThermalState(state)) => (bus(*port), json!({ "is": format!("{state:?}") })),
         Action::Send(port, Output::Store(store::Request::Append { bytes, sync })) => {
             (bus(*port), json!({ "append": bytes.len(), "sync": sync }))
         }

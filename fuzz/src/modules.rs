@@ -72,10 +72,23 @@ pub fn modules(data: &[u8]) {
                     Line::I2c { .. } => bench.i2c(port, &Err(base::i2c::Error::NoData { at: number as u8 })),
                     Line::OneWire => {
                         let rom = base::w1::Rom::new(0x28, u64::from(number & 3)).expect("a small number");
-                        bench.w1(port, &match number & 4 {
-                            0 => base::w1::Answer::List([rom].into_iter().collect()),
-                            _ => base::w1::Answer::Temperature(rom, Ok(i32::from(number) * 2 - 40_000)),
-                        });
+                        bench.w1(
+                            port,
+                            &match number & 4 {
+                                0 => base::w1::Answer::List([rom].into_iter().collect()),
+                                _ if number & 8 != 0 => base::w1::Answer::Switch(rom, Ok(number as u8)),
+                                _ => base::w1::Answer::Temperature(rom, Ok(i32::from(number) * 2 - 40_000)),
+                            },
+                        );
+                    }
+                    Line::Thermal => {
+                        let mut state = base::thermal::State::default();
+                        for (n, byte) in bytes.iter().enumerate() {
+                            state.push(["cpu-thermal", "gpu-thermal", ""][n % 3], i32::from(*byte) * 1000 - 50_000);
+                        }
+                        let (slowed, under_voltage) = (number & 1 != 0, number & 2 != 0);
+                        state.throttle = (number & 4 != 0).then_some(base::thermal::Throttle { slowed, under_voltage });
+                        bench.event(Event::Port { port, input: Input::Thermal(&state) });
                     }
                     Line::Store => bench.store(port, &base::store::Answer::Done { free: u64::from(number) }),
                     Line::Gpio => {

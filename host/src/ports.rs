@@ -12,6 +12,7 @@ mod serial;
 pub mod settings;
 mod store;
 mod tcp;
+mod thermal;
 mod threaded;
 mod w1;
 mod worker;
@@ -22,6 +23,7 @@ pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
 pub use gpio::{GpioConfig, GpioInput};
 pub use serial::{ByteParity, Direction, Driver, TerminalConfig, Transport};
+pub use thermal::read as thermal_read;
 pub use w1::read as w1_read;
 
 use base::{Duration, Fault, Instant};
@@ -133,6 +135,16 @@ pub enum PortConfig {
     },
     /// The simulator's end of 1-Wire thermometers.
     W1Folder {
+        /// Created anew, removed at the end.
+        folder: PathBuf,
+    },
+    /// The kernel's temperatures of the computer.
+    Thermal {
+        /// `/sys`.
+        folder: PathBuf,
+    },
+    /// The simulator's end of temperatures of the computer.
+    ThermalFolder {
         /// Created anew, removed at the end.
         folder: PathBuf,
     },
@@ -277,6 +289,8 @@ impl Port {
             PortConfig::I2cServer { path } => Box::new(i2c::Server::new(path)),
             PortConfig::W1 { folder } => Box::new(Threaded::new(w1::Thermometers(folder))),
             PortConfig::W1Folder { folder } => Box::new(w1::Folder::new(folder)),
+            PortConfig::Thermal { folder } => Box::new(Threaded::new(thermal::Zones(folder))),
+            PortConfig::ThermalFolder { folder } => Box::new(Threaded::new(thermal::Folder(folder))),
             PortConfig::Store { folder } => Box::new(Threaded::new(store::Files::new(folder))),
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, reported: false };

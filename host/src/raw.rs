@@ -57,7 +57,12 @@ impl Tap {
             }
             Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
             // The simulator's end of a bus has no tap, and a 1-Wire bus, operated by the kernel, has no frames.
-            Input::I2cRequested(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Gpio(_) | Input::Store(_) => {}
+            Input::I2cRequested(_)
+            | Input::OneWire(_)
+            | Input::Thermal(_)
+            | Input::Gamepad(_)
+            | Input::Gpio(_)
+            | Input::Store(_) => {}
         }
     }
 
@@ -77,6 +82,8 @@ impl Tap {
             Output::I2cAnswer(_)
             | Output::OneWire(_)
             | Output::OneWireState(_)
+            | Output::Thermal
+            | Output::ThermalState(_)
             | Output::Gamepad(_)
             | Output::Gpio(_)
             | Output::Store(_) => {}

@@ -105,6 +105,7 @@ impl Module for Toy {
                     input @ (Input::I2c(_)
                     | Input::I2cRequested(_)
                     | Input::OneWire(_)
+                    | Input::Thermal(_)
                     | Input::Gamepad(_)
                     | Input::Gpio(_)
                     | Input::Store(_)),

@@ -9,6 +9,8 @@ pub(crate) const LOG_BUS: &str = "log";
 pub(crate) const GAMEPAD_BUS: &str = "joystick";
 /// The port of the 1-Wire bus.
 pub(crate) const W1_BUS: &str = "w1";
+/// Name of the port of the computer's temperatures.
+pub(crate) const HOST_BUS: &str = "host";
 
 /// Bus without `--lcm-url` and `LCM_DEFAULT_URL`.
 pub const LCM_URL: &str = "udpm://239.255.76.67:7667?ttl=0&shm=auto";

@@ -70,7 +70,9 @@ fn temperature_limits(robot: &Robot) -> Vec<TemperatureLimit> {
     let chips = chips.map(|temperature| limit(&temperature.name, temperature.limit_c.into()));
     let named = robot.w1.iter().flat_map(|w1| &w1.driver.sensors);
     let named = named.filter_map(|sensor| Some(limit(&sensor.name, sensor.limit_c?)));
-    chips.chain(named).collect()
+    let host = robot.host.iter().flat_map(|host| &host.driver.sensors);
+    let host = host.filter_map(|sensor| Some(limit(&sensor.name, sensor.limit_c?)));
+    chips.chain(named).chain(host).collect()
 }
 
 fn drives(bus: &CanBus) -> impl Iterator<Item = Drive> {

@@ -1,16 +1,20 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
 use crate::config::{CanBus, ConfigError, Imu, Lidar, ModbusBus, Robot, gpio_bus};
-use crate::place::{GAMEPAD_BUS, RobotLocation, W1_BUS};
+use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
+use base::w1::Rom;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
+use drivers::io::SwitchKeys;
 use drivers::lidar::{LidarKeys, Model};
+use drivers::power;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
 use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
+use rs485::boards::psc1::CHANNELS;
 use settings::robot::{Base, Beacon};
 use simulator::boards::battery::BatteryConfig;
 use simulator::boards::cia402::Cia402Config;
@@ -23,13 +27,16 @@ use simulator::imu::ImuConfig;
 use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
-    Axis, BoardConfig, BoardKind, CanConfig, Config, DeviceConfig, DriveConfig, DriveKind, I2cConfig, LineConfig,
-    ModbusConfig, SerialConfig, W1Config,
+    Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind, HostConfig,
+    I2cConfig, LineConfig, ModbusConfig, SerialConfig, W1Config,
 };
 
 /// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
 /// what the configuration says shows.
 const STEERING_RESERVE: f64 = 2.0;
+
+/// Time that a simulated computer needs to shut down, if it is given twice as much.
+const COMPUTER_SHUTDOWN: Duration = Duration::from_secs(8);
 
 /// `simulator`: every bus, the robot's body, a world.
 ///
@@ -74,6 +81,11 @@ pub(crate) fn config(
     let w1 = robot.w1.as_ref().map(|w1| W1Config {
         bus: W1_BUS.into(),
         thermometers: w1.driver.sensors.iter().map(|sensor| (sensor.rom, sensor.name.clone())).collect(),
+        switches: robot.io.as_ref().map_or_else(Vec::new, |io| switches(&io.w1)),
+    });
+    let host = robot.host.as_ref().map(|host| HostConfig {
+        bus: HOST_BUS.into(),
+        sensors: host.driver.sensors.iter().map(|sensor| (sensor.zone.clone(), sensor.name.clone())).collect(),
     });
     let usual = Config::default();
     let gpio = robot.io.iter().flat_map(|io| &io.gpio);
@@ -82,6 +94,7 @@ pub(crate) fn config(
         lidars: robot.lidar.iter().map(lidar).collect(),
         imus: robot.imu.iter().map(|unit| imu(unit, can.as_ref())).collect::<Result<_, _>>()?,
         gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
+        computers: robot.power.iter().flat_map(|power| &power.computers).filter_map(computer).collect(),
         pause_delay: if robot.stop.pause == PauseStop::Delayed { robot.stop.delay } else { Duration::ZERO },
         world,
         parameters,
@@ -90,12 +103,41 @@ pub(crate) fn config(
         serial: serial.collect(),
         i2c: i2c.collect(),
         w1,
+        host,
         line: robot.stop.feed_line().map(|_| canbus::LINE_BUS.into()),
         gamepad: robot.gamepad.as_ref().filter(|gamepad| gamepad.port.is_simulated()).map(|_| GAMEPAD_BUS.into()),
         wire_time,
         sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..usual.sonar },
         ..usual
     })
+}
+
+/// A computer that shuts down by its button; its lines are simulated if they are GPIO lines.
+fn computer(keys: &power::ComputerConfig) -> Option<ComputerConfig> {
+    let number = CHANNELS.iter().position(|name| *name == keys.channel)?;
+    let line = |name: &String| format!("gpio.{name}");
+    Some(ComputerConfig {
+        channel: (u8::try_from(number).ok()?, keys.channel.clone()),
+        button: Some(line(&keys.button)),
+        alive: keys.alive.as_ref().map(line),
+        shutdown: COMPUTER_SHUTDOWN.min(keys.shutdown / 2),
+        starts: !keys.press_on,
+    })
+}
+
+/// Switches, with what their pins see from outside: outputs are pulled up.
+fn switches(keys: &[SwitchKeys]) -> Vec<(Rom, u8)> {
+    let mut all: Vec<(Rom, u8)> = Vec::new();
+    for keys in keys {
+        let n = all.iter().position(|(rom, _)| *rom == keys.rom).unwrap_or_else(|| {
+            all.push((keys.rom, 3));
+            all.len() - 1
+        });
+        if !keys.output && keys.simulated == keys.active_low {
+            all[n].1 &= !(1 << keys.channel);
+        }
+    }
+    all
 }
 
 /// A lidar where it sits.

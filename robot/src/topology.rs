@@ -6,7 +6,7 @@ use crate::map_file;
 #[cfg(feature = "ros2")]
 use crate::node;
 use crate::picture;
-use crate::place::{self, GAMEPAD_BUS, LOG_BUS, RobotLocation, W1_BUS};
+use crate::place::{self, GAMEPAD_BUS, HOST_BUS, LOG_BUS, RobotLocation, W1_BUS};
 use crate::recording;
 use crate::scene;
 use crate::sheets;
@@ -288,6 +288,11 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(w1) => Ok(w1.port.port(run_dir)),
                 None => return missing(),
             },
+            ((HOST_BUS, _), side) => match &robot.host {
+                Some(host) if side => host.port.simulated(run_dir),
+                Some(host) => Ok(host.port.port(run_dir)),
+                None => return missing(),
+            },
             (("can", name), _) => match robot.can.iter().find(|can| can.name == name) {
                 Some(can) => can.port.interface.port(&place.lcm_url, can.driver.bitrate),
                 None => return missing(),
@@ -512,7 +517,9 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
     });
     let w1 =
         robot.w1.as_ref().map(|w1| auxiliary::W1Config { bus: W1_BUS.into(), thermometers: w1.driver.sensors.clone() });
-    let driver = auxiliary::Auxiliary::new(auxiliary::Config { bus, w1 });
+    let sensors = robot.host.as_ref().map(|host| host.driver.sensors.clone());
+    let host = sensors.map(|sensors| auxiliary::HostConfig { bus: HOST_BUS.into(), sensors });
+    let driver = auxiliary::Auxiliary::new(auxiliary::Config { bus, w1, host });
     driver.or_else(|error| refused(format!("driver_aux: {error}")))
 }
 
@@ -562,7 +569,7 @@ fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
 
 /// `driver_io`: the Modbus and GPIO lines.
 fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
-    let Some(config) = robot.io.as_ref().map(config::Io::config) else {
+    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS)) else {
         return refused("driver_io: robot.toml has no table [io]".into());
     };
     io::Io::new(config).or_else(|error| refused(format!("driver_io: {error}")))

@@ -29,6 +29,7 @@ mod simulator_tests;
 mod store;
 #[cfg(test)]
 mod tests;
+mod thermal;
 mod w1;
 mod wire;
 
@@ -500,6 +501,11 @@ impl Virtual {
                     self.tell(owner.pid, Waiting::OneWire(owner.port, answer));
                 }
             }
+            Kind::Thermal(wire) => {
+                if let Some((owner, state)) = wire.handle_timeout(now) {
+                    self.tell(owner.pid, Waiting::Thermal(owner.port, state));
+                }
+            }
             Kind::Store(wire) => {
                 if let Some((owner, answer)) = wire.handle_timeout(now) {
                     self.tell(owner.pid, Waiting::Store(owner.port, answer));
@@ -545,6 +551,7 @@ impl Virtual {
                 Kind::Serial(_)
                 | Kind::I2c(_)
                 | Kind::OneWire(_)
+                | Kind::Thermal(_)
                 | Kind::Gamepad(_)
                 | Kind::Gpio(_)
                 | Kind::Store(_) => false,
@@ -660,6 +667,7 @@ impl Virtual {
                 self.handle(pid, Event::Port { port, input: Input::I2cRequested(&transfer) });
             }
             Waiting::OneWire(port, answer) => self.handle(pid, Event::Port { port, input: Input::OneWire(&answer) }),
+            Waiting::Thermal(port, state) => self.handle(pid, Event::Port { port, input: Input::Thermal(&state) }),
             Waiting::Gamepad(port, event) => {
                 self.handle(pid, Event::Port { port, input: Input::Gamepad(event.as_input()) });
             }
@@ -820,6 +828,8 @@ impl Virtual {
             (Kind::I2c(wire), Output::I2cAnswer(outcome)) => wire.answer(self.now, owner, outcome),
             (Kind::OneWire(wire), Output::OneWire(request)) => wire.send(self.now, owner, request),
             (Kind::OneWire(wire), Output::OneWireState(answer)) => wire.server.is(owner, answer),
+            (Kind::Thermal(wire), Output::Thermal) => wire.send(self.now, owner, ()),
+            (Kind::Thermal(wire), Output::ThermalState(state)) => wire.server.is(owner, state),
             (Kind::Store(wire), Output::Store(request)) => wire.send(self.now, owner, request),
             (Kind::Gamepad(_), Output::Gamepad(event)) => {
                 self.gamepad_tells(wire, owner, event);

@@ -1,10 +1,13 @@
 //! Temperatures and fans of the whole robot: faults there are reported, and the robot continues to drive.
 
-use super::Robot;
+use super::{Robot, place};
+use base::Duration;
 use messages::{Message, lowlevel, simulation};
 use module::State;
-use sim::host::News;
+use robot::place::RobotLocation;
+use sim::host::{Config, News};
 use std::cell::RefCell;
+use std::path::Path;
 use std::rc::Rc;
 
 #[derive(Default)]
@@ -41,7 +44,10 @@ struct Rig {
 
 impl Rig {
     fn new(seed: u64) -> Self {
-        let mut robot = Robot::ready(seed);
+        Self::of(Robot::ready(seed))
+    }
+
+    fn of(mut robot: Robot) -> Self {
         let observed = Rc::new(RefCell::new(Observed::default()));
         let keep = observed.clone();
         robot.machine.observe(move |_, news| keep.borrow_mut().take(news));
@@ -175,4 +181,33 @@ fn the_chip_is_found_again_after_a_restart_of_the_simulator() {
     rig.robot.pass(3.0);
     let told = rig.news();
     assert!(told.contains(&"RUN".into()) && told.iter().any(|line| line.contains("MAX6615 revision 1")), "{told:?}");
+}
+
+#[test]
+fn temperatures_of_the_computer_are_beside_the_others_and_heat_is_reported() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("host-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let shipped = place();
+    for file in ["sim.toml", "modules.toml"] {
+        std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
+    }
+    let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
+    let host = "[host]\nfolder = \"host\"\nsensors = [{ zone = \"cpu-thermal\", name = \"host.cpu\", limit_c = 80 }]\n";
+    std::fs::write(folder.join("robot.toml"), robot + host).expect("a file");
+    let config = Config { seed: 9, lcm_jitter: Duration::from_micros(200), ..Config::default() };
+    let mut robot = Robot::at(&RobotLocation { config: folder, ..shipped }, config);
+    robot.pass(12.0);
+    let mut rig = Rig::of(robot);
+    assert!((40.0..60.0).contains(&rig.temperature("host.cpu").value), "{:?}", rig.temperature("host.cpu"));
+    assert!(!rig.temperature("box").value.is_nan());
+    rig.fault("host.cpu", "hot", 105.0, 5.0);
+    rig.robot.pass(4.0);
+    assert!(rig.temperature("host.cpu").over);
+    assert_eq!(rig.news(), ["Error OverTemperature host.cpu", "Warning HostThrottled host"]);
+    rig.drives();
+    rig.robot.pass(4.0);
+    assert_eq!(rig.news(), ["Notice OverTemperature host.cpu", "Notice HostThrottled host"]);
+    rig.fault("host.cpu", "silent", 0.0, 5.0);
+    rig.robot.pass(3.0);
+    assert!(rig.temperature("host.cpu").value.is_nan() && !rig.temperature("box").value.is_nan());
 }

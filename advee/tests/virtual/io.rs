@@ -3,7 +3,7 @@
 use super::{Robot, place};
 use base::Duration;
 use messages::Message;
-use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::lowlevel::{CmdOutput, CmdPower, DataBattery, DataIo, DataPower};
 use messages::simulation::CmdFault;
 use robot::place::RobotLocation;
 use sim::host::{Config, News};
@@ -44,11 +44,73 @@ voltage = "volts"
 current = "amps"
 "#;
 
+/// A horn and lamps, and what they show.
+const SIGNALS: &str = r#"
+[[io.gpio]]
+name = "horn"
+chip = "gpio-horn"
+line = 1
+output = true
+safe = 0
+[[io.gpio]]
+name = "left"
+chip = "gpio-left"
+line = 2
+output = true
+safe = 0
+[[io.gpio]]
+name = "beacon"
+chip = "gpio-beacon"
+line = 3
+output = true
+safe = 0
+[signals]
+signal_s = 1.0
+[[signals.show]]
+output = "horn"
+when = "starting"
+pattern = "beep 1 0.3 0.1"
+[[signals.show]]
+output = "left"
+when = "turning_left"
+pattern = "blink 2"
+[[signals.show]]
+output = "beacon"
+when = "pause"
+pattern = "on"
+[[signals.show]]
+output = "beacon"
+when = "driving"
+pattern = "pulses 2 0.1 0.1 0.7"
+"#;
+
+/// A computer with its power button and its power LED.
+const COMPUTER: &str = r#"
+[[io.gpio]]
+name = "power_button"
+chip = "gpio-power-button"
+line = 1
+output = true
+safe = 0
+[[io.gpio]]
+name = "power_led"
+chip = "gpio-power-led"
+line = 2
+[[power.computers]]
+channel = "computer1"
+button = "power_button"
+alive = "power_led"
+shutdown_s = 10
+"#;
+
 #[derive(Default)]
 struct Observed {
     news: Vec<String>,
     io: Option<DataIo>,
     battery: Option<DataBattery>,
+    power: Option<DataPower>,
+    /// Reports of the power driver.
+    computers: Vec<String>,
 }
 
 impl Observed {
@@ -57,6 +119,10 @@ impl Observed {
             News::Report { module: "driver_io", report } => {
                 self.news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
             }
+            News::Report { module: "driver_power", report } => {
+                self.computers.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
+            }
+            News::Message { message: Message::LlDataPower(power), .. } => self.power = Some(power.clone()),
             News::State { module: "driver_io", state } => self.news.push(state.to_string()),
             News::Message { message: Message::LlDataIo(io), .. } => self.io = Some(io.clone()),
             News::Message { message: Message::LlDataBattery(battery), .. } => self.battery = Some(battery.clone()),
@@ -72,6 +138,11 @@ struct Rig {
 
 impl Rig {
     fn new(name: &str) -> Self {
+        Self::with(name, IO)
+    }
+
+    /// The shipped robot with these tables.
+    fn with(name: &str, tables: &str) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("io-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder");
         let shipped = place();
@@ -79,7 +150,7 @@ impl Rig {
             std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
         }
         let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
-        std::fs::write(folder.join("robot.toml"), robot + IO).expect("a file");
+        std::fs::write(folder.join("robot.toml"), robot + tables).expect("a file");
         let place = RobotLocation { config: folder, ..shipped };
         let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
         let mut robot = Robot::at(&place, config);
@@ -142,4 +213,126 @@ fn a_line_that_is_silent_is_reported_and_comes_back_and_the_robot_drives_on() {
     rig.robot.pass(4.0);
     assert_eq!(rig.news(), ["Notice IoDeviceLost modbus.line unit 5", "RUN"]);
     assert_eq!(rig.value("volts"), (24.5, true));
+}
+
+#[test]
+fn outputs_show_what_the_robot_does() {
+    let mut rig = Rig::with("signals", SIGNALS);
+    let names = ["horn", "left", "beacon"];
+    // Rising edges of each output.
+    let watch = |rig: &mut Rig, seconds: f64| {
+        let (mut was, mut rises) = (names.map(|name| rig.value(name).0), [0; 3]);
+        for _ in 0..(seconds / 0.02) as u32 {
+            rig.robot.pass(0.02);
+            let is = names.map(|name| rig.value(name).0);
+            for n in 0..3 {
+                rises[n] += u32::from(is[n] > was[n]);
+            }
+            was = is;
+        }
+        rises
+    };
+    assert_eq!(watch(&mut rig, 3.0), [0; 3], "the robot stands");
+    rig.robot.drive_anew(0.4, 0.5, 6.0);
+    let [horn, left, beacon] = watch(&mut rig, 5.0);
+    assert_eq!(horn, 1, "once, at the start");
+    assert!((7..=10).contains(&left), "{left}: twice a second");
+    assert!((9..=10).contains(&beacon), "{beacon}: two of a second");
+    let fault = CmdFault { target: "psc1".into(), fault: "stop_button".into(), duration: 3.0, ..CmdFault::default() };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    rig.robot.pass(2.5);
+    assert_eq!(names.map(|name| rig.value(name)), [(0.0, true), (0.0, true), (1.0, true)]);
+    // A person lights the left lamp meanwhile.
+    rig.command("left", 1.0);
+    rig.robot.pass(0.3);
+    assert_eq!(rig.value("left"), (1.0, true));
+    rig.robot.pass(1.2);
+    assert_eq!(rig.value("left"), (0.0, true));
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
+}
+
+#[test]
+fn a_computer_is_shut_down_by_its_button_before_its_supply_is_cut() {
+    let mut rig = Rig::with("computer", COMPUTER);
+    let switch = |rig: &mut Rig, action| {
+        rig.robot.machine.inject(rig.robot.machine.now(), CmdPower { timestamp: 0, device: 1, action });
+    };
+    let supplied = |rig: &Rig| {
+        let power = rig.observed.borrow().power.clone().expect("LL_DATA_POWER each second");
+        power.channels.iter().find(|channel| channel.name == "computer1").expect("all channels").on
+    };
+    assert!(rig.value("power_led") == (1.0, true) && supplied(&rig));
+    switch(&mut rig, CmdPower::OFF);
+    rig.robot.pass(0.2);
+    assert_eq!(rig.value("power_button"), (1.0, true));
+    rig.robot.pass(1.0);
+    assert_eq!((rig.value("power_button"), supplied(&rig)), ((0.0, true), true));
+    // The simulated one needs half of its time.
+    let pressed = rig.robot.machine.now();
+    while rig.value("power_led").0 == 1.0 {
+        rig.robot.pass(0.1);
+        assert!(supplied(&rig), "it is not down yet");
+        assert!(rig.robot.machine.now().since(pressed) < Duration::from_secs(8), "it does not shut down");
+    }
+    rig.robot.pass(4.5);
+    assert!(!supplied(&rig));
+    switch(&mut rig, CmdPower::ON);
+    rig.robot.pass(4.0);
+    assert!(rig.value("power_led") == (1.0, true) && supplied(&rig), "it starts with its supply");
+    assert_eq!(rig.observed.borrow().computers, [] as [String; 0]);
+    // It hangs, and loses its supply nevertheless.
+    let fault = CmdFault { target: "computer1".into(), fault: "silent".into(), duration: 60.0, ..CmdFault::default() };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    switch(&mut rig, CmdPower::OFF);
+    rig.robot.pass(9.0);
+    assert!(supplied(&rig));
+    rig.robot.pass(4.0);
+    assert!(!supplied(&rig) && rig.value("power_led") == (0.0, true));
+    assert_eq!(rig.observed.borrow().computers, ["Warning ComputerStuck computer1"]);
+}
+
+#[test]
+fn before_the_supply_is_cut_the_computers_are_asked_to_shut_down_while_the_modules_end() {
+    let mut rig = Rig::with("shutdown", COMPUTER);
+    rig.robot.drive_anew(0.4, 0.0, 5.0);
+    rig.robot.pass(1.5);
+    let fault = CmdFault { target: "psc1".into(), fault: "power_off".into(), value: 30.0, ..CmdFault::default() };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    rig.robot.pass(5.0);
+    assert!(rig.robot.speed().abs() < 0.001, "it does not wait for the computer");
+    assert!(!rig.news().contains(&"TERMINATE".into()), "the power LED is still read");
+    rig.robot.pass(4.0);
+    assert_eq!(rig.value("power_led").0, 0.0);
+    assert!(rig.news().contains(&"TERMINATE".into()));
+}
+
+/// A switch on the 1-Wire bus, beside its thermometers.
+const SWITCH: &str = r#"
+[[io.w1]]
+name = "lamp"
+id = "3a-000000000007"
+channel = "A"
+output = true
+safe = 0
+hold_s = 5
+[[io.w1]]
+name = "door"
+id = "3a-000000000007"
+channel = "B"
+active_low = true
+simulated = true
+"#;
+
+#[test]
+fn switches_on_the_bus_of_the_thermometers_are_outputs_and_inputs() {
+    let mut rig = Rig::with("w1", SWITCH);
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
+    assert_eq!((rig.value("lamp"), rig.value("door")), ((0.0, true), (1.0, true)));
+    rig.command("lamp", 1.0);
+    // Measurements of thermometers may come first.
+    rig.robot.pass(3.0);
+    assert_eq!(rig.value("lamp"), (1.0, true));
+    rig.robot.pass(5.0);
+    assert_eq!(rig.value("lamp"), (0.0, true));
+    assert!(rig.news().is_empty());
 }

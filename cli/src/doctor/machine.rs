@@ -1,6 +1,8 @@
 //! The machine: real-time limits, clock, processors, disk. Checks over given facts, and the code that gathers them.
 
 use super::finding::{Finding, bytes};
+use base::thermal::{Reading, State, Throttle};
+use host::ports::thermal_read::Reader;
 use host::sys::{self, ClockState};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use std::collections::BTreeSet;
@@ -107,6 +109,42 @@ pub fn gather_governors() -> BTreeSet<String> {
     let cpus = fs::read_dir("/sys/devices/system/cpu").into_iter().flatten().flatten();
     let read = |cpu: fs::DirEntry| fs::read_to_string(cpu.path().join("cpufreq/scaling_governor")).ok();
     cpus.filter_map(read).map(|name| name.trim().to_string()).collect()
+}
+
+/// Temperatures of the computer.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Heat {
+    pub state: State,
+    /// How often its processors slowed down since its start, where that is counted.
+    pub events: Option<u64>,
+}
+
+impl Heat {
+    pub fn gather() -> Self {
+        let mut reader = Reader::new("/sys".into());
+        Self { state: reader.read(), events: reader.events() }
+    }
+}
+
+/// Temperatures of the computer by the names that `[host]` has for them, and whether it slows itself down.
+pub fn temperatures(heat: &Heat) -> Finding {
+    const CHECK: &str = "temperatures";
+    let Heat { state, events } = heat;
+    let Throttle { slowed, under_voltage } = state.throttle.unwrap_or_default();
+    let one = |reading: &Reading| format!("{} {:.0} °C", reading.zone, f64::from(reading.millidegrees) / 1e3);
+    let mut all: Vec<String> = state.readings().iter().map(one).collect();
+    all.extend(events.filter(|events| *events > 0).map(|events| format!("slowed down {events} times since the start")));
+    let all = if all.is_empty() { "the kernel shows none".into() } else { all.join(", ") };
+    let late = "A computer that slows itself down is late: modules may miss their deadlines, and the robot stops.";
+    match (slowed, under_voltage) {
+        (_, true) => Finding::warning(CHECK, format!("the supply voltage of the computer is too low; {all}"))
+            .why(late)
+            .cure("vcgencmd get_throttled"),
+        (true, false) => Finding::warning(CHECK, format!("the computer slows itself down; {all}"))
+            .why(late)
+            .cure("grep . /sys/class/thermal/thermal_zone*/temp"),
+        (false, false) => Finding::ok(CHECK, all),
+    }
 }
 
 /// A folder that is to be written to, or made.

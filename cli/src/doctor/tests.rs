@@ -616,3 +616,23 @@ fn the_gpio_line_that_cuts_the_feed_must_be_there_and_free() {
     says(&check(&closed, Ok(None)), Level::Fail, "robo may not open /dev/gpiochip0", "usermod -aG gpio robo");
     assert_eq!(devices::feed_line(&line("gpio-motors"), |_| closed.clone(), |_| Ok(None), "robo"), None);
 }
+
+#[test]
+fn temperatures_are_shown_and_a_computer_that_slows_itself_down_is_a_warning() {
+    use base::thermal::{State, Throttle};
+    let heat = |throttle, events| {
+        let mut state = State { throttle, ..State::default() };
+        assert!(state.push("x86_pkg_temp", 45_400) && state.push("nvme/Composite", 38_000));
+        machine::Heat { state, events }
+    };
+    let told = |slowed, under_voltage| Some(Throttle { slowed, under_voltage });
+    let cool = machine::temperatures(&heat(told(false, false), Some(0)));
+    assert_eq!((cool.level, cool.what.as_str()), (Level::Ok, "x86_pkg_temp 45 °C, nvme/Composite 38 °C"));
+    let before = machine::temperatures(&heat(None, Some(3)));
+    assert!(before.level == Level::Ok && before.what.ends_with(", slowed down 3 times since the start"));
+    for (throttle, why) in [(told(true, false), "slows itself down"), (told(true, true), "supply voltage")] {
+        let found = machine::temperatures(&heat(throttle, None));
+        assert!(found.level == Level::Warning && found.what.contains(why), "{}", found.what);
+    }
+    assert_eq!(machine::temperatures(&machine::Heat::default()).what, "the kernel shows none");
+}

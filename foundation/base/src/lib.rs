@@ -38,6 +38,7 @@ mod remedy;
 mod report;
 pub mod serial;
 pub mod store;
+pub mod thermal;
 mod time;
 pub mod w1;
 

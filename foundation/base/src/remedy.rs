@@ -93,6 +93,7 @@ impl Fault {
             Self::ChannelStuck => "Switch the channel once more; if it stays, replace the power controller.",
             Self::ChannelTripped => "Find the short circuit or overload on the channel, then switch it on again.",
             Self::ChannelCurrent => "Find what draws so much on the channel before it switches itself off.",
+            Self::ComputerStuck => "Look why the computer does not shut down: its screen, its button, its power LED.",
 
             Self::InputsLost => "Check space and speed of the disk; until then this run cannot be replayed entirely.",
             Self::LogLost => "Check space, speed and health of the disk.",
@@ -103,6 +104,7 @@ impl Fault {
             Self::OverTemperature => "Stop driving, and let it cool down; check fans and air inlets.",
             Self::FanFailed => "Clean the fan and check its plug, else replace it.",
             Self::ThermometerBad => "Check cable and pull-up of the thermometer, else replace it.",
+            Self::HostThrottled => "Check fans, air inlets and the supply of the computer, and what loads it.",
 
             Self::GamepadRefused => "Use another gamepad, or enter its axes and buttons in `[gamepad]` of robot.toml.",
             Self::GamepadNotReleased => {

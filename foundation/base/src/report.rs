@@ -212,6 +212,8 @@ faults! {
     ChannelTripped = 0x0505, Device;
     /// A power channel draws nearly as much current as it may.
     ChannelCurrent = 0x0506, Resource;
+    /// A computer did not shut down in its time, and lost its supply nevertheless.
+    ComputerStuck = 0x0507, Timeout;
 
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;
@@ -230,6 +232,8 @@ faults! {
     FanFailed = 0x0703, Device;
     /// What a 1-Wire thermometer says is damaged, or no temperature.
     ThermometerBad = 0x0704, Device;
+    /// The computer slows itself down, by its temperature or a supply voltage that is too low.
+    HostThrottled = 0x0705, Resource;
 
     /// A gamepad cannot drive the robot: it lacks an axis or a button, or an axis has no range.
     GamepadRefused = 0x0711, Device;

@@ -1,9 +1,9 @@
-//! 1-Wire: which devices are on a bus and what its thermometers say; the words between drivers, hosts and the
-//! simulator.
+//! 1-Wire: which devices are on a bus, what its thermometers say, and how its switches are; the words between drivers,
+//! hosts and the simulator.
 //!
-//! Who drives the line is the host's affair: on Linux the kernel's `w1_therm`, whose files a live host reads. A 64-bit
-//! ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel calls a device by
-//! the first two: `28-0316a2795bff`.
+//! Who drives the line is the host's affair: on Linux the kernel's `w1_therm` and `w1_ds2413`, whose files a live host
+//! reads. A 64-bit ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel calls
+//! a device by the first two: `28-0316a2795bff`.
 
 use crate::listed;
 use core::fmt;
@@ -45,6 +45,12 @@ impl Rom {
         matches!(self.family(), 0x10 | 0x22 | 0x28 | 0x3B | 0x42)
     }
 
+    /// True if it is a switch that `w1_ds2413` knows: DS2413, two channels.
+    #[must_use]
+    pub const fn is_switch(self) -> bool {
+        self.family() == 0x3A
+    }
+
     /// Number within the family.
     #[must_use]
     pub const fn serial(self) -> u64 {
@@ -71,6 +77,10 @@ pub enum Request {
     List,
     /// What a thermometer measures; it takes most of a second.
     Temperature(Rom),
+    /// How a switch is.
+    Read(Rom),
+    /// Latches of a switch, bit 0 of channel A, bit 1 of B: 0 conducts, 1 does not. Then it is read.
+    Write(Rom, u8),
 }
 
 /// Thermometers, in order of their codes.
@@ -83,6 +93,18 @@ pub enum Answer {
     List(List),
     /// A thermometer measured so many thousandths of a degree Celsius, or why not.
     Temperature(Rom, Result<i32, Error>),
+    /// How a switch is, as [`switch_state`] returns it, or why that is not known. From the simulator: the levels at its
+    /// pins while its latches do not conduct, bit 0 of A, bit 1 of B.
+    Switch(Rom, Result<u8, Error>),
+}
+
+/// State of a DS2413 as it answers PIO ACCESS READ, its lower half: bit 0: level at the pin of channel A, bit 1: its
+/// latch; bits 2 and 3: those of B. `pins`: levels from outside; `latches`: as in [`Request::Write`]. A latch that
+/// conducts pulls its pin low.
+#[must_use]
+pub const fn switch_state(pins: u8, latches: u8) -> u8 {
+    let (levels, latches) = (pins & latches & 3, latches & 3);
+    levels & 1 | (latches & 1) << 1 | (levels & 2) << 1 | (latches & 2) << 2
 }
 
 listed! {
@@ -106,6 +128,14 @@ impl core::error::Error for Error {}
 mod tests {
     use super::*;
     use alloc::string::ToString;
+
+    #[test]
+    fn a_latch_that_conducts_pulls_its_pin_low() {
+        // Data sheet DS2413, table "PIO Status Bit Assignment".
+        assert_eq!((switch_state(3, 3), switch_state(0, 3)), (0b1111, 0b1010));
+        assert_eq!((switch_state(3, 2), switch_state(3, 1), switch_state(3, 0xFC)), (0b1100, 0b0011, 0));
+        assert!(Rom::parse("3a-000000000001").unwrap().is_switch() && !Rom::new(0x28, 1).unwrap().is_switch());
+    }
 
     #[test]
     fn a_code_is_read_as_the_kernel_writes_it_and_nothing_else_is() {

@@ -2,7 +2,7 @@
 
 use crate::{PortId, State};
 use base::serial::Word;
-use base::{Epoch, Fault, Instant, Level, Report, Severity, can, gamepad, gpio, i2c, store, w1};
+use base::{Epoch, Fault, Instant, Level, Report, Severity, can, gamepad, gpio, i2c, store, thermal, w1};
 use messages::Message;
 
 /// Effect requested by a module.
@@ -58,6 +58,11 @@ pub enum Output {
     OneWire(w1::Request),
     /// The simulator's end of a 1-Wire bus: the present thermometers, or the value of one of them, from now on.
     OneWireState(w1::Answer),
+    /// The temperatures of the computer are read; the host answers with `Input::Thermal`. At most [`OUTSTANDING`] may
+    /// be pending.
+    Thermal,
+    /// The simulator's end of them: what they are from now on.
+    ThermalState(thermal::State),
     /// An event of a simulated gamepad.
     Gamepad(gamepad::Event),
     /// A digital output is set, or read, or an input is read; the host answers with `Input::Gpio`. At most

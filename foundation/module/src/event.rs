@@ -3,7 +3,7 @@
 use crate::State;
 use crate::admission::Origin;
 use base::serial::Word;
-use base::{Duration, Instant, can, gamepad, gpio, i2c, store, w1};
+use base::{Duration, Instant, can, gamepad, gpio, i2c, store, thermal, w1};
 use messages::Message;
 
 /// Event for a module.
@@ -82,6 +82,8 @@ pub enum Line {
     },
     /// A 1-Wire bus with thermometers.
     OneWire,
+    /// Temperatures of the computer.
+    Thermal,
     /// A gamepad or joystick.
     Gamepad,
     /// A digital output or input of the computer.
@@ -119,6 +121,9 @@ pub enum Input<'a> {
     /// Answer to a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order. Requests pending when
     /// the port went down have none.
     OneWire(&'a w1::Answer),
+    /// Temperatures of the computer: one for each [`Output::Thermal`](crate::Output::Thermal), in order. Requests
+    /// pending when the port went down have none. At the simulator's end: what was written.
+    Thermal(&'a thermal::State),
     /// News of a gamepad. An absent gamepad is news, too, and not [`Input::Down`].
     Gamepad(gamepad::Input<'a>),
     /// Level of a digital output or input: one for each [`Output::Gpio`](crate::Output::Gpio), in order, and one for

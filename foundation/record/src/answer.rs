@@ -34,6 +34,8 @@ const SEND_STORE: u8 = 23;
 // A text of another level than INFO, which is `NOTE`.
 const TEXT: u8 = 24;
 const SEND_GPIO: u8 = 25;
+const SEND_THERMAL: u8 = 26;
+const SEND_THERMAL_IS: u8 = 27;
 
 // Next deadline: unchanged, none, or at an instant.
 const SAME: u8 = 0;
@@ -92,6 +94,11 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
         Action::Send(PortId(port), Output::OneWireState(answer)) => {
             out.extend([SEND_ONE_WIRE_IS, *port]);
             auxiliary::answer(out, answer);
+        }
+        Action::Send(PortId(port), Output::Thermal) => out.extend([SEND_THERMAL, *port]),
+        Action::Send(PortId(port), Output::ThermalState(state)) => {
+            out.extend([SEND_THERMAL_IS, *port]);
+            auxiliary::thermal(out, state);
         }
         Action::Send(PortId(port), Output::Gamepad(event)) => {
             out.extend([SEND_GAMEPAD, *port]);
@@ -203,6 +210,8 @@ fn take_action(take: &mut Decoder<'_>) -> Result<Action, Malformed> {
         SEND_ONE_WIRE => Action::Send(PortId(take.u8()?), Output::OneWire(auxiliary::take_request(take)?)),
         SEND_STORE => Action::Send(PortId(take.u8()?), Output::Store(store::take_request(take)?)),
         SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireState(auxiliary::take_answer(take)?)),
+        SEND_THERMAL => Action::Send(PortId(take.u8()?), Output::Thermal),
+        SEND_THERMAL_IS => Action::Send(PortId(take.u8()?), Output::ThermalState(auxiliary::take_thermal(take)?)),
         SEND_GAMEPAD => Action::Send(PortId(take.u8()?), Output::Gamepad(super::take_gamepad(take)?)),
         SEND_GPIO => Action::Send(PortId(take.u8()?), Output::Gpio(super::take_signal(take)?)),
         RAISE => Action::Raise(take_report(take)?),

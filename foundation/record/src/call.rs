@@ -47,6 +47,7 @@ const CAN_EARLIER: u8 = 34;
 const GPIO: u8 = 35;
 /// A message with its sender; [`MESSAGE`] is one whose sender makes no difference.
 const MESSAGE_FROM: u8 = 36;
+const THERMAL: u8 = 37;
 
 // Bits of the first byte of a sender.
 const IS_DUE: u8 = 1;
@@ -156,6 +157,10 @@ fn put_input(out: &mut Vec<u8>, now: Instant, PortId(port): PortId, input: &Inpu
             out.extend([ONE_WIRE, port]);
             auxiliary::answer(out, answer);
         }
+        Input::Thermal(state) => {
+            out.extend([THERMAL, port]);
+            auxiliary::thermal(out, state);
+        }
         Input::Gamepad(input) => {
             out.extend([GAMEPAD, port]);
             super::gamepad(out, *input);
@@ -248,6 +253,10 @@ pub(super) fn take<T>(take: &mut Decoder<'_>, now: Instant, f: impl FnOnce(Call<
         ONE_WIRE => {
             let (port, answer) = (PortId(take.u8()?), auxiliary::take_answer(take)?);
             return Ok(f(Call::Event(Event::Port { port, input: Input::OneWire(&answer) })));
+        }
+        THERMAL => {
+            let (port, state) = (PortId(take.u8()?), auxiliary::take_thermal(take)?);
+            return Ok(f(Call::Event(Event::Port { port, input: Input::Thermal(&state) })));
         }
         GAMEPAD => {
             let port = PortId(take.u8()?);

@@ -1,5 +1,5 @@
 use super::*;
-use base::{Duration, gamepad, gpio, i2c, store, w1};
+use base::{Duration, gamepad, gpio, i2c, store, thermal, w1};
 use messages::{common, lowlevel};
 use module::admission::{Origin, Process};
 use module::{
@@ -57,6 +57,18 @@ fn at(ms: u64) -> Instant {
 fn transfer(write: &[u8], read: i2c::Read) -> i2c::Transfer {
     let address = i2c::Address::new(0x18).unwrap();
     i2c::Transfer { address, write: i2c::Bytes::from_slice(write).unwrap(), read }
+}
+
+/// Temperatures of computers.
+fn heat() -> Vec<thermal::State> {
+    let throttles = [(false, false), (true, false), (false, true), (true, true)];
+    let throttles = throttles.map(|(slowed, under_voltage)| Some(thermal::Throttle { slowed, under_voltage }));
+    let state = |throttle| {
+        let mut state = thermal::State { throttle, ..Default::default() };
+        assert!(throttle.is_none() || state.push("coretemp/Core 0", 45_000) && state.push("", i32::MIN));
+        state
+    };
+    [None].into_iter().chain(throttles).map(state).collect()
 }
 
 fn list(roms: &[w1::Rom]) -> w1::Answer {
@@ -369,6 +381,8 @@ fn every_call_is_read_as_it_was_written() {
     let temperatures = [Ok(-55_000), Ok(i32::MAX), Err(w1::Error::Absent), Err(w1::Error::Crc)];
     let temperatures = temperatures.into_iter().chain([Err(w1::Error::Nonsense), Err(w1::Error::Other)]);
     let answers = temperatures.map(|said| w1::Answer::Temperature(rom, said));
+    let switches = [Ok(0), Ok(255), Err(w1::Error::Absent), Err(w1::Error::Other)];
+    let answers = answers.chain(switches.map(|said| w1::Answer::Switch(other, said)));
     let answers: Vec<w1::Answer> = answers.chain([&[][..], &[rom, other]].map(list)).collect();
     let of_process = |due| Origin { due, process: Some(Process { pid: 4711, uid: 1000 }) };
     let pad = pad();
@@ -430,7 +444,9 @@ fn every_call_is_read_as_it_was_written() {
     let outcomes = outcomes.iter().map(|outcome| input(Input::I2c(outcome)));
     let answers = answers.iter().map(|answer| input(Input::OneWire(answer)));
     let stored = stored.iter().map(|answer| input(Input::Store(answer)));
-    for call in calls.into_iter().chain(outcomes).chain(answers).chain(stored) {
+    let heat = heat();
+    let heat = heat.iter().map(|state| input(Input::Thermal(state)));
+    for call in calls.into_iter().chain(outcomes).chain(answers).chain(stored).chain(heat) {
         let mut bytes = Vec::new();
         call::put(&mut bytes, at(5000), &call);
         let mut rest = Decoder(&bytes);
@@ -457,7 +473,11 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(1), Output::I2cAnswer(Err(i2c::Error::Stuck))),
         Action::Send(PortId(2), Output::OneWire(w1::Request::List)),
         Action::Send(PortId(2), Output::OneWire(w1::Request::Temperature(rom))),
+        Action::Send(PortId(2), Output::OneWire(w1::Request::Read(rom))),
+        Action::Send(PortId(2), Output::OneWire(w1::Request::Write(rom, 2))),
         Action::Send(PortId(2), Output::OneWireState(w1::Answer::Temperature(rom, Ok(85_000)))),
+        Action::Send(PortId(3), Output::Thermal),
+        Action::Send(PortId(3), Output::ThermalState(heat().remove(1))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Found(Box::new(pad())))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Axis { code: gamepad::ABS_Y, value: -32_768 })),
         Action::Send(PortId(1), Output::Gpio(gpio::Signal::Read)),

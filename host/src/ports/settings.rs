@@ -450,6 +450,34 @@ impl W1Port {
 }
 
 settings! {
+    /// Keys of `[host]` for the port.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct HostPort {
+        /// Folder in which the kernel shows the temperatures of the computer.
+        folder: PathBuf = "/sys";
+    }
+}
+
+impl HostPort {
+    /// The temperatures.
+    #[must_use]
+    pub fn port(&self, run_dir: &Path) -> PortConfig {
+        PortConfig::Thermal { folder: run_dir.join(&self.folder) }
+    }
+
+    /// The simulator's end.
+    ///
+    /// # Errors
+    /// The folder is not in the run folder.
+    pub fn simulated(&self, run_dir: &Path) -> Result<PortConfig, String> {
+        match self.folder.is_relative() {
+            true => Ok(PortConfig::ThermalFolder { folder: run_dir.join(&self.folder) }),
+            false => Err(format!("host.folder = {:?}: the simulator needs a name in the run folder", self.folder)),
+        }
+    }
+}
+
+settings! {
     /// Keys of `[gamepad]` for the port.
     #[derive(Clone, Debug, PartialEq)]
     pub struct GamepadPort {

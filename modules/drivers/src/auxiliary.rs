@@ -1,4 +1,4 @@
-//! Temperatures and fans: the fan controller BR-FAN1 on SMBus, thermometers on 1-Wire.
+//! Temperatures and fans: the fan controller BR-FAN1 on SMBus, thermometers on 1-Wire, those of the computer.
 //!
 //! Device    `docs/facts/boards.md` 7, `docs/facts/robot.md` 2.3; DS18B20 and compatible, by the kernel's `w1_therm`
 //! Protocol  SMBus bytes, `i2c::max6615`; one transfer at a time
@@ -11,15 +11,17 @@
 //! Trap      a DS18B20 that lost its supply reads 85 °C until it has measured: accepted only if the last value was hot
 
 mod chip;
+mod computer;
 mod config;
 mod thermometers;
 
 use base::i2c::Outcome;
 use base::{Duration, Fault, Instant, Severity, Ticker, w1};
 use chip::Chip;
+use computer::Computer;
 pub use config::{
-    BusConfig, Channel, ChipConfig, ChipKeys, Chips, Config, ConfigError, Fan, FanConfig, Temperature, Thermometer,
-    Thermometers as ThermometerKeys, W1Config,
+    BusConfig, Channel, ChipConfig, ChipKeys, Chips, Config, ConfigError, Fan, FanConfig, HostConfig, HostSensor,
+    HostSensors, Temperature, Thermometer, Thermometers as ThermometerKeys, W1Config,
 };
 use messages::lowlevel::{DataBus, DataTemperature};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
@@ -39,6 +41,7 @@ pub struct Auxiliary {
     ports: Vec<PortSpec>,
     bus: Option<Bus>,
     thermometers: Option<Thermometers>,
+    computer: Option<(PortId, Computer)>,
     state: State,
     ticker: Ticker,
     /// Readings have begun and were not published yet.
@@ -85,8 +88,13 @@ impl Auxiliary {
             let port = port(&config.bus, module::Line::OneWire);
             Thermometers::new(config, port)
         });
+        let computer = config.host.map(|config| {
+            let port = port(&config.bus, module::Line::Thermal);
+            (port, Computer::new(config, port))
+        });
         Ok(Self {
             bus: bus.transpose()?,
+            computer,
             ports,
             thermometers,
             state: State::Init,
@@ -126,6 +134,9 @@ impl Auxiliary {
         if let Some(thermometers) = &mut self.thermometers {
             thermometers.begin(out);
         }
+        if let Some((_, computer)) = &mut self.computer {
+            computer.begin(now, out);
+        }
         self.advance(now, out);
     }
 
@@ -154,6 +165,9 @@ impl Auxiliary {
         }
         if let Some(thermometers) = &self.thermometers {
             thermometers.add_to(&mut message);
+        }
+        if let Some((_, computer)) = &self.computer {
+            computer.add_to(&mut message);
         }
         out.publish(message);
     }
@@ -185,6 +199,17 @@ impl Auxiliary {
                 bus.on_outcome(now, outcome, out);
                 self.advance(now, out);
             }
+            _ => {}
+        }
+    }
+
+    fn on_computer(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) {
+        let asks = self.asks();
+        let Some((_, computer)) = &mut self.computer else { return };
+        match input {
+            Input::Up => computer.up(now, asks, out),
+            Input::Down(why) => computer.down(why, out),
+            Input::Thermal(state) => computer.on_state(now, state, out),
             _ => {}
         }
     }
@@ -278,6 +303,9 @@ impl Module for Auxiliary {
             Event::Timer if self.ticker.due(now) => self.tick(now, out),
             Event::Port { port, input } if self.bus.as_ref().is_some_and(|bus| bus.port == port) => {
                 self.on_bus(now, &input, out);
+            }
+            Event::Port { port, input } if self.computer.as_ref().is_some_and(|(own, _)| *own == port) => {
+                self.on_computer(now, &input, out);
             }
             Event::Port { input, .. } => self.on_w1(&input, out),
             Event::State(state) => self.state = state,

@@ -1,34 +1,49 @@
-//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer.
+//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire, power channels.
 //!
 //! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
-//! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time
+//! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time;
+//!           the kernel's `w1_ds2413`: one request at a time
 //! Timing    inputs are read in their period, adjacent ones at once; outputs are written at each change, and refreshed
 //! Silence   a device that does not answer: reported, ERROR, asked once a second; its values are invalid after their
 //!           greatest age. An output whose commander is silent gets its safe value; so do all in PAUSE and STOP, and
 //!           at the end
 //! Data      `LL_DATA_IO` and `LL_DATA_BATTERY` in their period, the first also at each change; `LL_DATA_BUS` once a
 //!           second for each Modbus line
+//! Power     `LL_CMD_POWER` for channels that are outputs; their states by `LL_DATA_POWER`
 //! Commands  `LL_CMD_OUTPUT`: the newest counts, from any sender
+//! Shown     outputs that nobody commands show what the robot does, by `[signals]`: see `situation`, `pattern`
 //!
 //! In STOP nothing is read, and outputs are held at their safe values.
 
 mod battery;
 mod bus;
+mod channels;
 mod config;
 mod gpio;
+mod indicator;
+mod pattern;
 mod signal;
+mod situation;
+mod switches;
 
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
+use channels::PowerOutput;
 pub use config::{
-    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SIGNALS_MAX, SignalKeys,
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, SHOWS_MAX,
+    SIGNALS_MAX, ShowKeys, Shows, SignalKeys, SwitchKeys,
 };
 use gpio::GpioLine;
+use indicator::Indicator;
 use messages::lowlevel::{CmdOutput, DataIo};
 use messages::{Channel, Message};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
+pub use pattern::Pattern;
 use signal::Signal;
+pub use situation::Situation;
+use situation::Watcher;
+use switches::Switches;
 
 /// Name of the module.
 pub const NAME: &str = "driver_io";
@@ -54,7 +69,12 @@ pub struct Io {
     buses: Vec<Bus>,
     /// Their ports follow those of the buses.
     lines: Vec<GpioLine>,
+    /// Their port is the last.
+    switches: Option<Switches>,
+    power: Vec<PowerOutput>,
     batteries: Vec<Battery>,
+    watcher: Watcher,
+    indicators: Vec<Indicator>,
     state: State,
     /// Commands are obeyed: not in INIT, PAUSE, STOP and after TERMINATE.
     active: bool,
@@ -79,25 +99,33 @@ impl Io {
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let mut signals = signal::all(&config)?;
         signals.sort_by(|a, b| a.name.cmp(&b.name));
-        if config.modbus.len() + config.gpio.len() > PORTS_MAX {
+        if config.modbus.len() + config.gpio.len() + usize::from(!config.switches.is_empty()) > PORTS_MAX {
             return Err(ConfigError::Count);
         }
         let serial =
             |bus: &Modbus| PortSpec { bus: bus.bus.clone(), line: module::Line::Serial { baud: bus.line.baud() } };
         let gpio = |line: &Gpio| PortSpec { bus: line.bus.clone(), line: module::Line::Gpio };
-        let ports = config.modbus.iter().map(serial).chain(config.gpio.iter().map(gpio)).collect();
+        let w1 = || PortSpec { bus: config.w1_bus.clone(), line: module::Line::OneWire };
+        let w1 = (!config.switches.is_empty()).then(w1);
+        let ports = config.modbus.iter().map(serial).chain(config.gpio.iter().map(gpio)).chain(w1).collect();
         let buses = config.modbus.iter().enumerate().map(|(n, bus)| Bus::new(bus, PortId(n as u8), &signals));
         let buses: Vec<Bus> = buses.collect::<Result<_, _>>()?;
         let first = buses.len();
+        let switches = Switches::new(&config, PortId((first + config.gpio.len()) as u8), &signals);
+        let power = config.power.iter().filter_map(|keys| PowerOutput::new(keys, &signals)).collect();
         let lines = config.gpio.iter().enumerate();
         let lines = lines.map(|(n, line)| GpioLine::new(line, PortId((first + n) as u8), &signals)).collect();
         let batteries = config.batteries.iter().map(|keys| Battery::new(keys, &signals));
         Ok(Self {
             ports,
             batteries: batteries.collect::<Option<_>>().ok_or(ConfigError::Battery)?,
+            watcher: Watcher::new(&config.signals),
+            indicators: indicator::all(&config.signals.show, &signals)?,
             signals,
             buses,
             lines,
+            switches,
+            power,
             state: State::Init,
             active: false,
             publish: Ticker::new(Instant::NEVER, config.publish),
@@ -162,6 +190,19 @@ impl Io {
             bus.on_port(now, input, out);
         } else if let Some(line) = place.checked_sub(first).and_then(|place| self.lines.get_mut(place)) {
             line.on_port(now, input, &mut self.signals, out);
+        } else if let Some(switches) = self.switches.as_mut().filter(|switches| switches.port() == port) {
+            switches.on_port(now, input, &mut self.signals, out);
+        }
+    }
+
+    /// Lets the outputs show what applies.
+    fn indicate(&mut self, now: Instant) {
+        if self.indicators.is_empty() {
+            return;
+        }
+        let applies = self.watcher.situations(now);
+        for indicator in &mut self.indicators {
+            indicator.show(now, self.active.then_some(applies), &mut self.signals);
         }
     }
 
@@ -179,6 +220,12 @@ impl Io {
         for line in &mut self.lines {
             line.serve(now, &self.signals, reads, out);
         }
+        if let Some(switches) = &mut self.switches {
+            switches.serve(now, &self.signals, reads, out);
+        }
+        for output in &mut self.power {
+            output.serve(now, &self.signals, out);
+        }
         // All of them, so that each change is taken once.
         let changes = self.signals.iter_mut().map(|signal| signal.take_change(now));
         self.changed |= changes.fold(false, |any, changed| any | changed);
@@ -190,14 +237,16 @@ impl Io {
         if let Some(end) = self.end {
             let signals = &self.signals;
             let settled = self.buses.iter().all(|bus| bus.is_settled(signals))
-                && self.lines.iter().all(|line| line.is_settled(signals));
+                && self.lines.iter().all(|line| line.is_settled(signals))
+                && self.switches.iter().all(|switches| switches.is_settled(signals));
             self.ended = settled || end <= now;
         }
     }
 
     /// Reports to the shell whether the module works, if that changed and is known of all devices.
     fn report_condition(&mut self, out: &mut Actions) {
-        let all = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let lines = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let all = || lines().chain(self.switches.iter().map(Switches::works));
         let works = match all().any(|works| works == Some(false)) {
             true => Some(false),
             false => all().all(|works| works.is_some()).then_some(true),
@@ -232,7 +281,20 @@ impl Io {
 
 impl Module for Io {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::LlCmdOutput]
+        match (self.indicators.is_empty(), self.power.is_empty()) {
+            (true, true) => &[Channel::LlCmdOutput],
+            (true, false) => &[Channel::LlCmdOutput, Channel::LlDataPower],
+            (false, true) => {
+                &[Channel::LlCmdOutput, Channel::LlDataVelocity, Channel::LlDataHold, Channel::CmDataFaults]
+            }
+            (false, false) => &[
+                Channel::LlCmdOutput,
+                Channel::LlDataVelocity,
+                Channel::LlDataHold,
+                Channel::CmDataFaults,
+                Channel::LlDataPower,
+            ],
+        }
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -247,9 +309,18 @@ impl Module for Io {
             }
             Event::Port { port, input } => self.on_port(now, port, &input, out),
             Event::Message { at, message: Message::LlCmdOutput(command), .. } => self.on_command(now, at, command, out),
+            Event::Message { at, message: Message::LlDataVelocity(velocity), .. } => {
+                self.watcher.on_velocity(at, velocity);
+            }
+            Event::Message { at, message: Message::LlDataHold(list), .. } => self.watcher.on_hold(at, list),
+            Event::Message { at, message: Message::CmDataFaults(list), .. } => self.watcher.on_faults(at, list),
+            Event::Message { message: Message::LlDataPower(power), .. } => {
+                self.power.iter_mut().for_each(|output| output.on_power(now, power, &mut self.signals));
+            }
             Event::State(state) => self.set_state(now, state),
             Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
+        self.indicate(now);
         self.serve(now, out);
         self.publish(now, out);
     }
@@ -258,11 +329,15 @@ impl Module for Io {
         let reads = !matches!(self.state, State::Stop | State::Terminate);
         let buses = self.buses.iter().filter_map(|bus| bus.poll_timeout(&self.signals, reads));
         let lines = self.lines.iter().filter_map(|line| line.poll_timeout(&self.signals, reads));
+        let lines = lines.chain(self.switches.iter().filter_map(|all| all.poll_timeout(&self.signals, reads)));
         let signals = self.signals.iter().filter_map(Signal::poll_timeout);
         let change = self.changed.then_some(self.change);
         let end = self.end.filter(|_| !self.ended);
         let own = [Some(self.publish.next()), Some(self.statistics.next()), change, end].into_iter().flatten();
-        own.chain(buses).chain(lines).chain(signals).min()
+        let power = self.power.iter().filter_map(|output| output.poll_timeout(&self.signals));
+        let shown = self.indicators.iter().filter_map(Indicator::poll_timeout);
+        let shown = shown.chain(self.watcher.poll_timeout().filter(|_| !self.indicators.is_empty()));
+        own.chain(buses).chain(lines).chain(signals).chain(power).chain(shown).min()
     }
 
     fn finished(&self) -> bool {

@@ -11,7 +11,8 @@
 //!
 //! let rom = w1::Rom::parse("28-0316a2795bff").expect("a DS18B20");
 //! let thermometers = vec![Thermometer { rom, name: "battery".into(), limit_c: Some(50.0) }];
-//! let driver = Auxiliary::new(Config { bus: None, w1: Some(W1Config { bus: "w1".into(), thermometers }) })?;
+//! let w1 = Some(W1Config { bus: "w1".into(), thermometers });
+//! let driver = Auxiliary::new(Config { bus: None, w1, host: None })?;
 //! let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(driver)));
 //! bench.start();
 //! bench.w1(PortId(0), &w1::Answer::List([rom].into_iter().collect()));

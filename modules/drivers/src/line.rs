@@ -153,6 +153,7 @@ impl Line {
             | Input::I2c(_)
             | Input::I2cRequested(_)
             | Input::OneWire(_)
+            | Input::Thermal(_)
             | Input::Gamepad(_)
             | Input::Gpio(_)
             | Input::Store(_) => None,

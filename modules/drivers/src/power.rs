@@ -8,21 +8,24 @@
 //! Channels  one that is off without an order has tripped: it switches itself off at an over-current; one that draws
 //!           nearly what it may is reported before
 //! Commands  `LL_CMD_POWER` in RUN; channel `host` means the whole robot: an orderly shutdown, or a restart
+//! Computers with a power button are asked to shut down by it before their channels are switched off
 //! The end   announced by the board, or commanded: the modules are ended, then the computer is halted
 //!
 //! In STOP nothing is polled or switched.
 
 mod channels;
+mod computers;
 mod config;
 mod gauge;
 mod limits;
 mod shutdown;
 
-pub use config::{ChannelConfig, Config, ConfigError};
+pub use config::{ChannelConfig, ComputerConfig, Config, ConfigError};
 
 use crate::line::{self, BusEvent, Line, PORT};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use channels::{Channels, Outcome};
+use computers::Computers;
 use gauge::Gauge;
 use limits::Limits;
 use messages::lowlevel::{self, CmdPower, DataPower, EventStop};
@@ -50,6 +53,8 @@ const OFF_CURRENT_MAX_MA: u16 = 500;
 const RESERVE_MARGIN: f64 = 0.02;
 /// Time after which a computer that still runs after the command to halt was not halted.
 const HALT_TIMEOUT: Duration = Duration::from_secs(60);
+/// Time before the supply is cut at which computers that shut down are given up.
+const CUT_RESERVE: Duration = Duration::from_secs(1);
 const HOST: usize = 0;
 /// The channel that feeds the motors.
 const MOTORS: usize = 3;
@@ -71,6 +76,7 @@ pub struct Power {
     ports: [PortSpec; 1],
     line: Line,
     channels: Channels,
+    computers: Computers,
     /// Channels and states being sent to the board.
     outstanding: (u8, u8),
     gauge: Gauge,
@@ -103,6 +109,7 @@ impl Power {
             ports: [line.port()],
             line,
             channels: Channels::default(),
+            computers: Computers::new(&config.computers),
             outstanding: (0, 0),
             gauge: Gauge::new(config.capacity_ah, config.cells),
             limits: Limits::new(&config.channels),
@@ -178,6 +185,8 @@ impl Power {
     fn on_state(&mut self, now: Instant, state: u8, out: &mut Actions) {
         // The board switches all off by itself when it has announced that.
         let ends = self.shutdown.is_some() || self.deadlines.is_set(Timer::Halted);
+        let was_off = |before: Option<u8>, channel: usize| before.is_some_and(|before| before >> channel & 1 == 0);
+        let before = self.channels.state();
         for outcome in self.channels.on_state(now, state, ends) {
             let word = |on| if on { "on" } else { "off" };
             match outcome {
@@ -185,6 +194,9 @@ impl Power {
                     let name = CHANNELS[channel];
                     out.note(format!("power channel {name} is {}", word(on)));
                     out.clear(Fault::ChannelStuck, name, format!("power channel {name} is switched as commanded"));
+                    if on && was_off(before, channel) {
+                        self.computers.applied(now, channel, out);
+                    }
                 }
                 Outcome::Stuck { channel, on } => {
                     let name = CHANNELS[channel];
@@ -268,12 +280,21 @@ impl Power {
             (Some(HOST), CmdPower::OFF) => return self.shut_down(now, ShutdownPurpose::Off, None, out),
             (Some(HOST), CmdPower::REBOOT) if self.config.reboot.is_empty() => "no reboot_command is configured".into(),
             (Some(HOST), CmdPower::REBOOT) => return self.shut_down(now, ShutdownPurpose::Reboot, None, out),
-            (Some(channel), CmdPower::OFF) => return self.order(channel, false, false),
+            (Some(channel), CmdPower::OFF) => return self.switch_off(now, channel, false, out),
+            (Some(channel), CmdPower::ON) if self.computers.start_again(channel) => return,
             (Some(channel), CmdPower::ON) => return self.order(channel, true, false),
-            (Some(channel), CmdPower::REBOOT) => return self.order(channel, false, true),
+            (Some(channel), CmdPower::REBOOT) => return self.switch_off(now, channel, true, out),
             (_, action) => format!("{action} is no action"),
         };
         out.report(Severity::Warning, Fault::CommandForbidden, "power", format!("power command refused: {refused}"));
+    }
+
+    /// Switches a channel off, `again`: and on again. A computer that it feeds shuts down before.
+    fn switch_off(&mut self, now: Instant, channel: usize, again: bool, out: &mut Actions) {
+        let fed = self.channels.state().is_none_or(|state| state >> channel & 1 == 1);
+        if !(fed && self.computers.end(now, channel, again, out)) {
+            self.order(channel, false, again);
+        }
     }
 
     fn order(&mut self, channel: usize, on: bool, again: bool) {
@@ -301,13 +322,22 @@ impl Power {
         let message = format!("{what}: the modules are ended, then the computer");
         out.raise(Severity::Warning, Fault::PowerOff, self.config.node.name.as_str(), message);
         self.channels.forget();
-        self.shutdown = Some(Shutdown::new(now, aim, &self.config.modules, seconds));
+        // A restart leaves the other computers their supply.
+        let ends = self.computers.exist() && aim != ShutdownPurpose::Reboot;
+        let mut shutdown = Shutdown::new(now, aim, &self.config.modules, seconds);
+        if ends {
+            let state = self.channels.state().unwrap_or(0xFF);
+            let latest = seconds.map(|seconds| now + Duration::from_secs(seconds.into()).saturating_sub(CUT_RESERVE));
+            let last = self.computers.end_all(now, state, latest, out);
+            shutdown.keep_outputs(last.since(now), seconds.is_none());
+        }
+        self.shutdown = Some(shutdown);
     }
 
     fn advance_shutdown(&mut self, now: Instant, out: &mut Actions) {
         let Some(shutdown) = &mut self.shutdown else { return };
         let released = shutdown.releases();
-        shutdown.advance(now, NAME, out);
+        shutdown.advance(now, NAME, self.computers.any_ends(), out);
         let (ready, releases, aim) = (shutdown.is_ready(), shutdown.releases(), shutdown.aim);
         if releases && !released {
             self.send_orders();
@@ -355,6 +385,9 @@ impl Power {
         while let Some(event) = self.line.poll_event(now, out) {
             self.on_bus_event(now, &event, out);
         }
+        for (channel, again) in self.computers.advance(now, NAME, out) {
+            self.order(channel, false, again);
+        }
         self.advance_shutdown(now, out);
         if let Some(turn) = self.line.turn(now) {
             self.ask(turn);
@@ -379,6 +412,9 @@ impl Power {
 
 impl Module for Power {
     fn subscriptions(&self) -> &[Channel] {
+        if self.computers.exist() {
+            return &[Channel::LlCmdPower, Channel::CmDataProcesses, Channel::LlDataIo];
+        }
         &[Channel::LlCmdPower, Channel::CmDataProcesses]
     }
 
@@ -401,6 +437,7 @@ impl Module for Power {
                     shutdown.on_processes(now, list);
                 }
             }
+            Event::Message { at, message: Message::LlDataIo(io), .. } => self.computers.on_io(at, io),
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.on_timer(now, out),
             Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
@@ -410,7 +447,8 @@ impl Module for Power {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let shutdown = self.shutdown.as_ref().and_then(Shutdown::poll_timeout);
-        earliest([self.deadlines.next(), self.channels.poll_timeout(), shutdown, self.line.poll_timeout()])
+        let own = [self.deadlines.next(), self.channels.poll_timeout(), self.computers.poll_timeout()];
+        earliest([earliest(own), shutdown, self.line.poll_timeout()])
     }
 }
 

@@ -4,6 +4,7 @@ use crate::boards::climate::Climate;
 use crate::boards::fan1::Fan1;
 use crate::faults::InjectedFault;
 use base::i2c::{Address, Error, Outcome, Transfer};
+use base::thermal;
 use base::w1::{self, Answer, Rom};
 use base::{Duration, Instant, Ticker};
 use std::collections::VecDeque;
@@ -29,13 +30,29 @@ pub struct W1Config {
     pub bus: String,
     /// Code and name, the target of faults.
     pub thermometers: Vec<(Rom, String)>,
+    /// Switches: code, and the levels at their pins while they do not conduct, bit 0 of A, bit 1 of B.
+    pub switches: Vec<(Rom, u8)>,
 }
+
+/// Temperatures of the computer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HostConfig {
+    /// The port's name, as its driver has it: `host`.
+    pub bus: String,
+    /// Part of the computer and name, the target of faults.
+    pub sensors: Vec<(String, String)>,
+}
+
+/// A processor is that much warmer than the air in the box, °C.
+const PROCESSOR_C: f64 = 14.0;
 
 /// State.
 #[derive(Debug)]
 pub(crate) struct Auxiliary {
     buses: Vec<Bus>,
     thermometers: Vec<Thermometer>,
+    zones: Vec<Zone>,
+    switches: Vec<(Rom, u8)>,
     /// Output for the 1-Wire port.
     news: VecDeque<Answer>,
     climate: Climate,
@@ -60,8 +77,17 @@ struct Thermometer {
     told: Option<Result<i32, w1::Error>>,
 }
 
+/// A temperature of the computer.
+#[derive(Debug)]
+struct Zone {
+    zone: String,
+    name: String,
+    absent: Instant,
+    hot: (Instant, f64),
+}
+
 impl Auxiliary {
-    pub fn new(i2c: &[I2cConfig], w1: Option<&W1Config>, now: Instant) -> Self {
+    pub fn new(i2c: &[I2cConfig], w1: Option<&W1Config>, host: Option<&HostConfig>, now: Instant) -> Self {
         let buses = i2c.iter().map(|bus| Bus {
             hz: bus.hz,
             fans: bus.fans.iter().map(|(name, address)| Fan1::new(name, *address)).collect(),
@@ -76,9 +102,17 @@ impl Auxiliary {
             told: None,
         });
         let (buses, thermometers): (Vec<Bus>, Vec<Thermometer>) = (buses.collect(), thermometers.collect());
-        let nothing = buses.is_empty() && thermometers.is_empty();
+        let zones = host.iter().flat_map(|host| &host.sensors).map(|(zone, name)| Zone {
+            zone: zone.clone(),
+            name: name.clone(),
+            absent: Instant::ZERO,
+            hot: (Instant::ZERO, 0.0),
+        });
+        let zones: Vec<Zone> = zones.collect();
+        let switches: Vec<(Rom, u8)> = w1.iter().flat_map(|w1| &w1.switches).copied().collect();
+        let nothing = buses.is_empty() && thermometers.is_empty() && zones.is_empty() && switches.is_empty();
         let second = Ticker::new(if nothing { Instant::NEVER } else { now + SECOND }, SECOND);
-        Self { buses, thermometers, news: VecDeque::new(), climate: Climate::default(), second }
+        Self { buses, thermometers, zones, switches, news: VecDeque::new(), climate: Climate::default(), second }
     }
 
     /// Takes a transfer of a bus's master, which a device that is not one of these has `answered`, if any; with
@@ -133,8 +167,25 @@ impl Auxiliary {
         self.news.pop_front()
     }
 
-    pub fn handle_timeout(&mut self, now: Instant, speed_mps: f64) {
+    /// Temperatures of the computer; it never slows down, unless one of them is above 100 °C.
+    pub fn computer(&self, now: Instant) -> thermal::State {
+        let mut state = thermal::State::default();
+        let mut slowed = false;
+        for zone in self.zones.iter().filter(|zone| zone.absent <= now) {
+            let (until, hot) = zone.hot;
+            let celsius = if now < until { hot } else { self.climate.box_c + PROCESSOR_C };
+            slowed |= celsius > 100.0;
+            state.push(&zone.zone, (celsius.clamp(-55.0, 150.0) * 1000.0) as i32);
+        }
+        state.throttle = Some(thermal::Throttle { slowed, under_voltage: false });
+        state
+    }
+
+    /// A second passes: true if one did.
+    pub fn handle_timeout(&mut self, now: Instant, speed_mps: f64) -> bool {
+        let mut passed = false;
         while self.second.due(now) {
+            passed = true;
             let fans = || self.buses.iter().flat_map(|bus| &bus.fans);
             let flow = fans().map(Fan1::flow).sum::<f64>() / (fans().count().max(1) as f64);
             self.climate.second(speed_mps, flow);
@@ -146,6 +197,7 @@ impl Auxiliary {
             }
             self.measure(now);
         }
+        passed
     }
 
     pub fn poll_timeout(&self) -> Instant {
@@ -157,6 +209,15 @@ impl Auxiliary {
     pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         if let Some(fan) = self.buses.iter_mut().flat_map(|bus| &mut bus.fans).find(|fan| fan.name == target) {
             return fan.inject(now, injected, until);
+        }
+        if let Some(zone) = self.zones.iter_mut().find(|zone| zone.name == target) {
+            match injected {
+                InjectedFault::Silent => zone.absent = until,
+                InjectedFault::Hot(celsius) => zone.hot = (until, celsius),
+                InjectedFault::None => (zone.absent, zone.hot.0) = (now, now),
+                _ => return false,
+            }
+            return true;
         }
         let Some(thermometer) = self.thermometers.iter_mut().find(|thermometer| thermometer.name == target) else {
             return false;
@@ -178,13 +239,15 @@ impl Auxiliary {
 
     fn list(&mut self, now: Instant) {
         let there = self.thermometers.iter().filter(|thermometer| !thermometer.is_absent(now));
-        let mut roms: Vec<Rom> = there.map(|thermometer| thermometer.rom).collect();
+        let switches = self.switches.iter().map(|(rom, _)| *rom);
+        let mut roms: Vec<Rom> = there.map(|thermometer| thermometer.rom).chain(switches).collect();
         roms.sort_unstable();
         self.news.push_back(Answer::List(roms.into_iter().take(w1::MAX).collect()));
     }
 
-    /// Sends the readings that have changed.
+    /// Sends the readings that have changed, and the pins of all switches.
     fn measure(&mut self, now: Instant) {
+        self.news.extend(self.switches.iter().map(|(rom, pins)| Answer::Switch(*rom, Ok(*pins))));
         for (place, thermometer) in self.thermometers.iter_mut().enumerate() {
             let warm = if place == 0 { self.climate.battery_c } else { self.climate.box_c };
             let says = thermometer.says(now, warm);

@@ -4,7 +4,7 @@
 use crate::faults::InjectedFault;
 use base::gpio::Signal;
 use base::serial::Word;
-use base::{Instant, earliest};
+use base::{Duration, Instant, earliest};
 use modbus::Line;
 use modbus::Table;
 use modbus::device::Device;
@@ -38,11 +38,79 @@ pub struct LineConfig {
     pub active: bool,
 }
 
+/// A computer that a channel of the power controller feeds, with its power button and power LED on GPIO lines. It runs
+/// at the start.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ComputerConfig {
+    /// Number and name of the channel; the name is the target of faults.
+    pub channel: (u8, String),
+    /// Port of the line at its button.
+    pub button: Option<String>,
+    /// Port of the line at its power LED.
+    pub alive: Option<String>,
+    /// Time that it needs to shut down.
+    pub shutdown: Duration,
+    /// It starts with its supply, without its button.
+    pub starts: bool,
+}
+
 /// All of them.
 #[derive(Debug, Default)]
 pub(crate) struct Io {
     lines: Vec<ModbusLine>,
     levels: Vec<bool>,
+    computers: Vec<Computer>,
+}
+
+#[derive(Debug)]
+struct Computer {
+    config: ComputerConfig,
+    /// Places of its lines.
+    button: Option<usize>,
+    alive: Option<usize>,
+    supplied: bool,
+    runs: bool,
+    /// It is down then.
+    ends: Option<Instant>,
+    /// It does not react to its button until then.
+    hangs_until: Instant,
+}
+
+impl Computer {
+    fn new(config: &ComputerConfig, gpio: &[LineConfig]) -> Self {
+        let place = |bus: &Option<String>| gpio.iter().position(|line| Some(&line.bus) == bus.as_ref());
+        Self {
+            button: place(&config.button),
+            alive: place(&config.alive),
+            config: config.clone(),
+            supplied: true,
+            runs: true,
+            ends: None,
+            hangs_until: Instant::ZERO,
+        }
+    }
+
+    /// Its button is pressed.
+    fn press(&mut self, now: Instant) {
+        match (self.supplied, self.runs) {
+            (true, true) if self.ends.is_none() && self.hangs_until <= now => {
+                self.ends = Some(now + self.config.shutdown);
+            }
+            (true, false) => self.runs = true,
+            _ => {}
+        }
+    }
+
+    /// It has its supply, or not; and what is due happens.
+    fn pass(&mut self, now: Instant, supplied: bool) {
+        if supplied != self.supplied {
+            self.supplied = supplied;
+            (self.runs, self.ends) = (supplied && self.config.starts, None);
+        }
+        if self.ends.take_if(|ends| *ends <= now).is_some() {
+            self.runs = false;
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -53,13 +121,34 @@ struct ModbusLine {
 }
 
 impl Io {
-    pub fn new(modbus: &[ModbusConfig], gpio: &[LineConfig]) -> Self {
+    pub fn new(modbus: &[ModbusConfig], gpio: &[LineConfig], computers: &[ComputerConfig]) -> Self {
         let line = |config: &ModbusConfig| ModbusLine {
             bus: config.bus.clone(),
             devices: config.devices.iter().map(|device| emulated(config.line, device)).collect(),
             silent_until: Instant::ZERO,
         };
-        Self { lines: modbus.iter().map(line).collect(), levels: gpio.iter().map(|line| line.active).collect() }
+        let mut io = Self {
+            lines: modbus.iter().map(line).collect(),
+            levels: gpio.iter().map(|line| line.active).collect(),
+            computers: computers.iter().map(|config| Computer::new(config, gpio)).collect(),
+        };
+        io.light();
+        io
+    }
+
+    /// Power LEDs are as the computers are.
+    fn light(&mut self) {
+        for computer in &self.computers {
+            if let Some(level) = computer.alive.and_then(|place| self.levels.get_mut(place)) {
+                *level = computer.runs;
+            }
+        }
+    }
+
+    /// Channels feed computers, or do not.
+    pub fn supply(&mut self, now: Instant, feeds: impl Fn(u8) -> bool) {
+        self.computers.iter_mut().for_each(|computer| computer.pass(now, feeds(computer.config.channel.0)));
+        self.light();
     }
 
     /// A port was opened or closed.
@@ -76,9 +165,14 @@ impl Io {
     }
 
     /// The answer of a GPIO line; their places follow those of the Modbus lines.
-    pub fn on_signal(&mut self, place: usize, signal: Signal) -> Option<Signal> {
-        let level = self.levels.get_mut(place.checked_sub(self.lines.len())?)?;
+    pub fn on_signal(&mut self, now: Instant, place: usize, signal: Signal) -> Option<Signal> {
+        let place = place.checked_sub(self.lines.len())?;
+        let level = self.levels.get_mut(place)?;
         if let Signal::Level(active) = signal {
+            if active && !*level {
+                let pressed = self.computers.iter_mut().filter(|computer| computer.button == Some(place));
+                pressed.for_each(|computer| computer.press(now));
+            }
             *level = active;
         }
         Some(Signal::Level(*level))
@@ -94,13 +188,18 @@ impl Io {
 
     pub fn poll_timeout(&self) -> Option<Instant> {
         let devices = self.lines.iter().flat_map(|line| &line.devices);
-        devices.fold(None, |next, device| earliest([next, device.poll_timeout()]))
+        let computers = self.computers.iter().filter_map(|computer| computer.ends).min();
+        devices.fold(computers, |next, device| earliest([next, device.poll_timeout()]))
     }
 
-    /// A line is silent, or not any more; false if that is no target, or no fault of its kind.
+    /// A line is silent, or a computer ignores its button, or not any more; false if that is no target, or no fault of
+    /// its kind.
     pub fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
-        let Some(line) = self.lines.iter_mut().find(|line| line.bus == target) else { return false };
-        line.silent_until = match injected {
+        let lines = self.lines.iter_mut().filter(|line| line.bus == target).map(|line| &mut line.silent_until);
+        let computers = self.computers.iter_mut().filter(|computer| computer.config.channel.1 == target);
+        let mut all = lines.chain(computers.map(|computer| &mut computer.hangs_until));
+        let Some(silent_until) = all.next() else { return false };
+        *silent_until = match injected {
             InjectedFault::Silent => until,
             InjectedFault::None => now,
             _ => return false,
@@ -121,7 +220,6 @@ fn emulated(line: Line, config: &DeviceConfig) -> Device {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use base::Duration;
     use modbus::{Config, Failure, Master, Request};
 
     const LINE: Line = Line::Rtu { baud: 19_200 };
@@ -150,7 +248,7 @@ mod tests {
     fn each_unit_of_a_line_answers_for_itself_until_the_line_is_silent() {
         let device = |unit, word| DeviceConfig { unit, points: vec![(Table::InputRegisters, 4, word)] };
         let config = ModbusConfig { bus: "modbus.a".into(), line: LINE, devices: vec![device(1, 7), device(9, 8)] };
-        let mut io = Io::new(&[config], &[LineConfig { bus: "gpio.b".into(), active: true }]);
+        let mut io = Io::new(&[config], &[LineConfig { bus: "gpio.b".into(), active: true }], &[]);
         let mut master = Master::new(Config::new(LINE)).unwrap();
         let mut now = Instant::ZERO;
         assert_eq!(ask(&mut io, &mut master, &mut now, 1), Ok(7));
@@ -164,8 +262,49 @@ mod tests {
         assert_eq!(ask(&mut io, &mut master, &mut now, 1), Err(Failure::Silent));
         assert!(io.inject(now, "modbus.a", InjectedFault::None, now));
         assert_eq!(ask(&mut io, &mut master, &mut now, 1), Ok(7));
-        assert_eq!(io.on_signal(1, Signal::Read), Some(Signal::Level(true)));
-        assert_eq!(io.on_signal(1, Signal::Level(false)), Some(Signal::Level(false)));
-        assert_eq!((io.on_signal(1, Signal::Read), io.on_signal(0, Signal::Read)), (Some(Signal::Level(false)), None));
+        assert_eq!(io.on_signal(now, 1, Signal::Read), Some(Signal::Level(true)));
+        assert_eq!(io.on_signal(now, 1, Signal::Level(false)), Some(Signal::Level(false)));
+        assert_eq!(io.on_signal(now, 1, Signal::Read), Some(Signal::Level(false)));
+        assert_eq!(io.on_signal(now, 0, Signal::Read), None);
+    }
+
+    #[test]
+    fn a_computer_shuts_down_by_its_button_and_starts_with_its_supply_or_by_its_button() {
+        for starts in [true, false] {
+            let line = |bus: &str| LineConfig { bus: bus.into(), active: false };
+            let computer = ComputerConfig {
+                channel: (1, "computer1".into()),
+                button: Some("gpio.button".into()),
+                alive: Some("gpio.led".into()),
+                shutdown: Duration::from_secs(3),
+                starts,
+            };
+            let mut io = Io::new(&[], &[line("gpio.button"), line("gpio.led")], &[computer]);
+            let led = |io: &mut Io, ms: u64, fed: bool| {
+                io.supply(Instant::from_millis(ms), |channel| fed || channel != 1);
+                io.on_signal(Instant::from_millis(ms), 1, Signal::Read) == Some(Signal::Level(true))
+            };
+            let press = |io: &mut Io, ms: u64| {
+                for level in [true, true, false] {
+                    io.on_signal(Instant::from_millis(ms), 0, Signal::Level(level));
+                }
+            };
+            assert!(led(&mut io, 0, true));
+            assert!(io.inject(Instant::ZERO, "computer1", InjectedFault::Silent, Instant::from_millis(500)));
+            press(&mut io, 100);
+            assert!(led(&mut io, 9000, true), "it ignores its button");
+            press(&mut io, 10_000);
+            assert_eq!(io.poll_timeout(), Some(Instant::from_millis(13_000)));
+            assert!(led(&mut io, 12_999, true) && !led(&mut io, 13_000, true));
+            assert!(!led(&mut io, 14_000, false));
+            assert_eq!(led(&mut io, 15_000, true), starts);
+            if !starts {
+                press(&mut io, 16_000);
+                assert!(led(&mut io, 16_000, true));
+            }
+            assert!(!led(&mut io, 20_000, false), "without its supply it is off at once");
+            press(&mut io, 21_000);
+            assert!(!led(&mut io, 21_000, false));
+        }
     }
 }

@@ -50,8 +50,8 @@ mod simulator;
 pub mod sonar;
 pub mod world;
 
-pub use auxiliary::{I2cConfig, W1Config};
+pub use auxiliary::{HostConfig, I2cConfig, W1Config};
 pub use boards::drive::{Axis, DriveConfig, DriveKind};
-pub use io::{DeviceConfig, LineConfig, ModbusConfig};
+pub use io::{ComputerConfig, DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

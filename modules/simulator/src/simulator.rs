@@ -1,6 +1,6 @@
 //! The simulator: a module that sits on the robot's buses and answers as its boards would.
 
-use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
+use crate::auxiliary::{Auxiliary, HostConfig, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
 use crate::boards::drive::{Axis, Disobedience, Drive, DriveConfig, Layout};
@@ -16,7 +16,7 @@ use crate::body::{Parameters, STEP};
 use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
 use crate::imu::{ImuConfig, Imus};
-use crate::io::{Io, LineConfig, ModbusConfig};
+use crate::io::{ComputerConfig, Io, LineConfig, ModbusConfig};
 use crate::lidar::{LidarConfig, Lidars};
 use crate::random::Random;
 use crate::scene::Scene;
@@ -112,12 +112,16 @@ pub struct Config {
     pub i2c: Vec<I2cConfig>,
     /// The 1-Wire bus.
     pub w1: Option<W1Config>,
+    /// Temperatures of the computer.
+    pub host: Option<HostConfig>,
     /// Port of the GPIO line that feeds the motors, as in its driver, if there is one.
     pub line: Option<String>,
     /// Modbus lines of `driver_io`.
     pub modbus: Vec<ModbusConfig>,
     /// GPIO lines of `driver_io`.
     pub gpio: Vec<LineConfig>,
+    /// Computers that the power controller feeds.
+    pub computers: Vec<ComputerConfig>,
     /// Lidars.
     pub lidars: Vec<LidarConfig>,
     /// Inertial measurement units; those on CAN are on the bus of the drives.
@@ -145,9 +149,11 @@ impl Default for Config {
             serial: Vec::new(),
             i2c: Vec::new(),
             w1: None,
+            host: None,
             line: None,
             modbus: Vec::new(),
             gpio: Vec::new(),
+            computers: Vec::new(),
             lidars: Vec::new(),
             imus: Vec::new(),
             pause_delay: Duration::ZERO,
@@ -175,8 +181,8 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the gamepad, the GPIO line, the lines of `driver_io`, the
-/// lidars, and the inertial measurement units that have a line of their own.
+/// its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO line, the
+/// lines of `driver_io`, the lidars, and the inertial measurement units that have a line of their own.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
@@ -212,6 +218,7 @@ impl Simulator {
             .map(|serial| PortSpec { bus: serial.bus.clone(), line: Line::Serial { baud: serial.baud } });
         let i2c = config.i2c.iter().map(|i2c| PortSpec { bus: i2c.bus.clone(), line: Line::I2c { hz: i2c.hz } });
         let w1 = config.w1.iter().map(|w1| PortSpec { bus: w1.bus.clone(), line: Line::OneWire });
+        let host = config.host.iter().map(|host| PortSpec { bus: host.bus.clone(), line: Line::Thermal });
         let gamepad = config.gamepad.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gamepad });
         let line = config.line.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gpio });
         let modbus = config
@@ -226,7 +233,8 @@ impl Simulator {
         let own_line =
             |imu: &ImuConfig| Some(PortSpec { bus: imu.bus.clone(), line: Line::Serial { baud: imu.baud? } });
         let imus = config.imus.iter().filter_map(own_line);
-        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).chain(line).chain(modbus).chain(gpio);
+        let ports =
+            can.chain(serial).chain(i2c).chain(w1).chain(host).chain(gamepad).chain(line).chain(modbus).chain(gpio);
         let ports = ports.chain(lidars).chain(imus);
         let ports = ports.collect();
         Self {
@@ -236,7 +244,7 @@ impl Simulator {
             feed_line: None,
             can: can_line(&config),
             lines: Vec::new(),
-            auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
+            auxiliary: Auxiliary::new(&[], None, None, Instant::ZERO),
             gamepad: Gamepad::default(),
             io: Io::default(),
             lidars: Lidars::default(),
@@ -260,11 +268,12 @@ impl Simulator {
         self.scene = scene(&self.config, now);
         (self.motors, self.cut) = (true, false);
         self.gamepad = Gamepad::default();
-        self.io = Io::new(&self.config.modbus, &self.config.gpio);
+        self.io = Io::new(&self.config.modbus, &self.config.gpio, &self.config.computers);
         self.lidars = Lidars::new(&self.config.lidars, now);
         self.imus = Imus::new(&self.config.imus, now, &self.scene);
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
-        self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
+        let (w1, host) = (self.config.w1.as_ref(), self.config.host.as_ref());
+        self.auxiliary = Auxiliary::new(&self.config.i2c, w1, host, now);
         let body = self.scene.body();
         self.can = can_line(&self.config);
         let drives = self.config.can.iter().flat_map(|can| &can.drives);
@@ -335,11 +344,22 @@ impl Simulator {
             Some(bus) if up && bus == self.config.i2c.len() && self.config.w1.is_some() => self.auxiliary.on_w1_up(now),
             _ => {}
         }
+        if up && self.ports.get(usize::from(port.0)).is_some_and(|spec| spec.line == Line::Thermal) {
+            self.show_computer(now, out);
+        }
         if !self.told.contains(&port) {
             self.told.push(port);
             if self.told.len() == self.ports.len() {
                 out.working();
             }
+        }
+    }
+
+    /// Sends the temperatures of the computer.
+    fn show_computer(&self, now: Instant, out: &mut Actions) {
+        if let Some(port) = self.ports.iter().position(|port| port.line == Line::Thermal) {
+            let state = self.auxiliary.computer(now);
+            out.push(module::Action::Send(PortId(port as u8), Output::ThermalState(state)));
         }
     }
 
@@ -425,6 +445,7 @@ impl Simulator {
                 psc1.handle_timeout(now, scene);
                 engaged = psc1.is_engaged();
                 feeds = psc1.feeds(psc1::MOTORS);
+                self.io.supply(now, |channel| psc1.feeds(channel));
                 sensors = psc1.feeds(psc1::SENSORS);
             }
         }
@@ -493,7 +514,9 @@ impl Simulator {
         for line in &mut self.lines {
             line.handle_timeout(now);
         }
-        self.auxiliary.handle_timeout(now, self.scene.body().speed());
+        if self.auxiliary.handle_timeout(now, self.scene.body().speed()) {
+            self.show_computer(now, out);
+        }
         self.lidars.handle_timeout(now, &self.scene);
         self.imus.handle_timeout(now, &self.scene);
     }
@@ -730,7 +753,7 @@ impl Module for Simulator {
             }
             Event::Port { port, input: Input::Gpio(signal) } => {
                 let answer = match self.io_of(port) {
-                    Some(line) => self.io.on_signal(line, signal),
+                    Some(line) => self.io.on_signal(now, line, signal),
                     None => self.feed_line.as_mut().and_then(|line| line.answer(now, signal)),
                 };
                 if let Some(signal) = answer {

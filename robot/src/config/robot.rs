@@ -3,7 +3,7 @@
 
 use super::modules::LEVELS;
 use base::{Duration, Level, Severity};
-use drivers::auxiliary::{Chips, ThermometerKeys};
+use drivers::auxiliary::{Chips, HostSensors, ThermometerKeys};
 use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
 use drivers::rs485_bus::{Kind, Node};
@@ -11,7 +11,7 @@ use drivers::rs485a::Ranger;
 use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{
-    CanInterface, CanPort, GamepadPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
+    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
 };
 use module::Line;
 use module::admission::Commands;
@@ -47,8 +47,12 @@ settings! {
         i2c: Vec<I2cBus> = named;
         /// The 1-Wire bus.
         w1: Option<W1> = optional;
+        /// Temperatures of the computer.
+        host: Option<Host> = optional;
         /// Inputs and outputs by name (docs/io.md).
         io: Option<Io> = optional;
+        /// What outputs show of the robot (docs/io.md).
+        signals: io::Shows = table;
         /// Lidars by name (docs/lidars.md).
         lidar: Vec<Lidar> = named;
         /// Inertial measurement units by name (docs/imu.md).
@@ -153,6 +157,15 @@ settings! {
 }
 
 settings! {
+    /// `[host]`: temperatures of the computer (docs/i2c.md).
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Host {
+        port: HostPort = flat;
+        driver: HostSensors = flat;
+    }
+}
+
+settings! {
     /// `[io]`: inputs and outputs by name.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Io {
@@ -162,6 +175,10 @@ settings! {
         modbus: Vec<ModbusBus> = named;
         /// GPIO lines of the computer.
         gpio: Vec<io::GpioKeys> = [];
+        /// Channels of switches on the 1-Wire bus.
+        w1: Vec<io::SwitchKeys> = [];
+        /// Channels of the power controller that are outputs.
+        power: Vec<io::PowerKeys> = [];
         /// Batteries whose values are inputs.
         battery: Vec<io::BatteryKeys> = [];
     }
@@ -249,7 +266,13 @@ impl Io {
     fn check(&self, table: &Table<'_>) {
         let gpio = self.gpio.iter().map(|line| &line.name);
         let signals = self.modbus.iter().flat_map(|bus| &bus.driver.signals).map(|signal| &signal.name);
-        let names: Vec<&String> = signals.chain(gpio).collect();
+        let w1 = self.w1.iter().map(|keys| &keys.name);
+        let power = self.power.iter().map(|keys| &keys.name);
+        let names: Vec<&String> = signals.chain(gpio).chain(w1).chain(power).collect();
+        let powered: Vec<_> = self.power.iter().map(|keys| keys.channel).collect();
+        table.unique("power", "channel", &powered, "one that no other entry has");
+        let channels: Vec<_> = self.w1.iter().map(|keys| (keys.rom, keys.channel)).collect();
+        table.unique("w1", "channel", &channels, "one that no other entry of this id has");
         for (n, battery) in self.battery.iter().enumerate() {
             if battery.names().any(|name| !names.contains(&name)) {
                 table
@@ -260,15 +283,46 @@ impl Io {
         }
     }
 
-    /// Configuration of `driver_io`.
+    /// True if it has an output of this name that takes these values.
+    fn takes(&self, name: &str, values: &[f64]) -> bool {
+        let all = |takes: &dyn Fn(f64) -> bool| values.iter().all(|value| takes(*value));
+        let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
+        modbus.any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.gpio.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.w1.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.power.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+    }
+
+    /// What its output of this name has.
+    fn output(&self, name: &str) -> Option<&io::OutputKeys> {
+        let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
+        let found = modbus.find(|keys| keys.output && keys.name == name).map(|keys| &keys.limits);
+        let gpio = || Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits);
+        let w1 = || Some(&self.w1.iter().find(|keys| keys.output && keys.name == name)?.limits);
+        found.or_else(gpio).or_else(w1)
+    }
+
+    /// True if it has an input of this name.
+    fn has_input(&self, name: &str) -> bool {
+        let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
+        modbus.any(|keys| !keys.output && keys.name == name)
+            || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+            || self.w1.iter().any(|keys| !keys.output && keys.name == name)
+    }
+
+    /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus.
     #[must_use]
-    pub fn config(&self) -> io::Config {
+    pub fn config(&self, signals: &io::Shows, w1_bus: &str) -> io::Config {
         let modbus = |bus: &ModbusBus| io::Modbus { bus: bus.bus(), line: bus.line(), keys: bus.driver.clone() };
         io::Config {
             publish: self.publish,
             modbus: self.modbus.iter().map(modbus).collect(),
             gpio: self.gpio.iter().map(|keys| io::Gpio { bus: gpio_bus(keys), keys: keys.clone() }).collect(),
+            w1_bus: w1_bus.into(),
+            switches: self.w1.clone(),
+            power: self.power.clone(),
             batteries: self.battery.clone(),
+            signals: signals.clone(),
         }
     }
 }
@@ -465,6 +519,20 @@ impl Robot {
             guard.refuse("ranging", "a robot with a table [lidar.<name>]");
         }
         self.check_fields(table);
+        self.check_signals(table);
+        self.check_computers(table);
+        if self.w1.is_none()
+            && self.io.as_ref().is_some_and(|io| !io.w1.is_empty())
+            && let Some(item) = table.below("io").and_then(|io| io.item("w1", 0))
+        {
+            item.refuse("id", "a switch of a robot with a table [w1]");
+        }
+        if self.power.is_none()
+            && self.io.as_ref().is_some_and(|io| !io.power.is_empty())
+            && let Some(item) = table.below("io").and_then(|io| io.item("power", 0))
+        {
+            item.refuse("channel", "a channel of a robot with a table [power]");
+        }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
@@ -472,6 +540,46 @@ impl Robot {
                 Some([Node { kind: Kind::Psc1, .. }]) => {}
                 _ if table.has("bus") => table.refuse("bus", expected),
                 _ => table.refuse_missing("bus", expected),
+            }
+        }
+    }
+
+    /// Power buttons of computers are outputs that nobody presses by accident, power LEDs inputs that are published
+    /// often enough.
+    fn check_computers(&self, table: &Table<'_>) {
+        let (Some(power), Some(table)) = (&self.power, table.below("power")) else { return };
+        for (n, computer) in power.computers.iter().enumerate() {
+            let Some(item) = table.item("computers", n) else { continue };
+            let button = self.io.as_ref().filter(|io| io.takes(&computer.button, &[0.0, 1.0]));
+            let button = button.and_then(|io| io.output(&computer.button));
+            let short = |keys: &io::OutputKeys| keys.hold.is_some_and(|hold| hold <= Duration::from_secs(2));
+            if button.is_none_or(|keys| keys.safe != Some(0.0) || !short(keys)) {
+                item.refuse("button", "the name of an output of [io] with safe = 0 and a hold_s of at most 2");
+            }
+            let Some(alive) = &computer.alive else { continue };
+            let often = |io: &&Io| io.publish <= Duration::from_secs(2);
+            if !self.io.as_ref().filter(often).is_some_and(|io| io.has_input(alive)) {
+                item.refuse("alive", "the name of an input of [io], whose publish_s is at most 2");
+            }
+        }
+    }
+
+    /// What is shown, is shown by outputs that there are.
+    fn check_signals(&self, table: &Table<'_>) {
+        let Some(signals) = table.below("signals") else { return };
+        for (n, keys) in self.signals.show.iter().enumerate() {
+            let values = [keys.value, keys.value_off];
+            let relay = |io: &Io| io.power.iter().any(|power| power.name == keys.output);
+            if keys.pattern.changes()
+                && self.io.as_ref().is_some_and(relay)
+                && let Some(item) = signals.item("show", n)
+            {
+                item.refuse("pattern", "\"on\" or \"off\" for a power channel, a relay that is switched slowly");
+            }
+            if !self.io.as_ref().is_some_and(|io| io.takes(&keys.output, &values))
+                && let Some(item) = signals.item("show", n)
+            {
+                item.refuse("output", "the name of an output of [io] that takes value and value_off");
             }
         }
     }

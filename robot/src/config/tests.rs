@@ -315,8 +315,8 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           i2c, w1, io, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, planner, log, web, \
-           ros2"],
+           i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, \
+           planner, log, web, ros2"],
     );
 }
 
@@ -917,6 +917,114 @@ fn inputs_and_outputs_that_cannot_be_are_refused() {
         let lines = load(&format!("{ROBOT}{}", IO.replacen(from, to, 1)), "", &[], MODULES).unwrap_err();
         assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
     }
+}
+
+#[test]
+fn what_is_shown_is_shown_by_outputs_in_situations_and_patterns_that_there_are() {
+    const SHOW: &str = r#"[[signals.show]]
+output = "horn"
+when = "reversing"
+pattern = "blink 1.5 0.3"
+[[signals.show]]
+output = "fan"
+when = "always"
+pattern = "on"
+value = 80
+value_off = 20
+"#;
+    assert!(load(&format!("{ROBOT}{IO}{SHOW}"), "", &[], MODULES).is_ok());
+    assert!(load(&format!("{ROBOT}{SHOW}"), "", &[], MODULES).is_err(), "there are no outputs");
+    let output = "expected the name of an output of [io] that takes value and value_off";
+    for (from, to, what) in [
+        ("\"horn\"", "\"volts\"", output),
+        ("\"horn\"", "\"hron\"", output),
+        ("value = 80", "value = 101", output),
+        ("value_off = 20", "value_off = -1", output),
+        ("\"reversing\"", "\"backwards\"", "signals.show[0].when = \"backwards\": expected"),
+        (
+            "blink 1.5 0.3",
+            "blink",
+            "signals.show[0].pattern = \"blink\": expected \"on\", \"off\", \"blink HZ [DUTY]\"",
+        ),
+        ("blink 1.5 0.3", "blink 20", "no part shorter than 0.05 s"),
+    ] {
+        assert!(SHOW.contains(from), "{from}");
+        let lines = load(&format!("{ROBOT}{IO}{}", SHOW.replacen(from, to, 1)), "", &[], MODULES).unwrap_err();
+        assert!(lines.iter().any(|line| line.starts_with("robot.toml:") && line.contains(what)), "{what}: {lines:?}");
+    }
+}
+
+#[test]
+fn switches_need_their_bus_and_power_channels_their_controller() {
+    const SWITCHES: &str = r#"[[io.w1]]
+name = "light"
+id = "3a-000000000007"
+channel = "A"
+output = true
+safe = 0
+[[io.w1]]
+name = "hatch"
+id = "3a-000000000007"
+channel = "B"
+[w1]
+"#;
+    let with = |tables: &str| load(&format!("{ROBOT}{tables}"), "", &[], MODULES);
+    assert!(with(SWITCHES).is_ok(), "{:?}", with(SWITCHES).err());
+    for (from, to, what) in [
+        ("[w1]", "", "expected a switch of a robot with a table [w1]"),
+        ("\"3a-000000000007\"", "\"28-000000000007\"", "expected a DS2413 as the kernel names it"),
+        ("channel = \"B\"", "channel = \"A\"", "expected one that no other entry of this id has"),
+        ("channel = \"B\"", "channel = \"C\"", "expected \"A\" or \"B\""),
+        ("safe = 0", "", "io.w1[0].safe: missing"),
+    ] {
+        assert!(SWITCHES.contains(from), "{from}");
+        let lines = with(&SWITCHES.replacen(from, to, 1)).unwrap_err();
+        assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
+    }
+    let power = "[[io.power]]\nname = \"stage\"\nchannel = \"audio\"\nsafe = 1\n";
+    let lines = with(power).unwrap_err();
+    assert!(lines.iter().any(|line| line.contains("a channel of a robot with a table [power]")), "{lines:?}");
+    let lines = with(&power.replace("audio", "motors")).unwrap_err();
+    assert!(lines.iter().any(|line| line.contains("expected \"monitor\" or \"audio\"")), "{lines:?}");
+}
+
+#[test]
+fn power_buttons_are_outputs_that_let_go_by_themselves() {
+    const POWER: &str = r#"[rs485.power]
+port = "/dev/ttyS2"
+transport = "two-byte"
+[[rs485.power.nodes]]
+name = "psc1"
+address = 0x40
+driver = "psc1"
+rate_hz = 1
+[power]
+capacity_ah = 40
+cells = 8
+[[power.computers]]
+channel = "computer1"
+button = "horn"
+alive = "button"
+"#;
+    let with = |io: &str, power: &str| load(&format!("{ROBOT}{io}{power}"), "", &[], MODULES);
+    assert!(with(IO, POWER).is_ok(), "{:?}", with(IO, POWER).err());
+    let button = "expected the name of an output of [io] with safe = 0 and a hold_s of at most 2";
+    for (from, to, what) in [
+        ("\"computer1\"", "\"motors\"", "expected \"computer1\" or \"computer2\""),
+        ("\"horn\"", "\"button\"", button),
+        ("\"horn\"", "\"fan\"", button),
+        ("\"button\"", "\"horn\"", "expected the name of an input of [io]"),
+    ] {
+        assert!(POWER.contains(from), "{from}");
+        let lines = with(IO, &POWER.replacen(from, to, 1)).unwrap_err();
+        assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
+    }
+    for (from, to) in [("safe = 0 }", "safe = 1 }"), ("safe = 0 }", "safe = 0, hold_s = 0 }")] {
+        let lines = with(&IO.replacen(from, to, 1), POWER).unwrap_err();
+        assert!(lines.iter().any(|line| line.contains(button)), "{to}: {lines:?}");
+    }
+    let lines = with(&format!("[io]\npublish_s = 5\n{IO}"), POWER).unwrap_err();
+    assert!(lines.iter().any(|line| line.contains("whose publish_s is at most 2")), "{lines:?}");
 }
 
 #[test]

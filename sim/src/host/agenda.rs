@@ -2,7 +2,7 @@
 
 use base::can::{Frame, Notice};
 use base::serial::Word;
-use base::{Instant, gamepad, gpio, i2c, store, w1};
+use base::{Instant, gamepad, gpio, i2c, store, thermal, w1};
 use messages::Message;
 use module::admission::Sender;
 use module::{ExitStatus, PortId};
@@ -28,6 +28,7 @@ pub(super) enum Waiting {
     I2c(PortId, i2c::Outcome),
     I2cRequested(PortId, i2c::Transfer),
     OneWire(PortId, w1::Answer),
+    Thermal(PortId, thermal::State),
     Gamepad(PortId, Rc<gamepad::Event>),
     Gpio(PortId, gpio::Signal),
     Store(PortId, store::Answer),

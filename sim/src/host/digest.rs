@@ -90,6 +90,11 @@ impl Digest {
                 bytes.push(error);
                 bytes.extend(value.to_le_bytes());
             }
+            w1::Answer::Switch(of, said) => {
+                rom(of);
+                // A state has four bits.
+                bytes.push(said.map_or_else(|error| 0x80 | error as u8, |state| state));
+            }
         }
         self.record(5, at, &[bus.as_bytes(), &bytes]);
     }

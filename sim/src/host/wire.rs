@@ -9,6 +9,7 @@ use super::owner::Owner;
 use super::serial::SerialWire;
 use super::served::Served;
 use super::store::Store;
+use super::thermal::Zones;
 use super::w1::Thermometers;
 use base::Instant;
 use base::serial::Word;
@@ -34,6 +35,7 @@ pub(super) enum Kind {
     Serial(SerialWire),
     I2c(I2cWire),
     OneWire(Served<Thermometers>),
+    Thermal(Served<Zones>),
     Gamepad(GamepadWire),
     /// A digital output: what one end sends reaches the other at once.
     Gpio(Vec<Owner>),
@@ -47,7 +49,9 @@ impl Wire {
             Kind::Can(wire) => wire.inject(now, injected, until),
             Kind::Serial(_) => false,
             // Faults concern their chips only.
-            Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Gpio(_) | Kind::Store(_) => return false,
+            Kind::I2c(_) | Kind::OneWire(_) | Kind::Thermal(_) | Kind::Gamepad(_) | Kind::Gpio(_) | Kind::Store(_) => {
+                return false;
+            }
         };
         // On a CAN bus noise destroys frames, which are retransmitted; the wire handles that itself.
         let common = !matches!(injected, InjectedFault::Reorder(_)) && (!own || injected == InjectedFault::None);
@@ -81,6 +85,7 @@ impl Wire {
             Kind::Serial(wire) => wire.poll_timeout(),
             Kind::I2c(wire) => wire.poll_timeout(),
             Kind::OneWire(wire) => wire.poll_timeout(),
+            Kind::Thermal(wire) => wire.poll_timeout(),
             Kind::Store(wire) => wire.poll_timeout(),
             Kind::Gamepad(_) | Kind::Gpio(_) => None,
         }
@@ -92,6 +97,7 @@ impl Wire {
             Kind::Serial(wire) => Line::Serial { baud: wire.baud },
             Kind::I2c(wire) => Line::I2c { hz: wire.hz },
             Kind::OneWire(_) => Line::OneWire,
+            Kind::Thermal(_) => Line::Thermal,
             Kind::Gamepad(_) => Line::Gamepad,
             Kind::Gpio(_) => Line::Gpio,
             Kind::Store(_) => Line::Store,
@@ -104,6 +110,7 @@ impl Wire {
             Kind::Serial(wire) => wire.traffic,
             Kind::I2c(wire) => wire.traffic,
             Kind::OneWire(wire) => wire.traffic,
+            Kind::Thermal(wire) => wire.traffic,
             Kind::Store(wire) => wire.traffic,
             Kind::Gamepad(_) | Kind::Gpio(_) => Traffic::default(),
         }
@@ -115,6 +122,7 @@ impl Wire {
             Kind::Serial(wire) => &wire.ports,
             Kind::I2c(wire) => &wire.ports,
             Kind::OneWire(wire) => &wire.ports,
+            Kind::Thermal(wire) => &wire.ports,
             Kind::Gamepad(wire) => &wire.ports,
             Kind::Gpio(ports) => ports,
             Kind::Store(wire) => &wire.ports,
@@ -134,6 +142,13 @@ impl Wire {
                 true
             }
             Kind::OneWire(wire) => {
+                wire.ports.push(owner);
+                if emulates {
+                    wire.server.emulated_by(owner);
+                }
+                true
+            }
+            Kind::Thermal(wire) => {
                 wire.ports.push(owner);
                 if emulates {
                     wire.server.emulated_by(owner);
@@ -162,6 +177,7 @@ impl Wire {
             Kind::Serial(wire) => wire.close(pid),
             Kind::I2c(wire) => wire.close(pid),
             Kind::OneWire(wire) => wire.close(pid),
+            Kind::Thermal(wire) => wire.close(pid),
             Kind::Store(wire) => wire.close(pid),
             Kind::Gpio(ports) => ports.retain(|owner| owner.pid != pid),
             Kind::Gamepad(wire) => return wire.close(pid),
@@ -185,6 +201,7 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         }
         Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
         Line::OneWire => Kind::OneWire(Served::default()),
+        Line::Thermal => Kind::Thermal(Served::default()),
         Line::Gamepad => Kind::Gamepad(GamepadWire::default()),
         Line::Gpio => Kind::Gpio(Vec::new()),
         Line::Store => Kind::Store(Served::default()),

@@ -1,4 +1,5 @@
-//! The simulator's end of a 1-Wire bus: a folder with the layout of `/sys/bus/w1/devices` as `w1_therm` fills it.
+//! The simulator's end of a 1-Wire bus: a folder with the layout of `/sys/bus/w1/devices` as `w1_therm` and `w1_ds2413`
+//! fill it. A switch follows its file `output` each time the simulator sends the levels at its pins.
 //!
 //! The run folder may be on a disk, which may block a writer for seconds: a separate thread writes. It writes the
 //! latest state and skips those superseded meanwhile.
@@ -6,7 +7,7 @@
 use crate::ports::worker::{Life, Worker};
 use crate::ports::{Device, Lost, Received};
 use base::Instant;
-use base::w1::{Answer, Error, Rom};
+use base::w1::{Answer, Error, Rom, switch_state};
 use module::Output;
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,8 +20,17 @@ use std::time::Duration;
 /// Maximum time that the end of the process waits for the removal of the folder.
 const REMOVED_WITHIN: Duration = Duration::from_millis(100);
 
-/// Result of each thermometer that is present; `None`: no measurement yet.
-type Bus = BTreeMap<Rom, Option<Result<i32, Error>>>;
+/// Value of each device that is present; `None`: none yet.
+type Bus = BTreeMap<Rom, Option<Value>>;
+
+/// Value of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Value {
+    /// Result of a thermometer.
+    Temperature(Result<i32, Error>),
+    /// Levels at the pins of a switch.
+    Pins(u8),
+}
 
 /// Port with the folder.
 pub struct Folder {
@@ -69,12 +79,31 @@ impl FolderWriter {
             if !self.written.contains_key(rom) {
                 fs::create_dir_all(self.path.join(rom.to_string()))?;
             }
-            if let Some(value) = value.filter(|_| self.written.get(rom) != Some(value)) {
-                self.put(*rom, value)?;
+            match value {
+                Some(Value::Pins(pins)) => self.put_switch(*rom, *pins)?,
+                Some(Value::Temperature(result)) if self.written.get(rom) != Some(value) => self.put(*rom, *result)?,
+                _ => {}
             }
         }
         self.written = bus;
         Ok(())
+    }
+
+    /// The state of a switch follows from its pins and from what was written to it.
+    fn put_switch(&self, rom: Rom, pins: u8) -> io::Result<()> {
+        let device = self.path.join(rom.to_string());
+        let latches = match fs::read(device.join("output")) {
+            Ok(bytes) => bytes.first().copied().unwrap_or(0xFF),
+            // Without power its latches do not conduct.
+            Err(_) => {
+                fs::write(device.join("output"), [0xFF])?;
+                0xFF
+            }
+        };
+        let state = switch_state(pins, latches);
+        let fresh = device.join("new");
+        fs::write(&fresh, [state | !state << 4])?;
+        fs::rename(&fresh, device.join("state"))
     }
 
     fn put(&self, rom: Rom, value: Result<i32, Error>) -> io::Result<()> {
@@ -171,7 +200,12 @@ impl Device for Folder {
             }
             Output::OneWireState(Answer::Temperature(rom, value)) => {
                 if let Some(said) = self.bus.get_mut(rom) {
-                    *said = Some(*value);
+                    *said = Some(Value::Temperature(*value));
+                }
+            }
+            Output::OneWireState(Answer::Switch(rom, Ok(pins))) => {
+                if let Some(said) = self.bus.get_mut(rom) {
+                    *said = Some(Value::Pins(*pins));
                 }
             }
             _ => return Ok(false),

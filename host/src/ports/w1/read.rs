@@ -1,10 +1,10 @@
-//! Files of `w1_therm` (Documentation/w1/slaves/w1_therm.rst). Their driver may be on a slow, long or unplugged wire:
-//! any content is an answer.
+//! Files of `w1_therm` (Documentation/w1/slaves/w1_therm.rst) and `w1_ds2413` (w1_ds2413.rst). Their driver may be on
+//! a slow, long or unplugged wire: any content is an answer.
 
 use base::w1::{Answer, Error, List, MAX, Request, Rom};
 use nix::errno::Errno;
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::path::Path;
 
 /// Maximum size of a thermometer's file, bytes.
@@ -17,6 +17,11 @@ pub fn answer(folder: &Path, request: Request) -> Answer {
     match request {
         Request::List => Answer::List(list(folder)),
         Request::Temperature(rom) => Answer::Temperature(rom, temperature(&folder.join(rom.to_string()))),
+        Request::Read(rom) => Answer::Switch(rom, state(&folder.join(rom.to_string()))),
+        Request::Write(rom, latches) => {
+            let device = folder.join(rom.to_string());
+            Answer::Switch(rom, set(&device, latches).and_then(|()| state(&device)))
+        }
     }
 }
 
@@ -40,6 +45,24 @@ fn temperature(device: &Path) -> Result<i32, Error> {
         },
         Err(error) => Err(error),
     }
+}
+
+/// Reads `state` of a switch: one byte, whose upper half is the complement of the lower one.
+fn state(device: &Path) -> Result<u8, Error> {
+    let mut byte = [0];
+    let read = File::open(device.join("state")).and_then(|mut file| file.read(&mut byte));
+    match (read.map_err(|error| why(&error))?, byte) {
+        (1, [byte]) if byte >> 4 == !byte & 0x0F => Ok(byte & 0x0F),
+        (1, _) => Err(Error::Crc),
+        // An empty file belongs to a device that has just gone.
+        _ => Err(Error::Absent),
+    }
+}
+
+/// Writes `output` of a switch: its latches in the lower two bits, the others 1.
+fn set(device: &Path, latches: u8) -> Result<(), Error> {
+    let file = File::options().write(true).open(device.join("output"));
+    file.and_then(|mut file| file.write_all(&[latches | 0xFC])).map_err(|error| why(&error))
 }
 
 fn file(path: &Path) -> Result<String, Error> {

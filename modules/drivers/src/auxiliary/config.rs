@@ -7,13 +7,18 @@ use settings::{Choice, Parsed, Table, ZeroOr, settings};
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Configuration of `driver_aux`; both parts may be missing.
+/// Temperatures of the computer that are published at most.
+const SENSORS_MAX: usize = 32;
+
+/// Configuration of `driver_aux`; each part may be missing.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The I2C bus and its chips.
     pub bus: Option<BusConfig>,
     /// The 1-Wire bus and its thermometers.
     pub w1: Option<W1Config>,
+    /// Temperatures of the computer.
+    pub host: Option<HostConfig>,
 }
 
 /// An I2C bus.
@@ -61,6 +66,39 @@ pub struct W1Config {
     pub bus: String,
     /// Those that are named; at most [`MAX`].
     pub thermometers: Vec<Thermometer>,
+}
+
+/// Temperatures of the computer.
+#[derive(Clone, Debug)]
+pub struct HostConfig {
+    /// The port's name: `host`.
+    pub bus: String,
+    /// Those that are published.
+    pub sensors: Vec<HostSensor>,
+}
+
+settings! {
+    /// An item of `sensors` of `[host]`: a temperature of the computer.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct HostSensor {
+        /// The type of a thermal zone, `"x86_pkg_temp"`, or a hardware monitor and its label, `"coretemp/Core 0"`;
+        /// `advee doctor` lists all.
+        zone: String = required;
+        /// Name in messages and reports.
+        name: String = derived zone.clone();
+        /// Temperature above which an over-temperature is reported. Absent: none is.
+        limit_c: Option<f64> = optional, -50.0..=150.0;
+    }
+}
+
+settings! {
+    /// Keys of `[host]` for the driver.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct HostSensors {
+        /// Temperatures that are published.
+        sensors: Vec<HostSensor> = [];
+    }
+    check HostSensors::check;
 }
 
 settings! {
@@ -163,6 +201,16 @@ fn thermometer(text: &str) -> Option<Rom> {
     Rom::parse(text).filter(|id| id.is_thermometer())
 }
 
+impl HostSensors {
+    fn check(&self, table: &Table<'_>) {
+        let names: Vec<&String> = self.sensors.iter().map(|sensor| &sensor.name).collect();
+        table.unique("sensors", "name", &names, "one that no other of the sensors has");
+        for item in (SENSORS_MAX..names.len()).filter_map(|n| table.item("sensors", n)) {
+            item.refuse("zone", format_args!("no more than {SENSORS_MAX} sensors"));
+        }
+    }
+}
+
 impl Thermometers {
     fn check(&self, table: &Table<'_>) {
         let codes: Vec<Rom> = self.sensors.iter().map(|sensor| sensor.rom).collect();
@@ -253,7 +301,7 @@ pub enum ConfigError {
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Nothing => f.write_str("neither chips nor a 1-Wire bus"),
+            Self::Nothing => f.write_str("neither chips nor a 1-Wire bus nor temperatures of the computer"),
             Self::Name(name) => write!(f, "two are called {name}"),
             Self::Address(address) => write!(f, "two chips at {address:#04x}"),
             Self::Chip(name, why) => write!(f, "{name}: {why}"),
@@ -267,7 +315,7 @@ impl std::error::Error for ConfigError {}
 impl Config {
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         let chips = || self.bus.iter().flat_map(|bus| &bus.chips);
-        if chips().next().is_none() && self.w1.is_none() {
+        if chips().next().is_none() && self.w1.is_none() && self.host.is_none() {
             return Err(ConfigError::Nothing);
         }
         let (mut names, mut addresses) = (BTreeSet::new(), BTreeSet::new());
@@ -284,6 +332,7 @@ impl Config {
         }
         let thermometers = || self.w1.iter().flat_map(|w1| &w1.thermometers);
         thermometers().try_for_each(|thermometer| once(&thermometer.name))?;
+        self.host.iter().flat_map(|host| &host.sensors).try_for_each(|sensor| once(&sensor.name))?;
         let roms: BTreeSet<Rom> = thermometers().map(|thermometer| thermometer.rom).collect();
         let fits = roms.len() == thermometers().count() && roms.len() <= MAX;
         if fits { Ok(()) } else { Err(ConfigError::Thermometers) }

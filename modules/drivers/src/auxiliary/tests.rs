@@ -66,6 +66,7 @@ fn config() -> Config {
     Config {
         bus: Some(BusConfig { bus: "i2c.aux".into(), hz: 100_000, chips: vec![chip] }),
         w1: Some(W1Config { bus: "w1".into(), thermometers: vec![thermometer] }),
+        host: None,
     }
 }
 
@@ -451,4 +452,71 @@ fn any_input_of_the_ports_is_survived() {
             assert!(sent.len() <= 4, "{sent:?}");
         }
     }
+}
+
+/// A driver of the computer's temperatures alone, which runs.
+fn computer() -> Bench {
+    let sensor = |zone: &str, name: &str, limit_c| HostSensor { zone: zone.into(), name: name.into(), limit_c };
+    let sensors = vec![sensor("x86_pkg_temp", "host.cpu", Some(85.0)), sensor("nvme/Composite", "host.disk", None)];
+    let config = Config { bus: None, w1: None, host: Some(HostConfig { bus: "host".into(), sensors }) };
+    let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(Auxiliary::new(config).unwrap())));
+    bench.start();
+    bench
+}
+
+/// The computer answers; returns what was published and reported a second later.
+fn answers(bench: &mut Bench, readings: &[(&str, i32)], throttle: Option<base::thermal::Throttle>) -> Vec<String> {
+    let mut state = base::thermal::State { throttle, ..Default::default() };
+    readings.iter().for_each(|(zone, value)| assert!(state.push(zone, *value)));
+    bench.done();
+    bench.event(Event::Port { port: PortId(0), input: Input::Thermal(&state) });
+    bench.pass(PERIOD);
+    let line = |(_, action): (Instant, Action)| match action {
+        Action::Publish(Message::LlDataTemperature(message)) => {
+            let all = message.temperatures.iter();
+            Some(all.map(|t| format!("{} {}{}", t.name, t.value, if t.over { "!" } else { "" })).collect::<Vec<_>>())
+        }
+        Action::Report(report) => Some(vec![format!("{:?} {}", report.severity, report.fault.name())]),
+        _ => None,
+    };
+    bench.done().into_iter().filter_map(line).flatten().collect()
+}
+
+#[test]
+fn temperatures_of_the_computer_are_published_by_name_and_have_limits() {
+    let mut bench = computer();
+    assert_eq!(bench.shell.state(), State::Run);
+    let cool = [("acpitz", 20_000), ("x86_pkg_temp", 45_500), ("nvme/Composite", 38_000)];
+    assert_eq!(answers(&mut bench, &cool, None), ["host.cpu 45.5", "host.disk 38"]);
+    let hot = [("x86_pkg_temp", 90_000)];
+    assert_eq!(answers(&mut bench, &hot, None), ["Error OverTemperature", "host.cpu 90!", "host.disk NaN"]);
+    assert_eq!(answers(&mut bench, &[("x86_pkg_temp", 84_000)], None), ["host.cpu 84!", "host.disk NaN"]);
+    let expected = ["Notice OverTemperature", "host.cpu 50", "host.disk NaN"];
+    assert_eq!(answers(&mut bench, &[("x86_pkg_temp", 50_000)], None), expected);
+}
+
+#[test]
+fn a_computer_that_slows_itself_down_is_reported_once_and_one_that_hangs_has_no_temperatures() {
+    let mut bench = computer();
+    let throttle = |slowed, under_voltage| Some(base::thermal::Throttle { slowed, under_voltage });
+    let state = [("x86_pkg_temp", 80_000), ("nvme/Composite", 38_000)];
+    let values = ["host.cpu 80", "host.disk 38"];
+    assert_eq!(answers(&mut bench, &state, throttle(false, false)), values);
+    assert_eq!(answers(&mut bench, &state, throttle(true, false))[0], "Warning HostThrottled");
+    assert_eq!(answers(&mut bench, &state, throttle(false, true)), values);
+    assert_eq!(answers(&mut bench, &state, throttle(false, false))[0], "Notice HostThrottled");
+    // One request is under way, and no further one.
+    bench.pass(Duration::from_secs(8));
+    let (mut sent, mut last) = (0, Vec::new());
+    for (_, action) in bench.done() {
+        match action {
+            Action::Send(..) => sent += 1,
+            Action::Publish(Message::LlDataTemperature(message)) => last = message.temperatures,
+            _ => {}
+        }
+    }
+    assert_eq!(sent, 0);
+    assert!(last.len() == 2 && last.iter().all(|temperature| temperature.value.is_nan()), "{last:?}");
+    // It answers after all.
+    assert_eq!(answers(&mut bench, &state, None), values);
 }

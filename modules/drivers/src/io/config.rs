@@ -1,16 +1,21 @@
 //! What inputs and outputs there are, and what cannot be.
 
+use super::pattern::Pattern;
+use super::situation::Situation;
 use crate::gpio_line::LineRule;
 use base::Duration;
 use base::gpio::{Bias, LineId};
 use base::listed;
+use base::w1::Rom;
 use modbus::value::{Kind, Place};
 use modbus::{Line, Table as Registers};
-use settings::{Choice, Off, Table, ZeroOr, settings};
+use settings::{Choice, Off, Parsed, Table, ZeroOr, settings};
 use std::path::PathBuf;
 
 /// Signals of the robot at most.
 pub const SIGNALS_MAX: usize = 500;
+/// Entries of `[signals]` at most.
+pub const SHOWS_MAX: usize = 100;
 
 const TABLES: Choice<Registers> = Choice(&[
     ("coil", Registers::Coils),
@@ -131,6 +136,49 @@ settings! {
     check GpioKeys::check;
 }
 
+/// Channels of a switch.
+const CHANNELS: Choice<u8> = Choice(&[("A", 0), ("B", 1)]);
+
+settings! {
+    /// `[[io.w1]]`: a channel of a DS2413 on the 1-Wire bus, `[w1]`. As an output its value is 1 while it conducts to
+    /// ground, as an input while its pin is high.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SwitchKeys {
+        /// Name, of one signal of the robot.
+        name: String = required;
+        /// Code as the kernel names it.
+        id as rom: Rom = required, Parsed(
+            switch, "a DS2413 as the kernel names it: \"3a-0000001a2b3c\"", "3a-0000001a2b3c"
+        );
+        /// Channel: PIOA or PIOB.
+        channel: u8 = required, CHANNELS;
+        /// Its value is the other one: 1 while it does not conduct, or its pin is low.
+        active_low: bool = false;
+        /// It is set. Otherwise it is read.
+        output: bool = false;
+        /// Inputs: it is 1 in simulation.
+        simulated: bool = false;
+        limits: OutputKeys = flat;
+    }
+    check SwitchKeys::check;
+}
+
+/// Power channels that may be outputs: those that no sensor, drive or computer depends on.
+const POWER_CHANNELS: Choice<&'static str> = Choice(&[("monitor", "monitor"), ("audio", "audio")]);
+
+settings! {
+    /// `[[io.power]]`: a channel of the power controller as an output, 1 while it is on.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct PowerKeys {
+        /// Name, of one signal of the robot.
+        name: String = required;
+        /// Power channel.
+        channel: &'static str = required, POWER_CHANNELS;
+        limits: OutputKeys = flat;
+    }
+    check PowerKeys::check;
+}
+
 settings! {
     /// `[[io.battery]]`: a battery whose values are signals; each key but `name` and `cells` is the name of one.
     #[derive(Clone, Debug, PartialEq)]
@@ -151,6 +199,49 @@ settings! {
         charging: Option<String> = optional;
         /// Voltages of the cells, V: names of signals.
         cells: Vec<String> = Vec::<String>::new();
+    }
+}
+
+settings! {
+    /// `[signals]`: what outputs show of the robot: lamps, horns and the like (docs/io.md). No output is a safety
+    /// function.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Shows {
+        /// Time for which `starting` applies, from the first set-point of a robot that stood. Motion does not wait.
+        signal_s as signal: Duration = 2.0, 0.1..=30.0;
+        /// Speed from which the robot counts as moving.
+        speed_mps: f64 = 0.02, 0.001..=1.0;
+        /// Rotation from which it counts as turning.
+        turn_radps: f64 = 0.1, 0.01..=3.0;
+        /// What each output shows when: of the entries of an output, the first that applies; without one it has its
+        /// safe value.
+        show: Vec<ShowKeys> = [];
+    }
+    check Shows::check;
+}
+
+settings! {
+    /// `[[signals.show]]`: what an output shows in a situation.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ShowKeys {
+        /// Name of an output of `[io]`.
+        output: String = required;
+        /// Situation in which it is shown.
+        when: Situation = required;
+        /// What the output does from the begin of the situation on.
+        pattern: Pattern = required, Parsed(Pattern::parse, Pattern::EXPECTED, "on");
+        /// Value of the output while it is on.
+        value: f64 = 1.0, -1e9..=1e9;
+        /// Value while it is off.
+        value_off: f64 = 0.0, -1e9..=1e9;
+    }
+}
+
+impl Shows {
+    fn check(&self, table: &Table<'_>) {
+        for item in (SHOWS_MAX..self.show.len()).filter_map(|n| table.item("show", n)) {
+            item.refuse("output", format_args!("no more than {SHOWS_MAX} entries"));
+        }
     }
 }
 
@@ -192,6 +283,12 @@ impl SignalKeys {
         self.limits.check(table, self.output, |value| place.number(value).is_some());
     }
 
+    /// True for an output that takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.output && self.limits.accepts(value) && self.place().number(value).is_some()
+    }
+
     /// The unit of the device on a bus with this one.
     #[must_use]
     pub fn unit(&self, usual: u8) -> u8 {
@@ -229,6 +326,40 @@ impl OutputKeys {
 impl GpioKeys {
     fn check(&self, table: &Table<'_>) {
         self.limits.check(table, self.output, |value| value == 0.0 || value == 1.0);
+    }
+
+    /// True for an output that takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.output && self.limits.accepts(value) && (value == 0.0 || value == 1.0)
+    }
+}
+
+fn switch(text: &str) -> Option<Rom> {
+    Rom::parse(text).filter(|id| id.is_switch())
+}
+
+impl SwitchKeys {
+    fn check(&self, table: &Table<'_>) {
+        self.limits.check(table, self.output, |value| value == 0.0 || value == 1.0);
+    }
+
+    /// True for an output that takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.output && self.limits.accepts(value) && (value == 0.0 || value == 1.0)
+    }
+}
+
+impl PowerKeys {
+    fn check(&self, table: &Table<'_>) {
+        self.limits.check(table, true, |value| value == 0.0 || value == 1.0);
+    }
+
+    /// True if it takes this value.
+    #[must_use]
+    pub fn takes(&self, value: f64) -> bool {
+        self.limits.accepts(value) && (value == 0.0 || value == 1.0)
     }
 }
 
@@ -270,8 +401,16 @@ pub struct Config {
     pub modbus: Vec<Modbus>,
     /// GPIO lines.
     pub gpio: Vec<Gpio>,
+    /// Name of the 1-Wire bus.
+    pub w1_bus: String,
+    /// Channels of switches on it.
+    pub switches: Vec<SwitchKeys>,
+    /// Channels of the power controller.
+    pub power: Vec<PowerKeys>,
     /// Batteries.
     pub batteries: Vec<BatteryKeys>,
+    /// What outputs show.
+    pub signals: Shows,
 }
 
 listed! {
@@ -286,6 +425,8 @@ listed! {
         Name => "two signals have the same name",
         /// A battery names no signal.
         Battery => "a battery names a signal that there is not",
+        /// An entry of `[signals]` names no output, or a value that the output does not take.
+        Show => "an entry of [signals] names no output, or a value that it does not take",
         /// A serial line has units 1 to 247.
         Unit => "a serial line has units 1 to 247",
         /// The master's own check.

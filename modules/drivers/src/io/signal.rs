@@ -6,6 +6,11 @@ use base::{Duration, Instant, earliest};
 use messages::lowlevel;
 use modbus::value::Place;
 
+/// Older values of a switch on 1-Wire are not valid: measurements of thermometers come between.
+const SWITCH_AGE_MAX: Duration = Duration::from_secs(5);
+/// Older values of a power channel are not valid: they are published each second.
+const POWER_AGE_MAX: Duration = Duration::from_secs(3);
+
 /// An input or an output.
 #[derive(Debug)]
 pub(super) struct Signal {
@@ -27,6 +32,8 @@ pub(super) struct Output {
     /// Where it is; absent: a switch.
     place: Option<Place>,
     command: Option<(f64, Instant)>,
+    /// What it shows of the robot while nobody commands it.
+    shown: Option<f64>,
 }
 
 /// All signals of a configuration.
@@ -41,7 +48,13 @@ pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
         let output = line.keys.output.then(|| Output::new(line.keys.limits, None));
         Signal::new(&line.keys.name, output, gpio::AGE_MAX)
     });
-    let signals: Vec<Signal> = modbus.chain(gpio).collect();
+    let w1 = config.switches.iter().map(|keys| {
+        let output = keys.output.then(|| Output::new(keys.limits, None));
+        Signal::new(&keys.name, output, SWITCH_AGE_MAX)
+    });
+    let power = config.power.iter();
+    let power = power.map(|keys| Signal::new(&keys.name, Some(Output::new(keys.limits, None)), POWER_AGE_MAX));
+    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).chain(power).collect();
     let mut names: Vec<&str> = signals.iter().map(|signal| signal.name.as_str()).collect();
     names.sort_unstable();
     match signals.len() {
@@ -97,6 +110,13 @@ impl Signal {
         self.output.as_ref().map(Output::target)
     }
 
+    /// Sets what an output shows while nobody commands it; `None`: its safe value.
+    pub fn show(&mut self, value: Option<f64>) {
+        if let Some(output) = &mut self.output {
+            output.shown = value;
+        }
+    }
+
     /// Forgets a command.
     pub fn release(&mut self) {
         if let Some(output) = &mut self.output {
@@ -122,7 +142,7 @@ impl Signal {
 
 impl Output {
     fn new(keys: OutputKeys, place: Option<Place>) -> Self {
-        Self { keys, place, command: None }
+        Self { keys, place, command: None, shown: None }
     }
 
     /// True for values that it has, within its limits.
@@ -140,7 +160,7 @@ impl Output {
 
     fn target(&self) -> f64 {
         let safe = self.keys.safe.unwrap_or_default();
-        self.command.map_or(safe, |(value, _)| value)
+        self.command.map(|(value, _)| value).or(self.shown).unwrap_or(safe)
     }
 
     fn expiry(&self) -> Option<Instant> {

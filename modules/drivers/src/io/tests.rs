@@ -1,13 +1,17 @@
 //! The driver with emulated devices on its lines.
 
-use super::config::{BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, SignalKeys};
-use super::{Io, NAME};
+use super::config::{
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, ShowKeys, Shows,
+    SignalKeys, SwitchKeys,
+};
+use super::{Io, NAME, Pattern, Situation};
 use base::gpio::{Bias, LineId, Signal as Wire};
 use base::serial::Word;
+use base::w1::{self, Answer, Request, Rom};
 use base::{Duration, Instant};
 use messages::Message;
 use messages::common::CmdState;
-use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::lowlevel::{self, CmdOutput, CmdPower, DataBattery, DataHold, DataIo, DataPower, DataVelocity};
 use modbus::device::Device;
 use modbus::value::Kind;
 use modbus::{Exception, Line, Table};
@@ -96,7 +100,11 @@ fn config(line: Line) -> Config {
         publish: Duration::from_secs(1),
         modbus: vec![Modbus { bus: "modbus.plc".into(), line, keys }],
         gpio: vec![gpio("horn", Some(0.0)), gpio("door", None)],
+        w1_bus: "w1".into(),
+        switches: Vec::new(),
+        power: Vec::new(),
         batteries: vec![battery],
+        signals: Shows { signal: Duration::from_secs(2), speed_mps: 0.02, turn_radps: 0.1, show: Vec::new() },
     }
 }
 
@@ -111,6 +119,10 @@ struct Rig {
 
 impl Rig {
     fn new(line: Line) -> Self {
+        Self::of(line, config(line))
+    }
+
+    fn of(line: Line, config: Config) -> Self {
         let mut device = Device::new(line, 5);
         let points = [
             (Table::InputRegisters, 10, 243),
@@ -122,7 +134,7 @@ impl Rig {
             (Table::HoldingRegisters, 7, 0xFFFF),
         ];
         points.into_iter().for_each(|(table, address, word)| assert!(device.set(table, address, word)));
-        let module = Io::new(config(line)).unwrap();
+        let module = Io::new(config).unwrap();
         let bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
         let mut rig = Self { bench, device, horn: true, door: true, log: Vec::new() };
         rig.bench.start();
@@ -486,6 +498,83 @@ fn hostile_words_and_levels_stop_nothing() {
     assert_eq!(rig.value("volts"), (243.0 * 0.1, true));
 }
 
+fn show(output: &str, when: Situation, pattern: &str) -> ShowKeys {
+    ShowKeys { output: output.into(), when, pattern: Pattern::parse(pattern).unwrap(), value: 1.0, value_off: 0.0 }
+}
+
+/// A driver whose outputs show something, and 20 times a second what the robot does.
+fn showing(show: Vec<ShowKeys>) -> Rig {
+    let config = config(Line::Tcp);
+    let mut rig = Rig::of(Line::Tcp, Config { signals: Shows { show, ..config.signals.clone() }, ..config });
+    rig.run(1000);
+    rig
+}
+
+impl Rig {
+    /// The robot moves so for a while; the horn at the end of each 50 ms.
+    fn moves(&mut self, forward: f64, rotation: f64, ms: u64) -> Vec<bool> {
+        let mut horn = Vec::new();
+        for _ in 0..ms / 50 {
+            let velocity = DataVelocity {
+                vx: forward,
+                omega: rotation,
+                vx_target: forward,
+                omega_target: rotation,
+                ..Default::default()
+            };
+            self.bench.message(velocity);
+            self.bench.message(DataHold { module: "driver_canbus".into(), ..Default::default() });
+            self.collect();
+            self.run(50);
+            horn.push(self.horn);
+        }
+        horn
+    }
+}
+
+#[test]
+fn outputs_show_the_first_entry_that_applies_and_blink_from_its_begin_on() {
+    let mut rig = showing(vec![
+        show("lamp", Situation::TurningLeft, "on"),
+        ShowKeys { value: 80.0, value_off: 20.0, ..show("fan", Situation::Always, "pulses 2 0.1 0.1 1") },
+        show("horn", Situation::TurningLeft, "off"),
+        show("horn", Situation::Reversing, "blink 5"),
+        show("horn", Situation::Unknown, "on"),
+    ]);
+    assert!(rig.horn, "what the robot does is not known");
+    assert_eq!(rig.moves(0.4, 0.0, 200), [false; 4], "no entry applies: the safe value");
+    // Edges each 100 ms; looked at between them.
+    let horn: Vec<bool> = rig.moves(-0.4, 0.0, 800).into_iter().step_by(2).collect();
+    assert_eq!(horn, [true, false, true, false, true, false, true, false]);
+    assert_eq!(rig.get(Table::Coils, 3), 0);
+    assert_eq!(rig.moves(-0.4, 0.5, 200), [false; 4], "the entry above");
+    assert_eq!(rig.get(Table::Coils, 3), 1);
+    // Nobody says anything any more: 0.5 s later it is not known.
+    rig.run(400);
+    assert!(!rig.horn);
+    rig.run(200);
+    assert!(rig.horn);
+    assert!([160, 40].contains(&rig.get(Table::HoldingRegisters, 2)), "80 or 20, by halves");
+}
+
+#[test]
+fn a_command_overrides_what_is_shown_and_stop_ends_both() {
+    let mut rig = showing(vec![show("horn", Situation::Driving, "on")]);
+    assert_eq!(rig.moves(0.4, 0.0, 100), [true; 2]);
+    rig.command("horn", 0.0);
+    assert_eq!(rig.moves(0.4, 0.0, 900), [false; 18]);
+    assert_eq!(rig.moves(0.4, 0.0, 200)[2..], [true; 2], "its commander is silent");
+    for state in [State::Pause, State::Stop] {
+        rig.state(state);
+        assert_eq!(rig.moves(0.4, 0.0, 100), [false; 2], "{state:?}");
+        rig.state(State::Run);
+        assert_eq!(rig.moves(0.4, 0.0, 100), [true; 2], "{state:?}");
+    }
+    rig.state(State::Terminate);
+    rig.run(600);
+    assert!(!rig.horn);
+}
+
 #[test]
 fn a_configuration_that_cannot_be_is_refused() {
     let why = |change: fn(&mut Config)| {
@@ -498,10 +587,222 @@ fn a_configuration_that_cannot_be_is_refused() {
     assert_eq!(why(|config| config.batteries[0].charge = Some("soc".into())), Some(ConfigError::Battery));
     assert_eq!(why(|config| config.modbus[0].keys.unit = 0), Some(ConfigError::Unit));
     assert_eq!(why(|config| config.modbus[0].line = Line::Rtu { baud: 5 }), Some(ConfigError::Line));
+    let bad = [
+        show("door", Situation::Always, "on"),
+        show("lamb", Situation::Always, "on"),
+        ShowKeys { value: 101.0, ..show("fan", Situation::Always, "on") },
+        ShowKeys { value_off: 0.5, ..show("lamp", Situation::Always, "on") },
+    ];
+    for show in bad {
+        let mut config = config(Line::Tcp);
+        config.signals.show = vec![show.clone()];
+        assert_eq!(Io::new(config).err(), Some(ConfigError::Show), "{show:?}");
+    }
     let empty = |config: &mut Config| {
         config.modbus.clear();
         config.gpio.clear();
         config.batteries.clear();
     };
     assert_eq!(why(empty), Some(ConfigError::Empty));
+}
+
+/// A driver with switches alone, and these switches on their bus: levels at the pins, and latches.
+struct Wire {
+    bench: Bench,
+    switches: Vec<(Rom, u8, u8)>,
+    /// Requests; further ones are not answered while the bus is held.
+    asked: Vec<Request>,
+    held: bool,
+    log: Vec<Action>,
+}
+
+impl Wire {
+    fn new() -> Self {
+        let [one, two] = [1, 2].map(|serial| Rom::new(0x3A, serial).unwrap());
+        let keys = |name: &str, rom, channel, output, active_low| {
+            let limits = OutputKeys { safe: Some(0.0), ..signal("", Table::Coils, 0).limits };
+            SwitchKeys { name: name.into(), rom, channel, active_low, output, simulated: false, limits }
+        };
+        let switches = vec![
+            keys("lamp", one, 0, true, false),
+            keys("door", one, 1, false, false),
+            keys("siren", two, 1, true, true),
+        ];
+        let plain = config(Line::Tcp);
+        let (modbus, gpio, batteries) = (Vec::new(), Vec::new(), Vec::new());
+        let module = Io::new(Config { modbus, gpio, batteries, switches, ..plain }).unwrap();
+        let bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
+        let switches = vec![(one, 3, 3), (two, 3, 3)];
+        let mut wire = Self { bench, switches, asked: Vec::new(), held: false, log: Vec::new() };
+        wire.bench.start();
+        wire.run(10);
+        wire
+    }
+
+    fn run(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.bench.pass(Duration::from_millis(1));
+            self.serve();
+        }
+    }
+
+    fn serve(&mut self) {
+        for (_, action) in self.bench.done() {
+            if let Action::Send(PortId(0), Output::OneWire(request)) = &action {
+                self.asked.push(*request);
+            }
+            self.log.push(action);
+        }
+        while let Some(request) = self.asked.pop().filter(|_| !self.held) {
+            assert!(self.asked.is_empty(), "one at a time");
+            let (rom, new) = match request {
+                Request::Read(rom) => (rom, None),
+                Request::Write(rom, latches) => (rom, Some(latches)),
+                other => panic!("{other:?}"),
+            };
+            let found = self.switches.iter_mut().find(|(own, ..)| *own == rom);
+            let state = found.map(|(_, pins, latches)| {
+                *latches = new.unwrap_or(*latches);
+                w1::switch_state(*pins, *latches)
+            });
+            self.bench.w1(PortId(0), &Answer::Switch(rom, state.ok_or(w1::Error::Absent)));
+            for (_, action) in self.bench.done() {
+                if let Action::Send(PortId(0), Output::OneWire(request)) = &action {
+                    self.asked.push(*request);
+                }
+                self.log.push(action);
+            }
+        }
+    }
+
+    fn command(&mut self, name: &str, value: f64) {
+        self.bench.message(CmdOutput { name: name.into(), value, source: "test".into(), ..Default::default() });
+        self.serve();
+    }
+
+    fn latches(&self) -> [u8; 2] {
+        [self.switches[0].2, self.switches[1].2]
+    }
+
+    /// The last published values.
+    fn values(&self) -> Vec<(String, f64, bool)> {
+        let io = self.log.iter().rev().find_map(|action| match action {
+            Action::Publish(Message::LlDataIo(io)) => Some(io),
+            _ => None,
+        });
+        let signals = io.expect("LL_DATA_IO").signals.iter();
+        signals.map(|signal| (signal.name.clone(), signal.value, signal.valid)).collect()
+    }
+
+    fn news(&mut self) -> Vec<String> {
+        let line = |action: &Action| match action {
+            Action::Report(report) => Some(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject)),
+            Action::State(state) => Some(state.to_string()),
+            _ => None,
+        };
+        let news = self.log.iter().filter_map(line).collect();
+        self.log.retain(|action| line(action).is_none());
+        news
+    }
+}
+
+#[test]
+fn channels_of_switches_are_outputs_and_inputs() {
+    let mut wire = Wire::new();
+    wire.run(1500);
+    assert!(wire.news().contains(&"RUN".into()));
+    // What conducts has the latch 0; the siren's value is inverted.
+    assert_eq!(wire.latches(), [0b11, 0b01]);
+    let named = |name: &str, value| (name.to_owned(), value, true);
+    assert_eq!(wire.values(), [named("door", 1.0), named("lamp", 0.0), named("siren", 0.0)]);
+    wire.command("lamp", 1.0);
+    wire.command("siren", 1.0);
+    wire.run(5);
+    assert_eq!(wire.latches(), [0b10, 0b11], "at once");
+    wire.switches[0].1 = 1;
+    wire.run(600);
+    assert_eq!(wire.values(), [named("door", 0.0), named("lamp", 1.0), named("siren", 1.0)]);
+    wire.run(600);
+    assert_eq!(wire.latches(), [0b11, 0b01], "their commander is silent");
+    // It lost its power: it is written again.
+    wire.switches[1].2 = 3;
+    wire.run(600);
+    assert_eq!(wire.latches()[1], 0b01);
+}
+
+#[test]
+fn a_switch_that_is_gone_is_reported_and_the_others_are_served() {
+    let mut wire = Wire::new();
+    wire.run(1500);
+    wire.news();
+    let gone = wire.switches.remove(1);
+    wire.run(3500);
+    assert_eq!(wire.news(), ["Error IoDeviceLost w1 3a-000000000002", "ERROR"]);
+    wire.switches[0].1 = 1;
+    wire.run(3000);
+    assert_eq!(wire.values()[0], ("door".into(), 0.0, true));
+    assert!(!wire.values()[2].2, "nothing is known of it");
+    wire.switches.push(gone);
+    wire.run(1500);
+    assert_eq!(wire.news(), ["Notice IoDeviceLost w1 3a-000000000002", "RUN"]);
+}
+
+#[test]
+fn a_bus_that_hangs_is_asked_once_and_foreign_answers_change_nothing() {
+    let mut wire = Wire::new();
+    wire.run(1500);
+    wire.held = true;
+    wire.run(700);
+    let sent = |wire: &Wire| wire.log.iter().filter(|action| matches!(action, Action::Send(..))).count();
+    let before = sent(&wire);
+    wire.command("lamp", 1.0);
+    wire.run(10_000);
+    assert_eq!(sent(&wire), before);
+    assert!(wire.values().iter().all(|(.., valid)| !valid));
+    for rom in [Rom::new(0x3A, 9).unwrap(), Rom::new(0x28, 1).unwrap()] {
+        wire.bench.w1(PortId(0), &Answer::Switch(rom, Ok(0xFF)));
+        wire.bench.w1(PortId(0), &Answer::Temperature(rom, Ok(85_000)));
+        wire.bench.w1(PortId(0), &Answer::List([rom].into_iter().collect()));
+    }
+    wire.run(1500);
+    assert!(wire.values().iter().all(|(.., valid)| !valid));
+}
+
+#[test]
+fn a_power_channel_is_ordered_until_it_obeys_and_left_alone_afterwards() {
+    let limits = OutputKeys { safe: Some(1.0), ..signal("", Table::Coils, 0).limits };
+    let power = vec![PowerKeys { name: "light".into(), channel: "audio", limits }];
+    let (modbus, gpio, batteries) = (Vec::new(), Vec::new(), Vec::new());
+    let module = Io::new(Config { modbus, gpio, batteries, power, ..config(Line::Tcp) }).unwrap();
+    let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
+    bench.start();
+    // The controller reports this for a while, once a second; returns the orders.
+    let pass = |bench: &mut Bench, on: bool, seconds: u32| {
+        let mut orders = Vec::new();
+        for _ in 0..seconds {
+            let channel = |name: &str, on| lowlevel::Channel { name: name.into(), on, current: 0.0 };
+            let channels = vec![channel("motors", true), channel("audio", on)];
+            bench.message(DataPower { channels, ..Default::default() });
+            bench.pass(Duration::from_secs(1));
+            orders.extend(bench.published().into_iter().filter_map(|message| match message {
+                Message::LlCmdPower(CmdPower { device, action, .. }) => Some((device, action)),
+                _ => None,
+            }));
+        }
+        orders
+    };
+    let command = |bench: &mut Bench, value: f64| {
+        let command = CmdOutput { name: "light".into(), value, source: "test".into(), ..Default::default() };
+        bench.message(command);
+    };
+    bench.pass(Duration::from_secs(2));
+    bench.done();
+    assert!(pass(&mut bench, true, 3).is_empty(), "on, as it should be");
+    command(&mut bench, 0.0);
+    assert_eq!(pass(&mut bench, true, 1), [(5, CmdPower::OFF), (5, CmdPower::ON)], "for a second");
+    assert!(pass(&mut bench, false, 10).is_empty(), "the controller is slow");
+    assert_eq!(pass(&mut bench, false, 4), [(5, CmdPower::ON)], "again");
+    assert!(pass(&mut bench, true, 20).is_empty());
+    // It switches itself off, or a person does: nobody orders it on.
+    assert!(pass(&mut bench, false, 30).is_empty());
 }

@@ -1,7 +1,7 @@
 //! What `driver_power` must know of the robot; SI units but for ampere-hours.
 
 use crate::rs485_bus::Node;
-use base::listed;
+use base::{Duration, listed};
 use rs485::boards::psc1::CHANNELS;
 use rs485::crc::Crc8;
 use settings::{Table, settings};
@@ -27,6 +27,8 @@ settings! {
         reserve: f64 = 0.2, 0.0..=1.0;
         /// Greatest currents of power channels.
         channels: Vec<ChannelConfig> = [];
+        /// Computers that are shut down by their power buttons before their channels are switched off.
+        computers: Vec<ComputerConfig> = [];
         /// The other modules, in the order in which they were started; they are ended the other way round.
         modules: Vec<String> = unset Vec::<String>::new();
         /// Program and arguments that halt the computer when the supply is cut or channel host is switched off; never
@@ -53,6 +55,28 @@ settings! {
     }
 }
 
+settings! {
+    /// `[[power.computers]]`: a computer that is fed by a power channel and has a power button that an output of `[io]`
+    /// presses. Switching the channel off presses it, and switches off when the computer is down, or after
+    /// `shutdown_s`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ComputerConfig {
+        /// Power channel: `computer1` or `computer2`.
+        channel: String = required;
+        /// Output of `[io]` at its power button: pressed while it is 1.
+        button: String = required;
+        /// Input of `[io]` at its power LED: 1 while it runs. Absent: when it is down is not known, and it gets the
+        /// whole time.
+        alive: Option<String> = optional;
+        /// Length of a press. Longer ones switch many computers off at once.
+        press_s as press: Duration = 0.3, 0.05..=3.0;
+        /// Longest time of an orderly shutdown, from the press on.
+        shutdown_s as shutdown: Duration = 60.0, 1.0..=600.0;
+        /// The button is pressed after its supply came up, too: it does not start by itself.
+        press_on: bool = false;
+    }
+}
+
 listed! {
     /// Why a configuration is refused.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +97,13 @@ impl Config {
         let unknown = self.channels.iter().enumerate().filter(|(_, own)| !CHANNELS.contains(&own.name.as_str()));
         for item in unknown.filter_map(|(n, _)| table.item("channels", n)) {
             item.refuse("name", "a power channel: host, computer1, computer2, motors, monitor, audio, sensors, switch");
+        }
+        let fed: Vec<&String> = self.computers.iter().map(|computer| &computer.channel).collect();
+        table.unique("computers", "channel", &fed, "one that no other entry has");
+        let others =
+            fed.iter().enumerate().filter(|(_, channel)| !["computer1", "computer2"].contains(&channel.as_str()));
+        for item in others.filter_map(|(n, _)| table.item("computers", n)) {
+            item.refuse("channel", "\"computer1\" or \"computer2\"");
         }
     }
 

@@ -11,6 +11,8 @@ const REPEAT_PERIOD: Duration = Duration::from_millis(500);
 const MODULE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Time that the computer needs to halt, of the time that the board gives.
 const HALT_RESERVE: Duration = Duration::from_secs(10);
+/// The module that presses the power buttons of computers.
+const OUTPUTS: &str = "driver_io";
 /// Timeout of telling the board that the supply is no longer needed.
 const RELEASE_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -57,6 +59,10 @@ pub(super) struct Shutdown {
     deadlines: Deadlines<Timer>,
     /// The watchdog reports the modules.
     guarded: bool,
+    /// [`OUTPUTS`] is kept while computers shut down.
+    keeps: bool,
+    /// It is its turn, and it is still needed.
+    waits: bool,
 }
 
 impl Shutdown {
@@ -71,7 +77,18 @@ impl Shutdown {
             .with(Timer::Step, now + REPEAT_PERIOD)
             .with(Timer::Terminate, now)
             .with(Timer::Latest, latest);
-        Self { aim, modules, stage: Stage::Ending { place: 0 }, deadlines, guarded: false }
+        let stage = Stage::Ending { place: 0 };
+        Self { aim, modules, stage, deadlines, guarded: false, keeps: false, waits: false }
+    }
+
+    /// Computers shut down for `within` at most: the module of outputs is ended last, and not before they are down.
+    /// `longer`: the whole shutdown may take that much longer.
+    pub fn keep_outputs(&mut self, within: Duration, longer: bool) {
+        self.keeps = true;
+        self.modules.sort_by_key(|module| module == OUTPUTS);
+        if let Some(latest) = self.deadlines.get(Timer::Latest).filter(|_| longer) {
+            self.deadlines.set(Timer::Latest, latest + within);
+        }
     }
 
     /// Module that is being ended.
@@ -102,10 +119,25 @@ impl Shutdown {
         }
     }
 
-    /// Serves the deadlines.
-    pub fn advance(&mut self, now: Instant, source: &str, out: &mut Actions) {
+    /// Leaves the module of outputs alone while it is needed.
+    fn keep(&mut self, now: Instant, needed: bool) {
+        let waits = self.keeps && needed && self.ending().is_some_and(|module| module == OUTPUTS);
+        if waits {
+            self.deadlines.clear(Timer::Step);
+            self.deadlines.clear(Timer::Terminate);
+        } else if self.waits && matches!(self.stage, Stage::Ending { .. }) {
+            self.deadlines.set(Timer::Step, now + if self.guarded { MODULE_TIMEOUT } else { REPEAT_PERIOD });
+            self.deadlines.set(Timer::Terminate, now);
+        }
+        self.waits = waits;
+    }
+
+    /// Serves the deadlines; `computers`: some shut down.
+    pub fn advance(&mut self, now: Instant, source: &str, computers: bool, out: &mut Actions) {
+        self.keep(now, computers);
         if matches!(self.stage, Stage::Ending { .. }) && self.deadlines.take(Timer::Step, now) {
             self.next(now);
+            self.keep(now, computers);
         }
         match self.stage {
             Stage::Ending { place } if place >= self.modules.len() || self.deadlines.is_due(Timer::Latest, now) => {

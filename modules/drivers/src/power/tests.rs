@@ -31,6 +31,7 @@ fn config() -> Config {
         cells: 8,
         reserve: 0.2,
         channels: Vec::new(),
+        computers: Vec::new(),
         modules: vec!["eyes".into(), "legs".into()],
         halt: vec!["poweroff".into(), "-f".into()],
         reboot: Vec::new(),
@@ -428,4 +429,145 @@ fn a_channel_near_its_greatest_current_is_reported_before_it_trips() {
     rig.board.currents.milliamps[5] = 500;
     pass(&mut rig, 3000);
     assert_eq!(rig.news(), "Notice ChannelCurrent audio");
+}
+
+fn computer() -> ComputerConfig {
+    ComputerConfig {
+        channel: "computer1".into(),
+        button: "button".into(),
+        alive: Some("led".into()),
+        press: ms(300),
+        shutdown: ms(20_000),
+        press_on: false,
+    }
+}
+
+/// A robot with this computer, which runs.
+fn rig_with(computer: ComputerConfig) -> Rig<Board> {
+    let mut rig = rig_of(Config { computers: vec![computer], ..config() });
+    pass(&mut rig, 1500);
+    led(&mut rig, true);
+    rig.news();
+    rig
+}
+
+/// `driver_io` publishes the power LED.
+fn led(rig: &mut Rig<Board>, on: bool) {
+    let value = f64::from(u8::from(on));
+    let signal = lowlevel::Signal { name: "led".into(), value, output: false, valid: true };
+    rig.message(lowlevel::DataIo { timestamp: 0, signals: vec![signal] });
+}
+
+/// Commands for the button.
+fn presses(rig: &mut Rig<Board>) -> Vec<f64> {
+    let all = rig.take(|message| if let Message::LlCmdOutput(output) = message { Some(output) } else { None });
+    assert!(all.iter().all(|(_, output)| output.name == "button" && output.source == NAME));
+    all.into_iter().map(|(_, output)| output.value).collect()
+}
+
+#[test]
+fn a_computer_is_asked_to_shut_down_before_its_channel_is_switched_off() {
+    let mut rig = rig_with(computer());
+    order(&mut rig, 1, CmdPower::OFF);
+    pass(&mut rig, 1000);
+    assert_eq!(presses(&mut rig), [1.0, 1.0, 1.0, 0.0], "each 100 ms, and released");
+    for on in [true, false, true, false] {
+        led(&mut rig, on);
+        pass(&mut rig, 1000);
+        assert!(rig.board.told.is_empty(), "the LED blinks");
+    }
+    pass(&mut rig, 2000);
+    assert_eq!(rig.board.told, [(0x02, 0)]);
+    let expected = "computer1 is asked to shut down by its button button\ncomputer1 has shut down\n\
+                    power channel computer1 is off";
+    assert_eq!(rig.news(), expected);
+    // Off already: it is cut at once.
+    order(&mut rig, 1, CmdPower::ON);
+    for _ in 0..3 {
+        led(&mut rig, false);
+        pass(&mut rig, 1000);
+    }
+    order(&mut rig, 1, CmdPower::OFF);
+    pass(&mut rig, 10);
+    assert_eq!((rig.board.told.len(), presses(&mut rig).len()), (3, 0));
+}
+
+#[test]
+fn a_computer_that_does_not_shut_down_is_reported_and_cut() {
+    let mut rig = rig_with(computer());
+    order(&mut rig, 1, CmdPower::OFF);
+    for _ in 0..19 {
+        pass(&mut rig, 1000);
+        led(&mut rig, true);
+    }
+    rig.news();
+    assert!(rig.board.told.is_empty());
+    pass(&mut rig, 2500);
+    assert_eq!(rig.news(), "Warning ComputerStuck computer1\npower channel computer1 is off");
+    order(&mut rig, 1, CmdPower::ON);
+    pass(&mut rig, 1500);
+    assert_eq!(rig.news(), "power channel computer1 is on\nNotice ComputerStuck computer1");
+    // Nothing is known of it: it gets its time, and nobody can say that it is stuck.
+    let mut rig = rig_with(ComputerConfig { alive: None, ..computer() });
+    order(&mut rig, 1, CmdPower::OFF);
+    pass(&mut rig, 19_500);
+    assert!(rig.board.told.is_empty());
+    pass(&mut rig, 2000);
+    assert!(!rig.news().contains("ComputerStuck") && rig.board.told == [(0x02, 0)]);
+}
+
+#[test]
+fn a_computer_that_is_to_run_again_is_cut_first_and_started_by_its_button_if_it_must() {
+    for (press_on, action) in [(false, CmdPower::REBOOT), (true, CmdPower::REBOOT), (true, CmdPower::OFF)] {
+        let mut rig = rig_with(ComputerConfig { press_on, ..computer() });
+        order(&mut rig, 1, action);
+        pass(&mut rig, 500);
+        if action == CmdPower::OFF {
+            // Ordered on before it is down.
+            order(&mut rig, 1, CmdPower::ON);
+        }
+        presses(&mut rig);
+        led(&mut rig, false);
+        pass(&mut rig, 3000);
+        assert_eq!(rig.board.told, [(0x02, 0)], "{action}");
+        led(&mut rig, false);
+        pass(&mut rig, 3000);
+        assert_eq!(rig.board.told, [(0x02, 0), (0x02, 0x02)], "{action}");
+        pass(&mut rig, 4000);
+        let expected: &[f64] = if press_on { &[1.0, 1.0, 1.0, 0.0] } else { &[] };
+        assert_eq!(presses(&mut rig), expected, "{action}");
+        // On, and ordered on: its button is left alone.
+        order(&mut rig, 1, CmdPower::ON);
+        pass(&mut rig, 6000);
+        assert!(presses(&mut rig).is_empty(), "{action}");
+    }
+}
+
+#[test]
+fn the_outputs_are_kept_until_all_computers_are_down() {
+    let modules = vec!["driver_io".into(), "eyes".into(), "legs".into()];
+    let mut rig = rig_of(Config { computers: vec![computer()], modules, ..config() });
+    pass(&mut rig, 1500);
+    led(&mut rig, true);
+    order(&mut rig, 0, CmdPower::OFF);
+    for _ in 0..10 {
+        pass(&mut rig, 500);
+        led(&mut rig, true);
+    }
+    let modules = |rig: &mut Rig<Board>| ended(rig).into_iter().map(|(_, module)| module).collect::<Vec<_>>();
+    assert_eq!(modules(&mut rig), ["legs", "eyes"], "the robot stands meanwhile");
+    assert_eq!((presses(&mut rig), rig.board.told.len()), (vec![1.0, 1.0, 1.0, 0.0], 0));
+    led(&mut rig, false);
+    pass(&mut rig, 1700);
+    assert_eq!(modules(&mut rig), ["driver_io"]);
+    pass(&mut rig, 1000);
+    assert_eq!((runs(&rig).len(), rig.board.told.last()), (1, Some(&(0xFF, 0))));
+    // The supply ends in 12 s, whether it is down or not: the robot's computer is halted in time.
+    let modules = vec!["driver_io".into()];
+    let mut rig = rig_of(Config { computers: vec![computer()], modules, ..config() });
+    rig.says(0x81, &[12]);
+    pass(&mut rig, 1500);
+    assert!(runs(&rig).is_empty());
+    pass(&mut rig, 1000);
+    assert_eq!((runs(&rig).len(), presses(&mut rig).len()), (1, 4));
 }

@@ -19,7 +19,7 @@ fn address() -> Address {
 fn made() -> Auxiliary {
     let i2c = [I2cConfig { bus: "i2c.aux".into(), hz: 100_000, fans: vec![("fan1".into(), address())] }];
     let thermometers = vec![(rom(1), "battery".into()), (rom(2), "cabin".into())];
-    Auxiliary::new(&i2c, Some(&W1Config { bus: "w1".into(), thermometers }), Instant::ZERO)
+    Auxiliary::new(&i2c, Some(&W1Config { bus: "w1".into(), thermometers, switches: Vec::new() }), None, Instant::ZERO)
 }
 
 fn transfer(write: &[u8], read: Read) -> Transfer {

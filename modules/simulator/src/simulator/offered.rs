@@ -34,8 +34,8 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, output, GPIO line, boards, chips, thermometers, then buses, those of Modbus, the lidars and
-    /// the inertial measurement units last.
+    /// All names: drives, output, GPIO line, boards, chips, thermometers, temperatures of the computer, then buses,
+    /// those of Modbus, computers, the lidars and the inertial measurement units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
@@ -44,9 +44,11 @@ impl Simulator {
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
         targets.extend(config.i2c.iter().flat_map(|i2c| &i2c.fans).map(|(name, _)| name.clone()));
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
+        targets.extend(config.host.iter().flat_map(|host| &host.sensors).map(|(_, name)| name.clone()));
         targets.extend(config.can.iter().map(|can| can.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
         targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));
+        targets.extend(config.computers.iter().map(|computer| computer.channel.1.clone()));
         targets.extend(config.lidars.iter().map(|lidar| lidar.bus.clone()));
         targets.extend(config.imus.iter().map(|imu| imu.name.clone()));
         targets
@@ -89,6 +91,7 @@ mod tests {
             w1: Some(W1Config {
                 bus: "w1".into(),
                 thermometers: vec![(base::w1::Rom::new(0x28, 1).unwrap(), "cabin".into())],
+                switches: Vec::new(),
             }),
             gamepad: Some("joystick".into()),
             line: Some("stop.gpio".into()),
