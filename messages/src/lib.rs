@@ -32,8 +32,8 @@ pub mod action;
 mod channels;
 mod faults;
 mod hold;
-mod related;
 mod mode;
+mod related;
 mod source;
 mod stop;
 

@@ -621,7 +621,8 @@ fn the_gpio_line_that_cuts_the_feed_must_be_there_and_free() {
 fn temperatures_are_shown_and_a_computer_that_slows_itself_down_is_a_warning() {
     use base::thermal::{State, Throttle};
     let heat = |throttle, events| {
-        let mut state = State { throttle, ..State::default() };
+        let mut state = State::default();
+        state.throttle = throttle;
         assert!(state.push("x86_pkg_temp", 45_400) && state.push("nvme/Composite", 38_000));
         machine::Heat { state, events }
     };

@@ -64,7 +64,8 @@ fn heat() -> Vec<thermal::State> {
     let throttles = [(false, false), (true, false), (false, true), (true, true)];
     let throttles = throttles.map(|(slowed, under_voltage)| Some(thermal::Throttle { slowed, under_voltage }));
     let state = |throttle| {
-        let mut state = thermal::State { throttle, ..Default::default() };
+        let mut state = thermal::State::default();
+        state.throttle = throttle;
         assert!(throttle.is_none() || state.push("coretemp/Core 0", 45_000) && state.push("", i32::MIN));
         state
     };

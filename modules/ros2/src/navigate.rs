@@ -36,6 +36,8 @@ const FEEDBACK_PERIOD: Duration = Duration::from_millis(100);
 const ANSWER_MAX: Duration = Duration::from_secs(2);
 /// Longest silence of the planner, which publishes at 5 Hz.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
+/// Numbers of commands that are kept: several goals may follow each other before the planner speaks of one.
+const SENT_MAX: usize = 8;
 /// Module whose holds tell of recoveries.
 const PLANNER: &str = "planner";
 
@@ -104,7 +106,8 @@ pub struct Navigator {
     active: Option<Active>,
     /// Number of a goal that has ended here although the planner may have it: if it is pursued later it is cancelled.
     abandoned: Option<i32>,
-    last_number: i32,
+    /// Numbers of the last commands, the newest at the end: at most [`SENT_MAX`].
+    sent: VecDeque<i32>,
     outputs: VecDeque<Output>,
 }
 
@@ -263,7 +266,8 @@ impl Navigator {
             // What it says may be older than the command.
             Planner::Begins { .. } => {}
             Planner::Ends { number, .. } if number == goal.id => self.end(now, Status::Canceled, ""),
-            Planner::Ends { .. } if !is_pursued => {}
+            // Of a goal from here that the cancelled one replaced, it may have spoken before it received the end.
+            Planner::Ends { .. } if !is_pursued || self.sent.contains(&goal.id) => {}
             Planner::Drives { .. } if goal.status == DataGoal::FAILED && !active.is_doubtful => {
                 active.is_doubtful = true;
             }
@@ -333,11 +337,14 @@ impl Navigator {
     /// Sends waypoints to the planner, or without any the end of its goal; the number of the command.
     fn command(&mut self, timestamp: i64, waypoints: Vec<Waypoint>) -> i32 {
         let mut goal = orders::goal(timestamp, waypoints, false);
-        if goal.id == self.last_number {
+        if self.sent.back() == Some(&goal.id) {
             goal.id += 1;
         }
-        self.last_number = goal.id;
         let number = goal.id;
+        if self.sent.len() == SENT_MAX {
+            self.sent.pop_front();
+        }
+        self.sent.push_back(number);
         self.outputs.push_back(Output::Command(goal));
         number
     }

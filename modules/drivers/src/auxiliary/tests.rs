@@ -154,6 +154,7 @@ impl Rig {
                             let said = self.thermometers.get(&rom).copied();
                             (CONVERSION, Answer::Temperature(rom, said.unwrap_or(Err(base::w1::Error::Absent))))
                         }
+                        Request::Read(_) | Request::Write(..) => unreachable!("no switches are asked"),
                     };
                     assert!(self.answers.is_empty(), "one request at a time");
                     self.answers.push_back((at + takes, answer));
@@ -466,7 +467,8 @@ fn computer() -> Bench {
 
 /// The computer answers; returns what was published and reported a second later.
 fn answers(bench: &mut Bench, readings: &[(&str, i32)], throttle: Option<base::thermal::Throttle>) -> Vec<String> {
-    let mut state = base::thermal::State { throttle, ..Default::default() };
+    let mut state = base::thermal::State::default();
+    state.throttle = throttle;
     readings.iter().for_each(|(zone, value)| assert!(state.push(zone, *value)));
     bench.done();
     bench.event(Event::Port { port: PortId(0), input: Input::Thermal(&state) });

@@ -607,7 +607,7 @@ fn a_configuration_that_cannot_be_is_refused() {
 }
 
 /// A driver with switches alone, and these switches on their bus: levels at the pins, and latches.
-struct Wire {
+struct Switches {
     bench: Bench,
     switches: Vec<(Rom, u8, u8)>,
     /// Requests; further ones are not answered while the bus is held.
@@ -616,7 +616,7 @@ struct Wire {
     log: Vec<Action>,
 }
 
-impl Wire {
+impl Switches {
     fn new() -> Self {
         let [one, two] = [1, 2].map(|serial| Rom::new(0x3A, serial).unwrap());
         let keys = |name: &str, rom, channel, output, active_low| {
@@ -708,7 +708,7 @@ impl Wire {
 
 #[test]
 fn channels_of_switches_are_outputs_and_inputs() {
-    let mut wire = Wire::new();
+    let mut wire = Switches::new();
     wire.run(1500);
     assert!(wire.news().contains(&"RUN".into()));
     // What conducts has the latch 0; the siren's value is inverted.
@@ -732,7 +732,7 @@ fn channels_of_switches_are_outputs_and_inputs() {
 
 #[test]
 fn a_switch_that_is_gone_is_reported_and_the_others_are_served() {
-    let mut wire = Wire::new();
+    let mut wire = Switches::new();
     wire.run(1500);
     wire.news();
     let gone = wire.switches.remove(1);
@@ -749,11 +749,11 @@ fn a_switch_that_is_gone_is_reported_and_the_others_are_served() {
 
 #[test]
 fn a_bus_that_hangs_is_asked_once_and_foreign_answers_change_nothing() {
-    let mut wire = Wire::new();
+    let mut wire = Switches::new();
     wire.run(1500);
     wire.held = true;
     wire.run(700);
-    let sent = |wire: &Wire| wire.log.iter().filter(|action| matches!(action, Action::Send(..))).count();
+    let sent = |wire: &Switches| wire.log.iter().filter(|action| matches!(action, Action::Send(..))).count();
     let before = sent(&wire);
     wire.command("lamp", 1.0);
     wire.run(10_000);

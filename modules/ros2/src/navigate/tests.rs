@@ -215,6 +215,34 @@ fn a_cancelled_goal_ends_when_the_planner_says_so() {
 }
 
 #[test]
+fn a_goal_that_is_cancelled_before_the_planner_begins_with_it_ends_as_cancelled() {
+    let mut bench = Bench::new();
+    for n in 1..=3 {
+        bench.send(n);
+        bench.wait(10);
+    }
+    let [first, second, third] = [0, 1, 2].map(|n| bench.commands[n].id);
+    bench.planner(first, DataGoal::DRIVING, "");
+    assert_eq!(bench.cancel(id(3)), (CancelCode::None as i8, 1));
+    let end = bench.last();
+    // The planner still speaks of what it did before.
+    for goal in [first, second, third] {
+        bench.planner(goal, DataGoal::DRIVING, "");
+    }
+    assert_eq!(bench.states.last(), Some(&(Status::Canceling as i8)));
+    bench.planner(end, DataGoal::CANCELLED, "");
+    assert_eq!(bench.result(3), Some((Status::Canceled as i8, 0, String::new())));
+    assert_eq!(bench.commands.len(), 4, "each once");
+    // Another one's goal is none of these.
+    bench.send(4);
+    bench.planner(bench.last(), DataGoal::DRIVING, "");
+    bench.cancel(id(4));
+    bench.planner(bench.last() + 1000, DataGoal::DRIVING, "");
+    let why = "another goal replaced it, which was not sent by this action".to_owned();
+    assert_eq!(bench.result(4), Some((Status::Aborted as i8, 9000, why)));
+}
+
+#[test]
 fn a_newer_goal_replaces_an_older_one_of_either_action() {
     let mut bench = Bench::new();
     bench.send(1);
