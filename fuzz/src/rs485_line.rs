@@ -10,7 +10,8 @@ use rs485::transport::{NinthFirst, Parity, TwoByte};
 
 const DATA: [u8; 4] = [1, 0, 0xFF, 0xFF];
 
-/// Bytes of two-byte lines of either order and of one with parity, through the receivers of a master and a slave; and boards' data.
+/// Bytes of two-byte lines of either order and of one with parity, through the receivers of a master and a slave; and
+/// boards' data.
 ///
 /// The next good frame is received; what is parsed encodes to the same bytes.
 pub fn rs485_line(bytes: &[u8]) {
