@@ -72,7 +72,7 @@ step "a robot's driver reaches the boards there"
 "$ADVEE" run driver_rs485a --set rs485.a.port=$master --set rs485.a.baud=115200 >"$log" 2>&1 &
 driver=$!
 # These boards know their version and nothing else.
-expect "so1 (0x20 on rs485.a)"
+expect "so1 (0x20 on rs485.a) does not know instruction 0x01"
 kill $driver
 wait $driver || fail "exit code $?"
 news
