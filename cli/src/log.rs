@@ -12,6 +12,7 @@ mod info;
 mod keys;
 mod mark;
 mod play;
+mod recording;
 mod recover;
 mod select;
 mod source;
@@ -39,5 +40,9 @@ commands! {
         Diff(diff::Diff) => diff::diff(command),
         /// Put a mark into the log that is being written
         Mark(mark::Mark) => mark::mark(common, command),
+        /// Begin a run, with the seconds before the command
+        Start(recording::Start) => recording::start(common, command),
+        /// End the run
+        Stop(recording::Stop) => recording::stop(common, command),
     }
 }

@@ -6,11 +6,12 @@ use rs485::boards::{psc1, sbs1, sd1, so1};
 use rs485::crc::Crc8;
 use rs485::frame::{Frame, Words};
 use rs485::reader::{Reader, Received};
-use rs485::transport::{Parity, TwoByte};
+use rs485::transport::{NinthFirst, Parity, TwoByte};
 
 const DATA: [u8; 4] = [1, 0, 0xFF, 0xFF];
 
-/// Bytes of a two-byte line and of one with parity, through the receivers of a master and a slave; and boards' data.
+/// Bytes of two-byte lines of either order and of one with parity, through the receivers of a master and a slave; and
+/// boards' data.
 ///
 /// The next good frame is received; what is parsed encodes to the same bytes.
 pub fn rs485_line(bytes: &[u8]) {
@@ -38,6 +39,13 @@ pub fn rs485_line(bytes: &[u8]) {
     for reader in [&mut master, &mut slave] {
         assert!(understood(reader, at, &words));
     }
+    let mut ninth_first = NinthFirst::new();
+    bytes.iter().for_each(|byte| {
+        let _ = ninth_first.decode(*byte);
+    });
+    let bytes_of_good = good.iter().flat_map(|word| NinthFirst::encode(*word));
+    let words: Vec<Word> = bytes_of_good.filter_map(|byte| ninth_first.decode(byte)).collect();
+    assert!(words.ends_with(&good), "{words:?}");
     // The kernel's marks are longer: half a mark may cost a frame, never two.
     let mut parity = Parity::new();
     bytes.iter().filter_map(|byte| parity.decode(*byte)).for_each(|word| {

@@ -61,3 +61,26 @@ step "a stop leaves no process"
 systemctl stop advee
 is inactive || fail "it is $(show ActiveState)"
 [ -z "$(module watchdog)$(module driver_power)$(module simulator)" ] || fail "something is left over"
+
+step "without systemd: advee-guard passes its arguments on, and one that has a server has the page"
+serves() { [ -n "$(module web)" ]; }
+up_runs() { # advee up, of whatever start: its process
+    for process in /proc/[0-9]*; do
+        # The list may be older than the process.
+        if [ "$(tr '\0' ' ' 2>/dev/null <"$process/cmdline" | cut -d' ' -f2)" = up ]; then
+            echo "${process#/proc/}"
+        fi
+    done
+}
+is_over() { [ -z "$(up_runs)" ]; }
+export ADVEE_RUN=/run/advee-cron
+/opt/advee/bin/advee-guard --sim --world empty --goal none --http 127.0.0.1:8081 || fail "it does not start"
+within 60 serves || fail "the robot has no page: $(tail -n 20 /opt/advee/log/advee.log)"
+kill "$(up_runs)"
+within 30 is_over || fail "it does not end"
+/opt/advee/bin/advee-guard --sim --world empty --goal none || fail "it does not start"
+running_again() { [ -n "$(module driver_power)" ]; }
+within 60 running_again || fail "it does not run: $(tail -n 20 /opt/advee/log/advee.log)"
+! serves || fail "without a server in its arguments it has a page"
+kill "$(up_runs)"
+within 30 is_over || fail "it does not end"

@@ -696,3 +696,25 @@ fn a_mark_reaches_the_logger_and_its_answer_is_printed() {
     assert!(alone.code == Some(0) && alone.err.contains("no logger is heard"), "{alone:?}");
     assert!(bench.run(&["mark", ""]).bad().contains("1 to 1000 bytes"));
 }
+
+#[test]
+fn a_run_is_begun_and_ended_by_command_once_the_logger_confirms_it() {
+    let run = "2026_01_02_03_04_05";
+    let (begun, ended) = (format!("records in {run}\n"), String::from("the run has ended\n"));
+    for (verb, action, printed) in [("start", common::CmdLog::START, begun), ("stop", common::CmdLog::STOP, ended)] {
+        let bench = Bench::new();
+        let mut bus = listen(&bench.url);
+        let tool = bench.command(&[verb]).spawn().unwrap();
+        let heard = take(&mut bus, 1).remove(0);
+        let Some(Ok(Message::CmCmdLog(command))) = Message::receive(&heard.1, &heard.2) else { panic!("{heard:?}") };
+        assert_eq!(command.action, action);
+        // The state before the command is no confirmation.
+        let begins = verb == "start";
+        for recording in [!begins, begins] {
+            let status = common::DataLog { recording, run: run.into(), ..Default::default() };
+            bus.publish("CM_DATA_LOG", &encoded(status)).unwrap();
+        }
+        assert_eq!(Outcome::of(tool.wait_with_output().unwrap()).good(), printed);
+        assert!(bench.run(&[verb]).bad().contains("no logger is heard"));
+    }
+}

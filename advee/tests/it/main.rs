@@ -46,6 +46,7 @@ mod slcan_peer;
 mod supervision;
 #[path = "../support.rs"]
 mod support;
+mod ts7800;
 mod two_hosts;
 mod users;
 mod web;

@@ -9,6 +9,7 @@ use messages::{Channel, Hold, Message, common};
 use module::State;
 use std::fs;
 use std::os::linux::net::SocketAddrExt;
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -596,4 +597,43 @@ fn cron_starts_a_robot_that_does_not_run_and_leaves_one_that_does() {
         gone_within(&robot, 8.0);
         fs::remove_dir_all(&home).unwrap();
     });
+}
+
+#[test]
+fn cron_s_script_passes_its_arguments_and_is_headless_unless_they_have_a_server() {
+    let home = std::env::temp_dir().join(format!("advee-guard-words-{}", std::process::id()));
+    fs::create_dir_all(home.join("bin")).unwrap();
+    let called = home.join("called");
+    // In place of the executable: one that records its arguments, a line for each.
+    let program = home.join("bin/advee");
+    fs::write(&program, "#!/bin/sh\nprintf '%s\\n' \"$@\" >\"$0.new\"\nmv \"$0.new\" \"$CALLED\"\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let run = home.join("run");
+    let start = ["up", "--run-dir", run.to_str().unwrap()];
+    let cases: [(Option<&str>, &[&str], &[&str]); 8] = [
+        (None, &[], &["--headless"]),
+        (Some(""), &[], &["--headless"]),
+        (Some("--sim --goal none"), &[], &["--headless", "--sim", "--goal", "none"]),
+        (None, &["--sim", "--set", "a.b=\"c d\""], &["--headless", "--sim", "--set", "a.b=\"c d\""]),
+        (None, &["--http", "127.0.0.1:8080"], &["--http", "127.0.0.1:8080"]),
+        (Some("--sim"), &["--http=[::1]:80"], &["--sim", "--http=[::1]:80"]),
+        (Some("--http 127.0.0.1:80"), &["--sim"], &["--http", "127.0.0.1:80", "--sim"]),
+        (Some("--headless"), &["--force"], &["--headless", "--force"]),
+    ];
+    for (variable, arguments, expected) in cases {
+        let _ = fs::remove_file(&called);
+        let mut script = Command::new("sh");
+        script.arg(support::workspace().join("packaging/cron/advee-guard")).args(arguments);
+        script.env("ADVEE_HOME", &home).env("ADVEE_RUN", &run).env("CALLED", &called).env_remove("ADVEE_ARGS");
+        script.envs(variable.map(|words| ("ADVEE_ARGS", words)));
+        assert!(script.status().unwrap().success());
+        let begin = Instant::now();
+        while !called.exists() {
+            assert!(begin.elapsed() < Duration::from_secs(10), "it does not start with {arguments:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let told = fs::read_to_string(&called).unwrap();
+        assert_eq!(told.lines().collect::<Vec<_>>(), [&start[..], expected].concat(), "{variable:?} {arguments:?}");
+    }
+    fs::remove_dir_all(&home).unwrap();
 }

@@ -1,6 +1,7 @@
 //! Transport of nine bits through a port: codecs between its bytes and the words of the line. Each decoder takes a byte
-//! at a time, so reads may be split anywhere. [`TwoByte`] is the whole of its transport; for `parity`, [`Parity`]
-//! decodes, and [`runs`] gives the bytes between two changes of a tty's parity, which the host makes.
+//! at a time, so reads may be split anywhere. [`TwoByte`] and [`NinthFirst`] are the whole of their transports; for
+//! `parity`, [`Parity`] decodes, and [`runs`] gives the bytes between two changes of a tty's parity, which the host
+//! makes.
 
 use base::serial::Word;
 
@@ -53,6 +54,64 @@ impl TwoByte {
     /// Expects a low byte next, after the port was opened again. The count of slips stays.
     pub fn reset(&mut self) {
         self.low = None;
+    }
+}
+
+/// The `ninth-first` transport (`docs/facts/boards.md` 1): 0x01 where the ninth bit is set, else 0x00, then the low
+/// byte. The nine-bit ports of the TS-7800's own driver use this order, and drop a first byte that is neither.
+#[derive(Debug, Default)]
+pub struct NinthFirst {
+    /// Of a word whose low byte is due.
+    ninth: Option<bool>,
+    /// The byte before, while it may have been the first one of a word.
+    before: Option<bool>,
+    slips: u32,
+}
+
+impl NinthFirst {
+    /// A codec that expects the ninth bit.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { ninth: None, before: None, slips: 0 }
+    }
+
+    /// The bytes of a word, in the order they are written.
+    #[must_use]
+    pub const fn encode(word: Word) -> [u8; 2] {
+        [word.ninth as u8, word.byte]
+    }
+
+    /// Takes the next byte read; gives a word with each second one.
+    ///
+    /// A first byte that is neither 0 nor 1 shows that a byte was lost or added: it is the low byte of a word whose
+    /// ninth bit was the byte before, if that can have been one; the slip is counted. The CRC covers the damage.
+    pub fn decode(&mut self, byte: u8) -> Option<Word> {
+        let bit = match byte {
+            0 => Some(false),
+            1 => Some(true),
+            _ => None,
+        };
+        let before = core::mem::replace(&mut self.before, bit);
+        if let Some(ninth) = self.ninth.take() {
+            return Some(Word { byte, ninth });
+        }
+        self.ninth = bit;
+        if bit.is_some() {
+            return None;
+        }
+        self.slips = self.slips.saturating_add(1);
+        before.map(|ninth| Word { byte, ninth })
+    }
+
+    /// Number of slips.
+    #[must_use]
+    pub fn slips(&self) -> u32 {
+        self.slips
+    }
+
+    /// Expects a ninth bit next, after the port was opened again. The count of slips stays.
+    pub fn reset(&mut self) {
+        (self.ninth, self.before) = (None, None);
     }
 }
 
@@ -183,6 +242,57 @@ mod tests {
                 codec.decode(random.next() as u8 % 5);
             }
             let read = decode(&mut codec, &bytes);
+            assert!(read.ends_with(&words), "{read:?}");
+        }
+    }
+
+    fn decode_ninth_first(codec: &mut NinthFirst, bytes: &[u8]) -> Vec<Word> {
+        bytes.iter().filter_map(|byte| codec.decode(*byte)).collect()
+    }
+
+    #[test]
+    fn ninth_first_is_the_other_order() {
+        let words = crate::testing::words("20! 01 00 00 9c");
+        let bytes: Vec<u8> = words.iter().copied().flat_map(NinthFirst::encode).collect();
+        assert_eq!(bytes, [1, 0x20, 0, 0x01, 0, 0x00, 0, 0x00, 0, 0x9C]);
+        assert_eq!(decode_ninth_first(&mut NinthFirst::new(), &bytes), words);
+        // Neither order is taken for the other.
+        assert_ne!(decode(&mut TwoByte::new(), &bytes), words);
+    }
+
+    #[test]
+    fn ninth_first_every_word_survives_and_reads_may_be_split_anywhere() {
+        let words: Vec<Word> = (0..=255).flat_map(|byte| [false, true].map(|ninth| Word { byte, ninth })).collect();
+        let bytes: Vec<u8> = words.iter().copied().flat_map(NinthFirst::encode).collect();
+        for size in [1, 2, 3, 7] {
+            let mut codec = NinthFirst::new();
+            let read: Vec<Word> = bytes.chunks(size).flat_map(|chunk| decode_ninth_first(&mut codec, chunk)).collect();
+            assert_eq!((read, codec.slips()), (words.clone(), 0));
+        }
+    }
+
+    #[test]
+    fn ninth_first_a_lost_byte_is_counted_and_a_reopened_port_starts_anew() {
+        let mut codec = NinthFirst::new();
+        // The low byte of the first word is lost: 0x01 is taken for it, and 0x20 shows that it was none.
+        assert_eq!(decode_ninth_first(&mut codec, &[0, 1, 0x20, 0, 0x33]), crate::testing::words("01 20! 33"));
+        assert_eq!(codec.slips(), 1);
+        assert_eq!(codec.decode(1), None);
+        codec.reset();
+        assert_eq!(decode_ninth_first(&mut codec, &[0, 0x20]), crate::testing::words("20"));
+    }
+
+    #[test]
+    fn ninth_first_after_any_bytes_the_words_of_an_address_above_1_are_read_right() {
+        let mut random = crate::testing::Random::new(4);
+        let mut codec = NinthFirst::new();
+        let words = crate::testing::words("20! 01 00 00 9c");
+        let bytes: Vec<u8> = words.iter().copied().flat_map(NinthFirst::encode).collect();
+        for _ in 0..100_000 {
+            for _ in 0..random.next() % 9 {
+                codec.decode(random.next() as u8 % 5);
+            }
+            let read = decode_ninth_first(&mut codec, &bytes);
             assert!(read.ends_with(&words), "{read:?}");
         }
     }

@@ -213,6 +213,7 @@ impl<'a> View<'a> {
         let Target { name, terminal, raw, .. } = self.target;
         let transport = match terminal.transport {
             Transport::TwoByte => "two-byte",
+            Transport::NinthFirst => "ninth-first",
             Transport::Parity => "parity",
         };
         let how = match (holder, raw) {

@@ -25,14 +25,14 @@ pub struct Where {
     #[arg(long, value_name = "BD", requires = "port", conflicts_with = "bus", default_value = "115200",
           value_parser = clap::value_parser!(u32).range(1200..=4_000_000))]
     baud: u32,
-    /// How nine bits cross --port: two-byte or parity
+    /// How nine bits cross --port: two-byte, ninth-first or parity
     #[arg(long, requires = "port", conflicts_with = "bus", default_value = "two-byte", value_parser = transport)]
     transport: Transport,
 }
 
 fn transport(text: &str) -> Result<Transport, String> {
     let found = Transport::ALL.iter().find(|(name, _)| *name == text);
-    found.map(|(_, transport)| *transport).ok_or_else(|| "expected two-byte or parity".into())
+    found.map(|(_, transport)| *transport).ok_or_else(|| "expected two-byte, ninth-first or parity".into())
 }
 
 /// A board that is known to be on the line, or might be.

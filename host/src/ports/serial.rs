@@ -19,7 +19,7 @@ use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
 use nix::sys::stat::fstat;
 use nix::sys::termios::{self, SetArg};
 use nix::unistd::{read, write};
-use rs485::transport::{Parity, TwoByte};
+use rs485::transport::{NinthFirst, Parity, TwoByte};
 use sender::Sender;
 use setup::Setup;
 use std::collections::VecDeque;
@@ -33,8 +33,10 @@ settings! {
     /// How nine bits cross a serial port.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum Transport {
-        /// Two bytes a word.
+        /// Two bytes a word, the low byte first.
         TwoByte = "two-byte",
+        /// Two bytes a word, the ninth bit first.
+        NinthFirst = "ninth-first",
         /// Mark and space parity.
         Parity = "parity",
     }
@@ -151,6 +153,7 @@ enum Place {
 
 enum Codec {
     TwoByte(TwoByte),
+    NinthFirst(NinthFirst),
     Parity(Parity),
     Bytes,
 }
@@ -159,6 +162,7 @@ impl Codec {
     fn decode(&mut self, byte: u8) -> Option<Word> {
         match self {
             Self::TwoByte(codec) => codec.decode(byte),
+            Self::NinthFirst(codec) => codec.decode(byte),
             Self::Parity(codec) => codec.decode(byte),
             Self::Bytes => Some(Word::data(byte)),
         }
@@ -167,6 +171,7 @@ impl Codec {
     fn encode(&self, words: &[Word], to: &mut VecDeque<u8>) {
         match self {
             Self::Bytes => to.extend(words.iter().map(|word| word.byte)),
+            Self::NinthFirst(_) => to.extend(words.iter().copied().flat_map(NinthFirst::encode)),
             // Parity has a sending thread.
             Self::TwoByte(_) | Self::Parity(_) => to.extend(words.iter().copied().flat_map(TwoByte::encode)),
         }
@@ -175,6 +180,7 @@ impl Codec {
     fn reset(&mut self) {
         match self {
             Self::TwoByte(codec) => codec.reset(),
+            Self::NinthFirst(codec) => codec.reset(),
             Self::Parity(codec) => codec.reset(),
             Self::Bytes => {}
         }
@@ -187,6 +193,7 @@ impl Serial {
         let codec = match (config.bytes, config.transport) {
             (Some(_), _) => Codec::Bytes,
             (None, Transport::TwoByte) => Codec::TwoByte(TwoByte::new()),
+            (None, Transport::NinthFirst) => Codec::NinthFirst(NinthFirst::new()),
             (None, Transport::Parity) => Codec::Parity(Parity::new()),
         };
         let setup = Setup::new(std::mem::take(&mut config.setup));

@@ -112,8 +112,8 @@ settings! {
         port: PathBuf = required;
         /// Any rate that the port can make.
         baud: u32 = 115_200, 1200..=4_000_000;
-        /// How nine bits cross the port: two bytes for each word (`tt8s*` of the TS-7800), or mark and space parity
-        /// (any UART).
+        /// How nine bits cross the port: two bytes for each word, the low one first (the simulator's ports), or the
+        /// ninth bit first (`tt8s*` of the TS-7800), or mark and space parity (any UART).
         transport: Transport = required;
         /// Simulation with a device file as `port`: the other end, a device file wired to it, or a relative path of a
         /// pseudo-terminal of two-byte words. Absent: the simulator makes `port` itself.

@@ -13,6 +13,11 @@
  *
  * A bus is a pair of wires shared by all ports, or, with full=, has a pair in each direction: port
  * 0 sends on one, the others on the other.
+ *
+ * With words=, port 0 of a bus is read and written as two bytes for each character, the ninth bit
+ * (0 or 1) and then the others: so are the nine-bit ports of the TS-7800, whose driver was read for
+ * it.  As there, a first byte that is neither 0 nor 1 is not sent; nothing is marked in what is
+ * received.
  */
 #include <linux/hrtimer.h>
 #include <linux/module.h>
@@ -46,6 +51,10 @@ static bool full[BUSES_MAX];
 module_param_array(full, bool, NULL, 0444);
 MODULE_PARM_DESC(full, "which buses have a pair of wires each way [none]");
 
+static bool words[BUSES_MAX];
+module_param_array(words, bool, NULL, 0444);
+MODULE_PARM_DESC(words, "which buses' port 0 has two bytes for each character [none]");
+
 struct uart9_bus {
 	/* Guards what a character on the wire and its receivers share.  Taken inside port.lock. */
 	spinlock_t lock;
@@ -58,6 +67,7 @@ struct uart9_port {
 	struct uart9_bus *bus;
 	/* Runs while something is sent: expires at the end of each character. */
 	struct hrtimer timer;
+	bool words;
 
 	/* Guarded by bus->lock. */
 	tcflag_t cflag;
@@ -70,6 +80,9 @@ struct uart9_port {
 	bool spoilt;
 	bool ninth;
 	u8 shifted;
+	/* Of a character whose second byte is due, of a port with words. */
+	bool has_ninth;
+	bool next_ninth;
 };
 
 #define to_uart9(uart) container_of(uart, struct uart9_port, port)
@@ -119,11 +132,11 @@ static unsigned int judge(struct uart9_port *to, const struct uart9_port *from)
 	struct uart_icount *count = &to->port.icount;
 
 	/* A space where the stop bit is due, or edges where none may be. */
-	if (from->spoilt || to->baud != from->baud || (!parity && !from->ninth)) {
+	if (from->spoilt || to->baud != from->baud || (!parity && !to->words && !from->ninth)) {
 		count->frame++;
 		return STATUS_FRAMING;
 	}
-	if (parity && from->ninth != ninth_bit(to->cflag, from->shifted)) {
+	if (parity && !to->words && from->ninth != ninth_bit(to->cflag, from->shifted)) {
 		count->parity++;
 		return STATUS_PARITY;
 	}
@@ -152,18 +165,25 @@ static void deliver(struct uart9_port *from)
 	for (i = 0; i < ports; i++) {
 		struct uart9_port *to = &from->bus->ports[i];
 
-		if (hears(to, from))
+		if (!hears(to, from))
+			continue;
+		if (to->words) {
+			judge(to, from);
+			receive(to, 0, from->spoilt ? 0 : from->ninth);
+			receive(to, 0, from->spoilt ? 0 : from->shifted);
+		} else {
 			receive(to, judge(to, from), from->spoilt ? 0 : from->shifted);
+		}
 	}
 }
 
 /* A character enters the shift register.  Those that talk at once spoil each other. */
-static void shift(struct uart9_port *p, u8 character)
+static void shift(struct uart9_port *p, u8 character, bool ninth)
 {
 	unsigned int i;
 
 	p->shifted = character;
-	p->ninth = ninth_bit(p->cflag, character);
+	p->ninth = ninth;
 	p->spoilt = false;
 	p->sending = true;
 	for (i = 0; i < ports; i++) {
@@ -174,8 +194,8 @@ static void shift(struct uart9_port *p, u8 character)
 	}
 }
 
-/* The next character to send.  Called with port.lock held. */
-static bool next_character(struct uart_port *uart, u8 *character)
+/* The next byte that was written.  Called with port.lock held. */
+static bool next_byte(struct uart_port *uart, u8 *character)
 {
 	struct circ_buf *xmit = &uart->state->xmit;
 
@@ -192,6 +212,25 @@ static bool next_character(struct uart_port *uart, u8 *character)
 	return true;
 }
 
+/* The next character to send, with its ninth bit.  Called with port.lock and bus->lock held. */
+static bool next_character(struct uart9_port *p, u8 *character, bool *ninth)
+{
+	while (next_byte(&p->port, character)) {
+		if (!p->words) {
+			*ninth = ninth_bit(p->cflag, *character);
+			return true;
+		}
+		if (p->has_ninth) {
+			p->has_ninth = false;
+			*ninth = p->next_ninth;
+			return true;
+		}
+		p->has_ninth = *character <= 1;
+		p->next_ninth = *character;
+	}
+	return false;
+}
+
 static enum hrtimer_restart uart9_expired(struct hrtimer *timer)
 {
 	struct uart9_port *p = container_of(timer, struct uart9_port, timer);
@@ -199,6 +238,7 @@ static enum hrtimer_restart uart9_expired(struct hrtimer *timer)
 	enum hrtimer_restart again = HRTIMER_NORESTART;
 	unsigned long flags;
 	u8 character;
+	bool ninth;
 
 	spin_lock_irqsave(&uart->lock, flags);
 	spin_lock(&p->bus->lock);
@@ -206,8 +246,8 @@ static enum hrtimer_restart uart9_expired(struct hrtimer *timer)
 		deliver(p);
 	p->preparing = false;
 	p->sending = false;
-	if (next_character(uart, &character)) {
-		shift(p, character);
+	if (next_character(p, &character, &ninth)) {
+		shift(p, character, ninth);
 		hrtimer_forward_now(timer, ns_to_ktime(p->char_ns));
 		again = HRTIMER_RESTART;
 	}
@@ -225,6 +265,7 @@ static void uart9_start_tx(struct uart_port *uart)
 	const struct serial_rs485 *rs485 = &uart->rs485;
 	u64 until_ns = p->char_ns;
 	u8 character;
+	bool ninth;
 
 	spin_lock(&p->bus->lock);
 	if (p->sending)
@@ -234,8 +275,8 @@ static void uart9_start_tx(struct uart_port *uart)
 		p->preparing = true;
 		p->sending = true;
 		until_ns = (u64)rs485->delay_rts_before_send * NSEC_PER_MSEC;
-	} else if (next_character(uart, &character)) {
-		shift(p, character);
+	} else if (next_character(p, &character, &ninth)) {
+		shift(p, character, ninth);
 	} else {
 		goto out;
 	}
@@ -270,7 +311,8 @@ static void uart9_set_termios(struct uart_port *uart, struct ktermios *termios,
 		p->spoilt = true;
 	p->baud = baud;
 	p->cflag = termios->c_cflag;
-	p->char_ns = div_u64((u64)NSEC_PER_SEC * tty_get_frame_size(p->cflag), baud);
+	/* A port with words sends nine bits, whatever termios has. */
+	p->char_ns = div_u64((u64)NSEC_PER_SEC * (p->words ? 11 : tty_get_frame_size(p->cflag)), baud);
 
 	uart->read_status_mask = 0;
 	if (termios->c_iflag & INPCK)
@@ -304,6 +346,8 @@ static void uart9_break_ctl(struct uart_port *uart, int on)
 
 		if (to != p && hears(to, p)) {
 			to->port.icount.brk++;
+			if (to->words)
+				receive(to, 0, 0);
 			receive(to, STATUS_BREAK, 0);
 		}
 	}
@@ -318,6 +362,7 @@ static void uart9_set_open(struct uart9_port *p, bool open)
 	p->open = open;
 	p->sending = false;
 	p->preparing = false;
+	p->has_ninth = false;
 	spin_unlock_irqrestore(&p->bus->lock, flags);
 }
 
@@ -410,6 +455,7 @@ static int uart9_add_port(struct platform_device *pdev, unsigned int line)
 	struct uart_port *uart = &p->port;
 
 	p->bus = bus;
+	p->words = words[line / ports] && !(line % ports);
 	hrtimer_init(&p->timer, CLOCK_MONOTONIC, HRTIMER_MODE_REL_SOFT);
 	p->timer.function = uart9_expired;
 	p->baud = 9600;

@@ -361,8 +361,9 @@ fn a_table_that_is_none_is_refused() {
 
 #[test]
 fn a_choice_names_the_choices() {
-    let expected = "robot.toml:29: rs485.a.transport = \"9bit\": expected \"two-byte\" or \"parity\"";
-    refused("\"two-byte\"", "\"9bit\"", &[expected]);
+    let choices = "\"two-byte\" or \"ninth-first\" or \"parity\"";
+    let expected = format!("robot.toml:29: rs485.a.transport = \"9bit\": expected {choices}");
+    refused("\"two-byte\"", "\"9bit\"", &[expected.as_str()]);
     refused(
         "driver = \"sd1\"",
         "driver = \"sd2\"",
