@@ -23,7 +23,7 @@ from middlelevel import cmd_goal_t, data_estimate_t, data_goal_t, data_obstacles
 PRIORITY = 0                            # of planners; higher ones are people's
 PERIOD, REPORTS = 0.05, 0.2             # s: commands live 0.25 s; state of the goal
 ESTIMATE_AGE, MEMORY = 0.2, 4.0         # s: of the pose to drive by; of what was sensed
-CELL, SENSED = 0.1, 2.5                 # m: side of a cell of obstacles; farther ones are not kept
+CELL, SENSED, ECHOES = 0.2, 2.0, 2      # m, m: side of a cell; what is farther is not kept; echoes of an obstacle
 AHEAD, STEP, ARCS = 1.6, 0.2, 6         # m, m: length of an arc, of a step on it; number of arcs to each side
 REACHED = 0.3                           # m: least tolerance, as the accuracy of the estimate
 STUCK, BACK = 1.5, 3.0                  # s: without way ahead before it backs out, and for how long
@@ -37,7 +37,7 @@ class Planner(advee.Module):
         self.session = random.getrandbits(62)
         self.pose, self.pose_at, self.forward = None, -math.inf, 0.0
         self.goal, self.waypoint, self.status, self.text = cmd_goal_t(), 0, data_goal_t.IDLE, "there is no goal"
-        self.cells = {}                 # (x, y) in cells: until when
+        self.cells, self.fired = {}, {}  # (x, y) in cells: until when, number of echoes; sonar: its last firing
         self.free_at, self.back_until, self.turn = time.monotonic(), -math.inf, 0.0
         self.rest_until = -math.inf     # commands zero until then
         self.subscribe("ML_DATA_ESTIMATE", data_estimate_t, self.on_estimate)
@@ -60,7 +60,10 @@ class Planner(advee.Module):
 
     def on_ranges(self, ranges):
         for one in ranges.readings:
-            if one.kind == reading_t.SONAR and one.status == reading_t.MEASURED:
+            # The list repeats what was measured before.
+            new = one.status == reading_t.MEASURED and self.fired.get(one.id) != one.timestamp
+            if one.kind == reading_t.SONAR and new:
+                self.fired[one.id] = one.timestamp
                 self.sense(one.x + one.distance * math.cos(one.theta), one.y + one.distance * math.sin(one.theta))
 
     def on_scan(self, scan):
@@ -76,7 +79,8 @@ class Planner(advee.Module):
         if self.pose and math.hypot(x, y) < SENSED:
             px, py, theta = self.pose
             wx, wy = px + x * math.cos(theta) - y * math.sin(theta), py + x * math.sin(theta) + y * math.cos(theta)
-            self.cells[round(wx / CELL), round(wy / CELL)] = time.monotonic() + MEMORY
+            cell = round(wx / CELL), round(wy / CELL)
+            self.cells[cell] = time.monotonic() + MEMORY, self.cells.get(cell, (0, 0))[1] + 1
 
     def on_goal(self, goal):
         numbers = [number for point in goal.waypoints for number in (point.x, point.y, point.tolerance)]
@@ -100,7 +104,7 @@ class Planner(advee.Module):
 
     def on_time(self):
         now = time.monotonic()
-        self.cells = {cell: until for cell, until in self.cells.items() if until > now}
+        self.cells = {cell: seen for cell, seen in self.cells.items() if seen[0] > now}
         if not self.acts:
             return
         if self.status == data_goal_t.DRIVING and self.located:
@@ -122,7 +126,8 @@ class Planner(advee.Module):
         if now < self.back_until:
             return self.command(-0.2, -0.2 * -self.turn)
         arcs = (n * self.limits.curvature / ARCS for n in range(-ARCS, ARCS + 1))
-        cost, curvature = min((self.cost(point, arc), arc) for arc in arcs)
+        near = self.obstacles
+        cost, curvature = min((self.cost(point, arc, near), arc) for arc in arcs)
         self.turn = curvature
         if math.isfinite(cost) and self.forward > 0.03:
             self.free_at = now
@@ -131,13 +136,17 @@ class Planner(advee.Module):
         speed = self.limits.speed / (1.0 + abs(curvature)) if math.isfinite(cost) else 0.0
         return self.command(speed, speed * curvature)
 
-    def cost(self, goal, curvature):
+    @property
+    def obstacles(self):
+        """Places of which a second echo has come: a single one may be false."""
+        return [(x * CELL, y * CELL) for (x, y), (_, echoes) in self.cells.items() if echoes >= ECHOES]
+
+    def cost(self, goal, curvature, near):
         """Of the arc of this curvature; infinite if it touches something."""
         x, y, theta = self.pose
-        near = [(cx * CELL, cy * CELL) for cx, cy in self.cells
-                if math.hypot(cx * CELL - x, cy * CELL - y) < AHEAD + 1.0]
-        way, room, nearest = 0.0, SENSED, math.inf
-        while way < AHEAD:
+        way, room, nearest = 0.0, SENSED, math.hypot(goal.x - x, goal.y - y)
+        length = min(AHEAD, nearest)
+        while way < length:
             theta += curvature * STEP
             x, y, way = x + STEP * math.cos(theta), y + STEP * math.sin(theta), way + STEP
             # The body is a disc around its middle, ahead of the rear axle.
@@ -182,8 +191,8 @@ class Planner(advee.Module):
             hold.holds.append(row)
         hold.count = len(hold.holds)
         obstacles.size = CELL
-        obstacles.x, obstacles.y = [x * CELL for x, _ in self.cells], [y * CELL for _, y in self.cells]
-        obstacles.count = len(obstacles.x)
+        places = self.obstacles
+        obstacles.x, obstacles.y, obstacles.count = [x for x, _ in places], [y for _, y in places], len(places)
         for channel, message in ("ML_DATA_GOAL", goal), ("LL_DATA_HOLD", hold), ("ML_DATA_OBSTACLES", obstacles):
             self.publish(channel, message)
 

@@ -57,7 +57,7 @@ fn configure(built: &Built, config: &Path) {
     let helpers = Path::new(&line[1]).parent().expect("it lies in a folder").display().to_string();
     let planner = workspace().join("examples/planner/planner.py").display().to_string();
     let path = format!("PYTHONPATH={helpers}");
-    let args = [&path, &line[0], &planner, "--radius", "0.01", "--middle", "0"];
+    let args = [path.as_str(), &line[0], &planner, "--radius", "0.01", "--middle", "0"];
     let entry = format!("name = \"planner\"\ncommand = \"env\"\nargs = {args:?}\n");
     let modules = fs::read_to_string(advee.join("modules.toml")).expect("shipped");
     let replaced = modules.replace("name = \"planner\" ", &format!("{entry}#"));
