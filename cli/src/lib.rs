@@ -32,6 +32,7 @@ mod errors;
 mod estimate;
 mod fault;
 mod goal;
+mod gym;
 mod help;
 mod holder;
 mod home;
@@ -160,6 +161,8 @@ commands! {
         Estimate(estimate::Estimate) => estimate::estimate(common, command),
         /// Robot-hours in virtual time: everything breaks, and rules must hold
         Soak(soak::Soak) => soak::soak(common, command),
+        /// The simulated robot in virtual time, for programs that plan or learn: a JSON object per line
+        Gym(gym::Gym) => gym::gym(common, command),
         /// Check machine and configuration: what is wrong, why it matters, what helps
         Doctor(doctor::Doctor) => doctor::doctor(common, command),
         /// Check the configuration, list its keys, rename those that have moved

@@ -96,7 +96,7 @@ const SIGNALLED: u8 = 128;
 /// # Errors
 /// A file is refused, or the robot cannot be made.
 pub fn soak(common: &Common, command: &Soak) -> Outcome {
-    refuse_idle(common)?;
+    refuse_idle(common, "a soak")?;
     let robot = Robot::load(common, command)?;
     if !robot.without.is_empty() {
         let names: Vec<&str> = robot.without.iter().map(String::as_str).collect();
@@ -135,12 +135,13 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
     }
 }
 
-/// Options of all commands that a soak does not have: it has no bus and no run folder.
-fn refuse_idle(common: &Common) -> Result<(), Failed> {
+/// Options of all commands that one in virtual time does not have: it has no bus and no run folder. `what` names it in
+/// the refusal: `a soak`.
+pub(crate) fn refuse_idle(common: &Common, what: &str) -> Result<(), Failed> {
     let given = [("--lcm-url", common.lcm_url.is_some()), ("--run-dir", common.run_dir.is_some())];
     match given.iter().find(|(_, given)| *given) {
         Some((option, _)) => {
-            let why = format!("{option} has no effect: a soak has neither a bus nor a run folder");
+            let why = format!("{option} has no effect: {what} has neither a bus nor a run folder");
             Err(Failed { code: USAGE, why })
         }
         None => Ok(()),
@@ -660,8 +661,8 @@ mod tests {
             run_dir: run_dir.map(Into::into),
             sets: Vec::new(),
         };
-        assert!(refuse_idle(&common(None, None)).is_ok());
-        assert_eq!(refuse_idle(&common(Some("/r"), None)).unwrap_err().code, USAGE);
-        assert!(refuse_idle(&common(None, Some("memq://"))).unwrap_err().why.starts_with("--lcm-url"));
+        assert!(refuse_idle(&common(None, None), "a soak").is_ok());
+        assert_eq!(refuse_idle(&common(Some("/r"), None), "a soak").unwrap_err().code, USAGE);
+        assert!(refuse_idle(&common(None, Some("memq://")), "a soak").unwrap_err().why.starts_with("--lcm-url"));
     }
 }

@@ -119,6 +119,11 @@ impl Config {
         (print.or(self.robot.general.print_from), send.or(self.robot.general.send_from))
     }
 
+    /// Takes a module off the list; no other waits for it then.
+    pub fn leave_out(&mut self, name: &str) {
+        modules::leave_out(&mut self.modules, name);
+    }
+
     /// Names of the modules without which the robot does not move.
     pub fn critical(&self) -> impl Iterator<Item = String> {
         self.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().into())

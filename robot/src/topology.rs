@@ -89,24 +89,38 @@ pub fn virtual_machine_recorded(
     config: host::Config,
     sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
-    virtual_machine_made(place, config, false, sink)
+    virtual_machine_made(place, config, false, &[], sink)
+}
+
+/// The same as [`virtual_machine`], without the modules of these names: no other one waits for them.
+///
+/// # Errors
+/// What is wrong with the configuration.
+pub fn virtual_machine_without(
+    place: &RobotLocation,
+    config: host::Config,
+    without: &[&str],
+) -> Result<Virtual, ConfigError> {
+    virtual_machine_made(place, config, false, without, |_| None)
 }
 
 /// The same as [`virtual_machine`], with the logger, whose disk is that of the bus `log`.
 pub fn virtual_machine_logged(place: &RobotLocation, config: host::Config) -> Result<Virtual, ConfigError> {
-    virtual_machine_made(place, config, true, |_| None)
+    virtual_machine_made(place, config, true, &[], |_| None)
 }
 
 fn virtual_machine_made(
     place: &RobotLocation,
     mut config: host::Config,
     logs: bool,
+    without: &[&str],
     mut sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
     // Nobody can look into virtual time; what is recorded there says so, too.
     let mut place = place.clone();
     place.sets.extend(["web.enabled=false", "ros2.enabled=false"].map(String::from));
-    let read = Config::load(&place.config, place.sim, &place.sets)?;
+    let mut read = Config::load(&place.config, place.sim, &place.sets)?;
+    without.iter().for_each(|name| read.leave_out(name));
     config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
@@ -247,6 +261,12 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
+
+/// Those of them that the robot has, be they its own or programs in another language.
+fn planning(config: &Config) -> impl Iterator<Item = &str> {
+    config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name))
+}
+
 const MODULES: [&str; 17] = [
     watchdog::NAME,
     SIMULATOR,
@@ -534,13 +554,12 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
         return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}"));
     };
-    let planning = config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name));
     // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
     // does: a watchdog that is late finds a hang of this one too late, too.
     let (own, others): (Vec<_>, Vec<_>) = config.critical().partition(|name| name == canbus::NAME);
     let config = canbus::Config {
         critical: if others.is_empty() { own } else { others },
-        planning: planning.map(Into::into).collect(),
+        planning: planning(config).map(Into::into).collect(),
         has_pause_line: robot.power.is_some(),
         fields: robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(config::Lidar::bus).collect(),
         ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),
@@ -663,6 +682,28 @@ mod tests {
         entry.command = Some("estimator.py".into());
         assert_eq!(policy(&config).estimator, None, "its datagrams do not tell its process");
         assert!(policy(&config).planner.is_some());
+    }
+
+    #[test]
+    fn the_robot_waits_for_a_planner_in_another_language_as_for_its_own() {
+        let mut config = Config::load(&shipped(true).config, true, &[]).unwrap();
+        let entry = config.modules.iter_mut().find(|module| module.name() == planner::NAME).unwrap();
+        entry.command = Some("planner.py".into());
+        assert_eq!(policy(&config).planner, None, "its datagrams do not tell its process");
+        let planning: Vec<&str> = planning(&config).collect();
+        assert_eq!(planning, PLANNING);
+    }
+
+    #[test]
+    fn a_module_that_is_left_out_is_not_started_and_no_other_waits_for_it() {
+        let runs = |without: &[&str]| {
+            let mut machine = virtual_machine_without(&shipped(true), host::Config::default(), without).unwrap();
+            machine.spawn(watchdog::NAME, State::Run).unwrap();
+            machine.run_until(base::Instant::from_millis(2000));
+            [planner::NAME, joydev::NAME, canbus::NAME].map(|name| machine.pid(name).is_some())
+        };
+        assert_eq!(runs(&[]), [true, true, true]);
+        assert_eq!(runs(&[planner::NAME, SIMULATOR]), [false, true, true]);
     }
 
     #[test]

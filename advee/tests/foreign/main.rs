@@ -4,8 +4,10 @@
 mod actions;
 mod alone;
 mod built;
+mod gym;
 mod milestones;
 mod page;
+mod planner;
 mod supervised;
 #[path = "../support.rs"]
 mod support;

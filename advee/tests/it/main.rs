@@ -12,6 +12,7 @@ mod command;
 mod configurations;
 mod drive;
 mod gamepad;
+mod gym;
 mod hostile;
 // The hosts come from the tests of the crate that implements the bus.
 #[path = "../../../foundation/lcm/tests/common/hosts.rs"]

@@ -56,6 +56,12 @@ pub struct HardwareWatchdog {
     pub timeout_s: u32,
 }
 
+/// Takes a module off a list; no other waits for it then.
+pub(super) fn leave_out(modules: &mut Vec<ModuleEntry>, name: &str) {
+    modules.retain(|module| module.name() != name);
+    modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
+}
+
 impl ModuleEntry {
     /// Its name on the bus.
     #[must_use]
@@ -79,8 +85,7 @@ impl Modules {
 
     /// Takes a module off the list; no other waits for it then.
     pub(super) fn leave_out(&mut self, name: &str) {
-        self.modules.retain(|module| module.name() != name);
-        self.modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
+        leave_out(&mut self.modules, name);
     }
 
     /// Adds a module that no other waits for as the last one, unless it is listed already.
