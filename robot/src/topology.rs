@@ -106,7 +106,9 @@ fn virtual_machine_made(
     // Nobody can look into virtual time; what is recorded there says so, too.
     let mut place = place.clone();
     place.sets.extend(["web.enabled=false", "ros2.enabled=false"].map(String::from));
-    let read = Config::load(&place.config, place.sim, &place.sets)?;
+    let mut read = Config::load(&place.config, place.sim, &place.sets)?;
+    // Nor is there another computer.
+    leave_out(&mut read, bridge::NAME);
     config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
@@ -204,6 +206,7 @@ pub(crate) fn shell_in(
         ros2::NAME => Box::new(ros2::Ros2::new(node::settings(place, robot, world.as_ref()))),
         #[cfg(not(feature = "ros2"))]
         ros2::NAME => return refused("ros2: this executable was built without the feature \"ros2\"".into()),
+        bridge::NAME => Box::new(bridge::Bridge::new(bridge_settings(place, config))),
         logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
             let usual = simulated::config(place, world.unwrap_or_default(), robot, options.wire_time)?;
@@ -223,6 +226,12 @@ pub(crate) fn shell_in(
         shell.end_within = WATCHDOG_END;
     }
     Ok(Shell::new(shell, module))
+}
+
+/// Takes a module off the list; no other waits for it then.
+fn leave_out(config: &mut Config, name: &str) {
+    config.modules.retain(|module| module.name() != name);
+    config.modules.iter_mut().for_each(|module| module.guard.depends.retain(|other| other != name));
 }
 
 fn without_logger(config: &Config) -> Config {
@@ -247,7 +256,7 @@ pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 17] = [
+const MODULES: [&str; 18] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -264,6 +273,7 @@ const MODULES: [&str; 17] = [
     planner::NAME,
     web::NAME,
     ros2::NAME,
+    bridge::NAME,
     logger::NAME,
 ];
 /// The watchdog ends modules one after the other, those that others depend on last.
@@ -329,6 +339,17 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
             },
         };
     port.or_else(refused)
+}
+
+/// `bridge`: the connections, and what is a module of this computer.
+fn bridge_settings(place: &RobotLocation, config: &Config) -> bridge::Settings {
+    let modules = config.modules.iter().map(ModuleEntry::name).chain([watchdog::NAME]);
+    bridge::Settings {
+        lcm_url: place.lcm_url.clone(),
+        config_dir: place.config.clone(),
+        links: config.robot.bridge.clone(),
+        modules: modules.map(String::from).collect(),
+    }
 }
 
 /// The line that feeds the motors.

@@ -3,6 +3,7 @@
 
 use super::modules::LEVELS;
 use base::{Duration, Level, Severity};
+use bridge::settings::{Link, forwarded};
 use drivers::auxiliary::{Chips, ThermometerKeys};
 use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
@@ -78,6 +79,8 @@ settings! {
         web: Web = table;
         /// The robot as a node of ROS 2 (docs/ros2.md).
         ros2: Ros2 = table;
+        /// Connections to the other computers of the robot by name (docs/two-computers.md).
+        bridge: Vec<Link> = named;
     }
     check Robot::check;
 }
@@ -465,6 +468,11 @@ impl Robot {
             guard.refuse("ranging", "a robot with a table [lidar.<name>]");
         }
         self.check_fields(table);
+        if let Some((link, channel)) = forwarded(&self.bridge)
+            && let Some(table) = table.below("bridge").and_then(|links| links.below(&link.name))
+        {
+            table.refuse("send", format_args!("no channel that this computer receives from another one: {channel}"));
+        }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";

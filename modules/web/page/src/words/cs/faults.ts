@@ -87,4 +87,8 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0806: "Kola otáčejí robotem jinak, než měří inerciální jednotka: kola prokluzují, nebo se jedno z obojího mýlí.",
   0x0811: "Cíl, do kterého nelze poslat žádného robota, byl odmítnut.",
   0x0812: "Poloha, podle které plánovač jede, není číslo, nebo její čas běží zpět: robot stojí.",
+  0x0901: "Spojení s dalším počítačem robota chybí; je-li nezbytné, robot zastaví.",
+  0x0902: "Most odmítl někoho bez klíče, nebo záznam, který byl změněn, zopakován nebo vynechán.",
+  0x0903: "Modul dalšího počítače, který musí pracovat, nepracuje; je-li spojení nezbytné, robot zastaví.",
+  0x0904: "Hodiny dvou počítačů robota se příliš liší.",
 };
