@@ -1,6 +1,7 @@
 //! `advee doctor`: checks machine and configuration. Every check is a small function over given facts; the code that
 //! gathers them is beside it, or in [`network`] (which only reads) and [`probe`] (which sends and receives).
 
+mod bridge;
 mod buffer;
 mod bus;
 mod devices;
@@ -118,6 +119,7 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
         findings.extend(devices::feed_line(&line, devices::Device::gather, GpioConfig::foreign_holder, user));
     }
     findings.extend(guard_findings(&config.robot));
+    findings.extend(bridge::check(config, &common.config_dir(), &common.lcm_url()));
     findings
 }
 

@@ -19,6 +19,7 @@
 mod action;
 mod beacons;
 mod bench;
+mod bridge;
 mod bus;
 mod can;
 mod choice;
@@ -187,6 +188,9 @@ commands! {
         /// Commission chips on I2C and SMBus
         #[command(subcommand)]
         I2c(i2c::I2c) => command.run(common),
+        /// Make keys for connections to the other computers of the robot
+        #[command(subcommand)]
+        Bridge(bridge::Bridge) => command.run(common),
         /// Print the completion of a shell
         Completion(completion::Completion) => completion::completion(command),
     }

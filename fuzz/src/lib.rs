@@ -20,6 +20,7 @@ macro_rules! targets {
 
 targets! {
     auxiliary,
+    bridge,
     can_udp,
     canopen_eds,
     canopen_engines,

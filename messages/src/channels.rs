@@ -74,7 +74,8 @@ macro_rules! channels {
                     | Self::SimCmdFault
                     | Self::SimDataClock
                     | Self::CmCmdLog
-                    | Self::CmDataLog => SMALL,
+                    | Self::CmDataLog
+                    | Self::CmDataBridge => SMALL,
                     _ => LARGE,
                 }
             }
@@ -145,6 +146,7 @@ channels! {
     CmDataProcesses = "CM_DATA_PROCESSES": common::DataProcesses;
     CmCmdLog = "CM_CMD_LOG": common::CmdLog;
     CmDataLog = "CM_DATA_LOG": common::DataLog;
+    CmDataBridge = "CM_DATA_BRIDGE": common::DataBridge;
     LlDataOdo = "LL_DATA_ODO": lowlevel::DataOdo;
     LlDataSrfs = "LL_DATA_SRFS": lowlevel::DataSrfs;
     LlDataIrs = "LL_DATA_IRS": lowlevel::DataIrs;

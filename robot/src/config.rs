@@ -163,6 +163,10 @@ impl Config {
                 } else {
                     modules.add(drivers::imu::NAME);
                 }
+                match robot.bridge.is_empty() {
+                    true => modules.leave_out(bridge::NAME),
+                    false => modules.add_bridge(robot.bridge.iter().any(|link| link.critical)),
+                }
                 let Modules { hardware_watchdog, hardware_watchdog_timeout_s: timeout_s, modules } = modules;
                 let hardware_watchdog = hardware_watchdog.map(|path| HardwareWatchdog { path, timeout_s });
                 Ok(Self { robot, modules, hardware_watchdog })

@@ -45,7 +45,7 @@ pub fn inputs(
     wanted: State,
 ) -> Result<Option<Inputs>, ConfigError> {
     // Requests to the web server and of ROS cannot be replayed, and the inputs of the logger are what it writes.
-    let wanted_here = config.robot.log.inputs && ![web::NAME, ros2::NAME, logger::NAME].contains(&name);
+    let wanted_here = config.robot.log.inputs && ![web::NAME, ros2::NAME, bridge::NAME, logger::NAME].contains(&name);
     let Some(run) = std::env::var_os(VARIABLE).filter(|_| wanted_here) else {
         return Ok(None);
     };

@@ -121,6 +121,8 @@ fn virtual_machine_made(
     place.sets.extend(["web.enabled=false", "ros2.enabled=false"].map(String::from));
     let mut read = Config::load(&place.config, place.sim, &place.sets)?;
     without.iter().for_each(|name| read.leave_out(name));
+    // Nor is there another computer.
+    read.leave_out(bridge::NAME);
     config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
@@ -218,6 +220,7 @@ pub(crate) fn shell_in(
         ros2::NAME => Box::new(ros2::Ros2::new(node::settings(place, robot, world.as_ref()))),
         #[cfg(not(feature = "ros2"))]
         ros2::NAME => return refused("ros2: this executable was built without the feature \"ros2\"".into()),
+        bridge::NAME => Box::new(bridge::Bridge::new(bridge_settings(place, config))),
         logger::NAME => Box::new(logger(place, robot, options)),
         SIMULATOR if place.sim => {
             let usual = simulated::config(place, world.unwrap_or_default(), robot, options.wire_time)?;
@@ -267,7 +270,7 @@ fn planning(config: &Config) -> impl Iterator<Item = &str> {
     config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name))
 }
 
-const MODULES: [&str; 17] = [
+const MODULES: [&str; 18] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -284,6 +287,7 @@ const MODULES: [&str; 17] = [
     planner::NAME,
     web::NAME,
     ros2::NAME,
+    bridge::NAME,
     logger::NAME,
 ];
 /// The watchdog ends modules one after the other, those that others depend on last.
@@ -354,6 +358,17 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
             },
         };
     port.or_else(refused)
+}
+
+/// `bridge`: the connections, and what is a module of this computer.
+fn bridge_settings(place: &RobotLocation, config: &Config) -> bridge::Settings {
+    let modules = config.modules.iter().map(ModuleEntry::name).chain([watchdog::NAME]);
+    bridge::Settings {
+        lcm_url: place.lcm_url.clone(),
+        config_dir: place.config.clone(),
+        links: config.robot.bridge.clone(),
+        modules: modules.map(String::from).collect(),
+    }
 }
 
 /// The line that feeds the motors.

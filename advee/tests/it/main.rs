@@ -5,6 +5,7 @@ mod action;
 mod bad_input;
 mod bench_can;
 mod bench_jitter;
+mod bridge;
 mod can_tools;
 mod canopen_peers;
 #[path = "../support/command.rs"]

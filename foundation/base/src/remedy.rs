@@ -146,6 +146,13 @@ impl Fault {
             Self::EstimateBad => "Restart the estimator; check the clocks of the computers that publish to it.",
             Self::ModeRefused => "Command a mode that the message does not refuse: `advee mode` lists them.",
             Self::ParameterRefused => "Choose a value within the range: `advee parameters` lists names and ranges.",
+
+            Self::BridgeDown => {
+                "Check cable and network to the other computer, and that advee runs there; the bridge's texts have the cause."
+            }
+            Self::BridgeRefused => "Check that both computers have the same key file; else find who connects.",
+            Self::RemoteModule => "Look at the modules of the other computer; its watchdog restarts them automatically.",
+            Self::ClocksDiffer => "Synchronize the clocks of both computers, such as by chrony.",
         }
     }
 }

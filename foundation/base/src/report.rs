@@ -298,6 +298,15 @@ faults! {
     ModeRefused = 0x0813, Unknown;
     /// A parameter was to be changed that does not exist, or to a value that is out of its range.
     ParameterRefused = 0x0814, Unknown;
+
+    /// There is no connection to another computer of the robot; where it is critical, the robot stops.
+    BridgeDown = 0x0901, Timeout;
+    /// The bridge refused somebody without the key, or a record that was changed, repeated or left out.
+    BridgeRefused = 0x0902, Unknown;
+    /// A module of another computer that has to work does not; where the connection is critical, the robot stops.
+    RemoteModule = 0x0903, Timeout;
+    /// The wall clocks of two computers of the robot differ too much.
+    ClocksDiffer = 0x0904, Unknown;
 }
 
 /// One report, as a module makes it; its host prints it and sends it as `common.error_t`.

@@ -144,8 +144,12 @@ impl Client {
     }
 }
 
-/// Begins a connection; true if it was made at once.
-fn begin(address: SocketAddr) -> Result<(OwnedFd, bool), Lost> {
+/// Begins a TCP connection without waiting for it; true if it was made at once. When the socket is writable, its error
+/// (`SO_ERROR`) says whether it was made.
+///
+/// # Errors
+/// One line: the kernel refuses it, or there is no route.
+pub fn begin(address: SocketAddr) -> Result<(OwnedFd, bool), Lost> {
     let family = if address.is_ipv4() { AddressFamily::Inet } else { AddressFamily::Inet6 };
     let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
     let socket = socket(family, SockType::Stream, flags, SockProtocol::Tcp).map_err(Errno::desc)?;

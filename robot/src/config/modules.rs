@@ -100,6 +100,13 @@ impl Modules {
         self.modules.push(ModuleEntry { guard, command: None, args: Vec::new(), limits, print_from, send_from });
     }
 
+    /// Adds the bridge as [`Modules::add`] does; where one of its connections is critical, so is the bridge.
+    pub(super) fn add_bridge(&mut self, critical: bool) {
+        self.add(bridge::NAME);
+        let entry = self.modules.iter_mut().find(|entry| entry.name() == bridge::NAME);
+        entry.into_iter().for_each(|entry| entry.guard.critical |= critical);
+    }
+
     /// Adds the module `guard` before `driver_canbus`, with the same settings, unless it is listed already.
     pub(super) fn add_guard(&mut self) {
         let place = |name: &str| self.modules.iter().position(|entry| entry.name() == name);

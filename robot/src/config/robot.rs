@@ -3,6 +3,7 @@
 
 use super::modules::LEVELS;
 use base::{Duration, Level, Severity};
+use bridge::settings::{Link, forwarded};
 use drivers::auxiliary::{Chips, HostSensors, ThermometerKeys};
 use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
@@ -82,6 +83,8 @@ settings! {
         web: Web = table;
         /// The robot as a node of ROS 2 (docs/ros2.md).
         ros2: Ros2 = table;
+        /// Connections to the other computers of the robot by name (docs/two-computers.md).
+        bridge: Vec<Link> = named;
     }
     check Robot::check;
 }
@@ -532,6 +535,11 @@ impl Robot {
             && let Some(item) = table.below("io").and_then(|io| io.item("power", 0))
         {
             item.refuse("channel", "a channel of a robot with a table [power]");
+        }
+        if let Some((link, channel)) = forwarded(&self.bridge)
+            && let Some(table) = table.below("bridge").and_then(|links| links.below(&link.name))
+        {
+            table.refuse("send", format_args!("no channel that this computer receives from another one: {channel}"));
         }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);

@@ -12,7 +12,7 @@ use syn::visit::{self, Visit};
 use syn::{Attribute, Expr, ExprPath, ExprStruct, ImplItemFn, ItemFn, ItemImpl, ItemMod, Meta};
 
 /// Modules, and the place of each: a file, the folder of the same name, or both.
-const MODULES: [(&str, &str); 16] = [
+const MODULES: [(&str, &str); 17] = [
     ("`driver_canbus`", "modules/drivers/src/canbus"),
     ("`driver_rs485a`", "modules/drivers/src/rs485a"),
     ("`driver_rs485b`", "modules/drivers/src/rs485b"),
@@ -29,6 +29,7 @@ const MODULES: [(&str, &str); 16] = [
     ("`logger`", "modules/logger/src"),
     ("`simulator`", "modules/simulator/src"),
     ("`ros2`", "modules/ros2/src"),
+    ("`bridge`", "modules/bridge/src"),
 ];
 /// Stands for all modules.
 const EVERY: &str = "every module";

@@ -91,6 +91,10 @@ export const FAULTS: Readonly<Record<number, string>> = {
   0x0812: "Poloha, podle které plánovač jede, není číslo, nebo její čas běží zpět: robot stojí.",
   0x0813: "Byl zadán režim, který neexistuje, nebo který tento robot neumí.",
   0x0814: "Byl měněn parametr, který neexistuje, nebo na hodnotu mimo jeho rozsah.",
+  0x0901: "Spojení s dalším počítačem robota chybí; je-li nezbytné, robot zastaví.",
+  0x0902: "Most odmítl někoho bez klíče, nebo záznam, který byl změněn, zopakován nebo vynechán.",
+  0x0903: "Modul dalšího počítače, který musí pracovat, nepracuje; je-li spojení nezbytné, robot zastaví.",
+  0x0904: "Hodiny dvou počítačů robota se příliš liší.",
 };
 
 export const REMEDIES: Readonly<Record<number, string>> = {
@@ -185,4 +189,8 @@ export const REMEDIES: Readonly<Record<number, string>> = {
   0x0812: "Spusťte estimator znovu; zkontrolujte hodiny počítačů, které mu posílají zprávy.",
   0x0813: "Zvolte režim, který robot umí: vypíše je `advee mode`.",
   0x0814: "Zvolte hodnotu v rozsahu: jména a rozsahy vypíše `advee parameters`.",
+  0x0901: "Zkontrolujte kabel a síť k druhému počítači a zda na něm advee běží; příčinu uvádí texty modulu bridge.",
+  0x0902: "Zkontrolujte, že mají oba počítače stejný soubor s klíčem; jinak najděte, kdo se připojuje.",
+  0x0903: "Podívejte se na moduly druhého počítače; jeho watchdog je spouští znovu sám.",
+  0x0904: "Synchronizujte hodiny obou počítačů, například programem chrony.",
 };
