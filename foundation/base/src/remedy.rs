@@ -148,10 +148,12 @@ impl Fault {
             Self::ParameterRefused => "Choose a value within the range: `advee parameters` lists names and ranges.",
 
             Self::BridgeDown => {
-                "Check cable and network to the other computer, and that advee runs there; the bridge's texts have the cause."
+                "Check cable and network, and that advee runs on the other computer; texts of the bridge have the cause."
             }
             Self::BridgeRefused => "Check that both computers have the same key file; else find who connects.",
-            Self::RemoteModule => "Look at the modules of the other computer; its watchdog restarts them automatically.",
+            Self::RemoteModule => {
+                "Look at the modules of the other computer; its watchdog restarts them automatically."
+            }
             Self::ClocksDiffer => "Synchronize the clocks of both computers, such as by chrony.",
         }
     }

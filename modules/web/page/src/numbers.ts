@@ -54,6 +54,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string; remedy: 
   [0x0504, { name: "ChannelStuck", means: "A power channel does not do what it was told.", remedy: "Switch the channel once more; if it stays, replace the power controller." }],
   [0x0505, { name: "ChannelTripped", means: "A power channel switched itself off, which it does at an over-current.", remedy: "Find the short circuit or overload on the channel, then switch it on again." }],
   [0x0506, { name: "ChannelCurrent", means: "A power channel draws nearly as much current as it may.", remedy: "Find what draws so much on the channel before it switches itself off." }],
+  [0x0507, { name: "ComputerStuck", means: "A computer did not shut down in its time, and lost its supply nevertheless.", remedy: "Look why the computer does not shut down: its screen, its button, its power LED." }],
   [0x0601, { name: "InputsLost", means: "What a module is told is not all written down for replay: the disk is slow, full or broken.", remedy: "Check space and speed of the disk; until then this run cannot be replayed entirely." }],
   [0x0602, { name: "LogLost", means: "Messages are not written to the log: the disk takes them too slowly, or not at all.", remedy: "Check space, speed and health of the disk." }],
   [0x0603, { name: "LogRefused", means: "The disk takes no log: it is full, read-only or broken; it is tried again.", remedy: "Free space on the disk, or replace it; recording goes on automatically." }],
@@ -62,6 +63,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string; remedy: 
   [0x0702, { name: "OverTemperature", means: "Something is hotter than its limit.", remedy: "Stop driving, and let it cool down; check fans and air inlets." }],
   [0x0703, { name: "FanFailed", means: "A fan does not turn although it is driven.", remedy: "Clean the fan and check its plug, else replace it." }],
   [0x0704, { name: "ThermometerBad", means: "What a 1-Wire thermometer says is damaged, or no temperature.", remedy: "Check cable and pull-up of the thermometer, else replace it." }],
+  [0x0705, { name: "HostThrottled", means: "The computer slows itself down, by its temperature or a supply voltage that is too low.", remedy: "Check fans, air inlets and the supply of the computer, and what loads it." }],
   [0x0711, { name: "GamepadRefused", means: "A gamepad cannot drive the robot: it lacks an axis or a button, or an axis has no range.", remedy: "Use another gamepad, or enter its axes and buttons in `[gamepad]` of robot.toml." }],
   [0x0712, { name: "GamepadNotReleased", means: "The dead-man button is held and moves nothing: it was held before, or pressed with a stick off its middle.", remedy: "Release the dead-man button with the sticks in the middle, then press it again." }],
   [0x0721, { name: "IoDeviceLost", means: "A device of inputs and outputs does not answer: its inputs are unknown, its outputs as it leaves them.", remedy: "Check power, cable and address of the device; it is asked again automatically." }],
@@ -91,6 +93,10 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string; remedy: 
   [0x0812, { name: "EstimateBad", means: "The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.", remedy: "Restart the estimator; check the clocks of the computers that publish to it." }],
   [0x0813, { name: "ModeRefused", means: "An operation mode was commanded that does not exist, or that this robot cannot carry out.", remedy: "Command a mode that the message does not refuse: `advee mode` lists them." }],
   [0x0814, { name: "ParameterRefused", means: "A parameter was to be changed that does not exist, or to a value that is out of its range.", remedy: "Choose a value within the range: `advee parameters` lists names and ranges." }],
+  [0x0901, { name: "BridgeDown", means: "There is no connection to another computer of the robot; where it is critical, the robot stops.", remedy: "Check cable and network, and that advee runs on the other computer; texts of the bridge have the cause." }],
+  [0x0902, { name: "BridgeRefused", means: "The bridge refused somebody without the key, or a record that was changed, repeated or left out.", remedy: "Check that both computers have the same key file; else find who connects." }],
+  [0x0903, { name: "RemoteModule", means: "A module of another computer that has to work does not; where the connection is critical, the robot stops.", remedy: "Look at the modules of the other computer; its watchdog restarts them automatically." }],
+  [0x0904, { name: "ClocksDiffer", means: "The wall clocks of two computers of the robot differ too much.", remedy: "Synchronize the clocks of both computers, such as by chrony." }],
 ]);
 
 /** Numbers of causes for which a module does not act: docs/holds.md. */

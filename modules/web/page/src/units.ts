@@ -11,6 +11,11 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["common.cmd_state_t", new Map([
     ["timestamp", "µs"],
   ])],
+  ["common.data_bridge_t", new Map([
+    ["timestamp", "µs"],
+    ["clock_offset", "s"],
+    ["round_trip", "s"],
+  ])],
   ["common.data_faults_t", new Map([
     ["timestamp", "µs"],
     ["faults.since", "µs"],
