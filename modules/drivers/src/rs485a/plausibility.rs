@@ -6,8 +6,9 @@
 //! prove it after [`WAY_SIDEWAYS_M`] only.
 //!
 //! **Deaf.** Working sonars lose their echoes one after the other. If [`TOGETHER`] or more sonars of a board had an
-//! echo, and from the next sweep on all of its sonars are silent for [`DEAF_AFTER`], the board is deaf until one of
-//! them has an echo again. Silence always reads the same: after fewer echoes it proves nothing.
+//! echo within [`WEAK_FROM_MM`], and from the next sweep on all of its sonars are silent for [`DEAF_AFTER`], the board
+//! is deaf until one of them has an echo again. Silence always reads the same: after fewer echoes it proves nothing,
+//! nor does it after weaker ones, since a single wall may leave the range of all sonars at once.
 
 use super::config::Config;
 use crate::rs485_bus::Kind;
@@ -34,6 +35,8 @@ const TOGETHER: usize = 3;
 /// Duration of an unexpected silence after which a board is deaf, two sweeps: each sonar has missed twice or more, and
 /// a board that was reset has fired each one.
 const DEAF_AFTER: Duration = Duration::from_millis(420);
+/// Distance from which on an echo is weak, mm: the last of the six metres that a sonar reaches.
+const WEAK_FROM_MM: u16 = 5000;
 const _: () = assert!(DEAF_AFTER.as_nanos() == 2 * SWEEP.as_nanos());
 
 /// What a board measured last, and for how long.
@@ -45,7 +48,7 @@ struct Board {
     srfs: Srfs,
     since: Instant,
     way_m: f64,
-    /// Last answer in which each channel had an echo.
+    /// Last answer in which each channel had an echo that was not weak.
     heard: [Option<Instant>; SRFS],
     /// Last answer with an echo.
     last: Instant,
@@ -128,7 +131,7 @@ impl Board {
             return is_deaf.then_some(Implausible::Deaf { echoes });
         }
         (self.last, self.silence) = (now, None);
-        for (heard, _) in self.heard.iter_mut().zip(srfs).filter(|(_, mm)| **mm != NO_ECHO) {
+        for (heard, _) in self.heard.iter_mut().zip(srfs).filter(|(_, mm)| **mm != NO_ECHO && **mm < WEAK_FROM_MM) {
             *heard = Some(now);
         }
         None

@@ -1188,6 +1188,19 @@ fn sonars_lose_what_they_hear_one_after_the_other_and_a_single_sweep_may_miss_al
 }
 
 #[test]
+fn a_wall_may_leave_the_range_of_all_sonars_at_once() {
+    let mut wire = Wire::with(directed());
+    wire.port(Input::Up);
+    wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    wire.front().srfs = [5000, 5100, 5200, 5900, 5900, sd1::NO_ECHO].into_iter().collect();
+    wire.run(ms(1000));
+    wire.news();
+    wire.front().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    drive(&mut wire, 0.3, 5000);
+    assert_eq!(wire.news(), "");
+}
+
+#[test]
 fn a_board_that_answers_no_more_and_then_hears_nothing_is_deaf_if_it_heard_before() {
     let mut wire = Wire::with(directed());
     wire.port(Input::Up);
