@@ -35,7 +35,7 @@ const GROUPS: [Group; 5] = [
     },
     Group {
         name: "Develop",
-        commands: &["fault", "soak", "plan", "completion"],
+        commands: &["fault", "sim", "soak", "plan", "completion"],
         examples: &["advee fault psc1 bumper 2 --for 1", "advee soak --hours 1"],
     },
 ];

@@ -22,6 +22,7 @@ pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
 pub use gpio::{GpioConfig, GpioInput};
 pub use serial::{ByteParity, Direction, Driver, TerminalConfig, Transport};
+pub use store::disk::Disk;
 pub use w1::read as w1_read;
 
 use base::{Duration, Fault, Instant};

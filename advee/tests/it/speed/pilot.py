@@ -1,0 +1,51 @@
+"""A program in step with a robot in virtual time: `pilot.py LCM_URL`. At each SIM_DATA_CLOCK it works for 20 ms, sends a
+motion command, and answers. After 100 ticks it prints their number, and how many it missed in between, as JSON, and goes
+on."""
+import json
+import sys
+import time
+
+import lcm
+from lowlevel import cmd_motion_t
+from simulation import cmd_clock_t, data_clock_t
+
+TICK_US = 50_000
+COUNT = 100
+# Answers by which it joins: time passes on until the first one has arrived.
+JOINING = 5
+
+bus = lcm.LCM(sys.argv[1])
+newest = 0
+
+
+def on_clock(_channel, data):
+    global newest
+    newest = max(newest, data_clock_t.decode(data).timestamp)
+
+
+def work(now):
+    time.sleep(0.02)
+    command = cmd_motion_t()
+    command.timestamp, command.speed, command.priority, command.source = now, 0.3, 1, "pilot"
+    bus.publish("LL_CMD_MOTION", command.encode())
+    answer = cmd_clock_t()
+    answer.timestamp, answer.tick, answer.source = now, now, "pilot"
+    bus.publish("SIM_CMD_CLOCK", answer.encode())
+
+
+bus.subscribe("SIM_DATA_CLOCK", on_clock)
+last = answers = missed = 0
+while True:
+    bus.handle()
+    # Ticks from before it joined wait, too: the newest counts.
+    while bus.handle_timeout(0) > 0:
+        pass
+    if newest <= last:
+        continue
+    if answers > JOINING:
+        missed += (newest - last) // TICK_US - 1
+    last = newest
+    work(last)
+    answers += 1
+    if answers == JOINING + COUNT:
+        print(json.dumps({"ticks": answers - JOINING, "missed": missed}), flush=True)
