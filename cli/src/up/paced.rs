@@ -167,8 +167,9 @@ struct Paced {
     pending: usize,
     /// Timestamp of the last command, and why it was refused.
     answer: (i64, String),
-    /// Real time of the next announcement.
+    /// Real time of the next announcement, and whether the last one said that time stands still.
     announce: Instant,
+    stood: bool,
     start: Option<Start>,
     companions: Companions,
 }
@@ -209,6 +210,7 @@ impl Paced {
             pending: 0,
             answer: (0, String::new()),
             announce: real,
+            stood: false,
             companions,
         })
     }
@@ -353,7 +355,8 @@ impl Paced {
             self.flush();
             self.announce = real;
         }
-        if self.announce <= real {
+        if self.announce <= real || self.stood != self.pacer.is_paused() {
+            self.stood = self.pacer.is_paused();
             self.announce = real + ANNOUNCED;
             self.publish(&self.state().into());
             if self.pacer.is_paused() {
