@@ -44,6 +44,9 @@ const RECEIVED_MAX: usize = 1000;
 const PENDING_MAX: usize = 1000;
 /// Real period of `SIM_DATA_RUN`, and of `SIM_DATA_CLOCK` while time stands still.
 const ANNOUNCED: Duration = Duration::from_secs(1);
+/// Real time after which a tick that a program in step has not answered is published again: it, or its answer, may be
+/// lost.
+const REPEATED: Duration = Duration::from_millis(100);
 /// Virtual time limit of an orderly end: the watchdog's own is shorter.
 const END: Duration = Duration::from_secs(10);
 
@@ -152,8 +155,9 @@ struct Paced {
     /// Name of the world.
     world: String,
     robot: Robot,
-    /// The virtual instant of the next tick.
+    /// The virtual instant of the next tick, and the real one at which the last is published again.
     tick: Instant,
+    again: Instant,
     pacer: Pacer,
     gateway: Gateway,
     /// The gateway obeys the same senders as modules do.
@@ -200,6 +204,7 @@ impl Paced {
             goal,
             robot,
             tick: Instant::ZERO,
+            again: real,
             pacer: Pacer::new(speed, real, Instant::ZERO),
             gateway: Gateway::default(),
             admission: Admission::new(commands, None),
@@ -236,7 +241,7 @@ impl Paced {
     fn next(&mut self, real: Instant) -> Instant {
         let passes_on = match self.gateway.waits(real) {
             true if self.pacer.is_paused() => Instant::NEVER,
-            true => self.gateway.until(),
+            true => self.gateway.until().min(self.again),
             false => self.pacer.next(real, self.robot.now()),
         };
         passes_on.min(self.announce).min(self.companions.poll_timeout())
@@ -313,6 +318,7 @@ impl Paced {
         self.robot.say(DataClock { timestamp, rate });
         self.flush();
         self.gateway.on_tick(real, timestamp);
+        self.again = real + REPEATED;
     }
 
     /// Publishes what the modules have published in virtual time.
@@ -363,6 +369,12 @@ impl Paced {
                 // The same tick again, for programs that have just joined.
                 self.publish(&DataClock { timestamp: self.robot.timestamp(), rate: 0.0 }.into());
             }
+        }
+        // Time stands at the tick that is waited for.
+        if self.again <= real && !self.pacer.is_paused() && self.gateway.waits(real) {
+            self.again = real + REPEATED;
+            let rate = self.pacer.achieved(real, self.robot.now());
+            self.publish(&DataClock { timestamp: self.robot.timestamp(), rate }.into());
         }
     }
 

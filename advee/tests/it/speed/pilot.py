@@ -11,9 +11,6 @@ from simulation import cmd_clock_t, data_clock_t
 
 TICK_US = 50_000
 COUNT = 100
-# Answers by which it joins: time passes on until the first one has arrived.
-JOINING = 5
-
 bus = lcm.LCM(sys.argv[1])
 newest = 0
 
@@ -23,29 +20,36 @@ def on_clock(_channel, data):
     newest = max(newest, data_clock_t.decode(data).timestamp)
 
 
-def work(now):
-    time.sleep(0.02)
+def answer(now):
+    message = cmd_clock_t()
+    message.timestamp, message.tick, message.source = now, now, "pilot"
+    bus.publish("SIM_CMD_CLOCK", message.encode())
+
+
+def drive(now):
     command = cmd_motion_t()
     command.timestamp, command.speed, command.priority, command.source = now, 0.3, 1, "pilot"
     bus.publish("LL_CMD_MOTION", command.encode())
-    answer = cmd_clock_t()
-    answer.timestamp, answer.tick, answer.source = now, now, "pilot"
-    bus.publish("SIM_CMD_CLOCK", answer.encode())
 
 
 bus.subscribe("SIM_DATA_CLOCK", on_clock)
-last = answers = missed = 0
+last = ticks = missed = 0
 while True:
     bus.handle()
     # Ticks from before it joined wait, too: the newest counts.
     while bus.handle_timeout(0) > 0:
         pass
-    if newest <= last:
-        continue
-    if answers > JOINING:
-        missed += (newest - last) // TICK_US - 1
-    last = newest
-    work(last)
-    answers += 1
-    if answers == JOINING + COUNT:
-        print(json.dumps({"ticks": answers - JOINING, "missed": missed}), flush=True)
+    if newest > last:
+        time.sleep(0.02)
+        # Motion commands of a program that has not answered yet are refused.
+        if last > 0:
+            drive(newest)
+        # It has joined when it has answered all that waited: then each tick follows the last one.
+        if ticks > 0 or newest - last == TICK_US:
+            ticks += 1
+            missed += (newest - last) // TICK_US - 1
+        last = newest
+        if ticks == COUNT:
+            print(json.dumps({"ticks": ticks, "missed": missed}), flush=True)
+    # A tick that comes again was lost, or its answer.
+    answer(last)
