@@ -241,6 +241,9 @@ pub struct View {
     pub estimate: Option<middlelevel::DataEstimate>,
     pub plan: Option<middlelevel::DataPlan>,
     pub joydev: Option<lowlevel::DataJoydev>,
+    pub clock: Option<simulation::DataClock>,
+    /// Time and world of a robot in virtual time.
+    pub time: Option<simulation::DataRun>,
     pub processes: BTreeMap<String, common::Process>,
     pub errors: Vec<common::Error>,
     pub texts: Vec<common::EventText>,
@@ -259,6 +262,8 @@ impl View {
             Ok(Message::MlDataEstimate(estimate)) => self.estimate = Some(estimate),
             Ok(Message::MlDataPlan(plan)) => self.plan = Some(plan),
             Ok(Message::LlDataJoydev(joydev)) => self.joydev = Some(joydev),
+            Ok(Message::SimDataClock(clock)) => self.clock = Some(clock),
+            Ok(Message::SimDataRun(time)) => self.time = Some(time),
             Ok(Message::CmDataProcesses(list)) => {
                 self.processes = list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
             }

@@ -9,7 +9,9 @@ use host::log::OneLine;
 use messages::lowlevel::DataHold;
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, Waypoint};
 use messages::{Channel, Hold, Message};
+use navitools::Point;
 use robot::config::{self, SIMULATOR};
+use simulator::world::Route;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -159,16 +161,8 @@ fn wanted(common: &Common, command: &Goal) -> Result<CmdGoal, super::Failed> {
             let there = if there.is_empty() { "none".into() } else { there };
             return Err(format!("route {name}: the world has none of that name; there are: {there}").into());
         };
-        let waypoint = |at: &navitools::Point| Waypoint {
-            x: at.x,
-            y: at.y,
-            theta: 0.0,
-            tolerance: command.tolerance,
-            heading: false,
-        };
-        goal.waypoints = route.waypoints.iter().map(waypoint).collect();
-        goal.r#loop |= route.looped;
-        return Ok(goal);
+        let way = by_route(route, command.tolerance);
+        return Ok(CmdGoal { r#loop: goal.r#loop || way.r#loop, ..way });
     }
     match &command.waypoints[..] {
         [Destination::Cancel] => {}
@@ -180,6 +174,12 @@ fn wanted(common: &Common, command: &Goal) -> Result<CmdGoal, super::Failed> {
         }
     }
     Ok(goal)
+}
+
+/// The goal of a route; its waypoints are reached within `tolerance`, m.
+pub fn by_route(route: &Route, tolerance: f64) -> CmdGoal {
+    let waypoint = |at: &Point| Waypoint { x: at.x, y: at.y, theta: 0.0, tolerance, heading: false };
+    CmdGoal { waypoints: route.waypoints.iter().map(waypoint).collect(), r#loop: route.looped, ..CmdGoal::default() }
 }
 
 /// Until the robot knows where it is, and nothing stands against motion but that nobody commands it.

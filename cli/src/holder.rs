@@ -3,6 +3,7 @@
 use super::run::Run;
 use super::{Cli, Command, Common};
 use clap::Parser;
+use robot::config::SIMULATOR;
 use robot::place::RobotLocation;
 use std::ffi::OsStr;
 use std::fs;
@@ -93,6 +94,10 @@ fn module_of(command: &[u8]) -> Option<String> {
     if !words.next()?.ends_with(b"advee") {
         return None;
     }
+    if let Some(Cli { command: Command::Up(up), .. }) = parsed(command) {
+        // All modules are in this process.
+        return up.is_paced().then(|| SIMULATOR.into());
+    }
     let mut first = || words.next().filter(|word| *word == b"run").and(words.next());
     let module = match run_of(command) {
         Some((_, run)) => run.module,
@@ -104,16 +109,24 @@ fn module_of(command: &[u8]) -> Option<String> {
 
 /// Robot of a module, by its arguments.
 fn place_of(command: &[u8]) -> Option<RobotLocation> {
-    run_of(command).map(|(common, run)| run.place(&common))
+    match parsed(command)? {
+        Cli { common, command: Command::Run(run) } => Some(run.place(&common)),
+        Cli { common, command: Command::Up(up) } if up.is_paced() => Some(up.place(&common)),
+        _ => None,
+    }
 }
 
 /// Options of `advee … run …`.
 fn run_of(command: &[u8]) -> Option<(Common, Run)> {
-    let words = command.strip_suffix(&[0]).unwrap_or(command).split(|byte| *byte == 0).map(OsStr::from_bytes);
-    match Cli::try_parse_from(words).ok()? {
+    match parsed(command)? {
         Cli { common, command: Command::Run(run) } => Some((common, run)),
         _ => None,
     }
+}
+
+fn parsed(command: &[u8]) -> Option<Cli> {
+    let words = command.strip_suffix(&[0]).unwrap_or(command).split(|byte| *byte == 0).map(OsStr::from_bytes);
+    Cli::try_parse_from(words).ok()
 }
 
 #[cfg(test)]
@@ -147,6 +160,16 @@ mod tests {
             ("memq://", &["a.b=1".to_string()][..], true)
         );
         assert!(place("advee run driver_canbus --no-such").is_none() && place("advee up").is_none());
+    }
+
+    #[test]
+    fn a_robot_in_virtual_time_is_one_process_and_counts_as_its_simulator() {
+        let zeroed = |command: &str| command.replace(' ', "\0");
+        let command = zeroed("advee up --sim --speed 20 --world corridor --run-dir /r");
+        assert_eq!(module_of(command.as_bytes()), Some(SIMULATOR.into()));
+        let place = place_of(command.as_bytes()).unwrap();
+        assert_eq!((place.run_dir.as_path(), place.world.as_deref()), (Path::new("/r"), Some(Path::new("corridor"))));
+        assert!(place.sim && module_of(zeroed("advee up --sim").as_bytes()).is_none());
     }
 
     #[test]

@@ -59,6 +59,7 @@ mod release;
 mod replay;
 mod rs485;
 mod run;
+mod sim;
 pub mod soak;
 mod state;
 mod style;
@@ -152,6 +153,8 @@ commands! {
         Home(home::Home) => home::home(common, command),
         /// List what can be broken in the simulation, inject a fault, or end it
         Fault(fault::Fault) => fault::fault(common, command),
+        /// Let the time of a simulation with `--speed` pass, stand still or begin anew
+        Sim(sim::Sim) => sim::sim(common, command),
         /// Plan a drivable way on a map file
         Plan(plan::Plan) => plan::plan(common, command),
         /// Play again what the modules of a run were told, and compare what they answer

@@ -4,8 +4,8 @@
 use super::Failed;
 use super::bus::Tool;
 use diagnostics::orders;
-use messages::Hold;
 use messages::lowlevel::DataHold;
+use messages::{Hold, Message};
 use module::State;
 
 /// What was released so far: the latch of PAUSE once; homing repeatedly until it begins, because a drive whose power
@@ -25,17 +25,20 @@ enum Act {
 }
 
 impl Release {
-    /// Returns the act for which the causes in the list of the module that moves the robot wait.
+    /// Publishes the act for which the causes in the list of the module that moves the robot wait.
     pub fn on_holds(&mut self, tool: &mut Tool, list: &DataHold) -> Result<(), Failed> {
-        let timestamp = tool.timestamp();
-        match self.due(list) {
-            Some(Act::Run) => {
-                let run = orders::manual(timestamp, &list.module, State::Run, &tool.source);
-                tool.publish(run)
-            }
-            Some(Act::Home) => tool.publish(orders::home(timestamp, "steering")),
+        match self.act(tool.timestamp(), &tool.source, list) {
+            Some(message) => tool.publish(message),
             None => Ok(()),
         }
+    }
+
+    /// That act as the message of `source`.
+    pub fn act(&mut self, timestamp: i64, source: &str, list: &DataHold) -> Option<Message> {
+        Some(match self.due(list)? {
+            Act::Run => orders::manual(timestamp, &list.module, State::Run, source).into(),
+            Act::Home => orders::home(timestamp, "steering").into(),
+        })
     }
 
     fn due(&mut self, list: &DataHold) -> Option<Act> {

@@ -1,6 +1,7 @@
 //! `advee up`: the minimal parent of the watchdog; everything else is the watchdog's.
 
 mod guards;
+mod paced;
 mod parent;
 mod welcome;
 
@@ -12,8 +13,10 @@ use host::runs;
 use host::{beats, clock, processes};
 use parent::Parent;
 use robot::config::{self, Config};
+use robot::place::RobotLocation;
 use robot::preflight;
 use robot::topology;
+use sim::paced::pacer::Speed;
 use simulator::world::World;
 use std::ffi::OsString;
 use std::net::SocketAddr;
@@ -28,6 +31,9 @@ pub struct Up {
     /// The simulated world: a file, or a name in conf/worlds
     #[arg(long, value_name = "FILE", requires = "sim")]
     world: Option<PathBuf>,
+    /// In virtual time, in one process: simulated seconds per real second, 0.05 to 1000, or max
+    #[arg(long, value_name = "N", requires = "sim")]
+    speed: Option<Speed>,
     /// The way to drive when all is ready, of the simulated world's [default: patrol, where it has that], or none
     #[arg(long, value_name = "NAME")]
     goal: Option<String>,
@@ -40,6 +46,18 @@ pub struct Up {
     /// Although a robot is on the bus
     #[arg(long)]
     force: bool,
+}
+
+impl Up {
+    /// True for a robot in virtual time.
+    pub fn is_paced(&self) -> bool {
+        self.sim && self.speed.is_some()
+    }
+
+    /// The robot that is started.
+    pub fn place(&self, common: &Common) -> RobotLocation {
+        RobotLocation { world: self.world.clone(), ..common.place(self.sim) }
+    }
 }
 
 pub fn up(common: &Common, command: &Up) -> Outcome {
@@ -60,6 +78,9 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
         return Err(format!("--http {at}: modules.toml has no module {}", ::web::NAME).into());
     }
     let route = route(command, &config, &world)?;
+    if let Some(speed) = command.speed {
+        return paced::run(common, command, config, &world, speed);
+    }
     let watchdog = watchdog(common, command)?;
     let goal = route.map(|route| goal(&watchdog, command, &route));
     // Signals are held back before there is anything to leave behind.

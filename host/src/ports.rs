@@ -23,6 +23,7 @@ pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
 pub use gpio::{GpioConfig, GpioInput};
 pub use serial::{ByteParity, Direction, Driver, TerminalConfig, Transport};
+pub use store::disk::Disk;
 pub use tcp::begin as begin_tcp;
 pub use thermal::read as thermal_read;
 pub use w1::read as w1_read;

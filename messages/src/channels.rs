@@ -73,6 +73,8 @@ macro_rules! channels {
                     | Self::SimDataTruth
                     | Self::SimCmdFault
                     | Self::SimDataClock
+                    | Self::SimCmdClock
+                    | Self::SimCmdRun
                     | Self::CmCmdLog
                     | Self::CmDataLog
                     | Self::CmDataBridge => SMALL,
@@ -195,6 +197,9 @@ channels! {
     SimDataTruth = "SIM_DATA_TRUTH": simulation::DataTruth;
     SimCmdFault = "SIM_CMD_FAULT": simulation::CmdFault;
     SimDataClock = "SIM_DATA_CLOCK": simulation::DataClock;
+    SimCmdClock = "SIM_CMD_CLOCK": simulation::CmdClock;
+    SimCmdRun = "SIM_CMD_RUN": simulation::CmdRun;
+    SimDataRun = "SIM_DATA_RUN": simulation::DataRun;
     SimDataPeople = "SIM_DATA_PEOPLE": simulation::DataPeople;
 }
 

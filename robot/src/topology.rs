@@ -11,9 +11,10 @@ use crate::recording;
 use crate::scene;
 use crate::sheets;
 use crate::simulated;
-use ::host::ports::{GpioConfig, GpioInput, PortConfig};
+use ::host::ports::{Disk, GpioConfig, GpioInput, PortConfig};
 use ::host::{HostConfig, beats};
 use base::Duration;
+use base::store::Request;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::{auxiliary, canbus, imu, io, joydev, lidar, power, rs485a, rs485b};
 use logger::ros::{Sensor, Translator};
@@ -89,7 +90,7 @@ pub fn virtual_machine_recorded(
     config: host::Config,
     sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
-    virtual_machine_made(place, config, false, &[], sink)
+    virtual_machine_made(place, config, Part::ALL, sink)
 }
 
 /// The same as [`virtual_machine`], without the modules of these names: no other one waits for them.
@@ -101,19 +102,50 @@ pub fn virtual_machine_without(
     config: host::Config,
     without: &[&str],
 ) -> Result<Virtual, ConfigError> {
-    virtual_machine_made(place, config, false, without, |_| None)
+    virtual_machine_made(place, config, Part { without, ..Part::ALL }, |_| None)
 }
 
 /// The same as [`virtual_machine`], with the logger, whose disk is that of the bus `log`.
 pub fn virtual_machine_logged(place: &RobotLocation, config: host::Config) -> Result<Virtual, ConfigError> {
-    virtual_machine_made(place, config, true, &[], |_| None)
+    virtual_machine_made(place, config, Part { logs: true, ..Part::ALL }, |_| None)
+}
+
+/// The same as [`virtual_machine_logged`], for a robot that programs outside virtual time see: its logs are files in the
+/// folder of the configuration, and modules that are such programs themselves are left out.
+///
+/// # Errors
+/// What is wrong with the configuration.
+pub fn virtual_machine_attached(place: &RobotLocation, config: host::Config) -> Result<Virtual, ConfigError> {
+    let robot = Config::load(&place.config, place.sim, &place.sets)?.robot;
+    let mut machine = virtual_machine_made(place, config, Part { logs: true, foreign: false, ..Part::ALL }, |_| None)?;
+    let mut disk = Disk::new(&log_folder(place, &robot));
+    machine.back(LOG_BUS, move |request| match request {
+        // Waiting for the medium would hold up all modules, many times a second.
+        Request::Append { bytes, .. } => disk.perform(Request::Append { bytes, sync: false }),
+        other => disk.perform(other),
+    });
+    Ok(machine)
+}
+
+/// Modules of a robot in virtual time, beside those that it always has.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    /// The logger.
+    logs: bool,
+    /// Programs of their own, which cannot be started there.
+    foreign: bool,
+    /// Modules of these names are left out.
+    without: &'a [&'a str],
+}
+
+impl Part<'_> {
+    const ALL: Self = Self { logs: false, foreign: true, without: &[] };
 }
 
 fn virtual_machine_made(
     place: &RobotLocation,
     mut config: host::Config,
-    logs: bool,
-    without: &[&str],
+    Part { logs, foreign, without }: Part<'_>,
     mut sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
     // Nobody can look into virtual time; what is recorded there says so, too.
@@ -123,6 +155,11 @@ fn virtual_machine_made(
     without.iter().for_each(|name| read.leave_out(name));
     // Nor is there another computer.
     read.leave_out(bridge::NAME);
+    if !foreign {
+        let programs = read.modules.iter().filter(|module| module.command.is_some());
+        let programs: Vec<String> = programs.map(|module| module.name().into()).collect();
+        programs.iter().for_each(|name| read.leave_out(name));
+    }
     config.policy = policy(&read);
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);

@@ -41,6 +41,7 @@ use agenda::{Entry, Happening, SentMessage, Waiting};
 use base::can::Frame;
 use base::gamepad::Event as GamepadEvent;
 use base::serial::Word;
+use base::store::{Answer, Request};
 use base::{Duration, Fault, Instant, Report, Severity};
 use can::WireEvent;
 use digest::Digest;
@@ -56,6 +57,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 use std::mem;
 use std::rc::Rc;
+use store::Backing;
 use wire::{Kind, Wire, open};
 
 /// Number of SIGKILL.
@@ -138,6 +140,8 @@ pub struct Virtual {
     digest: Digest,
     bytes: Vec<u8>,
     ports: Vec<Owner>,
+    /// What is to execute the requests of ports that are not open yet, by bus.
+    backings: Vec<(String, Backing)>,
 }
 
 /// Deadline of a process or a wire, and its number in order of scheduling; `None`: there is none.
@@ -174,6 +178,7 @@ impl Virtual {
             digest: Digest::new(config.seed),
             bytes: Vec::new(),
             ports: Vec::new(),
+            backings: Vec::new(),
             config,
         }
     }
@@ -230,6 +235,12 @@ impl Virtual {
             Kind::Store(wire) => Some(&mut wire.server.disk),
             _ => None,
         })
+    }
+
+    /// Lets `perform` execute the requests of the port for log files on `bus`, which is opened later, in the place of a
+    /// [`Disk`]. The requests take the same virtual time.
+    pub fn back(&mut self, bus: &str, perform: impl FnMut(Request) -> Answer + 'static) {
+        self.backings.push((bus.into(), Backing(Box::new(perform))));
     }
 
     /// Starts a process that is not supervised.
@@ -363,7 +374,13 @@ impl Virtual {
         let specs = shell.module().ports();
         let mut wires = Vec::with_capacity(specs.len());
         for spec in specs {
-            wires.push(open(&mut self.wires, &self.config, &spec.bus, spec.line)?);
+            let wire = open(&mut self.wires, &self.config, &spec.bus, spec.line)?;
+            if let Kind::Store(store) = &mut self.wires[wire].kind
+                && let Some(place) = self.backings.iter().position(|(bus, _)| *bus == spec.bus)
+            {
+                store.server.backing = Some(self.backings.swap_remove(place).1);
+            }
+            wires.push(wire);
             self.wire_timers.resize(self.wires.len(), None);
         }
         self.next_pid += 1;
@@ -782,6 +799,9 @@ impl Virtual {
 
     fn publish(&mut self, sender: Sender, message: Message) {
         let pid = sender.pid().unwrap_or(0);
+        if self.config.own_clock && matches!(message, Message::SimDataClock(_)) && self.place(pid).is_some() {
+            return;
+        }
         self.bytes.clear();
         if let Err(error) = message.encode(&mut self.bytes) {
             let line = format!("not sent on {}: {error}", message.channel_name());

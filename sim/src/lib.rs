@@ -2,7 +2,8 @@
 //!
 //! In [`host::Virtual`] all processes, buses and the LCM bus share one deterministic process in virtual time; the other
 //! ends of the wires are the module [`simulator`]. [`check`] observes all traffic for violations of the rules, and
-//! [`mod@soak`] draws episodes of work and faults from a seed. No files, sockets or clocks.
+//! [`mod@soak`] draws episodes of work and faults from a seed. [`paced`] has virtual time pass beside real time, and
+//! decides what passes between the robot's bus and a real one. No files, sockets or clocks.
 //!
 //! The simulated robot alone, for ten virtual seconds; the same seed gives the same run to the last bit:
 //!
@@ -36,4 +37,5 @@
 
 pub mod check;
 pub mod host;
+pub mod paced;
 pub mod soak;

@@ -45,6 +45,7 @@ mod ros2_peers;
 mod ros2_record;
 mod rs485_tools;
 mod slcan_peer;
+mod speed;
 mod supervision;
 #[path = "../support.rs"]
 mod support;

@@ -31,6 +31,9 @@ pub struct Config {
     /// Number of a frame, counted from 1 on each CAN bus as in [`Traffic::sent`](super::Traffic::sent), that no node
     /// receives although it is acknowledged: one overrun of a receiver.
     pub can_loss: Option<u64>,
+    /// True if the caller publishes `SIM_DATA_CLOCK`, because it alone knows the factor: what a process publishes there
+    /// is dropped.
+    pub own_clock: bool,
 }
 
 impl Default for Config {
@@ -49,6 +52,7 @@ impl Default for Config {
             policy: Policy::default(),
             can_echo: false,
             can_loss: None,
+            own_clock: false,
         }
     }
 }

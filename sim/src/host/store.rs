@@ -1,11 +1,12 @@
 //! A disk with a folder of log files: one request after the other, each with its duration; unsynchronized data is lost
-//! in a power failure.
+//! in a power failure. A real folder can take its place: the requests are passed on, with the same durations.
 
 use super::owner::Owner;
 use super::served::Server;
 use base::Duration;
 use base::store::{Answer, Entry, Request, Trouble, is_name};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// A small SD card: bytes per second, duration of any request, and of a synchronization.
 const RATE_BYTES_PER_S: u64 = 40_000_000;
@@ -65,11 +66,21 @@ impl Disk {
     }
 }
 
+/// What executes the requests of a port in the place of a [`Disk`].
+pub(super) struct Backing(pub Box<dyn FnMut(Request) -> Answer>);
+
+impl fmt::Debug for Backing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Backing")
+    }
+}
+
 /// A disk, and the file to which each port appends.
 #[derive(Debug, Default)]
 pub(super) struct Store {
     pub disk: Disk,
     open: BTreeMap<(u32, u8), String>,
+    pub backing: Option<Backing>,
 }
 
 impl Server for Store {
@@ -89,6 +100,9 @@ impl Server for Store {
     }
 
     fn perform(&mut self, owner: Owner, request: Request) -> Answer {
+        if let Some(Backing(backing)) = &mut self.backing {
+            return backing(request);
+        }
         self.done((owner.pid, owner.port.0), request).unwrap_or_else(Answer::Failed)
     }
 
@@ -171,6 +185,18 @@ mod tests {
         assert_eq!(wire.server.disk.files["run/a"].bytes.len(), 15);
         wire.server.disk.cut();
         assert_eq!(wire.server.disk.files["run/a"].bytes.len(), 10);
+    }
+
+    #[test]
+    fn a_backing_executes_the_requests_in_the_place_of_the_disk() {
+        let mut wire = Served::<Store>::default();
+        wire.server.backing = Some(Backing(Box::new(|request| match request {
+            Request::Append { bytes, .. } => Answer::Done { free: bytes.len() as u64 },
+            _ => Answer::Failed(Trouble::ReadOnly),
+        })));
+        assert_eq!(ask(&mut wire, Request::Create { name: "run/a".into() }), Answer::Failed(Trouble::ReadOnly));
+        assert_eq!(ask(&mut wire, append(7, true)), Answer::Done { free: 7 });
+        assert!(wire.server.disk.files.is_empty());
     }
 
     #[test]

@@ -36,17 +36,24 @@ const EVERY: &str = "every module";
 /// Tools of operators.
 const TERMINAL: &str = "command line";
 const PAGE: &str = "web page";
+/// Simulation in virtual time on a bus.
+const PACED: &str = "`advee up --speed`";
+/// Messages that it receives, by their channels.
+const PACED_RECEIVES: [&str; 2] = ["SimCmdClock", "SimCmdRun"];
 /// Code that several publishers share: the place, and their names. A place inside another one is not part of that one.
-const SHARED: [(&str, &[&str]); 7] = [
+const SHARED: [(&str, &[&str]); 8] = [
     ("modules/drivers/src/line", &["`driver_rs485a`", "`driver_rs485b`", "`driver_power`"]),
     ("foundation/module/src", &[EVERY]),
     ("foundation/module/src/holds", &["`driver_canbus`", "`planner`"]),
     ("host/src", &["host"]),
     ("cli/src", &[TERMINAL]),
+    ("cli/src/up/paced", &[PACED]),
     ("modules/web/src", &[PAGE]),
     ("foundation/diagnostics/src", &[TERMINAL, PAGE]),
 ];
 
+/// Programs outside this source that take part in virtual time, and what they publish, by its type.
+const STEPPING: (&str, &str) = ("programs in step", "CmdClock");
 /// Stands for programs outside this source that offer actions (docs/highlevel.md).
 const OFFERING: &str = "modules that offer actions";
 /// Message that they receive, by its channel, and message that they publish, by its type.
@@ -89,6 +96,11 @@ impl Traffic {
         for (map, key) in [(&mut traffic.receivers, received), (&mut traffic.publishers, published)] {
             map.entry(key.into()).or_default().push(OFFERING.into());
         }
+        for channel in PACED_RECEIVES {
+            traffic.receivers.entry(channel.into()).or_default().push(PACED.into());
+        }
+        let (stepping, published) = STEPPING;
+        traffic.publishers.entry(published.into()).or_default().push(stepping.into());
         for channel in Channel::ALL {
             if traffic.publishers(*channel).is_empty() {
                 return Err(format!("{}: no publisher found (tools/generate/src/traffic.rs)", channel.name()));

@@ -33,6 +33,9 @@ const MOVES: [Channel; 7] = [
 /// By these the watchdog judges modules, and modules the watchdog.
 const SUPERVISES: [Channel; 2] = [Channel::CmDataProcesses, Channel::CmDataState];
 
+/// Commands to the simulation.
+const SIMULATES: [Channel; 3] = [Channel::SimCmdFault, Channel::SimCmdRun, Channel::SimCmdClock];
+
 /// A channel on which engineers may publish.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Publishable {
@@ -55,7 +58,7 @@ pub fn refusal(channel: &str, simulated: bool) -> Option<&'static str> {
             Some("it moves the robot, or releases it from a stop: the page has a command of its own for that")
         }
         Some(own) if SUPERVISES.contains(&own) => Some("modules are supervised by it: nobody else speaks there"),
-        Some(Channel::SimCmdFault) if !simulated => Some("this robot is not simulated"),
+        Some(own) if SIMULATES.contains(&own) && !simulated => Some("this robot is not simulated"),
         Some(_) if !simulated && !channel.contains("_CMD_") => {
             Some("a module of the robot speaks there: on a robot that is not simulated nobody speaks for it")
         }
@@ -235,7 +238,7 @@ mod tests {
         for channel in Channel::ALL.iter().filter(|channel| !MOVES.contains(channel)) {
             let (name, commands) = (format!("{}A", channel.name()), channel.name().contains("_CMD_"));
             let name = if *channel == Channel::LlDataRaw { name.as_str() } else { channel.name() };
-            let free = commands && *channel != Channel::SimCmdFault;
+            let free = commands && !SIMULATES.contains(channel);
             assert_eq!(refusal(name, false).is_none(), free, "{name}");
             assert_eq!(refusal(name, true).is_none(), !SUPERVISES.contains(channel), "{name} in simulation");
         }
