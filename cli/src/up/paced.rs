@@ -111,7 +111,7 @@ impl Robot {
         let out = outbox.clone();
         machine.observe(move |_, news| match news {
             News::Message { sender, message } if !is_outside(*sender) => out.borrow_mut().push((*message).clone()),
-            News::Report { module, report } => Log::new(module).report(report),
+            News::Report { module, report } => Log::new(module).report(report, false),
             News::Note { module, line } => Log::new(module).line(line),
             _ => {}
         });

@@ -148,7 +148,7 @@ impl Fault {
             Self::ParameterRefused => "Choose a value within the range: `advee parameters` lists names and ranges.",
 
             Self::BridgeDown => {
-                "Check cable and network, and that advee runs on the other computer; texts of the bridge have the cause."
+                "Check cable and network, and that advee runs on the other computer; texts of bridge have the cause."
             }
             Self::BridgeRefused => "Check that both computers have the same key file; else find who connects.",
             Self::RemoteModule => {

@@ -2,8 +2,8 @@
 //! hosts and the simulator.
 //!
 //! Who drives the line is the host's affair: on Linux the kernel's `w1_therm` and `w1_ds2413`, whose files a live host
-//! reads. A 64-bit ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel calls
-//! a device by the first two: `28-0316a2795bff`.
+//! reads. A 64-bit ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel
+//! calls a device by the first two: `28-0316a2795bff`.
 
 use crate::listed;
 use core::fmt;

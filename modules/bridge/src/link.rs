@@ -96,8 +96,8 @@ impl Link {
         }
     }
 
-    /// Serves sockets and deadlines; each message that is accepted is passed to `publish`, which is true if the bus took
-    /// it.
+    /// Serves sockets and deadlines; each message that is accepted is passed to `publish`, which is true if the bus
+    /// took it.
     pub(crate) fn serve(&mut self, turn: Turn, mut publish: impl FnMut(&str, &[u8]) -> bool) {
         let served = match (self.settings.listen, self.settings.connect) {
             (Some(address), _) => self.accept(turn.time, address),

@@ -181,8 +181,8 @@ base::deadlines! {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO line, the
-/// lines of `driver_io`, the lidars, and the inertial measurement units that have a line of their own.
+/// its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO line,
+/// the lines of `driver_io`, the lidars, and the inertial measurement units that have a line of their own.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,

@@ -1,7 +1,7 @@
 //! Channels of the power controller as outputs: `driver_power` is commanded, and publishes what is on.
 //!
-//! An order is repeated until the channel has obeyed once. What changes afterwards without an order of this module, such
-//! as a channel that switched itself off at an over-current, or that a person switched, is left as it is.
+//! An order is repeated until the channel has obeyed once. What changes afterwards without an order of this module,
+//! such as a channel that switched itself off at an over-current, or that a person switched, is left as it is.
 
 use super::config::PowerKeys;
 use super::signal::{Signal, place};

@@ -440,8 +440,8 @@ mod tests {
                 message(&command, &robot(), 7, "web:x").unwrap().map(|message| message.channel_name().into_owned()),
             );
         }
-        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE LL_CMD_HOMING \
-            ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT";
+        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE \
+            LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT";
         assert_eq!(said.join(" "), expected);
     }
 
