@@ -1394,11 +1394,17 @@ export interface DataPlan {
   y: (number | null)[];
 }
 
-/** Time of the simulation: `SIM_DATA_CLOCK`, 1 Hz. */
+/**
+ * Time of the simulation: `SIM_DATA_CLOCK`, 1 Hz; with `advee up --sim --speed N` each 50 ms of simulated time, and
+ * once per real second while time stands still.
+ */
 export interface DataClock {
   /** Microseconds since the UNIX epoch, on the clock of the modules. */
   timestamp: number;
-  /** Simulated seconds per real second: 1 live, the achieved factor in virtual time. */
+  /**
+   * Simulated seconds per real second: 1 live; with `--speed N` the factor achieved over the last real second, 0 while
+   * time stands still.
+   */
   rate: number | null;
 }
 

@@ -288,9 +288,16 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["x", "m"],
     ["y", "m"],
   ])],
+  ["simulation.cmd_clock_t", new Map([
+    ["timestamp", "µs"],
+  ])],
   ["simulation.cmd_fault_t", new Map([
     ["timestamp", "µs"],
     ["duration", "s"],
+  ])],
+  ["simulation.cmd_run_t", new Map([
+    ["timestamp", "µs"],
+    ["value", "s"],
   ])],
   ["simulation.data_clock_t", new Map([
     ["timestamp", "µs"],
@@ -300,6 +307,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["x", "m"],
     ["y", "m"],
     ["radius", "m"],
+  ])],
+  ["simulation.data_run_t", new Map([
+    ["timestamp", "µs"],
   ])],
   ["simulation.data_truth_t", new Map([
     ["timestamp", "µs"],
