@@ -98,8 +98,8 @@ pub fn virtual_machine_logged(place: &RobotLocation, config: host::Config) -> Re
     virtual_machine_made(place, config, Part { logs: true, foreign: true }, |_| None)
 }
 
-/// The same as [`virtual_machine_logged`], for a robot that programs outside virtual time see: its logs are files in the
-/// folder of the configuration, and modules that are such programs themselves are left out.
+/// The same as [`virtual_machine_logged`], for a robot that programs outside virtual time see: its logs are files in
+/// the folder of the configuration, and modules that are such programs themselves are left out.
 ///
 /// # Errors
 /// What is wrong with the configuration.
