@@ -1,6 +1,6 @@
-"""A program in step with a robot in virtual time: `pilot.py LCM_URL`. At each SIM_DATA_CLOCK it works for 20 ms, sends a
-motion command, and answers. After 100 ticks in step it prints their number, and how many it missed in between, as JSON,
-and goes on."""
+"""A program in step with a robot in virtual time: `pilot.py LCM_URL`. At each SIM_DATA_CLOCK it works for 20 ms, sends
+a motion command, and answers. After 100 ticks in step it prints their number, and how many it missed in between, as
+JSON, and goes on."""
 import json
 import sys
 import time
