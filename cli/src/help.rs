@@ -13,7 +13,7 @@ struct Group {
 const GROUPS: [Group; 5] = [
     Group {
         name: "Run",
-        commands: &["up", "run", "web", "doctor", "config"],
+        commands: &["up", "run", "web", "bridge", "doctor", "config"],
         examples: &["advee up --sim", "advee doctor --sim"],
     },
     Group {

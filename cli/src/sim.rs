@@ -1,5 +1,5 @@
-//! `advee sim [pause | run | speed N | step [S] | reset | world NAME]`: time and world of a simulated robot that was
-//! started with `advee up --sim --speed N`.
+//! `advee sim [pause | run | speed N | step [S] | reset | world NAME]`: the time and the world of a simulated robot
+//! that was started with `advee up --sim --speed N`.
 
 use super::bus::{Heard, Tool};
 use super::{Common, Failed, Outcome, print, seconds};

@@ -186,7 +186,7 @@ fn a_program_in_python_that_answers_the_clock_is_waited_for_and_moves_the_robot(
 }
 
 fn is_waited_for() {
-    let mut robot = ready(&["--speed", "max", "--world", "empty"]);
+    let mut robot = ready(&["--speed", "20", "--world", "empty"]);
     let [x, _] = position(&robot.view);
     let Some(mut pilot) = Pilot::start(&robot) else { return };
     robot.until("it is in step", SOON, |view| time(view).in_step == ["pilot"]);

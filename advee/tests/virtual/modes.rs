@@ -196,7 +196,7 @@ fn a_lower_speed_limit_holds_for_goals_and_a_greater_one_than_configured_is_refu
     };
     let configured = limit(&modes);
     assert_eq!(configured.value, configured.maximum);
-    let set = |value: f64| CmdParameter { timestamp: 0, name: "speed_mps".into(), value, source: "test".into() };
+    let set = |value: f64| CmdParameter { timestamp: 0, parameter: "speed_mps".into(), value, source: "test".into() };
     modes.go(1, 17.0, 6.0);
     modes.until("it drives", 60.0, |seen| seen.truth.speed > 0.25);
     modes.send(set(0.15));

@@ -30,7 +30,7 @@ pub fn mode(timestamp: i64, name: &str, source: &str) -> Result<CmdMode, String>
 /// Change of a parameter of the planner, which checks name and value.
 #[must_use]
 pub fn parameter(timestamp: i64, name: &str, value: f64, source: &str) -> CmdParameter {
-    CmdParameter { timestamp, name: name.into(), value, source: source.into() }
+    CmdParameter { timestamp, parameter: name.into(), value, source: source.into() }
 }
 
 /// Pose of the robot with standard deviations; m, m, rad.

@@ -154,7 +154,7 @@ impl Pacer {
         Ok(())
     }
 
-    /// Virtual time begins anew at `now`, after a new start of the robot. If it stood still, or stepped, it stands
+    /// Virtual time begins anew at `now`, after a new start of the robot. Where it stood still or stepped, it stands
     /// still.
     pub fn reset(&mut self, real: Instant, now: Instant) {
         if matches!(self.mode, Mode::Stepping(_)) {

@@ -1,23 +1,31 @@
-"""A program in step with a robot in virtual time: `pilot.py LCM_URL`. At each SIM_DATA_CLOCK it works for 20 ms, sends a
-motion command, and answers. After 100 ticks it prints their number, and how many it missed in between, as JSON, and goes
-on."""
+"""A program in step with a robot in virtual time: `pilot.py LCM_URL`. At each SIM_DATA_CLOCK it works for 20 ms, sends
+a motion command, and answers. After 100 ticks in step it prints their number, and how many it missed in between, as
+JSON, and goes on."""
 import json
 import sys
 import time
 
 import lcm
 from lowlevel import cmd_motion_t
-from simulation import cmd_clock_t, data_clock_t
+from simulation import cmd_clock_t, data_clock_t, data_run_t
 
 TICK_US = 50_000
 COUNT = 100
+# Answers until those ticks are done that waited for it when it joined, in its queue and in that of the socket.
+JOINING = 20
 bus = lcm.LCM(sys.argv[1])
 newest = 0
+joined = False
 
 
 def on_clock(_channel, data):
     global newest
     newest = max(newest, data_clock_t.decode(data).timestamp)
+
+
+def on_run(_channel, data):
+    global joined
+    joined = "pilot" in data_run_t.decode(data).in_step
 
 
 def answer(now):
@@ -33,7 +41,8 @@ def drive(now):
 
 
 bus.subscribe("SIM_DATA_CLOCK", on_clock)
-last = ticks = missed = 0
+bus.subscribe("SIM_DATA_RUN", on_run)
+last = answers = ticks = missed = 0
 while True:
     bus.handle()
     # Ticks from before it joined wait, too: the newest counts.
@@ -44,8 +53,8 @@ while True:
         # Motion commands of a program that has not answered yet are refused.
         if last > 0:
             drive(newest)
-        # It has joined when it has answered all that waited: then each tick follows the last one.
-        if ticks > 0 or newest - last == TICK_US:
+        answers += joined
+        if answers > JOINING:
             ticks += 1
             missed += (newest - last) // TICK_US - 1
         last = newest

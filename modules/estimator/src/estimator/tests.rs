@@ -190,7 +190,6 @@ fn once_a_second_it_says_what_it_makes_of_each_beacon() {
 fn an_excluded_beacon_is_neither_looked_for_nor_used_until_it_is_permitted_again() {
     let mut rig = Rig::new();
     rig.drive(10);
-    let before = rig.uses().pop().unwrap();
     let exclude = |id, permitted| CmdBeaconUse { timestamp: 0, id, permitted };
     rig.bench.message(exclude(2, false));
     rig.bench.pass(PERIOD);
@@ -199,6 +198,8 @@ fn an_excluded_beacon_is_neither_looked_for_nor_used_until_it_is_permitted_again
         if let Message::LlDataActiveBeacons(active) = message { Some(active.ids.clone()) } else { None }
     };
     assert_eq!(published.iter().filter_map(ids).collect::<Vec<_>>(), [[1, 3, 4]], "at once");
+    rig.drive(2);
+    let before = rig.uses().pop().unwrap();
     rig.drive(3);
     let uses = rig.uses().pop().unwrap();
     let state: Vec<_> = uses.beacons.iter().map(|beacon| (beacon.active, beacon.permitted)).collect();

@@ -66,7 +66,7 @@ impl Planner {
 
     /// Changes a parameter, or refuses it with a report.
     pub(super) fn on_parameter(&mut self, now: Instant, command: &CmdParameter, out: &mut Actions) {
-        match self.parameters.set(&command.name, command.value) {
+        match self.parameters.set(&command.parameter, command.value) {
             Ok(changed) => {
                 if changed {
                     self.apply(now);

@@ -9,7 +9,7 @@ impl Robot {
     }
 
     fn set(&mut self, name: &str, value: f64) {
-        self.bench.message(CmdParameter { timestamp: 0, name: name.into(), value, source: "test".into() });
+        self.bench.message(CmdParameter { timestamp: 0, parameter: name.into(), value, source: "test".into() });
     }
 
     fn value(&self, name: &str) -> f64 {

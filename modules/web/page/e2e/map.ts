@@ -216,8 +216,8 @@ scene("mode and speed limit are set from the map; without a home place it does n
   const summary = v.page.locator(".map-parameters summary");
   await summary.click();
   await v.page.getByRole("slider", { name: /^Speed limit/ }).fill("0.3");
-  const change = (await robot.bus.hears("ML_CMD_PARAMETER")) as { name: string; value: number };
-  deepEqual([change.name, change.value], ["speed_mps", 0.3]);
+  const change = (await robot.bus.hears("ML_CMD_PARAMETER")) as { parameter: string; value: number };
+  deepEqual([change.parameter, change.value], ["speed_mps", 0.3]);
   await until("the robot shows it", 5, async () => (await summary.textContent())?.includes("0.30 m/s"));
   await v.button("Mode: Route").click();
   await until("it is in route", 5, async () => (await v.button("Mode: Route").getAttribute("aria-pressed")) === "true");
