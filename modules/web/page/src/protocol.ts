@@ -1395,8 +1395,8 @@ export interface DataPlan {
 }
 
 /**
- * Time of the simulation: `SIM_DATA_CLOCK`, 1 Hz; with `advee up --sim --speed N` each 50 ms of simulated time, and
- * once per real second while time stands still.
+ * Time of the simulation: `SIM_DATA_CLOCK`, 1 Hz; with `advee up --sim --speed N` each 50 ms of simulated time, again
+ * each 100 real ms while a program in step has not answered, and once per real second while time stands still.
  */
 export interface DataClock {
   /** Microseconds since the UNIX epoch, on the clock of the modules. */
