@@ -191,6 +191,7 @@ fn an_excluded_beacon_is_neither_looked_for_nor_used_until_it_is_permitted_again
     let mut rig = Rig::new();
     rig.drive(10);
     let exclude = |id, permitted| CmdBeaconUse { timestamp: 0, id, permitted };
+    drop(rig.bench.published());
     rig.bench.message(exclude(2, false));
     rig.bench.pass(PERIOD);
     let published = rig.bench.published();
