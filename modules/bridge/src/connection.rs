@@ -87,7 +87,7 @@ enum Stage {
     Greeting,
     /// Listener: waits for the proof.
     Proving(Transcript),
-    Open(Session),
+    Open(Box<Session>),
 }
 
 /// A connection, from the first byte on.
@@ -200,7 +200,7 @@ impl Connection {
     }
 
     fn open(&mut self, time: Time, transcript: &Transcript) {
-        self.stage = Stage::Open(transcript.session(&self.key, self.role));
+        self.stage = Stage::Open(Box::new(transcript.session(&self.key, self.role)));
         (self.until, self.next_ping) = (time.now + SILENCE_MAX, time.now);
         self.events.push_back(Event::Opened);
     }

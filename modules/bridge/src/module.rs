@@ -355,11 +355,11 @@ mod tests {
         assert!(!subscribed(Channel::LlCmdPower) && !subscribed(Channel::LlEventStop));
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(bridge)));
         bench.start();
-        let states = bench.published().into_iter().filter_map(|message| match message {
+        let mut states = bench.published().into_iter().filter_map(|message| match message {
             Message::CmDataState(state) => State::from_value(state.state),
             _ => None,
         });
-        assert_eq!(states.last(), Some(State::Error));
+        assert_eq!(states.next_back(), Some(State::Error));
     }
 
     #[test]

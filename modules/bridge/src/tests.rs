@@ -131,7 +131,8 @@ fn a_recorded_session_is_refused_when_it_is_replayed() {
 
 #[test]
 fn a_record_that_is_repeated_changed_or_left_out_ends_the_session() {
-    let forge: [(&str, fn(&[u8], &[u8]) -> Vec<u8>); 4] = [
+    type Forge = fn(&[u8], &[u8]) -> Vec<u8>;
+    let forge: [(&str, Forge); 4] = [
         ("repeated", |first, _| [first, first].concat()),
         ("changed", |first, _| {
             let mut bytes = first.to_vec();
