@@ -60,7 +60,7 @@ pub fn grouped(command: Command) -> Command {
     let list = list(&command);
     let template = format!(
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}Options of all commands:\n{{options}}\n\n\
-         advee help COMMAND tells more of one."
+         advee help COMMAND describes one command."
     );
     command.help_template(template)
 }

@@ -135,7 +135,7 @@ commands! {
         Parameters(parameters::Parameters) => parameters::parameters(common, command),
         /// Command an action of the high level, cancel one, or list what is under way
         Action(action::Action) => action::action(common, command),
-        /// Tell the estimator where the robot is
+        /// Set the position of the robot by hand
         Pose(pose::Pose) => pose::tell(common, command),
         /// Show what the estimator makes of each beacon, exclude one, or permit it again
         Beacons(beacons::Beacons) => beacons::beacons(common, command),
@@ -153,11 +153,11 @@ commands! {
         Home(home::Home) => home::home(common, command),
         /// List what can be broken in the simulation, inject a fault, or end it
         Fault(fault::Fault) => fault::fault(common, command),
-        /// Let the time of a simulation with `--speed` pass, stand still or begin anew
+        /// Run, pause, step or restart a simulation that was started with `up --sim --speed`
         Sim(sim::Sim) => sim::sim(common, command),
         /// Plan a drivable way on a map file
         Plan(plan::Plan) => plan::plan(common, command),
-        /// Play again what the modules of a run were told, and compare what they answer
+        /// Feed the modules of a run their recorded inputs again, and compare what they answer
         Replay(replay::Replay) => replay::replay(common, command),
         /// Draw a recorded run from above
         Plot(plot::Plot) => plot::plot(command),
@@ -177,7 +177,7 @@ commands! {
         /// Logs of runs: show, play, convert, recover, compare
         #[command(subcommand)]
         Log(log::Log) => command.run(common),
-        /// See the LCM bus
+        /// Look at the LCM bus: channels, rates, messages
         #[command(subcommand)]
         Lcm(lcm::Lcm) => command.run(common),
         /// Serve the robot's web page, and Foxglove

@@ -15,7 +15,7 @@ pub struct Power {
     /// Which channel; `host` off or reboot ends the modules, then the computer
     #[arg(value_parser = CHANNELS)]
     channel: Option<String>,
-    /// What is to become of it
+    /// Switch it on or off, or off and on again
     #[arg(value_parser = ["on", "off", "reboot"], requires = "channel", conflicts_with = "json")]
     action: Option<String>,
     /// A JSON object

@@ -43,7 +43,7 @@ pub struct Up {
     /// No web server
     #[arg(long)]
     headless: bool,
-    /// Although a robot is on the bus
+    /// Continue although a robot is on the bus
     #[arg(long)]
     force: bool,
 }

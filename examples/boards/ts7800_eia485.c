@@ -6,7 +6,7 @@
  *   print        only reads
  *
  * It prints the register before and after. Exit status: 0 the bit is as wanted; 1 else, with the reason in one line on
- * stderr: nothing was written unless the line says so; 2 wrong arguments.
+ * stderr: nothing was written unless the line states it; 2 wrong arguments.
  *
  * On any board but a TS-7800 it refuses: /proc/cpuinfo must have the name that Linux gives the board, and the identity
  * register of its FPGA, 0xE8000000, must have the board's number 0x00B480. Nothing is mapped before the name is known.

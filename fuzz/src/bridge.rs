@@ -18,7 +18,7 @@ fn key() -> Key {
     Key::new([7; 32])
 }
 
-/// Records of a stream in these pieces, until the first that is none.
+/// Records of a stream in these pieces, until the first that is not one.
 fn records(pieces: &[&[u8]]) -> Vec<Vec<u8>> {
     let (mut decoder, mut records) = (Decoder::default(), Vec::new());
     for piece in pieces {

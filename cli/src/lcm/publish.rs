@@ -44,7 +44,7 @@ pub struct Pub {
     /// Duration, s; with --rate and neither --count nor this until Ctrl-C
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<Duration>,
-    /// Although a robot is on the bus
+    /// Continue although a robot is on the bus
     #[arg(long)]
     force: bool,
     #[command(flatten)]

@@ -44,7 +44,7 @@ pub struct Play {
     /// Commands too
     #[arg(long)]
     commands: bool,
-    /// Although a robot is on the bus
+    /// Continue although a robot is on the bus
     #[arg(long)]
     force: bool,
     /// Publish one channel under another name; may be given often

@@ -1,4 +1,4 @@
-/* actions.h says what this does. */
+/* Documented in actions.h. */
 #define _GNU_SOURCE
 #include "actions.h"
 

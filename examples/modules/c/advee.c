@@ -1,4 +1,4 @@
-/* advee.h says what this does. */
+/* Documented in advee.h. */
 #define _GNU_SOURCE
 #include "advee.h"
 

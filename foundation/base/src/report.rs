@@ -123,7 +123,7 @@ faults! {
     /// A board answered what its kind cannot answer, is deaf (it answers, and its sonars receive nothing any more), or
     /// is frozen (it repeats one measurement).
     BoardImplausible = 0x0104, Device;
-    /// Somebody talks on a bus without being asked.
+    /// Something sends on a bus without being asked.
     BusBabble = 0x0105, Device;
     /// Two boards answer at one address.
     AddressClash = 0x0106, Device;
@@ -153,19 +153,19 @@ faults! {
     MotionContested = 0x0208, Unknown;
     /// A module that the motion depends on is not running: the robot stops.
     CriticalModule = 0x0209, Timeout;
-    /// The watchdog is not heard: the robot stops.
+    /// The watchdog's list of processes is missing: the robot stops.
     WatchdogSilent = 0x020A, Timeout;
     /// A CAN frame that CANopen does not allow came from a node.
     CanMalformed = 0x020B, Device;
     /// Another program commands the drives, or has our node id: the robot stops.
     SecondMaster = 0x020C, Device;
-    /// The CAN controller is error-passive: much of what it sends or hears is broken.
+    /// The CAN controller is error-passive: much of what it sends or receives is broken.
     CanPassive = 0x020D, Device;
     /// Nobody acknowledges what is sent on a CAN bus: the robot stops.
     CanUnacknowledged = 0x020E, Device;
     /// Frames with errors on a CAN bus.
     CanErrors = 0x020F, Device;
-    /// A node, or somebody whom nobody can name, floods a CAN bus.
+    /// A node, or an unknown sender, floods a CAN bus.
     CanBabble = 0x0210, Device;
     /// Two nodes of a CAN bus have the same id: the robot stops.
     NodeClash = 0x0211, Device;
@@ -190,7 +190,7 @@ faults! {
     BeatsBad = 0x0304, Unknown;
     /// Somebody announces the name of a module that does not run, or that announces itself as well.
     NameClaimed = 0x0305, Unknown;
-    /// A module was started again and again: told once, not each time.
+    /// A module was started again and again: reported once, not each time.
     RestartStorm = 0x0306, Unknown;
     /// A module has no process: which of its faults are active is not known (only on `CM_DATA_FAULTS`).
     ModuleDown = 0x0307, Unknown;
@@ -200,13 +200,13 @@ faults! {
     /// A simulated fault was asked for that the simulator does not know.
     FaultUnknown = 0x0401, Unknown;
 
-    /// The power controller does not tell the state of the PAUSE line: the robot stops.
+    /// The power controller does not report the state of the PAUSE line: the robot stops.
     PauseUnknown = 0x0501, Timeout;
     /// The supply is cut soon, or an operator ordered it: the modules are ended, the computer is halted.
     PowerOff = 0x0502, Device;
     /// The battery's charge is below the reserve.
     BatteryLow = 0x0503, Resource;
-    /// A power channel does not do what it was told.
+    /// A power channel does not switch as commanded.
     ChannelStuck = 0x0504, Device;
     /// A power channel switched itself off, which it does at an over-current.
     ChannelTripped = 0x0505, Device;
@@ -215,13 +215,13 @@ faults! {
     /// A computer did not shut down in its time, and lost its supply nevertheless.
     ComputerStuck = 0x0507, Timeout;
 
-    /// What a module is told is not all written down for replay: the disk is slow, full or broken.
+    /// Not all inputs of a module are recorded for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;
     /// Messages are not written to the log: the disk takes them too slowly, or not at all.
     LogLost = 0x0602, Resource;
     /// The disk takes no log: it is full, read-only or broken; it is tried again.
     LogRefused = 0x0603, Resource;
-    /// More channels are heard than a log holds: messages of further ones are left out.
+    /// More channels are received than a log holds: messages of further ones are left out.
     LogCrowded = 0x0604, Resource;
 
     /// A chip on an I2C bus does not answer, or another one does.
@@ -230,7 +230,7 @@ faults! {
     OverTemperature = 0x0702, Device;
     /// A fan does not turn although it is driven.
     FanFailed = 0x0703, Device;
-    /// What a 1-Wire thermometer says is damaged, or no temperature.
+    /// The reading of a 1-Wire thermometer is damaged, or is not a temperature.
     ThermometerBad = 0x0704, Device;
     /// The computer slows itself down, by its temperature or a supply voltage that is too low.
     HostThrottled = 0x0705, Resource;
@@ -277,22 +277,22 @@ faults! {
     /// An inertial measurement unit reports an error of its own.
     ImuError = 0x0746, Device;
 
-    /// No odometry is heard: the estimate goes by the drives, or by nothing.
+    /// No odometry is received: the estimate uses the motion of the drives, or none.
     OdometrySilent = 0x0801, Timeout;
-    /// Odometry says otherwise than the drives: a wheel or its encoder is stuck, or wheels slip.
+    /// Odometry contradicts the drives: a wheel or its encoder is stuck, or wheels slip.
     OdometryStuck = 0x0802, Device;
     /// A beacon was sighted that is not on the map.
     BeaconUnknown = 0x0803, Unknown;
     /// Where the robot is was known and is not: it was carried away, or saw no beacons for too long.
     PoseLost = 0x0804, Unknown;
-    /// A measurement or a pose by hand was refused: a number that is none, or beyond what any robot does.
+    /// A measurement or a pose by hand was refused: not a number, or beyond what any robot does.
     MeasurementBad = 0x0805, Unknown;
     /// The wheels turn the robot otherwise than an inertial unit measures: wheels slip, or one of both errs.
     RotationDisagrees = 0x0806, Device;
 
     /// A goal that no robot can be sent to was refused.
     GoalRefused = 0x0811, Unknown;
-    /// The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.
+    /// The estimate that the planner uses is not a number, or its time runs backwards: the robot stands.
     EstimateBad = 0x0812, Unknown;
     /// An operation mode was commanded that does not exist, or that this robot cannot carry out.
     ModeRefused = 0x0813, Unknown;

@@ -34,7 +34,7 @@ pub struct Throttle {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct State {
     readings: Vec<Reading>,
-    /// `None`: the computer does not tell.
+    /// `None`: not known.
     pub throttle: Option<Throttle>,
 }
 

@@ -1,5 +1,5 @@
-//! 1-Wire: which devices are on a bus, what its thermometers say, and how its switches are; the words between drivers,
-//! hosts and the simulator.
+//! 1-Wire: which devices are on a bus, what its thermometers measure, and how its switches are; the types between
+//! drivers, hosts and the simulator.
 //!
 //! Who drives the line is the host's affair: on Linux the kernel's `w1_therm` and `w1_ds2413`, whose files a live host
 //! reads. A 64-bit ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel

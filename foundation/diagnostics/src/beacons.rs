@@ -37,7 +37,7 @@ impl BeaconState {
     }
 }
 
-/// Residual in standard deviations; `None` without one, or with a deviation that is none.
+/// Residual in standard deviations; `None` without one, or with an invalid deviation.
 #[must_use]
 pub fn normalized_residual(beacon: &BeaconUse) -> Option<f64> {
     let normalized = beacon.residual / beacon.deviation;

@@ -145,7 +145,7 @@ impl Client {
 }
 
 /// Begins a TCP connection without waiting for it; true if it was made at once. When the socket is writable, its error
-/// (`SO_ERROR`) says whether it was made.
+/// (`SO_ERROR`) states whether it was made.
 ///
 /// # Errors
 /// One line: the kernel refuses it, or there is no route.

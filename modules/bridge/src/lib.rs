@@ -6,7 +6,7 @@
 //!   LCM bus ◄── transport ◄── gate ◄── connection ◄── transport ◄────────────────────── cable
 //! ```
 //!
-//! [`auth`], [`wire`], [`clocks`], [`connection`], [`allow`] and [`gate`] own no clock and no port; [`transport`] has a
+//! [`auth`], [`wire`], [`clocks`], [`connection`], [`allow`] and [`gate`] own no clock and no port; `transport` has a
 //! thread in the module's own process. The contract is in `docs/two-computers.md`.
 //!
 //! Two ends that have the same key open a session, and a message crosses:

@@ -113,7 +113,7 @@ impl Transport {
     }
 }
 
-/// True if the host of the module subscribes to the channel: one whose name says its type. Others are read here.
+/// True if the host of the module subscribes to the channel: one whose name has a message type. Others are read here.
 pub(crate) fn is_of_the_host(channel: &str) -> bool {
     Channel::from_name(channel).is_some_and(|known| known != Channel::LlDataRaw)
 }

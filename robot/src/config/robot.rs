@@ -52,7 +52,7 @@ settings! {
         host: Option<Host> = optional;
         /// Inputs and outputs by name (docs/io.md).
         io: Option<Io> = optional;
-        /// What outputs show of the robot (docs/io.md).
+        /// What the robot does, shown on outputs (docs/io.md).
         signals: io::Shows = table;
         /// Lidars by name (docs/lidars.md).
         lidar: Vec<Lidar> = named;

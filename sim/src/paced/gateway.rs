@@ -200,7 +200,7 @@ fn plain(name: &str) -> String {
     plain
 }
 
-/// The robot's own messages on a bus that returns what was published on it, for buses that do not say who did.
+/// The robot's own messages on a bus that returns what was published on it, for buses that do not identify the sender.
 #[derive(Debug, Default)]
 pub struct Echoes {
     /// Number of times that each was published and not returned yet, by its digest.

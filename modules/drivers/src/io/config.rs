@@ -152,7 +152,7 @@ settings! {
         );
         /// Channel: PIOA or PIOB.
         channel: u8 = required, CHANNELS;
-        /// Its value is the other one: 1 while it does not conduct, or its pin is low.
+        /// Inverts its value: 1 while it does not conduct, or its pin is low.
         active_low: bool = false;
         /// It is set. Otherwise it is read.
         output: bool = false;
@@ -228,7 +228,7 @@ settings! {
         output: String = required;
         /// Situation in which it is shown.
         when: Situation = required;
-        /// What the output does from the begin of the situation on.
+        /// What the output does from the beginning of the situation on.
         pattern: Pattern = required, Parsed(Pattern::parse, Pattern::EXPECTED, "on");
         /// Value of the output while it is on.
         value: f64 = 1.0, -1e9..=1e9;

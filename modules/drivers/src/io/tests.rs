@@ -549,7 +549,7 @@ fn outputs_show_the_first_entry_that_applies_and_blink_from_its_begin_on() {
     assert_eq!(rig.get(Table::Coils, 3), 0);
     assert_eq!(rig.moves(-0.4, 0.5, 200), [false; 4], "the entry above");
     assert_eq!(rig.get(Table::Coils, 3), 1);
-    // Nobody says anything any more: 0.5 s later it is not known.
+    // No message arrives any more: 0.5 s later the situation is unknown.
     rig.run(400);
     assert!(!rig.horn);
     rig.run(200);

@@ -65,8 +65,8 @@ settings! {
         channel: String = required;
         /// Output of `[io]` at its power button: pressed while it is 1.
         button: String = required;
-        /// Input of `[io]` at its power LED: 1 while it runs. Absent: when it is down is not known, and it gets the
-        /// whole time.
+        /// Input of `[io]` at its power LED: 1 while it runs. Absent: its shutdown is not observed, and it
+        /// always gets the whole of `shutdown_s`.
         alive: Option<String> = optional;
         /// Length of a press. Longer ones switch many computers off at once.
         press_s as press: Duration = 0.3, 0.05..=3.0;

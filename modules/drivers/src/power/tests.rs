@@ -507,7 +507,7 @@ fn a_computer_that_does_not_shut_down_is_reported_and_cut() {
     order(&mut rig, 1, CmdPower::ON);
     pass(&mut rig, 1500);
     assert_eq!(rig.news(), "power channel computer1 is on\nNotice ComputerStuck computer1");
-    // Nothing is known of it: it gets its time, and nobody can say that it is stuck.
+    // Nothing is known of it: it gets its time, and is not reported as stuck.
     let mut rig = rig_with(ComputerConfig { alive: None, ..computer() });
     order(&mut rig, 1, CmdPower::OFF);
     pass(&mut rig, 19_500);
