@@ -265,13 +265,21 @@ impl Link {
 
     /// Sends a message of this computer's bus, if the list allows it.
     pub(crate) fn send(&mut self, turn: Turn, message: &Outgoing) {
-        let Outgoing { at, channel, module, payload } = message;
-        if self.open_peer().is_none()
-            || self.gate.sends(turn.time.now, turn.passes, channel, module.as_deref()).is_err()
-        {
+        let Outgoing { at, channel, module, stops, payload } = message;
+        if self.open_peer().is_none() {
             return;
         }
-        let sent = self.open_mut().is_some_and(|peer| peer.connection.send(*at, channel, payload));
+        let judged = match stops {
+            true => self.gate.sends_stop(turn.passes, channel),
+            false => self.gate.sends(turn.time.now, turn.passes, channel, module.as_deref()),
+        };
+        if judged.is_err() {
+            return;
+        }
+        let sent = self.open_mut().is_some_and(|peer| match stops {
+            true => peer.connection.send_stop(*at, channel, payload),
+            false => peer.connection.send(*at, channel, payload),
+        });
         let count = if sent { &mut self.counters.sent } else { &mut self.counters.dropped };
         *count += 1;
     }

@@ -12,7 +12,7 @@ use crate::wire::{CHANNEL_MAX, MODULES_MAX};
 use base::{Duration, Fault, Instant, Level, Severity};
 use messages::common::{DataBridge, DataProcesses, Process};
 use messages::{Channel, Message};
-use module::{Action, Actions, Event, Module, State, exit};
+use module::{Action, Actions, Event, Module, State, admission, exit};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -208,7 +208,7 @@ impl Bridge {
         let mut payload = Vec::new();
         if message.encode(&mut payload).is_ok() {
             let (channel, module) = (message.channel_name().into_owned(), subject(message).map(str::to_owned));
-            shared.push(Outgoing { at, channel, module, payload });
+            shared.push(Outgoing { at, channel, module, stops: admission::stops(message), payload });
         }
     }
 

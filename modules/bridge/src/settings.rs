@@ -30,7 +30,8 @@ settings! {
         critical: bool = false;
         /// Modules of the other computer that have to work.
         modules: Vec<String> = Vec::<String>::new();
-        /// Maximum age of a received message since its publication on the other computer; an older one is dropped.
+        /// Maximum age of a received message since its publication on the other computer; an older one is dropped,
+        /// unless it stops the robot.
         age_max_s as age_max: Duration = 0.25, 0.02..=5.0;
         /// Maximum difference of the wall clocks; beyond it is a fault. A message whose time stamp is further in the
         /// future is dropped.

@@ -168,7 +168,7 @@ impl Worker {
             let received = self.bus.receive_with(now, |at, raw| {
                 if !is_of_the_host(raw.channel) {
                     let (channel, payload) = (raw.channel.to_owned(), raw.data.to_vec());
-                    outgoing.push(Outgoing { at, channel, module: None, payload });
+                    outgoing.push(Outgoing { at, channel, module: None, stops: false, payload });
                 }
                 false
             });
