@@ -104,7 +104,7 @@ pub fn forwarded(links: &[Link]) -> Option<(&Link, String)> {
 /// both, one computer could take the place of the other, and a stranger could join the ends of both. `None`: there is
 /// none.
 #[must_use]
-pub fn with_another_s_key(links: &[Link]) -> Option<&Link> {
+pub fn sharing_a_key(links: &[Link]) -> Option<&Link> {
     let has_its_key = |n: usize, link: &Link| links[..n].iter().any(|earlier| earlier.key_file == link.key_file);
     links.iter().enumerate().find_map(|(n, link)| has_its_key(n, link).then_some(link))
 }
@@ -155,7 +155,7 @@ mod tests {
             let one = read(&format!("listen = \"10.0.0.1:1\"\nkey_file = \"{key}\"")).unwrap();
             Link { name: name.into(), ..one }
         };
-        let shared = |links: &[Link]| with_another_s_key(links).map(|link| link.name.clone());
+        let shared = |links: &[Link]| sharing_a_key(links).map(|link| link.name.clone());
         assert_eq!(shared(&[link("near", "a.key"), link("far", "b.key")]), None);
         let links = [link("near", "a.key"), link("far", "b.key"), link("third", "a.key")];
         assert_eq!(shared(&links), Some("third".into()));
