@@ -55,6 +55,8 @@ pub(crate) struct Link {
     next_attempt: Instant,
     next_accept: Instant,
     next_modules: Instant,
+    /// Address from which the other computer last connected with the key.
+    known: Option<IpAddr>,
     /// At most one is open: the one that opened last.
     peers: Vec<Peer>,
     modules: Option<(Instant, Vec<(String, bool)>)>,
@@ -93,6 +95,7 @@ impl Link {
             next_attempt: Instant::ZERO,
             next_accept: Instant::ZERO,
             next_modules: Instant::ZERO,
+            known: None,
             peers: Vec::new(),
             modules: None,
             counters: Counters::default(),
@@ -163,7 +166,7 @@ impl Link {
                     self.next_accept = time.now + ACCEPT_PERIOD;
                     let pending = self.peers.iter().enumerate().filter(|(_, peer)| !peer.connection.is_open());
                     let pending: Vec<_> = pending.map(|(place, peer)| (place, peer.from.ip())).collect();
-                    if let Some(place) = displaced(&pending, from.ip()) {
+                    if let Some(place) = displaced(&pending, from.ip(), self.known) {
                         self.peers.remove(place);
                     }
                     let connection = Connection::listen(self.key.clone(), key_file::nonce()?, time);
@@ -213,6 +216,7 @@ impl Link {
                 other.gone = Some("the other computer connected anew".into());
             }
         }
+        self.known = Some(self.peers[index].from.ip());
         self.modules = None;
         self.why.clear();
     }
@@ -380,10 +384,15 @@ impl Link {
 }
 
 /// Place of the peer, of those that have not identified themselves, that makes room for a newcomer from this address:
-/// the oldest from the same address, else the oldest. One stranger, however often he connects, thus has one place.
-fn displaced(pending: &[(usize, IpAddr)], newcomer: IpAddr) -> Option<usize> {
+/// the oldest from the same address, else the oldest that is not from the address of the `known` computer. A stranger,
+/// however often he connects, thus displaces himself, and never the computer that was connected last.
+fn displaced(pending: &[(usize, IpAddr)], newcomer: IpAddr, known: Option<IpAddr>) -> Option<usize> {
+    if pending.len() < PENDING_MAX {
+        return None;
+    }
     let same = pending.iter().find(|(_, from)| *from == newcomer);
-    same.or(pending.first()).filter(|_| pending.len() >= PENDING_MAX).map(|(place, _)| *place)
+    let strange = || pending.iter().find(|(_, from)| Some(*from) != known);
+    same.or_else(strange).or(pending.first()).map(|(place, _)| *place)
 }
 
 impl Peer {
@@ -427,21 +436,30 @@ mod tests {
     use std::net::Ipv4Addr;
 
     #[test]
-    fn a_stranger_who_connects_again_and_again_displaces_himself() {
-        let [robot, stranger] = [2, 66].map(|last| IpAddr::from(Ipv4Addr::new(192, 168, 7, last)));
-        let mut pending: Vec<IpAddr> = Vec::new();
-        let mut connect = |from| {
-            let listed: Vec<_> = pending.iter().copied().enumerate().collect();
-            if let Some(place) = displaced(&listed, from) {
-                pending.remove(place);
+    fn strangers_who_connect_again_and_again_do_not_displace_the_other_computer() {
+        let address = |last| IpAddr::from(Ipv4Addr::new(192, 168, 7, last));
+        let robot = address(2);
+        // Whether the robot waits after each of these connections.
+        let waits = |known, from: &[IpAddr]| {
+            let (mut pending, mut waits) = (Vec::<IpAddr>::new(), Vec::new());
+            for from in from {
+                let listed: Vec<(usize, IpAddr)> = pending.iter().copied().enumerate().collect();
+                if let Some(place) = displaced(&listed, *from, known) {
+                    pending.remove(place);
+                }
+                pending.push(*from);
+                assert!(pending.len() <= PENDING_MAX);
+                waits.push(pending.contains(&robot));
             }
-            pending.push(from);
-            assert!(pending.len() <= PENDING_MAX);
-            pending.contains(&robot)
+            waits
         };
-        (0..10).for_each(|_| assert!(!connect(stranger)));
-        assert!(connect(robot));
-        (0..100).for_each(|_| assert!(connect(stranger)));
+        let one = [vec![address(66); 10], vec![robot], vec![address(66); 100]].concat();
+        let expected = [vec![false; 10], vec![true; 101]].concat();
+        assert_eq!(waits(None, &one), expected);
+        // Of many addresses, to a computer that was connected before.
+        let many = [vec![robot], (66..86).map(address).collect()].concat();
+        assert_eq!(waits(Some(robot), &many), [true; 21]);
+        assert_eq!(waits(None, &[robot; 9]), [true; 9]);
     }
 
     fn link(end: &str, send: &str, receive: &str) -> Link {
