@@ -12,6 +12,7 @@ use robot::config::Config;
 use std::collections::BTreeMap;
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -74,11 +75,14 @@ fn key(link: &Link, read: Result<(), String>, path: &Path) -> Finding {
     match read {
         Ok(()) => Finding::ok(check_name(link, "key"), format!("{}: only its owner may read it", path.display())),
         Err(why) => {
-            let cure = match path.exists() {
-                true => format!("chmod 600 {}", path.display()),
-                false => format!("advee bridge key {}", path.display()),
+            let cure = match path.metadata() {
+                Ok(about) if about.mode() & 0o077 != 0 => format!("chmod 600 {}", path.display()),
+                // Of another user, or no key.
+                Ok(_) => String::new(),
+                Err(_) => format!("advee bridge key {}", path.display()),
             };
-            let matters = "Without its key the bridge does not connect. The same key belongs on both computers.";
+            let matters = "Without its key the bridge does not connect. The same key belongs on both computers, in a \
+                           file of the robot's user.";
             Finding::fail(check_name(link, "key"), why).why(matters).cure(cure)
         }
     }
@@ -144,6 +148,15 @@ mod tests {
         assert_eq!(key(&link(), Ok(()), &path).level, Level::Ok);
         let bad = key(&link(), Err("/nowhere/bridge.key: No such file".into()), &path);
         assert_eq!((bad.level, bad.cure.as_str()), (Level::Fail, "advee bridge key /nowhere/bridge.key"));
+
+        let path = std::env::temp_dir().join(format!("advee-doctor-bridge-{}", std::process::id()));
+        std::fs::write(&path, "no key").unwrap();
+        let cure = |mode| {
+            std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
+            key(&link(), key_file::read(&path).map(drop), &path).cure
+        };
+        assert_eq!([cure(0o644), cure(0o600)], [format!("chmod 600 {}", path.display()), String::new()]);
+        std::fs::remove_file(&path).unwrap();
     }
 
     #[test]

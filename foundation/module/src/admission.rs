@@ -388,6 +388,12 @@ fn process_of(module: &str, list: &DataProcesses, uid: u32) -> Option<Process> {
     Some(Process { pid, uid })
 }
 
+/// True for a message that engages or keeps a stop, which is accepted from any sender: the first row of the table.
+#[must_use]
+pub fn stops(message: &Message) -> bool {
+    effect(message) == Effect::Stops
+}
+
 fn effect(heard: &Message) -> Effect {
     match heard {
         Message::LlEventStop(stop) if stop.engaged => Effect::Stops,

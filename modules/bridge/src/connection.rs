@@ -16,6 +16,8 @@ pub const PING_PERIOD: Duration = Duration::from_millis(100);
 pub const SILENCE_MAX: Duration = Duration::from_millis(400);
 /// Maximum number of bytes that wait for the cable; a message that does not fit is left out.
 pub const TX_MAX: usize = 2 * record_len(BODY_MAX);
+/// Part of them that messages leave free, for signs of life and for messages that stop the robot.
+const TX_RESERVE: usize = 16 << 10;
 
 /// Time of a call, on both clocks of this computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -235,6 +237,11 @@ impl Connection {
     /// Sends a message that was published at `published`; false if it was left out: the session is not open, too much
     /// waits, or the message is too long.
     pub fn send(&mut self, published: Instant, channel: &str, payload: &[u8]) -> bool {
+        self.queue_within(TX_MAX - TX_RESERVE, &Body::Message { published: published.as_nanos(), channel, payload })
+    }
+
+    /// Sends a message that stops the robot: as [`Connection::send`], with room that other messages leave free.
+    pub fn send_stop(&mut self, published: Instant, channel: &str, payload: &[u8]) -> bool {
         self.queue(&Body::Message { published: published.as_nanos(), channel, payload })
     }
 
@@ -244,13 +251,17 @@ impl Connection {
     }
 
     fn queue(&mut self, body: &Body<'_>) -> bool {
+        self.queue_within(TX_MAX, body)
+    }
+
+    fn queue_within(&mut self, max: usize, body: &Body<'_>) -> bool {
         let Stage::Open(session) = &mut self.stage else { return false };
         if !body.is_sendable() {
             return false;
         }
         let mut bytes = Vec::new();
         body.encode(&mut bytes);
-        if self.tx.len() + record_len(bytes.len()) > TX_MAX {
+        if self.tx.len() + record_len(bytes.len()) > max {
             return false;
         }
         // Sealed last: a record without a place in the stream would break the order of the counter.

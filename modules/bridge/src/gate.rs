@@ -3,6 +3,10 @@
 use crate::allow::{AllowList, Entry, Nature, Verdict, nature, subject};
 use base::{Duration, Instant};
 use messages::{Channel, Message};
+use module::admission;
+
+/// Maximum size of a message that is decoded although the rate is too high: it may stop the robot. Bytes.
+const STOP_SIZE_MAX: usize = 4 << 10;
 
 /// What passes in a state of the module.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -10,7 +14,7 @@ pub enum Passes {
     /// STOP and TERMINATE: nothing.
     #[default]
     Nothing,
-    /// PAUSE: data and events, no commands.
+    /// PAUSE: data, events, and what stops the robot; no other commands.
     Data,
     /// RUN and ERROR: all that is allowed.
     All,
@@ -46,7 +50,7 @@ pub struct Rules {
     pub age_max: Duration,
     /// Maximum time by which a time stamp may be in the future.
     pub future_max: Duration,
-    /// Maximum number of messages that are accepted in a second.
+    /// Maximum number of messages that are accepted in a second; of those that stop the robot as many again.
     pub rate_max: u32,
 }
 
@@ -59,8 +63,8 @@ pub struct Gate {
     age_max: Duration,
     future_max: Duration,
     rate_max: u32,
-    /// Begin of the running second, and number of messages in it.
-    second: (Instant, u32),
+    /// Begin of the running second, and number of messages in it: of those that stop the robot, and of others.
+    second: (Instant, [u32; 2]),
 }
 
 /// Arrival of a message.
@@ -82,7 +86,7 @@ impl Gate {
     pub fn new(rules: Rules) -> Self {
         let Rules { send, receive, modules, age_max, future_max, rate_max } = rules;
         let [send, receive] = [send, receive].map(AllowList::new);
-        Self { send, receive, modules, age_max, future_max, rate_max, second: (Instant::ZERO, 0) }
+        Self { send, receive, modules, age_max, future_max, rate_max, second: (Instant::ZERO, [0; 2]) }
     }
 
     /// Decides about a message of this computer's bus; `module`: the module that it is about, if its channel is one of
@@ -97,7 +101,17 @@ impl Gate {
         judged(passes, channel, self.send.judge(now, channel))
     }
 
-    /// Decides about a message of the other computer.
+    /// Decides about a message of this computer's bus that stops the robot ([`admission::stops`]): a list that limits
+    /// its rate, or PAUSE, does not hold it back.
+    ///
+    /// # Errors
+    /// It stays here.
+    pub fn sends_stop(&self, passes: Passes, channel: &str) -> Result<(), Dropped> {
+        stop_judged(passes, self.send.allows(channel))
+    }
+
+    /// Decides about a message of the other computer. One that stops the robot ([`admission::stops`]) passes however
+    /// late it is, whatever its time stamp, and beyond the rate of others: a stop that is dropped might not come again.
     ///
     /// # Errors
     /// It is dropped.
@@ -109,18 +123,30 @@ impl Gate {
             return Err(Dropped::Forbidden);
         }
         if now.since(self.second.0) >= Duration::from_secs(1) {
-            self.second = (now, 0);
+            self.second = (now, [0; 2]);
         }
-        self.second.1 = self.second.1.saturating_add(1);
-        if self.second.1 > self.rate_max {
+        let is_full = self.second.1.map(|count| count >= self.rate_max);
+        if is_full[1] && (is_full[0] || payload.len() > STOP_SIZE_MAX) {
             return Err(Dropped::TooOften);
+        }
+        let decoded = known.map(|known| {
+            let decoded = Message::receive(channel, payload).and_then(Result::ok);
+            decoded.filter(|_| payload.len() <= known.size_max())
+        });
+        let stops = decoded.as_ref().is_some_and(|decoded| decoded.as_ref().is_some_and(admission::stops));
+        let place = usize::from(!stops);
+        if is_full[place] {
+            return Err(Dropped::TooOften);
+        }
+        self.second.1[place] += 1;
+        if stops {
+            return stop_judged(passes, true);
         }
         if age.is_none_or(|age| age > self.age_max) {
             return Err(Dropped::Late);
         }
-        if let Some(known) = known {
-            let decoded = Message::receive(channel, payload).and_then(Result::ok);
-            let message = decoded.filter(|_| payload.len() <= known.size_max()).ok_or(Dropped::Malformed)?;
+        if let Some(decoded) = decoded {
+            let message = decoded.ok_or(Dropped::Malformed)?;
             // A module of this computer publishes here, and nobody else in its name.
             if subject(&message).is_some_and(|module| self.is_ours(module)) {
                 return Err(Dropped::Forbidden);
@@ -135,6 +161,14 @@ impl Gate {
 
     fn is_ours(&self, module: &str) -> bool {
         self.modules.iter().any(|name| name == module)
+    }
+}
+
+fn stop_judged(passes: Passes, is_allowed: bool) -> Result<(), Dropped> {
+    match (is_allowed, passes) {
+        (false, _) => Err(Dropped::Forbidden),
+        (true, Passes::Nothing) => Err(Dropped::State),
+        (true, Passes::Data | Passes::All) => Ok(()),
     }
 }
 
@@ -157,7 +191,7 @@ mod tests {
         let list = |texts: &[&str]| texts.iter().filter_map(|text| Entry::parse(text)).collect();
         Gate::new(Rules {
             send: list(&["LL_DATA_ODO", "CM_DATA_STATE"]),
-            receive: list(&["LL_CMD_MOTION", "LL_EVENT_STOP", "HL_*", "CM_DATA_STATE"]),
+            receive: list(&["LL_CMD_MOTION", "LL_EVENT_STOP@1", "HL_*", "CM_DATA_STATE"]),
             modules: vec!["driver_canbus".into()],
             age_max: Duration::from_millis(250),
             future_max: Duration::from_millis(50),
@@ -226,5 +260,29 @@ mod tests {
         assert_eq!(outcomes[..5], [Ok(()); 5]);
         assert_eq!(outcomes[5..], [Err(Dropped::TooOften); 2]);
         assert_eq!(judge(ARRIVAL.now + Duration::from_secs(1)), Ok(()));
+    }
+
+    #[test]
+    fn what_stops_the_robot_passes_late_often_and_in_pause_and_what_releases_it_does_not() {
+        let stop = |engaged, timestamp| bytes(lowlevel::EventStop { timestamp, engaged, source: "mast".into() });
+        let (engaged, released) = (stop(true, 9_000_000), stop(false, 1));
+        let late = Arrival { age: Some(Duration::from_secs(1)), passes: Passes::Data, ..ARRIVAL };
+        let mut gate = gate();
+        assert_eq!(gate.receives(late, "LL_EVENT_STOP", &released), Err(Dropped::Late));
+        assert_eq!(gate.receives(late, "LL_EVENT_STOP", &engaged), Ok(()));
+        assert_eq!(gate.receives(Arrival { age: None, ..late }, "LL_EVENT_STOP", &engaged), Ok(()), "of unknown age");
+        // Others have used up their rate, and the list limits that of the channel.
+        while gate.receives(ARRIVAL, "HL_DATA_FACES", b"").is_ok() {}
+        assert_eq!(gate.receives(ARRIVAL, "LL_EVENT_STOP", &released), Err(Dropped::TooOften));
+        (0..3).for_each(|_| assert_eq!(gate.receives(ARRIVAL, "LL_EVENT_STOP", &engaged), Ok(())));
+        assert_eq!(gate.receives(ARRIVAL, "LL_EVENT_STOP", &engaged), Err(Dropped::TooOften), "bounded, too");
+
+        let mut gate = self::gate();
+        let nothing = Arrival { passes: Passes::Nothing, ..ARRIVAL };
+        assert_eq!(gate.receives(nothing, "LL_EVENT_STOP", &engaged), Err(Dropped::State));
+        let command = bytes(common::CmdState { module: "*".into(), state: 3, ..Default::default() });
+        assert_eq!(gate.receives(ARRIVAL, "CM_CMD_STATE", &command), Err(Dropped::Forbidden), "not in the list");
+        assert_eq!(gate.sends_stop(Passes::Data, "LL_DATA_ODO"), Ok(()));
+        assert_eq!(gate.sends_stop(Passes::All, "LL_EVENT_STOP"), Err(Dropped::Forbidden));
     }
 }

@@ -11,7 +11,7 @@ use base::{Duration, Epoch, Instant};
 use host::ports::begin_tcp;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::{AsFd, OwnedFd};
 
 /// Time between two attempts to connect or to listen, and after a peer without the key.
@@ -19,17 +19,20 @@ const RETRY: Duration = Duration::from_millis(250);
 const RETRY_REFUSED: Duration = Duration::from_secs(2);
 /// Time limit of an attempt to connect.
 const ATTEMPT_MAX: Duration = Duration::from_secs(1);
-/// Maximum number of peers that have not identified themselves yet; a further one takes the place of the oldest.
+/// Maximum number of peers that have not identified themselves yet; for a further one see [`displaced`].
 const PENDING_MAX: usize = 4;
-/// Shortest time between two accepted connections.
+/// Shortest time between two turns in which connections are accepted, and the number of a turn: more than a stranger
+/// should fill the kernel's queue with, in which the other computer would wait.
 const ACCEPT_PERIOD: Duration = Duration::from_millis(50);
+const ACCEPTS: usize = 64;
 /// Period of the list of modules, and the age from which one does not count any more: of this computer's watchdog as
 /// for `driver_canbus`, of the other computer with the time under way.
 const MODULES_PERIOD: Duration = Duration::from_millis(100);
 const OWN_MODULES_AGE_MAX: Duration = Duration::from_millis(250);
 const MODULES_AGE_MAX: Duration = Duration::from_millis(400);
-/// Maximum number of notes of a turn.
+/// Maximum number of notes of a turn, and of different warnings about dropped messages in their period.
 const NOTES_MAX: usize = 16;
+const WARNING_PERIOD: Duration = Duration::from_secs(10);
 /// Bytes that are read from a peer at once, and reads in a turn.
 const READ: usize = 16 << 10;
 const READS: usize = 8;
@@ -52,11 +55,15 @@ pub(crate) struct Link {
     next_attempt: Instant,
     next_accept: Instant,
     next_modules: Instant,
+    /// Address from which the other computer last connected with the key.
+    known: Option<IpAddr>,
     /// At most one is open: the one that opened last.
     peers: Vec<Peer>,
     modules: Option<(Instant, Vec<(String, bool)>)>,
     counters: Counters,
     notes: Vec<Note>,
+    /// Warnings about dropped messages, and their times, of the last [`WARNING_PERIOD`].
+    warned: Vec<(Instant, String)>,
     /// Last reason for which there is no connection.
     why: String,
 }
@@ -88,17 +95,20 @@ impl Link {
             next_attempt: Instant::ZERO,
             next_accept: Instant::ZERO,
             next_modules: Instant::ZERO,
+            known: None,
             peers: Vec::new(),
             modules: None,
             counters: Counters::default(),
             notes: Vec::new(),
+            warned: Vec::new(),
             why: String::new(),
         }
     }
 
     /// Serves sockets and deadlines; each message that is accepted is passed to `publish`, which is true if the bus
-    /// took it.
-    pub(crate) fn serve(&mut self, turn: Turn, mut publish: impl FnMut(&str, &[u8]) -> bool) {
+    /// took it. `clock` is read after the sockets: a process that was held up in between does not take what it reads
+    /// for newer than it is.
+    pub(crate) fn serve(&mut self, turn: Turn, clock: &dyn Fn() -> Time, mut publish: impl FnMut(&str, &[u8]) -> bool) {
         let served = match (self.settings.listen, self.settings.connect) {
             (Some(address), _) => self.accept(turn.time, address),
             (None, Some(address)) => self.connect(turn.time, address),
@@ -111,15 +121,24 @@ impl Link {
             self.why = why;
         }
         for index in 0..self.peers.len() {
-            let was_open = self.peers[index].connection.is_open();
-            let result = self.peers[index].receive(turn.time);
-            if !was_open && self.peers[index].connection.is_open() {
-                self.on_opened(index);
+            let mut result = Ok(());
+            for _ in 0..READS {
+                let was_open = self.peers[index].connection.is_open();
+                let (read, more) = self.peers[index].receive(clock);
+                if !was_open && self.peers[index].connection.is_open() {
+                    self.on_opened(index);
+                }
+                while let Some(event) = self.peers[index].connection.poll_event() {
+                    let time = clock();
+                    let waited = read.map_or(Duration::ZERO, |at| time.now.since(at));
+                    self.on_event(Turn { time, ..turn }, waited, event, &mut publish);
+                }
+                result = more.map(|_| ());
+                if more != Ok(true) {
+                    break;
+                }
             }
-            while let Some(event) = self.peers[index].connection.poll_event() {
-                self.on_event(turn, event, &mut publish);
-            }
-            let result = result.and_then(|()| self.peers[index].connection.handle_timeout(turn.time));
+            let result = result.and_then(|()| self.peers[index].connection.handle_timeout(clock()));
             if let Err(refusal) = result {
                 self.on_refusal(turn.time.now, index, refusal);
             }
@@ -129,37 +148,39 @@ impl Link {
     }
 
     fn accept(&mut self, time: Time, address: SocketAddr) -> Result<(), String> {
-        let Some(listener) = &self.listener else {
+        if self.listener.is_none() {
             if time.now >= self.next_attempt {
                 self.next_attempt = time.now + RETRY;
                 let bound = TcpListener::bind(address).and_then(|bound| bound.set_nonblocking(true).map(|()| bound));
                 self.listener = Some(bound.map_err(|error| format!("{address}: {error}"))?);
             }
             return Ok(());
-        };
+        }
         if time.now < self.next_accept {
             return Ok(());
         }
-        match listener.accept() {
-            Ok((socket, from)) => {
-                self.next_accept = time.now + ACCEPT_PERIOD;
-                let pending = self.peers.iter().filter(|peer| !peer.connection.is_open()).count();
-                if pending >= PENDING_MAX
-                    && let Some(oldest) = self.peers.iter().position(|peer| !peer.connection.is_open())
-                {
-                    self.peers.remove(oldest);
+        for _ in 0..ACCEPTS {
+            let Some(listener) = &self.listener else { return Ok(()) };
+            match listener.accept() {
+                Ok((socket, from)) => {
+                    self.next_accept = time.now + ACCEPT_PERIOD;
+                    let pending = self.peers.iter().enumerate().filter(|(_, peer)| !peer.connection.is_open());
+                    let pending: Vec<_> = pending.map(|(place, peer)| (place, peer.from.ip())).collect();
+                    if let Some(place) = displaced(&pending, from.ip(), self.known) {
+                        self.peers.remove(place);
+                    }
+                    let connection = Connection::listen(self.key.clone(), key_file::nonce()?, time);
+                    self.peers.push(Peer::new(socket, from, connection).map_err(|error| format!("{from}: {error}"))?);
                 }
-                let connection = Connection::listen(self.key.clone(), key_file::nonce()?, time);
-                self.peers.push(Peer::new(socket, from, connection).map_err(|error| format!("{from}: {error}"))?);
-                Ok(())
-            }
-            Err(error) if [ErrorKind::WouldBlock, ErrorKind::Interrupted].contains(&error.kind()) => Ok(()),
-            Err(error) => {
-                // Out of descriptors, for instance.
-                self.next_accept = time.now + RETRY;
-                Err(format!("{address}: {error}"))
+                Err(error) if [ErrorKind::WouldBlock, ErrorKind::Interrupted].contains(&error.kind()) => return Ok(()),
+                Err(error) => {
+                    // Out of descriptors, for instance.
+                    self.next_accept = time.now + RETRY;
+                    return Err(format!("{address}: {error}"));
+                }
             }
         }
+        Ok(())
     }
 
     fn connect(&mut self, time: Time, address: SocketAddr) -> Result<(), String> {
@@ -195,27 +216,30 @@ impl Link {
                 other.gone = Some("the other computer connected anew".into());
             }
         }
+        self.known = Some(self.peers[index].from.ip());
         self.modules = None;
         self.why.clear();
     }
 
-    fn on_event(&mut self, turn: Turn, event: Event, publish: &mut impl FnMut(&str, &[u8]) -> bool) {
+    /// `waited`: time since the event was received.
+    fn on_event(&mut self, turn: Turn, waited: Duration, event: Event, publish: &mut impl FnMut(&str, &[u8]) -> bool) {
         match event {
             Event::Opened => {}
             Event::Modules(modules) => self.modules = Some((turn.time.now, modules)),
             Event::Message { age, channel, payload } => {
                 let Turn { time: Time { now, .. }, epoch, passes } = turn;
+                let age = age.map(|age| age + waited);
                 let arrival = Arrival { now, timestamp: epoch.timestamp(now), age, passes };
                 match self.gate.receives(arrival, &channel, &payload) {
                     Ok(()) if publish(&channel, &payload) => self.counters.received += 1,
                     Ok(()) => self.counters.dropped += 1,
-                    Err(why) => self.count(why, &channel),
+                    Err(why) => self.count(now, why, &channel),
                 }
             }
         }
     }
 
-    fn count(&mut self, why: Dropped, channel: &str) {
+    fn count(&mut self, now: Instant, why: Dropped, channel: &str) {
         let words = match why {
             Dropped::Late | Dropped::Future => {
                 self.counters.late += 1;
@@ -227,8 +251,11 @@ impl Link {
             Dropped::Malformed => "is no message of its channel",
         };
         self.counters.dropped += 1;
-        if self.notes.len() < NOTES_MAX {
-            self.notes.push(Note::Warning(format!("{}: {channel} {words}: dropped", self.settings.name)));
+        self.warned.retain(|(at, _)| now.since(*at) < WARNING_PERIOD);
+        let text = format!("{}: {channel} {words}: dropped", self.settings.name);
+        if self.warned.len() < NOTES_MAX && self.warned.iter().all(|(_, known)| *known != text) {
+            self.warned.push((now, text.clone()));
+            self.notes.push(Note::Warning(text));
         }
     }
 
@@ -265,13 +292,21 @@ impl Link {
 
     /// Sends a message of this computer's bus, if the list allows it.
     pub(crate) fn send(&mut self, turn: Turn, message: &Outgoing) {
-        let Outgoing { at, channel, module, payload } = message;
-        if self.open_peer().is_none()
-            || self.gate.sends(turn.time.now, turn.passes, channel, module.as_deref()).is_err()
-        {
+        let Outgoing { at, channel, module, stops, payload } = message;
+        if self.open_peer().is_none() {
             return;
         }
-        let sent = self.open_mut().is_some_and(|peer| peer.connection.send(*at, channel, payload));
+        let judged = match stops {
+            true => self.gate.sends_stop(turn.passes, channel),
+            false => self.gate.sends(turn.time.now, turn.passes, channel, module.as_deref()),
+        };
+        if judged.is_err() {
+            return;
+        }
+        let sent = self.open_mut().is_some_and(|peer| match stops {
+            true => peer.connection.send_stop(*at, channel, payload),
+            false => peer.connection.send(*at, channel, payload),
+        });
         let count = if sent { &mut self.counters.sent } else { &mut self.counters.dropped };
         *count += 1;
     }
@@ -348,6 +383,18 @@ impl Link {
     }
 }
 
+/// Place of the peer, of those that have not identified themselves, that makes room for a newcomer from this address:
+/// the oldest from the same address, else the oldest that is not from the address of the `known` computer. A stranger,
+/// however often he connects, thus displaces himself, and never the computer that was connected last.
+fn displaced(pending: &[(usize, IpAddr)], newcomer: IpAddr, known: Option<IpAddr>) -> Option<usize> {
+    if pending.len() < PENDING_MAX {
+        return None;
+    }
+    let same = pending.iter().find(|(_, from)| *from == newcomer);
+    let strange = || pending.iter().find(|(_, from)| Some(*from) != known);
+    same.or_else(strange).or(pending.first()).map(|(place, _)| *place)
+}
+
 impl Peer {
     fn new(socket: TcpStream, from: SocketAddr, connection: Connection) -> io::Result<Self> {
         socket.set_nonblocking(true)?;
@@ -355,24 +402,20 @@ impl Peer {
         Ok(Self { socket, from, connection, gone: None })
     }
 
-    fn receive(&mut self, time: Time) -> Result<(), Refusal> {
+    /// Receives what one read takes: its time, and whether there may be more.
+    fn receive(&mut self, clock: &dyn Fn() -> Time) -> (Option<Instant>, Result<bool, Refusal>) {
         let mut bytes = [0; READ];
-        for _ in 0..READS {
-            match self.socket.read(&mut bytes) {
-                Ok(0) => {
-                    self.gone = Some("closed the connection".into());
-                    return Ok(());
-                }
-                Ok(count) => self.connection.handle_rx(time, &bytes[..count])?,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => {
-                    self.gone = Some(error.to_string());
-                    return Ok(());
-                }
+        match self.socket.read(&mut bytes) {
+            Ok(0) => self.gone = Some("closed the connection".into()),
+            Ok(count) => {
+                let time = clock();
+                return (Some(time.now), self.connection.handle_rx(time, &bytes[..count]).map(|()| true));
             }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(error) if error.kind() == ErrorKind::Interrupted => return (None, Ok(true)),
+            Err(error) => self.gone = Some(error.to_string()),
         }
-        Ok(())
+        (None, Ok(false))
     }
 
     fn transmit(&mut self) {
@@ -384,5 +427,100 @@ impl Peer {
                 Err(error) => self.gone = Some(error.to_string()),
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::Ipv4Addr;
+
+    #[test]
+    fn strangers_who_connect_again_and_again_do_not_displace_the_other_computer() {
+        let address = |last| IpAddr::from(Ipv4Addr::new(192, 168, 7, last));
+        let robot = address(2);
+        // Whether the robot waits after each of these connections.
+        let waits = |known, from: &[IpAddr]| {
+            let (mut pending, mut waits) = (Vec::<IpAddr>::new(), Vec::new());
+            for from in from {
+                let listed: Vec<(usize, IpAddr)> = pending.iter().copied().enumerate().collect();
+                if let Some(place) = displaced(&listed, *from, known) {
+                    pending.remove(place);
+                }
+                pending.push(*from);
+                assert!(pending.len() <= PENDING_MAX);
+                waits.push(pending.contains(&robot));
+            }
+            waits
+        };
+        let one = [vec![address(66); 10], vec![robot], vec![address(66); 100]].concat();
+        let expected = [vec![false; 10], vec![true; 101]].concat();
+        assert_eq!(waits(None, &one), expected);
+        // Of many addresses, to a computer that was connected before.
+        let many = [vec![robot], (66..86).map(address).collect()].concat();
+        assert_eq!(waits(Some(robot), &many), [true; 21]);
+        assert_eq!(waits(None, &[robot; 9]), [true; 9]);
+    }
+
+    fn link(end: &str, send: &str, receive: &str) -> Link {
+        let text = format!("{end}\nkey_file = \"k\"\nsend = [{send}]\nreceive = [{receive}]");
+        let node = ::settings::Node::parse(std::path::Path::new("robot.toml"), &text).unwrap();
+        Link::new(::settings::read_as(&node).unwrap(), Key::new([1; 32]), Vec::new())
+    }
+
+    /// Time of a test, ms.
+    fn at(ms: u64) -> Time {
+        Time { now: Instant::from_millis(ms), wall_ns: 1_700_000_000_000_000_000 + ms * 1_000_000 }
+    }
+
+    #[test]
+    fn a_message_that_is_read_by_a_process_that_was_held_up_is_late() {
+        let address = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap();
+        let mut near = link(&format!("listen = \"{address}\""), "", "\"HL_DATA_FACES\"");
+        let mut far = link(&format!("connect = \"{address}\""), "\"HL_DATA_FACES\"", "");
+        let turn = |ms| Turn { time: at(ms), epoch: Epoch::default(), passes: Passes::All };
+        let faces = |ms| Outgoing {
+            at: at(ms).now,
+            channel: "HL_DATA_FACES".into(),
+            module: None,
+            stops: false,
+            payload: b"faces".to_vec(),
+        };
+        let (mut ms, mut published) = (1000, 0);
+        let end = std::time::Instant::now() + std::time::Duration::from_secs(20);
+        while published < 5 {
+            assert!(std::time::Instant::now() < end, "not within 20 s: messages cross");
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            ms += 1;
+            far.serve(turn(ms), &|| at(ms), |_, _| false);
+            far.send(turn(ms), &faces(ms));
+            far.flush();
+            near.serve(turn(ms), &|| at(ms), |_, _| {
+                published += 1;
+                true
+            });
+        }
+        // What has just been sent is read 0.3 s after the turn began.
+        far.send(turn(ms), &faces(ms));
+        far.flush();
+        let late = near.counters.late;
+        while near.counters.late == late {
+            assert!(std::time::Instant::now() < end, "not within 20 s: the message arrives");
+            near.serve(turn(ms), &|| at(ms + 300), |channel, _| panic!("{channel} passed"));
+        }
+    }
+
+    #[test]
+    fn warnings_about_dropped_messages_are_few() {
+        let mut link = link("connect = \"10.0.0.2:1\"", "", "");
+        let mut notes = 0;
+        for ms in 0..5000 {
+            link.count(Instant::from_millis(ms), Dropped::Forbidden, "HL_DATA_FACES");
+            link.count(Instant::from_millis(ms), Dropped::Forbidden, &format!("HL_DATA_{ms}"));
+            notes += link.take_notes().len();
+        }
+        assert_eq!((notes, link.counters.dropped), (NOTES_MAX, 10_000));
+        link.count(Instant::from_millis(11_000), Dropped::Forbidden, "HL_DATA_FACES");
+        assert_eq!(link.take_notes().len(), 1, "again after a while");
     }
 }

@@ -12,7 +12,7 @@ use crate::wire::{CHANNEL_MAX, MODULES_MAX};
 use base::{Duration, Fault, Instant, Level, Severity};
 use messages::common::{DataBridge, DataProcesses, Process};
 use messages::{Channel, Message};
-use module::{Action, Actions, Event, Module, State, exit};
+use module::{Action, Actions, Event, Module, State, admission, exit};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -199,16 +199,17 @@ impl Bridge {
         }
     }
 
-    fn on_message(&mut self, now: Instant, at: Instant, message: &Message) {
+    fn on_message(&mut self, at: Instant, message: &Message) {
         let Some(shared) = self.shared() else { return };
         if let Message::CmDataProcesses(list) = message {
-            shared.set_modules(now, works(list));
+            // Of when it was published: a module that was held up does not make an old list new.
+            shared.set_modules(at, works(list));
             return;
         }
         let mut payload = Vec::new();
         if message.encode(&mut payload).is_ok() {
             let (channel, module) = (message.channel_name().into_owned(), subject(message).map(str::to_owned));
-            shared.push(Outgoing { at, channel, module, payload });
+            shared.push(Outgoing { at, channel, module, stops: admission::stops(message), payload });
         }
     }
 
@@ -265,7 +266,7 @@ impl Module for Bridge {
                 self.started = now;
                 self.open(now, out);
             }
-            Event::Message { at, message, .. } => self.on_message(now, at, message),
+            Event::Message { at, message, .. } => self.on_message(at, message),
             Event::Timer if self.next_check.is_some_and(|next| next <= now) => match &self.transport {
                 Some(transport) if transport.is_ending() => self.next_check = Some(now + CHECK_PERIOD),
                 _ => self.check(now, out),

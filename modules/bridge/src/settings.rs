@@ -30,7 +30,8 @@ settings! {
         critical: bool = false;
         /// Modules of the other computer that have to work.
         modules: Vec<String> = Vec::<String>::new();
-        /// Maximum age of a received message since its publication on the other computer; an older one is dropped.
+        /// Maximum age of a received message since its publication on the other computer; an older one is dropped,
+        /// unless it stops the robot.
         age_max_s as age_max: Duration = 0.25, 0.02..=5.0;
         /// Maximum difference of the wall clocks; beyond it is a fault. A message whose time stamp is further in the
         /// future is dropped.
@@ -99,6 +100,15 @@ pub fn forwarded(links: &[Link]) -> Option<(&Link, String)> {
     links.iter().find_map(|link| Some((link, both_ways(&link.sent(), &received)?.to_owned())))
 }
 
+/// Connection that has the key file of an earlier one. A key does not say which connection it is for: with the key of
+/// both, one computer could take the place of the other, and a stranger could join the ends of both. `None`: there is
+/// none.
+#[must_use]
+pub fn sharing_a_key(links: &[Link]) -> Option<&Link> {
+    let has_its_key = |n: usize, link: &Link| links[..n].iter().any(|earlier| earlier.key_file == link.key_file);
+    links.iter().enumerate().find_map(|(n, link)| has_its_key(n, link).then_some(link))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -138,5 +148,16 @@ mod tests {
         let links = [near, far];
         let found = forwarded(&links).map(|(link, channel)| (link.name.as_str(), channel));
         assert_eq!(found, Some(("far", "LL_CMD_MOTION".into())));
+    }
+    #[test]
+    fn each_connection_has_a_key_of_its_own() {
+        let link = |name: &str, key: &str| {
+            let one = read(&format!("listen = \"10.0.0.1:1\"\nkey_file = \"{key}\"")).unwrap();
+            Link { name: name.into(), ..one }
+        };
+        let shared = |links: &[Link]| sharing_a_key(links).map(|link| link.name.clone());
+        assert_eq!(shared(&[link("near", "a.key"), link("far", "b.key")]), None);
+        let links = [link("near", "a.key"), link("far", "b.key"), link("third", "a.key")];
+        assert_eq!(shared(&links), Some("third".into()));
     }
 }

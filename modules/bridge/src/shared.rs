@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Maximum number of messages, and of their bytes, that wait for the thread; further ones are left out and counted.
+/// Those that stop the robot have as much room again.
 const OUTGOING_MAX: (usize, usize) = (1024, 4 << 20);
 /// Maximum number of notes that wait for the module.
 const NOTES_MAX: usize = 32;
@@ -22,6 +23,8 @@ pub(crate) struct Outgoing {
     pub(crate) channel: String,
     /// Module that it is about, if any.
     pub(crate) module: Option<String>,
+    /// It stops the robot: it is left out last.
+    pub(crate) stops: bool,
     /// Encoded message.
     pub(crate) payload: Vec<u8>,
 }
@@ -112,7 +115,8 @@ impl Shared {
     pub(crate) fn push(&self, message: Outgoing) {
         let mut inner = self.inner();
         let bytes = inner.outgoing_bytes + message.payload.len();
-        if inner.outgoing.len() >= OUTGOING_MAX.0 || bytes > OUTGOING_MAX.1 {
+        let room = if message.stops { 2 } else { 1 };
+        if inner.outgoing.len() >= room * OUTGOING_MAX.0 || bytes > room * OUTGOING_MAX.1 {
             inner.outgoing_lost += 1;
             return;
         }

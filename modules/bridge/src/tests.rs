@@ -193,6 +193,9 @@ fn what_waits_is_bounded_and_a_message_that_is_too_long_is_left_out() {
         sent += 1;
     }
     assert!(sent < 100 && pair.near.poll_tx().len() <= TX_MAX);
+    // A stop still has room.
+    assert!(pair.near.send_stop(times(pair.ms).0.now, "LL_EVENT_STOP", &[1; 100]));
+    sent += 1;
     pair.step().unwrap();
     assert_eq!(received(&mut pair.far).len(), sent, "those that were taken arrive, in their order");
 

@@ -28,6 +28,8 @@ use std::thread::JoinHandle;
 const WAIT_MAX: Duration = Duration::from_millis(100);
 /// Period of the state that the module reads; a change of a connection is shown at once.
 const STATUS_PERIOD: Duration = Duration::from_millis(50);
+/// Time after which a bus that cannot be read is read again.
+const BUS_RETRY: Duration = Duration::from_secs(1);
 /// Messages of the bus that are read before others have their turn.
 const BURST: usize = 256;
 
@@ -44,6 +46,8 @@ struct Worker {
     epoch: Epoch,
     shared: Arc<Shared>,
     woken: UnixStream,
+    /// The bus is not read before; its descriptor may be ready all the time while it is broken.
+    next_bus: Instant,
     next_status: Instant,
     status: Vec<Status>,
 }
@@ -84,6 +88,7 @@ impl Transport {
             epoch: clock::epoch(),
             shared: shared.clone(),
             woken,
+            next_bus: Instant::ZERO,
             next_status: Instant::ZERO,
             status,
         };
@@ -125,6 +130,10 @@ fn pair() -> std::io::Result<(UnixStream, UnixStream)> {
     Ok((near, far))
 }
 
+fn time() -> Time {
+    Time { now: clock::now(), wall_ns: clock::wall() }
+}
+
 impl Worker {
     fn run(mut self) {
         while !self.shared.end.load(Relaxed) {
@@ -134,8 +143,10 @@ impl Worker {
             let turn = self.turn();
             for link in &mut self.links {
                 let bus = &mut self.bus;
-                link.serve(turn, |channel, payload| bus.publish_raw(channel, payload).is_ok());
+                link.serve(turn, &time, |channel, payload| bus.publish_raw(channel, payload).is_ok());
             }
+            // Not before what was read.
+            let turn = self.turn();
             let more = self.send(turn);
             self.report(turn.time.now);
             if self.wait(turn.time.now, more).is_err() {
@@ -145,8 +156,7 @@ impl Worker {
     }
 
     fn turn(&self) -> Turn {
-        let time = Time { now: clock::now(), wall_ns: clock::wall() };
-        Turn { time, epoch: self.epoch, passes: self.shared.passes() }
+        Turn { time: time(), epoch: self.epoch, passes: self.shared.passes() }
     }
 
     /// Sends what waits on the bus and what the module passed; true if there may be more.
@@ -164,17 +174,21 @@ impl Worker {
     }
 
     fn read_bus(&mut self, now: Instant, outgoing: &mut Vec<Outgoing>) -> bool {
+        if now < self.next_bus {
+            return false;
+        }
         for _ in 0..BURST {
             let received = self.bus.receive_with(now, |at, raw| {
                 if !is_of_the_host(raw.channel) {
                     let (channel, payload) = (raw.channel.to_owned(), raw.data.to_vec());
-                    outgoing.push(Outgoing { at, channel, module: None, payload });
+                    outgoing.push(Outgoing { at, channel, module: None, stops: false, payload });
                 }
                 false
             });
             match received {
                 Received::Nothing => return false,
                 Received::Broken(why) => {
+                    self.next_bus = now + BUS_RETRY;
                     self.shared.note(Note::Warning(why));
                     return false;
                 }
@@ -200,8 +214,9 @@ impl Worker {
         let due = self.links.iter().filter_map(|link| link.poll_timeout(now)).min();
         let wait = due.map_or(WAIT_MAX, |due| due.since(now)).min(WAIT_MAX);
         let wait = if more { Duration::ZERO } else { wait };
-        let mut fds: Vec<PollFd<'_>> =
-            [self.bus.as_fd(), self.woken.as_fd()].map(|fd| PollFd::new(fd, PollFlags::POLLIN)).into();
+        let bus = (now >= self.next_bus).then(|| self.bus.as_fd());
+        let fds = bus.into_iter().chain([self.woken.as_fd()]);
+        let mut fds: Vec<PollFd<'_>> = fds.map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
         fds.extend(self.links.iter().flat_map(|link| link.fds(now)));
         // Rounded up: not to spin through the last millisecond.
         let millis = u16::try_from(wait.as_nanos().div_ceil(1_000_000)).unwrap_or(u16::MAX);

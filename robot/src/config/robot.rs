@@ -3,7 +3,7 @@
 
 use super::modules::LEVELS;
 use base::{Duration, Level, Severity};
-use bridge::settings::{Link, forwarded};
+use bridge::settings::{Link, forwarded, sharing_a_key};
 use drivers::auxiliary::{Chips, HostSensors, ThermometerKeys};
 use drivers::canbus::PauseStop;
 use drivers::canbus::ranging::RangingBoard;
@@ -540,6 +540,11 @@ impl Robot {
             && let Some(table) = table.below("bridge").and_then(|links| links.below(&link.name))
         {
             table.refuse("send", format_args!("no channel that this computer receives from another one: {channel}"));
+        }
+        if let Some(link) = sharing_a_key(&self.bridge)
+            && let Some(table) = table.below("bridge").and_then(|links| links.below(&link.name))
+        {
+            table.refuse("key_file", "a key of its own: another connection has this file");
         }
         if let (Some(power), Some(table)) = (&self.power, table.below("power")) {
             let nodes = self.rs485_bus(&power.bus).map(|bus| &bus.driver.nodes[..]);

@@ -107,7 +107,7 @@ fn what_both_ends_allow_crosses_and_a_lost_end_is_noticed_and_connects_again() {
     command.encode(&mut payload).unwrap();
     let push = |channel: &str| {
         let (at, payload) = (clock::now(), payload.clone());
-        far.shared().push(Outgoing { at, channel: channel.into(), module: None, payload });
+        far.shared().push(Outgoing { at, channel: channel.into(), module: None, stops: false, payload });
     };
     far.shared().set_modules(clock::now(), vec![("camera".into(), true)]);
     let count = |seen: &[String], channel: &str| seen.iter().filter(|other| *other == channel).count();
