@@ -49,7 +49,7 @@ class Planner(advee.Module):
         self.every(REPORTS, self.report)
         self.working()
 
-    # --- what it is told ---
+    # --- what it receives ---
 
     def on_estimate(self, estimate):
         pose = estimate.x, estimate.y, estimate.theta
@@ -171,7 +171,7 @@ class Planner(advee.Module):
         self.status, self.text, self.rest_until = status, text, time.monotonic() + 1.0
         self.report()
 
-    # --- what it tells ---
+    # --- what it publishes ---
 
     def report(self):
         """State of the goal, what holds it, and what was sensed, for displays and for `advee goal --wait`."""

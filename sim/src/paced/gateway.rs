@@ -48,7 +48,8 @@ pub fn passes(channel: Channel) -> bool {
 /// True for a channel that passes and whose messages repeat: a newer one makes up for one that is dropped.
 #[must_use]
 pub fn repeats(channel: Channel) -> bool {
-    PASSED.contains(&channel) && channel != Channel::LlEventStop
+    // LL_DATA_ACTIVE_BEACONS is a command by another name.
+    PASSED.contains(&channel) && !matches!(channel, Channel::LlEventStop | Channel::LlDataActiveBeacons)
 }
 
 /// A sender on the real bus, as virtual time knows it: never one of the robot's own processes.
@@ -304,6 +305,7 @@ mod tests {
         let repeating: Vec<Channel> = Channel::ALL.iter().copied().filter(|channel| repeats(*channel)).collect();
         assert!(repeating.contains(&Channel::LlDataRanges) && repeating.contains(&Channel::MlDataEstimate));
         assert!(repeating.iter().all(|channel| passes(*channel) && channel.name().contains("_DATA_")));
+        assert!(!repeats(Channel::LlEventStop) && !repeats(Channel::LlDataActiveBeacons));
     }
 
     #[test]
