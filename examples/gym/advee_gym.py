@@ -62,6 +62,7 @@ class Process:
             self._process.stdin.flush()
             line = self._process.stdout.readline()
         except (BrokenPipeError, ValueError) as error:
+            self._interrupted = False
             raise AdveeError(f"advee gym has ended: {error}") from error
         self._interrupted = False
         if not line:
