@@ -94,7 +94,12 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
     let limits = (config.robot.limits.speed_manual_mps, config.robot.limits.steering_rad);
     let nodes = config.robot.can.iter().flat_map(|bus| &bus.driver.nodes);
     let mut app = App::new(Setup {
-        model: Model::new(Config { robot: config.robot.general.name.clone(), critical: critical.collect() }),
+        // Which of the two is on the bus is not known here; the first line shows a simulation that is slow.
+        model: Model::new(Config {
+            robot: config.robot.general.name.clone(),
+            critical: critical.collect(),
+            simulated: true,
+        }),
         drive: Drive::new(clock::now(), limits),
         read_only: command.read_only,
         epoch: clock::epoch(),
@@ -162,8 +167,9 @@ fn once(mut app: App, mut bus: Bus, body: Body, command: &Diag) -> Outcome {
     let now = clock::now();
     app.look(now);
     if command.json {
-        let mut view = serde_json::to_value(app.shown(now).0.view(now)).map_err(|error| error.to_string())?;
-        let concerns = serde_json::to_value(app.shown(now).0.concerns(now));
+        let (model, at) = app.shown(now);
+        let mut view = serde_json::to_value(model.view(at)).map_err(|error| error.to_string())?;
+        let concerns = serde_json::to_value(model.concerns(at));
         view["concerns"] = concerns.map_err(|error| error.to_string())?;
         view["runs"] = app.runs.json();
         print(harmless(&picked(view, command.view).to_string()))?;

@@ -119,17 +119,18 @@ fn present(common: &Common, tool: &mut Tool) -> Result<DataRun, Failed> {
 
 /// The state after a command; a step that began is waited for.
 fn answer(common: &Common, tool: &mut Tool, wanted: &CmdRun) -> Result<DataRun, Failed> {
-    let mut until = clock::now() + ANSWER;
+    let (mut until, mut steps) = (clock::now() + ANSWER, false);
     loop {
         match next(tool, until)? {
             Some(Message::SimDataRun(state)) if state.command == wanted.timestamp => {
                 if wanted.action != CmdRun::STEP || state.paused || !state.refusal.is_empty() {
                     return Ok(state);
                 }
-                until = Instant::NEVER;
+                // It lasts as long as it lasts, but the robot announces itself meanwhile.
+                (until, steps) = (clock::now() + ANSWER, true);
             }
             // Another program commands meanwhile.
-            Some(Message::SimDataRun(_)) if until == Instant::NEVER => return present(common, tool),
+            Some(Message::SimDataRun(_)) if steps => return present(common, tool),
             Some(_) => {}
             None => return Err(format!("the simulated robot does not answer on {}", common.lcm_url()).into()),
         }

@@ -34,7 +34,7 @@ pub struct Up {
     /// In virtual time, in one process: simulated seconds per real second, 0.05 to 1000, or max
     #[arg(long, value_name = "N", requires = "sim")]
     speed: Option<Speed>,
-    /// The way to drive when all is ready, of the simulated world's [default: patrol, where it has that], or none
+    /// Route of the simulated world to drive once the robot is ready, or none [default: patrol, if the world has it]
     #[arg(long, value_name = "NAME")]
     goal: Option<String>,
     /// Where the web server listens [default: web.listen of robot.toml, 127.0.0.1:8080]

@@ -45,15 +45,26 @@ class Process:
         config = config or ROOT / "conf" / "advee"
         line = [program or program_path(), "gym", "--config", str(config), *arguments]
         self._process = subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._interrupted = False
 
     def ask(self, request):
-        """Sends a request and returns its answer; AdveeError if it is refused."""
+        """Sends a request and returns its answer; AdveeError if it is refused, or after an interrupted one: its answer
+        would be taken for that of the next."""
+        if self._interrupted:
+            raise AdveeError("a request was interrupted before its answer came: make a new environment")
         try:
-            self._process.stdin.write(json.dumps(request, allow_nan=False).encode() + b"\n")
+            text = json.dumps(request, allow_nan=False).encode()
+        except ValueError as error:
+            raise AdveeError(f"a request has finite numbers only: {error}") from error
+        self._interrupted = True
+        try:
+            self._process.stdin.write(text + b"\n")
             self._process.stdin.flush()
+            line = self._process.stdout.readline()
         except (BrokenPipeError, ValueError) as error:
-            raise AdveeError(f"advee gym has ended, or the request is none: {error}") from error
-        line = self._process.stdout.readline()
+            self._interrupted = False
+            raise AdveeError(f"advee gym has ended: {error}") from error
+        self._interrupted = False
         if not line:
             raise AdveeError(f"advee gym has ended with {self._process.wait()}; its error is on the terminal")
         answer = json.loads(line)
@@ -64,7 +75,10 @@ class Process:
     def close(self):
         """Ends the program; its exit code."""
         if not self._process.stdin.closed:
-            self._process.stdin.close()
+            try:
+                self._process.stdin.close()
+            except BrokenPipeError:
+                pass  # it has ended before it read the last request
             self._process.stdout.close()
         return self._process.wait()
 
@@ -97,7 +111,8 @@ class AdveeEnv(gymnasium.Env):
         self._reset = {"seconds": episode_s, "tolerance": tolerance_m}
         self._reset.update({key: value for key, value in (("world", world), ("people", people)) if value is not None})
         turn = robot["steering"] if robot["steers"] else robot["rotation"]
-        highest = np.array([robot["speed"], turn], dtype=np.float32)
+        self._highest = np.array([robot["speed"], turn])
+        highest = self._highest.astype(np.float32)
         self.action_space = gymnasium.spaces.Box(-highest, highest, dtype=np.float32)
         speed, rotation, reach = robot["speed_max"], robot["rotation"], robot["sonar_reach"]
         low = [-FAR_M, -FAR_M, 0, -1, -1, -2 * speed, -2 * rotation, -np.pi, 0, 0, 0, 0]
@@ -115,7 +130,9 @@ class AdveeEnv(gymnasium.Env):
 
     def step(self, action):
         """Drives for a while."""
-        speed, turn = (float(value) for value in np.clip(action, self.action_space.low, self.action_space.high))
+        # Of 64 bits: rounded to 32, the highest value may be beyond the robot's limit, which would stop it.
+        action = np.asarray(action, dtype=np.float64)
+        speed, turn = (float(value) for value in np.clip(action, -self._highest, self._highest))
         turning = "steering" if self.robot["steers"] else "omega"
         state = self._process.ask({"step": {"v": speed, turning: turn, "seconds": self._step_s}})
         parts = state["reward"]

@@ -52,8 +52,9 @@ class Planner(advee.Module):
     # --- input ---
 
     def on_estimate(self, estimate):
-        if estimate.quality >= estimate.COARSE:
-            self.pose, self.pose_at = (estimate.x, estimate.y, estimate.theta), time.monotonic()
+        pose = estimate.x, estimate.y, estimate.theta
+        if estimate.quality >= estimate.COARSE and all(map(math.isfinite, pose)):
+            self.pose, self.pose_at = pose, time.monotonic()
 
     def on_guard(self, guard):
         self.forward = guard.forward
@@ -64,18 +65,19 @@ class Planner(advee.Module):
             new = one.status == reading_t.MEASURED and self.fired.get(one.id) != one.timestamp
             if one.kind == reading_t.SONAR and new:
                 self.fired[one.id] = one.timestamp
-                self.sense(one.x + one.distance * math.cos(one.theta), one.y + one.distance * math.sin(one.theta))
+                self.sense(one.x, one.y, one.theta, one.distance)
 
     def on_scan(self, scan):
         if scan.status != scan.OK:
             return
         for number in range(0, scan.count, 3):
-            distance, angle = scan.ranges[number], scan.theta + scan.angle_min + number * scan.angle_step
-            if math.isfinite(distance):
-                self.sense(scan.x + distance * math.cos(angle), scan.y + distance * math.sin(angle))
+            self.sense(scan.x, scan.y, scan.theta + scan.angle_min + number * scan.angle_step, scan.ranges[number])
 
-    def sense(self, x, y):
-        """Keeps a point of the robot's frame."""
+    def sense(self, x, y, angle, distance):
+        """Keeps the point of the robot's frame that was sensed from x, y."""
+        if not math.isfinite(angle) or not math.isfinite(distance):
+            return
+        x, y = x + distance * math.cos(angle), y + distance * math.sin(angle)
         if self.pose and math.hypot(x, y) < SENSED:
             px, py, theta = self.pose
             wx, wy = px + x * math.cos(theta) - y * math.sin(theta), py + x * math.sin(theta) + y * math.cos(theta)

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support::{self, Robot, View, python, python_types, workspace};
-use messages::simulation::{DataClock, DataRun};
+use messages::simulation::{CmdRun, DataClock, DataRun};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -196,6 +196,22 @@ fn is_waited_for() {
     robot.until("the robot was moved by it", SOON, |view| position(view)[0] > x + 0.3);
     assert_eq!((time(&robot.view).refused, time(&robot.view).not_in_step), (0, vec![]));
     robot.until("time passes as fast as it", SOON, |view| rate(view) < 2.6);
+    // One that is halted stays in step while time stands still, and answers once both go on.
+    support::signal(pilot.child.id() as i32, "STOP");
+    robot.until("time stands still", SOON, {
+        let mut bus = support::listen(&robot.url);
+        let mut bytes = Vec::new();
+        let pause = CmdRun { timestamp: 1, action: CmdRun::PAUSE, source: "test".into(), ..CmdRun::default() };
+        messages::Message::from(pause).encode(&mut bytes).unwrap();
+        move |view| {
+            bus.publish("SIM_CMD_RUN", &bytes).unwrap();
+            time(view).paused
+        }
+    });
+    robot.pass(2.5);
+    assert_eq!((time(&robot.view).in_step, time(&robot.view).not_in_step), (vec!["pilot".to_string()], vec![]));
+    support::signal(pilot.child.id() as i32, "CONT");
+    good(&robot, &["sim", "run"]);
     // One that hangs holds up nobody.
     support::signal(pilot.child.id() as i32, "STOP");
     robot.until("it is given up", SOON, |view| time(view).not_in_step == ["pilot"] && time(view).in_step.is_empty());

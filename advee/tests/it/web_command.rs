@@ -99,6 +99,7 @@ fn all() -> Vec<(Value, Role, bool)> {
             Role::Engineer,
             false,
         ),
+        (json!({ "type": "simulation", "action": "run", "value": 0 }), Role::Engineer, false),
         (
             json!({ "type": "publish", "channel": "CM_CMD_LOG", "message": r#"{"action":2,"text":"by hand"}"# }),
             Role::Engineer,

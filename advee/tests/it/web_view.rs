@@ -168,6 +168,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "parameters",
         "log",
         "clock",
+        "run",
         "errors",
         "reports",
         "texts",

@@ -67,6 +67,8 @@ pub enum Mode {
 /// Frozen state of the screen.
 pub struct Frozen {
     pub at: Instant,
+    /// The same instant of the robot's time.
+    model_at: Instant,
     model: Model,
     latest: BTreeMap<String, Message>,
 }
@@ -173,16 +175,22 @@ impl App {
         self.model.receive(at, channel, bytes, message);
     }
 
-    /// The model as it is shown, and the moment of what is shown.
+    /// The model as it is shown, and the moment of what is shown, in the robot's time.
     pub fn shown(&self, now: Instant) -> (&Model, Instant) {
-        self.frozen.as_ref().map_or((&self.model, now), |frozen| (&frozen.model, frozen.at))
+        let live = || (&self.model, self.model.at(now));
+        self.frozen.as_ref().map_or_else(live, |frozen| (&frozen.model, frozen.model_at))
     }
 
     /// Holds what is shown, or lets it go on.
     pub fn freeze(&mut self, now: Instant) {
         self.frozen = match self.frozen {
             Some(_) => None,
-            None => Some(Box::new(Frozen { at: now, model: self.model.clone(), latest: self.latest.clone() })),
+            None => Some(Box::new(Frozen {
+                at: now,
+                model_at: self.model.at(now),
+                model: self.model.clone(),
+                latest: self.latest.clone(),
+            })),
         };
     }
 
@@ -193,16 +201,17 @@ impl App {
 
     /// Status of the robot, frozen or not.
     pub fn status(&self, now: Instant) -> Status {
-        self.model.status(now)
+        self.model.status(self.model.at(now))
     }
 
     /// What is not well, frozen or not.
     pub fn concerns(&self, now: Instant) -> Vec<Concern> {
-        self.model.concerns(now)
+        self.model.concerns(self.model.at(now))
     }
 
     /// Number of modules with problems, and of active errors; now, frozen or not.
     pub fn troubles(&self, now: Instant) -> (usize, usize) {
+        let now = self.model.at(now);
         let unwell = self.model.modules(now).iter().filter(|row| !row.well).count();
         (unwell, self.model.errors.groups(now).iter().filter(|group| group.standing).count())
     }
@@ -297,7 +306,7 @@ impl App {
 
     /// Looks into the log folder.
     pub fn look(&mut self, now: Instant) {
-        let recorded = self.model.log.fresh(now).filter(|log| log.recording).map(|log| log.run.as_str());
+        let recorded = self.model.log.fresh(self.model.at(now)).filter(|log| log.recording).map(|log| log.run.as_str());
         self.runs.look(now, recorded);
     }
 

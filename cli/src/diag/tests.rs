@@ -13,7 +13,7 @@ fn at(millis: u64) -> Instant {
 }
 
 fn app(read_only: bool) -> App {
-    let model = Model::new(Config { robot: "advee".into(), critical: vec!["driver_canbus".into()] });
+    let model = Model::new(Config { robot: "advee".into(), critical: vec!["driver_canbus".into()], simulated: true });
     App::new(Setup {
         model,
         drive: Drive::new(at(0), (0.5, 0.4)),

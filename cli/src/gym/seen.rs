@@ -128,7 +128,7 @@ impl Seen {
     }
 
     /// Distance of the nearest point in each sector around the robot's origin, from the direction -π on; NaN where
-    /// nothing was measured. Empty before the first scan.
+    /// nothing was measured, in all of them before the first scan.
     pub fn sectors(&self, now: Instant) -> Vec<f64> {
         let mut nearest = vec![f64::NAN; SECTORS];
         let scans =

@@ -24,7 +24,7 @@ use robot::config::{self, Config, SIMULATOR};
 use robot::place::RobotLocation;
 use robot::{preflight, topology};
 use sim::host::{self as virtual_host, News, Virtual};
-use sim::paced::gateway::{Echoes, Gateway, is_outside, outside, passes};
+use sim::paced::gateway::{Echoes, Gateway, is_outside, outside, passes, repeats};
 use sim::paced::pacer::{Pacer, Speed, TICK};
 use simulator::world::World;
 use start::{NAME, Start};
@@ -47,6 +47,8 @@ const ANNOUNCED: Duration = Duration::from_secs(1);
 /// Real time after which a tick that a program in step has not answered is published again: it, or its answer, may be
 /// lost.
 const REPEATED: Duration = Duration::from_millis(100);
+/// Maximum length of the name of a world in a command, bytes: a refusal repeats it each second.
+const WORLD_MAX: usize = 64;
 /// Virtual time limit of an orderly end: the watchdog's own is shorter.
 const END: Duration = Duration::from_secs(10);
 
@@ -239,8 +241,9 @@ impl Paced {
 
     /// The real instant at which there is something to do.
     fn next(&mut self, real: Instant) -> Instant {
-        let passes_on = match self.gateway.waits(real) {
-            true if self.pacer.is_paused() => Instant::NEVER,
+        // A program is given up only while time is to pass: one may be halted beside a robot that stands still.
+        let waits = !self.pacer.is_paused() && self.gateway.waits(real);
+        let passes_on = match waits {
             true => self.gateway.until().min(self.again),
             false => self.pacer.next(real, self.robot.now()),
         };
@@ -255,7 +258,12 @@ impl Paced {
             let received =
                 self.bus.receive_with(clock::now(), |_, raw| knows_senders || !echoes.is_echo(raw.channel, raw.data));
             match received {
-                Received::Message { message, .. } => self.on_message(message),
+                Received::Message { message, .. } => {
+                    // A new start takes long: signals are looked at before the next message.
+                    if self.on_message(message) {
+                        return;
+                    }
+                }
                 Received::Malformed { .. } | Received::Foreign => {}
                 Received::Broken(why) => return self.on_failure(&why),
                 Received::Nothing => return,
@@ -263,21 +271,31 @@ impl Paced {
         }
     }
 
-    fn on_message(&mut self, message: Message) {
+    /// Takes a message; true if it has begun a new start of the robot.
+    fn on_message(&mut self, message: Message) -> bool {
         let sender = self.bus.sender();
         // What this process published comes back.
         if sender.pid() == Some(std::process::id()) || self.admission.judge(&message, sender).is_err() {
-            return;
+            return false;
         }
         match message {
-            Message::SimCmdRun(command) => self.on_command(&command),
+            Message::SimCmdRun(command) => {
+                self.on_command(&command);
+                return matches!(command.action, CmdRun::RESET | CmdRun::WORLD);
+            }
             Message::SimCmdClock(answer) => self.gateway.on_answer(&answer),
-            message if self.pending < PENDING_MAX && self.gateway.admits(&message, self.pacer.is_real()) => {
+            message if self.has_room(message.channel()) && self.gateway.admits(&message, self.pacer.is_real()) => {
                 self.pending += 1;
                 self.robot.machine.inject_by(self.robot.now(), outside(sender), message);
             }
             _ => {}
         }
+        false
+    }
+
+    /// True if a message of this channel may wait for time to pass. Measurements leave room for commands and stops.
+    fn has_room(&self, channel: Channel) -> bool {
+        self.pending < if repeats(channel) { PENDING_MAX / 2 } else { PENDING_MAX }
     }
 
     fn on_failure(&mut self, why: &str) {
@@ -366,15 +384,16 @@ impl Paced {
             self.announce = real + ANNOUNCED;
             self.publish(&self.state().into());
             if self.pacer.is_paused() {
-                // The same tick again, for programs that have just joined.
-                self.publish(&DataClock { timestamp: self.robot.timestamp(), rate: 0.0 }.into());
+                // The same tick again, for programs that have just joined: time may stand between two of them, and an
+                // answer to any other instant is none.
+                self.publish(&DataClock { timestamp: self.gateway.tick(), rate: 0.0 }.into());
             }
         }
         // Time stands at the tick that is waited for.
         if self.again <= real && !self.pacer.is_paused() && self.gateway.waits(real) {
             self.again = real + REPEATED;
             let rate = self.pacer.achieved(real, self.robot.now());
-            self.publish(&DataClock { timestamp: self.robot.timestamp(), rate }.into());
+            self.publish(&DataClock { timestamp: self.gateway.tick(), rate }.into());
         }
     }
 
@@ -421,9 +440,10 @@ impl Paced {
             }
             CmdRun::RESET => self.restart(self.place.world.clone())?,
             CmdRun::WORLD => {
-                let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
-                if command.world.is_empty() || !command.world.chars().all(is_plain) {
-                    return Err("a world is a name in conf/worlds: letters, digits, - and _".into());
+                if !is_world_name(&command.world) {
+                    return Err(format!(
+                        "a world is a name in conf/worlds: letters, digits, - and _, at most {WORLD_MAX} characters"
+                    ));
                 }
                 self.restart(Some(PathBuf::from(&command.world)))?;
             }
@@ -436,12 +456,15 @@ impl Paced {
     fn restart(&mut self, world: Option<PathBuf>) -> Result<(), String> {
         let place = RobotLocation { world, ..self.place.clone() };
         let refused = |error: config::ConfigError| error.to_string().replace('\n', "; ");
+        // The new robot is that of the files as they are now.
+        let config = Config::load(&place.config, place.sim, &place.sets).map_err(refused)?;
         let world = config::world(&place.config, place.world.as_deref(), &place.sets).map_err(refused)?;
-        preflight::check(&place, &self.config, &world).map_err(refused)?;
+        preflight::check(&place, &config, &world).map_err(refused)?;
         self.robot.end();
         self.flush();
         let epoch = Epoch { offset_us: self.robot.epoch.timestamp(self.robot.now() + TICK) };
         self.robot = Robot::new(&place, epoch).map_err(|failed| failed.why)?;
+        self.config = config;
         (self.tick, self.pending) = (Instant::ZERO, 0);
         self.pacer.reset(clock::now(), Instant::ZERO);
         self.start = Start::new(&self.goal, &self.config, &world);
@@ -463,8 +486,31 @@ impl Paced {
     }
 }
 
+/// True if a command may name a world so: never a path.
+fn is_world_name(name: &str) -> bool {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
+    (1..=WORLD_MAX).contains(&name.len()) && name.bytes().all(is_plain)
+}
+
 /// Name of the world of a robot.
 fn name(place: &RobotLocation) -> String {
     let path = config::world_place(&place.config, place.world.as_deref());
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_world_in_a_command_is_a_short_name_and_no_path() {
+        for name in ["hall", "empty-2", "a_b", &"a".repeat(WORLD_MAX)] {
+            assert!(is_world_name(name), "{name}");
+        }
+        for name in
+            ["", ".", "..", "../hall", "/etc/passwd", "a/b", "a b", "hall\n", "hála", &"a".repeat(WORLD_MAX + 1)]
+        {
+            assert!(!is_world_name(name), "{name}");
+        }
+    }
 }

@@ -211,6 +211,26 @@ class Module:
         """Calls handler() with this period; missed calls are dropped."""
         self._timers.append([time.monotonic() + seconds, seconds, handler])
 
+    def in_step(self, handler):
+        """Takes part in virtual time (advee up --sim --speed N): calls handler(timestamp) with the robot's time, µs,
+        each 50 ms of it, and answers when the handler has returned; time does not pass on before. The `source` of its
+        motion commands is to be the module's name. In real time the handler is called each second by a simulated
+        robot, and never by a real one: use every() there."""
+        from simulation import cmd_clock_t, data_clock_t
+        done = None
+
+        def on_clock(clock):
+            nonlocal done
+            if clock.timestamp != done:
+                handler(clock.timestamp)
+                done = clock.timestamp
+            # A tick that comes again was not answered, as far as the robot knows.
+            answer = cmd_clock_t()
+            answer.timestamp = answer.tick = clock.timestamp
+            answer.source = self.name
+            self.publish("SIM_CMD_CLOCK", answer)
+        self.subscribe("SIM_DATA_CLOCK", data_clock_t, on_clock)
+
     def watch(self, fileno, handler):
         """Calls handler() when this descriptor is readable."""
         self._handlers[fileno] = handler

@@ -40,7 +40,9 @@ impl Model {
     #[must_use]
     pub fn concerns(&self, now: Instant) -> Vec<Concern> {
         let warning = |words: String| Concern { weight: Weight::Warning, words };
-        let mut concerns: Vec<Concern> = self.position_concern(now).map(warning).into_iter().collect();
+        let slow = self.slow_rate(now).filter(|rate| *rate > 0.0);
+        let mut concerns: Vec<Concern> = slow.map(|rate| warning(simulation(rate))).into_iter().collect();
+        concerns.extend(self.position_concern(now).map(warning));
         concerns.extend(self.ranging_concern(now).map(warning));
         for row in self.modules(now) {
             if matches!(row.phase, "down" | "ending") && row.wanted != "TERMINATE" {
@@ -82,6 +84,11 @@ impl Model {
         let unknown = all.iter().filter(|reading| reading.status == Reading::UNKNOWN).count();
         (unknown > 0).then(|| format!("{unknown} of {} range finders do not measure", all.len()))
     }
+}
+
+fn simulation(rate: f64) -> String {
+    let decimals = if rate < 0.1 { 2 } else { 1 };
+    format!("simulation at {rate:.decimals$} ×")
 }
 
 #[cfg(test)]

@@ -38,6 +38,7 @@ mod holds;
 mod model;
 mod modules;
 pub mod orders;
+mod pace;
 mod ranges;
 mod scans;
 mod slot;

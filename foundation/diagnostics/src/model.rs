@@ -1,5 +1,6 @@
 //! Model: the latest value of everything.
 
+use crate::pace::{Pace, is_slow};
 use crate::{Errors, ModuleRow, Modules, Scans, Slot, Texts, Traffic, guard};
 use base::{Duration, Instant};
 use messages::{Message, StopReports, common, lowlevel, middlelevel, simulation};
@@ -15,6 +16,8 @@ const BEACONS_MAX: usize = 256;
 const HOLDERS_MAX: usize = 16;
 /// Maximum number of parameters of the planner.
 const PARAMETERS_MAX: usize = 32;
+/// Maximum number of programs in step with a simulation, and of those that are not.
+const PROGRAMS_MAX: usize = 16;
 /// Maximum number of command sources.
 const SOURCES_MAX: usize = 16;
 
@@ -29,12 +32,16 @@ pub struct Config {
     pub robot: String,
     /// Modules without which the robot does not move.
     pub critical: Vec<String>,
+    /// True if the robot may be a simulation on the bus whose time passes slowly or stands still: values age by its
+    /// time then ([`Model::at`]). False for a real robot and for a recorded run.
+    pub simulated: bool,
 }
 
 /// Latest value of everything on the bus. Periods are those of `docs/design.md` 5.
 #[derive(Clone, Debug)]
 pub struct Model {
     config: Config,
+    pace: Pace,
     /// Traffic by channel.
     pub traffic: Traffic,
     /// Faults and reports.
@@ -101,6 +108,8 @@ pub struct Model {
     pub people: Slot<simulation::DataPeople>,
     /// Rate of simulated time.
     pub clock: Slot<simulation::DataClock>,
+    /// Time and world of a simulation with `--speed`.
+    pub run: Slot<simulation::DataRun>,
     holds: BTreeMap<String, Slot<lowlevel::DataHold>>,
     buses: BTreeMap<String, Slot<lowlevel::DataBus>>,
     imus: BTreeMap<String, Slot<lowlevel::DataImu>>,
@@ -121,6 +130,7 @@ impl Model {
         Self {
             modules: Modules::new(config.critical.clone()),
             config,
+            pace: Pace::default(),
             traffic: Traffic::default(),
             errors: Errors::default(),
             texts: Texts::default(),
@@ -155,6 +165,7 @@ impl Model {
             truth: Slot::every(ms(100)),
             people: Slot::every(ms(200)),
             clock: Slot::every(ms(1000)),
+            run: Slot::every(ms(1000)),
             holds: BTreeMap::new(),
             buses: BTreeMap::new(),
             imus: BTreeMap::new(),
@@ -168,9 +179,27 @@ impl Model {
         &self.config.robot
     }
 
-    /// Processes a message of `bytes` bytes received at `at`; `message` is its content if the channel is one of the
-    /// robot's.
+    /// Instant of the robot's time at the instant `real` of the viewers' clock, for all functions that take a `now`. The
+    /// same instant, unless the robot is a simulation whose time passes slowly.
+    #[must_use]
+    pub fn at(&self, real: Instant) -> Instant {
+        self.pace.at(real)
+    }
+
+    /// Simulated seconds per real second, where values age by them: 0 while time stands still.
+    pub(crate) fn slow_rate(&self, now: Instant) -> Option<f64> {
+        self.clock.fresh(now).map(|clock| clock.rate).filter(|rate| self.config.simulated && is_slow(*rate))
+    }
+
+    /// Processes a message of `bytes` bytes received at the instant `at` of the viewers' clock; `message` is its content
+    /// if the channel is one of the robot's.
     pub fn receive(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
+        if let Some(Message::SimDataClock(clock)) = &message
+            && self.config.simulated
+        {
+            self.pace.on_rate(at, clock.rate);
+        }
+        let at = self.at(at);
         self.traffic.count(at, channel, bytes);
         match message {
             Some(Message::CmDataState(state)) => self.modules.on_state(at, &state),
@@ -235,6 +264,11 @@ impl Model {
             Some(Message::SimDataTruth(truth)) => self.truth.put(at, truth),
             Some(Message::SimDataPeople(people)) => self.people.put(at, people),
             Some(Message::SimDataClock(clock)) => self.clock.put(at, clock),
+            Some(Message::SimDataRun(mut run)) => {
+                run.in_step.truncate(PROGRAMS_MAX);
+                run.not_in_step.truncate(PROGRAMS_MAX);
+                self.run.put(at, run);
+            }
             _ => {}
         }
     }

@@ -4,6 +4,7 @@ use base::Level;
 use messages::common::{CmdLevel, CmdLog, CmdState};
 use messages::lowlevel::{CmdHoming, CmdPower};
 use messages::middlelevel::{CmdBeaconUse, CmdEstimate, CmdGoal, CmdMode, CmdParameter, Waypoint};
+use messages::simulation::CmdRun;
 use module::State;
 use rs485::boards::psc1::CHANNELS;
 
@@ -118,6 +119,23 @@ pub fn mark(timestamp: i64, text: &str) -> Result<CmdLog, String> {
     Ok(CmdLog { timestamp, action: CmdLog::MARK, text: text.into() })
 }
 
+/// Command to the time of a simulation with `--speed`. `action` is `pause`, `run`, `speed`, `step` or `reset`; `value` is
+/// the speed in simulated seconds per real second, or the duration of the step, s. The simulation checks their ranges.
+///
+/// # Errors
+/// A sentence: there is no such action.
+pub fn simulation(timestamp: i64, action: &str, value: f64, source: &str) -> Result<CmdRun, String> {
+    let action = match action {
+        "pause" => CmdRun::PAUSE,
+        "run" => CmdRun::RUN,
+        "speed" => CmdRun::SPEED,
+        "step" => CmdRun::STEP,
+        "reset" => CmdRun::RESET,
+        _ => return Err("a simulation can pause, run, speed, step and reset".into()),
+    };
+    Ok(CmdRun { timestamp, action, value, world: String::new(), source: source.into() })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,6 +157,11 @@ mod tests {
         assert!(mark(0, "").is_err() && mark(0, &"x".repeat(1001)).is_err() && mark(0, "a\0").is_err());
         assert_eq!(mark(0, "here").unwrap().action, CmdLog::MARK);
         assert_eq!([Some(7), None].map(|id| beacon(0, id, true).id), [7, CmdBeaconUse::ALL]);
+        assert_eq!(
+            simulation(7, "step", 0.5, "x").map(|command| (command.action, command.value)),
+            Ok((CmdRun::STEP, 0.5))
+        );
+        assert!(simulation(7, "world", 0.0, "x").is_err());
         assert_eq!(goal(1_795_302_110_792_249, Vec::new(), false).id, 302_110_792);
     }
 }

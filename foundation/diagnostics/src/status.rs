@@ -24,7 +24,7 @@ pub enum RobotStatus {
     Fault,
     /// Stopped until a person acts or a task ends.
     Stopped,
-    /// Waiting with a command to move.
+    /// Waiting with a command to move, or for the time of a simulation to pass.
     Waiting,
     /// Moving.
     Driving,
@@ -69,6 +69,9 @@ impl Model {
                 return status(RobotStatus::Silent, format!("no message from the robot for {seconds} s"));
             }
             Some(_) => {}
+        }
+        if self.slow_rate(now) == Some(0.0) {
+            return status(RobotStatus::Waiting, "simulation paused".into());
         }
         if let Some(stop) = self.stop.get().filter(|stop| stop.engaged) {
             let by = StopSource::in_words(&stop.source);

@@ -3,12 +3,12 @@ use base::{Duration, Instant};
 use messages::common::{DataFaults, DataProcesses, DataState, Error, EventText, Fault, Process};
 use messages::lowlevel::{self, DataHold, DataMotion, EventStop};
 use messages::middlelevel::DataGoal;
-use messages::{Channel, Hold, Message};
+use messages::{Channel, Hold, Message, simulation};
 
 const T0: Instant = Instant::from_millis(10_000);
 
 fn model() -> Model {
-    Model::new(Config { robot: "advee".into(), critical: vec!["driver_canbus".into()] })
+    Model::new(Config { robot: "advee".into(), critical: vec!["driver_canbus".into()], simulated: true })
 }
 
 fn say(model: &mut Model, at: Instant, message: impl Into<Message>) {
@@ -69,6 +69,39 @@ fn error(number: i32, severity: i8, message: &str, timestamp: i64) -> Error {
         file: "drive.rs".into(),
         line: 1,
     }
+}
+
+#[test]
+fn beside_a_simulation_that_is_slow_values_age_by_its_time() {
+    let clock = |rate| simulation::DataClock { timestamp: 1, rate };
+    let after = |seconds: f64| T0 + Duration::from_secs_f64(seconds);
+    let mut model = model();
+    let words = |model: &Model, now: Instant| {
+        let concerns: Vec<String> = model.concerns(now).into_iter().map(|concern| concern.words).collect();
+        (model.status(now).reason, concerns)
+    };
+    say(&mut model, T0, process(Process::RUNNING, DataState::RUN, 0));
+    say(&mut model, T0, motion(0.5, "", "planner"));
+    say(&mut model, T0, holds("driver_canbus", &[]));
+    say(&mut model, T0, clock(0.05));
+    let now = model.at(after(1.0));
+    assert_eq!(now, after(0.05));
+    assert_eq!(words(&model, now), ("0.50 m/s; commanded by planner".into(), vec!["simulation at 0.05 ×".into()]));
+    say(&mut model, after(1.0), clock(0.0));
+    say(&mut model, after(2.0), clock(0.0));
+    let now = model.at(after(3.0));
+    assert_eq!(words(&model, now), ("simulation paused".into(), vec![]));
+    assert_eq!(model.motion.fresh(now).map(|motion| motion.speed), Some(0.5));
+    // One that has ended is silent.
+    let now = model.at(after(6.0));
+    assert_eq!((now, model.status(now).word), (after(1.55), RobotStatus::Silent));
+
+    // A robot that is no simulation never stands still so.
+    let mut real = Model::new(Config::default());
+    say(&mut real, T0, motion(0.5, "", "planner"));
+    say(&mut real, T0, clock(0.0));
+    assert_eq!((real.at(after(2.0)), words(&real, T0).1), (after(2.0), vec![]));
+    assert_eq!(real.status(after(2.0)).word, RobotStatus::Silent);
 }
 
 #[test]

@@ -97,6 +97,6 @@ impl Center {
     /// Name of the run that is being recorded.
     #[must_use]
     pub fn recording(&self, now: Instant) -> Option<String> {
-        self.show.look(|model| model.log.fresh(now).filter(|log| log.recording).map(|log| log.run.clone()))
+        self.show.look(|model| model.log.fresh(model.at(now)).filter(|log| log.recording).map(|log| log.run.clone()))
     }
 }

@@ -184,7 +184,7 @@ fn start(settings: &Settings) -> Result<Started, String> {
     let limits = Limits::DEFAULT;
     let publisher = Publisher::new(commands.simulated)?;
     let scene_of_pages = Scene { publish: publisher.offered(), ..center.clone() };
-    let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
+    let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone(), simulated: commands.simulated };
     let app = App {
         hub: Arc::new(Mutex::new(Hub::new(limits))),
         center: Arc::new(Center::new(scene_of_pages, *recorded, *picture, model, logs)),

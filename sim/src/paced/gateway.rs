@@ -45,6 +45,13 @@ pub fn passes(channel: Channel) -> bool {
     !is_own && (channel.name().contains("_CMD_") || PASSED.contains(&channel))
 }
 
+/// True for a channel that passes and whose messages repeat: a newer one makes up for one that is dropped.
+#[must_use]
+pub fn repeats(channel: Channel) -> bool {
+    // LL_DATA_ACTIVE_BEACONS is a command by another name.
+    PASSED.contains(&channel) && !matches!(channel, Channel::LlEventStop | Channel::LlDataActiveBeacons)
+}
+
 /// A sender on the real bus, as virtual time knows it: never one of the robot's own processes.
 #[must_use]
 pub fn outside(sender: Sender) -> Sender {
@@ -82,6 +89,12 @@ impl Gateway {
     /// A tick was published.
     pub fn on_tick(&mut self, real: Instant, timestamp: i64) {
         self.tick = (timestamp, real);
+    }
+
+    /// Timestamp of the newest tick; 0 before the first.
+    #[must_use]
+    pub fn tick(&self) -> i64 {
+        self.tick.0
     }
 
     /// Time passes again: programs are waited for from now on.
@@ -288,6 +301,14 @@ mod tests {
     }
 
     #[test]
+    fn measurements_repeat_and_commands_and_stops_do_not() {
+        let repeating: Vec<Channel> = Channel::ALL.iter().copied().filter(|channel| repeats(*channel)).collect();
+        assert!(repeating.contains(&Channel::LlDataRanges) && repeating.contains(&Channel::MlDataEstimate));
+        assert!(repeating.iter().all(|channel| passes(*channel) && channel.name().contains("_DATA_")));
+        assert!(!repeats(Channel::LlEventStop) && !repeats(Channel::LlDataActiveBeacons));
+    }
+
+    #[test]
     fn motion_by_the_wall_clock_is_refused_counted_and_named_once() {
         let mut gateway = Gateway::default();
         assert!(gateway.admits(&motion("drive@host:1"), true));
@@ -308,7 +329,7 @@ mod tests {
     fn a_program_that_answers_is_waited_for_and_may_move_the_robot() {
         let mut gateway = Gateway::default();
         gateway.on_tick(MS(0), 100);
-        assert!(!gateway.waits(MS(0)), "nobody has answered yet");
+        assert!(gateway.tick() == 100 && !gateway.waits(MS(0)), "nobody has answered yet");
         gateway.on_answer(&answer(100, "pilot"));
         assert_eq!((gateway.in_step(), gateway.waits(MS(1))), (vec!["pilot".to_string()], false));
         gateway.on_tick(MS(10), 150);

@@ -180,6 +180,7 @@ function system(): Part {
     log: shown({ timestamp: at, recording: robot.recording, run: "2026_11_22_09_12_40", bytes: (robot.bytes += 12_000), dropped: 0, free: 21.4e9 }, 1),
     beacon_use: shown({ timestamp: at, beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y, active: i < 5, permitted: !excluded.has(i + 1), last: i < 4 ? at - i * 2e5 : 0, residual: i < 4 ? (i === 3 ? 0.21 : wave(7 + i, 0.01)) : null, deviation: i < 4 ? 0.012 : null, fits: i < 3, accepted: i < 4 ? 600 - 90 * i : 0, refused: i === 3 ? 41 : 0 })) }, 1),
     clock: shown({ timestamp: at, rate: 1 }, 1),
+    run: shown({ timestamp: at, paused: false, speed: 1, world: "hall", command: 0, refusal: "", refused: 0, in_step: [], not_in_step: [] }, 1),
     errors: [
       { module: "driver_aux", number: 0x0703, subject: "fan2", cause: "fan2 does not turn though it is commanded to", count: 14, first: at - 900e6, last: at - 2e6, severity: 2, standing: true, known: true, message: "fan2 does not turn though it is commanded to" },
       { module: "driver_rs485a", number: 0x0101, subject: "sd1_rear", cause: "sd1_rear does not answer", count: 12, first: at - 3400e6, last: at - 64e6, severity: 1, standing: false, known: true, message: "sd1_rear answers again" },

@@ -342,6 +342,8 @@ export interface SystemPart {
   parameters: Shown<DataParameters>;
   log: Shown<DataLog>;
   clock: Shown<DataClock>;
+  /** Time and world of a simulation with `--speed`; never received from another robot. */
+  run: Shown<DataRun>;
   errors: ErrorGroup[];
   /** Single reports, the latest first, at most 100. */
   reports: Report[];
@@ -732,6 +734,12 @@ export type Command =
   | { type: "sdo"; id: number; node: number; index: number; subindex: number; data?: string }
   /** Fault of the simulation; `duration` in s. Engineers. */
   | { type: "fault"; id: number; target: string; fault: string; value: number; duration: number }
+  /**
+   * Time of a simulation with `--speed`. `action`: `pause`, `run`, `speed` with the `value` in simulated seconds per
+   * real second, 0 for as fast as possible, `step` with the `value` in s, 0 for one tick, or `reset`. The view shows
+   * whether it was executed. Engineers.
+   */
+  | { type: "simulation"; id: number; action: string; value: number }
   /**
    * A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene lists
    * the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a second.
@@ -1418,6 +1426,31 @@ export interface DataPeople {
   y: (number | null)[];
   /** Their radii, m. */
   radius: (number | null)[];
+}
+
+/**
+ * Time and world of a robot in virtual time (`advee up --sim --speed N`): `SIM_DATA_RUN`, once per real second and
+ * after each `SIM_CMD_RUN`. A simulation in real time does not publish it.
+ */
+export interface DataRun {
+  /** Microseconds since the UNIX epoch, on the clock of the modules. */
+  timestamp: number;
+  /** True while time stands still. */
+  paused: boolean;
+  /** Commanded simulated seconds per real second; 0 for as fast as possible. */
+  speed: number | null;
+  /** Name of the world. */
+  world: string;
+  /** Timestamp of the last `SIM_CMD_RUN` that was answered; 0 before the first. */
+  command: number;
+  /** Why that was refused; empty if it was executed. */
+  refusal: string;
+  /** Number of motion commands that were refused since the start, because their program is not in step. */
+  refused: number;
+  /** Programs that answer `SIM_DATA_CLOCK` and are waited for: `source` of their `SIM_CMD_CLOCK`. */
+  in_step: string[];
+  /** Programs that ceased to answer, or that sent motion commands and never answered. */
+  not_in_step: string[];
 }
 
 /** True pose and motion of the simulated robot: `SIM_DATA_TRUTH`. */

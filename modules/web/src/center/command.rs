@@ -97,6 +97,10 @@ pub enum Command {
     },
     /// Fault of the simulation; `duration` in s. Engineers.
     Fault { id: i64, target: String, fault: String, value: f64, duration: f64 },
+    /// Time of a simulation with `--speed`. `action`: `pause`, `run`, `speed` with the `value` in simulated seconds per
+    /// real second, 0 for as fast as possible, `step` with the `value` in s, 0 for one tick, or `reset`. The view shows
+    /// whether it was executed. Engineers.
+    Simulation { id: i64, action: String, value: f64 },
     /// A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene
     /// lists the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a
     /// second. Engineers, with the motion authority.
@@ -220,6 +224,7 @@ impl Command {
             | Self::Power { id, .. }
             | Self::Sdo { id, .. }
             | Self::Fault { id, .. }
+            | Self::Simulation { id, .. }
             | Self::Publish { id, .. } => Some(*id),
         }
     }
@@ -237,9 +242,10 @@ impl Command {
             Self::Resume { .. } | Self::Goal { .. } | Self::Route { .. } => needs(Role::Operator, true),
             Self::Pose { .. } | Self::Beacon { .. } | Self::Home { .. } => needs(Role::Operator, true),
             Self::Mode { .. } | Self::Parameter { .. } => needs(Role::Operator, true),
-            Self::State { .. } | Self::Level { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
+            Self::State { .. } | Self::Level { .. } | Self::Power { .. } | Self::Sdo { .. } => {
                 needs(Role::Engineer, false)
             }
+            Self::Fault { .. } | Self::Simulation { .. } => needs(Role::Engineer, false),
             Self::Publish { .. } => needs(Role::Engineer, true),
         }
     }
@@ -266,9 +272,12 @@ impl Command {
             Self::Fault { value, duration, .. } if !in_range(*value) || !(0.0..=NUMBER_MAX).contains(duration) => {
                 return Err("a value out of range".into());
             }
-            Self::Parameter { value, .. } if !in_range(*value) => return Err("a value out of range".into()),
+            Self::Parameter { value, .. } | Self::Simulation { value, .. } if !in_range(*value) => {
+                return Err("a value out of range".into());
+            }
             Self::Route { name, .. } | Self::Parameter { name, .. } => &[name],
             Self::Mode { mode, .. } => &[mode],
+            Self::Simulation { action, .. } => &[action],
             Self::Home { axis, .. } => &[axis],
             Self::State { module, .. } | Self::Level { module, .. } => &[module],
             Self::Fault { target, fault, .. } => &[target, fault],
@@ -354,11 +363,14 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
         Command::State { module, state, .. } => orders::state(timestamp, module, state, source)?.into(),
         Command::Level { module, print, send, .. } => orders::level(timestamp, module, print, send, source)?.into(),
         Command::Power { channel, action, .. } => orders::power(timestamp, channel, action)?.into(),
-        Command::Fault { .. } if !robot.simulated => return Err("this robot is not simulated".into()),
+        Command::Fault { .. } | Command::Simulation { .. } if !robot.simulated => {
+            return Err("this robot is not simulated".into());
+        }
         Command::Fault { target, fault, value, duration, .. } => {
             let (target, fault) = (target.clone(), fault.clone());
             CmdFault { timestamp, target, fault, value: *value, duration: *duration }.into()
         }
+        Command::Simulation { action, value, .. } => orders::simulation(timestamp, action, *value, source)?.into(),
         _ => return Ok(None),
     }))
 }
@@ -395,7 +407,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 23] = [
+    const ALL: [&str; 24] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -418,6 +430,7 @@ mod tests {
         r#"{"type":"power","id":1,"channel":"motors","action":"off"}"#,
         r#"{"type":"sdo","id":1,"node":1,"index":4096,"subindex":0}"#,
         r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
+        r#"{"type":"simulation","id":1,"action":"speed","value":0.2}"#,
         r#"{"type":"publish","id":1,"channel":"CM_CMD_LOG","message":"{}"}"#,
     ];
 
@@ -441,7 +454,8 @@ mod tests {
             );
         }
         let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE \
-            LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT";
+            LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT \
+            SIM_CMD_RUN";
         assert_eq!(said.join(" "), expected);
     }
 
@@ -475,6 +489,9 @@ mod tests {
             (r#"{"type":"level","id":3,"module":"a\nb","print":"INFO","send":"INFO"}"#, Some(3)),
             (r#"{"type":"level","id":3,"module":"a","print":"INFO"}"#, Some(3)),
             (r#"{"type":"fault","id":3,"target":"x","fault":"y","value":0,"duration":-1}"#, Some(3)),
+            (r#"{"type":"simulation","id":3,"action":"step","value":1e9}"#, Some(3)),
+            (r#"{"type":"simulation","id":3,"action":"step","value":null}"#, Some(3)),
+            (r#"{"type":"simulation","id":3,"action":"a\nb","value":0}"#, Some(3)),
             (r#"{"type":"publish","id":3,"channel":"A\nB","message":"{}"}"#, Some(3)),
             (r#"{"type":"publish","id":3,"channel":"A","message":{}}"#, Some(3)),
         ] {
@@ -490,6 +507,7 @@ mod tests {
         let real = Robot { simulated: false, ..robot() };
         for text in [
             r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
+            r#"{"type":"simulation","id":1,"action":"pause","value":0}"#,
             r#"{"type":"route","id":1,"name":"nowhere"}"#,
             r#"{"type":"mode","id":1,"mode":"fly"}"#,
             r#"{"type":"power","id":1,"channel":"motor","action":"off"}"#,

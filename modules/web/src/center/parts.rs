@@ -152,6 +152,8 @@ pub struct SystemPart<'a> {
     parameters: Shown<'a, middlelevel::DataParameters>,
     log: Shown<'a, common::DataLog>,
     clock: Shown<'a, simulation::DataClock>,
+    /// Time and world of a simulation with `--speed`; never received from another robot.
+    run: Shown<'a, simulation::DataRun>,
     errors: Vec<ShownGroup<'a>>,
     /// Single reports, the latest first, at most 100.
     reports: Vec<Report<'a>>,
@@ -176,6 +178,7 @@ impl<'a> SystemPart<'a> {
             parameters: model.parameters.shown(now),
             log: model.log.shown(now),
             clock: model.clock.shown(now),
+            run: model.run.shown(now),
             errors: model.errors.groups(now),
             reports: model.errors.reports().take(REPORTS_MAX).map(Report::of).collect(),
             texts: model.texts.latest().take(TEXTS_MAX).collect(),

@@ -111,7 +111,7 @@ impl ViewPublisher {
         let Inner { model, parts, map, .. } = inner;
         for part in parts {
             if part.is_due(model, map, now) {
-                part.said = (turn, text(part.kind, model, at, beside).into());
+                part.said = (turn, text(part.kind, model, model.at(at), beside).into());
                 any = true;
             }
         }

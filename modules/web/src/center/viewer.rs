@@ -92,12 +92,14 @@ async fn play(line: &mut Line, app: &App, run: &str) -> EndReason {
         // Maximum length of a reason, bytes (RFC 6455, 5.5).
         Err(why) => return EndReason::Sent(close_code::POLICY, why.chars().take(120).filter(char::is_ascii).collect()),
     };
+    // A run is played by its timestamps, however fast time passed when it was recorded.
+    let config = diagnostics::Config { simulated: false, ..config.clone() };
     let show = ViewPublisher::new(config.clone());
     let scene = run.scene.json();
     let (player, requests) = watch::channel(Request::default());
     tokio::select! {
         over = talk(line, app, &show, scene, Some(&player)) => over,
-        over = run.play(&show, config, requests) => over,
+        over = run.play(&show, &config, requests) => over,
     }
 }
 

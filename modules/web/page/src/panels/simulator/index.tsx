@@ -2,12 +2,14 @@
 import { Breakage } from "./breakage";
 import { DriftCard } from "./error";
 import { Elsewhere } from "./elsewhere";
+import { TimeCard } from "./time";
 import "../panels.css";
 
 export function Simulator() {
   return (
     <div class="p-halves">
       <div class="stack">
+        <TimeCard />
         <DriftCard />
         <Breakage />
       </div>

@@ -4,6 +4,7 @@ import { test } from "node:test";
 import { drift } from "./drift";
 import { ending, fault, listed, put } from "./faults";
 import { frame } from "./plan";
+import { inWords, offered, SPEEDS } from "./speeds";
 
 const POSE = { timestamp: 0, speed: 0, steering: 0, clearance: 1, collisions: 0 };
 const ESTIMATE = { timestamp: 0, speed: 0, rotation: 0, covariance: [], quality: 3 };
@@ -50,4 +51,11 @@ test("a plan shows all that there is, and is none where nothing is", () => {
   const plan = frame({ walls: [[0, 0, 10, 0]], columns: [[5, 5, 1]], beacons: [{ id: 1, x: -2, y: 3 }] });
   ok(plan && plan.x < -2 && plan.y < 0 && plan.x + plan.width > 10 && plan.y + plan.height > 6);
   equal(frame({ walls: [], columns: [], beacons: [] }), null);
+});
+
+test("a speed set elsewhere is among those offered", () => {
+  deepEqual(offered(20), [...SPEEDS]);
+  deepEqual(offered(3.5).slice(0, 2), [3.5, 0.05]);
+  deepEqual(offered(null), [...SPEEDS]);
+  deepEqual([0, 0.2, null].map(inWords), ["as fast as possible", "0.2 ×", "not known"]);
 });

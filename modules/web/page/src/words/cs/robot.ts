@@ -10,6 +10,7 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^no message from a robot was received; is it on\?$/, "z robota nepřišla žádná zpráva; je zapnutý?"],
   [/^no message from the robot for (\d+) s$/, ([s]) => `z robota nic nepřišlo už ${s} s`],
   [/^the PAUSE line is engaged by (.*); release it, then resume$/, ([by], said) => `je aktivní PAUSE: ${said(by ?? "")}; uvolněte jej, pak zvolte Pokračovat`],
+  [/^simulation paused$/, "simulace stojí"],
   [/^driver_canbus does not report the drives$/, "modul driver_canbus nehlásí stav pohonů"],
   [/^the robot is stopping: (.*)$/, ([why], said) => `robot zastavuje: ${said(why ?? "")}`],
   [/^the drives are not ready$/, "pohony nejsou připraveny"],
@@ -19,6 +20,7 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^(\S+) is (running|ending|down|not judged)(?:: (.*))?; the robot does not move without it$/, ([module, phase, why], said) => `modul ${module} – ${said(phase ?? "")}${why ? ` (${said(why)})` : ""}; bez něj robot nejede`],
 
   // What is not well (foundation/diagnostics/src/concerns.rs).
+  [/^simulation at ([\d.]+) ×$/, ([rate]) => `simulace v rychlosti ${decimal(rate)} ×`],
   [/^position not known$/, "poloha není známa"],
   [/^position lost$/, "poloha ztracena"],
   [/^range finders not known$/, "dálkoměry: není známo"],
