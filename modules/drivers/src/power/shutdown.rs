@@ -59,7 +59,7 @@ pub(super) struct Shutdown {
     deadlines: Deadlines<Timer>,
     /// The watchdog reports the modules.
     guarded: bool,
-    /// [`OUTPUTS`] is kept while computers shut down.
+    /// [`OUTPUTS`] and the supply are kept while computers shut down.
     keeps: bool,
     /// It is its turn, and it is still needed.
     waits: bool,
@@ -119,13 +119,15 @@ impl Shutdown {
         }
     }
 
-    /// Leaves the module of outputs alone while it is needed.
+    /// Leaves the module of outputs alone while it is needed. If it has ended before, the computers have their time,
+    /// too: they may have been asked already.
     fn keep(&mut self, now: Instant, needed: bool) {
-        let waits = self.keeps && needed && self.ending().is_some_and(|module| module == OUTPUTS);
+        let ends = matches!(self.stage, Stage::Ending { .. });
+        let waits = self.keeps && needed && ends && self.ending().is_none_or(|module| module == OUTPUTS);
         if waits {
             self.deadlines.clear(Timer::Step);
             self.deadlines.clear(Timer::Terminate);
-        } else if self.waits && matches!(self.stage, Stage::Ending { .. }) {
+        } else if self.waits && ends {
             self.deadlines.set(Timer::Step, now + if self.guarded { MODULE_TIMEOUT } else { REPEAT_PERIOD });
             self.deadlines.set(Timer::Terminate, now);
         }
@@ -140,7 +142,9 @@ impl Shutdown {
             self.keep(now, computers);
         }
         match self.stage {
-            Stage::Ending { place } if place >= self.modules.len() || self.deadlines.is_due(Timer::Latest, now) => {
+            Stage::Ending { place }
+                if place >= self.modules.len() && !self.waits || self.deadlines.is_due(Timer::Latest, now) =>
+            {
                 let until = if self.aim == ShutdownPurpose::Off { now + RELEASE_TIMEOUT } else { now };
                 self.stage = Stage::Releasing;
                 self.deadlines = Deadlines::new().with(Timer::Step, until);

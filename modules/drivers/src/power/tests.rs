@@ -571,3 +571,20 @@ fn the_outputs_are_kept_until_all_computers_are_down() {
     pass(&mut rig, 1000);
     assert_eq!((runs(&rig).len(), presses(&mut rig).len()), (1, 4));
 }
+
+#[test]
+fn without_the_module_of_outputs_the_supply_is_kept_for_the_time_that_the_computers_have() {
+    let modules = vec!["driver_io".into(), "eyes".into()];
+    let mut rig = rig_of(Config { computers: vec![computer()], modules, ..config() });
+    pass(&mut rig, 1500);
+    led(&mut rig, true);
+    order(&mut rig, 0, CmdPower::OFF);
+    pass(&mut rig, 500);
+    assert!(presses(&mut rig).contains(&1.0));
+    // It died after the press.
+    processes(&mut rig, &[]);
+    pass(&mut rig, 18_000);
+    assert!(rig.board.told.is_empty() && runs(&rig).is_empty(), "the computer shuts down");
+    pass(&mut rig, 4000);
+    assert_eq!((runs(&rig).len(), rig.board.told.last()), (1, Some(&(0xFF, 0))));
+}
