@@ -589,6 +589,12 @@ impl Robot {
             {
                 item.refuse("output", "the name of an output of [io] that takes value and value_off");
             }
+            let presses = |power: &power::Config| power.computers.iter().any(|computer| computer.button == keys.output);
+            if self.power.as_ref().is_some_and(presses)
+                && let Some(item) = signals.item("show", n)
+            {
+                item.refuse("output", "an output that is not the power button of a computer");
+            }
         }
     }
 

@@ -100,6 +100,8 @@ impl Config {
         }
         let fed: Vec<&String> = self.computers.iter().map(|computer| &computer.channel).collect();
         table.unique("computers", "channel", &fed, "one that no other entry has");
+        let buttons: Vec<&String> = self.computers.iter().map(|computer| &computer.button).collect();
+        table.unique("computers", "button", &buttons, "one that no other entry has");
         let others =
             fed.iter().enumerate().filter(|(_, channel)| !["computer1", "computer2"].contains(&channel.as_str()));
         for item in others.filter_map(|(n, _)| table.item("computers", n)) {
