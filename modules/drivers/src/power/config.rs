@@ -63,7 +63,7 @@ settings! {
     pub struct ComputerConfig {
         /// Power channel: `computer1` or `computer2`.
         channel: String = required;
-        /// Output of `[io]` at its power button: pressed while it is 1.
+        /// Output of `[io]` at its power button, not on 1-Wire: pressed while it is 1.
         button: String = required;
         /// Input of `[io]` at its power LED: 1 while it runs. Absent: when it is down is not known, and it gets the
         /// whole time.
