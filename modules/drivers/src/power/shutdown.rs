@@ -65,12 +65,17 @@ pub(super) struct Shutdown {
     waits: bool,
 }
 
+/// Time at which the computer must halt at the latest, if the supply is cut in `seconds`.
+fn halts_by(now: Instant, seconds: u8) -> Instant {
+    now + Duration::from_secs(seconds.into()).saturating_sub(HALT_RESERVE)
+}
+
 impl Shutdown {
     /// Starts at `now`. `modules` in the order of their start; `seconds` until the supply is cut, if it is.
     pub fn new(now: Instant, aim: ShutdownPurpose, modules: &[String], seconds: Option<u8>) -> Self {
         let modules: Vec<String> = modules.iter().rev().cloned().collect();
         let latest = match seconds {
-            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT_RESERVE),
+            Some(seconds) => halts_by(now, seconds),
             None => now + MODULE_TIMEOUT * (modules.len() as u32 + 1),
         };
         let deadlines = Deadlines::new()
@@ -88,6 +93,13 @@ impl Shutdown {
         self.modules.sort_by_key(|module| module == OUTPUTS);
         if let Some(latest) = self.deadlines.get(Timer::Latest).filter(|_| longer) {
             self.deadlines.set(Timer::Latest, latest + within);
+        }
+    }
+
+    /// The supply is cut in `seconds`: nothing is waited for beyond the time at which the computer must halt.
+    pub fn hasten(&mut self, now: Instant, seconds: u8) {
+        if let Some(latest) = self.deadlines.get(Timer::Latest) {
+            self.deadlines.set(Timer::Latest, latest.min(halts_by(now, seconds)));
         }
     }
 
