@@ -183,6 +183,30 @@ fn it_approaches_a_person_who_stands_slowly_and_stops_at_the_distance() {
 }
 
 #[test]
+fn a_person_who_walks_away_is_not_followed() {
+    let mut robot = Robot::new();
+    robot.enter(CmdMode::APPROACH);
+    robot.discs = vec![disc(5.0, 2.0)];
+    let mut n = 0;
+    while robot.speed < 0.2 {
+        robot.step();
+        n += 1;
+        assert!(n < 3000, "{:?} {:?}", robot.mode, robot.goal);
+    }
+    let from = robot.pose.x;
+    for _ in 0..800 {
+        robot.discs[0].0.x += STEP.as_secs_f64();
+        robot.step();
+    }
+    assert!(robot.pose.x < from + 2.0, "from {from}: {:?}", robot.pose);
+    for _ in 0..500 {
+        robot.step();
+        assert_eq!(robot.speed, 0.0, "{:?} {:?}", robot.mode, robot.goal);
+    }
+    assert_eq!((robot.shown(), robot.hold()), ((CmdMode::APPROACH, DataMode::WAITING), Some(Hold::WaitsForPeople)));
+}
+
+#[test]
 fn it_stands_before_a_person_where_its_distances_let_it_arrive() {
     let mut robot = Robot::new();
     for (name, value) in [("approach_distance_m", 0.5), ("people_margin_m", 0.7), ("stop_distance_m", 0.2)] {
