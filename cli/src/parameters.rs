@@ -62,7 +62,7 @@ fn show(all: &DataParameters, only: Option<&str>, json: bool) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `speed_mps            0.3  (0.05 to 0.5, configured 0.5)`.
+/// `speed_mps            0.3  (0.1 to 0.5, configured 0.5)`.
 fn in_words(parameter: &LiveParameter) -> String {
     let LiveParameter { name, value, minimum, maximum, configured } = parameter;
     format!("{:<20} {value:>6}  ({minimum} to {maximum}, configured {configured})", OneLine(name).to_string())
@@ -109,7 +109,7 @@ mod tests {
     #[test]
     fn a_parameter_is_a_line_with_its_range() {
         let parameter =
-            LiveParameter { name: "speed_mps".into(), value: 0.3, minimum: 0.05, maximum: 0.5, configured: 0.5 };
-        assert_eq!(in_words(&parameter), "speed_mps               0.3  (0.05 to 0.5, configured 0.5)");
+            LiveParameter { name: "speed_mps".into(), value: 0.3, minimum: 0.1, maximum: 0.5, configured: 0.5 };
+        assert_eq!(in_words(&parameter), "speed_mps               0.3  (0.1 to 0.5, configured 0.5)");
     }
 }

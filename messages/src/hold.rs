@@ -163,7 +163,7 @@ holds! {
     /// The robot was stopped, or the source was silent, and it has not sent zero since. Subject: the source.
     NotReleased = 405, "{} must send zero first: the robot was stopped", "Release the controls, then press again.";
     /// The robot was stopped, or driven by hand, and no operator has resumed the planner since. Subject: the source.
-    PlannerLatched = 406, "{} waits: an operator must resume it", "Send the goal again, or resume it.";
+    PlannerLatched = 406, "{} waits: an operator must resume it", "Send the goal or the mode again, or resume it.";
     /// Another source moves the robot. Subject: that source.
     OtherSource = 407, "{} drives the robot", "Wait until {} releases the robot, then resume.";
     /// The cause of a quick stop has ended, and the robot still brakes: it is served when it stands. No subject.

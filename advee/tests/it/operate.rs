@@ -110,11 +110,11 @@ fn the_goal_is_shown_and_a_measurement_is_no_module_of_the_robot() {
     assert!(refused(&robot, &["mode", "home"]).contains("no home place is configured"));
     assert!(good(&robot, &["mode", "route"]).starts_with("route, "));
     let parameters = good(&robot, &["parameters"]);
-    assert!(parameters.lines().count() == 9 && parameters.contains("(0.05 to 0.5, configured 0.5)"), "{parameters}");
+    assert!(parameters.lines().count() == 9 && parameters.contains("(0.1 to 0.5, configured 0.5)"), "{parameters}");
     assert_eq!(good(&robot, &["parameters", "speed_mps", "0.3"]), "speed_mps is 0.3 until the planner restarts\n");
     let slower = good(&robot, &["parameters", "speed_mps", "--json"]);
-    assert!(slower.contains("\"value\":0.3,\"minimum\":0.05,\"maximum\":0.5,\"configured\":0.5"), "{slower}");
-    for (name, value, why) in [("speed_mps", "0.6", "not within 0.05 to 0.5"), ("speed", "0.3", "no parameter")] {
+    assert!(slower.contains("\"value\":0.3,\"minimum\":0.1,\"maximum\":0.5,\"configured\":0.5"), "{slower}");
+    for (name, value, why) in [("speed_mps", "0.6", "not within 0.1 to 0.5"), ("speed", "0.3", "no parameter")] {
         let refused = refused(&robot, &["parameters", name, value]);
         assert!(refused.contains(why), "{refused}");
     }

@@ -3,7 +3,7 @@
 
 use super::*;
 use messages::middlelevel::{CmdGoal, CmdMode, CmdParameter, DataGoal, DataMode, DataParameters, Waypoint};
-use messages::simulation::DataTruth;
+use messages::simulation::{CmdFault, DataTruth};
 
 #[derive(Default)]
 struct Observed {
@@ -92,6 +92,15 @@ impl Modes {
     fn is_standing(&self) -> bool {
         self.truth().speed.abs() < 0.01
     }
+
+    /// Passes, and asserts that the robot stands all the while.
+    #[track_caller]
+    fn stands_for(&mut self, seconds: f64) {
+        self.observed.borrow_mut().fastest = 0.0;
+        self.robot.pass(seconds);
+        let seen = self.observed.borrow();
+        assert!(seen.fastest < 0.01, "{} m/s: {:?}, {:?}", seen.fastest, seen.mode, seen.goal);
+    }
 }
 
 #[test]
@@ -106,6 +115,38 @@ fn it_drives_home_by_one_order_and_stays_there() {
     let turned = navitools::wrap(truth.theta).abs();
     assert!((truth.x - 14.0).hypot(truth.y - 4.0) < 0.3 && turned < 0.3, "{truth:?}");
     assert!(modes.is_standing() && truth.collisions == 0, "{truth:?}");
+}
+
+fn is_home(seen: &Observed) -> bool {
+    (seen.mode.mode, seen.mode.state) == (CmdMode::HOME, DataMode::ARRIVED)
+}
+
+#[test]
+fn after_pause_on_the_way_home_it_stands_until_an_operator_orders_it_again() {
+    let mut modes = Modes::new(7, &["planner.home=[15.0, 6.0, 0.0]".into()]);
+    modes.enter(CmdMode::HOME);
+    modes.until("it drives", 60.0, |seen| seen.truth.speed > 0.2);
+    modes.send(CmdFault { target: "psc1".into(), fault: "stop_button".into(), duration: 2.0, ..CmdFault::default() });
+    // The line is open again, and the mode is as it was.
+    modes.robot.pass(4.0);
+    modes.stands_for(8.0);
+    assert_eq!(modes.observed.borrow().mode.mode, CmdMode::HOME);
+    modes.enter(CmdMode::HOME);
+    modes.until("it is at home", 120.0, is_home);
+}
+
+#[test]
+fn a_planner_that_is_restarted_on_the_way_home_goes_nowhere() {
+    let mut modes = Modes::new(8, &["planner.home=[15.0, 6.0, 0.0]".into()]);
+    modes.enter(CmdMode::HOME);
+    modes.until("it drives", 60.0, |seen| seen.truth.speed > 0.2);
+    let pid = modes.robot.machine.pid("planner").expect("it runs");
+    modes.robot.machine.kill(pid);
+    modes.until("it is there again", 20.0, |seen| seen.mode.mode == CmdMode::ROUTE);
+    modes.robot.pass(2.0);
+    modes.stands_for(8.0);
+    modes.enter(CmdMode::HOME);
+    modes.until("it is at home", 120.0, is_home);
 }
 
 #[test]
@@ -155,6 +196,25 @@ fn it_approaches_somebody_who_stands_and_stops_before_them() {
     let gap = 13.0 - (truth.x + 0.75);
     assert!((0.7..1.8).contains(&gap) && truth.collisions == 0, "{gap} m, {truth:?}");
     assert!(fastest < 0.45, "{fastest} m/s");
+}
+
+#[test]
+fn after_a_take_over_by_hand_it_approaches_nobody_until_an_operator_orders_it_again() {
+    // Too far away to be found at first.
+    let mut modes = Modes::new(9, &["world.columns=[[15.0, 6.0, 0.12]]".into(), map_of_the_hall()]);
+    modes.enter(CmdMode::APPROACH);
+    modes.stands_for(3.0);
+    // A person drives the robot there, and lets it go.
+    modes.robot.drive_anew(0.4, 0.0, 6.0);
+    modes.robot.pass(9.0);
+    let left = modes.truth().x;
+    assert!(left > 11.5, "{left} m");
+    modes.stands_for(20.0);
+    assert_eq!(modes.observed.borrow().mode.mode, CmdMode::APPROACH);
+    modes.enter(CmdMode::APPROACH);
+    modes.until("it stands before somebody", 120.0, |seen| {
+        seen.mode.state == DataMode::ARRIVED && seen.truth.x > left + 0.2 && seen.truth.speed.abs() < 0.01
+    });
 }
 
 #[test]

@@ -144,7 +144,7 @@ impl Fault {
 
             Self::GoalRefused => "Send a goal that lies on the map, with finite coordinates.",
             Self::EstimateBad => "Restart the estimator; check the clocks of the computers that publish to it.",
-            Self::ModeRefused => "Command a mode that the message does not refuse: `advee mode` lists them.",
+            Self::ModeRefused => "Command a mode that the message does not refuse: `advee mode --help` lists them.",
             Self::ParameterRefused => "Choose a value within the range: `advee parameters` lists names and ranges.",
 
             Self::BridgeDown => {

@@ -311,8 +311,17 @@ impl Power {
     }
 
     fn shut_down(&mut self, now: Instant, aim: ShutdownPurpose, seconds: Option<u8>, out: &mut Actions) {
-        if self.shutdown.is_some() || self.deadlines.is_set(Timer::Halted) {
+        if self.deadlines.is_set(Timer::Halted) {
             return;
+        }
+        let cut = seconds.map(|seconds| now + Duration::from_secs(seconds.into()).saturating_sub(CUT_RESERVE));
+        if let Some(shutdown) = &mut self.shutdown {
+            let Some((seconds, cut)) = seconds.zip(cut) else { return };
+            // The supply may end before what was ordered has. It would end a restart, too: that is given up.
+            if shutdown.aim != ShutdownPurpose::Reboot {
+                shutdown.hasten(now, seconds);
+                return self.computers.hasten(cut);
+            }
         }
         let what = match seconds {
             Some(seconds) => format!("the supply is cut in {seconds} s"),
@@ -327,8 +336,7 @@ impl Power {
         let mut shutdown = Shutdown::new(now, aim, &self.config.modules, seconds);
         if ends {
             let state = self.channels.state().unwrap_or(0xFF);
-            let latest = seconds.map(|seconds| now + Duration::from_secs(seconds.into()).saturating_sub(CUT_RESERVE));
-            let last = self.computers.end_all(now, state, latest, out);
+            let last = self.computers.end_all(now, state, cut, out);
             shutdown.keep_outputs(last.since(now), seconds.is_none());
         }
         self.shutdown = Some(shutdown);

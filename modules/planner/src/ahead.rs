@@ -31,8 +31,8 @@ const PERSON_DEVIATION_MPS: f64 = 0.05;
 const PERSON_DEVIATION_FROM_MPS: f64 = 0.21;
 /// Assumed speed of an unknown person, m/s, for the range from which people are considered.
 const PERSON_SPEED_ASSUMED_MPS: f64 = 0.5;
-/// Distance from the middle of a person at which the robot does not approach further, m.
-const PERSON_CONTACT_M: f64 = 0.32;
+/// Distance within `people_margin_m` from which on the robot does not approach a person further, m.
+const PERSON_WITHIN_M: f64 = 0.03;
 /// Distance from a person below which the speed is limited, m, and the limit, m/s.
 const PERSON_BESIDE_M: f64 = 0.40;
 const PERSON_BESIDE_SPEED_MPS: f64 = 0.2;
@@ -207,9 +207,10 @@ impl PredictedPath {
     /// `gap` m away.
     fn is_free(&self, speed: f64, person: &Person, gap_now: f64, config: &Config) -> bool {
         let (body, a, reaction) = (&config.body, config.limits.deceleration, config.law.reaction);
+        let margin = config.behaviour.people_margin;
         // A person that close may be left behind; the closer, the less may the robot approach.
-        let closer = APPROACH_MAX_M * ((gap_now - PERSON_CONTACT_M) / 0.2).clamp(0.0, 1.0) + 1e-3;
-        let keep = (config.behaviour.people_margin + PERSON_DISTANCE_PER_SIGMA * person.sigma).min(gap_now - closer);
+        let closer = APPROACH_MAX_M * ((gap_now - margin + PERSON_WITHIN_M) / 0.2).clamp(0.0, 1.0) + 1e-3;
+        let keep = (margin + PERSON_DISTANCE_PER_SIGMA * person.sigma).min(gap_now - closer);
         let (deviation, comes) = if speed <= PERSON_DEVIATION_FROM_MPS {
             (0.0, 0.0)
         } else {

@@ -2,7 +2,7 @@
 //! the planner tracks. Anything of a leg's size that the map does not have is tracked.
 
 use crate::ahead;
-use crate::config::Body;
+use crate::config::{Behaviour, Body};
 use crate::goal::Waypoint;
 use crate::obstacles::Obstacles;
 use crate::people::Person;
@@ -23,6 +23,11 @@ const MOVED_M: f64 = 0.5;
 /// it stops on the way, m.
 const BEGIN_BEYOND_M: f64 = 0.3;
 const STOP_WITHIN_M: f64 = 0.1;
+/// Least distance at which the robot can stand before the middle of a person, m: beyond `people_margin_m`; and beyond
+/// `margin_m` and `stop_distance_m`, which count from the leg, with the length that the guard keeps and the raster in
+/// which the path is checked.
+const BEYOND_PEOPLE_M: f64 = 0.15;
+const BEYOND_LEG_M: f64 = 0.4;
 /// Distance within which the robot turns to a person, m, and direction off the heading from which it does, rad; more
 /// than the deviation with which a turn ends.
 const TURN_WITHIN_M: f64 = 2.0;
@@ -68,6 +73,14 @@ pub struct Manner {
     pub distance: Option<f64>,
     /// It turns on the spot.
     pub turns: bool,
+}
+
+/// Distance from the robot to the middle of a person at which it stops in mode APPROACH, m: `approach_distance_m`, but
+/// not where its other distances stop it before, since it would try to arrive there again and again.
+#[must_use]
+pub fn stopping_distance(behaviour: &Behaviour) -> f64 {
+    let Behaviour { approach_distance, people_margin, margin, stop_distance, .. } = *behaviour;
+    approach_distance.max(people_margin + BEYOND_PEOPLE_M).max(margin + stop_distance + BEYOND_LEG_M)
 }
 
 impl Attention {
@@ -218,6 +231,18 @@ mod tests {
         for (person, manner) in [((1.3, 3.5), stays), ((1.3, 5.0), TURNS), ((3.0, 2.5), TURNS)] {
             assert_eq!(with(person.0, person.1).at_rest(robot, &BODY, manner), Step::Nothing, "{person:?}");
         }
+    }
+
+    #[test]
+    fn it_does_not_aim_at_a_place_before_which_other_distances_stop_it() {
+        use settings::Section;
+        let usual = Behaviour::usual();
+        assert_eq!(stopping_distance(&usual), usual.approach_distance);
+        let near = Behaviour { approach_distance: 0.5, ..usual };
+        let people = Behaviour { people_margin: 0.7, ..near };
+        assert!((stopping_distance(&people) - (0.7 + BEYOND_PEOPLE_M)).abs() < 1e-9);
+        let things = Behaviour { margin: 0.3, stop_distance: 0.2, ..near };
+        assert!((stopping_distance(&things) - (0.5 + BEYOND_LEG_M)).abs() < 1e-9);
     }
 
     #[test]

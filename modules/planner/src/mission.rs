@@ -24,7 +24,7 @@ use std::mem;
 const PLAN_AHEAD_M: f64 = 3.0;
 /// Time for which the path must be clear before the robot starts again.
 const CLEAR_FOR: Duration = Duration::from_millis(100);
-/// Allowed speed above which the robot starts, m/s.
+/// Allowed speed above which the robot starts, m/s; below the lowest limit to which a parameter can be set.
 const START_SPEED_MIN_MPS: f64 = 0.08;
 /// Time for which backing out may be blocked before it ends.
 const BACKING_OUT_BLOCKED_MAX: Duration = Duration::from_millis(900);

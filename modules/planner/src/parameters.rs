@@ -3,8 +3,8 @@
 use crate::config::{Behaviour, Config, Limits};
 use messages::middlelevel::{DataParameters, LiveParameter};
 
-/// Lowest speed to which a limit can be set, m/s; below it the drives hardly turn.
-const SPEED_MIN_MPS: f64 = 0.05;
+/// Lowest speed to which a limit can be set, m/s: above that from which a robot that was blocked starts again.
+const SPEED_MIN_MPS: f64 = 0.1;
 /// Greatest multiple of the configured value to which a distance can be set.
 const DISTANCE_FACTOR_MAX: f64 = 2.0;
 /// Range of the distance to a person who is approached, m; that of the configuration.
@@ -179,8 +179,8 @@ mod tests {
     #[test]
     fn a_speed_is_only_lowered_and_a_margin_only_raised() {
         for (name, good, bad) in [
-            ("speed_mps", [0.05, 0.3, 0.8], [0.049, 0.81, -1.0]),
-            ("speed_approach_mps", [0.05, 0.2, 0.4], [0.0, 0.41, 1.0]),
+            ("speed_mps", [0.1, 0.3, 0.8], [0.099, 0.81, -1.0]),
+            ("speed_approach_mps", [0.1, 0.2, 0.4], [0.0, 0.41, 1.0]),
             ("margin_m", [0.15, 0.2, 0.3], [0.14, 0.31, 0.0]),
             ("people_margin_m", [0.35, 0.5, 0.7], [0.34, 0.71, 0.0]),
             ("approach_distance_m", [0.5, 1.0, 2.0], [0.49, 2.01, 0.0]),
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_told_from_a_repetition() {
+    fn a_repetition_is_no_change() {
         let mut all = parameters();
         assert_eq!([0.3, 0.3, 0.8].map(|value| all.set("speed_mps", value)), [Ok(true), Ok(false), Ok(true)]);
     }

@@ -64,6 +64,8 @@ pub struct Planner {
     parameters: Parameters,
     mode: Mode,
     attention: Attention,
+    /// Refused modes and parameters that were reported since the last periodic `ML_DATA_PARAMETERS`.
+    refusals: u8,
     /// Mode, state and text as last published.
     published_mode: (Mode, i8, String),
     space: PlanningSpace,
@@ -102,6 +104,7 @@ impl Planner {
             config,
             mode: Mode::default(),
             attention: Attention::default(),
+            refusals: 0,
             published_mode: (Mode::default(), DataMode::IDLE, String::new()),
             senses: Senses::default(),
             obstacles: Obstacles::new(),

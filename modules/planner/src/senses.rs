@@ -340,7 +340,7 @@ impl Wait {
             Hold::NoEstimate => "waits for an estimate".into(),
             Hold::Starting => "begins".into(),
             Hold::PlannerLatched if subject == source => {
-                format!("waits for an operator: a goal given anew, or {source} RUN by hand")
+                format!("waits for an operator: a goal or mode given anew, or {source} RUN by hand")
             }
             Hold::ModuleInit | Hold::ModulePaused | Hold::ModuleStopped | Hold::ModuleError | Hold::ModuleEnding
                 if subject == source =>
@@ -529,7 +529,7 @@ mod tests {
             senses.on_hold(ms(1100), &holds(0, stands));
         };
         says(&mut senses, "", &[(Hold::PlannerLatched, "planner")], "");
-        let text = "waits for an operator: a goal given anew, or planner RUN by hand";
+        let text = "waits for an operator: a goal or mode given anew, or planner RUN by hand";
         assert_eq!(why(&senses, 1100), one(Hold::PlannerLatched, "planner", text));
         says(&mut senses, "web", &[], "");
         assert_eq!(why(&senses, 1100), one(Hold::OtherSource, "web", "waits: web drives the robot"));

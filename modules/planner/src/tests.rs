@@ -739,7 +739,7 @@ fn causes_of_driver_canbus_are_passed_on() {
     robot.stands = Some(Hold::PlannerLatched);
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(2.0);
-    assert_eq!(robot.goal.message, "waits for an operator: a goal given anew, or planner RUN by hand");
+    assert_eq!(robot.goal.message, "waits for an operator: a goal or mode given anew, or planner RUN by hand");
     assert!(robot.hold() == Some(Hold::PlannerLatched) && robot.holds.holds[0].latched, "{:?}", robot.holds);
     assert!(robot.commands > 30 && robot.command.speed == 0.0);
     robot.stands = None;

@@ -296,13 +296,12 @@ impl Io {
             || self.power.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
     }
 
-    /// What its output of this name has.
-    fn output(&self, name: &str) -> Option<&io::OutputKeys> {
+    /// What its output of this name has, if that follows at once: on 1-Wire a pulse could be lost, or become too long.
+    fn prompt_output(&self, name: &str) -> Option<&io::OutputKeys> {
         let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
         let found = modbus.find(|keys| keys.output && keys.name == name).map(|keys| &keys.limits);
         let gpio = || Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits);
-        let w1 = || Some(&self.w1.iter().find(|keys| keys.output && keys.name == name)?.limits);
-        found.or_else(gpio).or_else(w1)
+        found.or_else(gpio)
     }
 
     /// True if it has an input of this name.
@@ -564,10 +563,11 @@ impl Robot {
         for (n, computer) in power.computers.iter().enumerate() {
             let Some(item) = table.item("computers", n) else { continue };
             let button = self.io.as_ref().filter(|io| io.takes(&computer.button, &[0.0, 1.0]));
-            let button = button.and_then(|io| io.output(&computer.button));
+            let button = button.and_then(|io| io.prompt_output(&computer.button));
             let short = |keys: &io::OutputKeys| keys.hold.is_some_and(|hold| hold <= Duration::from_secs(2));
             if button.is_none_or(|keys| keys.safe != Some(0.0) || !short(keys)) {
-                item.refuse("button", "the name of an output of [io] with safe = 0 and a hold_s of at most 2");
+                let expected = "the name of an output of [io] with safe = 0 and a hold_s of at most 2, not on 1-Wire";
+                item.refuse("button", expected);
             }
             let Some(alive) = &computer.alive else { continue };
             let often = |io: &&Io| io.publish <= Duration::from_secs(2);
@@ -593,6 +593,12 @@ impl Robot {
                 && let Some(item) = signals.item("show", n)
             {
                 item.refuse("output", "the name of an output of [io] that takes value and value_off");
+            }
+            let presses = |power: &power::Config| power.computers.iter().any(|computer| computer.button == keys.output);
+            if self.power.as_ref().is_some_and(presses)
+                && let Some(item) = signals.item("show", n)
+            {
+                item.refuse("output", "an output that is not the power button of a computer");
             }
         }
     }

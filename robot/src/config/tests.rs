@@ -1026,6 +1026,18 @@ alive = "button"
     }
     let lines = with(&format!("[io]\npublish_s = 5\n{IO}"), POWER).unwrap_err();
     assert!(lines.iter().any(|line| line.contains("whose publish_s is at most 2")), "{lines:?}");
+    let slow = "[[io.w1]]\nname = \"slow\"\nid = \"3a-000000000007\"\nchannel = \"A\"\noutput = true\nsafe = 0\n[w1]\n";
+    let lines = with(&format!("{IO}{slow}"), &POWER.replace("button = \"horn\"", "button = \"slow\"")).unwrap_err();
+    assert!(lines.iter().any(|line| line.contains("at most 2, not on 1-Wire")), "{lines:?}");
+    let two = format!("{POWER}[[power.computers]]\nchannel = \"computer2\"\nbutton = \"horn\"\n");
+    let lines = with(IO, &two).unwrap_err();
+    let what = "button = \"horn\": expected one that no other entry has";
+    assert!(lines.iter().any(|line| line.contains(what)), "{lines:?}");
+    // No situation presses a power button.
+    let shown = format!("{POWER}[[signals.show]]\noutput = \"horn\"\nwhen = \"driving\"\npattern = \"on\"\n");
+    let lines = with(IO, &shown).unwrap_err();
+    let what = "expected an output that is not the power button of a computer";
+    assert!(lines.iter().any(|line| line.contains(what)), "{lines:?}");
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Releases by an operator: what a deliberate act permits after a stop.
 //!
 //! Homing moves the wheels, and a PAUSE line that opens must not move the robot: both wait for a deliberate act that is
-//! newer than the last other cause of the stop. Such acts are motion of a manual source after its zero, a goal, an
-//! operator's RUN for this module, the planner or all, and `LL_CMD_HOMING`.
+//! newer than the last other cause of the stop. Such acts are motion of a manual source after its zero, a goal, a mode
+//! that is an order to drive, an operator's RUN for this module, the planner or all, and `LL_CMD_HOMING`.
 
 use super::objection::Objection;
 use super::steering::{NotHomed, Steering};
@@ -19,7 +19,7 @@ pub(super) struct Releases {
     since: Option<Instant>,
     /// The operator's start of the robot releases the first homing, which has not begun yet.
     start: bool,
-    /// A goal was among the acts: it releases the planner, too, when homing has ended.
+    /// The last act releases the planner, too, when homing has ended: a goal, such a mode, or RUN for the planner or all.
     goal: bool,
 }
 

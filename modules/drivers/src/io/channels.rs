@@ -1,7 +1,9 @@
 //! Channels of the power controller as outputs: `driver_power` is commanded, and publishes what is on.
 //!
-//! An order is repeated until the channel has obeyed once. What changes afterwards without an order of this module,
-//! such as a channel that switched itself off at an over-current, or that a person switched, is left as it is.
+//! An order is repeated until the channel has obeyed once, one to switch on a few times only: a channel with a short
+//! circuit switches itself off before anything is published, and must not be switched on for ever. What changes
+//! afterwards without an order of this module, such as a channel that switched itself off at an over-current, or that a
+//! person switched, is left as it is.
 
 use super::config::PowerKeys;
 use super::signal::{Signal, place};
@@ -13,6 +15,9 @@ use rs485::boards::psc1::CHANNELS;
 /// An order that was not obeyed is repeated after this time: the controller switches one channel after the other.
 const REPEAT: Duration = Duration::from_secs(12);
 
+/// Orders to switch on, the first one included, until the output is to be off again.
+const ON_ORDERS_MAX: u8 = 3;
+
 /// A channel that is an output.
 #[derive(Debug)]
 pub(super) struct PowerOutput {
@@ -23,6 +28,8 @@ pub(super) struct PowerOutput {
     on: Option<bool>,
     /// What it is to be by the last order, and whether it was that since.
     ordered: Option<(bool, bool)>,
+    /// How often that was ordered.
+    times: u8,
     /// No order is sent before.
     gate: Instant,
 }
@@ -32,7 +39,7 @@ impl PowerOutput {
     pub fn new(keys: &PowerKeys, signals: &[Signal]) -> Option<Self> {
         let device = CHANNELS.iter().position(|name| *name == keys.channel)?;
         let (signal, device) = (place(signals, &keys.name)?, i8::try_from(device).ok()?);
-        Some(Self { signal, name: keys.channel, device, on: None, ordered: None, gate: Instant::ZERO })
+        Some(Self { signal, name: keys.channel, device, on: None, ordered: None, times: 0, gate: Instant::ZERO })
     }
 
     pub fn on_power(&mut self, now: Instant, power: &DataPower, signals: &mut [Signal]) {
@@ -54,7 +61,7 @@ impl PowerOutput {
         let target = self.target(signals);
         match self.ordered {
             Some((ordered, true)) if ordered == target => None,
-            Some((ordered, false)) if ordered == target => Some(self.gate),
+            Some((ordered, false)) if ordered == target => (!target || self.times < ON_ORDERS_MAX).then_some(self.gate),
             _ => Some(Instant::ZERO),
         }
     }
@@ -64,6 +71,8 @@ impl PowerOutput {
             return;
         }
         let target = self.target(signals);
+        let again = self.ordered.is_some_and(|(ordered, _)| ordered == target);
+        self.times = if again { self.times.saturating_add(1) } else { 1 };
         let obeyed = self.on == Some(target) && self.ordered.is_none();
         (self.ordered, self.gate) = (Some((target, obeyed)), now + REPEAT);
         if !obeyed {

@@ -805,4 +805,8 @@ fn a_power_channel_is_ordered_until_it_obeys_and_left_alone_afterwards() {
     assert!(pass(&mut bench, true, 20).is_empty());
     // It switches itself off, or a person does: nobody orders it on.
     assert!(pass(&mut bench, false, 30).is_empty());
+    // It trips as soon as it is switched on: that is not ordered for ever.
+    command(&mut bench, 0.0);
+    let on = (5, CmdPower::ON);
+    assert_eq!(pass(&mut bench, false, 60), [(5, CmdPower::OFF), on, on, on]);
 }

@@ -105,6 +105,15 @@ impl Computers {
         last
     }
 
+    /// The supply is cut soon: those that shut down are given up at `latest`.
+    pub fn hasten(&mut self, latest: Instant) {
+        for computer in &mut self.0 {
+            if let Stage::Ends { until } = &mut computer.stage {
+                *until = latest.min(*until);
+            }
+        }
+    }
+
     /// True while any shuts down.
     pub fn any_ends(&self) -> bool {
         self.0.iter().any(|computer| matches!(computer.stage, Stage::Ends { .. }))

@@ -63,7 +63,7 @@ settings! {
     pub struct ComputerConfig {
         /// Power channel: `computer1` or `computer2`.
         channel: String = required;
-        /// Output of `[io]` at its power button: pressed while it is 1.
+        /// Output of `[io]` at its power button, not on 1-Wire: pressed while it is 1.
         button: String = required;
         /// Input of `[io]` at its power LED: 1 while it runs. Absent: its shutdown is not observed, and it
         /// always gets the whole of `shutdown_s`.
@@ -100,6 +100,8 @@ impl Config {
         }
         let fed: Vec<&String> = self.computers.iter().map(|computer| &computer.channel).collect();
         table.unique("computers", "channel", &fed, "one that no other entry has");
+        let buttons: Vec<&String> = self.computers.iter().map(|computer| &computer.button).collect();
+        table.unique("computers", "button", &buttons, "one that no other entry has");
         let others =
             fed.iter().enumerate().filter(|(_, channel)| !["computer1", "computer2"].contains(&channel.as_str()));
         for item in others.filter_map(|(n, _)| table.item("computers", n)) {

@@ -59,10 +59,15 @@ pub(super) struct Shutdown {
     deadlines: Deadlines<Timer>,
     /// The watchdog reports the modules.
     guarded: bool,
-    /// [`OUTPUTS`] is kept while computers shut down.
+    /// [`OUTPUTS`] and the supply are kept while computers shut down.
     keeps: bool,
     /// It is its turn, and it is still needed.
     waits: bool,
+}
+
+/// Time at which the computer must halt at the latest, if the supply is cut in `seconds`.
+fn halts_by(now: Instant, seconds: u8) -> Instant {
+    now + Duration::from_secs(seconds.into()).saturating_sub(HALT_RESERVE)
 }
 
 impl Shutdown {
@@ -70,7 +75,7 @@ impl Shutdown {
     pub fn new(now: Instant, aim: ShutdownPurpose, modules: &[String], seconds: Option<u8>) -> Self {
         let modules: Vec<String> = modules.iter().rev().cloned().collect();
         let latest = match seconds {
-            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT_RESERVE),
+            Some(seconds) => halts_by(now, seconds),
             None => now + MODULE_TIMEOUT * (modules.len() as u32 + 1),
         };
         let deadlines = Deadlines::new()
@@ -88,6 +93,13 @@ impl Shutdown {
         self.modules.sort_by_key(|module| module == OUTPUTS);
         if let Some(latest) = self.deadlines.get(Timer::Latest).filter(|_| longer) {
             self.deadlines.set(Timer::Latest, latest + within);
+        }
+    }
+
+    /// The supply is cut in `seconds`: nothing is waited for beyond the time at which the computer must halt.
+    pub fn hasten(&mut self, now: Instant, seconds: u8) {
+        if let Some(latest) = self.deadlines.get(Timer::Latest) {
+            self.deadlines.set(Timer::Latest, latest.min(halts_by(now, seconds)));
         }
     }
 
@@ -119,13 +131,15 @@ impl Shutdown {
         }
     }
 
-    /// Leaves the module of outputs alone while it is needed.
+    /// Leaves the module of outputs alone while it is needed. If it has ended before, the computers have their time,
+    /// too: they may have been asked already.
     fn keep(&mut self, now: Instant, needed: bool) {
-        let waits = self.keeps && needed && self.ending().is_some_and(|module| module == OUTPUTS);
+        let ends = matches!(self.stage, Stage::Ending { .. });
+        let waits = self.keeps && needed && ends && self.ending().is_none_or(|module| module == OUTPUTS);
         if waits {
             self.deadlines.clear(Timer::Step);
             self.deadlines.clear(Timer::Terminate);
-        } else if self.waits && matches!(self.stage, Stage::Ending { .. }) {
+        } else if self.waits && ends {
             self.deadlines.set(Timer::Step, now + if self.guarded { MODULE_TIMEOUT } else { REPEAT_PERIOD });
             self.deadlines.set(Timer::Terminate, now);
         }
@@ -140,7 +154,9 @@ impl Shutdown {
             self.keep(now, computers);
         }
         match self.stage {
-            Stage::Ending { place } if place >= self.modules.len() || self.deadlines.is_due(Timer::Latest, now) => {
+            Stage::Ending { place }
+                if place >= self.modules.len() && !self.waits || self.deadlines.is_due(Timer::Latest, now) =>
+            {
                 let until = if self.aim == ShutdownPurpose::Off { now + RELEASE_TIMEOUT } else { now };
                 self.stage = Stage::Releasing;
                 self.deadlines = Deadlines::new().with(Timer::Step, until);

@@ -571,3 +571,42 @@ fn the_outputs_are_kept_until_all_computers_are_down() {
     pass(&mut rig, 1000);
     assert_eq!((runs(&rig).len(), presses(&mut rig).len()), (1, 4));
 }
+
+#[test]
+fn without_the_module_of_outputs_the_supply_is_kept_for_the_time_that_the_computers_have() {
+    let modules = vec!["driver_io".into(), "eyes".into()];
+    let mut rig = rig_of(Config { computers: vec![computer()], modules, ..config() });
+    pass(&mut rig, 1500);
+    led(&mut rig, true);
+    order(&mut rig, 0, CmdPower::OFF);
+    pass(&mut rig, 500);
+    assert!(presses(&mut rig).contains(&1.0));
+    // It died after the press.
+    processes(&mut rig, &[]);
+    pass(&mut rig, 18_000);
+    assert!(rig.board.told.is_empty() && runs(&rig).is_empty(), "the computer shuts down");
+    pass(&mut rig, 4000);
+    assert_eq!((runs(&rig).len(), rig.board.told.last()), (1, Some(&(0xFF, 0))));
+}
+
+#[test]
+fn a_supply_that_ends_soon_cuts_an_ordered_shutdown_short_and_replaces_a_restart() {
+    let modules = vec!["driver_io".into()];
+    let mut rig = rig_of(Config { computers: vec![computer()], modules, ..config() });
+    pass(&mut rig, 1500);
+    led(&mut rig, true);
+    order(&mut rig, 0, CmdPower::OFF);
+    pass(&mut rig, 1000);
+    rig.says(0x81, &[12]);
+    pass(&mut rig, 1500);
+    assert!(runs(&rig).is_empty());
+    // 10 s before the end, and not after the 20 s of the computer.
+    pass(&mut rig, 2000);
+    assert_eq!(runs(&rig), [["poweroff", "-f"]]);
+    let mut rig = rig_of(Config { reboot: vec!["reboot".into()], ..config() });
+    pass(&mut rig, 1500);
+    order(&mut rig, 0, CmdPower::REBOOT);
+    rig.says(0x81, &[30]);
+    pass(&mut rig, 5000);
+    assert_eq!(runs(&rig), [["poweroff", "-f"]]);
+}

@@ -115,6 +115,19 @@ fn the_closer_a_person_the_lower_the_speed_down_to_zero() {
 }
 
 #[test]
+fn with_a_greater_margin_the_robot_does_not_creep_closer_to_a_person() {
+    // 0.55, 0.6 and 0.9 m before the front.
+    for (x, greatest) in [(1.30, 0.0), (1.35, 0.0), (1.65, 0.8)] {
+        let (now, obstacles) = observe(Point { x, y: 0.0 }, (0.0, 0.0), 12);
+        let mut config = config();
+        let usual = person_speed_limit(now, &path(true), &obstacles, &config);
+        config.behaviour.people_margin = 0.7;
+        let greater = person_speed_limit(now, &path(true), &obstacles, &config);
+        assert!(usual > 0.0 && greater < usual && greater <= greatest, "{x}: {usual} {greater}");
+    }
+}
+
+#[test]
 fn an_approaching_person_slows_more_than_a_standing_one_and_a_leaving_one_less() {
     let [comes, stands, leaves] = [-1.0, 0.0, 1.0].map(|vx| allowed(2.2, 0.0, (vx, 0.0), 6));
     assert!(comes < 0.6 * stands && stands <= leaves, "{comes} {stands} {leaves}");

@@ -2,7 +2,7 @@
 //! published about them.
 
 use super::{NAME, Planner, Timer};
-use crate::attention::{Attention, Manner, Step};
+use crate::attention::{self, Attention, Manner, Step};
 use crate::goal::{Goal, Status, Waypoint};
 use crate::goal_state::GoalState;
 use crate::mode::Mode;
@@ -13,14 +13,15 @@ use module::{Actions, State};
 
 /// Longest period of `ML_DATA_MODE`, and of `ML_DATA_PARAMETERS`.
 const MODE_PERIOD_MAX: Duration = Duration::from_secs(1);
+/// Refused modes and parameters that are reported at most between two periodic `ML_DATA_PARAMETERS`.
+pub(super) const REFUSALS_MAX: u8 = 10;
 
 impl Planner {
     /// Enters a mode: what the one before it was doing ends. HOME is entered where no home place is configured, too:
     /// the robot then stands, and the cause is published.
     pub(super) fn on_mode(&mut self, now: Instant, command: &CmdMode, out: &mut Actions) {
         let Some(mode) = Mode::of(command.mode) else {
-            let why = format!("there is no mode {}", command.mode);
-            return out.report(Severity::Warning, Fault::ModeRefused, "", why);
+            return self.refuse(Fault::ModeRefused, format!("there is no mode {}", command.mode), out);
         };
         let goes_on = mode == Mode::Route && self.mode == Mode::Route;
         if self.mission.has_goal() && !goes_on {
@@ -36,7 +37,7 @@ impl Planner {
     fn go_home(&mut self, out: &mut Actions) {
         let id = Mode::Home.goal_id();
         let Some(home) = self.config.home else {
-            return out.report(Severity::Warning, Fault::ModeRefused, "", Hold::NoHome.words(""));
+            return self.refuse(Fault::ModeRefused, Hold::NoHome.words(""), out);
         };
         let goal = Goal::to(id, Waypoint::new(home.point(), Some(home.theta.radians())));
         match self.impossible(&goal, false) {
@@ -74,7 +75,15 @@ impl Planner {
                 // Also the answer to a command that changes nothing.
                 self.publish_parameters(now, out);
             }
-            Err(why) => out.report(Severity::Warning, Fault::ParameterRefused, "", format!("parameter refused: {why}")),
+            Err(why) => self.refuse(Fault::ParameterRefused, format!("parameter refused: {why}"), out),
+        }
+    }
+
+    /// Reports what was refused, unless a sender floods the planner.
+    fn refuse(&mut self, fault: Fault, why: String, out: &mut Actions) {
+        if self.refusals < REFUSALS_MAX {
+            self.refusals += 1;
+            out.report(Severity::Warning, fault, "", why);
         }
     }
 
@@ -90,7 +99,7 @@ impl Planner {
         };
         let approaches = self.mode == Mode::Approach;
         let body = self.config.body;
-        let distance = approaches.then_some(self.config.behaviour.approach_distance);
+        let distance = approaches.then(|| attention::stopping_distance(&self.config.behaviour));
         let manner = Manner { distance, turns: self.config.abilities.turns };
         self.attention.look(now, robot, &body, &self.obstacles);
         let step = if self.mission.has_goal() {
@@ -189,6 +198,7 @@ impl Planner {
             out.publish(DataMode { timestamp, mode: mode as i8, state, text, has_home });
         }
         if self.deadlines.tick(Timer::Parameters, now, MODE_PERIOD_MAX) {
+            self.refusals = 0;
             self.publish_parameters(now, out);
         }
     }

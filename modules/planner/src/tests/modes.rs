@@ -1,5 +1,6 @@
 //! Operation modes and parameters that are changed while the planner runs, with the simulated robot that steers.
 
+use super::super::modes::REFUSALS_MAX;
 use super::*;
 use messages::middlelevel::{CmdMode, CmdParameter};
 
@@ -182,6 +183,73 @@ fn it_approaches_a_person_who_stands_slowly_and_stops_at_the_distance() {
 }
 
 #[test]
+fn a_person_who_walks_away_is_not_followed() {
+    let mut robot = Robot::new();
+    robot.enter(CmdMode::APPROACH);
+    robot.discs = vec![disc(5.0, 2.0)];
+    let mut n = 0;
+    while robot.speed < 0.2 {
+        robot.step();
+        n += 1;
+        assert!(n < 3000, "{:?} {:?}", robot.mode, robot.goal);
+    }
+    let from = robot.pose.x;
+    for _ in 0..800 {
+        robot.discs[0].0.x += STEP.as_secs_f64();
+        robot.step();
+    }
+    assert!(robot.pose.x < from + 2.0, "from {from}: {:?}", robot.pose);
+    for _ in 0..500 {
+        robot.step();
+        assert_eq!(robot.speed, 0.0, "{:?} {:?}", robot.mode, robot.goal);
+    }
+    assert_eq!((robot.shown(), robot.hold()), ((CmdMode::APPROACH, DataMode::WAITING), Some(Hold::WaitsForPeople)));
+}
+
+#[test]
+fn it_stands_before_a_person_where_its_distances_let_it_arrive() {
+    let mut robot = Robot::new();
+    for (name, value) in [("approach_distance_m", 0.5), ("people_margin_m", 0.7), ("stop_distance_m", 0.2)] {
+        robot.set(name, value);
+    }
+    robot.enter(CmdMode::APPROACH);
+    let person = Point { x: 5.0, y: 2.0 };
+    robot.discs = vec![(person, 0.15)];
+    let mut n = 0;
+    while robot.mode.state != DataMode::ARRIVED || robot.pose.x < 2.3 {
+        robot.step();
+        n += 1;
+        assert!(n < 6000, "at {:?}: {:?} {:?}", robot.pose, robot.mode, robot.goal);
+        assert!(robot.speed > -0.01, "it backs out before a person: {:?} {:?}", robot.pose, robot.goal);
+    }
+    robot.pass(10.0);
+    let gap = person.x - (robot.pose.x + BODY.front);
+    assert!((0.6..1.3).contains(&gap) && robot.speed == 0.0, "{gap} m, {} m/s", robot.speed);
+    assert_eq!(robot.shown(), (CmdMode::APPROACH, DataMode::ARRIVED));
+}
+
+#[test]
+fn a_flood_of_refused_commands_is_reported_a_limited_number_of_times() {
+    let mut robot = Robot::new();
+    // Between two periodic messages.
+    robot.pass(0.5);
+    let refused = |robot: &Robot| {
+        let faults = [Fault::ModeRefused as i32, Fault::ParameterRefused as i32];
+        robot.reports.iter().filter(|number| faults.contains(number)).count()
+    };
+    for _ in 0..500 {
+        robot.enter(9);
+        robot.set("speed_mps", 7.0);
+    }
+    robot.pass(0.1);
+    assert_eq!(refused(&robot), usize::from(REFUSALS_MAX));
+    robot.pass(1.5);
+    robot.set("speed_mps", 7.0);
+    robot.pass(0.1);
+    assert_eq!(refused(&robot), usize::from(REFUSALS_MAX) + 1);
+}
+
+#[test]
 fn a_mode_that_does_not_exist_is_refused_and_the_robot_goes_on() {
     let mut robot = Robot::new();
     robot.goal(&[(9.0, 2.0)], false);
@@ -219,6 +287,22 @@ fn a_lower_speed_limit_slows_the_robot_at_once_and_one_out_of_range_is_refused()
     robot.set("speed_mps", 0.8);
     robot.pass(4.0);
     assert!(robot.speed > 0.6, "{}", robot.speed);
+}
+
+#[test]
+fn at_the_lowest_speeds_it_still_goes_on_when_what_was_in_the_way_has_left() {
+    let mut robot = Robot::new();
+    robot.pass(0.5);
+    for name in ["speed_mps", "speed_reverse_mps", "speed_unseen_mps", "speed_approach_mps"] {
+        let least = robot.parameters.parameters.iter().find(|parameter| parameter.name == name).unwrap().minimum;
+        robot.set(name, least);
+    }
+    robot.discs = vec![disc(3.8, 2.0)];
+    robot.goal(&[(5.0, 2.0)], false);
+    robot.until(DataGoal::BLOCKED, 30.0);
+    assert!(robot.pose.x > 2.2, "{:?}: {:?}", robot.pose, robot.goal);
+    robot.discs.clear();
+    robot.until(DataGoal::REACHED, 90.0);
 }
 
 #[test]

@@ -174,7 +174,7 @@ function system(): Part {
       shown({ timestamp: at, bus: "b", load: 0.02, frames: Math.round(elapsed() * 2), errors: 0, state: 0, nodes: [{ name: "sbs1", address: 0x30, state: 0, requests: 1_071, retries: 0, timeouts: 0, crc_errors: 0, round_trip_min: 0.004, round_trip_mean: 0.005, round_trip_max: 0.006 }] }, 1, 4.2),
     ],
     parameters: shown({ timestamp: at, parameters: [
-      { name: "speed_mps", value: robot.speedLimit, minimum: 0.05, maximum: 0.5, configured: 0.5 },
+      { name: "speed_mps", value: robot.speedLimit, minimum: 0.1, maximum: 0.5, configured: 0.5 },
       { name: "margin_m", value: robot.margin, minimum: 0.15, maximum: 0.3, configured: 0.15 },
     ] }, 1),
     log: shown({ timestamp: at, recording: robot.recording, run: "2026_11_22_09_12_40", bytes: (robot.bytes += 12_000), dropped: 0, free: 21.4e9 }, 1),

@@ -19,7 +19,7 @@ test("home needs a home place", () => {
 });
 
 test("parameters have names, units and steps, those of a newer robot their own name", () => {
-  deepEqual(["speed_mps", "people_margin_m", "newer_m"].map(parameterName), ["Speed limit", "Distance from people who walk", "newer_m"]);
+  deepEqual(["speed_mps", "people_margin_m", "newer_m"].map(parameterName), ["Speed limit", "Distance from people on the way", "newer_m"]);
   deepEqual([valueWords("speed_mps", 0.5), valueWords("margin_m", 0.15), valueWords("patience_s", 1.5)], ["0.50 m/s", "0.15 m", "1.5 s"]);
   deepEqual([stepOf("speed_mps"), stepOf("patience_s")], [0.01, 0.5]);
 });

@@ -20,7 +20,7 @@ export function modeWhyNot(number: number, current: Pick<DataMode, "has_home">):
   return number === HOME && !current.has_home ? t("No home place is configured.") : null;
 }
 
-/** What the robot does in its mode; empty in the mode of every day, where the goal says it. */
+/** What the robot does in its mode; empty in the mode route, where the goal says it. */
 export function modeWords(current: DataMode | null | undefined): string {
   if (!current || current.mode === ROUTE) return "";
   const shown = MODES[current.mode]?.[1];
@@ -50,7 +50,7 @@ const NAMES: Readonly<Record<string, Plain>> = {
   speed_approach_mps: "Speed towards a person",
   margin_m: "Distance beside obstacles",
   stop_distance_m: "Distance before obstacles",
-  people_margin_m: "Distance from people who walk",
+  people_margin_m: "Distance from people on the way",
   approach_distance_m: "Distance from a person it approaches",
   patience_s: "Patience",
 };

@@ -187,7 +187,7 @@ export const REMEDIES: Readonly<Record<number, string>> = {
   0x0806: "Zkontrolujte, zda podlaha a kola neprokluzují, a upevnění inerciální jednotky.",
   0x0811: "Odešlete cíl, který leží na mapě, s platnými souřadnicemi.",
   0x0812: "Spusťte estimator znovu; zkontrolujte hodiny počítačů, které mu posílají zprávy.",
-  0x0813: "Zvolte režim, který robot umí: vypíše je `advee mode`.",
+  0x0813: "Zvolte režim, který robot umí: vypíše je `advee mode --help`.",
   0x0814: "Zvolte hodnotu v rozsahu: jména a rozsahy vypíše `advee parameters`.",
   0x0901: "Zkontrolujte kabel a síť k druhému počítači a zda na něm advee běží; příčinu uvádí texty modulu bridge.",
   0x0902: "Zkontrolujte, že mají oba počítače stejný soubor s klíčem; jinak najděte, kdo se připojuje.",

@@ -58,7 +58,7 @@ export const HOLDS: Readonly<Record<Code, readonly [words: string, remedy: strin
   403: ["{} má nižší prioritu než ten, kdo řídí", "Počkejte, až druhý zdroj robota uvolní."],
   404: ["{} musí čekat: robotem hýbe jiný zdroj se stejnou prioritou", "Počkejte, až druhý zdroj robota uvolní."],
   405: ["{} musí nejprve poslat nulovou rychlost: robot byl zastaven", "Uvolněte ovládání a stiskněte je znovu."],
-  406: ["{} čeká: obsluha musí zvolit Pokračovat", "Odešlete cíl znovu, nebo zvolte Pokračovat."],
+  406: ["{} čeká: obsluha musí zvolit Pokračovat", "Odešlete znovu cíl nebo režim, nebo zvolte Pokračovat."],
   407: ["robota řídí {}", "Počkejte, až {} robota uvolní, pak zvolte Pokračovat."],
   408: ["robot dokončuje zastavení", "Okamžik počkejte: do sekundy bude stát."],
   411: ["{} žádá pohyb do strany, který podvozek neumí", "Nic se neděje: {} smí zadávat jen rychlost vpřed a otáčení."],

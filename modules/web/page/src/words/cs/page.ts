@@ -332,7 +332,7 @@ export const TEXTS = {
   "Speed towards a person": "Rychlost k člověku",
   "Distance beside obstacles": "Odstup vedle překážek",
   "Distance before obstacles": "Odstup před překážkami",
-  "Distance from people who walk": "Odstup od lidí, kteří jdou",
+  "Distance from people on the way": "Odstup od lidí na cestě",
   "Distance from a person it approaches": "Odstup od člověka, ke kterému jede",
   Patience: "Trpělivost",
   "configured {value}": "nastaveno {value}",
