@@ -7,8 +7,8 @@ use messages::middlelevel::{DataParameters, LiveParameter};
 const SPEED_MIN_MPS: f64 = 0.1;
 /// Greatest multiple of the configured value to which a distance can be set.
 const DISTANCE_FACTOR_MAX: f64 = 2.0;
-/// Range of the distance to a person who is approached, m; that of the configuration.
-const APPROACH_DISTANCE_M: (f64, f64) = (0.5, 2.0);
+/// Greatest distance to a person who is approached, m, as in the configuration.
+const APPROACH_DISTANCE_MAX_M: f64 = 2.0;
 /// Range of the patience, s.
 const PATIENCE_S: (f64, f64) = (0.5, 60.0);
 /// Characters of an unknown name that a refusal repeats.
@@ -70,14 +70,14 @@ impl Name {
         }
     }
 
-    /// Range: speeds are only lowered, distances to obstacles and people on the way only raised.
+    /// Range: speeds are only lowered, distances to obstacles and people only raised.
     fn range(self, configured: f64) -> (f64, f64) {
         match self {
             Self::Speed | Self::SpeedReverse | Self::SpeedUnseen | Self::SpeedApproach => {
                 (SPEED_MIN_MPS.min(configured), configured)
             }
             Self::Margin | Self::StopDistance | Self::PeopleMargin => (configured, DISTANCE_FACTOR_MAX * configured),
-            Self::ApproachDistance => APPROACH_DISTANCE_M,
+            Self::ApproachDistance => (configured, APPROACH_DISTANCE_MAX_M.max(configured)),
             Self::Patience => (PATIENCE_S.0, PATIENCE_S.1.max(configured)),
         }
     }
@@ -183,7 +183,7 @@ mod tests {
             ("speed_approach_mps", [0.1, 0.2, 0.4], [0.0, 0.41, 1.0]),
             ("margin_m", [0.15, 0.2, 0.3], [0.14, 0.31, 0.0]),
             ("people_margin_m", [0.35, 0.5, 0.7], [0.34, 0.71, 0.0]),
-            ("approach_distance_m", [0.5, 1.0, 2.0], [0.49, 2.01, 0.0]),
+            ("approach_distance_m", [1.2, 1.5, 2.0], [1.19, 2.01, 0.0]),
             ("patience_s", [0.5, 10.0, 60.0], [0.4, 61.0, -1.0]),
         ] {
             for value in good {

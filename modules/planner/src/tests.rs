@@ -133,11 +133,20 @@ impl Robot {
 
     /// The same with a home place.
     fn with(map: Option<crate::map::Map>, home: Option<Pose>) -> Self {
+        Self::made(map, home, Behaviour::default())
+    }
+
+    /// On the floor of the hall, with this behaviour.
+    fn behaving(behaviour: Behaviour) -> Self {
+        Self::made(None, None, behaviour)
+    }
+
+    fn made(map: Option<crate::map::Map>, home: Option<Pose>, behaviour: Behaviour) -> Self {
         let walls = map.as_ref().map(|_| (12.0, 6.0));
         let config = Config {
             body: BODY,
             limits: LIMITS,
-            behaviour: Behaviour::default(),
+            behaviour,
             law: guard::law::Law { reaction: 0.37, braking: 0.8, worst: 0.8, approach: 1.6, slow: 0.3 },
             sonar_beam: 0.96,
             age_max: Duration::from_millis(600),

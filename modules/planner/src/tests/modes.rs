@@ -208,8 +208,8 @@ fn a_person_who_walks_away_is_not_followed() {
 
 #[test]
 fn it_stands_before_a_person_where_its_distances_let_it_arrive() {
-    let mut robot = Robot::new();
-    for (name, value) in [("approach_distance_m", 0.5), ("people_margin_m", 0.7), ("stop_distance_m", 0.2)] {
+    let mut robot = Robot::behaving(Behaviour { approach_distance: 0.5, ..Behaviour::default() });
+    for (name, value) in [("people_margin_m", 0.7), ("stop_distance_m", 0.2)] {
         robot.set(name, value);
     }
     robot.enter(CmdMode::APPROACH);
