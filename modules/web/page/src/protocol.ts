@@ -452,7 +452,7 @@ export type StatusWord =
   | "fault"
   /** Stopped until a person acts or a task ends. */
   | "stopped"
-  /** Waiting with a command to move. */
+  /** Waiting with a command to move, or for the time of a simulation to pass. */
   | "waiting"
   /** Moving. */
   | "driving"
