@@ -39,6 +39,9 @@ fn shipped_as_in_0_1(sim: bool) -> Config {
         "planner.stop_distance_m=0.25",
         "planner.reaction_s=0.37",
         "planner.coasting_mps2=0.25",
+        "rs485.a.transport=two-byte",
+        "rs485.b.transport=two-byte",
+        "rs485.power.transport=two-byte",
     ]
     .map(String::from);
     let mut config = Config::load(&shipped(), sim, &sets).expect("the shipped configuration");

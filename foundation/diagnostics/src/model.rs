@@ -179,8 +179,8 @@ impl Model {
         &self.config.robot
     }
 
-    /// Instant of the robot's time at the instant `real` of the viewers' clock, for all functions that take a `now`. The
-    /// same instant, unless the robot is a simulation whose time passes slowly.
+    /// Instant of the robot's time at the instant `real` of the viewers' clock, for all functions that take a `now`.
+    /// The same instant, unless the robot is a simulation whose time passes slowly.
     #[must_use]
     pub fn at(&self, real: Instant) -> Instant {
         self.pace.at(real)
@@ -191,8 +191,8 @@ impl Model {
         self.clock.fresh(now).map(|clock| clock.rate).filter(|rate| self.config.simulated && is_slow(*rate))
     }
 
-    /// Processes a message of `bytes` bytes received at the instant `at` of the viewers' clock; `message` is its content
-    /// if the channel is one of the robot's.
+    /// Processes a message of `bytes` bytes received at the instant `at` of the viewers' clock; `message` is its
+    /// content if the channel is one of the robot's.
     pub fn receive(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
         if let Some(Message::SimDataClock(clock)) = &message
             && self.config.simulated

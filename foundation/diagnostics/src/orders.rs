@@ -119,8 +119,8 @@ pub fn mark(timestamp: i64, text: &str) -> Result<CmdLog, String> {
     Ok(CmdLog { timestamp, action: CmdLog::MARK, text: text.into() })
 }
 
-/// Command to the time of a simulation with `--speed`. `action` is `pause`, `run`, `speed`, `step` or `reset`; `value` is
-/// the speed in simulated seconds per real second, or the duration of the step, s. The simulation checks their ranges.
+/// Command to the time of a simulation with `--speed`. `action` is `pause`, `run`, `speed`, `step` or `reset`; `value`
+/// is the speed in simulated seconds per real second, or the duration of the step, s. The simulation checks their ranges.
 ///
 /// # Errors
 /// A sentence: there is no such action.

@@ -19,7 +19,8 @@ pub(super) struct Releases {
     since: Option<Instant>,
     /// The operator's start of the robot releases the first homing, which has not begun yet.
     start: bool,
-    /// The last act releases the planner, too, when homing has ended: a goal, such a mode, or RUN for the planner or all.
+    /// The last act releases the planner, too, when homing has ended: a goal, such a mode, or RUN for the planner or
+    /// all.
     goal: bool,
 }
 

@@ -220,7 +220,7 @@ fn it_stands_before_a_person_where_its_distances_let_it_arrive() {
         robot.step();
         n += 1;
         assert!(n < 6000, "at {:?}: {:?} {:?}", robot.pose, robot.mode, robot.goal);
-        assert!(robot.speed > -0.01, "it backs out before a person: {:?} {:?}", robot.pose, robot.goal);
+        assert_ne!(robot.hold(), Some(Hold::BackingOut), "before a person: {:?} {:?}", robot.pose, robot.goal);
     }
     robot.pass(10.0);
     let gap = person.x - (robot.pose.x + BODY.front);
