@@ -175,9 +175,14 @@ fn beside_canary<T>(run: impl FnOnce() -> T) -> (T, Duration) {
     let ended = AtomicBool::new(false);
     std::thread::scope(|scope| {
         let canary = scope.spawn(|| latest(&ended));
-        let outcome = run();
+        // The scope waits for the other thread, whatever becomes of this one.
+        let outcome = catch_unwind(AssertUnwindSafe(run));
         ended.store(true, Ordering::Relaxed);
-        (outcome, canary.join().expect("it only sleeps"))
+        let late = canary.join().expect("it only sleeps");
+        match outcome {
+            Ok(outcome) => (outcome, late),
+            Err(failure) => resume_unwind(failure),
+        }
     })
 }
 
