@@ -120,7 +120,8 @@ pub fn mark(timestamp: i64, text: &str) -> Result<CmdLog, String> {
 }
 
 /// Command to the time of a simulation with `--speed`. `action` is `pause`, `run`, `speed`, `step` or `reset`; `value`
-/// is the speed in simulated seconds per real second, or the duration of the step, s. The simulation checks their ranges.
+/// is the speed in simulated seconds per real second, or the duration of the step, s. The simulation checks their
+/// ranges.
 ///
 /// # Errors
 /// A sentence: there is no such action.

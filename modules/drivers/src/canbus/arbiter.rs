@@ -369,8 +369,8 @@ impl Arbiter {
     }
 
     /// An operator releases the planner by a `cmd_goal`, a `cmd_mode` that is an order to drive, or a manual
-    /// `cmd_state` RUN, received at `at`. Without effect while a manual source moves the robot, and if received before the end of
-    /// the last stop.
+    /// `cmd_state` RUN, received at `at`. Without effect while a manual source moves the robot, and if received before
+    /// the end of the last stop.
     pub fn release_planner(&mut self, at: Instant) {
         let manual = self.current(at).is_some_and(|command| command.priority > PLANNER);
         if !manual && at >= self.release_after {
