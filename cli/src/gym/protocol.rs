@@ -376,7 +376,7 @@ pub struct Info {
     pub truth: [f64; 3],
     /// True speed, m/s.
     pub speed: f64,
-    /// Distance from the outline to the nearest obstacle, m; `null`: there is none.
+    /// Distance from the outline to the nearest obstacle, m; `null` without an obstacle.
     pub clearance: f64,
     /// Goal in the world, m.
     pub goal: [f64; 2],

@@ -385,7 +385,7 @@ impl Paced {
             self.publish(&self.state().into());
             if self.pacer.is_paused() {
                 // The same tick again, for programs that have just joined: time may stand between two of them, and an
-                // answer to any other instant is none.
+                // answer to any other instant is ignored.
                 self.publish(&DataClock { timestamp: self.gateway.tick(), rate: 0.0 }.into());
             }
         }

@@ -244,7 +244,7 @@ namespace Advee
                 action.Publish();
         }
 
-        /// <summary>The reason for which a command is rejected; null if there is none.</summary>
+        /// <summary>The reason for which a command is rejected; null if it is accepted.</summary>
         string Objection(cmd_action_t command)
         {
             if (!Acts)

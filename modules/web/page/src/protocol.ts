@@ -1286,11 +1286,11 @@ export interface BeaconUse {
    * Instant of the last bearing that was compared with a known pose, microseconds since the UNIX epoch; 0: none was.
    */
   last: number;
-  /** Residual of that bearing, counter-clockwise, measured minus expected direction, rad; NaN: there is none. */
+  /** Residual of that bearing, counter-clockwise, measured minus expected direction, rad; NaN: no bearing. */
   residual: number | null;
   /** Standard deviation of the residual that was expected, of pose and measurement, rad; NaN: there is no residual. */
   deviation: number | null;
-  /** True if that bearing was accepted; false if it was refused as an outlier, or there is none. */
+  /** True if that bearing was accepted; false if it was refused as an outlier, or there is no bearing. */
   fits: boolean;
   /** Number of bearings that were accepted. */
   accepted: number;
