@@ -10,6 +10,7 @@ use super::{Common, Failed, Outcome, finite, print, seconds};
 use base::{Duration, Instant, Ticker};
 use host::clock;
 use messages::lowlevel::{CmdCreep, CmdMotion, CmdVelocity, DataMotion};
+use messages::simulation::DataRun;
 use messages::{Channel, Hold, Message, lowlevel, source_in_words};
 use std::process::ExitCode;
 
@@ -137,7 +138,8 @@ enum End {
 }
 
 pub fn drive(common: &Common, command: &Drive) -> Outcome {
-    let tool = Tool::join(common, "drive", &[Channel::LlDataMotion, Channel::LlDataVelocity, Channel::LlDataHold])?;
+    let channels = [Channel::LlDataMotion, Channel::LlDataVelocity, Channel::LlDataHold, Channel::SimDataRun];
+    let tool = Tool::join(common, "drive", &channels)?;
     let (number, grid, turn) = (tool.timestamp(), Ticker::new(clock::now(), PERIOD), Turn::of(command));
     let mut session = Session {
         tool,
@@ -184,6 +186,11 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         }
         End::Time | End::Interrupt => Err("the robot was told to stop and is not known to stand".into()),
     }
+}
+
+/// True if a simulation at another speed, or paused, refuses the motion commands of this source.
+fn is_refused(run: &DataRun, source: &str) -> bool {
+    (run.paused || run.speed != 1.0) && run.not_in_step.iter().any(|name| name == source)
 }
 
 impl Session {
@@ -239,6 +246,11 @@ impl Session {
                     self.stands = velocity.vy.abs() < STANDS_MPS && velocity.omega.abs() < STANDS_RADPS;
                     let moves = velocity.vy.abs() >= STANDS_MPS || velocity.omega.abs() >= STANDS_RADPS;
                     self.moved |= self.release.is_none() && moves;
+                }
+                Heard::Message(Message::SimDataRun(run)) if is_refused(&run, &self.tool.source) => {
+                    return Err("the simulation refuses commands by the wall clock unless its time passes as real \
+                                time does: advee sim speed 1, advee sim run"
+                        .into());
                 }
                 Heard::Message(_) | Heard::Nothing => {}
                 Heard::Interrupt => return Ok(End::Interrupt),

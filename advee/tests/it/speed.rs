@@ -84,6 +84,7 @@ fn virtual_time_is_fast_stands_still_steps_and_begins_anew() {
     });
     assert_eq!(time(&robot.view).not_in_step, ["test"]);
     assert_eq!(robot.view.texts.iter().filter(|text| text.text.contains("not in step")).count(), 1);
+    assert!(refused(&robot, &["drive", "0.3", "0", "--for", "1"]).contains("advee sim speed 1"));
 
     assert!(good(&robot, &["sim", "pause"]).starts_with("paused, else at 20 times real time"));
     robot.until("time stands still", SOON, |view| time(view).paused && rate(view) == 0.0);
