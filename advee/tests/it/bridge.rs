@@ -423,7 +423,10 @@ fn drives_by_a_cable_that_delays(here: &Host, there: &Host, name: &str, to: &str
         assert!(!has_stopped, "{} m/s: {}", robot.view.speed(), robot.view.reason());
     }
 
-    near.receive();
+    until("the state of the connection arrives", || {
+        near.receive();
+        near.state.is_some()
+    });
     let late = near.state.as_ref().unwrap().late;
     set(LONG);
     let begun = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
