@@ -337,6 +337,24 @@ impl Hold {
         )
     }
 
+    /// True if its subject is a drive, and faults of the drive belong to it.
+    #[must_use]
+    pub const fn is_about_a_drive(self) -> bool {
+        matches!(
+            self,
+            Self::DriveBooting
+                | Self::DriveBootFailed
+                | Self::DriveLost
+                | Self::DriveDeaf
+                | Self::DriveDropped
+                | Self::DriveStuck
+                | Self::DriveNoTarget
+                | Self::DriveFault
+                | Self::DriveUnseen
+                | Self::DriveParameter
+        )
+    }
+
     /// True if its subject is a source of commands.
     const fn is_about_a_source(self) -> bool {
         matches!(
@@ -372,16 +390,7 @@ impl Hold {
                 StopSource::in_words(subject)
             }
             Self::PauseField | Self::PauseFieldUnknown => subject.replacen('.', " ", 1),
-            Self::DriveBooting
-            | Self::DriveBootFailed
-            | Self::DriveLost
-            | Self::DriveDeaf
-            | Self::DriveDropped
-            | Self::DriveStuck
-            | Self::DriveNoTarget
-            | Self::DriveFault
-            | Self::DriveUnseen
-            | Self::DriveParameter => format!("{subject} drive"),
+            _ if self.is_about_a_drive() => format!("{subject} drive"),
             _ if self.is_about_a_source() => source_in_words(subject),
             _ => subject.into(),
         }
@@ -531,6 +540,17 @@ mod tests {
         let side = "Nothing is wrong: advee drive on robot must command forward speed and rotation only.";
         assert_eq!(Hold::NoSideways.remedy("drive@robot:8"), side);
         assert_eq!(Hold::GuardCreep.who("diag:6323"), "a terminal (advee diag)");
+    }
+
+    #[test]
+    fn causes_about_a_drive_name_it_so_and_list_its_faults() {
+        for cause in Hold::ALL {
+            let is_named = cause.sentence().contains("the {} drive");
+            assert_eq!(cause.is_about_a_drive(), is_named, "{cause:?}");
+            assert_eq!(cause.who("steering") == "steering drive", is_named, "{cause:?}");
+            let lists = cause.faults().iter().any(|related| related.is(base::Fault::DriveLost as i32, "steering", ""));
+            assert_eq!(lists, is_named, "{cause:?}");
+        }
     }
 
     #[test]
