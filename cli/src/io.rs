@@ -53,7 +53,7 @@ pub fn io(common: &Common, command: &Io) -> Outcome {
     }
 }
 
-/// True unless the robot that runs here, else the configured one, has no inputs or outputs: its driver does not run then.
+/// False if the robot that runs here, else the configured one, has no inputs or outputs and so no driver of them.
 fn is_configured(common: &Common) -> bool {
     configuration(common).map_or(true, |(_, config)| config.robot.io.is_some())
 }

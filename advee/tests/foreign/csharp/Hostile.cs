@@ -111,7 +111,8 @@ sealed class Hostile
                 return datagram.Concat(Noise(random.Next(100))).ToArray();
             case 4: // A field of the header at a limit.
                 int at = 4 * random.Next(5);
-                Header(Extremes[random.Next(Extremes.Length)]).ToArray().CopyTo(datagram, at < datagram.Length - 4 ? at : 0);
+                byte[] field = Header(Extremes[random.Next(Extremes.Length)]);
+                field.CopyTo(datagram, at < datagram.Length - 4 ? at : 0);
                 return datagram;
             case 5: // Two halves of a field.
                 int half = 16 + 2 * random.Next(2);
