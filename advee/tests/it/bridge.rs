@@ -100,7 +100,11 @@ struct Bus {
 
 impl Bus {
     fn on(host: &Host) -> Self {
-        Self { lcm: host.run(|| support::listen(URL)), seen: Vec::new(), state: None }
+        Self::at(host, URL)
+    }
+
+    fn at(host: &Host, url: &str) -> Self {
+        Self { lcm: host.run(|| support::listen(url)), seen: Vec::new(), state: None }
     }
 
     fn publish(&mut self, channel: &str, payload: &[u8]) {
@@ -414,7 +418,7 @@ fn drives_by_a_cable_that_delays(here: &Host, there: &Host, name: &str, to: &str
     let near = sets(&listens(), &key, measured, commands);
     let near: Vec<&str> = near.iter().map(String::as_str).collect();
     let mut robot = Robot::ready(&near);
-    let (mut near, mut far) = (Bus::on(here), Bus::on(there));
+    let (mut near, mut far) = (Bus::at(here, &robot.url), Bus::on(there));
     let _source = drives(there, &folder, 0.4);
     robot.until("the robot moves", 10.0, |view| view.speed() > 0.35);
     for _ in 0..40 {
