@@ -44,6 +44,7 @@ mod keep;
 mod lcm;
 mod level;
 mod lidar;
+mod listen;
 mod log;
 mod mode;
 mod neighbours;

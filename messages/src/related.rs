@@ -85,16 +85,7 @@ impl Hold {
                 const { &[same(Fault::CanUnacknowledged), same(Fault::CanPassive), same(Fault::CanErrors)] }
             }
             Self::SecondMaster => const { &[any(Fault::SecondMaster), any(Fault::NodeClash)] },
-            Self::DriveBooting
-            | Self::DriveBootFailed
-            | Self::DriveLost
-            | Self::DriveDeaf
-            | Self::DriveDropped
-            | Self::DriveStuck
-            | Self::DriveNoTarget
-            | Self::DriveFault
-            | Self::DriveUnseen
-            | Self::DriveParameter => &DRIVE,
+            _ if self.is_about_a_drive() => &DRIVE,
             Self::NotHomed | Self::HomingFailed | Self::ToBeHomed => const { &[same(Fault::HomingFailed)] },
             Self::SpeedExceeded => const { &[any(Fault::SpeedExceeded)] },
             Self::FeedCut => const { &[any(Fault::StopFailed)] },

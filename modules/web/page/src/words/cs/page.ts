@@ -269,7 +269,7 @@ export const TEXTS = {
   "The connection is too slow to drive: {trip} ms there and back, more than {most} ms.":
     "Spojení je na řízení příliš pomalé: odezva {trip} ms, nejvýše smí být {most} ms.",
   "The robot is stopped. Resume first.": "Robot je zastaven. Nejprve zvolte Pokračovat.",
-  "The guard is not heard.": "Hlídač okolí neodpovídá.",
+  "The guard does not report.": "Hlídač okolí neodpovídá.",
   "Nothing is in the way.": "V cestě nic není.",
   "The steering looks for its switch.": "Zatáčení hledá svůj spínač.",
   homed: "výchozí poloha známa",
