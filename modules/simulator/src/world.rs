@@ -82,8 +82,8 @@ settings! {
     pub struct World {
         /// Pose of the robot at first: x and y of the middle of the rear axle, m; theta, rad.
         start: Pose = required, START;
-        /// Map of further walls in YAML and PGM, as nav2 has them, from the world's file on: what is occupied in it, and
-        /// what is unknown beside what is free.
+        /// Map of further walls in YAML and PGM, as nav2 has them, from the world's file on: what is occupied in it,
+        /// and what is unknown beside what is free.
         map: Option<PathBuf> = optional;
         /// Straight walls `[ax, ay, bx, by]`, m; seen and felt from both sides.
         walls: Vec<Segment> = [], WALLS;

@@ -6,8 +6,8 @@ use planner::map::{Cell, Field, Map, Unknown};
 use simulator::world::World;
 use std::fmt;
 
-/// Clearance at the start of a robot in a map, m, where there is a place that has it: the reference robot turns there at
-/// full lock.
+/// Clearance at the start of a robot in a map, m, where there is a place that has it: the reference robot turns there
+/// at full lock.
 const ROOM_M: f64 = 1.4;
 /// Least clearance at such a start, m.
 const ROOM_LEAST_M: f64 = 0.8;
