@@ -290,7 +290,7 @@ fn a_world_has_the_walls_of_its_map_beside_its_own() {
 }
 
 #[test]
-fn a_robot_starts_in_the_middle_of_a_map_or_where_it_is_told() {
+fn a_robot_starts_in_the_middle_of_a_map_or_at_the_start_that_is_given() {
     let folder = Folder::new("start");
     let mut map = room(60, 40);
     let file = folder.saved("room.yaml", &map);
