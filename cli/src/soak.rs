@@ -41,7 +41,7 @@ pub struct Soak {
     /// What all chance follows from
     #[arg(long, value_name = "S", default_value = "1")]
     seed: u64,
-    /// The simulated world: a file, or a name in conf/worlds [default: those of the scenario, in turn]
+    /// The simulated world: a file, also a map in YAML, or a name in conf/worlds [default: the scenario's, in turn]
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
     /// What happens [default: scenarios/default.toml in a checkout or beside the configuration, else as built in]

@@ -18,7 +18,9 @@ pub use robot::{
     gpio_bus,
 };
 pub use scenario::{built_in_scenario, regressions, scenario};
-pub use world::{is_of_world, parsed as parsed_world, place as world_place, world};
+pub use world::{
+    Source as WorldSource, is_of_world, parsed as parsed_world, place as world_place, recorded as recorded_world, world,
+};
 
 pub use settings::ConfigError;
 

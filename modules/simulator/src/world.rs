@@ -7,6 +7,7 @@ mod keys;
 use keys::{BEACONS, COLUMNS, DROPS, PEOPLE, POINTS, START, WALLS};
 use navitools::{Point, Pose};
 use settings::{Section, settings};
+use std::path::PathBuf;
 
 /// A straight wall, seen and felt from both sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +82,9 @@ settings! {
     pub struct World {
         /// Pose of the robot at first: x and y of the middle of the rear axle, m; theta, rad.
         start: Pose = required, START;
+        /// Map of further walls in YAML and PGM, as nav2 has them, from the world's file on: what is occupied in it,
+        /// and what is unknown beside what is free.
+        map: Option<PathBuf> = optional;
         /// Straight walls `[ax, ay, bx, by]`, m; seen and felt from both sides.
         walls: Vec<Segment> = [], WALLS;
         /// Walls of glass: a lidar sees through them, unless it looks at one within 4° of a right angle.

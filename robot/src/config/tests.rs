@@ -786,7 +786,7 @@ fn a_world_is_read_as_strictly() {
             "w.toml:5: columns = 1: expected a list",
             "w.toml:6: drops[0] = 3: expected a list of corners [x, y]",
             "w.toml:6: drops[1][0] = [2 items]: expected a list of 2 numbers within ±10000",
-            "w.toml:7: moon: unknown key, expected one of start, walls, glass, black, shiny, columns, drops, \
+            "w.toml:7: moon: unknown key, expected one of start, map, walls, glass, black, shiny, columns, drops, \
              beacons, people, places, routes",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]
