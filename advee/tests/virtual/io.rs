@@ -2,9 +2,9 @@
 
 use super::{Robot, place};
 use base::Duration;
-use messages::{Hold, Message};
 use messages::lowlevel::{CmdOutput, CmdPower, DataBattery, DataIo, DataPower};
 use messages::simulation::CmdFault;
+use messages::{Hold, Message};
 use robot::place::RobotLocation;
 use sim::host::{Config, News};
 use std::cell::RefCell;
