@@ -65,7 +65,7 @@ holds! {
         "Check its errors, and the modules: driver_lidar must run. Then release the controls and press again.";
     /// The state of an input that stops the robot (`[stop]`) is not known yet, or not any more. Subject: the input.
     PauseInputUnknown = 104, "the state of {} is not known",
-        "Check supply and cable of what reads {}, its errors, and the modules; then release the controls and press again.";
+        "Check supply and cable of what reads {}, and the modules. Then release the controls and press again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
     /// Floor sensors engage the PAUSE line. Subject: `sd1_front` or `sd1_rear`.

@@ -359,7 +359,8 @@ fn an_input_of_stop_that_opens_or_is_not_known_stops_the_robot_and_nothing_resum
         assert!(rig.robot.speed() > 0.25, "{fault}: {} m/s, {:?}", rig.robot.speed(), rig.robot.hold());
         let now = rig.robot.machine.now();
         let (target, fault) = (target.to_owned(), fault.to_owned());
-        rig.robot.machine.inject(now, CmdFault { target, fault: fault.clone(), value, duration: 2.0 });
+        let open = CmdFault { target, fault: fault.clone(), value, duration: 2.0, ..CmdFault::default() };
+        rig.robot.machine.inject(now, open);
         // 0.5 s, and the way from 0.3 m/s to standstill.
         rig.robot.pass(1.2);
         assert_eq!(rig.robot.hold(), Some(Hold::PauseInput), "{fault}");

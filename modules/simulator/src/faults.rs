@@ -54,7 +54,7 @@
 //! | the propulsion drive | `runaway` | once it turns it is `value` m/s (0: 0.3) faster than it is told |
 //! | the drive of a wheel | `encoder` | its encoder counts `value` times the truth: 0 dead, -1 reversed, 1.3 slipping |
 //! | the drive of a wheel | `swapped` | it has the encoder of the wheel `value`, from 1 on |
-//! | a drive but the EPOS | `opened` | its digital input `value`, 3 to 31, is open; the others that are no switches are closed |
+//! | a drive but the EPOS | `opened` | its digital input `value`, 3 to 31, is open, else closed |
 //! | a drive but the EPOS | `layout` | it is another version, with other PDOs; it starts anew |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |

@@ -123,7 +123,7 @@ settings! {
 }
 
 settings! {
-    /// `[[stop.inputs]]`: an input that stops the robot while it is open, or not known: a `signal`, or `axis` and `bit`.
+    /// `[[stop.inputs]]`: an input that stops the robot while it is open or not known: a `signal`, or `axis` and `bit`.
     #[derive(Clone, Debug, PartialEq)]
     pub struct StopInput {
         /// Name of a signal of `[io]` that is an input, 1 while it is closed.

@@ -1,8 +1,8 @@
 //! Digital inputs of drives that stop the robot (`[stop]`), read by SDO: not every drive maps them into a PDO, and one
 //! that does sends changes only, so that silence would prove nothing.
 //!
-//! Timing    each drive with such inputs is asked in [`PERIOD`] while it is booted; none while another master is on the
-//!           bus, since a request would end its transfer, and nothing moves then
+//! Timing    each drive with such inputs is asked in [`PERIOD`] while it is booted; none while another master is on
+//!           the bus, since a request would end its transfer, and nothing moves then
 //! Silence   a value counts for `pause::FIELDS_TIMEOUT` from the request that it answers. A drive that is lost, does not
 //!           answer, or refuses the object is not known, and that is PAUSE
 

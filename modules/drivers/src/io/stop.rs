@@ -1,4 +1,4 @@
-//! Signals that stop the robot (`[stop]`): whether each is closed, on `LL_EVENT_STOP`, at each change and in [`PERIOD`].
+//! Signals that stop the robot (`[stop]`): whether each is closed, on `LL_EVENT_STOP` at each change and in [`PERIOD`].
 //!
 //! A signal is closed while its value is 1 and not older than [`AGE_MAX`]. Before its first value nothing is published:
 //! silence stops the robot as well, and without that an operator would have to release PAUSE after each start.
