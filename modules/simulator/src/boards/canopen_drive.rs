@@ -220,11 +220,13 @@ impl CanopenDrive {
     }
 
     pub fn rests(&self) -> bool {
-        match &self.device {
-            Device::Epos(epos) => epos.rests(),
-            Device::Icla(icla) => icla.rests(),
-            Device::Cia402(cia402) => cia402.rests(),
-        }
+        // The end of an open input is noticed by a step.
+        self.opened.is_none()
+            && match &self.device {
+                Device::Epos(epos) => epos.rests(),
+                Device::Icla(icla) => icla.rests(),
+                Device::Cia402(cia402) => cia402.rests(),
+            }
     }
 
     /// Goes on by `dt` s; answers what it demands of its axis.
@@ -264,7 +266,11 @@ impl CanopenDrive {
 
     /// Opens a digital input until then, or closes all; false for a drive that has none.
     pub fn open(&mut self, bit: Option<u8>, until: Instant) -> bool {
-        self.opened = bit.map(|bit| (bit, until));
+        match (bit, &mut self.opened) {
+            (Some(bit), opened) => *opened = Some((bit, until)),
+            (None, Some((_, end))) => *end = until,
+            (None, None) => {}
+        }
         self.node.get(0x60FD, 0).is_some()
     }
 
