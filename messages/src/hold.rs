@@ -63,6 +63,9 @@ holds! {
     /// The state of a lidar's own fields that stop the robot is not known yet, or not any more. Subject: the lidar.
     PauseFieldUnknown = 103, "the fields of {} are not known to be free",
         "Check its errors, and the modules: driver_lidar must run. Then release the controls and press again.";
+    /// The state of an input that stops the robot (`[stop]`) is not known yet, or not any more. Subject: the input.
+    PauseInputUnknown = 104, "the state of {} is not known",
+        "Check supply and cable of what reads {}, and the modules. Then release the controls and press again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
     /// Floor sensors engage the PAUSE line. Subject: `sd1_front` or `sd1_rear`.
@@ -72,6 +75,9 @@ holds! {
     /// A field of a lidar that stops the robot is infringed, or not known. Subject: the lidar, such as `lidar.front`.
     PauseField = 114, "PAUSE is engaged by the fields of {}",
         "Clear what is in the fields of {}; if nothing is, check its errors.";
+    /// An input that stops the robot (`[stop]`) is open. Subject: the input, such as `io.estop` or `drive.left.3`.
+    PauseInput = 115, "PAUSE is engaged by {}",
+        "Close {}: release the emergency stop. If it is not pressed, check its wires.";
     /// Another source engages the PAUSE line. Subject: its name as it was reported.
     PauseOther = 119, "PAUSE is engaged by {}", "Release the PAUSE line at {}.";
 
@@ -386,9 +392,12 @@ impl Hold {
     #[must_use]
     pub fn who(self, subject: &str) -> String {
         match self {
-            Self::PauseBumper | Self::PauseFloor | Self::PauseButton | Self::PauseOther => {
-                StopSource::in_words(subject)
-            }
+            Self::PauseBumper
+            | Self::PauseFloor
+            | Self::PauseButton
+            | Self::PauseInput
+            | Self::PauseInputUnknown
+            | Self::PauseOther => StopSource::in_words(subject),
             Self::PauseField | Self::PauseFieldUnknown => subject.replacen('.', " ", 1),
             _ if self.is_about_a_drive() => format!("{subject} drive"),
             _ if self.is_about_a_source() => source_in_words(subject),
@@ -536,6 +545,8 @@ mod tests {
         assert_eq!(Hold::PauseOther.remedy(""), "Release the PAUSE line at an unknown source.");
         assert_eq!(Hold::PauseOther.remedy("rope"), "Release the PAUSE line at rope.");
         assert_eq!(Hold::PauseField.who("lidar.front"), "lidar front");
+        assert_eq!(Hold::PauseInput.who("io.estop"), "the input estop");
+        assert_eq!(Hold::PauseInputUnknown.who("drive.left.3"), "digital input 3 of the left drive");
         assert_eq!(Hold::DriveDropped.remedy("steering"), "Check the errors of the steering drive.");
         let side = "Nothing is wrong: advee drive on robot must command forward speed and rotation only.";
         assert_eq!(Hold::NoSideways.remedy("drive@robot:8"), side);

@@ -55,6 +55,8 @@ const LIDAR: [Related; 7] = [
     same(Fault::LidarError),
     same(Fault::LidarNoResult),
 ];
+const INPUT: [Related; 4] =
+    [any(Fault::PortDown), any(Fault::IoDeviceLost), any(Fault::IoDeviceRefused), any(Fault::DriveLost)];
 const POSITION: [Related; 5] = [
     any(Fault::PoseLost),
     any(Fault::OdometrySilent),
@@ -79,6 +81,11 @@ impl Hold {
                 &FIELD
             }
             Self::PauseFieldUnknown => &LIDAR,
+            Self::PauseInput => {
+                const OPEN: [Related; 6] = joined(&INPUT, &PAUSED);
+                &OPEN
+            }
+            Self::PauseInputUnknown => &INPUT,
 
             Self::BusDown => const { &[same(Fault::PortDown)] },
             Self::BusUnacknowledged => {

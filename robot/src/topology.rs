@@ -72,6 +72,7 @@ pub(crate) fn policy(config: &Config) -> Policy {
         ranging: ours(rs485a::NAME).filter(|_| has_ranging),
         lidar: ours(lidar::NAME),
         imu: ours(imu::NAME),
+        io: ours(io::NAME).filter(|_| config.robot.stop.signals().next().is_some()),
         motion: ours(canbus::NAME),
         estimator: ours(estimator::NAME),
         planner: ours(planner::NAME),
@@ -640,7 +641,7 @@ fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
 
 /// `driver_io`: the Modbus and GPIO lines.
 fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
-    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS)) else {
+    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS, &robot.stop)) else {
         return refused("driver_io: robot.toml has no table [io]".into());
     };
     io::Io::new(config).or_else(|error| refused(format!("driver_io: {error}")))

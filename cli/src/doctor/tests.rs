@@ -586,6 +586,19 @@ fn a_report_is_lines_that_a_terminal_holds_and_commands_in_one_piece() {
 }
 
 #[test]
+fn what_reads_the_emergency_stop_is_named_or_said_to_be_missing() {
+    let found = |folder: &str, sets: &[&str]| {
+        let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(folder);
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        super::emergency_stop(&robot::config::Config::load(&conf, true, &sets).unwrap().robot)
+    };
+    says(&found("advee", &[]), Level::Ok, "read: the PAUSE line of the power controller", "");
+    let input = ["stop.inputs=[{axis=\"left\",bit=3}]"];
+    says(&found("courier", &input), Level::Ok, "read: digital input 3 of the left drive", "");
+    says(&found("courier", &[]), Level::Warning, "not read", "");
+}
+
+#[test]
 fn the_second_way_to_stop_is_named_or_said_to_be_missing() {
     let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
     let found = |sets: &[&str]| {

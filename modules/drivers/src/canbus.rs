@@ -24,6 +24,7 @@ mod controller;
 mod drive;
 mod feed_output;
 mod ignored;
+mod inputs;
 mod keys;
 mod motor_watch;
 mod objection;
@@ -46,7 +47,7 @@ mod wheels;
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
-    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
+    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
@@ -64,6 +65,7 @@ use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
 use controller::Controller;
 use ignored::Ignored;
+use inputs::DriveInputs;
 use kinematics::{PerWheel, Twist};
 use messages::{Channel, Hold, Message, common, lowlevel, source_in_words};
 use module::admission::Origin;
@@ -93,6 +95,9 @@ pub const LINE_BUS: &str = "stop.gpio";
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
+/// Reported at each start of a robot without a PAUSE line and `[[stop.inputs]]`.
+const NO_EMERGENCY_STOP: &str = "no emergency stop is read: neither a power controller reports the PAUSE line, nor has \
+                                 [stop] inputs; one that is pressed must stop the robot without this computer";
 /// Difference from the measured steering angle from which an angle is a motion, rad.
 const TURN_RAD: f64 = 0.02;
 const MEASURED_OBJECTS: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
@@ -145,6 +150,8 @@ pub struct Canbus {
     agreement: AgreementWatch,
     /// Of the wheels' drives, then of the steering's.
     readbacks: Vec<Readback>,
+    /// Inputs of drives that stop the robot.
+    inputs: DriveInputs,
     protection: Protection,
     bus: Bus,
     requests: Requests,
@@ -197,6 +204,9 @@ impl Canbus {
         let master = Master::new(master, &nodes)?;
         let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
         let stop_watch = StopWatch::new(&config.stop, config.has_pause_line);
+        let drives = wheels.drive_axes().zip(wheels.drives()).map(|(axis, drive)| (axis, drive.node));
+        let steers = steering.iter().map(|steering| (Axis::Steering, steering.drive.node));
+        let inputs = DriveInputs::new(&config.stop, drives.chain(steers));
         Ok(Self {
             master,
             has_canopen: !nodes.is_empty() || stop_watch.node().is_some(),
@@ -205,11 +215,12 @@ impl Canbus {
                 config.critical.clone(),
                 config.planning.clone(),
                 config.has_pause_line,
-                &config.fields,
+                (&config.fields, &inputs::names(&config.stop)),
                 config.guarded,
                 Ranging::new(&config.ranging, config.ranging_age_max),
             ),
             stop_watch,
+            inputs,
             agreement: AgreementWatch::default(),
             readbacks,
             releases: Releases::new(config.homing_release == HomingRelease::Start),
@@ -565,6 +576,7 @@ impl Canbus {
         // External requests come first: the object may be one that the driver reads, too.
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
+            || self.inputs.on_sdo(ticket, result.ok(), &mut self.around.pause)
             || self.on_read_back(now, ticket, result.ok(), out)
             || self
                 .drives_mut()
@@ -713,6 +725,7 @@ impl Canbus {
     /// Derives the goals of the axes from the current state. Called after every event.
     fn decide(&mut self, now: Instant, out: &mut Actions) {
         self.expire(now, out);
+        self.around.pause.expire(now);
         self.update_releases(now);
         let blocked = self.objections(now).next();
         if blocked != self.blocked {
@@ -794,9 +807,16 @@ impl Canbus {
             self.read_measured(now, node);
         }
         let alone = !self.deadlines.is_set(Timer::SecondMaster);
+        self.read_inputs(now, alone);
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             drive.watch_motor(now, alone, &mut self.master);
         }
+    }
+
+    /// Reads the inputs of drives that stop the robot.
+    fn read_inputs(&mut self, now: Instant, alone: bool) {
+        let booted: PerWheel<(u8, bool)> = self.drives().map(|drive| (drive.node, drive.is_booted())).collect();
+        self.inputs.advance(now, alone, |node| booted.contains(&(node, true)), &mut self.master);
     }
 
     /// Drives at a velocity, unless a drive does not follow: without steering, or with a wheel that does not turn, the
@@ -1076,6 +1096,9 @@ impl Module for Canbus {
                 self.start_second_way(now, out);
                 self.report_cap(out);
                 self.report_reservations(out);
+                if !self.config.has_pause_line && self.config.stop.inputs.is_empty() {
+                    out.say(Level::Warning, NO_EMERGENCY_STOP);
+                }
                 if let Some(warning) = self.protection.warning() {
                     out.say(Level::Warning, warning);
                 }
@@ -1139,6 +1162,7 @@ impl Module for Canbus {
             self.bus.poll_timeout(),
             self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
             self.stop_watch.poll_timeout(),
+            self.inputs.poll_timeout(|node| self.drives().any(|drive| drive.node == node && drive.is_booted())),
             self.wheels.iter().filter_map(Propulsion::poll_timeout).min(),
             self.steering.as_ref().and_then(Steering::poll_timeout),
             self.body.poll_timeout(),

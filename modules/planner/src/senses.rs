@@ -17,13 +17,15 @@ const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 /// Silence of a source that engages PAUSE after which a person may have overruled it.
 const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// Causes by which PAUSE is engaged.
-const ENGAGED: [Hold; 7] = [
+const ENGAGED: [Hold; 9] = [
     Hold::PauseUnknown,
     Hold::PauseFieldUnknown,
+    Hold::PauseInputUnknown,
     Hold::PauseBumper,
     Hold::PauseFloor,
     Hold::PauseButton,
     Hold::PauseField,
+    Hold::PauseInput,
     Hold::PauseOther,
 ];
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).

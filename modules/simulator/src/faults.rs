@@ -54,6 +54,7 @@
 //! | the propulsion drive | `runaway` | once it turns it is `value` m/s (0: 0.3) faster than it is told |
 //! | the drive of a wheel | `encoder` | its encoder counts `value` times the truth: 0 dead, -1 reversed, 1.3 slipping |
 //! | the drive of a wheel | `swapped` | it has the encoder of the wheel `value`, from 1 on |
+//! | a drive but the EPOS | `opened` | its digital input `value`, 3 to 31, is open, else closed |
 //! | a drive but the EPOS | `layout` | it is another version, with other PDOs; it starts anew |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
@@ -158,6 +159,8 @@ pub enum InjectedFault {
     Encoder(f64),
     /// It has the encoder of the wheel of this number, from 1 on.
     Swapped(u8),
+    /// This digital input of a drive is open.
+    Opened(u8),
     /// Measures so much more rotation than there is, rad/s.
     Biased(f64),
     /// Another version, with other PDOs.
@@ -221,6 +224,7 @@ pub const NAMES: &[&str] = &[
     "encoder",
     "swapped",
     "biased",
+    "opened",
     "layout",
     "noise",
     "corrupt",
@@ -276,6 +280,7 @@ pub fn about(name: &str) -> &'static str {
         "encoder" => "its encoder counts VALUE times the truth: 0 dead, -1 reversed, 1.3 slipping",
         "swapped" => "it has the encoder of the wheel VALUE, from 1 on",
         "biased" => "measures VALUE rad/s (0: 0.2) more rotation than there is",
+        "opened" => "its digital input VALUE, 3 to 31, is open",
         "layout" => "is another version, with other PDOs; it restarts",
         "noise" => "each bit on it is wrong with probability VALUE (0: 0.0001)",
         "corrupt" => "each frame whose number VALUE divides (0: 10) is destroyed, and sent again",
@@ -360,6 +365,7 @@ impl InjectedFault {
             "encoder" => value.is_finite().then(|| Self::Encoder(value.clamp(-2.0, 2.0))),
             "swapped" => (1..=u8::MAX).find(|wheel| f64::from(*wheel) == value).map(Self::Swapped),
             "biased" => Some(Self::Biased(or(value, 0.2).min(30.0))),
+            "opened" => (3..32).find(|bit| f64::from(*bit) == value).map(Self::Opened),
             "layout" => Some(Self::Layout),
             "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
             "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),

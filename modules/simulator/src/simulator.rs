@@ -582,6 +582,7 @@ impl Simulator {
                 InjectedFault::None => {
                     drive.silent_until = now;
                     drive.disobey(None, now);
+                    drive.open(None, now);
                     drive.misread(None, now, self.scene.body());
                     drive.set_layout(now, Layout::Usual, self.scene.body());
                     self.can.heal_node(drive.config.node);
@@ -597,6 +598,7 @@ impl Simulator {
                     return drive.misread(Some(Wrong::Of(wheel - 1)), until, self.scene.body());
                 }
                 InjectedFault::Swapped(_) => return false,
+                InjectedFault::Opened(bit) => return drive.open(Some(bit), until),
                 InjectedFault::Layout => return drive.set_layout(now, Layout::Other, self.scene.body()),
                 injected => {
                     let DriveConfig { node, kind, .. } = &drive.config;

@@ -312,9 +312,21 @@ impl Io {
             || self.w1.iter().any(|keys| !keys.output && keys.name == name)
     }
 
-    /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus.
+    /// True if it has an input of this name that is 0 or 1, and read often enough to stop the robot.
+    fn has_stop_input(&self, name: &str) -> bool {
+        let is_bit = |keys: &io::SignalKeys| {
+            let of_bits = matches!(keys.table, modbus::Table::Coils | modbus::Table::DiscreteInputs);
+            !keys.output && keys.name == name && (of_bits || keys.format == modbus::value::Kind::Bit)
+        };
+        let prompt = |bus: &&ModbusBus| bus.driver.period <= STOP_PERIOD_MAX;
+        let mut modbus = self.modbus.iter().filter(prompt).flat_map(|bus| &bus.driver.signals);
+        modbus.any(is_bit) || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+    }
+
+    /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus; `stop`: its
+    /// inputs.
     #[must_use]
-    pub fn config(&self, signals: &io::Shows, w1_bus: &str) -> io::Config {
+    pub fn config(&self, signals: &io::Shows, w1_bus: &str, stop: &canbus::Stop) -> io::Config {
         let modbus = |bus: &ModbusBus| io::Modbus { bus: bus.bus(), line: bus.line(), keys: bus.driver.clone() };
         io::Config {
             publish: self.publish,
@@ -325,9 +337,13 @@ impl Io {
             power: self.power.clone(),
             batteries: self.battery.clone(),
             signals: signals.clone(),
+            stops: stop.signals().map(Into::into).collect(),
         }
     }
 }
+
+/// Longest period in which an input that stops the robot is read: older than 0.5 s it counts as open.
+const STOP_PERIOD_MAX: Duration = Duration::from_millis(200);
 
 /// The name of a line's port.
 #[must_use]
@@ -522,6 +538,7 @@ impl Robot {
         }
         self.check_fields(table);
         self.check_signals(table);
+        self.check_stop(table);
         self.check_computers(table);
         if self.w1.is_none()
             && self.io.as_ref().is_some_and(|io| !io.w1.is_empty())
@@ -599,6 +616,29 @@ impl Robot {
                 && let Some(item) = signals.item("show", n)
             {
                 item.refuse("output", "an output that is not the power button of a computer");
+            }
+        }
+    }
+
+    /// Inputs that stop the robot exist, can be read often enough, and are named once.
+    fn check_stop(&self, table: &Table<'_>) {
+        let Some(stop) = table.below("stop") else { return };
+        for (n, input) in self.stop.inputs.iter().enumerate() {
+            let Some(item) = stop.item("inputs", n) else { continue };
+            let key = if input.signal.is_some() { "signal" } else { "axis" };
+            if self.stop.inputs[..n].contains(input) {
+                item.refuse(key, "an input that no other of the inputs is");
+            }
+            if let Some(name) = &input.signal
+                && !self.io.as_ref().is_some_and(|io| io.has_stop_input(name))
+            {
+                let expected = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line whose period_s \
+                                is at most 0.2";
+                item.refuse(key, expected);
+            }
+            let is_its = |node: &&canbus::Node| Some(node.axis) == input.axis && node.is_canopen();
+            if input.axis.is_some() && !self.can.iter().any(|bus| bus.driver.nodes.iter().any(|node| is_its(&node))) {
+                item.refuse(key, "an axis with a drive of CANopen");
             }
         }
     }

@@ -500,6 +500,41 @@ fn the_output_that_cuts_the_feed_is_a_node_of_its_own() {
 }
 
 #[test]
+fn an_input_that_stops_the_robot_exists_and_is_read_often_enough() {
+    let io = "[io.modbus.plc]\naddress = \"127.0.0.1:1502\"\nperiod_s = PERIOD\nsignals = [\
+              { name = \"gate\", table = \"discrete\", address = 0 }, \
+              { name = \"volts\", table = \"input\", address = 1 }]\n\
+              [[io.gpio]]\nname = \"estop\"\nchip = \"/dev/gpiochip0\"\nline = 1\n";
+    let table = |period: &str, inputs: &str| {
+        let io = io.replacen("PERIOD", period, 1);
+        ROBOT.replacen("[limits]", &format!("[stop]\ninputs = [{inputs}]\n{io}[limits]"), 1)
+    };
+    let good = "{ signal = \"estop\" }, { signal = \"gate\" }, { axis = \"propulsion\", bit = 16 }";
+    let robot = load(&table("0.1", good), "", &[], MODULES).unwrap().robot;
+    let sources: Vec<String> = robot.stop.inputs.iter().map(canbus::StopInput::source).collect();
+    assert_eq!(sources, ["io.estop", "io.gate", "drive.propulsion.16"]);
+    let signal =
+        "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line whose period_s is at most 0.2";
+    for (period, input, why) in [
+        ("0.1", "{ signal = \"volts\" }", format!(".signal = \"volts\": expected {signal}")),
+        ("0.1", "{ signal = \"nothing\" }", format!(".signal = \"nothing\": expected {signal}")),
+        ("0.5", "{ signal = \"gate\" }", format!(".signal = \"gate\": expected {signal}")),
+        ("0.1", "{ axis = \"left\", bit = 3 }", ".axis = \"left\": expected an axis with a drive of CANopen".into()),
+        ("0.1", "{ axis = \"steering\", bit = 32 }", ".bit = 32: expected an integer from 0 to 31".into()),
+        ("0.1", "{ bit = 3 }", ".signal: missing, expected a signal of [io], or an axis and a bit".into()),
+    ] {
+        let errors = load(&table(period, input), "", &[], MODULES).unwrap_err().join("\n");
+        assert!(errors.contains(&format!("stop.inputs[0]{why}")), "{input}: {errors}");
+    }
+    let twice = "{ axis = \"steering\", bit = 3 }, { axis = \"steering\", bit = 3 }";
+    let errors = load(&table("0.1", twice), "", &[], MODULES).unwrap_err().join("\n");
+    assert!(
+        errors.contains("stop.inputs[1].axis = \"steering\": expected an input that no other of the inputs is"),
+        "{errors}"
+    );
+}
+
+#[test]
 fn the_line_that_cuts_the_feed_is_named_or_numbered() {
     let stop = "[stop]\nsecond_way = \"gpio\"\n";
     let missing = "robot.toml:11: stop.gpio: missing, expected the line that cuts the motors' feed";

@@ -116,8 +116,47 @@ settings! {
         /// Greatest distance in which the robot must stand after the PAUSE line was engaged, and after a drive that
         /// rolls without commands gets none; caps the speed.
         distance_m: f64 = 0.6, 0.05..=100.0;
+        /// Inputs that stop the robot as PAUSE does (docs/safety.md).
+        inputs: Vec<StopInput> = [];
     }
     check Stop::check;
+}
+
+settings! {
+    /// `[[stop.inputs]]`: an input that stops the robot while it is open or not known: a `signal`, or `axis` and `bit`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct StopInput {
+        /// Name of a signal of `[io]` that is an input, 1 while it is closed.
+        signal: Option<String> = optional;
+        /// Axis whose drive, of CANopen, reads the input (0x60FD).
+        axis: Option<Axis> = optional;
+        /// Bit of the drive's digital inputs, 1 while it is closed: by CiA 402 0 to 2 are limit and reference switches,
+        /// 16 to 31 the maker's.
+        bit: Option<u8> = optional, 0..=31;
+    }
+    check StopInput::check;
+}
+
+impl StopInput {
+    fn check(&self, table: &Table<'_>) {
+        match (&self.signal, self.axis, self.bit) {
+            (Some(_), None, None) | (None, Some(_), Some(_)) => {}
+            (Some(_), Some(_), _) => table.refuse("axis", "either a signal, or an axis and a bit"),
+            (Some(_), None, Some(_)) => table.refuse("bit", "either a signal, or an axis and a bit"),
+            (None, Some(_), None) => table.refuse_missing("bit", "the bit of the drive's digital inputs (0x60FD)"),
+            (None, None, _) => table.refuse_missing("signal", "a signal of [io], or an axis and a bit"),
+        }
+    }
+
+    /// Its name as a source of PAUSE: `io.estop`, `drive.left.3`.
+    #[must_use]
+    pub fn source(&self) -> String {
+        match (&self.signal, self.axis) {
+            (Some(signal), _) => format!("io.{signal}"),
+            (None, Some(axis)) => format!("drive.{}.{}", axis.name(), self.bit.unwrap_or_default()),
+            (None, None) => String::new(),
+        }
+    }
 }
 
 settings! {
@@ -157,6 +196,11 @@ impl Stop {
         if self.second_way == SecondWay::Gpio && self.gpio.is_none() && !table.has("gpio") {
             table.refuse_missing("gpio", "the line that cuts the motors' feed");
         }
+    }
+
+    /// Signals of `[io]` that stop the robot.
+    pub fn signals(&self) -> impl Iterator<Item = &str> {
+        self.inputs.iter().filter_map(|input| input.signal.as_deref())
     }
 
     /// The output that cuts the motors' feed, if it is the second way.

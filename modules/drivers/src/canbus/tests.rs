@@ -19,7 +19,7 @@ mod wheels;
 
 use super::{
     Axis, Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig,
-    PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
+    PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
 };
 use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};

@@ -159,6 +159,14 @@ impl Drive {
         }
     }
 
+    /// Opens a digital input until then, or closes all; false for a drive that has none.
+    pub fn open(&mut self, bit: Option<u8>, until: Instant) -> bool {
+        match &mut self.end {
+            End::Canopen(node) => node.open(bit, until),
+            End::Controller(_) => false,
+        }
+    }
+
     /// From now until then it disobeys, or obeys; false for the steering.
     pub fn disobey(&mut self, how: Option<Disobedience>, until: Instant) -> bool {
         self.disobeys = how.map(|how| (how, until));
