@@ -25,9 +25,11 @@ use record::{Recorder, Sink};
 use settings::robot::{Beacon, DrivenAxle, Geometry};
 use sim::host::{self, Virtual};
 use simulator::world::World;
+use std::fs;
 use std::path::{Path, PathBuf};
 use watchdog::Watchdog;
 use web::Web;
+use web::center::scene::Scene;
 use web::center::{authority, command};
 
 pub use ::host::ports::settings::can_port_beside;
@@ -506,6 +508,14 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
     rs485b::Rs485b::new(config).or_else(|error| refused(format!("driver_rs485b: {error}")))
 }
 
+/// Text of the file of the simulated world, for the scenario editor; empty where there is none, where it was not read
+/// (a recorded run has another one), and where it is too long to be sent back.
+fn world_text(place: &RobotLocation, world: Option<&World>) -> String {
+    let path = config::world_place(&place.config, place.world.as_deref());
+    let text = world.and_then(|_| fs::read_to_string(path).ok());
+    text.filter(|text| text.len() <= command::SCENARIO_MAX).unwrap_or_default()
+}
+
 /// `web`: where it is reached, and what it shows besides what is said.
 fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Option<&World>) -> web::Settings {
     // A map that cannot be read is the planner's to tell.
@@ -526,7 +536,7 @@ fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Op
         web: robot.web.clone(),
         config: place.config.clone(),
         scene: scene::translated(robot),
-        center: scene::of(robot, world, map.as_ref()).with_faults(faults),
+        center: Scene { world: world_text(place, world), ..scene::of(robot, world, map.as_ref()).with_faults(faults) },
         recorded: recording::scene,
         picture: |run| picture::png(run, recording::described),
         critical: config.critical().collect(),

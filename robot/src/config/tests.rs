@@ -806,6 +806,33 @@ fn the_shipped_worlds_load() {
     assert!(lines[0].contains(why), "{lines:?}");
 }
 
+/// The file that modules/web/page/src/map/scenario.test.ts makes.
+#[test]
+fn a_scenario_of_the_page_is_a_world() {
+    let file = shipped().join("../../modules/web/page/src/map/scenario.fixture.toml");
+    let (hall, drawn) = (world(&shipped(), None, &[]).unwrap(), world(&shipped(), Some(&file), &[]).unwrap());
+    assert_eq!((drawn.start.x, drawn.start.y, drawn.start.theta.radians()), (2.5, 6.0, 1.5708));
+    assert_eq!((drawn.boxes.len(), drawn.walls.len()), (1, hall.walls.len() + 4));
+    assert_eq!(drawn.walkers.iter().map(|walker| walker.points.len()).collect::<Vec<_>>(), [2, 1]);
+    let (routes, way) = drawn.routes.split_at(hall.routes.len());
+    assert_eq!((routes, way[0].name.as_str(), way[0].waypoints.len()), (&hall.routes[..], "scenario", 2));
+    assert_eq!((drawn.columns, drawn.beacons, drawn.people), (hall.columns, hall.beacons, hall.people));
+}
+
+#[test]
+fn boxes_and_walkers_are_read_as_strictly() {
+    let refused = |text: &str| {
+        let node = Node::parse(Path::new("w.toml"), &format!("start = [0, 0, 0]\n{text}")).unwrap();
+        parsed_world(node, Path::new("w.toml"), &[]).unwrap_err().to_string()
+    };
+    assert!(refused("[[boxes]]\nx = 1\ny = 1\nlength = 0\nwidth = 1\n").contains("w.toml:5: boxes[0].length = 0"));
+    assert!(refused("[[boxes]]\nx = 1\ny = 1\nlength = 1\nwidth = 1\nheight = 1\n").contains("height: unknown key"));
+    assert!(refused("[[walkers]]\npoints = []\n").contains("walkers[0]: not one or two points"));
+    assert!(refused("[[walkers]]\npoints = [[1, 0]]\n").contains("nearer than 1.5 m to the start"));
+    let crowd = "[[walkers]]\npoints = [[5, 5]]\n".repeat(201);
+    assert!(refused(&crowd).contains("people: not from 0 to 200"));
+}
+
 #[test]
 fn a_world_is_read_as_strictly() {
     let text = "walls = [\n[0, 0, 1],\n[0, 0, 1, 2e4],\n]\ncolumns = 1\ndrops = [3, [[0, \"a\"]]]\nmoon = true\n\
@@ -822,7 +849,7 @@ fn a_world_is_read_as_strictly() {
             "w.toml:6: drops[0] = 3: expected a list of corners [x, y]",
             "w.toml:6: drops[1][0] = [2 items]: expected a list of 2 numbers within ±10000",
             "w.toml:7: moon: unknown key, expected one of start, map, walls, glass, black, shiny, columns, drops, \
-             beacons, people, places, routes",
+             beacons, people, places, routes, boxes, walkers",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]
     );

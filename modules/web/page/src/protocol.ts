@@ -180,6 +180,8 @@ export interface ScenePart {
   columns: [number, number, number][];
   /** Named routes. */
   routes: Route[];
+  /** Text of the file of the simulated world; empty where there is none, or where it is longer than 32 KiB. */
+  world: string;
   /** Channels of the power controller. */
   power_channels: string[];
   /** Temperatures above which the robot reports an over-temperature. */
@@ -740,6 +742,11 @@ export type Command =
    * whether it was executed. Engineers.
    */
   | { type: "simulation"; id: number; action: string; value: number }
+  /**
+   * A new start of a simulation with `--speed` in a world of this text: that of a file, TOML, at most 32 KiB. The view
+   * shows whether it was executed. Engineers.
+   */
+  | { type: "scenario"; id: number; text: string }
   /**
    * A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene lists
    * the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a second.
