@@ -14,7 +14,7 @@ mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{
-    CanBus, Gamepad, General, Host, I2cBus, Imu, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1,
+    CanBus, Gamepad, General, Host, I2cBus, Imu, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, SerialLine, Srf08, W1,
     gpio_bus,
 };
 pub use scenario::{built_in_scenario, regressions, scenario};

@@ -1,6 +1,6 @@
 //! What can be broken: found by trying everything on everything, so that no list can differ from what is done.
 
-use super::{Config, FeedLine, FeedOutput, ROBOT, Simulator, boards};
+use super::{Config, DriveLine, FeedLine, FeedOutput, ROBOT, Simulator, boards};
 use crate::faults::{InjectedFault, NAMES};
 use crate::gamepad::{self, Gamepad};
 use crate::world::World;
@@ -34,11 +34,12 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, output, GPIO line, boards, chips, thermometers, temperatures of the computer, then buses,
+    /// All names: drives, motors on serial lines, output, GPIO line, boards, chips, thermometers, temperatures of the computer, then buses,
     /// those of Modbus, computers, the lidars and the inertial measurement units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
+        targets.extend(self.drive_lines.iter().flat_map(DriveLine::motors).map(String::from));
         targets.extend(self.output.iter().map(|_| FeedOutput::NAME.into()));
         targets.extend(self.feed_line.iter().map(|_| FeedLine::NAME.into()));
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
@@ -46,6 +47,7 @@ impl Simulator {
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
         targets.extend(config.host.iter().flat_map(|host| &host.sensors).map(|(_, name)| name.clone()));
         targets.extend(config.can.iter().map(|can| can.bus.clone()));
+        targets.extend(config.drive_lines.iter().map(|line| line.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
         targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));
         targets.extend(config.computers.iter().map(|computer| computer.channel.1.clone()));
