@@ -221,11 +221,8 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
 /// A serial line with the motor controller that its keys describe.
 fn drive_line(robot: &Robot, own: &SerialLine) -> DriveLineConfig {
     let canbus::LineConfig { bus, baud, device, motors } = own.line();
-    let motor = |(axis, gear): (canbus::Axis, f64)| MotorConfig {
-        name: axis.name().into(),
-        wheel: wheel(robot, axis),
-        gear,
-    };
+    let motor =
+        |(axis, gear): (canbus::Axis, f64)| MotorConfig { name: axis.name().into(), wheel: wheel(robot, axis), gear };
     DriveLineConfig { bus, baud, device, motors: motors.into_iter().map(motor).collect() }
 }
 
@@ -248,7 +245,11 @@ fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError>
         canbus::Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
         canbus::Drive::Vesc(keys) => controller(keys.motor.gear, keys.device(node.id)),
         canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
-            axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Wheel(wheel(robot, node.axis)) },
+            axis: if node.axis == canbus::Axis::Steering {
+                Axis::Steering
+            } else {
+                Axis::Wheel(wheel(robot, node.axis))
+            },
             sheet: node.sheet.clone().ok_or_else(missing)?,
             gear: keys.gear,
             counts_per_turn: keys.counts_per_turn,

@@ -540,17 +540,19 @@ impl Lines {
         std::fs::create_dir_all(&folder).expect("a folder");
         std::fs::copy(conf.join("rover/modules.toml"), folder.join("modules.toml")).expect("a copy");
         let read = |file: &str| std::fs::read_to_string(conf.join("rover").join(file)).expect("the rover");
-        let without_bus = |text: &str, next: &str| {
-            let (begin, end) = (text.find("[can.main]").expect("a bus"), text.find(next).expect("the next table"));
-            format!("{}{}{}", &text[..begin], if next == "[rs485.b]" { "" } else { next }, &text[end..])
+        let without_bus = |file: &str, tables: &str| {
+            let text = read(file);
+            let (begin, end) =
+                (text.find("[can.main]").expect("a bus"), text.find("[rs485.b]").expect("the next table"));
+            [&text[..begin], tables, &text[end..]].concat()
         };
-        let robot = without_bus(&read("robot.toml"), "[rs485.b]").replace("[rs485.b]", &(self.tables() + "[rs485.b]"));
+        let robot = without_bus("robot.toml", &self.tables());
         let robot = match self {
             Self::Vescs => robot,
             Self::RoboClaw => robot.replace("second_way = \"none\"", "second_way = \"gpio\""),
         };
         std::fs::write(folder.join("robot.toml"), robot).expect("a file");
-        std::fs::write(folder.join("sim.toml"), without_bus(&read("sim.toml"), "[rs485.b]")).expect("a file");
+        std::fs::write(folder.join("sim.toml"), without_bus("sim.toml", "")).expect("a file");
         then(&|| Base::of(&folder, &format!("rover on {self:?}"), 2, &conf.join("worlds/empty.toml"), &[]));
         std::fs::remove_dir_all(folder).expect("the folder");
     }
@@ -606,7 +608,8 @@ fn a_rover_on_serial_lines_stops_if_a_line_is_cut_or_garbled_or_a_wheel_does_not
                 // The deceleration of the body shows that the other wheel brakes.
                 let before = base.truth().speed;
                 base.pass(most.as_secs_f64() + 0.1);
-                let first = base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
+                let first =
+                    base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
                 assert!(first.as_ref().is_some_and(|(took, _)| *took <= most), "{what}: {first:?}");
                 let after = base.truth().speed;
                 assert!(fault == "runaway" || after < before - 0.05, "{what}: {before} m/s, then {after} m/s");

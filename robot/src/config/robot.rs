@@ -12,7 +12,8 @@ use drivers::rs485a::Ranger;
 use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{
-    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort, SerialPort, StreamPort, W1Port,
+    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort, SerialPort,
+    StreamPort, W1Port,
 };
 use module::Line;
 use module::admission::Commands;
@@ -486,9 +487,7 @@ impl Robot {
     #[must_use]
     pub fn power_lost_mps2(&self) -> f64 {
         match self.stop.pause {
-            PauseStop::Brake if self.rolls_without_commands() => {
-                self.stop.brake_mps2.min(self.stop.coasting_mps2)
-            }
+            PauseStop::Brake if self.rolls_without_commands() => self.stop.brake_mps2.min(self.stop.coasting_mps2),
             PauseStop::Brake => self.stop.brake_mps2,
             PauseStop::Coast | PauseStop::Delayed => self.stop.coasting_mps2,
         }

@@ -263,14 +263,29 @@ fn what_is_wrong_with_a_serial_line_is_refused_where_it_is_written() {
     let with_way = needs("stop.second_way = \"gpio\" or \"canopen\", or \"power\" with a table [power]");
     let cases = [
         (left.clone() + &uart("right", "left"), "serial.right.axis = \"left\": expected one that no other drive moves"),
-        (left.clone() + &uart("right", "wheel_1"), "serial.right.axis = \"wheel_1\": expected an axis of the base: left, right"),
+        (
+            left.clone() + &uart("right", "wheel_1"),
+            "serial.right.axis = \"wheel_1\": expected an axis of the base: left, right",
+        ),
         (left.replace("gear = 8", "gear = 0") + &right, "serial.left.gear = 0: expected a number that is not 0"),
-        (left.clone() + &right.replace("tty-right", "tty-left"), "serial.right.port = \"/dev/tty-left\": expected a line of its own: another drive has this one"),
-        (left + &right.replace("axis = \"right\"", "axis = \"steering\""), "serial.right.axis = \"steering\": expected \"propulsion\" or a wheel: this driver cannot steer"),
-        (roboclaw("left", "left") + GPIO_STOP, "serial.wheels.m2.axis = \"left\": expected another one than that of m1"),
+        (
+            left.clone() + &right.replace("tty-right", "tty-left"),
+            "serial.right.port = \"/dev/tty-left\": expected a line of its own: another drive has this one",
+        ),
+        (
+            left + &right.replace("axis = \"right\"", "axis = \"steering\""),
+            "serial.right.axis = \"steering\": expected \"propulsion\" or a wheel: this driver cannot steer",
+        ),
+        (
+            roboclaw("left", "left") + GPIO_STOP,
+            "serial.wheels.m2.axis = \"left\": expected another one than that of m1",
+        ),
         (roboclaw("left", "right"), &with_power),
         (roboclaw("left", "right") + "[stop]\nsecond_way = \"none\"\n", &with_way),
-        (roboclaw("left", "right").replace("RoboClaw 2x15a v4.1.34", "") + GPIO_STOP, "serial.wheels.model = \"\": expected model and version, as the device names them"),
+        (
+            roboclaw("left", "right").replace("RoboClaw 2x15a v4.1.34", "") + GPIO_STOP,
+            "serial.wheels.model = \"\": expected model and version, as the device names them",
+        ),
     ];
     for (tables, expected) in cases {
         let text = on_lines(&tables);

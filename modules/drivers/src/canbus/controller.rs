@@ -134,7 +134,9 @@ impl Controller {
                 }
                 (Engine::Line(engine.channel(line, motor)), of.bus.clone(), config.wheel_circumference)
             }
-            PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. } => return Err(ConfigError::NoSheet(own.axis)),
+            PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. } => {
+                return Err(ConfigError::NoSheet(own.axis));
+            }
         };
         Ok(Self {
             name: own.axis.name(),

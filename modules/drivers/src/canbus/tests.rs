@@ -19,8 +19,8 @@ mod velocity;
 mod wheels;
 
 use super::{
-    Axis, Canbus, Config, GpioConfig, HomingRelease, NAME, OutputConfig, PauseStop, PropulsionConfig,
-    PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
+    Axis, Canbus, Config, GpioConfig, HomingRelease, NAME, OutputConfig, PauseStop, PropulsionConfig, PropulsionDrive,
+    SecondWay, SteeringConfig, SteeringDrive, Stop,
 };
 use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};
