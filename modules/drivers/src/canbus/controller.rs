@@ -8,7 +8,7 @@
 
 use super::drive::{Objection, Trouble};
 use super::engine::Engine;
-use super::keys::ControllerConfig;
+use super::keys::{ControllerConfig, axis_of};
 use super::lines::LineEngine;
 use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
 use base::can::Frame;
@@ -19,7 +19,6 @@ use messages::lowlevel::{Axis, Node, Wheel};
 use module::Actions;
 use motorctl::can::OnCan;
 use motorctl::{Event, Feedback, LostReason, Refusal, State, Step};
-use settings::robot::Limits;
 use std::f64::consts::TAU;
 use std::fmt;
 
@@ -27,8 +26,6 @@ use std::fmt;
 const TROUBLE_MIN: Duration = Duration::from_millis(500);
 /// Age beyond which its speed is unknown.
 const MEASURED_AGE_MAX: Duration = Duration::from_millis(200);
-/// Margin of the engine's limit above that of commands, and of its ramp above those of the base.
-const MARGIN: f64 = 1.1;
 
 /// What is known of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,18 +98,6 @@ pub(super) struct Controller {
     measured: Option<Instant>,
     changed: bool,
     deadlines: Deadlines<Timer>,
-}
-
-/// The axis of a motor controller with this gear, which turns a wheel of this circumference, m.
-pub(super) fn axis_of(gear: f64, circumference: f64, limits: &Limits) -> motorctl::Axis {
-    let radius = circumference / TAU;
-    let ramp = limits.quick_stop_mps2.max(limits.deceleration_mps2).max(limits.acceleration_mps2);
-    motorctl::Axis {
-        gear,
-        velocity_max_radps: limits.speed_mps * MARGIN / radius,
-        // Those of the base are followed; the steepest one is that of a command that was not renewed.
-        acceleration_radps2: ramp * MARGIN / radius,
-    }
 }
 
 impl Controller {

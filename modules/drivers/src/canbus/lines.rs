@@ -4,7 +4,7 @@
 //! Timing    set-points and questions every 20 ms, a quick stop at once
 //! Silence   of the device for 80 ms: lost, all others stop. A port that is closed is a lost drive at once
 
-use super::controller::axis_of;
+use super::keys::axis_of;
 use super::line_keys::LineConfig;
 use super::{Config, ConfigError};
 use base::serial::Word;
