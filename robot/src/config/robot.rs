@@ -498,8 +498,8 @@ impl Robot {
         !self.serial.is_empty() || self.can.iter().any(|bus| bus.driver.rolls_without_commands())
     }
 
-    /// What `driver_canbus` is configured with, and the number of its CAN bus among `buses`, if it has one; absent unless
-    /// each axis of the base has a drive on that bus or on a serial line. The other modules are to be set.
+    /// What `driver_canbus` is configured with, and the number of its CAN bus among `buses`, if it has one; absent
+    /// unless each axis of the base has a drive on that bus or on a serial line. The other modules are to be set.
     #[must_use]
     pub fn motion(&self, buses: &[CanBus]) -> Option<(Option<usize>, canbus::Config)> {
         let (axes, needs_bus) = (self.axes(), self.stop.feed_output().is_some());

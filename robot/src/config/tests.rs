@@ -418,8 +418,8 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           serial, i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, \
-           planner, log, web, ros2, bridge"],
+           serial, i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, \
+           guard, planner, log, web, ros2, bridge"],
     );
 }
 

@@ -274,7 +274,7 @@ impl Controller {
             out.clear(Fault::DriveFault, self.name, format!("{} drive: no fault any more", self.name));
         }
         match goal {
-            Goal::Disabled => return self.switch_off(now),
+            Goal::Disabled => self.switch_off(now),
             _ if self.availability == Availability::Off => {
                 self.engine.restart(now);
                 self.set_availability(Availability::Starting);

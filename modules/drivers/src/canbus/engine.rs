@@ -1,5 +1,5 @@
-//! The engine of a wheel's motor controller: its own one on CAN, or a channel of the one of a serial line, which may turn
-//! two wheels.
+//! The engine of a wheel's motor controller: its own one on CAN, or a channel of the one of a serial line, which may
+//! turn two wheels.
 
 use super::lines::Channel;
 use base::Instant;

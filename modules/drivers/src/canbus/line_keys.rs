@@ -40,7 +40,9 @@ settings! {
         /// Address.
         address: u8 = 0x80, 0x80..=0x87;
         /// What the firmware's text must contain: model and version.
-        model: Model = required, Parsed(Model::new, "model and version, as the device names them", "RoboClaw 2x15a v4.1.34");
+        model: Model = required, Parsed(
+            Model::new, "model and version, as the device names them", "RoboClaw 2x15a v4.1.34"
+        );
         /// Its motor 1.
         m1: RoboClawMotor = required;
         /// Its motor 2.

@@ -1,7 +1,7 @@
-//! A motor controller on a serial line of its own: the emulation of `motorctl`, with its motors in the robot's body, and
-//! what is wrong with it and with the line.
+//! A motor controller on a serial line of its own: the emulation of `motorctl`, with its motors in the robot's body,
+//! and what is wrong with it and with the line.
 //!
-//! Supply    of the motors' feed alone: without it the controller neither sends nor receives, and it starts anew with it
+//! Supply    of the motors' feed alone: without it the controller neither sends nor receives; it starts anew with it
 //! Motors    turn with their wheels; their demand is what the controller wants of them, none of one without torque
 
 use super::drive::{Disobedience, Obedience};

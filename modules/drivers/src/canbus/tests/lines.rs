@@ -189,7 +189,7 @@ impl Rover {
 
     /// Speeds of the wheels, m/s.
     fn speeds(&self) -> Vec<f64> {
-        let motors = self.ends.iter().flat_map(|end| end.motors());
+        let motors = self.ends.iter().flat_map(Emulated::motors);
         motors.map(|motor| motor.velocity() / GEAR * TAU * RADIUS).collect()
     }
 
@@ -402,7 +402,7 @@ fn a_module_that_ends_leaves_its_drives_without_torque() {
         rover.bench.message(common::CmdState { module: NAME.into(), state, manual: true, ..Default::default() });
         rover.exchange();
         rover.pass(2000);
-        let drives: Vec<Drive> = rover.ends.iter().flat_map(|end| end.motors()).map(|motor| motor.drive).collect();
+        let drives: Vec<Drive> = rover.ends.iter().flat_map(Emulated::motors).map(|motor| motor.drive).collect();
         assert!(rover.ended && rover.speeds() == [0.0; 2], "{:?}", rover.causes());
         // The brake current of a VESC acts without commands, too.
         assert!(drives.iter().all(|drive| matches!(drive, Drive::Free | Drive::Brake)), "{drives:?}");
