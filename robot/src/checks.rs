@@ -35,12 +35,15 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let robot = &config.robot;
     let driver = topology::canbus(place, &config, false)?;
     let simulated = simulated::config(place, World::default(), robot, false)?;
-    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
-    let can = simulated.can.ok_or_else(missing)?;
-    if let Some(drive) = can.drives.iter().find(|drive| matches!(drive.kind, DriveKind::Controller { .. })) {
-        let why = format!("checks: the {} drive is no CANopen node, and the rules judge only those", drive.name);
+    let on_line = simulated.drive_lines.iter().flat_map(|line| &line.motors).map(|motor| motor.name.as_str()).next();
+    let of_can = simulated.can.iter().flat_map(|can| &can.drives);
+    let controller = of_can.filter(|drive| matches!(drive.kind, DriveKind::Controller { .. }));
+    if let Some(name) = controller.map(|drive| drive.name.as_str()).next().or(on_line) {
+        let why = format!("checks: the {name} drive is no CANopen node, and the rules judge only those");
         return Err(ConfigError(vec![why]));
     }
+    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
+    let can = simulated.can.ok_or_else(missing)?;
     let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
     let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
     let wheels = can.drives.iter().filter(|drive| !is_steering(drive)).map(|drive| {

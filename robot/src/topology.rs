@@ -1,6 +1,6 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
-use crate::config::{self, CanBus, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
+use crate::config::{self, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
 use crate::launch::launcher;
 use crate::map_file;
 #[cfg(feature = "ros2")]
@@ -169,6 +169,7 @@ fn virtual_machine_made(
     config.full_duplex.extend(connections.map(ModbusBus::bus));
     config.full_duplex.extend(read.robot.lidar.iter().map(config::Lidar::bus));
     config.full_duplex.extend(read.robot.imu.iter().map(config::Imu::bus));
+    config.full_duplex.extend(read.robot.serial.iter().map(config::SerialLine::bus));
     let restart_delay_max = Some(config.restart_delay_max);
     let options = HostOptions { wire_time: false, seed: Some(config.seed), restart_delay_max, logs, guarded: true };
     let mut make = move |name: &str, wanted| {
@@ -383,6 +384,11 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(imu) => Ok(imu.port.stream().port(run_dir)),
                 None => return missing(),
             },
+            (("serial", _), side) => match robot.serial.iter().find(|line| line.bus() == bus) {
+                Some(line) if side => line.port.stream().simulated(run_dir, bus),
+                Some(line) => Ok(line.port.stream().port(run_dir)),
+                None => return missing(),
+            },
             (("gpio", _), side) => match robot.io.iter().flat_map(|io| &io.gpio).find(|keys| gpio_bus(keys) == bus) {
                 Some(keys) => gpio_line(run_dir, keys, side),
                 None => return missing(),
@@ -443,6 +449,7 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
         "modbus" => robot.io.as_ref()?.modbus.iter().find(|line| line.name == name)?.port.raw,
         "lidar" => robot.lidar.iter().find(|lidar| lidar.name == name)?.port.raw,
         "imu" => robot.imu.iter().find(|imu| imu.name == name)?.port.raw,
+        "serial" => robot.serial.iter().find(|line| line.name == name)?.port.raw,
         "i2c" => robot.i2c.iter().find(|i2c| i2c.name == name)?.port.raw,
         _ => false,
     };
@@ -606,17 +613,17 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
     driver.or_else(|error| refused(format!("driver_aux: {error}")))
 }
 
-/// `driver_canbus`: the CAN bus that both drives are on.
+/// `driver_canbus`: the CAN bus that the drives are on, and the serial lines.
 pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
     let mut buses = robot.can.clone();
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
-    let usual =
-        |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), robot.base, &robot.geometry, robot.limits);
-    let Some((bus, usual)) = buses.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
+    let Some((bus, usual)) = robot.motion(&buses) else {
         let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
-        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}"));
+        let lines = if robot.serial.is_empty() { "" } else { ", alone or with the tables [serial.<name>]" };
+        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}"));
     };
+    let bus = bus.map(|number| &buses[number]);
     // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
     // does: a watchdog that is late finds a hang of this one too late, too.
     let (own, others): (Vec<_>, Vec<_>) = config.critical().partition(|name| name == canbus::NAME);
@@ -632,8 +639,10 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         protection: protection(&robot.guard, &robot.geometry),
         ..usual
     };
-    let driver = canbus::Canbus::new(config).or_else(|error| refused(sheets::named(place, bus, &error)))?;
-    sheets::check(place, bus, &driver)?;
+    let driver = canbus::Canbus::new(config).or_else(|error| {
+        refused(bus.map_or_else(|| format!("driver_canbus: {error}"), |bus| sheets::named(place, bus, &error)))
+    })?;
+    bus.map_or(Ok(()), |bus| sheets::check(place, bus, &driver))?;
     Ok(driver)
 }
 

@@ -346,6 +346,39 @@ impl ImuPort {
     }
 }
 
+settings! {
+    /// Keys of `[serial.<name>]` for the port.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct LinePort {
+        /// Device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the simulator's
+        /// pseudo-terminal, in the run folder.
+        port: PathBuf = required;
+        /// Rate, as it is set in the device.
+        baud: u32 = 115_200, 9600..=4_000_000;
+        /// USB adapters: received bytes are handed on at once, not after 16 ms.
+        low_latency: bool = true;
+        /// Every byte is published as `LL_DATA_RAW_<BUS>`.
+        raw: bool = false;
+    }
+}
+
+impl LinePort {
+    /// The same as a line of bytes: no parity.
+    #[must_use]
+    pub fn stream(&self) -> StreamPort {
+        StreamPort {
+            port: Some(self.port.clone()),
+            address: None,
+            baud: self.baud,
+            parity: ByteParity::None,
+            setup: Vec::new(),
+            direction: None,
+            low_latency: self.low_latency,
+            raw: self.raw,
+        }
+    }
+}
+
 /// Where an I2C bus is found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum I2cPlace {

@@ -56,6 +56,9 @@
 //! | the drive of a wheel | `swapped` | it has the encoder of the wheel `value`, from 1 on |
 //! | a drive but the EPOS | `opened` | its digital input `value`, 3 to 31, is open, else closed |
 //! | a drive but the EPOS | `layout` | it is another version, with other PDOs; it starts anew |
+//! | a drive on a serial line | `garbled` | each byte that it sends is wrong with probability `value` (0: 0.1) |
+//! | a serial line of a drive | `cut` | nothing passes it |
+//! | a serial line of a drive | `noise`, `loss`, `duplicate`, `delay` | as on any other line |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
 //! | a CAN bus | `lose` | the frame of number `value` from now on (0: 1) is received by nobody |
@@ -286,7 +289,7 @@ pub fn about(name: &str) -> &'static str {
         "corrupt" => "each frame whose number VALUE divides (0: 10) is destroyed, and sent again",
         "lose" => "the frame of number VALUE from now on (0: 1) is received by nobody",
         "bus_off" => "the master's controller goes bus-off",
-        "cut" => "the master is cut off the others",
+        "cut" => "the master is cut off the others; of a serial line: nothing passes it",
         "loss" => "each frame, of a lidar each echo, is lost with probability VALUE (0: 0.05)",
         "duplicate" => "each frame is received twice with probability VALUE (0: 0.05)",
         "delay" => "what is sent is received VALUE s late (0: 0.01), in order",

@@ -12,14 +12,15 @@ use drivers::rs485a::Ranger;
 use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{
-    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
+    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort, SerialPort,
+    StreamPort, W1Port,
 };
 use module::Line;
 use module::admission::Commands;
 use navitools::{Point, Pose};
 use ros2::settings::Ros2;
 use settings::robot::{Base, Beacon, Geometry, Limits};
-use settings::{Bytes, Choice, Table, settings};
+use settings::{Bytes, Choice, Section as _, Table, settings};
 use std::path::PathBuf;
 use web::settings::Web;
 
@@ -44,6 +45,8 @@ settings! {
         can: Vec<CanBus> = named;
         /// EIA-485 buses by name.
         rs485: Vec<Rs485Bus> = named;
+        /// Serial lines with a drive of wheels each, by name (docs/motor-controllers.md).
+        serial: Vec<SerialLine> = named;
         /// I2C buses by name.
         i2c: Vec<I2cBus> = named;
         /// The 1-Wire bus.
@@ -137,6 +140,16 @@ settings! {
         name: String = key;
         line: SerialPort = flat;
         driver: rs485_bus::BusConfig = flat;
+    }
+}
+
+settings! {
+    /// `[serial.<name>]`: a serial line with a drive of one or two wheels.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SerialLine {
+        name: String = key;
+        port: LinePort = flat;
+        driver: canbus::LineKeys = flat;
     }
 }
 
@@ -385,6 +398,20 @@ impl Lidar {
     }
 }
 
+impl SerialLine {
+    /// Its name as a bus.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        format!("serial.{}", self.name)
+    }
+
+    /// For `driver_canbus`.
+    #[must_use]
+    pub fn line(&self) -> canbus::LineConfig {
+        self.driver.line(self.bus(), self.port.baud)
+    }
+}
+
 impl Imu {
     /// Its name with its kind: subject and target of its faults.
     #[must_use]
@@ -476,12 +503,30 @@ impl Robot {
     #[must_use]
     pub fn power_lost_mps2(&self) -> f64 {
         match self.stop.pause {
-            PauseStop::Brake if self.can.iter().any(|bus| bus.driver.rolls_without_commands()) => {
-                self.stop.brake_mps2.min(self.stop.coasting_mps2)
-            }
+            PauseStop::Brake if self.rolls_without_commands() => self.stop.brake_mps2.min(self.stop.coasting_mps2),
             PauseStop::Brake => self.stop.brake_mps2,
             PauseStop::Coast | PauseStop::Delayed => self.stop.coasting_mps2,
         }
+    }
+
+    /// True if it rolls, braked by nothing, once its drives get no commands.
+    fn rolls_without_commands(&self) -> bool {
+        !self.serial.is_empty() || self.can.iter().any(|bus| bus.driver.rolls_without_commands())
+    }
+
+    /// What `driver_canbus` is configured with, and the number of its CAN bus among `buses`, if it has one; absent
+    /// unless each axis of the base has a drive on that bus or on a serial line. The other modules are to be set.
+    #[must_use]
+    pub fn motion(&self, buses: &[CanBus]) -> Option<(Option<usize>, canbus::Config)> {
+        let (axes, needs_bus) = (self.axes(), self.stop.feed_output().is_some());
+        let lines: Vec<canbus::LineConfig> = self.serial.iter().map(SerialLine::line).collect();
+        let with = |driver: &canbus::BusConfig, bus| {
+            driver.driver_with(bus, lines.clone(), self.base, &self.geometry, self.limits)
+        };
+        let drives = |bus: &CanBus| bus.driver.nodes.iter().any(|node| axes.contains(&node.axis.name()));
+        let mut used = buses.iter().enumerate().filter(|(_, bus)| needs_bus || drives(bus));
+        let on_bus = used.find_map(|(n, bus)| Some((Some(n), with(&bus.driver, Some(format!("can.{}", bus.name)))?)));
+        on_bus.or_else(|| Some((None, with(&canbus::BusConfig::usual(), None)?)))
     }
 
     /// Highest speed of a robot that senses nothing, m/s; `None`: it senses something.
@@ -511,6 +556,7 @@ impl Robot {
 
     fn check(&self, table: &Table<'_>) {
         self.check_axes(table);
+        self.check_lines(table);
         self.check_imus(table);
         self.check_rangers(table, "srfs", &self.srfs, 7);
         self.check_rangers(table, "irs", &self.irs, 1);
@@ -700,6 +746,56 @@ impl Robot {
                 if let Some(item) = table.item("nodes", n) {
                     item.refuse("axis", format_args!("an axis of the base: {}", axes.join(", ")));
                 }
+            }
+        }
+    }
+
+    /// A drive on a serial line moves axes that the base has, and that no other drive moves, on a line of its own; one
+    /// whose command time limit cannot be proven needs a second way to stop.
+    fn check_lines(&self, table: &Table<'_>) {
+        let Some(lines) = table.below("serial") else { return };
+        let axes = self.axes();
+        let mut taken: Vec<canbus::Axis> =
+            self.can.iter().flat_map(|bus| bus.driver.nodes.iter().map(|node| node.axis)).collect();
+        let mut ports: Vec<&PathBuf> = Vec::new();
+        for line in &self.serial {
+            let Some(table) = lines.below(&line.name) else { continue };
+            for ((axis, _), place) in line.driver.motors().into_iter().zip(line.driver.tables()) {
+                let below = place.and_then(|name| table.below(name));
+                let table = below.as_ref().unwrap_or(&table);
+                if !axes.contains(&axis.name()) {
+                    table.refuse("axis", format_args!("an axis of the base: {}", axes.join(", ")));
+                } else if taken.contains(&axis) {
+                    table.refuse("axis", "one that no other drive moves");
+                }
+                taken.push(axis);
+            }
+            if ports.contains(&&line.port.port) {
+                table.refuse("port", "a line of its own: another drive has this one");
+            }
+            ports.push(&line.port.port);
+            if !line.line().device.proves_time_limit() && !self.stop.has_second_way(self.power.is_some()) {
+                table.refuse("driver", self.missing_way());
+            }
+        }
+        if self.stop.feed_output().is_some()
+            && self.can.is_empty()
+            && let Some(stop) = table.below("stop")
+        {
+            stop.refuse("second_way", "another one than a node of a CAN bus, of which there is none");
+        }
+    }
+
+    /// What a drive needs whose command time limit cannot be proven, and which key is missing.
+    fn missing_way(&self) -> &'static str {
+        match self.stop.second_way {
+            canbus::SecondWay::Power => {
+                "a robot with a second way to stop, since its command time limit cannot be proven: a table [power], or \
+                 stop.second_way = \"gpio\" or \"canopen\""
+            }
+            _ => {
+                "a robot with a second way to stop, since its command time limit cannot be proven: stop.second_way = \
+                 \"gpio\" or \"canopen\", or \"power\" with a table [power]"
             }
         }
     }

@@ -196,6 +196,109 @@ fn a_wheel_may_be_on_an_odrive_and_share_the_bus_with_canopen() {
     }
 }
 
+/// A robot on two wheels without a CAN bus, with these tables.
+fn on_lines(tables: &str) -> String {
+    let begin = ROBOT.find("[can.main]").unwrap();
+    let end = ROBOT.find("[rs485.a]").unwrap();
+    let base = "[base]\nkind = \"differential\"\ntrack_m = 0.42\n";
+    format!("{}{base}{tables}\n{}", &ROBOT[..begin], &ROBOT[end..])
+}
+
+/// A VESC on a UART.
+fn uart(name: &str, axis: &str) -> String {
+    format!(
+        "[serial.{name}]\nport = \"/dev/tty-{name}\"\ndriver = \"vesc\"\naxis = \"{axis}\"\nid = 1\ngear = 8\n\
+         pole_pairs = 7\n"
+    )
+}
+
+/// A RoboClaw on a line.
+fn roboclaw(m1: &str, m2: &str) -> String {
+    let motor = |axis: &str| format!("{{ axis = \"{axis}\", gear = 8, counts_per_turn = 4096 }}");
+    format!(
+        "[serial.wheels]\nport = \"/dev/ttyACM0\"\ndriver = \"roboclaw\"\nmodel = \"RoboClaw 2x15a v4.1.34\"\n\
+         m1 = {}\nm2 = {}\n",
+        motor(m1),
+        motor(m2)
+    )
+}
+
+const GPIO_STOP: &str = "[stop]\nsecond_way = \"gpio\"\ngpio = { chip = \"/dev/gpiochip0\", line = 17 }\n";
+
+#[test]
+fn wheels_may_be_on_serial_lines_with_and_without_a_can_bus() {
+    let vescs = uart("left", "left") + &uart("right", "right");
+    for (tables, lines) in [(vescs, 2), (roboclaw("left", "right") + GPIO_STOP, 1)] {
+        let robot = load(&on_lines(&tables), "", &[], MODULES).unwrap().robot;
+        let (bus, driver) = robot.motion(&robot.can).unwrap();
+        assert_eq!((bus, driver.bus.as_deref(), driver.lines.len(), driver.wheels.len()), (None, None, lines, 2));
+        assert!(driver.wheels.iter().all(|wheel| matches!(wheel.drive, canbus::PropulsionDrive::OnLine { .. })));
+    }
+    let epos = "[can.main]\ninterface = \"can0\"\n\
+                nodes = [{ id = 1, driver = \"epos\", axis = \"left\", gear = 26 }]\n";
+    let robot = load(&on_lines(&(uart("right", "right") + epos)), "", &[], MODULES).unwrap().robot;
+    let (bus, driver) = robot.motion(&robot.can).unwrap();
+    assert_eq!((bus, driver.bus.as_deref(), driver.lines.len()), (Some(0), Some("can.main"), 1));
+    let robot = load(&on_lines(&uart("left", "left")), "", &[], MODULES).unwrap().robot;
+    assert!(robot.motion(&robot.can).is_none(), "a wheel without a drive");
+    // A robot that steers: what drives it may be on a line, the steering is on CAN.
+    let steers = ROBOT.replace("    { id = 1, driver = \"epos\", axis = \"propulsion\", gear = 26 },\n", "");
+    let robot = load(&(steers + &uart("rear", "propulsion")), "", &[], MODULES).unwrap().robot;
+    assert!(robot.motion(&robot.can).is_some_and(|(_, driver)| driver.steering.is_some()));
+}
+
+#[test]
+fn a_robot_on_serial_lines_rolls_without_commands() {
+    let brake = ["stop.pause=brake", "stop.brake_mps2=0.8", "stop.coasting_mps2=0.15"];
+    let vescs = on_lines(&(uart("left", "left") + &uart("right", "right")));
+    assert_eq!(load(&vescs, "", &brake, MODULES).unwrap().robot.power_lost_mps2(), 0.15);
+}
+
+#[test]
+fn what_is_wrong_with_a_serial_line_is_refused_where_it_is_written() {
+    let (left, right) = (uart("left", "left"), uart("right", "right"));
+    let rolls = "a robot with a second way to stop, since its command time limit cannot be proven: ";
+    let needs = |keys: &str| format!("serial.wheels.driver = \"roboclaw\": expected {rolls}{keys}");
+    let with_power = needs("a table [power], or stop.second_way = \"gpio\" or \"canopen\"");
+    let with_way = needs("stop.second_way = \"gpio\" or \"canopen\", or \"power\" with a table [power]");
+    let cases = [
+        (left.clone() + &uart("right", "left"), "serial.right.axis = \"left\": expected one that no other drive moves"),
+        (
+            left.clone() + &uart("right", "wheel_1"),
+            "serial.right.axis = \"wheel_1\": expected an axis of the base: left, right",
+        ),
+        (left.replace("gear = 8", "gear = 0") + &right, "serial.left.gear = 0: expected a number that is not 0"),
+        (
+            left.clone() + &right.replace("tty-right", "tty-left"),
+            "serial.right.port = \"/dev/tty-left\": expected a line of its own: another drive has this one",
+        ),
+        (
+            left + &right.replace("axis = \"right\"", "axis = \"steering\""),
+            "serial.right.axis = \"steering\": expected \"propulsion\" or a wheel: this driver cannot steer",
+        ),
+        (
+            roboclaw("left", "left") + GPIO_STOP,
+            "serial.wheels.m2.axis = \"left\": expected another one than that of m1",
+        ),
+        (roboclaw("left", "right"), &with_power),
+        (roboclaw("left", "right") + "[stop]\nsecond_way = \"none\"\n", &with_way),
+        (
+            roboclaw("left", "right").replace("RoboClaw 2x15a v4.1.34", "") + GPIO_STOP,
+            "serial.wheels.model = \"\": expected model and version, as the device names them",
+        ),
+    ];
+    for (tables, expected) in cases {
+        let text = on_lines(&tables);
+        let wrong = load(&text, "", &[], MODULES).unwrap_err();
+        assert!(wrong[0].starts_with("robot.toml:") && wrong[0].ends_with(&format!(": {expected}")), "{wrong:?}");
+    }
+    let taken = "[can.main]\ninterface = \"can0\"\n\
+                 nodes = [{ id = 1, driver = \"epos\", axis = \"left\", gear = 26 }]\n";
+    let both = uart("left", "left") + &right + taken;
+    let wrong = load(&on_lines(&both), "", &[], MODULES).unwrap_err();
+    assert!(wrong[0].ends_with(": serial.left.axis = \"left\": expected one that no other drive moves"), "{wrong:?}");
+}
+
 #[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
     use base::gamepad::{ABS_RY, BTN_TL, BTN_TR, BTN_WEST};
@@ -315,8 +418,8 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, \
-           planner, log, web, ros2, bridge"],
+           serial, i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, \
+           guard, planner, log, web, ros2, bridge"],
     );
 }
 
