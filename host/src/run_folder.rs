@@ -83,8 +83,8 @@ mod tests {
         let Err(refusal) = RunFolder::take(&path) else { panic!("taken twice") };
         let pid = std::process::id();
         let expected = format!(
-            "run folder {} is held by another advee up, process {pid}: end that robot first, by Ctrl-C in its terminal, \
-             kill {pid}, or systemctl stop advee for the service",
+            "run folder {} is held by another advee up, process {pid}: end that robot first, by Ctrl-C in its \
+             terminal, kill {pid}, or systemctl stop advee for the service",
             path.display()
         );
         assert_eq!(refusal, expected);

@@ -319,8 +319,8 @@ impl World {
         Self { walls, start: Pose::new(width / 2.0, depth / 2.0, 0.0), ..Self::default() }
     }
 
-    /// The same with the walls of `glass`, `black`, `shiny` and `boxes` among the walls: for everything but a lidar they
-    /// are walls as others.
+    /// The same with the walls of `glass`, `black`, `shiny` and `boxes` among the walls: for everything but a lidar
+    /// they are walls as others.
     #[must_use]
     pub fn with_surfaces(mut self) -> Self {
         self.walls.extend(self.glass.iter().chain(&self.black).chain(&self.shiny));

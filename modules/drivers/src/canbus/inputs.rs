@@ -3,8 +3,8 @@
 //!
 //! Timing    each drive with such inputs is asked in [`PERIOD`] while it is booted; none while another master is on
 //!           the bus, since a request would end its transfer, and nothing moves then
-//! Silence   a value counts for `pause::FIELDS_TIMEOUT` from the request that it answers. A drive that is lost, does not
-//!           answer, or refuses the object is not known, and that is PAUSE
+//! Silence   a value counts for `pause::FIELDS_TIMEOUT` from the request that it answers. A drive that is lost, does
+//!           not answer, or refuses the object is not known, and that is PAUSE
 
 use super::config::{Axis, Stop};
 use super::pause::{InputName, PauseLine};
