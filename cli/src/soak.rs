@@ -529,12 +529,15 @@ fn shares(figures: &soak::Figures) -> [(&'static str, f64); 3] {
     [("operator", operator), ("planner", planner), ("others", others)]
 }
 
-fn touches(figures: &soak::Figures) -> [(&'static str, Touches); 3] {
-    let soak::Contacts { robot_into_wall, robot_into_person, person_into_robot } = figures.touched;
+fn touches(figures: &soak::Figures) -> [(&'static str, Touches); 5] {
+    let soak::Contacts { robot_into_wall, robot_into_person, person_into_robot, in_sight, out_of_hiding } =
+        figures.touched;
     [
         ("robot into wall", robot_into_wall),
         ("robot into person", robot_into_person),
         ("person into robot", person_into_robot),
+        ("in sight", in_sight),
+        ("out of hiding", out_of_hiding),
     ]
 }
 

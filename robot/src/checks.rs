@@ -11,7 +11,7 @@ use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
 use navitools::Pose;
 use settings::robot::Base;
-use sim::check::{self, Guarded, Limits, Promise, RangingBoard, wire};
+use sim::check::{self, Guarded, Limits, Promise, RangingBoard, SeeingLidar, Sight, wire};
 use simulator::world::World;
 use simulator::{Axis, DriveConfig, DriveKind};
 use std::f64::consts::PI;
@@ -104,6 +104,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
             braking_mps2: robot.limits.deceleration_mps2,
             beam_rad: robot.sensors.srf08.beam_rad,
         }),
+        sight: sight(robot),
         restart_max,
     })
 }
@@ -143,6 +144,29 @@ fn on_wire(node: &NodeConfig) -> Option<wire::Drive> {
         command: wire::Place { id: rpdo.cob_id, at: place(rpdo, &[CONTROLWORD])? },
         target: place(rpdo, &TARGETS)?,
         reports: tpdos.filter_map(report).collect(),
+    })
+}
+
+/// What a guard with lidars promises; none without.
+fn sight(robot: &Robot) -> Option<Sight> {
+    let guard = &robot.guard;
+    // What is lost is noticed later than what appears.
+    let sensing = guard.sensing.max(guard.scan_age_max.as_secs_f64());
+    let (rear, length) = (robot.geometry.rear_overhang_m, robot.geometry.length_m);
+    guard.ranging.has_lidars().then(|| Sight {
+        lidars: robot
+            .lidar
+            .iter()
+            .map(|lidar| SeeingLidar {
+                bus: lidar.bus(),
+                mount: Pose::new(lidar.driver.x, lidar.driver.y, lidar.driver.theta),
+                view_rad: lidar.driver.view_rad(),
+                reach_m: lidar.driver.range_max.map_or(guard.reach, |range| range.min(guard.reach)),
+            })
+            .collect(),
+        reaction_s: guard.reaction + sensing,
+        braking_mps2: robot.limits.deceleration_mps2,
+        body: (-rear, length - rear, robot.geometry.width_m / 2.0),
     })
 }
 

@@ -36,6 +36,7 @@ mod restarts;
 mod resumes;
 mod rival;
 mod second_robot;
+mod sight;
 mod single;
 mod sources;
 mod stop;
@@ -48,6 +49,7 @@ pub mod wire;
 pub use blind::RangingBoard;
 pub use bounded::Guarded;
 pub use promise::Promise;
+pub use sight::{Hits, SeeingLidar, Sight};
 
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -59,6 +61,7 @@ use module::State;
 use module::admission::{Commands, Sender};
 use pace::Pace;
 use simulator::people::NoContact;
+use simulator::world::World;
 use std::fmt;
 
 /// Name of the steering's axis.
@@ -128,6 +131,8 @@ pub struct Limits {
     pub guard: Option<Guarded>,
     /// What a guard with sonars promises; absent: none of it is judged.
     pub promise: Option<Promise>,
+    /// What a guard with lidars promises; absent: none of it is judged.
+    pub sight: Option<Sight>,
     /// Maximum delay between the end of a process and its restart.
     pub restart_max: Duration,
 }
@@ -141,6 +146,11 @@ impl Limits {
     /// Number and statusword of the wheel whose drive reports in this frame.
     fn reported(&self, id: u16, data: &[u8]) -> Option<(usize, u16)> {
         self.wheels.iter().enumerate().find_map(|(number, wheel)| Some((number, wheel.drive.reported(id, data)?)))
+    }
+
+    /// True for the port of a lidar that the guard uses.
+    fn is_lidar(&self, target: &str) -> bool {
+        self.sight.as_ref().is_some_and(|sight| sight.lidars.iter().any(|lidar| lidar.bus == target))
     }
 
     /// All drives, with their names.
@@ -212,6 +222,7 @@ pub struct Checkers {
     restarts: restarts::Rule,
     rival: rival::Rule,
     second_robot: second_robot::Rule,
+    sight: sight::Rule,
     single: single::Rule,
     stop: stop::Rule,
     stopped: stopped::Rule,
@@ -243,6 +254,7 @@ impl Checkers {
             restarts: restarts::Rule::default(),
             rival: rival::Rule::default(),
             second_robot: second_robot::Rule::default(),
+            sight: sight::Rule::default(),
             single: single::Rule::default(),
             pace: Pace::default(),
             stopped: stopped::Rule::default(),
@@ -250,6 +262,20 @@ impl Checkers {
             setpoints: 0,
             violation: None,
         }
+    }
+
+    /// The same, of a robot in this world: without it nothing is judged by what is in sight.
+    #[must_use]
+    pub fn in_world(mut self, world: &World) -> Self {
+        self.sight.set_world(world);
+        self
+    }
+
+    /// Contacts at more than 0.05 m/s in which the robot moved: with what was in sight of a lidar for the time that it
+    /// takes to stop, and with what came out of hiding. Both 0 without a guard that uses lidars.
+    #[must_use]
+    pub fn hits(&self) -> (Hits, Hits) {
+        (self.sight.seen, self.sight.hidden)
     }
 
     /// First violation.
@@ -328,7 +354,10 @@ impl Checkers {
                 Ok(())
             }
             News::Note { line, .. } => match line.parse() {
-                Ok(contact) => named("promise", self.promise.on_contact(now, &contact, facts)),
+                Ok(contact) => {
+                    named("promise", self.promise.on_contact(now, &contact, facts))?;
+                    named("sight", self.sight.on_contact(now, &contact, facts))
+                }
                 Err(NoContact) => Ok(()),
             },
             News::Started { module, pid } => {
@@ -369,6 +398,10 @@ impl Checkers {
                     self.restarts.on_watchdog();
                 }
                 named("stopped", self.stopped.on_state(now, module, *state, facts))
+            }
+            News::Fault { target, fault, until } => {
+                self.sight.on_fault(now, target, fault, *until, facts);
+                Ok(())
             }
             News::Dropped { whose, count } => named("queues", queues::on_dropped(now, whose, *count, facts)),
             _ => Ok(()),
@@ -447,6 +480,7 @@ impl Checkers {
             }
             Message::SimDataTruth(truth) => {
                 self.promise.on_truth(truth);
+                self.sight.on_truth(now, truth, facts);
                 let speed = self.pace.speed(now, pid, truth, facts.limits.base.as_ref());
                 named("pause", self.pause.on_truth(now, speed, facts))?;
                 named("body", self.body.on_truth(now, speed, facts))?;
@@ -456,8 +490,13 @@ impl Checkers {
                 named("stop", self.stop.on_truth(now, speed, facts))?;
                 named("wanted", self.wanted.on_time(now))
             }
+            Message::SimDataPeople(people) => {
+                self.sight.on_people(now, people, facts);
+                Ok(())
+            }
             Message::LlCmdCreep(_) => {
                 self.promise.on_creep(now);
+                self.sight.on_creep(now);
                 Ok(())
             }
             Message::CmCmdState(command) => {

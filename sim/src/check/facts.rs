@@ -342,7 +342,7 @@ impl Facts {
         } else if is_drive {
             let until = if until == Instant::NEVER { now } else { until };
             self.steering_ill = self.steering_ill.max(until + AFTERMATH_OF_COMMAND);
-        } else {
+        } else if !self.limits.is_lidar(target) {
             // A board: the power controller may switch the motors off for many reasons.
             let until = if until == Instant::NEVER { now } else { until };
             self.rolls = self.rolls.max(until + COASTING_TIME);

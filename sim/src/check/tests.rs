@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 mod bounded;
 mod others;
+mod sight;
 mod stopping;
 mod wheels;
 
@@ -67,6 +68,7 @@ fn limits() -> Limits {
         homing_at_start: false,
         guard: Some(Guarded { module: "guard".into(), creep_mps: 0.15 }),
         promise: Some(Promise { reaction_s: 0.37, braking_mps2: 0.8, beam_rad: 0.96 }),
+        sight: None,
         restart_max: Duration::from_secs(2),
     }
 }
