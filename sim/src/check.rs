@@ -116,6 +116,8 @@ pub struct Limits {
     pub speed_autonomous: f64,
     /// Deceleration of a quick stop, m/s².
     pub quick_stop: f64,
+    /// Deceleration without commands, m/s², of drives that then roll on; `None`: they stop by themselves.
+    pub coasting: Option<f64>,
     /// Time to live of a command.
     pub ttl: Duration,
     /// Boards of range finders.
@@ -141,6 +143,19 @@ impl Limits {
     /// Number and statusword of the wheel whose drive reports in this frame.
     fn reported(&self, id: u16, data: &[u8]) -> Option<(usize, u16)> {
         self.wheels.iter().enumerate().find_map(|(number, wheel)| Some((number, wheel.drive.reported(id, data)?)))
+    }
+
+    /// Number of the wheel whose motor controller reports in this frame that it is disarmed.
+    fn disarmed(&self, id: u16, data: &[u8]) -> Option<usize> {
+        self.wheels.iter().position(|wheel| {
+            let drive = &wheel.drive;
+            drive.protocol != wire::Protocol::Canopen && drive.heartbeat(id, data) == Some(wire::Heartbeat::Down)
+        })
+    }
+
+    /// True if a drive is sent its set-point in each period, not with each decision only.
+    fn repeats(&self) -> bool {
+        self.wheels.iter().any(|wheel| wheel.drive.protocol != wire::Protocol::Canopen)
     }
 
     /// All drives, with their names.
