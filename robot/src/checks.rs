@@ -37,9 +37,10 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let simulated = simulated::config(place, World::default(), robot, false)?;
     let on_line = simulated.drive_lines.iter().flat_map(|line| &line.motors).map(|motor| motor.name.as_str()).next();
     let of_can = simulated.can.iter().flat_map(|can| &can.drives);
-    let controller = of_can.filter(|drive| matches!(drive.kind, DriveKind::Controller { .. }));
-    if let Some(name) = controller.map(|drive| drive.name.as_str()).next().or(on_line) {
-        let why = format!("checks: the {name} drive is no CANopen node, and the rules judge only those");
+    let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
+    let mut vescs = of_can.filter(|drive| is_controller(drive) && drive.kind.odrive().is_none());
+    if let Some(name) = vescs.next().map(|drive| drive.name.as_str()).or(on_line) {
+        let why = format!("checks: the {name} drive is neither a CANopen drive nor an ODrive; the rules judge only those");
         return Err(ConfigError(vec![why]));
     }
     let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
@@ -47,11 +48,17 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
     let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
     let wheels = can.drives.iter().filter(|drive| !is_steering(drive)).map(|drive| {
-        let node = node(drive)?;
+        let (on_wire, stop_word) = match drive.kind.odrive() {
+            Some((node, endpoints)) => (wire::Drive::can_simple(node, endpoints.enable_watchdog), 0),
+            None => {
+                let node = node(drive)?;
+                (on_wire(node)?, node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0))
+            }
+        };
         Some(wire::Wheel {
             name: drive.name.clone(),
-            drive: on_wire(node)?,
-            stop_word: node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0),
+            drive: on_wire,
+            stop_word,
             units_per_mps: units_per_mps(drive, robot.geometry.wheel_circumference_m()),
         })
     });
@@ -93,6 +100,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         speed_manual: robot.limits.speed_manual_mps,
         speed_autonomous: robot.limits.speed_autonomous_mps,
         quick_stop: robot.limits.quick_stop_mps2,
+        coasting: can.drives.iter().any(is_controller).then_some(robot.stop.coasting_mps2),
         ttl: robot.limits.command_ttl,
         ranging: ranging(robot),
         homing_at_start: robot.can.iter().any(homes_at_start),
@@ -120,7 +128,9 @@ fn units_per_mps(drive: &DriveConfig, circumference: f64) -> f64 {
     match &drive.kind {
         DriveKind::Cia402(own) => own.velocity_units(drive.node, circumference),
         DriveKind::Epos { gear, .. } => 60.0 * gear / circumference,
-        DriveKind::Icla(_) | DriveKind::Controller { .. } => f64::NAN,
+        // Turns/s of the motor.
+        DriveKind::Controller { gear, .. } => gear / circumference,
+        DriveKind::Icla(_) => f64::NAN,
     }
 }
 
@@ -140,6 +150,7 @@ fn on_wire(node: &NodeConfig) -> Option<wire::Drive> {
     let tpdos = node.mappings.iter().filter(|mapping| mapping.record >= TPDOS);
     let report = |tpdo: &PdoMapping| Some(wire::Place { id: tpdo.cob_id, at: place(tpdo, &[STATUSWORD])? });
     Some(wire::Drive {
+        protocol: wire::Protocol::Canopen,
         node: node.id,
         command: wire::Place { id: rpdo.cob_id, at: place(rpdo, &[CONTROLWORD])? },
         target: place(rpdo, &TARGETS)?,
@@ -206,6 +217,7 @@ mod tests {
         let limits = limits(&place, Duration::from_secs(2)).unwrap();
         let first = |id| wire::Place { id, at: 0 };
         let drive = |node, command, reports: [u16; 2]| wire::Drive {
+            protocol: wire::Protocol::Canopen,
             node,
             command: first(command),
             target: 2,

@@ -119,6 +119,8 @@ pub struct Limits {
     pub speed_autonomous: f64,
     /// Deceleration of a quick stop, m/s².
     pub quick_stop: f64,
+    /// Deceleration without commands, m/s², of drives that then roll on; `None`: they stop by themselves.
+    pub coasting: Option<f64>,
     /// Time to live of a command.
     pub ttl: Duration,
     /// Boards of range finders.
@@ -151,6 +153,19 @@ impl Limits {
     /// True for the port of a lidar that the guard uses.
     fn is_lidar(&self, target: &str) -> bool {
         self.sight.as_ref().is_some_and(|sight| sight.lidars.iter().any(|lidar| lidar.bus == target))
+    }
+
+    /// Number of the wheel whose motor controller reports in this frame that it is disarmed.
+    fn disarmed(&self, id: u16, data: &[u8]) -> Option<usize> {
+        self.wheels.iter().position(|wheel| {
+            let drive = &wheel.drive;
+            drive.protocol != wire::Protocol::Canopen && drive.heartbeat(id, data) == Some(wire::Heartbeat::Down)
+        })
+    }
+
+    /// True if a drive is sent its set-point in each period, not with each decision only.
+    fn repeats(&self) -> bool {
+        self.wheels.iter().any(|wheel| wheel.drive.protocol != wire::Protocol::Canopen)
     }
 
     /// All drives, with their names.

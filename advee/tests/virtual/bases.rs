@@ -389,6 +389,73 @@ fn a_dead_reversed_or_exchanged_encoder_is_reported_and_stops_all_wheels() {
     }
 }
 
+/// Multiples of its way that a slipping encoder counts: of a wheel that spins, and of one that is dragged.
+const SLIPPING: [f64; 2] = [1.5, 0.6];
+
+/// The drive's own loop keeps the speed that it measures, so the measured speeds stay those of a motion of the base, and
+/// nothing contradicts them. The wheel turns at the commanded speed divided by what is counted, and no faster.
+#[test]
+fn a_slipping_encoder_is_reported_or_makes_its_wheel_no_faster_than_what_it_counts() {
+    for (name, wheels, _) in ROBOTS {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        let robot = robot::config::Config::load(&config, true, &[]).unwrap().robot;
+        let base = robot.base.expect("a base");
+        let (axes, chassis) = (base.axes(), base.chassis(&robot.limits).unwrap());
+        for (victim, counts) in (0..wheels).flat_map(|wheel| SLIPPING.map(|counts| (wheel, counts))) {
+            let mut base = Base::ready(name, wheels);
+            base.drive((0.25, 0.0, 0.4), 8.0);
+            base.pass(2.0);
+            let since = base.machine.now();
+            base.observed.borrow_mut().stopped.clear();
+            base.observed.borrow_mut().errors.clear();
+            let (target, fault) = (axes[usize::from(victim)].into(), "encoder".into());
+            base.machine.inject(since, CmdFault { target, fault, value: counts, duration: 5.0, ..Default::default() });
+            base.pass(1.0);
+            let what = format!("{name}: {} counts {counts} times its way", axes[usize::from(victim)]);
+            let told = base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
+            println!("{what}: {told:?}");
+            if told.is_some() {
+                base.assert_stopped(&what, since, Duration::from_secs(1), Some(victim + 1));
+                continue;
+            }
+            let from = base.truth();
+            base.pass(0.2);
+            let to = base.truth();
+            let (x, y) = ((to.x - from.x) / 0.2, (to.y - from.y) / 0.2);
+            let omega = navitools::wrap(to.theta - from.theta) / 0.2;
+            let (sin, cos) = (from.theta + omega * 0.1).sin_cos();
+            let moves = kinematics::Twist::new(x * cos + y * sin, y * cos - x * sin, omega);
+            let speeds = |twist| chassis.wheel_states(twist, &vec![kinematics::WheelState::default(); wheels.into()]);
+            let (turn, asked) = (speeds(moves), speeds(kinematics::Twist::new(0.25, 0.0, 0.4)));
+            for (wheel, (turns, asked)) in turn.iter().zip(asked.iter()).enumerate() {
+                let part = if wheel == usize::from(victim) { counts } else { 1.0 };
+                let most = asked.speed_mps.abs() / part + 0.05;
+                assert!(turns.speed_mps.abs() <= most, "{what}: wheel {wheel}: {turns:?}, {asked:?}");
+            }
+        }
+    }
+}
+
+/// Straight ahead the encoder of the other wheel reads what the own one should: nothing contradicts it, and the wheel
+/// that no loop controls rolls on. On a curve it is reported
+/// (`a_dead_reversed_or_exchanged_encoder_is_reported_and_stops_all_wheels`).
+#[test]
+fn an_exchanged_encoder_of_two_wheels_cannot_be_noticed_straight_ahead() {
+    for name in ["courier", "rover"] {
+        let mut base = Base::ready(name, 2);
+        base.drive((0.25, 0.0, 0.0), 4.0);
+        base.pass(2.0);
+        let since = base.machine.now();
+        base.observed.borrow_mut().errors.clear();
+        let (target, fault) = ("left".into(), "swapped".into());
+        base.machine.inject(since, CmdFault { target, fault, value: 2.0, duration: 20.0, ..Default::default() });
+        base.pass(1.0);
+        assert_eq!(base.observed.borrow().errors, [], "{name}");
+        let velocity = base.observed.borrow().velocity.clone();
+        assert!((velocity.vx - 0.25).abs() < 0.02 && velocity.omega.abs() < 0.02, "{name}: {velocity:?}");
+    }
+}
+
 #[test]
 fn a_watchdog_that_is_late_stops_them_although_nothing_but_their_driver_is_critical() {
     for (name, wheels, _) in ROBOTS {

@@ -644,7 +644,7 @@ impl Simulator {
                 InjectedFault::Layout => return drive.set_layout(now, Layout::Other, self.scene.body()),
                 injected => {
                     let DriveConfig { node, kind, .. } = &drive.config;
-                    let Some(objects) = kind.dictionary(*node) else { return false };
+                    let objects = kind.dictionary(*node);
                     return self.can.inject_node(now, *node, injected, until, objects);
                 }
             }

@@ -21,7 +21,13 @@ const DRIVER: u32 = 3;
 /// Controlword and target in this RPDO, the statusword first in these TPDOs.
 fn drive(node: u8, command: u16, reports: &[u16]) -> wire::Drive {
     let first = |id| wire::Place { id, at: 0 };
-    wire::Drive { node, command: first(command), target: 2, reports: reports.iter().copied().map(first).collect() }
+    wire::Drive {
+        protocol: wire::Protocol::Canopen,
+        node,
+        command: first(command),
+        target: 2,
+        reports: reports.iter().copied().map(first).collect(),
+    }
 }
 
 fn limits() -> Limits {
@@ -52,6 +58,7 @@ fn limits() -> Limits {
         speed_manual: 0.6,
         speed_autonomous: 0.8,
         quick_stop: 1.5,
+        coasting: None,
         ttl: Duration::from_millis(250),
         ranging: [("front", 0x10), ("rear", 0x11)]
             .map(|(name, address)| RangingBoard {

@@ -68,6 +68,15 @@ impl DriveKind {
         }
     }
 
+    /// Node id and endpoints of an ODrive; none: it is another drive.
+    #[must_use]
+    pub fn odrive(&self) -> Option<(u8, motorctl::odrive::Endpoints)> {
+        match self {
+            Self::Controller { device: can::Device::Odrive(device), .. } => Some((device.node, device.endpoints)),
+            _ => None,
+        }
+    }
+
     /// The objects of a new drive with this node id; none: it is no CANopen node.
     pub(crate) fn dictionary(&self, node: u8) -> Option<Dictionary> {
         match self {
