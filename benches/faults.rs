@@ -7,8 +7,9 @@
 //! settings of the thesis: hangs are detected by announcements only (2 s, checked every 200 ms).
 //!
 //! Environment: FAULTS (1000, or as many as 15 minutes take; a given number is not cut short), ROBOTS at a time, SEED.
-//! ONLY=text: kinds of fault or modules whose name contains it. CONFIG=conf/courier: another robot, whose every wheel must
-//! be stopped on the bus; its standstill is measured, and not compared with the table, whose figures are of `conf/advee`.
+//! ONLY=text: kinds of fault or modules whose name contains it. CONFIG=conf/courier: another robot, whose every wheel
+//! must be stopped on the bus; its standstill is measured, and not compared with the table, whose figures are of
+//! `conf/advee`.
 
 #[path = "faults/can.rs"]
 mod can;

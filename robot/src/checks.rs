@@ -40,7 +40,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
     let mut vescs = of_can.filter(|drive| is_controller(drive) && drive.kind.odrive().is_none());
     if let Some(name) = vescs.next().map(|drive| drive.name.as_str()).or(on_line) {
-        let why = format!("checks: the {name} drive is neither a CANopen drive nor an ODrive; the rules judge only those");
+        let why = format!("checks: the {name} drive is no CANopen drive and no ODrive; the rules judge only those");
         return Err(ConfigError(vec![why]));
     }
     let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);

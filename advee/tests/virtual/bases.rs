@@ -392,8 +392,8 @@ fn a_dead_reversed_or_exchanged_encoder_is_reported_and_stops_all_wheels() {
 /// Multiples of its way that a slipping encoder counts: of a wheel that spins, and of one that is dragged.
 const SLIPPING: [f64; 2] = [1.5, 0.6];
 
-/// The drive's own loop keeps the speed that it measures, so the measured speeds stay those of a motion of the base, and
-/// nothing contradicts them. The wheel turns at the commanded speed divided by what is counted, and no faster.
+/// The drive's own loop keeps the speed that it measures, so the measured speeds stay those of a motion of the base,
+/// and nothing contradicts them. The wheel turns at the commanded speed divided by what is counted, and no faster.
 #[test]
 fn a_slipping_encoder_is_reported_or_makes_its_wheel_no_faster_than_what_it_counts() {
     for (name, wheels, _) in ROBOTS {

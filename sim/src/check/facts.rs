@@ -245,8 +245,8 @@ impl Facts {
         }
     }
 
-    /// The same for a command that another one of its source has superseded: a motor controller is sent its set-point in
-    /// each period, which may be that of the last step of the wheels.
+    /// The same for a command that another one of its source has superseded: a motor controller is sent its set-point
+    /// in each period, which may be that of the last step of the wheels.
     fn slack_of_command(&self, now: Instant, source: &Source) -> Duration {
         let slack = self.slack(now);
         if self.limits.repeats() && source.lives(now, slack) { slack.max(STEP + DELAY_MAX) } else { slack }

@@ -126,13 +126,13 @@ fn a_fault_of_the_lidar_excuses_nothing_but_wild_beams() {
     assert_eq!(with(&driver), Some("sight"), "the driver of the lidar");
     assert_eq!(
         with(&|bench, left| if left == 0.5 {
-            bench.act(&["exit", "guard"])
+            bench.act(&["exit", "guard"]);
         }),
         None
     );
     let creeps = |bench: &mut Bench, left: f64| {
         if left == 0.5 {
-            bench.act(&["creep", "held"])
+            bench.act(&["creep", "held"]);
         }
     };
     assert_eq!(with(&creeps), None);
