@@ -58,7 +58,7 @@ pub struct Sight {
     pub body: (f64, f64, f64),
 }
 
-/// How many contacts there were at more than [`CONTACT_MPS`], and the greatest speed of the robot towards the other,
+/// How many contacts there were at more than `CONTACT_MPS`, and the greatest speed of the robot towards the other,
 /// m/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hits {
