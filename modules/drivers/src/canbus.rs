@@ -506,7 +506,10 @@ impl Canbus {
         if let Some(bus) = &mut self.bus {
             bus.count_frame(frame);
         }
-        let foreign = self.wheels.controllers().find_map(|controller| controller.foreign_command_to(frame));
+        let mut foreign = None;
+        for controller in self.wheels.controllers_mut() {
+            foreign = controller.on_foreign(now, frame).or(foreign);
+        }
         if let Some(name) = foreign {
             self.on_second_master(now, format_args!("a command to the {name} drive"), out);
         }

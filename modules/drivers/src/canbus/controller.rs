@@ -24,6 +24,10 @@ use std::fmt;
 
 /// Minimum time for which one that did not obey blocks motion.
 const TROUBLE_MIN: Duration = Duration::from_millis(500);
+/// No start-up begins so long after a command of another program: each takes the torque away for its silence.
+const COMMANDED_REST: Duration = Duration::from_millis(500);
+/// Interval at which it is looked for standstill.
+const STANDING_AGAIN: Duration = Duration::from_millis(20);
 /// Age beyond which its speed is unknown.
 const MEASURED_AGE_MAX: Duration = Duration::from_millis(200);
 
@@ -36,6 +40,8 @@ pub(super) enum Availability {
     /// Its bus, or its line, is down.
     Unreached(&'static str),
     Ready,
+    /// Another program has commanded or configured it: it stops, and is started again.
+    Commanded,
     /// It was disarmed, because the module ends.
     Off,
 }
@@ -47,7 +53,7 @@ impl Availability {
             Self::Starting | Self::Ready | Self::Off => Hold::DriveBooting,
             Self::Refused(_) => Hold::DriveBootFailed,
             Self::Lost(LostReason::Fault { .. }) => Hold::DriveFault,
-            Self::Lost(LostReason::TimeLimitChanged) => Hold::DriveParameter,
+            Self::Lost(LostReason::TimeLimitChanged) | Self::Commanded => Hold::DriveParameter,
             Self::Lost(_) | Self::Unreached(_) => Hold::DriveLost,
         }
     }
@@ -62,6 +68,7 @@ impl fmt::Display for Availability {
             Self::Lost(reason) => reason.fmt(f),
             Self::Unreached(what) => write!(f, "is not reached: the {what} is down"),
             Self::Ready => f.write_str("is ready"),
+            Self::Commanded => f.write_str("was commanded by another program, and is started again at standstill"),
             Self::Off => f.write_str("is switched off"),
         }
     }
@@ -72,6 +79,8 @@ base::deadlines! {
     enum Timer {
         /// Trouble is evaluated again. Set while it blocks motion.
         Trouble,
+        /// It may be started again after a command of another program.
+        Restart,
     }
 }
 
@@ -90,6 +99,9 @@ pub(super) struct Controller {
     trouble: Option<Trouble>,
     /// [`Fault::DriveFault`] was raised because of trouble.
     alarmed: bool,
+    /// Another program has commanded or configured it since its last start-up began: what that start-up has written
+    /// and proven no longer holds.
+    commanded: bool,
     /// Commanded speed, m/s.
     target: f64,
     /// Its bus is up.
@@ -133,6 +145,7 @@ impl Controller {
             locked: false,
             trouble: None,
             alarmed: false,
+            commanded: false,
             target: 0.0,
             reached: false,
             measured: None,
@@ -150,8 +163,7 @@ impl Controller {
     pub(super) fn on_bus(&mut self, now: Instant, up: bool, out: &mut Actions) {
         self.reached = up;
         if up {
-            self.engine.restart(now);
-            self.set_availability(Availability::Starting);
+            self.restart(now);
             return;
         }
         let was_ready = self.is_ready();
@@ -159,24 +171,34 @@ impl Controller {
         self.engine.disarm(now);
         self.engine.drop_tx(now);
         let unreached = Availability::Unreached(if self.line().is_some() { "line" } else { "bus" });
-        self.set_availability(unreached);
+        self.set_availability(now, unreached);
         if was_ready {
             self.raise(Fault::DriveLost, format!("{unreached}; the robot stops"), out);
         }
     }
 
-    fn set_availability(&mut self, availability: Availability) {
+    fn restart(&mut self, now: Instant) {
+        self.engine.restart(now);
+        self.commanded = false;
+        self.set_availability(now, Availability::Starting);
+    }
+
+    fn set_availability(&mut self, now: Instant, availability: Availability) {
         self.availability = availability;
         (self.locked, self.changed) = (true, true);
         self.trouble = None;
         self.deadlines.clear_all();
+        // A start-up that ends may have begun before the command.
+        if self.commanded && self.is_ready() {
+            self.deadlines.set(Timer::Restart, now + COMMANDED_REST);
+        }
     }
 
     /// Serves the deadlines of the engine; to be called before each decision, and after it.
     pub(super) fn serve(&mut self, now: Instant, out: &mut Actions) {
         if self.is_served() {
             self.engine.handle_timeout(now);
-            self.drain(out);
+            self.drain(now, out);
         }
     }
 
@@ -189,9 +211,18 @@ impl Controller {
         matches!(&self.engine, Engine::Can { device, .. } if device.owns(frame))
     }
 
-    /// Its name, if another program commands its device by this frame; one that asks it for something does not.
-    pub(super) fn foreign_command_to(&self, frame: &Frame) -> Option<&'static str> {
-        matches!(&self.engine, Engine::Can { device, .. } if device.is_commanded_by(frame)).then_some(self.name)
+    /// Its name, if another program commands or configures its device by this frame; one that asks it for something does
+    /// not. Its command time limit may be off then: it stops, and all of its start-up precedes the next motion.
+    pub(super) fn on_foreign(&mut self, now: Instant, frame: &Frame) -> Option<&'static str> {
+        if !matches!(&self.engine, Engine::Can { device, .. } if device.is_commanded_by(frame)) {
+            return None;
+        }
+        self.changed |= !self.commanded;
+        (self.commanded, self.locked) = (true, true);
+        if self.is_ready() {
+            self.deadlines.set(Timer::Restart, now + COMMANDED_REST);
+        }
+        Some(self.name)
     }
 
     /// A frame of its device.
@@ -199,7 +230,7 @@ impl Controller {
         if let Engine::Can { engine, .. } = &mut self.engine {
             engine.handle_rx(now, frame);
         }
-        self.drain(out);
+        self.drain(now, out);
     }
 
     /// Its speed, m/s, if it was measured since the last call.
@@ -209,12 +240,12 @@ impl Controller {
         Some(feedback.velocity_radps * self.radius)
     }
 
-    fn drain(&mut self, out: &mut Actions) {
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
         while let Some(event) = self.engine.poll_event() {
             match event {
                 Event::Ready { acted_after, reaction } => {
                     let after = acted_after.map_or(f64::NAN, |after| after.as_secs_f64());
-                    self.set_availability(Availability::Ready);
+                    self.set_availability(now, Availability::Ready);
                     self.alarmed = false;
                     let message = format!(
                         "{} drive ({}) is ready: {after:.2} s without a command it {reaction}",
@@ -227,7 +258,7 @@ impl Controller {
                     out.note(message);
                 }
                 Event::Refused { step, reason } => {
-                    self.set_availability(Availability::Refused(step));
+                    self.set_availability(now, Availability::Refused(step));
                     let fault = match reason {
                         Refusal::Identity { .. } => Fault::DriveMismatch,
                         _ => Fault::DriveBootFailed,
@@ -235,7 +266,7 @@ impl Controller {
                     self.raise(fault, format!("cannot be started, {step}: it {reason}; tried again each second"), out);
                 }
                 Event::Lost { reason } => {
-                    self.set_availability(Availability::Lost(reason));
+                    self.set_availability(now, Availability::Lost(reason));
                     let fault = match reason {
                         LostReason::Fault { .. } => Fault::DriveFault,
                         LostReason::TimeLimitChanged => Fault::DriveParameter,
@@ -269,16 +300,21 @@ impl Controller {
                 self.trouble = None;
             }
         }
+        if self.deadlines.is_due(Timer::Restart, now) {
+            if speed.abs() < STANDSTILL_MPS {
+                self.restart(now);
+            } else {
+                // The speed monitor judges how it stops.
+                self.deadlines.set(Timer::Restart, now + STANDING_AGAIN);
+            }
+        }
         if self.alarmed && self.trouble.is_none() && self.is_ready() {
             self.alarmed = false;
             out.clear(Fault::DriveFault, self.name, format!("{} drive: no fault any more", self.name));
         }
         match goal {
             Goal::Disabled => self.switch_off(now),
-            _ if self.availability == Availability::Off => {
-                self.engine.restart(now);
-                self.set_availability(Availability::Starting);
-            }
+            _ if self.availability == Availability::Off => self.restart(now),
             Goal::Enabled if self.may_be_enabled() => {
                 if self.engine.is_quick_stop() {
                     // Refused while it turns: it stays stopped.
@@ -293,7 +329,7 @@ impl Controller {
     }
 
     fn may_be_enabled(&self) -> bool {
-        self.is_ready() && !self.locked && self.trouble.is_none()
+        self.is_ready() && !self.locked && !self.commanded && self.trouble.is_none()
     }
 
     /// Takes the torque away. One that is not ready has none, or loses it by its command time limit.
@@ -304,7 +340,7 @@ impl Controller {
         if self.is_ready() {
             self.engine.disarm(now);
         }
-        self.set_availability(Availability::Off);
+        self.set_availability(now, Availability::Off);
     }
 
     /// The next frame, on CAN.
@@ -352,6 +388,7 @@ impl Controller {
 
     pub(super) fn objection(&self) -> Option<Objection> {
         match (self.availability, self.trouble) {
+            (Availability::Ready, _) if self.commanded => Some(Objection::Controller(Availability::Commanded)),
             (Availability::Ready, trouble) => trouble.map(Objection::Trouble),
             (availability, _) => Some(Objection::Controller(availability)),
         }
@@ -374,7 +411,9 @@ impl Controller {
             Availability::Ready => (OPERATIONAL, OPERATION_ENABLED, 0),
             Availability::Lost(LostReason::Fault { errors }) => (PRE_OPERATIONAL, FAULT, errors as i32),
             Availability::Starting | Availability::Off => (PRE_OPERATIONAL, SWITCH_ON_DISABLED, 0),
-            Availability::Refused(_) | Availability::Lost(_) | Availability::Unreached(_) => (-1, 0, 0),
+            Availability::Refused(_) | Availability::Lost(_) | Availability::Unreached(_) | Availability::Commanded => {
+                (-1, 0, 0)
+            }
         };
         Axis {
             name: self.name.into(),
