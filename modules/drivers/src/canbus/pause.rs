@@ -61,7 +61,7 @@ enum Controller {
 struct Watched {
     /// Its name as a source: `lidar.front`, `io.estop`, `drive.left.3`.
     name: String,
-    /// This driver reads it: no message tells its state.
+    /// This driver reads it: no message reports its state.
     own: bool,
     /// Last report; `None`: there was none, or it is too old.
     engaged: Option<bool>,
