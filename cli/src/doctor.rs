@@ -108,6 +108,7 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
             .iter()
             .filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.line.port), user)),
     );
+    findings.extend(devices::streams(&config.robot, devices::Device::gather, user));
     findings.extend(config.robot.i2c.iter().filter_map(|bus| devices::i2c(bus, devices::Device::gather, user)));
     findings.extend(config.robot.w1.iter().filter_map(devices::w1));
     let gamepad = config.robot.gamepad.as_ref();

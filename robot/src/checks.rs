@@ -9,9 +9,10 @@ use canopen::master::PdoMapping;
 use canopen::pdo::Mapped;
 use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
+use module::admission::Policy;
 use navitools::Pose;
 use settings::robot::Base;
-use sim::check::{self, Guarded, Limits, Promise, RangingBoard, SeeingLidar, Sight, wire};
+use sim::check::{self, Guarded, Limits, Promise, RangingBoard, SeeingLidar, Sight, StopReport, wire};
 use simulator::world::World;
 use simulator::{Axis, DriveConfig, DriveKind};
 use std::f64::consts::PI;
@@ -43,6 +44,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         let why = format!("checks: the {name} drive is no CANopen drive and no ODrive; the rules judge only those");
         return Err(ConfigError(vec![why]));
     }
+    let policy = topology::policy(&config);
     let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
     let can = simulated.can.ok_or_else(missing)?;
     let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
@@ -75,7 +77,8 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         planner: "planner".into(),
         critical: config.critical().collect(),
         power: robot.power.as_ref().map(|_| power::NAME.into()),
-        estimator: topology::policy(&config).estimator,
+        stops: stops(robot, &policy),
+        estimator: policy.estimator,
         commands: robot.bus.commands,
         wheels,
         steering,
@@ -115,6 +118,15 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         sight: sight(robot),
         restart_max,
     })
+}
+
+/// Sources of PAUSE that the driver of the lidars and that of the signals report.
+fn stops(robot: &Robot, policy: &Policy) -> Vec<StopReport> {
+    let fields = robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(|lidar| (lidar.bus(), &policy.lidar));
+    let signals = robot.stop.inputs.iter().filter(|input| input.signal.is_some());
+    let inputs = signals.map(|input| (input.source(), &policy.io));
+    let report = |(source, module): (String, &Option<String>)| Some(StopReport { source, module: module.clone()? });
+    fields.chain(inputs).filter_map(report).collect()
 }
 
 /// Kinematics and measures of a base that turns by its wheels.

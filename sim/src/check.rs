@@ -76,6 +76,15 @@ pub struct Base {
     pub deceleration_mps2: f64,
 }
 
+/// A source of PAUSE that a module of the robot reports, beside the power controller.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StopReport {
+    /// Its name in `LL_EVENT_STOP`: `lidar.front`, `io.estop`.
+    pub source: String,
+    /// The module that alone reports that it is free.
+    pub module: String,
+}
+
 /// Bounds of the rules, and names of the modules.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
@@ -89,6 +98,8 @@ pub struct Limits {
     pub critical: Vec<String>,
     /// Module of the power controller, which reports the PAUSE line; absent without one.
     pub power: Option<String>,
+    /// Other sources of PAUSE without whose reports the robot does not move.
+    pub stops: Vec<StopReport>,
     /// Module that knows where the robot is, and alone says so; absent: whoever may command.
     pub estimator: Option<String>,
     /// Who may command.

@@ -219,7 +219,7 @@ impl Emulated {
     }
 
     /// Raises a fault, as its own checks do: the code of a VESC, from 1; error bits of a RoboClaw, which is in
-    /// emergency stop if there is none of them.
+    /// emergency stop with 0.
     pub fn raise(&mut self, fault: u16) {
         match self {
             Self::Vesc(own) => own.raise(u8::try_from(fault).unwrap_or(u8::MAX).max(1)),

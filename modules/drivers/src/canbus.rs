@@ -1,6 +1,6 @@
-//! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of wheels
-//! may be motor controllers without CANopen, on CAN or on serial lines; without a CANopen node no frame of CANopen is
-//! sent, and without a drive on CAN there need not be a CAN bus.
+//! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of
+//! wheels may be motor controllers without CANopen, on CAN or on serial lines; without a CANopen node no frame of
+//! CANopen is sent, and without a drive on CAN there need not be a CAN bus.
 //!
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
 //! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
@@ -482,7 +482,7 @@ impl Canbus {
         }
     }
 
-    /// An input of a serial line; false if the port is none.
+    /// An input of a serial line; false if the port is of no line.
     fn on_line(&mut self, now: Instant, port: PortId, input: &Input<'_>, out: &mut Actions) -> bool {
         let Some(number) = self.lines.iter().position(|line| line.port == port) else { return false };
         let line = &mut self.lines[number];

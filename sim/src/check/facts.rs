@@ -3,7 +3,7 @@
 use super::believed::Believed;
 use super::life::Life;
 use super::names::Names;
-use super::pause_line::PauseLine;
+use super::pause_line::{By, PauseLine};
 use super::sources::{Asked, ROUNDING_MPS, Source, Sources};
 use super::wire::{Drive, Wheel};
 use super::{Base, Limits};
@@ -308,7 +308,7 @@ impl Facts {
     pub fn believes(&self, sender: Sender, message: &Message) -> bool {
         let releases_its_own = |stop: &lowlevel::EventStop| {
             let commands = self.believed.may_command(sender, &self.limits);
-            !stop.engaged && commands && self.pause.is_engaged_by(sender.pid(), &stop.source)
+            !stop.engaged && commands && self.pause.is_engaged_by(By::Process(sender.pid()), &stop.source)
         };
         self.believed.believes(sender, message, &self.limits)
             || matches!(message, Message::LlEventStop(stop) if releases_its_own(stop))
@@ -427,7 +427,9 @@ impl Facts {
         match message {
             Message::LlEventStop(stop) => {
                 let is_due = self.believed.reports_the_line(sender, &self.limits);
-                self.pause.on_report(now, at, sender.pid(), is_due, stop);
+                let is_modules = self.believed.reports_the_source(sender, &stop.source, &self.limits);
+                let by = if is_modules { By::Module } else { By::Process(sender.pid()) };
+                self.pause.on_report(now, at, by, is_due, stop);
             }
             Message::CmDataProcesses(list) => self.on_list(now, at, list),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),

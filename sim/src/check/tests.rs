@@ -37,6 +37,7 @@ fn limits() -> Limits {
         planner: "planner".into(),
         critical: vec!["power".into(), "driver".into()],
         power: Some("power".into()),
+        stops: Vec::new(),
         estimator: None,
         commands: Commands::Host,
         bus: "can".into(),

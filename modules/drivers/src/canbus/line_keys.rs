@@ -117,7 +117,7 @@ impl LineKeys {
         }
     }
 
-    /// Where the axis of each motor is written: the table below that of the line, if it is one; in the same order.
+    /// Where the axis of each motor is written: the table below that of the line, if there is one; in the same order.
     #[must_use]
     pub fn tables(&self) -> &'static [Option<&'static str>] {
         match self {

@@ -142,8 +142,8 @@ impl Channel {
     pub(super) fn command(&mut self, now: Instant, velocity_radps: f64) -> Result<(), CommandError> {
         self.with(|shared, axis| {
             shared.channels[axis].velocity = velocity_radps;
-            let velocities: Vec<f64> = shared.channels[..shared.count].iter().map(|own| own.velocity).collect();
-            shared.engine.command(now, &velocities)
+            let velocities = shared.channels.each_ref().map(|own| own.velocity);
+            shared.engine.command(now, &velocities[..shared.count])
         })
     }
 

@@ -61,7 +61,7 @@ enum Controller {
 struct Watched {
     /// Its name as a source: `lidar.front`, `io.estop`, `drive.left.3`.
     name: String,
-    /// This driver reads it: no message tells its state.
+    /// This driver reads it: no message reports its state.
     own: bool,
     /// Last report; `None`: there was none, or it is too old.
     engaged: Option<bool>,
@@ -165,9 +165,10 @@ impl PauseLine {
         }
     }
 
-    /// Processes a report of the driver of the lidars, or of the signals; false if it is none, or of one that does not
-    /// stop this robot.
+    /// Processes a report of the driver of the lidars, or of the signals; false if it is another report, or of a source
+    /// that does not stop this robot.
     fn on_watched(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) -> bool {
+        self.expire(at);
         let mut watched = self.fields.iter_mut().chain(&mut self.inputs);
         let Some(watched) = watched.find(|watched| !watched.own && watched.name == stop.source) else { return false };
         watched.take(at, stop.engaged);
@@ -177,13 +178,15 @@ impl PauseLine {
 
     /// An input that this driver reads, by its place, was read at `at`.
     pub(super) fn on_input(&mut self, at: Instant, place: usize, open: bool) {
+        self.expire(at);
         if let Some(input) = self.inputs.get_mut(place) {
             self.latched |= open;
             input.take(at, open);
         }
     }
 
-    /// Latches PAUSE for inputs that were known and are not any more.
+    /// Latches PAUSE for inputs that were known and are not any more; also before each report, which would hide a gap
+    /// in which this process was not served.
     pub(super) fn expire(&mut self, now: Instant) {
         for input in self.inputs.iter_mut().filter(|input| input.until <= now) {
             self.latched |= input.engaged.take().is_some();
@@ -512,6 +515,13 @@ mod tests {
         closed(&mut line, 5000);
         assert_eq!(holds(&line, at(5000)), [(Hold::PauseLatched, "")], "a person does not overrule what is not known");
         line.release();
+        assert_eq!(holds(&line, at(5000)), []);
+        // This process was not served meanwhile: the first report after the gap does not hide it.
+        closed(&mut line, 5550);
+        assert_eq!(holds(&line, at(5550)), [(Hold::PauseLatched, "")]);
+        line.release();
+        let mut line = PauseLine::new(false, &[], &inputs);
+        closed(&mut line, 5000);
         assert_eq!(holds(&line, at(5000)), []);
         // One opens.
         line.on_input(at(5100), 1, true);

@@ -1,4 +1,5 @@
-//! Signals that stop the robot (`[stop]`): whether each is closed, on `LL_EVENT_STOP` at each change and in [`PERIOD`].
+//! Signals that stop the robot (`[stop]`): whether each is closed, on `LL_EVENT_STOP` in [`PERIOD`], and at once when one
+//! opens. One that opened is reported as open for [`PERIOD`], so that a contact that bounces makes two messages in it.
 //!
 //! A signal is closed while its value is 1 and not older than [`AGE_MAX`]. Before its first value nothing is published:
 //! silence stops the robot as well, and without that an operator would have to release PAUSE after each start.
@@ -37,7 +38,7 @@ impl Stop {
         if self.engaged.is_none() && recent.is_none() {
             return;
         }
-        let engaged = recent != Some(1.0);
+        let engaged = recent != Some(1.0) || self.engaged == Some(true) && now < self.due;
         if self.engaged != Some(engaged) || self.due <= now {
             self.due = now + PERIOD;
             out.publish(EventStop { timestamp: out.timestamp(now), engaged, source: self.source.clone() });

@@ -72,8 +72,8 @@ impl CanLine {
         true
     }
 
-    /// Injects a fault into a node that does not concern its drive; false if it is none. Without `objects` it is no
-    /// CANopen node, and has no second one.
+    /// Injects a fault into a node that does not concern its drive; false if it is no such fault. Without `objects`
+    /// it is no CANopen node, and has no second one.
     pub fn inject_node(
         &mut self,
         now: Instant,

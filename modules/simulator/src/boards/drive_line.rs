@@ -197,8 +197,8 @@ impl DriveLine {
         self.wheels.iter().map(|wheel| wheel.config.name.as_str())
     }
 
-    /// Injects a fault into the device or the wheel `target`; false if it is none of theirs. `wheels`: number of wheels
-    /// of the robot.
+    /// Injects a fault into the device or the wheel `target`; false if neither has such a fault. `wheels`: number of
+    /// wheels of the robot.
     pub fn inject(
         &mut self,
         now: Instant,
@@ -229,7 +229,7 @@ impl DriveLine {
         true
     }
 
-    /// Injects a fault into the line; false if it is none of its faults. Where the host models a wire, it does all but
+    /// Injects a fault into the line; false if a line has no such fault. Where the host models a wire, it does all but
     /// the cut.
     pub fn disturb(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
         match injected {

@@ -350,19 +350,19 @@ fn a_vesc_whose_timeout_is_long_or_dead_is_refused_and_so_is_another_roboclaw() 
 }
 
 fn vesc_of(end: &mut Emulated) -> &mut vesc::device::Device<vesc::uart::Link> {
-    let Emulated::Vesc(own) = end else { panic!("it is none") };
+    let Emulated::Vesc(own) = end else { panic!("a RoboClaw") };
     own
 }
 
 fn other_model(end: &mut Emulated) {
-    let Emulated::RoboClaw(own) = end else { panic!("it is none") };
+    let Emulated::RoboClaw(own) = end else { panic!("a VESC") };
     own.model = roboclaw::Model::new("RoboClaw 2x30a v4.1.34").unwrap();
 }
 
 #[test]
 fn an_error_of_one_motor_stops_both_wheels_of_a_roboclaw() {
     let mut rover = Rover::driving(on_roboclaw());
-    let Emulated::RoboClaw(own) = &mut rover.ends[0] else { panic!("it is none") };
+    let Emulated::RoboClaw(own) = &mut rover.ends[0] else { panic!("a VESC") };
     own.raise(wire::M1_CURRENT_ERROR);
     rover.drive(0.4, 100);
     let causes = rover.causes();
