@@ -44,7 +44,7 @@ pub struct Rig {
     speed_driven: f64,
     /// It is homed before it drives.
     steers: bool,
-    /// It has the table's figures.
+    /// It is the robot whose figures the table "What stops the robot" has.
     pub reference: bool,
     /// Homing was interrupted, and waits for an operator's release; when it is sent.
     to_be_homed: bool,
@@ -84,7 +84,7 @@ pub struct Ride {
 pub struct Yard<'a> {
     /// Configuration.
     pub config: &'a Path,
-    /// What it drives like.
+    /// How it drives.
     pub ride: Ride,
     /// Library loaded into every process.
     pub saboteur: &'a Path,

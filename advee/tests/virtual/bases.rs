@@ -213,6 +213,24 @@ impl Base {
         self.observed.borrow().truth.clone()
     }
 
+    /// Hangs, or kills, the driver of a robot that drives. Fails if its devices, whose stop is not on the bus, do not
+    /// begin to stop the body by themselves, or if it does not stand this long afterwards, s.
+    #[track_caller]
+    fn assert_stops_without_its_driver(&mut self, name: &str, hangs: bool, seconds: f64) {
+        let pid = self.machine.pid("driver_canbus").expect("it runs");
+        let before = self.truth().speed;
+        if hangs {
+            self.machine.hang(pid);
+        } else {
+            self.machine.kill(pid);
+        }
+        self.pass(STOP_MAX.as_secs_f64());
+        let after = self.truth().speed;
+        assert!(after < before - 0.01, "{name}, hangs {hangs}: {before} m/s, then {after} m/s");
+        self.pass(seconds);
+        self.assert_stands(&format!("{name}, without its driver"));
+    }
+
     /// Fails if it does not know where it is.
     #[track_caller]
     fn assert_located(&self, name: &str) {
@@ -412,9 +430,9 @@ fn a_slipping_encoder_is_reported_or_makes_its_wheel_no_faster_than_what_it_coun
             base.machine.inject(since, CmdFault { target, fault, value: counts, duration: 5.0, ..Default::default() });
             base.pass(1.0);
             let what = format!("{name}: {} counts {counts} times its way", axes[usize::from(victim)]);
-            let told = base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
-            println!("{what}: {told:?}");
-            if told.is_some() {
+            let report = base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
+            println!("{what}: {report:?}");
+            if report.is_some() {
                 base.assert_stopped(&what, since, Duration::from_secs(1), Some(victim + 1));
                 continue;
             }
@@ -548,21 +566,8 @@ fn a_rover_on_vescs_stops_if_one_is_lost_or_the_driver_is() {
                 base.assert_stopped(&what, since, STOP_MAX, Some(victim));
             }
         }
-        // The devices stop by themselves, which is not on the bus: the body says it.
         for hangs in [true, false] {
-            let mut base = driving();
-            let pid = base.machine.pid("driver_canbus").expect("it runs");
-            let before = base.truth().speed;
-            if hangs {
-                base.machine.hang(pid);
-            } else {
-                base.machine.kill(pid);
-            }
-            base.pass(STOP_MAX.as_secs_f64());
-            let after = base.truth().speed;
-            assert!(after < before - 0.01, "{hangs}: {before} m/s, then {after} m/s");
-            base.pass(3.0);
-            base.assert_stands("rover on VESCs, without its driver");
+            driving().assert_stops_without_its_driver("rover on VESCs", hangs, 3.0);
         }
     });
 }
@@ -706,19 +711,8 @@ fn a_rover_on_serial_lines_stops_without_its_driver() {
                 let mut base = rover();
                 base.drive((0.25, 0.0, 0.0), 8.0);
                 base.pass(2.0);
-                let pid = base.machine.pid("driver_canbus").expect("it runs");
-                let before = base.truth().speed;
-                if hangs {
-                    base.machine.hang(pid);
-                } else {
-                    base.machine.kill(pid);
-                }
-                base.pass(STOP_MAX.as_secs_f64());
-                let after = base.truth().speed;
-                // The devices stop by themselves: a VESC brakes, a RoboClaw is assumed to let its motors roll.
-                assert!(after < before - 0.01, "{lines:?} {hangs}: {before} m/s, then {after} m/s");
-                base.pass(5.0);
-                base.assert_stands(&format!("{lines:?}, without its driver"));
+                // A VESC brakes, a RoboClaw is assumed to let its motors roll.
+                base.assert_stops_without_its_driver(&format!("rover on {lines:?}"), hangs, 5.0);
             }
         });
     }

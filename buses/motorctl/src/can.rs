@@ -258,8 +258,8 @@ mod tests {
         for (id, data, expected) in [(0x6D, &[0; 8][..], true), (0x63, &[], false), (0x8D, &[0; 8], false)] {
             assert_eq!(odrive.is_commanded_by(&frame(Id::Standard(id), data)), expected, "{id:x}");
         }
-        // RxSdo that writes a bool, a value of two bytes, and nothing; that reads; empty. Set_Limits, Reboot, Clear_Errors
-        // without data, Set_Vel_Gains, Enter_DFU_Mode; what the axis sends: heartbeat, TxSdo, estimates.
+        // RxSdo that writes a bool, a value of two bytes, and nothing; that reads; empty. Set_Limits, Reboot,
+        // Clear_Errors without data, Set_Vel_Gains, Enter_DFU_Mode; what the axis sends: heartbeat, TxSdo, estimates.
         for (id, data, expected) in [
             (0x64, &[1, 0xFA, 1, 0, 0][..], true),
             (0x64, &[1, 0x10, 1, 0, 0x10, 0x27], true),
@@ -289,8 +289,8 @@ mod tests {
             (0x0817, &[7, 0, 4], false),
             (0x0817, &[7, 0, 8, 0, 0, 1], true),
             (0x0817, &[254, 0, 8, 0, 0, 1], false),
-            // CAN_PACKET_CONF_CURRENT_LIMITS, CAN_PACKET_SHUTDOWN, CAN_PACKET_STATUS; COMM_ALIVE, which feeds the timeout,
-            // and a payload that is not known, by 7; the begin of COMM_SET_APPCONF and of an answer COMM_GET_APPCONF.
+            // CAN_PACKET_CONF_CURRENT_LIMITS, CAN_PACKET_SHUTDOWN, CAN_PACKET_STATUS; COMM_ALIVE, which feeds the
+            // timeout, and a payload that is not known, by 7; the begin of COMM_SET_APPCONF and of an answer COMM_GET_APPCONF.
             (0x1517, &[0; 8], true),
             (0x1F17, &[], true),
             (0x0917, &[0; 8], false),

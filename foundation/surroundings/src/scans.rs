@@ -279,12 +279,12 @@ struct Met {
     /// Its direction and its distance, m, from where the lidar's sector began.
     bin: usize,
     distance: f64,
-    /// So did the measuring beam before it.
+    /// The measuring beam before it met something, too.
     follows: bool,
 }
 
-/// Directions around those of a sector, outside of which nothing is asked for: few findings of a revolution are in it,
-/// and the others need no angle.
+/// Directions around those of a sector. Nothing outside of it is compared with the sector, so that the angles of most
+/// findings of a revolution need not be computed.
 struct Arc {
     /// Its middle: cosine and sine.
     middle: (f64, f64),

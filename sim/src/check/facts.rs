@@ -206,8 +206,8 @@ impl Facts {
         now < self.rolls
     }
 
-    /// Deceleration of a quick stop, m/s², or of a robot that rolls on without commands: since the instant `since` it
-    /// has braked, unless its drives may have missed commands shortly before or after.
+    /// Deceleration, m/s², of a robot that has to stop from `speed` since the instant `since`: that of a quick stop, or
+    /// that of rolling if its drives roll without commands and may have missed commands about that time.
     pub fn braking(&self, now: Instant, since: Instant, speed: f64) -> f64 {
         let missed = self.driver.ill(now).max(self.disturbed.min(now));
         let rolls = |coasting: &f64| missed + Duration::from_secs_f64(speed / coasting) >= since;
@@ -245,8 +245,8 @@ impl Facts {
         }
     }
 
-    /// The same for a command that another one of its source has superseded: a motor controller is sent its set-point
-    /// in each period, which may be that of the last step of the wheels.
+    /// [`Self::slack`] of a command that another one of its source has superseded: a motor controller is sent its
+    /// set-point in each period, which may be that of the last step of the wheels.
     fn slack_of_command(&self, now: Instant, source: &Source) -> Duration {
         let slack = self.slack(now);
         if self.limits.repeats() && source.lives(now, slack) { slack.max(STEP + DELAY_MAX) } else { slack }

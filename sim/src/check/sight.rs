@@ -22,7 +22,7 @@ use messages::simulation::{DataPeople, DataTruth};
 use navitools::{Point, Pose, wrap};
 use simulator::people::{Contact, Mover};
 use simulator::world::{Hit, Segment, World};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 /// A person who stood was within this distance of where it was touched, m: it sways, and its places are rounded to the
 /// steps of the truth.
@@ -94,8 +94,8 @@ pub(super) struct Rule {
     crowds: VecDeque<Crowd>,
     /// Last instant at which a person crept past the guard.
     crept: Instant,
-    /// End of the last fault that makes beams wild.
-    wild: Instant,
+    /// End of the last fault that makes beams wild, by lidar.
+    wild: BTreeMap<String, Instant>,
     /// Contacts with what was in sight.
     pub seen: Hits,
     /// Contacts with what came out of hiding.
@@ -150,9 +150,13 @@ impl Rule {
         if !facts.limits.is_lidar(target) {
             return;
         }
-        // Any other fault of the same lidar ends the wild beams, too.
-        let until = if fault == "false" { until } else { now };
-        self.wild = if fault == "false" { self.wild.max(until) } else { self.wild.min(until) };
+        if fault == "false" {
+            let end = self.wild.entry(target.to_owned()).or_default();
+            *end = until.max(*end);
+        } else if let Some(end) = self.wild.get_mut(target) {
+            // Any other fault of the same lidar ends the wild beams.
+            *end = now.min(*end);
+        }
     }
 
     /// The simulator has reported a contact.
@@ -172,7 +176,8 @@ impl Rule {
         };
         self.seen.add(contact.robot_mps);
         let walks = contact.person.is_some_and(|person| person.speed_mps >= STANDS_MPS);
-        let excused = undisturbed_since(now, facts).max(self.crept).max(self.wild.min(now)) > since;
+        let wild = self.wild.values().max().map_or(Instant::ZERO, |end| now.min(*end));
+        let excused = undisturbed_since(now, facts).max(self.crept).max(wild) > since;
         if excused || walks || !stood {
             return Ok(());
         }
@@ -180,7 +185,7 @@ impl Rule {
         Err(format!("{contact}, and it was in sight of a lidar for the {time:.2} s that it takes to stop"))
     }
 
-    /// From when on what was touched was in sight, if that is sufficient to stop before it, and whether it stood.
+    /// Instant since which what was touched was in sight, if that leaves the time to stop before it, and true if it stood.
     fn in_sight_since(
         &self,
         now: Instant,

@@ -9,7 +9,7 @@ pub struct Place {
     pub at: usize,
 }
 
-/// What a drive understands.
+/// Protocol by which a drive is commanded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
     /// CANopen with CiA 402: controlword and statusword in PDOs, the target a signed integer.
@@ -35,7 +35,7 @@ pub enum Heartbeat {
 /// A drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Drive {
-    /// What it understands.
+    /// Protocol by which it is commanded.
     pub protocol: Protocol,
     /// Node id; of CAN Simple the upper six bits of its identifiers.
     pub node: u8,
@@ -141,7 +141,8 @@ impl Drive {
         }
     }
 
-    /// Statusword in a frame; `None`: it has none. Of CAN Simple the one that the state in the heartbeat is in CiA 402.
+    /// Statusword in a frame; `None`: it has none. For CAN Simple, the statusword of CiA 402 that corresponds to the
+    /// errors and the state in the heartbeat.
     #[must_use]
     pub fn reported(&self, id: u16, data: &[u8]) -> Option<u16> {
         let place = self.reports.iter().find(|place| place.id == id)?;
@@ -158,7 +159,7 @@ impl Drive {
         }
     }
 
-    /// What a frame says if it is the heartbeat of this drive.
+    /// What a frame reports if it is the heartbeat of this drive, otherwise `None`.
     #[must_use]
     pub fn heartbeat(&self, id: u16, data: &[u8]) -> Option<Heartbeat> {
         if id != self.heartbeat_id() {

@@ -14,10 +14,10 @@ pub struct Contacts {
     pub robot_into_person: Touches,
     /// A person, into the robot.
     pub person_into_robot: Touches,
-    /// Of those of the robot at more than 0.05 m/s: into what was in sight of a lidar for the time that it takes to
-    /// stop. Counted with a guard that uses lidars.
+    /// Those of the robot at more than 0.05 m/s with what was in sight of a lidar for the time that it takes to stop.
+    /// Counted only with a guard that uses lidars.
     pub in_sight: Touches,
-    /// The others of them: into what came out of hiding, or was never in sight.
+    /// All others of the robot at such a speed: with what came out of hiding, or was never in sight.
     pub out_of_hiding: Touches,
 }
 

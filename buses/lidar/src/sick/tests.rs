@@ -441,7 +441,7 @@ fn answer(dialect: Dialect, request: &str) -> Vec<u8> {
 /// and of the values of the scan configuration in `sMN mLMPsetscancfg 00001388 0001 00000271 FFF8C088 0022B6B8`
 /// (log in `SICKAG/sick_scan_xd`, issue 449): frequency, sectors, resolution, first and last direction.
 #[test]
-fn an_emulated_device_says_its_serial_number_and_its_scan_configuration() {
+fn an_emulated_device_answers_with_its_serial_number_and_its_scan_configuration() {
     assert_eq!(answer(Dialect::Text, "sRN SerialNumber"), b"\x02sRA SerialNumber 8 18520122\x03");
     assert_eq!(answer(Dialect::Text, "sRN LMPscancfg"), b"\x02sRA LMPscancfg 5DC 1 2710 FFF92230 225510\x03");
     let serial = "02020202 0000001b 7352412053657269616c4e756d626572 20 0008 3138353230313232";

@@ -1239,14 +1239,19 @@ export interface Wheel {
 
 /**
  * PAUSE line: `LL_EVENT_STOP`, on change and every 500 ms, engaged or not. The robot does not move while it is engaged,
- * or if this message has been absent for 1.2 s.
+ * or if this message has been absent for 1.2 s. The same for each lidar whose own fields stop the robot, and for each
+ * signal of `[stop] inputs`: every 100 ms, absent for 0.5 s.
  */
 export interface EventStop {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
   /** True while the line is engaged. */
   engaged: boolean;
-  /** Source: `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged. */
+  /**
+   * Source: of the power controller `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged or
+   * unknown. Of `driver_lidar` the lidar: `lidar.front`. Of `driver_io` the signal: `io.estop`. Of another sender any
+   * other name. `driver_canbus` reads inputs of drives, `drive.left.3`, by itself: `LL_DATA_HOLD` names them.
+   */
   source: string;
 }
 

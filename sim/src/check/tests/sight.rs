@@ -26,7 +26,9 @@ fn drives(
     contact: &str,
 ) -> (Option<&'static str>, (u64, u64)) {
     let lidar = SeeingLidar { bus: "lidar.top".into(), mount: Pose::new(0.2, 0.0, 0.0), view_rad, reach_m: 6.0 };
-    let sight = Sight { lidars: vec![lidar], reaction_s: 0.42, braking_mps2: 0.8, body: (-0.35, 0.35, 0.25) };
+    // One that looks backward.
+    let rear = SeeingLidar { bus: "lidar.rear".into(), mount: Pose::new(-0.2, 0.0, 3.1), view_rad: 0.2, reach_m: 6.0 };
+    let sight = Sight { lidars: vec![lidar, rear], reaction_s: 0.42, braking_mps2: 0.8, body: (-0.35, 0.35, 0.25) };
     let mut bench = Bench::with(Limits { sight: Some(sight), promise: None, ..limits() });
     bench.checkers = std::mem::replace(&mut bench.checkers, Checkers::new(limits())).in_world(world);
     bench.act(&["begin", "pad", "0.5"]);
@@ -116,6 +118,22 @@ fn a_fault_of_the_lidar_excuses_nothing_but_wild_beams() {
     }
     assert_eq!(with(&fault("false", 0.5, 5000)), None);
     assert_eq!(with(&fault("false", 2.8, 500)), Some("sight"), "over for longer than it takes to stop");
+    let other = |target: &'static str| {
+        move |bench: &mut Bench, left: f64| {
+            fault("false", 0.5, 5000)(bench, left);
+            if (left - 0.45).abs() < 0.01 {
+                let until = bench.now + Duration::from_secs(1);
+                bench.tell(&News::Fault { target, fault: "silent", until });
+            }
+        }
+    };
+    assert_eq!(with(&other("lidar.rear")), None, "a fault of another lidar does not end the wild beams");
+    assert_eq!(with(&fault("false", 2.8, 5000)), None);
+    let ended = |bench: &mut Bench, left: f64| {
+        fault("false", 2.8, 5000)(bench, left);
+        fault("silent", 2.5, 5000)(bench, left);
+    };
+    assert_eq!(with(&ended), Some("sight"), "another fault of the same lidar has ended them");
     let driver = |bench: &mut Bench, left: f64| {
         if left == 3.0 {
             bench.start("driver_lidar");
