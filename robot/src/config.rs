@@ -19,7 +19,8 @@ pub use robot::{
 };
 pub use scenario::{built_in_scenario, regressions, scenario};
 pub use world::{
-    Source as WorldSource, is_of_world, parsed as parsed_world, place as world_place, recorded as recorded_world, world,
+    Source as WorldSource, is_of_world, parsed as parsed_world, place as world_place, recorded as recorded_world,
+    without_files as world_without_files, world,
 };
 
 pub use settings::ConfigError;

@@ -137,6 +137,10 @@ fn virtual_time_is_fast_stands_still_steps_and_begins_anew() {
     let why = time(&robot.view).refusal;
     assert!(why.starts_with("scenario:2: moon: unknown key"), "{why}");
     assert_eq!((time(&robot.view).world.as_str(), files(&robot)), ("empty", 0));
+    scenario("start = [3.0, 4.0, 0.0]\nmap = \"/etc/hostname\"\n", 3);
+    robot.until("a scenario that names a file is refused", SOON, |view| time(view).command == 3);
+    let why = time(&robot.view).refusal;
+    assert!(why.starts_with("scenario: map: a world that is sent as text names no file"), "{why}");
     scenario(include_str!("../../../modules/web/page/src/map/scenario.fixture.toml"), 2);
     let drawn = [2.5, 6.0];
     robot.until("it begins in the scenario", SOON, |view| time(view).command == 2 && position(view) == drawn);

@@ -289,7 +289,7 @@ impl Paced {
         match message {
             Message::SimCmdRun(command) => {
                 self.on_command(&command);
-                return matches!(command.action, CmdRun::RESET | CmdRun::WORLD);
+                return matches!(command.action, CmdRun::RESET | CmdRun::WORLD | CmdRun::SCENARIO);
             }
             Message::SimCmdClock(answer) => self.gateway.on_answer(&answer),
             message if self.has_room(message.channel()) && self.gateway.admits(&message, self.pacer.is_real()) => {
@@ -467,6 +467,7 @@ impl Paced {
     /// again, and so is that of the last world, which nobody reads any more.
     fn on_scenario(&mut self, text: &str) -> Result<(), String> {
         orders::scenario(0, text, "").map(drop)?;
+        config::world_without_files(Path::new("scenario"), text).map_err(in_a_line)?;
         let (folder, number) = &mut self.scenarios;
         *number += 1;
         let path = scenario(folder, *number);
@@ -492,11 +493,10 @@ impl Paced {
     /// A new start of the robot in a world, with the same seed. Its timestamps go on where those of the last one end.
     fn restart(&mut self, world: Option<PathBuf>) -> Result<(), String> {
         let place = RobotLocation { world, ..self.place.clone() };
-        let refused = |error: config::ConfigError| error.to_string().replace('\n', "; ");
         // The new robot is that of the files as they are now.
-        let config = Config::load(&place.config, place.sim, &place.sets).map_err(refused)?;
-        let world = config::world(&place.config, place.world.as_deref(), &place.sets).map_err(refused)?;
-        preflight::check(&place, &config, &world).map_err(refused)?;
+        let config = Config::load(&place.config, place.sim, &place.sets).map_err(in_a_line)?;
+        let world = config::world(&place.config, place.world.as_deref(), &place.sets).map_err(in_a_line)?;
+        preflight::check(&place, &config, &world).map_err(in_a_line)?;
         self.robot.end();
         self.flush();
         let epoch = Epoch { offset_us: self.robot.epoch.timestamp(self.robot.now() + TICK) };
@@ -522,6 +522,10 @@ impl Paced {
         self.flush();
         self.forget(self.place.world.clone());
     }
+}
+
+fn in_a_line(error: config::ConfigError) -> String {
+    error.to_string().replace('\n', "; ")
 }
 
 /// The file of a world that came as text.

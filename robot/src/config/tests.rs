@@ -938,6 +938,17 @@ fn boxes_and_walkers_are_read_as_strictly() {
 }
 
 #[test]
+fn a_world_that_is_sent_as_text_names_no_file() {
+    let read = |text: &str| super::world_without_files(Path::new("scenario"), text).map_err(|error| error.to_string());
+    assert_eq!(read("start = [0, 0, 0]\n[[routes]]\nname = \"map\"\n"), Ok(()));
+    for map in ["map = \"/etc/passwd\"", "\"map\" = \"hall.yaml\"", "'map' = \"../x.yaml\"", "map.x = 1", "[map]"] {
+        let why = read(&format!("start = [0, 0, 0]\n{map}\n")).expect_err(map);
+        assert!(why.starts_with("scenario: map: a world that is sent as text names no file"), "{map}: {why}");
+    }
+    assert!(read("start = [").expect_err("no TOML").starts_with("scenario:1"));
+}
+
+#[test]
 fn a_world_is_read_as_strictly() {
     let text = "walls = [\n[0, 0, 1],\n[0, 0, 1, 2e4],\n]\ncolumns = 1\ndrops = [3, [[0, \"a\"]]]\nmoon = true\n\
                 [[beacons]]\nid = 256\nx = 0\ny = 0\n";

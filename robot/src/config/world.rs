@@ -3,7 +3,7 @@
 
 use crate::map_file;
 use planner::map::{Cell, Map};
-use settings::{ConfigError, Node, read_as};
+use settings::{ConfigError, Node, Value, read_as};
 use simulator::world::{Segment, World};
 use std::fmt::Write;
 use std::fs;
@@ -75,6 +75,22 @@ impl Source {
             world.walls.extend(outline);
         }
         checked(world, &path).map(|world| Self { world, text, walls })
+    }
+}
+
+/// Refuses the text of a world that names a file: one that comes over the bus must not choose what is read here.
+/// `name` stands for its file in errors.
+///
+/// # Errors
+/// It names a map, or is no TOML.
+pub fn without_files(name: &Path, text: &str) -> Result<(), ConfigError> {
+    let node = Node::parse(name, text).map_err(ConfigError)?;
+    match &node.value {
+        Value::Table(keys) if keys.contains_key("map") => Err(refused(format!(
+            "{}: map: a world that is sent as text names no file; start it with --world",
+            name.display()
+        ))),
+        _ => Ok(()),
     }
 }
 

@@ -359,3 +359,18 @@ fn a_map_in_the_folder_of_worlds_is_a_world_by_its_name() {
     fs::write(worlds.join("attic.toml"), "start = [1, 1, 0]\n").unwrap();
     assert_eq!(config::world(&conf, Some("attic".as_ref()), &[]).unwrap().walls.len(), 0);
 }
+
+#[test]
+fn the_largest_map_has_an_outline_and_the_worst_pattern_is_refused() {
+    let side = 4096;
+    let frame = Frame { x: 0.0, y: 0.0, resolution: 0.05, width: side, height: side };
+    let mut map = Map::new(frame).unwrap();
+    assert_eq!(walls(&map).unwrap().len(), 4);
+    for (column, row) in (0..side).flat_map(|row| (0..side).map(move |column| (column, row))) {
+        if (column + row) % 2 == 0 {
+            map.set(column, row, Cell::Occupied);
+        }
+    }
+    let why = walls(&map).unwrap_err();
+    assert!(why.contains("more than 16384 walls"), "{why}");
+}

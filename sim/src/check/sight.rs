@@ -185,7 +185,7 @@ impl Rule {
         Err(format!("{contact}, and it was in sight of a lidar for the {time:.2} s that it takes to stop"))
     }
 
-    /// Instant since which what was touched was in sight, if that leaves the time to stop before it, and true if it stood.
+    /// Instant since which what was touched was in sight, if that leaves the time to stop, and true if it stood.
     fn in_sight_since(
         &self,
         now: Instant,

@@ -211,8 +211,8 @@ impl Controller {
         matches!(&self.engine, Engine::Can { device, .. } if device.owns(frame))
     }
 
-    /// Its name, if another program commands or configures its device by this frame; one that asks it for something does
-    /// not. Its command time limit may be off then: it stops, and all of its start-up precedes the next motion.
+    /// Its name, if another program commands or configures its device by this frame; one that asks it for something
+    /// does not. Its command time limit may be off then: it stops, and all of its start-up precedes the next motion.
     pub(super) fn on_foreign(&mut self, now: Instant, frame: &Frame) -> Option<&'static str> {
         if !matches!(&self.engine, Engine::Can { device, .. } if device.is_commanded_by(frame)) {
             return None;

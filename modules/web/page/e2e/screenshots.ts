@@ -52,7 +52,7 @@ async function views(): Promise<void> {
   const robot = await Robot.start();
   try {
     await mkdir(FOLDER, { recursive: true });
-    // Something to tell of: a board that was silent for a while, and one that still is.
+    // Something to report: a board that was silent for a while, and one that still is.
     await robot.advee("fault", "sd1_rear", "silent", "--for", "3");
     await robot.advee("fault", "fan1", "stall");
     const painter = await browser.newPage();

@@ -105,7 +105,7 @@ pub enum Command {
     /// whether it was executed. Engineers.
     Simulation { id: i64, action: String, value: f64 },
     /// A new start of a simulation with `--speed` in a world of this text: that of a file, TOML, at most 32 KiB. The
-    /// view shows whether it was executed. Engineers.
+    /// view shows whether it was executed. At most five a second, with those of `publish`. Engineers.
     Scenario { id: i64, text: String },
     /// A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene
     /// lists the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a
@@ -421,7 +421,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 24] = [
+    const ALL: [&str; 25] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -445,6 +445,7 @@ mod tests {
         r#"{"type":"sdo","id":1,"node":1,"index":4096,"subindex":0}"#,
         r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
         r#"{"type":"simulation","id":1,"action":"speed","value":0.2}"#,
+        r#"{"type":"scenario","id":1,"text":"start = [0, 0, 0]"}"#,
         r#"{"type":"publish","id":1,"channel":"CM_CMD_LOG","message":"{}"}"#,
     ];
 
@@ -469,7 +470,7 @@ mod tests {
         }
         let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE \
             LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT \
-            SIM_CMD_RUN";
+            SIM_CMD_RUN SIM_CMD_RUN";
         assert_eq!(said.join(" "), expected);
     }
 

@@ -189,7 +189,7 @@ impl Page {
             Some(Err(error)) if is_of_the_line(&error) => Err(EndReason::Gone),
             Some(Err(error)) => {
                 self.app.stats.refuse(Refusal::Frame, &error.to_string());
-                Err(EndReason::Sent(close_code::SIZE, "a frame that is longer than 4 KiB, or broken"))
+                Err(EndReason::Sent(close_code::SIZE, "a frame that is too long, or broken"))
             }
         }
     }
@@ -197,7 +197,7 @@ impl Page {
     /// The end of a page that sent a frame longer than it may.
     fn too_long(&self) -> EndReason {
         self.app.stats.refuse(Refusal::Frame, "longer than 4 KiB");
-        EndReason::Sent(close_code::SIZE, "a frame that is longer than 4 KiB, or broken")
+        EndReason::Sent(close_code::SIZE, "a frame that is too long, or broken")
     }
 
     fn obey(&mut self, command: &Command) -> Result<Option<String>, EndReason> {
@@ -250,6 +250,10 @@ impl Page {
             Command::Publish { channel, message_type, message, .. } => self.publish((channel, message_type), message),
             _ => {
                 let message = command::message(command, &command_queue.robot, command_queue.timestamp(), &self.source);
+                let message = message.and_then(|message| match command {
+                    Command::Scenario { .. } => self.app.publisher.permit(clock::now()).map(|()| message),
+                    _ => Ok(message),
+                });
                 message.and_then(|message| message.map_or(Ok(()), |message| command_queue.publish(&message)))
             }
         };

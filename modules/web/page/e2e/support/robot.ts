@@ -73,7 +73,7 @@ export class Robot {
     this.bus = new Bus(spawn(ADVEE, [...base, "lcm", "echo", ".*MOTION|LL_DATA_HOLD|SIM_.*|ML_CMD.*|CM_CMD.*|LL_CMD.*|LL_EVENT_STOP|CM_DATA_PROCESSES", "--json"], { cwd: ROOT, stdio: ["ignore", "pipe", "ignore"] }));
   }
 
-  /** Starts one in a hall without visitors, that stands until it is told to move, and waits until it may be driven; `all`:
+  /** Starts one in a hall without visitors, that stands until it is commanded to move, and waits until it may be driven; `all`:
    *  options of each of its commands, such as its configuration. */
   static async start(extra: string[] = [], all: string[] = []): Promise<Robot> {
     if (!existsSync(ADVEE)) throw new Error(`there is no ${ADVEE}: cargo build -p advee makes it; ADVEE=… names another one`);

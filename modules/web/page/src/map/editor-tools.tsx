@@ -6,8 +6,8 @@ import { fresh, scene, system } from "../state";
 import { Button } from "../ui";
 import { type Plain, t } from "../words";
 import { begin } from "./draft";
-import { chosen, download, FILE, history, key, refused, removable, remove, rename, run, scenario, tool, type Tool, turn, undo } from "./editor";
-import { flaw } from "./scenario";
+import { chosen, download, FILE, history, key, refused, removable, remove, rename, run, scenario, tool, type Tool, turn, unanswered, undo, unreadable } from "./editor";
+import { type Flaw, flaw } from "./scenario";
 
 const TOOLS: [Tool, typeof Bot, Plain, Plain][] = [
   ["move", MousePointer2, "Choose and move", "Tap what was drawn to choose it, drag to move it. Drag elsewhere to move the map."],
@@ -17,6 +17,14 @@ const TOOLS: [Tool, typeof Bot, Plain, Plain][] = [
   ["waypoint", Flag, "Waypoint", "Tap the waypoints one after another."],
 ];
 const TURN = Math.PI / 12;
+const FLAWS: Record<Flaw, Plain> = {
+  people: "There are more than 200 people.",
+  near: "A person is nearer than 1.5 m to the start.",
+  unnamed: "The route has no name.",
+  taken: "The world has a route of this name.",
+  map: "This world has a map file, which is not sent. Download the scenario and start it from the folder of the map.",
+  long: "The scenario is longer than 32 KiB.",
+};
 
 export function EditorTools() {
   useEffect(() => {
@@ -37,7 +45,11 @@ export function EditorTools() {
   if (!drawn) {
     return (
       <div class="map-editor" role="group" aria-label={t("Scenario editor")}>
-        <p>{t("The file of this world cannot be edited here: it is longer than 32 KiB, or its start was not found.")}</p>
+        <p>
+          {unreadable.value && unreadable.value !== "start"
+            ? t("The file of this world was edited by hand. Line {n}, or what follows it, is not as the editor writes it, and stays as it is: {text}", { n: unreadable.value.line, text: unreadable.value.text })
+            : t("The file of this world cannot be edited here: it is longer than 32 KiB, or its start was not found.")}
+        </p>
         <div class="map-tools">{close}</div>
       </div>
     );
@@ -46,8 +58,7 @@ export function EditorTools() {
   const none = which ? null : t("Choose something first");
   const paced = fresh(system.value?.run) !== null && fresh(system.value?.run) !== undefined;
   const why = flaw(drawn);
-  const wrong =
-    why === null ? null : why === "people" ? t("There are more than 200 people.") : why === "near" ? t("A person is nearer than 1.5 m to the start.") : t("The scenario is longer than 32 KiB.");
+  const wrong = why === null ? null : t(FLAWS[why]);
   const hint = TOOLS.find(([name]) => name === tool.value)?.[3];
   return (
     <div class="map-editor" role="group" aria-label={t("Scenario editor")}>
@@ -87,6 +98,7 @@ export function EditorTools() {
           {t("The simulation refused it: {why}", { why: refused.value })}
         </p>
       ) : null}
+      {unanswered.value ? <p role="alert">{t("The simulation has not answered for 10 s.")}</p> : null}
       {wrong ? <p>{wrong}</p> : null}
       {paced ? null : (
         <p>

@@ -5,27 +5,37 @@ import { fresh, scene, system } from "../state";
 import { toast } from "../ui/news";
 import { t } from "../words";
 import { begin, mode } from "./draft";
-import { boxBetween, hit, type Item, moved, type Point, read, type Scenario, turned, walkerBetween, write } from "./scenario";
+import { boxBetween, hit, type Item, moved, type Point, read, type Scenario, turned, type Unreadable, walkerBetween, withoutBoxes, write } from "./scenario";
 
 /** `move` chooses and moves what is there; the others draw. */
 export type Tool = "move" | "box" | "walker" | "start" | "waypoint";
 
 export const scenario = signal<Scenario | null>(null);
+/** Why the text of the world that runs cannot be edited; null: it can. */
+export const unreadable = signal<Unreadable["unreadable"] | null>(null);
 export const tool = signal<Tool>("move");
 /** Index of the chosen item. */
 export const chosen = signal<number | null>(null);
 /** What was before each change, the latest last. */
-export const history = signal<readonly (readonly Item[])[]>([]);
+export const history = signal<readonly Pick<Scenario, "items" | "route">[]>([]);
 /** Why the simulation refused the scenario that it was sent last; empty: it did not. */
 export const refused = signal("");
-/** The command that the last answer of the simulation was for, when the scenario was sent; null: none is awaited. */
-let before: number | null = null;
+/** The simulation has not answered in time. */
+export const unanswered = signal(false);
+/** The scenario that was sent, and the command that the last answer of the simulation was for then; null: no answer is
+ *  awaited. */
+let sent: { text: string; before: number } | null = null;
+let patience: ReturnType<typeof setTimeout> | undefined;
+/** ms after which a missing answer is shown: a new start takes some time. */
+const PATIENCE = 10_000;
 
 /** As many changes are taken back. */
 const MOST = 100;
 
 /** Text of the world that what is drawn was begun in. */
 let begun = "";
+/** The boxes that were drawn in that world before: their walls are among its walls. */
+let standing: readonly Item[] = [];
 
 /** Begins to draw in the world that runs, or goes on with what was drawn in it. */
 export function edit(): void {
@@ -33,7 +43,9 @@ export function edit(): void {
   if (!here) return;
   if (scenario.value === null || begun !== here.world) {
     begun = here.world;
-    scenario.value = read(here.world, here.routes.map(({ name }) => name));
+    const drawn = read(here.world, here.routes.map(({ name }) => name));
+    [scenario.value, unreadable.value] = "unreadable" in drawn ? [null, drawn.unreadable] : [drawn, null];
+    standing = items();
     history.value = [];
   }
   chosen.value = null;
@@ -42,11 +54,23 @@ export function edit(): void {
 }
 
 const items = (): readonly Item[] => scenario.value?.items ?? [];
+const now = (): Pick<Scenario, "items" | "route"> => ({ items: items(), route: scenario.value?.route ?? "" });
+
+type Walls = ReadonlyArray<readonly [number, number, number, number]>;
+/** Result of {@link wallsBelow}, and from what it was made: it is needed in each frame. */
+let below: [Walls, readonly Item[], Walls] = [[], [], []];
+
+/** The walls that are drawn below what is edited: boxes are drawn where they are now. */
+export function wallsBelow(walls: Walls): Walls {
+  if (mode.value !== "edit") return walls;
+  if (below[0] !== walls || below[1] !== standing) below = [walls, standing, withoutBoxes(walls, standing)];
+  return below[2];
+}
 
 /** Shows other items; what is there now can be had back. */
 function change(next: readonly Item[]): void {
   if (!scenario.value) return;
-  history.value = [...history.value, items()].slice(-MOST);
+  history.value = [...history.value, now()].slice(-MOST);
   scenario.value = { ...scenario.value, items: next };
 }
 
@@ -55,7 +79,7 @@ export function undo(): void {
   if (!last || !scenario.value) return;
   abandon();
   history.value = history.value.slice(0, -1);
-  scenario.value = { ...scenario.value, items: last };
+  scenario.value = { ...scenario.value, ...last };
   chosen.value = null;
 }
 
@@ -75,7 +99,10 @@ export function turn(by: number): void {
 }
 
 export function rename(route: string): void {
-  if (scenario.value) scenario.value = { ...scenario.value, route };
+  if (!scenario.value) return;
+  // The letters of one name are one change.
+  if (history.value.at(-1)?.items !== items()) history.value = [...history.value, now()].slice(-MOST);
+  scenario.value = { ...scenario.value, route };
 }
 
 // ---- hands
@@ -124,7 +151,7 @@ export function drop(): void {
   const { before: all } = drag;
   drag = null;
   const is = (list: readonly Item[]): string => JSON.stringify(list);
-  if (is(all) !== is(items())) history.value = [...history.value, all].slice(-MOST);
+  if (is(all) !== is(items())) history.value = [...history.value, { ...now(), items: all }].slice(-MOST);
 }
 
 /** A second finger came, or Escape: what the press did is not done. */
@@ -151,24 +178,36 @@ export function key(event: Pick<KeyboardEvent, "key" | "ctrlKey" | "metaKey" | "
 
 // ---- what it is drawn for
 
-/** The simulation begins anew in what is drawn; it says itself whether it does. */
+/** The simulation begins anew in what is drawn; its answer shows whether it does. */
 export async function run(): Promise<void> {
   const state = fresh(system.value?.run);
   if (!scenario.value || !state) return;
+  forget();
   refused.value = "";
-  before = state.command;
-  if (!(await order({ type: "scenario", text: write(scenario.value) }))) before = null;
+  const mine = (sent = { text: write(scenario.value), before: state.command });
+  patience = setTimeout(() => (unanswered.value = true), PATIENCE);
+  if (!(await order({ type: "scenario", text: mine.text })) && sent === mine) forget();
+}
+
+/** No answer is awaited any more. */
+function forget(): void {
+  clearTimeout(patience);
+  sent = null;
+  unanswered.value = false;
 }
 
 effect(() => {
   const state = fresh(system.value?.run);
-  if (before === null || !state || state.command === before) return;
-  before = null;
+  if (sent === null || !state || state.command === sent.before) return;
+  const { text } = sent;
+  forget();
   refused.value = state.refusal ? sentence(state.refusal) : "";
-  // What runs now is what was drawn: it is gone on with.
   if (state.refusal) toast(refused.value, "bad");
   else {
-    begun = scenario.peek() ? write(scenario.peek() as Scenario) : begun;
+    // What runs now is what was sent: it is gone on with, and what was changed since then is kept.
+    begun = text;
+    const drawn = read(text);
+    standing = "unreadable" in drawn ? [] : drawn.items;
     toast(t("The simulation runs the scenario."), "good");
   }
 });

@@ -7,7 +7,7 @@ import { drive, fresh, map, scene, sensors, stale, system } from "../state";
 import { type BeaconState, statesOf } from "./beacons";
 import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
 import { mode, type Place, places, sent } from "./draft";
-import { chosen, scenario } from "./editor";
+import { chosen, scenario, wallsBelow } from "./editor";
 import { isOn } from "./layers";
 import { fieldsOn, from, hatch, type Pose } from "./fields";
 import { corners } from "./scenario";
@@ -148,7 +148,7 @@ function walls({ on, camera, ink, at }: Brush, scene: ScenePart): void {
   on.strokeStyle = on.fillStyle = ink.wall;
   on.lineWidth = Math.min(5, Math.max(2, 0.06 * camera.scale));
   on.beginPath();
-  for (const [x1, y1, x2, y2] of scene.walls) {
+  for (const [x1, y1, x2, y2] of wallsBelow(scene.walls)) {
     on.moveTo(...at(x1, y1));
     on.lineTo(...at(x2, y2));
   }

@@ -38,6 +38,8 @@ export interface Scenario {
   base: string;
   /** Name of the drawn way. */
   route: string;
+  /** Names of the world's own ways. */
+  taken: readonly string[];
   items: readonly Item[];
 }
 
@@ -67,33 +69,71 @@ function startOf(base: string): Start | null {
   return { kind: "start", x, y, theta };
 }
 
-/** A scenario from the text of a world, with what was drawn in it before. Null: it has no `start` that can be moved. */
-export function read(text: string, taken: readonly string[] = []): Scenario | null {
+/** Why a text cannot be edited: it has no `start` that can be moved, or this line below the mark was not written here. */
+export interface Unreadable {
+  unreadable: "start" | { line: number; text: string };
+}
+
+const json = (text: string): unknown => {
+  try {
+    return JSON.parse(text) as unknown;
+  } catch {
+    return undefined;
+  }
+};
+const isPoint = (value: unknown): value is Point => Array.isArray(value) && value.length === 2 && value.every((each) => Number.isFinite(each));
+const points = (text: string): Point[] | null => {
+  const value = json(text);
+  return Array.isArray(value) && value.length > 0 && value.every(isPoint) ? value : null;
+};
+const SIDES = ["x", "y", "length", "width", "theta"];
+
+/** What the lines below the mark have. Whatever they do not have in its place ends it with its line: nothing is lost. */
+function drawnIn(lines: readonly string[], first: number): { items: Item[]; route: string | null } | Unreadable {
+  const items: Item[] = [];
+  let route: string | null = null;
+  // The table that is read, where it begins, and its keys.
+  let [table, begin, keys] = ["", 0, new Map<string, string>()];
+  const at = (n: number): Unreadable => ({ unreadable: { line: first + n, text: lines[n] ?? "" } });
+  const end = (): boolean => {
+    const numbers = SIDES.map((side) => Number(keys.get(side) ?? (side === "theta" ? "0" : NaN)));
+    const [x, y, length, width, theta] = numbers as [number, number, number, number, number];
+    const list = points(keys.get(table === "walkers" ? "points" : "waypoints") ?? "");
+    const name = json(keys.get("name") ?? "");
+    const only = (...known: string[]): boolean => [...keys.keys()].every((key) => known.includes(key));
+    if (table === "boxes" && only(...SIDES) && numbers.every(Number.isFinite)) items.push({ kind: "box", x, y, length, width, theta });
+    else if (table === "walkers" && only("points") && list && list.length <= 2) items.push({ kind: "walker", points: list });
+    else if (table === "routes" && only("name", "waypoints") && list && typeof name === "string" && route === null) {
+      route = name;
+      for (const [px, py] of list) items.push({ kind: "waypoint", x: px, y: py });
+    } else return table === "";
+    return true;
+  };
+  for (const [n, line] of lines.entries()) {
+    const [, name] = /^\s*\[\[\s*(\w+)\s*\]\]\s*(?:#.*)?$/.exec(line) ?? [];
+    const [, key, value] = /^\s*(\w+)\s*=\s*(.*?)\s*$/.exec(line) ?? [];
+    if (name) {
+      if (!end()) return at(begin);
+      [table, begin, keys] = [name, n, new Map()];
+    } else if (key && value && table && !keys.has(key)) keys.set(key, value);
+    else if (!/^\s*(#.*)?$/.test(line)) return at(n);
+  }
+  return end() ? { items, route } : at(begin);
+}
+
+/** A scenario from the text of a world, with what was drawn in it before. `routes`: names of all ways of that world. */
+export function read(text: string, routes: readonly string[] = []): Scenario | Unreadable {
   const cut = text.indexOf(`${MARK}\n`);
   const base = cut < 0 ? text : text.slice(0, cut);
   const start = startOf(base);
-  if (start === null) return null;
-  const items: Item[] = [start];
-  let route = "scenario";
-  let table = "";
-  let box: Record<string, number> = {};
-  for (const line of cut < 0 ? [] : text.slice(cut).split("\n")) {
-    const [, name] = /^\[\[(\w+)\]\]$/.exec(line) ?? [];
-    const [, key, value] = /^(\w+) = (.*)$/.exec(line) ?? [];
-    if (name) [table, box] = [name, {}];
-    else if (!key || !value) continue;
-    else if (table === "routes" && key === "name") route = JSON.parse(value) as string;
-    else if (table === "routes") for (const [x, y] of JSON.parse(value) as Point[]) items.push({ kind: "waypoint", x, y });
-    else if (table === "walkers") items.push({ kind: "walker", points: JSON.parse(value) as Point[] });
-    else if (table === "boxes") {
-      box[key] = Number(value);
-      const { x, y, length, width, theta } = box;
-      if (x !== undefined && y !== undefined && length !== undefined && width !== undefined && theta !== undefined) items.push({ kind: "box", x, y, length, width, theta });
-    }
-  }
+  if (start === null) return { unreadable: "start" };
+  const drawn = drawnIn(cut < 0 ? [] : text.slice(cut).split("\n"), base.split("\n").length);
+  if ("unreadable" in drawn) return drawn;
+  const taken = routes.filter((name) => name !== drawn.route);
+  let route = drawn.route ?? "scenario";
   // Of the world's own ways none has its name.
-  for (let n = 2; cut < 0 && taken.includes(route); n += 1) route = `scenario ${n}`;
-  return { base, route, items };
+  for (let n = 2; taken.includes(route); n += 1) route = `scenario ${n}`;
+  return { base, route, taken, items: [start, ...drawn.items] };
 }
 
 /** To a millimetre, and always with a point: what TOML takes for a number with decimals. */
@@ -173,11 +213,29 @@ export function turned(item: Item, by: number): Item {
   return item.kind === "box" || item.kind === "start" ? { ...item, theta: Math.atan2(Math.sin(item.theta + by), Math.cos(item.theta + by)) } : item;
 }
 
+/** The walls of a world without those of the boxes that were drawn in it: the robot rounds them to a millimetre. */
+export function withoutBoxes(walls: ReadonlyArray<readonly [number, number, number, number]>, items: readonly Item[]): ReadonlyArray<readonly [number, number, number, number]> {
+  const sides = items.flatMap((item) => {
+    const all = item.kind === "box" ? corners(item) : [];
+    return all.map((from, n) => [...from, ...(all[(n + 1) % all.length] as Point)]);
+  });
+  if (sides.length === 0) return walls;
+  return walls.filter((wall) => !sides.some((side) => side.every((value, n) => Math.abs(value - (wall[n] as number)) < 0.002)));
+}
+
+export type Flaw = "people" | "near" | "unnamed" | "taken" | "map" | "long";
+
 /** What keeps a scenario from being run, that can be seen here. The robot checks all of it. */
-export function flaw(scenario: Scenario): "people" | "near" | "long" | null {
-  const start = scenario.items.find((item) => item.kind === "start");
-  const walkers = scenario.items.filter((item) => item.kind === "walker");
+export function flaw(scenario: Scenario): Flaw | null {
+  const { base, items, route, taken } = scenario;
+  const start = items.find((item) => item.kind === "start");
+  const walkers = items.filter((item) => item.kind === "walker");
   if (walkers.length > PEOPLE_MAX) return "people";
   if (start && walkers.some(({ points: [at] }) => at && Math.hypot(at[0] - start.x, at[1] - start.y) < APART)) return "near";
+  if (items.some(({ kind }) => kind === "waypoint")) {
+    if (route.trim() === "") return "unnamed";
+    if (taken.includes(route)) return "taken";
+  }
+  if (/^[ \t]*map[ \t]*=/m.test(base.slice(0, head(base)))) return "map";
   return new TextEncoder().encode(write(scenario)).length > TEXT_MAX ? "long" : null;
 }
