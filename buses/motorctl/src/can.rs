@@ -290,7 +290,8 @@ mod tests {
             (0x0817, &[7, 0, 8, 0, 0, 1], true),
             (0x0817, &[254, 0, 8, 0, 0, 1], false),
             // CAN_PACKET_CONF_CURRENT_LIMITS, CAN_PACKET_SHUTDOWN, CAN_PACKET_STATUS; COMM_ALIVE, which feeds the
-            // timeout, and a payload that is not known, by 7; the begin of COMM_SET_APPCONF and of an answer COMM_GET_APPCONF.
+            // timeout, and a payload that is not known, by 7; the begin of COMM_SET_APPCONF and of an
+            // answer COMM_GET_APPCONF.
             (0x1517, &[0; 8], true),
             (0x1F17, &[], true),
             (0x0917, &[0; 8], false),

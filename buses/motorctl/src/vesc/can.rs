@@ -24,8 +24,8 @@ const PROCESS_SHORT: u32 = 8;
 const PAYLOAD_OFFSET: u32 = 5;
 
 /// Commands that move the motor or configure it, and have frames of their own (`datatypes.h`): duty cycle, current,
-/// brake current, ERPM, position, the currents relative to their limits, detection of the motor, limits of current and ERPM,
-/// limits of the battery, shutdown.
+/// brake current, ERPM, position, the currents relative to their limits, detection of the motor, limits of current and
+/// ERPM, limits of the battery, shutdown.
 const SETS: [u32; 19] = [0, SET_CURRENT, 2, SET_RPM, 4, 10, 11, 12, 13, 19, 21, 22, 23, 24, 25, 26, 29, 30, 31];
 /// Payloads that only ask, and their answers: COMM_FW_VERSION, COMM_GET_VALUES, COMM_GET_MCCONF and COMM_GET_APPCONF
 /// with their defaults, COMM_PRINT, COMM_ROTOR_POSITION, COMM_GET_DECODED_PPM, _ADC and _CHUK, COMM_GET_VALUES_SETUP,

@@ -1,5 +1,5 @@
 //! Signals that stop the robot (`[stop]`): whether each is closed, on `LL_EVENT_STOP` in [`PERIOD`], and at once when
-//! one opens. One that opened is reported as open for [`PERIOD`], so that a contact that bounces makes two messages in it.
+//! one opens. One that opened is reported as open for [`PERIOD`], so that a bouncing contact makes two messages in it.
 //!
 //! A signal is closed while its value is 1 and not older than [`AGE_MAX`]. Before its first value nothing is published:
 //! silence stops the robot as well, and without that an operator would have to release PAUSE after each start.

@@ -743,8 +743,8 @@ export type Command =
    */
   | { type: "simulation"; id: number; action: string; value: number }
   /**
-   * A new start of a simulation with `--speed` in a world of this text: that of a file, TOML, at most 32 KiB. The
-   * view shows whether it was executed. At most five a second, with those of `publish`. Engineers.
+   * A new start of a simulation with `--speed` in a world of this text: that of a file, TOML, at most 32 KiB. The view
+   * shows whether it was executed. At most five a second, with those of `publish`. Engineers.
    */
   | { type: "scenario"; id: number; text: string }
   /**
