@@ -693,8 +693,9 @@ fn joydev(robot: &Robot) -> Result<joydev::Joydev, ConfigError> {
     let Some(gamepad) = &robot.gamepad else {
         return refused("driver_joydev: robot.toml has no table [gamepad]".into());
     };
-    let config = joydev::Config { bus: GAMEPAD_BUS.into(), ..gamepad.driver.clone().within(&robot.limits) };
-    joydev::Joydev::new(config).or_else(|error| refused(format!("driver_joydev: {error}")))
+    let commands = joydev::Commands::of(robot.base.as_ref());
+    let config = joydev::Config { bus: GAMEPAD_BUS.into(), ..gamepad.driver.clone().within(&robot.limits, commands) };
+    joydev::Joydev::new(config, commands).or_else(|error| refused(format!("driver_joydev: {error}")))
 }
 
 /// `planner`: the robot's measures and limits, and a map: the file that the configuration names, or the world's walls.
