@@ -91,7 +91,13 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
         sonar_beam: config.robot.sensors.srf08.beam_rad,
     };
     let critical = config.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().to_owned());
-    let limits = (config.robot.limits.speed_manual_mps, config.robot.limits.steering_rad);
+    let limits = (config.robot.limits.manual_mps(), config.robot.limits.steering_rad);
+    let drive = Drive::new(clock::now(), limits);
+    let drive = match &config.robot.base {
+        Some(base) => drive.free(config.robot.limits.rotation_radps, base.goes_sideways()),
+        None => drive,
+    };
+    let epoch = clock::epoch();
     let nodes = config.robot.can.iter().flat_map(|bus| &bus.driver.nodes);
     let mut app = App::new(Setup {
         // Which of the two is on the bus is not known here; the first line shows a simulation that is slow.
@@ -100,9 +106,10 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
             critical: critical.collect(),
             simulated: true,
         }),
-        drive: Drive::new(clock::now(), limits),
+        drive,
         read_only: command.read_only,
-        epoch: clock::epoch(),
+        session: epoch.timestamp(clock::now()),
+        epoch,
         source: format!("diag:{}", std::process::id()),
         nodes: nodes.map(|node| (node.id, node.axis.name().to_owned())).collect(),
         runs: Runs::of(topology::log_folder(&place, &config.robot)),

@@ -35,7 +35,7 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
         simulated: world.is_some(),
         outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
         wheelbase: geometry.wheelbase_m,
-        limits: Limits { speed: robot.limits.manual_mps(), steering: robot.limits.steering_rad },
+        limits: hand_limits(robot),
         blind: robot.blind_mps(),
         sonar: Sensor::srf08(robot.sensors.srf08.beam_rad).into(),
         beacons: robot.beacons.iter().map(|beacon| Beacon { id: beacon.id, x: beacon.x, y: beacon.y }).collect(),
@@ -46,6 +46,17 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
         temperature_limits: temperature_limits(robot),
         drives: robot.can.iter().flat_map(drives).collect(),
         ..Scene::default()
+    }
+}
+
+/// Limits of a hand on the page.
+pub(crate) fn hand_limits(robot: &Robot) -> Limits {
+    let (speed, base) = (robot.limits.manual_mps(), robot.base.as_ref());
+    Limits {
+        speed,
+        steering: robot.limits.steering_rad,
+        sideways: base.filter(|base| base.goes_sideways()).map_or(0.0, |_| speed),
+        rotation: base.map_or(0.0, |_| robot.limits.rotation_radps),
     }
 }
 

@@ -29,8 +29,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use watchdog::Watchdog;
 use web::Web;
+use web::center::command;
 use web::center::scene::Scene;
-use web::center::{authority, command};
 
 pub use ::host::ports::settings::can_port_beside;
 
@@ -535,7 +535,7 @@ fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Op
         let points = route.waypoints.iter().map(|at| [at.x, at.y]).collect();
         command::Route { name: route.name.clone(), points, looped: route.looped }
     };
-    let limits = authority::Limits { speed: robot.limits.speed_manual_mps, steering: robot.limits.steering_rad };
+    let limits = scene::hand_limits(robot);
     let routes = world.iter().flat_map(|world| &world.routes).map(route).collect();
     web::Settings {
         robot: robot.general.name.clone(),
@@ -693,8 +693,9 @@ fn joydev(robot: &Robot) -> Result<joydev::Joydev, ConfigError> {
     let Some(gamepad) = &robot.gamepad else {
         return refused("driver_joydev: robot.toml has no table [gamepad]".into());
     };
-    let config = joydev::Config { bus: GAMEPAD_BUS.into(), ..gamepad.driver.clone().within(&robot.limits) };
-    joydev::Joydev::new(config).or_else(|error| refused(format!("driver_joydev: {error}")))
+    let commands = joydev::Commands::of(robot.base.as_ref());
+    let config = joydev::Config { bus: GAMEPAD_BUS.into(), ..gamepad.driver.clone().within(&robot.limits, commands) };
+    joydev::Joydev::new(config, commands).or_else(|error| refused(format!("driver_joydev: {error}")))
 }
 
 /// `planner`: the robot's measures and limits, and a map: the file that the configuration names, or the world's walls.

@@ -124,6 +124,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "concerns",
         "driver",
         "motion",
+        "velocity",
         "holds",
         "commands",
         "velocity_commands",

@@ -717,3 +717,42 @@ fn a_rover_on_serial_lines_stops_without_its_driver() {
         });
     }
 }
+
+#[test]
+fn a_gamepad_turns_a_base_on_the_spot_and_moves_it_sideways() {
+    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("porter-gamepad-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let file = |name: &str| std::fs::read_to_string(conf.join("porter").join(name)).expect("the shipped configuration");
+    let robot = file("robot.toml").replace("../courier/", &format!("{}/", conf.join("courier").display()));
+    let modules = file("modules.toml");
+    let (head, end) = modules.rsplit_once(']').expect("a list of modules");
+    let with_gamepad = format!("{head}    {{ name = \"driver_joydev\", critical = false }},\n]{end}");
+    std::fs::write(folder.join("robot.toml"), format!("{robot}\n[gamepad]\n")).expect("robot.toml");
+    std::fs::write(folder.join("modules.toml"), with_gamepad).expect("modules.toml");
+    std::fs::write(folder.join("sim.toml"), file("sim.toml")).expect("sim.toml");
+    let mut base = Base::of(&folder, "porter with a gamepad", 4, &conf.join("worlds/empty.toml"), &[]);
+    std::fs::remove_dir_all(folder).expect("the folder");
+
+    let pad = |base: &mut Base, fault: &str, value: f64| {
+        let (target, fault) = ("gamepad".into(), fault.into());
+        base.machine.inject(base.machine.now(), CmdFault { timestamp: 0, target, fault, value, duration: 0.0 });
+        base.pass(0.1);
+    };
+    pad(&mut base, "plug", 0.0);
+    pad(&mut base, "hold", 0.0);
+    pad(&mut base, "steering", 1.0);
+    base.pass(3.0);
+    let turning = base.observed.borrow().velocity.clone();
+    assert_eq!(turning.source, "gamepad");
+    assert!(turning.vx.abs() < 0.02 && turning.vy.abs() < 0.02 && turning.omega > 1.1, "{turning:?}");
+    pad(&mut base, "steering", 0.0);
+    pad(&mut base, "sideways", -0.5);
+    base.pass(3.0);
+    let sliding = base.observed.borrow().velocity.clone();
+    assert!(sliding.vx.abs() < 0.02 && sliding.vy < -0.1 && sliding.omega.abs() < 0.05, "{sliding:?}");
+    pad(&mut base, "release", 0.0);
+    base.pass(1.0);
+    let stands = base.observed.borrow().velocity.clone();
+    assert!([stands.vx, stands.vy, stands.omega].iter().all(|speed| speed.abs() < 0.01), "{stands:?}");
+}

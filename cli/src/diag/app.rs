@@ -1,6 +1,6 @@
 //! State of the terminal: messages and keys ([`super::keys`]) in, messages out. Draws nothing.
 
-use super::drive::Drive;
+use super::drive::{Drive, Motion};
 use super::rows;
 use super::runs::Runs;
 use super::sdo::Objects;
@@ -10,7 +10,7 @@ use base::{Duration, Epoch, Instant};
 use diagnostics::{Concern, Model, Status};
 use messages::Message;
 use messages::common::Error;
-use messages::lowlevel::CmdMotion;
+use messages::lowlevel::{CmdMotion, CmdVelocity};
 use std::collections::BTreeMap;
 use std::mem;
 
@@ -81,6 +81,8 @@ pub struct Setup {
     pub epoch: Epoch,
     /// Name of the commanding user in messages.
     pub source: String,
+    /// Session of its motion commands.
+    pub session: i64,
     /// The CANopen nodes and their axes.
     pub nodes: Vec<(u8, String)>,
     pub runs: Runs,
@@ -117,13 +119,14 @@ pub struct App {
     said: Option<(Instant, String)>,
     asked: Option<Instant>,
     epoch: Epoch,
+    session: i64,
     source: String,
     out: Vec<Message>,
 }
 
 impl App {
     pub fn new(setup: Setup) -> Self {
-        let Setup { model, drive, read_only, epoch, source, nodes, runs, faults } = setup;
+        let Setup { model, drive, read_only, epoch, source, session, nodes, runs, faults } = setup;
         Self {
             model,
             latest: BTreeMap::new(),
@@ -146,6 +149,7 @@ impl App {
             said: None,
             asked: None,
             epoch,
+            session,
             source,
             out: Vec::new(),
         }
@@ -289,10 +293,15 @@ impl App {
 
     /// Messages to publish now.
     pub fn poll(&mut self, now: Instant) -> Vec<Message> {
-        if let Some((speed, steering)) = self.drive.poll(now) {
-            let (timestamp, source) = (self.epoch.timestamp(now), self.source.clone());
-            let command = CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source };
-            self.out.push(command.into());
+        if let Some(motion) = self.drive.poll(now) {
+            let (timestamp, priority, source) = (self.epoch.timestamp(now), CmdMotion::REMOTE, self.source.clone());
+            self.out.push(match motion {
+                Motion::Curve(speed, steering) => CmdMotion { timestamp, speed, steering, priority, source }.into(),
+                Motion::Velocity(vx, vy, omega) => {
+                    let session = self.session;
+                    CmdVelocity { timestamp, vx, vy, omega, priority, source, session }.into()
+                }
+            });
         }
         if let Some(line) = self.objects.poll(now) {
             self.say(now, line);

@@ -1,4 +1,5 @@
-//! Driving with arrow keys: hold to run.
+//! Driving with keys: hold to run. The arrows to the sides set the steering angle, which is kept; of a base that does not
+//! steer they turn it while they are held, and two more keys move it sideways if it can.
 //!
 //! A terminal tells when a key goes down and, while it is held, again and again; most do not tell when it comes up. So
 //! a press runs the robot until the first repeat is due (a keyboard waits up to [`FIRST`] before it), each repeat for
@@ -22,7 +23,7 @@ const STEERING_STEP: f64 = 0.05;
 /// The first speed, m/s.
 const SPEED: f64 = 0.2;
 
-/// Command of a key.
+/// Command of a key. `AsideLeft`, `AsideRight`: the base goes sideways.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arrow {
     /// Up.
@@ -33,6 +34,33 @@ pub enum Arrow {
     Left,
     /// Right.
     Right,
+    /// Sideways to the left.
+    AsideLeft,
+    /// Sideways to the right.
+    AsideRight,
+}
+
+/// Motions that are held, as places in [`Drive::held`].
+const AHEAD: usize = 0;
+const TURN: usize = 1;
+const ASIDE: usize = 2;
+
+/// What is to be sent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// Speed, m/s, and steering angle, rad.
+    Curve(f64, f64),
+    /// Forward and to the left, m/s, and counter-clockwise, rad/s.
+    Velocity(f64, f64, f64),
+}
+
+/// What a base that does not steer does beside driving straight ahead.
+#[derive(Clone, Copy, Debug)]
+struct Free {
+    /// Greatest rotation, rad/s.
+    rotation: f64,
+    /// It goes sideways.
+    sideways: bool,
 }
 
 /// True if the drive is taken, and what is held.
@@ -43,9 +71,11 @@ pub struct Drive {
     /// Steering angle sent, rad; kept until it is changed.
     pub steering: f64,
     limits: (f64, f64),
+    /// The base does not steer.
+    free: Option<Free>,
     taken: bool,
-    /// 1 forward, -1 back, and until when.
-    held: Option<(f64, Instant)>,
+    /// 1 forward or to the left, -1 back or to the right, and until when.
+    held: [Option<(f64, Instant)>; 3],
     /// The key that was pressed last, and when: its next event is a repeat.
     pressed: Option<(Arrow, Instant)>,
     zeros: u32,
@@ -59,12 +89,29 @@ impl Drive {
             speed: SPEED.min(limits.0),
             steering: 0.0,
             limits,
+            free: None,
             taken: false,
-            held: None,
+            held: [None; 3],
             pressed: None,
             zeros: 0,
             grid: Ticker::new(now, PERIOD),
         }
+    }
+
+    /// The same of a base that does not steer; its greatest `rotation`, rad/s.
+    #[must_use]
+    pub fn free(self, rotation: f64, sideways: bool) -> Self {
+        Self { free: Some(Free { rotation, sideways }), ..self }
+    }
+
+    /// True for a base that does not steer.
+    pub fn is_free(&self) -> bool {
+        self.free.is_some()
+    }
+
+    /// True for a base that goes sideways.
+    pub fn goes_sideways(&self) -> bool {
+        self.free.is_some_and(|free| free.sideways)
     }
 
     /// True if it is taken.
@@ -74,12 +121,28 @@ impl Drive {
 
     /// Remaining time of motion; `None` if none is commanded.
     pub fn runs_for(&self, now: Instant) -> Option<Duration> {
-        self.held.filter(|(_, until)| now < *until).map(|(_, until)| until.since(now))
+        self.held.iter().flatten().map(|(_, until)| *until).filter(|until| now < *until).max().map(|end| end.since(now))
     }
 
     /// The speed of the key that is held, m/s.
     pub fn command(&self) -> f64 {
-        self.held.map_or(0.0, |(direction, _)| direction * self.speed)
+        self.share(AHEAD) * self.speed
+    }
+
+    /// Motion of the keys that are held. A rotation has the share of its limit that the speed has.
+    pub fn motion(&self) -> Motion {
+        match self.free {
+            None => Motion::Curve(self.command(), self.steering),
+            Some(Free { rotation, .. }) => Motion::Velocity(
+                self.command(),
+                self.share(ASIDE) * self.speed,
+                self.share(TURN) * rotation * self.speed / self.limits.0,
+            ),
+        }
+    }
+
+    fn share(&self, place: usize) -> f64 {
+        self.held[place].map_or(0.0, |(direction, _)| direction)
     }
 
     /// Takes it, or gives it back.
@@ -99,7 +162,7 @@ impl Drive {
 
     /// Zero from now on.
     pub fn stop(&mut self) {
-        (self.held, self.pressed) = (None, None);
+        (self.held, self.pressed) = ([None; 3], None);
     }
 
     /// Key down, or repeated.
@@ -110,24 +173,25 @@ impl Drive {
         let repeats = self.pressed.is_some_and(|(last, at)| last == arrow && now.since(at) < FIRST);
         self.pressed = Some((arrow, now));
         let time = if repeats { NEXT } else { FIRST };
-        match arrow {
-            Arrow::Forward => self.held = Some((1.0, now + time)),
-            Arrow::Back => self.held = Some((-1.0, now + time)),
-            Arrow::Left | Arrow::Right => {
-                let step = if arrow == Arrow::Left { STEERING_STEP } else { -STEERING_STEP };
-                self.steering = (self.steering + step).clamp(-self.limits.1, self.limits.1);
-                // Only the last key repeats: while one steers, one goes on.
-                if let Some((_, until)) = self.held.as_mut().filter(|(_, until)| now < *until) {
-                    *until = now + time;
-                }
+        // Only the last key repeats: what else is held goes on. The same key alone ends what is opposite.
+        let turns = arrow.place() == TURN && self.free.is_none();
+        if turns || self.free.is_some() {
+            for (_, until) in self.held.iter_mut().flatten().filter(|(_, until)| now < *until) {
+                *until = now + time;
             }
+        }
+        if turns {
+            self.steering = (self.steering + arrow.direction() * STEERING_STEP).clamp(-self.limits.1, self.limits.1);
+        } else if arrow.place() != ASIDE || self.goes_sideways() {
+            self.held[arrow.place()] = Some((arrow.direction(), now + time));
         }
     }
 
     /// Key up, where the terminal reports it.
     pub fn release(&mut self, arrow: Arrow) {
-        if matches!(arrow, Arrow::Forward | Arrow::Back) {
-            self.stop();
+        match arrow.place() {
+            AHEAD => self.stop(),
+            place => self.held[place] = None,
         }
     }
 
@@ -136,21 +200,42 @@ impl Drive {
         self.speed = (self.speed + steps * SPEED_STEP).clamp(SPEED_STEP, self.limits.0);
     }
 
-    /// Speed and steering to send now, if any.
-    pub fn poll(&mut self, now: Instant) -> Option<(f64, f64)> {
-        if self.held.is_some_and(|(_, until)| until <= now) {
+    /// Motion to send now, if any.
+    pub fn poll(&mut self, now: Instant) -> Option<Motion> {
+        if self.held.iter().any(Option::is_some) && self.runs_for(now).is_none() {
             self.stop();
+        }
+        for held in &mut self.held {
+            *held = held.filter(|(_, until)| now < *until);
         }
         if !self.grid.due(now) {
             return None;
         }
         if self.taken {
-            return Some((self.command(), self.steering));
+            return Some(self.motion());
         }
         self.zeros.checked_sub(1).map(|left| {
             self.zeros = left;
-            (0.0, 0.0)
+            self.motion()
         })
+    }
+}
+
+impl Arrow {
+    /// Motion that it holds.
+    const fn place(self) -> usize {
+        match self {
+            Self::Forward | Self::Back => AHEAD,
+            Self::Left | Self::Right => TURN,
+            Self::AsideLeft | Self::AsideRight => ASIDE,
+        }
+    }
+
+    const fn direction(self) -> f64 {
+        match self {
+            Self::Forward | Self::Left | Self::AsideLeft => 1.0,
+            Self::Back | Self::Right | Self::AsideRight => -1.0,
+        }
     }
 }
 
@@ -169,7 +254,10 @@ mod tests {
             for (_, arrow) in presses.iter().filter(|(at, _)| *at == ms) {
                 drive.press(at(ms), *arrow);
             }
-            sent.extend(drive.poll(at(ms)).map(|(speed, _)| (ms, speed)));
+            let speed = |motion| match motion {
+                Motion::Curve(speed, _) | Motion::Velocity(speed, ..) => (ms, speed),
+            };
+            sent.extend(drive.poll(at(ms)).map(speed));
         }
         sent
     }
@@ -183,7 +271,8 @@ mod tests {
         drive.toggle();
         let mut count = 0;
         for ms in 300..3000 {
-            count += usize::from(drive.poll(at(ms)).inspect(|sent| assert_eq!(*sent, (0.0, 0.0))).is_some());
+            count +=
+                usize::from(drive.poll(at(ms)).inspect(|sent| assert_eq!(*sent, Motion::Curve(0.0, 0.0))).is_some());
         }
         assert_eq!(count, 10);
     }
@@ -209,7 +298,32 @@ mod tests {
         assert_eq!(moved, 14);
         drive.press(at(3000), Arrow::Forward);
         drive.release(Arrow::Forward);
-        assert_eq!(drive.poll(at(3000)), Some((0.0, 0.0)));
+        assert_eq!(drive.poll(at(3000)), Some(Motion::Curve(0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_base_that_does_not_steer_turns_and_goes_sideways_while_a_key_is_held() {
+        let mut drive = Drive::new(at(0), (0.4, 0.4)).free(1.2, true);
+        drive.toggle();
+        assert_eq!(drive.poll(at(0)), Some(Motion::Velocity(0.0, 0.0, 0.0)));
+        drive.press(at(10), Arrow::Left);
+        // Half of the speed's limit, half of the rotation's.
+        assert_eq!((drive.speed, drive.poll(at(50))), (0.2, Some(Motion::Velocity(0.0, 0.0, 0.6))));
+        drive.press(at(60), Arrow::Forward);
+        drive.press(at(70), Arrow::AsideRight);
+        assert_eq!(drive.poll(at(100)), Some(Motion::Velocity(0.2, -0.2, 0.6)));
+        drive.release(Arrow::Left);
+        assert_eq!(drive.poll(at(150)), Some(Motion::Velocity(0.2, -0.2, 0.0)));
+        drive.release(Arrow::Forward);
+        assert_eq!(drive.poll(at(200)), Some(Motion::Velocity(0.0, 0.0, 0.0)), "no key leads: all ends");
+        // One press ends by itself, and a differential base does not go sideways.
+        drive.press(at(1000), Arrow::Right);
+        assert_eq!(drive.poll(at(1600)), Some(Motion::Velocity(0.0, 0.0, -0.6)));
+        assert_eq!(drive.poll(at(1700)), Some(Motion::Velocity(0.0, 0.0, 0.0)));
+        let mut drive = Drive::new(at(0), (0.4, 0.4)).free(1.2, false);
+        drive.toggle();
+        drive.press(at(10), Arrow::AsideLeft);
+        assert_eq!(drive.poll(at(10)), Some(Motion::Velocity(0.0, 0.0, 0.0)));
     }
 
     #[test]

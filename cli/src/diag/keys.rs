@@ -25,6 +25,8 @@ impl App {
             KeyCode::Down => Some(Arrow::Back),
             KeyCode::Left => Some(Arrow::Left),
             KeyCode::Right => Some(Arrow::Right),
+            KeyCode::Char(',') if self.drive.is_taken() && self.drive.goes_sideways() => Some(Arrow::AsideLeft),
+            KeyCode::Char('.') if self.drive.is_taken() && self.drive.goes_sideways() => Some(Arrow::AsideRight),
             _ => None,
         };
         if key.kind == KeyEventKind::Release {
@@ -52,6 +54,7 @@ impl App {
                 Some(Arrow::Back) => self.move_mark(now, 1),
                 Some(Arrow::Left) => self.turn_to(self.tab.next(Tab::ALL.len() - 1)),
                 Some(Arrow::Right) => self.turn_to(self.tab.next(1)),
+                Some(Arrow::AsideLeft | Arrow::AsideRight) => {}
                 None => self.on_letter(now, code),
             },
             Mode::Command(line) => self.on_command_line(now, line, code),

@@ -17,6 +17,7 @@ fn app(read_only: bool) -> App {
     App::new(Setup {
         model,
         drive: Drive::new(at(0), (0.5, 0.4)),
+        session: 0,
         read_only,
         epoch: base::Epoch::default(),
         source: "diag:1".into(),

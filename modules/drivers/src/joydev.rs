@@ -1,12 +1,13 @@
 //! `driver_joydev`: a gamepad as a manual source of motion, with a dead-man button.
 //!
 //! Device    any with two axes and a button, as in [`base::gamepad`]; docs/gamepad.md
-//! Commands  `LL_CMD_MOTION` of priority 2 at 20 Hz while the dead-man button is held, then one zero, then nothing;
+//! Commands  `LL_CMD_MOTION`, or of a base that does not steer `LL_CMD_VELOCITY`, of priority 2 at 20 Hz while the
+//!           dead-man button is held, then one zero, then nothing;
 //!           `LL_CMD_CREEP` beside it while the creep button is held, too, and once when it is released
 //! Data      `LL_DATA_JOYDEV` at 5 Hz
 //! Silence   an absent gamepad is not an error; a gamepad that disappears, or appears again, counts as released
 //!
-//! Motion requires that the button was seen released and then pressed, and that both sticks were seen centred since.
+//! Motion requires that the button was seen released and then pressed, and that all sticks were seen centred since.
 //! The creep button counts from a press while the sticks are followed. In PAUSE the gamepad is reported but commands
 //! nothing; in STOP it does neither.
 
@@ -15,12 +16,12 @@ mod mapping;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Config, ConfigError, Gear, StickConfig};
+pub use config::{Commands, Config, ConfigError, Gear, StickConfig};
 pub use mapping::{Mapping, Refusal, Stick};
 
 use base::gamepad::{Device, Input as News};
 use base::{Deadlines, Duration, Fault, Instant, Severity};
-use messages::lowlevel::{CmdCreep, CmdMotion, DataJoydev};
+use messages::lowlevel::{CmdCreep, CmdMotion, CmdVelocity, DataJoydev};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 
 /// Name of the module.
@@ -53,7 +54,7 @@ enum Hold {
     Free,
     /// Held since a time when it could not count; must be released first.
     Stale,
-    /// Pressed while a stick was off centre: zero is commanded until both were centred.
+    /// Pressed while a stick was off centre: zero is commanded until all were centred.
     OffCentre,
     /// The sticks' values are commanded.
     Drives,
@@ -63,6 +64,7 @@ enum Hold {
 #[derive(Debug)]
 pub struct Joydev {
     config: Config,
+    commands: Commands,
     ports: [PortSpec; 1],
     state: State,
     /// Connected device and its mapping; without a mapping it cannot drive the robot.
@@ -70,7 +72,7 @@ pub struct Joydev {
     hold: Hold,
     /// The creep button is held, since a press while the sticks were followed.
     creeps: bool,
-    /// Session of its creep commands: its start time.
+    /// Session of its commands: its start time.
     session: i64,
     /// Time of the last event.
     last_event: Instant,
@@ -88,20 +90,31 @@ pub struct Joydev {
 struct Demand {
     held: bool,
     centred: bool,
+    sticks: Sticks,
+}
+
+/// Positions of the sticks, in the units of what they command.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sticks {
+    /// Speed, m/s.
     speed: f64,
+    /// Steering angle, rad, or rotation, rad/s.
     steering: f64,
+    /// Speed to the left, m/s.
+    sideways: f64,
 }
 
 impl Joydev {
-    /// Creates the driver.
+    /// Creates the driver of a gamepad whose sticks command this.
     ///
     /// # Errors
     /// The configuration is contradictory.
-    pub fn new(config: Config) -> Result<Self, ConfigError> {
+    pub fn new(config: Config, commands: Commands) -> Result<Self, ConfigError> {
         config.check()?;
         Ok(Self {
             ports: [PortSpec { bus: config.bus.clone(), line: Line::Gamepad }],
             config,
+            commands,
             state: State::Init,
             device: None,
             hold: Hold::Free,
@@ -142,15 +155,18 @@ impl Joydev {
     fn on_found(&mut self, now: Instant, device: &Device, out: &mut Actions) {
         self.let_go(now, out);
         let known = self.device.as_ref().is_some_and(|(own, _)| own.name() == device.name());
-        let mapping = Mapping::of(&self.config, device);
+        let mapping = Mapping::of(&self.config, self.commands, device);
         let (bus, name) = (self.config.bus.as_str(), device.name());
         match &mapping {
-            Ok(Mapping { speed, steering, dead_man, creep }) => {
+            Ok(Mapping { speed, steering, sideways, dead_man, creep }) => {
                 if !known {
                     let (speed, steering) = (mapping::axis(speed.code), mapping::axis(steering.code));
+                    let turn = if self.commands == Commands::Motion { "steering" } else { "rotation" };
+                    let sideways = sideways.as_ref().map(|stick| format!(", sideways {}", mapping::axis(stick.code)));
+                    let sideways = sideways.unwrap_or_default();
                     let dead_man = mapping::button(*dead_man);
                     let creep = creep.map_or(String::new(), |creep| format!(", creep {}", mapping::button(creep)));
-                    out.note(format!("{name}: speed {speed}, steering {steering}, dead man {dead_man}{creep}"));
+                    out.note(format!("{name}: speed {speed}, {turn} {steering}{sideways}, dead man {dead_man}{creep}"));
                 }
                 out.clear(Fault::GamepadRefused, bus, format!("{name} can drive the robot"));
             }
@@ -184,12 +200,16 @@ impl Joydev {
         let raw = |stick: &Stick| device.axis(stick.code).map_or(0, |axis| axis.value);
         let held = |code: u16| device.button(code) == Some(true);
         let gear = [self.config.slow, self.config.fast].into_iter().flatten().find(|gear| held(gear.button));
-        let (speed, steering) = (&mapping.speed, &mapping.steering);
+        let scale = gear.map_or(self.config.scale, |gear| gear.scale);
+        let value = |stick: &Stick| stick.value(raw(stick));
         Demand {
             held: held(mapping.dead_man),
-            centred: speed.is_centred(raw(speed)) && steering.is_centred(raw(steering)),
-            speed: speed.value(raw(speed)) * gear.map_or(self.config.scale, |gear| gear.scale),
-            steering: steering.value(raw(steering)),
+            centred: mapping.sticks().all(|stick| stick.is_centred(raw(stick))),
+            sticks: Sticks {
+                speed: value(&mapping.speed) * scale,
+                steering: value(&mapping.steering),
+                sideways: mapping.sideways.as_ref().map_or(0.0, value) * scale,
+            },
         }
     }
 
@@ -224,8 +244,8 @@ impl Joydev {
     /// Sends the last command: standstill with unchanged steering angle.
     fn zero(&mut self, now: Instant, out: &mut Actions) {
         self.deadlines.clear(Timer::Command);
-        let steering = self.steering;
-        self.send(now, 0.0, steering, out);
+        let steering = if self.commands == Commands::Motion { self.steering } else { 0.0 };
+        self.send(now, Sticks { steering, ..Sticks::default() }, out);
         self.on_creep(now, false, out);
     }
 
@@ -243,10 +263,17 @@ impl Joydev {
         out.publish(CmdCreep { timestamp, source, session: self.session, held: self.creeps });
     }
 
-    fn send(&mut self, now: Instant, speed: f64, steering: f64, out: &mut Actions) {
+    fn send(&mut self, now: Instant, sticks: Sticks, out: &mut Actions) {
+        let Sticks { speed, steering, sideways } = sticks;
         self.steering = steering;
-        let (timestamp, source) = (out.timestamp(now), SOURCE.into());
-        out.publish(CmdMotion { timestamp, speed, steering, priority: PRIORITY, source });
+        let (timestamp, priority, source, session) = (out.timestamp(now), PRIORITY, SOURCE.into(), self.session);
+        match self.commands {
+            Commands::Motion => out.publish(CmdMotion { timestamp, speed, steering, priority, source }),
+            Commands::Velocity { .. } => {
+                let (vx, vy, omega) = (speed, sideways, steering);
+                out.publish(CmdVelocity { timestamp, vx, vy, omega, priority, source, session });
+            }
+        }
     }
 
     /// Reports why the held button moves nothing, unless that is obvious.
@@ -274,7 +301,7 @@ impl Joydev {
             Hold::Stale => Some(format!("{button} was held before: release it first")),
             Hold::OffCentre => {
                 let off = |stick: &&Stick| device.axis(stick.code).is_some_and(|axis| !stick.is_centred(axis.value));
-                let stick = [&mapping.speed, &mapping.steering].into_iter().find(off)?;
+                let stick = mapping.sticks().find(off)?;
                 Some(format!("{button} was pressed with {} off centre: release that first", mapping::axis(stick.code)))
             }
         }
@@ -300,12 +327,11 @@ impl Joydev {
         }
         self.decide(now, out);
         if self.deadlines.tick(Timer::Command, now, COMMAND_PERIOD) {
-            let Demand { speed, steering, .. } = self.demand();
-            let (speed, steering) = if self.hold == Hold::Drives { (speed, steering) } else { (0.0, 0.0) };
+            let sticks = if self.hold == Hold::Drives { self.demand().sticks } else { Sticks::default() };
             if self.creeps {
                 self.send_creep(now, out);
             }
-            self.send(now, speed, steering, out);
+            self.send(now, sticks, out);
         }
         if self.deadlines.tick(Timer::Data, now, DATA_PERIOD) {
             out.publish(self.told(out.timestamp(now)));
@@ -313,7 +339,7 @@ impl Joydev {
     }
 
     fn told(&self, timestamp: i64) -> DataJoydev {
-        let Demand { held, speed, steering, .. } = self.demand();
+        let Demand { held, sticks: Sticks { speed, steering, .. }, .. } = self.demand();
         let name = self.device.as_ref().map_or(String::new(), |(device, _)| device.name().into());
         DataJoydev { timestamp, name, connected: self.device.is_some(), dead_man: held, speed, steering }
     }

@@ -72,8 +72,8 @@
 //! | `lcm` | `reorder` | a message comes up to `value` s late (0: 0.01), and others overtake it |
 //! | any | `none` | its faults are over |
 //!
-//! The target `gamepad` is asked to do things in the same way: `plug`, `unplug`, `hold`, `release`, `speed`, `steering`
-//! (modules/simulator/src/gamepad.rs).
+//! The target `gamepad` is asked to do things in the same way: `plug`, `unplug`, `hold`, `release`, `speed`, `steering`,
+//! `sideways` (modules/simulator/src/gamepad.rs).
 //!
 //! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `cold`, `trip`,
 //! `lose`, `put` and `kidnap` are of the moment; so is `bus_off` without a duration, and with one a restarted
@@ -302,6 +302,7 @@ pub fn about(name: &str) -> &'static str {
         "release" => "its dead-man button is released",
         "speed" => "its left stick is pushed forward by VALUE, -1 to 1",
         "steering" => "its right stick is pushed to the left by VALUE, -1 to 1",
+        "sideways" => "its left stick is pushed to the left by VALUE, -1 to 1",
         _ => "",
     }
 }

@@ -6,7 +6,8 @@
 //! |---|---|
 //! | `plug`, `unplug` | it is plugged in, or unplugged |
 //! | `hold`, `release` | its dead-man button, `BTN_TL`, is held, or let go |
-//! | `speed`, `steering` | its left stick is pushed forward, its right one to the left, by `value`, -1 to 1 |
+//! | `speed`, `sideways` | its left stick is pushed forward, or to the left, by `value`, -1 to 1 |
+//! | `steering` | its right stick is pushed to the left |
 //!
 //! With a duration `plug` and `hold` are taken back after it, and the sticks are let go.
 
@@ -19,9 +20,11 @@ use std::collections::VecDeque;
 /// Target of the requests.
 pub(crate) const TARGET: &str = "gamepad";
 /// Requests.
-pub(crate) const NAMES: &[&str] = &["plug", "unplug", "hold", "release", "speed", "steering"];
+pub(crate) const NAMES: &[&str] = &["plug", "unplug", "hold", "release", "speed", "steering", "sideways"];
 /// Name of the device.
 const NAME: &str = "Simulated gamepad";
+/// Axes that are pushed.
+const AXES: [u16; 3] = [ABS_Y, ABS_RX, ABS_X];
 /// From the middle of a stick to its end.
 const WAY: f64 = 32_767.0;
 
@@ -30,8 +33,8 @@ const WAY: f64 = 32_767.0;
 struct Held {
     plugged: bool,
     dead_man: bool,
-    /// `ABS_Y`, `ABS_RX`
-    sticks: [i32; 2],
+    /// Of [`AXES`].
+    sticks: [i32; 3],
 }
 
 /// The gamepad.
@@ -39,7 +42,7 @@ struct Held {
 pub(crate) struct Gamepad {
     plugged: Instant,
     dead_man: Instant,
-    sticks: [(i32, Instant); 2],
+    sticks: [(i32, Instant); 3],
     told: Held,
     tells: VecDeque<Event>,
 }
@@ -54,6 +57,7 @@ impl Gamepad {
             "release" => self.dead_man = now,
             "speed" if value.abs() <= 1.0 => self.sticks[0] = (towards(value), until),
             "steering" if value.abs() <= 1.0 => self.sticks[1] = (towards(value), until),
+            "sideways" if value.abs() <= 1.0 => self.sticks[2] = (towards(value), until),
             _ => return false,
         }
         self.handle_timeout(now);
@@ -81,9 +85,9 @@ impl Gamepad {
             (false, true) => self.tells.push_back(Event::Found(Box::new(device(is)))),
             (true, false) => self.tells.push_back(Event::Gone),
             (true, true) if was != is => {
-                for (code, place) in [(ABS_Y, 0), (ABS_RX, 1)] {
-                    if was.sticks[place] != is.sticks[place] {
-                        self.tells.push_back(Event::Axis { code, value: is.sticks[place] });
+                for ((code, was), is) in AXES.into_iter().zip(was.sticks).zip(is.sticks) {
+                    if was != is {
+                        self.tells.push_back(Event::Axis { code, value: is });
                     }
                 }
                 if was.dead_man != is.dead_man {
@@ -122,8 +126,9 @@ fn device(is: Held) -> Device {
     for code in [BTN_SOUTH, BTN_EAST, BTN_NORTH, BTN_WEST, BTN_TL, BTN_TR] {
         device.add_button(Button { code, pressed: false });
     }
-    device.set_axis(ABS_Y, is.sticks[0]);
-    device.set_axis(ABS_RX, is.sticks[1]);
+    for (code, value) in AXES.into_iter().zip(is.sticks) {
+        device.set_axis(code, value);
+    }
     device.set_button(BTN_TL, is.dead_man);
     device
 }
@@ -160,6 +165,9 @@ mod tests {
         gamepad.handle_timeout(at(300));
         gamepad.handle_timeout(at(500));
         assert_eq!(told(&mut gamepad), "abs 1 0, frame, key false, frame");
+        assert!(gamepad.ask(at(500), "sideways", 0.25, at(550)));
+        gamepad.handle_timeout(at(550));
+        assert_eq!(told(&mut gamepad), "abs 0 -8192, frame, abs 0 0, frame");
         assert_eq!(gamepad.poll_timeout(), Instant::NEVER);
         assert!(gamepad.ask(at(600), "unplug", 0.0, Instant::NEVER));
         assert_eq!(told(&mut gamepad), "gone");

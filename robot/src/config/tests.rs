@@ -3,7 +3,7 @@
 use super::*;
 use base::gpio::LineId;
 use drivers::canbus;
-use drivers::joydev::Gear;
+use drivers::joydev::{Commands, Gear};
 use drivers::rs485_bus::Crc;
 use host::ports::settings::CanInterface;
 use host::ports::{Direction, GamepadPlace, Transport};
@@ -315,8 +315,14 @@ fn a_gamepad_is_configured_by_names_and_codes() {
     assert_eq!(driver.creep, Some(BTN_TL));
     assert_eq!((driver.dead_man, driver.slow), (Some(BTN_TR), Some(Gear { button: BTN_WEST, scale: 0.25 })));
     assert_eq!((driver.fast, driver.quiet, driver.scale), (None, None, 1.0));
-    let driver = driver.within(&robot.limits);
-    assert_eq!((driver.speed.limit, driver.steering.limit), (0.4, 0.61), "the limits of a manual source");
+    let within = |commands| {
+        let driver = driver.clone().within(&robot.limits, commands);
+        [driver.speed.limit, driver.steering.limit, driver.sideways.limit]
+    };
+    let manual = robot.limits.manual_mps();
+    assert_eq!(within(Commands::Motion), [0.4, 0.61, manual], "the limits of a manual source");
+    let rotation = robot.limits.rotation_radps;
+    assert_eq!(within(Commands::Velocity { sideways: true }), [0.4, rotation, manual]);
     assert!(load(ROBOT, "", &[], MODULES).unwrap().robot.gamepad.is_none());
 }
 

@@ -6,12 +6,13 @@ use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::widgets::{Block, Paragraph};
 
-const KEYS: [(&str, &str); 20] = [
+const KEYS: [(&str, &str); 21] = [
     ("space, s", "STOP: zero at once, goal cancelled"),
     ("d", "take control of the motion, or release it. While it is held zero is sent"),
     ("", "unless an arrow is held. A terminal does not report its release:"),
     ("", "one press runs 0.7 s, each repeat 0.2 s more"),
     ("arrows", "drive, while you have control; else mark a row, change the view"),
+    (", .", "go sideways while you have control, if the base can"),
     ("+ -", "speed of the arrows"),
     ("h", "home the steering"),
     ("1..6, tab", "views"),

@@ -4,6 +4,7 @@ use super::near::{self, nearest};
 use super::{Body, GREY, age, clip, line, size, time};
 use super::{errors, modules};
 use crate::diag::app::App;
+use crate::diag::drive::Motion;
 use crate::{goal, mode};
 use base::{Duration, Instant};
 use diagnostics::{BeaconState, CHARGE_EMPTY, CHARGE_LOW, Ellipse, HoldRow, Model, normalized_residual};
@@ -77,8 +78,12 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             Some(left) => format!("RUNS {:.1} s", left.as_secs_f64()),
             None => "zero".into(),
         };
-        let (speed, angle) = (app.drive.speed, degrees(app.drive.steering));
-        lines.push(Line::from(format!("you drive  {what}  {speed:.2} m/s  {angle:+.1} deg")).bold());
+        let speed = app.drive.speed;
+        let turn = match app.drive.motion() {
+            Motion::Curve(_, angle) => format!("{:+.1} deg", degrees(angle)),
+            Motion::Velocity(_, _, omega) => format!("{:+.1} deg/s", degrees(omega)),
+        };
+        lines.push(Line::from(format!("you drive  {what}  {speed:.2} m/s  {turn}")).bold());
     }
     lines.extend([
         line("position", &model.estimate, at, |e| format!("{:.2} {:.2} m {:+.1} deg", e.x, e.y, degrees(e.theta))),
@@ -90,11 +95,19 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
     ]);
     // Of a robot that has a guard.
     lines.extend(model.bound(at).map(|bound| line("guard", &model.guard, at, |_| bound.words)));
-    lines.extend([
+    let turn = if app.drive.is_free() {
+        line("rotation", &model.velocity, at, |v| {
+            let aside = if app.drive.goes_sideways() { format!(", left {:+.2} m/s", v.vy) } else { String::new() };
+            format!("{:+.1} deg/s, target {:+.1}{aside}", degrees(v.omega), degrees(v.omega_target))
+        })
+    } else {
         line("steering", &model.motion, at, |m| {
             let homed = if m.homed { "" } else { " NOT HOMED" };
             format!("{:+.1} deg, target {:+.1}{homed}", degrees(m.steering), degrees(m.steering_target))
-        }),
+        })
+    };
+    lines.extend([
+        turn,
         line("source", &model.motion, at, |m| if m.source.is_empty() { "none".into() } else { model.driver() }),
     ]);
     lines.extend(holds(model, at));

@@ -2,7 +2,7 @@
 
 use base::listed;
 use base::{Duration, gamepad};
-use settings::robot::Limits;
+use settings::robot::{Base, Limits};
 use settings::{Off, Rule, Table, Value, ZeroOr, settings};
 use std::ops::RangeInclusive;
 
@@ -14,8 +14,11 @@ settings! {
         bus: String = unset "joystick";
         /// Stick for the speed; its limit in m/s.
         speed: StickConfig = table;
-        /// Stick for the steering angle; its limit in rad.
+        /// Stick for the steering angle; its limit in rad. Of a base that does not steer: for the rotation, its limit in
+        /// rad/s.
         steering: StickConfig = table;
+        /// Stick to go sideways, of a base that can; its limit in m/s.
+        sideways: StickConfig = table;
         /// Dead-man button, by name or code. Absent: `BTN_TL`, else `BTN_TRIGGER`, else the first.
         dead_man: Option<u16> = optional, BUTTON;
         /// Button that lets the robot creep past the guard while it is held beside the dead-man button (docs/guard.md).
@@ -35,11 +38,12 @@ settings! {
 }
 
 settings! {
-    /// `speed = { … }`, `steering = { … }`: an axis, and the conversion of its position.
+    /// `speed = { … }`, `steering = { … }`, `sideways = { … }`: an axis, and the conversion of its position.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct StickConfig {
         /// Name or code. Absent: of a gamepad (it has `BTN_SOUTH`) `ABS_Y` and `ABS_RX`, else `ABS_X`; of others
-        /// `ABS_Y` and `ABS_X`; else what there is.
+        /// `ABS_Y` and `ABS_X`; else what there is. To go sideways: `ABS_X` of a gamepad, else `ABS_RX`, `ABS_RZ` or
+        /// `ABS_HAT0X`, if it is free; else the base does not go sideways by this device.
         axis: Option<u16> = optional, AXIS;
         /// Greater values are forward or left. Sticks have these where they are pulled, and to the right.
         inverted: bool = false;
@@ -47,7 +51,8 @@ settings! {
         dead_zone: f64 = 0.1, 0.0..=0.9;
         /// Shape of the curve: 0 a straight line; 1 the cube, fine near the middle.
         expo: f64 = 0.3, 0.0..=1.0;
-        /// Demand at its ends, m/s or rad. Absent, and at most: `limits.speed_manual_mps`, `limits.steering_rad`.
+        /// Demand at its ends, m/s, rad or rad/s. Absent, and at most: `limits.speed_manual_mps`, `limits.steering_rad`;
+        /// of a base that does not steer `limits.rotation_radps`.
         limit: f64 = derived f64::INFINITY, 0.01..=10.0;
     }
 }
@@ -60,6 +65,27 @@ settings! {
         button: u16 = required, BUTTON;
         /// Share of the limit.
         scale: f64 = required, 0.01..=1.0;
+    }
+}
+
+/// What the sticks command; see [`Commands::of`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Commands {
+    /// Speed and steering angle of a base that steers: `LL_CMD_MOTION`.
+    #[default]
+    Motion,
+    /// Velocity of a base that does not: `LL_CMD_VELOCITY`.
+    Velocity {
+        /// The base goes sideways, too.
+        sideways: bool,
+    },
+}
+
+impl Commands {
+    /// Those that a base obeys best; `None`: it steers.
+    #[must_use]
+    pub fn of(base: Option<&Base>) -> Self {
+        base.map_or(Self::Motion, |base| Self::Velocity { sideways: base.goes_sideways() })
     }
 }
 
@@ -99,8 +125,8 @@ listed! {
     /// Why a configuration is refused.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum ConfigError {
-        /// One axis for speed and steering.
-        OneAxis => "speed and steering need an axis each",
+        /// One axis for two things.
+        OneAxis => "speed, steering and sideways need an axis each",
         /// One button for two things.
         OneButton => "dead_man, creep, slow and fast need a button each",
         /// A number that is out of its range, or none.
@@ -112,8 +138,12 @@ impl std::error::Error for ConfigError {}
 
 impl Config {
     fn refuse_double(&self, table: &Table<'_>) {
-        if self.speed.axis.is_some() && self.speed.axis == self.steering.axis {
+        let [speed, steering, sideways] = self.sticks().map(|stick| stick.axis);
+        if speed.is_some() && speed == steering {
             table.refuse("steering", "another axis than that of the speed");
+        }
+        if sideways.is_some() && [speed, steering].contains(&sideways) {
+            table.refuse("sideways", "another axis than those of speed and steering");
         }
         let [slow, fast] = [self.slow, self.fast].map(|gear| gear.map(|gear| gear.button));
         if self.creep.is_some() && [self.dead_man, slow, fast].contains(&self.creep) {
@@ -127,16 +157,24 @@ impl Config {
         }
     }
 
-    /// The same within the limits of a manual source, m/s and rad.
+    /// The same within the limits of a manual source, m/s, and rad or rad/s by what the sticks command.
     #[must_use]
-    pub fn within(mut self, limits: &Limits) -> Self {
+    pub fn within(mut self, limits: &Limits, commands: Commands) -> Self {
+        let turn = if commands == Commands::Motion { limits.steering_rad } else { limits.rotation_radps };
         self.speed.limit = self.speed.limit.min(limits.manual_mps());
-        self.steering.limit = self.steering.limit.min(limits.steering_rad);
+        self.steering.limit = self.steering.limit.min(turn);
+        self.sideways.limit = self.sideways.limit.min(limits.manual_mps());
         self
     }
 
+    /// Those for speed, steering and sideways.
+    fn sticks(&self) -> [&StickConfig; 3] {
+        [&self.speed, &self.steering, &self.sideways]
+    }
+
     pub(super) fn check(&self) -> Result<(), ConfigError> {
-        if self.speed.axis.is_some() && self.speed.axis == self.steering.axis {
+        let axes = self.sticks().map(|stick| stick.axis);
+        if axes.iter().enumerate().any(|(place, axis)| axis.is_some() && axes[..place].contains(axis)) {
             return Err(ConfigError::OneAxis);
         }
         let gears = [self.slow, self.fast];
@@ -146,7 +184,7 @@ impl Config {
             return Err(ConfigError::OneButton);
         }
         let scales = gears.iter().flatten().map(|gear| gear.scale).chain([self.scale]);
-        let good = [self.speed, self.steering].iter().all(|stick| {
+        let good = self.sticks().iter().all(|stick| {
             (0.0..=0.9).contains(&stick.dead_zone)
                 && (0.0..=1.0).contains(&stick.expo)
                 && stick.limit > 0.0

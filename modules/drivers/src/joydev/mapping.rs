@@ -4,10 +4,10 @@
 //! `ABS_Y`, its right one `ABS_RX` and `ABS_RY`. A joystick has `BTN_TRIGGER` and `ABS_X`, `ABS_Y`. Values grow to the
 //! right and towards the user.
 
-use super::config::{Config, StickConfig};
+use super::config::{Commands, Config, StickConfig};
 use base::gamepad::{
-    ABS_HAT0X, ABS_HAT0Y, ABS_RX, ABS_RY, ABS_WHEEL, ABS_X, ABS_Y, Axis, BTN_SOUTH, BTN_TL, BTN_TR, BTN_TRIGGER,
-    Device, axis_name, button_name, is_button,
+    ABS_HAT0X, ABS_HAT0Y, ABS_RX, ABS_RY, ABS_RZ, ABS_WHEEL, ABS_X, ABS_Y, Axis, BTN_SOUTH, BTN_TL, BTN_TR,
+    BTN_TRIGGER, Device, axis_name, button_name, is_button,
 };
 use std::borrow::Cow;
 use std::fmt;
@@ -17,6 +17,8 @@ const SPEED: &[u16] = &[ABS_Y, ABS_RY, ABS_HAT0Y];
 /// Axes for the steering of a gamepad, and of other devices.
 const STEERING_OF_PAD: &[u16] = &[ABS_RX, ABS_X, ABS_HAT0X];
 const STEERING: &[u16] = &[ABS_X, ABS_RX, ABS_WHEEL, ABS_HAT0X];
+/// Axes to go sideways, in order of preference.
+const SIDEWAYS: &[u16] = &[ABS_X, ABS_RX, ABS_RZ, ABS_HAT0X];
 /// Dead-man buttons, in order of preference.
 const DEAD_MAN: &[u16] = &[BTN_TL, BTN_TRIGGER];
 /// Creep button.
@@ -27,8 +29,10 @@ const CREEP: u16 = BTN_TR;
 pub struct Mapping {
     /// Axis of the speed, m/s; forward is positive.
     pub speed: Stick,
-    /// Axis of the steering, rad; left is positive.
+    /// Axis of the steering, rad, or of the rotation, rad/s; left is positive.
     pub steering: Stick,
+    /// Axis to go sideways, m/s; left is positive. `None`: the base does not, or the device has no axis for it.
+    pub sideways: Option<Stick>,
     /// Button that must be held for the sticks to move the robot.
     pub dead_man: u16,
     /// Button by which the robot creeps past the guard; `None`: the gamepad has none.
@@ -77,12 +81,19 @@ pub fn button(code: u16) -> Cow<'static, str> {
 
 impl Mapping {
     /// Assigns axes and buttons by the configuration, or else by those that the device has.
-    pub fn of(config: &Config, device: &Device) -> Result<Self, Refusal> {
+    pub fn of(config: &Config, commands: Commands, device: &Device) -> Result<Self, Refusal> {
         let is_pad = device.button(BTN_SOUTH).is_some();
         let steering = if is_pad { STEERING_OF_PAD } else { STEERING };
-        // An axis that is configured for one purpose is not used for the other.
-        let speed = pick(device, "speed", config.speed.axis, config.steering.axis, SPEED)?;
-        let steering = pick(device, "steering", config.steering.axis, Some(speed.code), steering)?;
+        let goes_sideways = commands == Commands::Velocity { sideways: true };
+        // An axis that is configured for one purpose is not used for another.
+        let sideways = config.sideways.axis.filter(|_| goes_sideways);
+        let speed = pick(device, "speed", config.speed.axis, [config.steering.axis, sideways], SPEED)?;
+        let steering = pick(device, "steering", config.steering.axis, [Some(speed.code), sideways], steering)?;
+        let taken = [Some(speed.code), Some(steering.code)];
+        let sideways = match sideways {
+            Some(_) => Some(pick(device, "motion sideways", sideways, taken, SIDEWAYS)?),
+            None => SIDEWAYS.iter().filter(|_| goes_sideways).find_map(|code| free(device, *code, taken)),
+        };
         let has = |code: &u16| device.button(*code).is_some();
         let dead_man = match config.dead_man {
             Some(code) if has(&code) => code,
@@ -95,9 +106,15 @@ impl Mapping {
         Ok(Self {
             speed: Stick::new(&config.speed, speed)?,
             steering: Stick::new(&config.steering, steering)?,
+            sideways: sideways.map(|axis| Stick::new(&config.sideways, axis)).transpose()?,
             dead_man,
             creep: creep(config, dead_man).filter(has),
         })
+    }
+
+    /// All its axes.
+    pub fn sticks(&self) -> impl Iterator<Item = &Stick> {
+        [&self.speed, &self.steering].into_iter().chain(&self.sideways)
     }
 }
 
@@ -112,22 +129,26 @@ fn pick<'a>(
     device: &'a Device,
     what: &'static str,
     set: Option<u16>,
-    taken: Option<u16>,
+    taken: [Option<u16>; 2],
     usual: &[u16],
 ) -> Result<&'a Axis, Refusal> {
     if let Some(code) = set {
         return match device.axis(code) {
-            Some(axis) if taken != Some(code) => Ok(axis),
+            Some(axis) if !taken.contains(&set) => Ok(axis),
             Some(_) => Err(Refusal::OneAxis(code)),
             None => Err(Refusal::AxisMissing(what, code)),
         };
     }
-    let free = |code: u16| device.axis(code).filter(|_| taken != Some(code));
-    let any = || device.axes().iter().filter(|axis| taken != Some(axis.code)).min_by_key(|axis| axis.code);
-    match usual.iter().find_map(|code| free(*code)).or_else(any) {
+    let any = || device.axes().iter().filter(|axis| !taken.contains(&Some(axis.code))).min_by_key(|axis| axis.code);
+    match usual.iter().find_map(|code| free(device, *code, taken)).or_else(any) {
         Some(axis) => Ok(axis),
         None => Err(device.axes().first().map_or(Refusal::NoAxis(what), |axis| Refusal::OneAxis(axis.code))),
     }
+}
+
+/// An axis that the device has and nothing else uses.
+fn free(device: &Device, code: u16, taken: [Option<u16>; 2]) -> Option<&Axis> {
+    device.axis(code).filter(|_| !taken.contains(&Some(code)))
 }
 
 /// An axis with its conversion to a requested value.
@@ -213,7 +234,7 @@ mod tests {
     }
 
     fn mapped(device: &Device) -> Result<(u16, u16, u16), String> {
-        let mapping = Mapping::of(&config(), device).map_err(|refusal| refusal.to_string())?;
+        let mapping = Mapping::of(&config(), Commands::Motion, device).map_err(|refusal| refusal.to_string())?;
         Ok((mapping.speed.code, mapping.steering.code, mapping.dead_man))
     }
 
@@ -291,7 +312,7 @@ mod tests {
         let refused = |change: fn(&mut Config)| {
             let mut config = config();
             change(&mut config);
-            Mapping::of(&config, &pad()).unwrap_err().to_string()
+            Mapping::of(&config, Commands::Motion, &pad()).unwrap_err().to_string()
         };
         assert_eq!(
             refused(|c| c.speed.axis = Some(ABS_WHEEL)),
@@ -305,7 +326,7 @@ mod tests {
             refused(|c| c.dead_man = Some(0x2FF)),
             "it has no button 0x2ff, which is configured for the dead man"
         );
-        let creep = |config: &Config| Mapping::of(config, &pad()).unwrap().creep;
+        let creep = |config: &Config| Mapping::of(config, Commands::Motion, &pad()).unwrap().creep;
         assert_eq!(creep(&config()), Some(BTN_TR));
         assert_eq!(creep(&Config { creep: Some(BTN_SOUTH), ..config() }), Some(BTN_SOUTH));
         assert_eq!(creep(&Config { creep: Some(BTN_THUMB), ..config() }), None, "it drives without");
@@ -313,7 +334,29 @@ mod tests {
         let slow = Some(super::super::Gear { button: BTN_TR, scale: 0.5 });
         assert_eq!(creep(&Config { slow, ..config() }), None, "as it was configured before there was a guard");
         let swapped = Config { steering: StickConfig { axis: Some(ABS_Y), ..STICK }, ..config() };
-        let mapping = Mapping::of(&swapped, &pad()).unwrap();
+        let mapping = Mapping::of(&swapped, Commands::Motion, &pad()).unwrap();
         assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes the remaining axis");
+    }
+
+    #[test]
+    fn the_axis_to_go_sideways_is_one_that_is_free_and_the_device_may_lack_it() {
+        let axes = |codes: &[u16]| codes.iter().map(|code| raw(*code, -1, 1)).collect::<Vec<_>>();
+        let sideways = |config: &Config, commands, device: &Device| {
+            Mapping::of(config, commands, device).map(|mapping| mapping.sideways.map(|stick| stick.code))
+        };
+        let able = Commands::Velocity { sideways: true };
+        assert_eq!(sideways(&config(), able, &pad()), Ok(Some(ABS_X)));
+        for commands in [Commands::Motion, Commands::Velocity { sideways: false }] {
+            assert_eq!(sideways(&config(), commands, &pad()), Ok(None));
+        }
+        let joystick = device(&axes(&[ABS_X, ABS_Y, ABS_RZ]), &[BTN_TRIGGER]);
+        assert_eq!(sideways(&config(), able, &joystick), Ok(Some(ABS_RZ)), "a stick that turns");
+        let two = device(&axes(&[ABS_X, ABS_Y]), &[BTN_TRIGGER]);
+        assert_eq!(sideways(&config(), able, &two), Ok(None), "it drives without");
+        let set = |code| Config { sideways: StickConfig { axis: Some(code), ..STICK }, ..config() };
+        assert_eq!(sideways(&set(ABS_RX), able, &pad()), Ok(Some(ABS_RX)));
+        let mapping = Mapping::of(&set(ABS_RX), able, &pad()).unwrap();
+        assert_eq!(mapping.steering.code, ABS_X, "the steering takes the remaining axis");
+        assert_eq!(sideways(&set(ABS_WHEEL), able, &pad()), Err(Refusal::AxisMissing("motion sideways", ABS_WHEEL)));
     }
 }

@@ -12,6 +12,7 @@ pub(super) fn config() -> Config {
         bus: "joystick".into(),
         speed: stick,
         steering: stick,
+        sideways: stick,
         dead_man: None,
         creep: None,
         scale: 1.0,
@@ -48,7 +49,12 @@ struct Rig {
 impl Rig {
     /// The module runs, its port is open.
     fn new(config: Config) -> Self {
-        let shell = Shell::new(ShellConfig::new(NAME), Box::new(Joydev::new(config).unwrap()));
+        Self::of(config, Commands::Motion)
+    }
+
+    /// The same for another base.
+    fn of(config: Config, commands: Commands) -> Self {
+        let shell = Shell::new(ShellConfig::new(NAME), Box::new(Joydev::new(config, commands).unwrap()));
         let mut rig = Self { bench: Bench::new(shell), commands: Vec::new(), lines: Vec::new(), creeps: false };
         rig.bench.start();
         rig
@@ -102,6 +108,11 @@ impl Rig {
                     self.commands.push((at, command.speed));
                     format!("{ms} {:.3} {:.3}", command.speed, command.steering)
                 }
+                Action::Publish(Message::LlCmdVelocity(command)) => {
+                    let CmdVelocity { vx, vy, omega, priority, ref source, session, .. } = command;
+                    assert_eq!((priority, source.as_str(), session), (2, "gamepad", 0));
+                    format!("{ms} {vx:.3} {vy:.3} {omega:.3}")
+                }
                 Action::Publish(Message::LlCmdCreep(CmdCreep { source, session, held, .. })) => {
                     // Started at the epoch.
                     assert_eq!((source.as_str(), session), ("gamepad", 0));
@@ -140,6 +151,51 @@ fn while_the_button_is_held_the_sticks_are_followed_at_20_hz_and_then_there_is_o
     rig.press(BTN_TL, false);
     rig.pass(ms(1000));
     assert_eq!(rig.take(), "0 0.000 0.000\n50 0.000 0.000\n100 0.600 -0.600\n120 0.000 -0.600");
+}
+
+#[test]
+fn a_base_that_does_not_steer_is_commanded_a_velocity_and_sideways_where_it_can() {
+    let mut rig = Rig::of(config(), Commands::Velocity { sideways: true });
+    rig.found(&pad());
+    assert_eq!(
+        rig.take(),
+        "0 INIT\n0 RUN\n\
+         0 a pad: speed ABS_Y, rotation ABS_RX, sideways ABS_X, dead man BTN_TL, creep BTN_TR"
+    );
+    rig.press(BTN_TL, true);
+    rig.pass(ms(60));
+    rig.push(ABS_Y, -32_768);
+    rig.push(ABS_X, 32_767);
+    rig.push(ABS_RX, -32_768);
+    rig.pass(ms(60));
+    rig.press(BTN_TL, false);
+    rig.pass(ms(1000));
+    let zero = "0.000 0.000 0.000";
+    assert_eq!(rig.take(), format!("0 {zero}\n50 {zero}\n100 0.600 -0.600 0.600\n120 {zero}"));
+    // One that cannot go sideways: its left stick to the side moves nothing.
+    let mut rig = Rig::of(config(), Commands::Velocity { sideways: false });
+    rig.found(&pad());
+    rig.push(ABS_X, -32_768);
+    rig.take();
+    rig.press(BTN_TL, true);
+    rig.pass(ms(60));
+    rig.push(ABS_RX, -32_768);
+    rig.pass(ms(60));
+    assert_eq!(rig.take(), format!("0 {zero}\n50 {zero}\n100 0.000 0.000 0.600"));
+}
+
+#[test]
+fn the_stick_to_go_sideways_must_be_centred_too() {
+    let mut rig = Rig::of(config(), Commands::Velocity { sideways: true });
+    rig.found(&pad());
+    rig.push(ABS_X, -32_768);
+    rig.take();
+    rig.press(BTN_TL, true);
+    rig.pass(ms(10));
+    assert_eq!(
+        rig.take(),
+        "0 Warning GamepadNotReleased: BTN_TL was pressed with ABS_X off centre: release that first\n0 0.000 0.000 0.000"
+    );
 }
 
 #[test]
@@ -405,7 +461,7 @@ fn a_contradictory_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);
-        Joydev::new(config).unwrap_err()
+        Joydev::new(config, Commands::Motion).unwrap_err()
     };
     assert_eq!(refused(|c| (c.speed.axis, c.steering.axis) = (Some(1), Some(1))), ConfigError::OneAxis);
     assert_eq!(

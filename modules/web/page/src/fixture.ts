@@ -104,6 +104,10 @@ function drivePart(): DrivePart {
       steering_target: robot.steering, enabled: !robot.held && !robot.paused, homed: mode !== "unhomed", quick_stop: robot.held || robot.paused,
       source: patrols ? "planner" : holder?.driving ? `web:${holder.name}` : "", reason: why,
     }, 0.05),
+    velocity: shown({
+      timestamp: micros(), vx: robot.speed, vy: 0, omega: (robot.speed * Math.tan(robot.steering)) / 0.6, vx_target: robot.held ? 0 : robot.want.speed || robot.speed,
+      vy_target: 0, omega_target: 0, residual: 0, enabled: !robot.held && !robot.paused, ready: mode !== "unhomed", quick_stop: robot.held || robot.paused, source: "",
+    }, 0.05),
     driver,
     holds: holds(),
     commands: patrols ? [{ timestamp: micros(), speed: robot.speed, steering: robot.steering, priority: 0, source: "planner" }] : [],
@@ -217,7 +221,7 @@ function mapPart(): Part {
 
 const SCENE: Part = {
   part: "scene", robot: "advee", version: "0.1.0", simulated: true, demo: mode === "demo" ? { run: "2026_11_21_17_03_11", seconds: 1840 } : null,
-  outline: [[0.75, 0.3], [0.75, -0.3], [-0.15, -0.3], [-0.15, 0.3]], wheelbase: 0.6, limits: { speed: 0.6, steering: 0.6109 }, blind: mode === "blind" ? 0.3 : null,
+  outline: [[0.75, 0.3], [0.75, -0.3], [-0.15, -0.3], [-0.15, 0.3]], wheelbase: 0.6, limits: { speed: 0.6, steering: 0.6109, sideways: 0, rotation: 0 }, blind: mode === "blind" ? 0.3 : null,
   sonar: { field_of_view: 0.96, min: 0.05, max: 4 }, infrared: { field_of_view: 0.1, min: 0.1, max: 0.8 },
   beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y })),
   world: "start = [3.0, 6.0, 0.0]\n",
@@ -337,7 +341,7 @@ export function begin(): void {
   viewLink.value = { open: true, heard: null, why: "" };
   commandLink.value = { open: true, heard: null, why: "" };
   authority.value = { holder, yours: false };
-  tell({ type: "welcome", you: 1, name: "You", role, limits: { speed: 0.6, steering: 0.61 } });
+  tell({ type: "welcome", you: 1, name: "You", role, limits: { speed: 0.6, steering: 0.61, sideways: 0, rotation: 0 } });
   if (mode === "taken") {
     setTimeout(() => command.hear({ type: "authority", holder: (holder = { id: 1, name: "You", role, driving: false, since: 0 }), yours: true, why: "" }), 100);
     setTimeout(() => command.hear({ type: "authority", holder: (holder = { id: 7, name: "Jana’s phone", role: "operator", driving: false, since: 0 }), yours: false, why: "Jana’s phone took control." }), 900);

@@ -208,6 +208,10 @@ export interface Limits {
   speed: number;
   /** Maximum steering angle, rad. */
   steering: number;
+  /** Maximum speed to either side, m/s; 0 for a base that does not go sideways. */
+  sideways: number;
+  /** Maximum rotation, rad/s; 0 for a base that steers. */
+  rotation: number;
 }
 
 /** A beam of a ranging sensor. */
@@ -279,6 +283,8 @@ export interface DrivePart {
   /** What is not well, the most severe first; empty: all is well. */
   concerns: Concern[];
   motion: Shown<DataMotion>;
+  /** Velocity of the body, of any base. */
+  velocity: Shown<DataVelocity>;
   /** Source that commands the motion, as people call it; empty: nobody does, or it is not known. */
   driver: string;
   /** All causes for which the robot or its goal is held; empty: it acts. */
@@ -691,9 +697,21 @@ export type Command =
    * Sent at 20 Hz while the drive pad is pressed. `hold`: one more than at the last press; `seq`: one more than in the
    * last command of any hold; `t`: the page's clock when it was sent. Late, repeated and reordered commands are
    * dropped. A hold that has ended is never resumed: the robot moves again only after a new press. `creep`: true while
-   * a second input is held, by which the robot creeps past the guard; its release is sent at once.
+   * a second input is held, by which the robot creeps past the guard; its release is sent at once. `sideways`, m/s to
+   * the left, and `rotation`, rad/s counter-clockwise: instead of `steering`, which is 0 beside them, for a base that
+   * does not steer (limits above 0).
    */
-  | { type: "drive"; hold: number; seq: number; t: number; speed: number; steering: number; creep?: boolean }
+  | {
+      type: "drive";
+      hold: number;
+      seq: number;
+      t: number;
+      speed: number;
+      steering: number;
+      sideways?: number | null;
+      rotation?: number | null;
+      creep?: boolean;
+    }
   /** The drive pad is released: one zero command, then silence. */
   | { type: "zero"; hold: number; seq: number }
   /** Any operator: zero, and PAUSE of `driver_canbus`; the quick stop is active until `resume`. */
@@ -1036,7 +1054,9 @@ export interface DataJoydev {
   dead_man: boolean;
   /** Speed demanded by the sticks, m/s. */
   speed: number | null;
-  /** Steering angle demanded by the sticks, rad. */
+  /**
+   * Steering angle demanded by the sticks, rad; of a base that does not steer the rotation, counter-clockwise, rad/s.
+   */
   steering: number | null;
 }
 
@@ -1207,6 +1227,37 @@ export interface Fan {
   rpm: number | null;
   /** True if the fan stands still although it is driven. */
   failed: boolean;
+}
+
+/** Velocity of the body as measured by its drives: `LL_DATA_VELOCITY`, 20 Hz, beside `LL_DATA_MOTION`. */
+export interface DataVelocity {
+  /** Microseconds since the UNIX epoch. */
+  timestamp: number;
+  /** Velocity of the origin of the robot frame, forward, m/s; NaN if unknown. */
+  vx: number | null;
+  /** Velocity of that origin to the left, m/s; NaN if unknown. */
+  vy: number | null;
+  /** Rotation, counter-clockwise, rad/s; NaN if unknown. */
+  omega: number | null;
+  /** Set-point of vx, m/s: what the base is to do now, within all limits; 0 while it is not to move. */
+  vx_target: number | null;
+  /** Set-point of vy, m/s. */
+  vy_target: number | null;
+  /** Set-point of omega, rad/s. */
+  omega_target: number | null;
+  /**
+   * Root mean square of the speeds by which wheels and velocity disagree, m/s; 0 for a base whose wheels measure no
+   * more than the velocity needs, such as a driven and a steered axle; NaN if unknown.
+   */
+  residual: number | null;
+  /** True if all drives are enabled. */
+  enabled: boolean;
+  /** True if all axes have their reference, and no stop is in force: a released source moves the robot. */
+  ready: boolean;
+  /** True while a quick stop is active. */
+  quick_stop: boolean;
+  /** Source whose commands are executed; empty without one. */
+  source: string;
 }
 
 /** What the drives do and bear: `LL_DATA_WHEELS`, with `LL_DATA_AXES`. A value that a drive does not measure is NaN. */

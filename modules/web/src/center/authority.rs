@@ -42,6 +42,67 @@ pub struct Limits {
     pub speed: f64,
     /// Maximum steering angle, rad.
     pub steering: f64,
+    /// Maximum speed to either side, m/s; 0 for a base that does not go sideways.
+    pub sideways: f64,
+    /// Maximum rotation, rad/s; 0 for a base that steers.
+    pub rotation: f64,
+}
+
+impl Limits {
+    /// True if a motion is within them. A number that is none is not.
+    fn permit(&self, motion: Motion) -> bool {
+        match motion {
+            Motion::Curve { speed, steering } => speed.abs() <= self.speed && steering.abs() <= self.steering,
+            Motion::Velocity { vx, vy, omega } => {
+                vx.abs() <= self.speed && vy.abs() <= self.sideways && omega.abs() <= self.rotation
+            }
+        }
+    }
+
+    /// Reason why a motion beyond them is refused.
+    fn refusal(&self, motion: Motion) -> String {
+        match motion {
+            Motion::Curve { speed, steering } => {
+                format!("{speed} m/s, {steering} rad are refused: at most {} m/s and {} rad", self.speed, self.steering)
+            }
+            Motion::Velocity { vx, vy, omega } => format!(
+                "{vx} m/s, {vy} m/s to the left, {omega} rad/s are refused: at most {} m/s, {} m/s and {} rad/s",
+                self.speed, self.sideways, self.rotation
+            ),
+        }
+    }
+}
+
+/// Motion that a hand demands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// Along a curve, of any base: `LL_CMD_MOTION`.
+    Curve {
+        /// Speed, m/s.
+        speed: f64,
+        /// Steering angle, rad.
+        steering: f64,
+    },
+    /// Velocity of a base that does not steer: `LL_CMD_VELOCITY`.
+    Velocity {
+        /// Forward, m/s.
+        vx: f64,
+        /// To the left, m/s.
+        vy: f64,
+        /// Counter-clockwise, rad/s.
+        omega: f64,
+    },
+}
+
+impl Motion {
+    /// Standstill that begins this motion: its steering angle is kept.
+    #[must_use]
+    pub fn at_rest(self) -> Self {
+        match self {
+            Self::Curve { steering, .. } => Self::Curve { speed: 0.0, steering },
+            Self::Velocity { .. } => Self::Velocity { vx: 0.0, vy: 0.0, omega: 0.0 },
+        }
+    }
 }
 
 /// Holder of the motion authority.
@@ -69,10 +130,8 @@ pub struct Drive {
     pub seq: u64,
     /// Time of creation, ms on the page's clock.
     pub t: f64,
-    /// Speed, m/s.
-    pub speed: f64,
-    /// Steering angle, rad.
-    pub steering: f64,
+    /// Motion.
+    pub motion: Motion,
     /// True while the second input is held.
     pub creep: bool,
 }
@@ -84,10 +143,8 @@ pub enum Output {
     Motion {
         /// User.
         source: Arc<str>,
-        /// Speed, m/s.
-        speed: f64,
-        /// Steering angle, rad.
-        steering: f64,
+        /// Motion, within the limits.
+        motion: Motion,
         /// True for the first one of a hold, which is sent after a zero.
         begins: bool,
     },
@@ -387,14 +444,10 @@ impl Authority {
             client.hold = client.hold.max(drive.hold);
             return self.tell(id, drive.hold, "the robot is not yours: take it first");
         }
-        let in_limits = drive.speed.abs() <= limits.speed && drive.steering.abs() <= limits.steering;
-        let Some(age) = age.filter(|_| in_limits) else {
+        let Some(age) = age.filter(|_| limits.permit(drive.motion)) else {
             self.counts.refused += 1;
             client.hold = client.hold.max(drive.hold);
-            let why = format!(
-                "{} m/s, {} rad are refused: at most {} m/s and {} rad",
-                drive.speed, drive.steering, limits.speed, limits.steering
-            );
+            let why = limits.refusal(drive.motion);
             return match active {
                 Some(_) => self.end_hold(now, Some(why)),
                 None => self.tell(id, drive.hold, &why),
@@ -427,7 +480,7 @@ impl Authority {
         if creeps || active.is_some_and(|active| active.creeps) {
             self.out.push_back(Output::Creep { source: source.clone(), held: creeps });
         }
-        self.out.push_back(Output::Motion { source, speed: drive.speed, steering: drive.steering, begins });
+        self.out.push_back(Output::Motion { source, motion: drive.motion, begins });
     }
 
     /// The user released the pad.

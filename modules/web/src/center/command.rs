@@ -1,7 +1,7 @@
 //! Messages of a page's command socket and their answers, the required roles, and the equivalent messages on the bus.
 
 use super::access::Role;
-use super::authority::{Drive, Holder, Limits};
+use super::authority::{Drive, Holder, Limits, Motion};
 use diagnostics::orders;
 pub use diagnostics::orders::SCENARIO_MAX;
 use messages::Message;
@@ -42,12 +42,18 @@ pub enum Command {
     /// the last command of any hold; `t`: the page's clock when it was sent. Late, repeated and reordered commands are
     /// dropped. A hold that has ended is never resumed: the robot moves again only after a new press. `creep`: true
     /// while a second input is held, by which the robot creeps past the guard; its release is sent at once.
+    /// `sideways`, m/s to the left, and `rotation`, rad/s counter-clockwise: instead of `steering`, which is 0 beside
+    /// them, for a base that does not steer (limits above 0).
     Drive {
         hold: u64,
         seq: u64,
         t: f64,
         speed: f64,
         steering: f64,
+        #[serde(default)]
+        sideways: Option<f64>,
+        #[serde(default)]
+        rotation: Option<f64>,
         #[serde(default)]
         creep: bool,
     },
@@ -269,6 +275,11 @@ impl Command {
             Self::Drive { hold, seq, .. } | Self::Zero { hold, seq } if *hold.max(seq) > INTEGER_MAX => {
                 return Err("a number is too large".into());
             }
+            Self::Drive { steering, sideways, rotation, .. }
+                if *steering != 0.0 && (sideways.is_some() || rotation.is_some()) =>
+            {
+                return Err("a steering angle beside a rotation".into());
+            }
             Self::Goal { waypoints, .. } => {
                 if !(1..=WAYPOINTS_MAX).contains(&waypoints.len()) {
                     return Err(format!("a goal has 1 to {WAYPOINTS_MAX} waypoints"));
@@ -305,8 +316,12 @@ impl Command {
     #[must_use]
     pub fn drive(&self) -> Option<Drive> {
         match *self {
-            Self::Drive { hold, seq, t, speed, steering, creep } => {
-                Some(Drive { hold, seq, t, speed, steering, creep })
+            Self::Drive { hold, seq, t, speed, steering, sideways, rotation, creep } => {
+                let motion = match (sideways, rotation) {
+                    (None, None) => Motion::Curve { speed, steering },
+                    (left, turn) => Motion::Velocity { vx: speed, vy: left.unwrap_or(0.0), omega: turn.unwrap_or(0.0) },
+                };
+                Some(Drive { hold, seq, t, motion, creep })
             }
             _ => None,
         }
@@ -421,12 +436,13 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 25] = [
+    const ALL: [&str; 26] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
         r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0.1,"steering":-0.1}"#,
         r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0.1,"steering":-0.1,"creep":true}"#,
+        r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0.1,"steering":0,"sideways":0.1,"rotation":-0.2}"#,
         r#"{"type":"zero","hold":1,"seq":2}"#,
         r#"{"type":"stop","id":1}"#,
         r#"{"type":"resume","id":1}"#,
@@ -451,7 +467,7 @@ mod tests {
 
     fn robot() -> Robot {
         let routes = vec![Route { name: "patrol".into(), points: vec![[1.0, 2.0]], looped: true }];
-        Robot { limits: Limits { speed: 0.5, steering: 0.4 }, routes, simulated: true }
+        Robot { limits: Limits { speed: 0.5, steering: 0.4, sideways: 0.0, rotation: 0.0 }, routes, simulated: true }
     }
 
     #[test]
@@ -490,6 +506,8 @@ mod tests {
             (r#"{"type":"drive","hold":-1,"seq":1,"t":1,"speed":0,"steering":0}"#, None),
             (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0,"steering":0,"creep":1}"#, None),
             (r#"{"type":"drive","hold":1,"seq":9007199254740992,"t":1,"speed":0,"steering":0}"#, None),
+            (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0,"steering":0.1,"rotation":0.1}"#, None),
+            (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0,"steering":0,"sideways":"left"}"#, None),
             (r#"{"type":"goal","id":3,"waypoints":[],"loop":false}"#, Some(3)),
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1e9}],"loop":false}"#, Some(3)),
             (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1,"theta":null}],"loop":false}"#, Some(3)),
@@ -560,11 +578,14 @@ mod tests {
 
     #[test]
     fn answers_match_the_page() {
-        let limits = Limits { speed: 0.5, steering: 0.25 };
+        let limits = Limits { speed: 0.5, steering: 0.25, sideways: 0.0, rotation: 0.0 };
         for (answer, text) in [
             (
                 Answer::Welcome { you: 3, name: "x", role: Role::Operator, limits },
-                r#"{"type":"welcome","you":3,"name":"x","role":"operator","limits":{"speed":0.5,"steering":0.25}}"#,
+                concat!(
+                    r#"{"type":"welcome","you":3,"name":"x","role":"operator","#,
+                    r#""limits":{"speed":0.5,"steering":0.25,"sideways":0.0,"rotation":0.0}}"#
+                ),
             ),
             (Answer::Pong { t: 1.5 }, r#"{"type":"pong","t":1.5}"#),
             (

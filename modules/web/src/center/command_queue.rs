@@ -2,7 +2,7 @@
 //! time even if the server is busy or hangs.
 
 use super::access::Role;
-use super::authority::{Authority, ClientId, Counts, Holder, Output};
+use super::authority::{Authority, ClientId, Counts, Holder, Motion, Output};
 use super::command::{Answer, Robot};
 use base::{Epoch, Instant};
 use diagnostics::orders;
@@ -10,7 +10,7 @@ use drivers::canbus;
 use host::bus::Bus;
 use host::clock;
 use messages::Message;
-use messages::lowlevel::{CmdCreep, CmdMotion};
+use messages::lowlevel::{CmdCreep, CmdMotion, CmdVelocity};
 use module::State;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -203,24 +203,27 @@ impl Inner {
 
     fn say(&mut self, now: Instant, say: Output) -> Result<(), String> {
         let timestamp = self.epoch.timestamp(now);
-        let motion = |source: Arc<str>, speed, steering| {
-            let source = source.to_string();
-            CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source }.into()
+        let session = self.session;
+        let motion = |source: Arc<str>, motion: Motion| -> Message {
+            let (priority, source) = (CmdMotion::REMOTE, source.to_string());
+            match motion {
+                Motion::Curve { speed, steering } => CmdMotion { timestamp, speed, steering, priority, source }.into(),
+                Motion::Velocity { vx, vy, omega } => {
+                    CmdVelocity { timestamp, vx, vy, omega, priority, source, session }.into()
+                }
+            }
         };
         let state = |module, state, source: Arc<str>| orders::manual(timestamp, module, state, &source).into();
         let message: Message = match say {
-            Output::Motion { source, speed, steering, begins } => {
+            Output::Motion { source, motion: wanted, begins } => {
                 // A press is a release: the driver obeys no source whose last command was motion.
                 if begins {
-                    self.bus.publish(&motion(source.clone(), 0.0, steering))?;
+                    self.bus.publish(&motion(source.clone(), wanted.at_rest()))?;
                 }
-                motion(source, speed, steering)
+                motion(source, wanted)
             }
-            Output::Creep { source, held } => {
-                let (source, session) = (source.to_string(), self.session);
-                CmdCreep { timestamp, source, session, held }.into()
-            }
-            Output::Zero { source } => motion(source, 0.0, 0.0),
+            Output::Creep { source, held } => CmdCreep { timestamp, source: source.to_string(), session, held }.into(),
+            Output::Zero { source } => motion(source, Motion::Curve { speed: 0.0, steering: 0.0 }),
             Output::Pause { source } => state(canbus::NAME, State::Pause, source),
             Output::Run { source } => state(canbus::NAME, State::Run, source),
             Output::Planner { source } => state(planner::NAME, State::Run, source),

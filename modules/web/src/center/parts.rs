@@ -33,6 +33,8 @@ pub struct DrivePart<'a> {
     /// What is not well, the most severe first; empty: all is well.
     concerns: Vec<Concern>,
     motion: Shown<'a, lowlevel::DataMotion>,
+    /// Velocity of the body, of any base.
+    velocity: Shown<'a, lowlevel::DataVelocity>,
     /// Source that commands the motion, as people call it; empty: nobody does, or it is not known.
     driver: String,
     /// All causes for which the robot or its goal is held; empty: it acts.
@@ -67,6 +69,7 @@ impl<'a> DrivePart<'a> {
             status: model.status(now),
             concerns: model.concerns(now),
             motion: model.motion.shown(now),
+            velocity: model.velocity.shown(now),
             driver: model.driver(),
             holds: model.hold_rows(now),
             commands: model.commands(now).collect(),

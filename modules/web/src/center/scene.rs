@@ -132,7 +132,7 @@ impl Default for Scene {
             demo: None,
             outline: Vec::new(),
             wheelbase: 0.0,
-            limits: Limits { speed: 0.0, steering: 0.0 },
+            limits: Limits { speed: 0.0, steering: 0.0, sideways: 0.0, rotation: 0.0 },
             blind: None,
             sonar: Sensor::default().into(),
             infrared: Sensor::GP2Y0A41.into(),

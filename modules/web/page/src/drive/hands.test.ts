@@ -28,6 +28,14 @@ test("after a lost key-up the key's repeats move nothing until it is pressed ane
   deepEqual(keys.down("KeyW", false), { act: "press", wish: { speed: 1, steering: 0 } });
 });
 
+test("Q and E go sideways where the base can", () => {
+  const keys = new Keys();
+  keys.sideways = true;
+  deepEqual(keys.down("KeyQ", false), { act: "press", wish: { speed: 0, steering: 0, sideways: 1 } });
+  deepEqual(keys.down("KeyW", false), { act: "move", wish: { speed: 1, steering: 0, sideways: 1 } });
+  deepEqual(keys.down("KeyE", false), { act: "move", wish: { speed: 1, steering: 0, sideways: 0 } });
+});
+
 const MIDDLE = { second: false, speed: 0, steering: 0 };
 const STILL = { speed: 0, steering: 0 };
 

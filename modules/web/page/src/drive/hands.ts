@@ -17,14 +17,22 @@ const KEYS: Record<string, Wish> = {
   KeyA: { speed: 0, steering: 1 },
   KeyD: { speed: 0, steering: -1 },
 };
-export const isDriveKey = (code: string): boolean => code in KEYS;
+/** These, too, where the base can go sideways. */
+const SIDE_KEYS: Record<string, number> = { KeyQ: 1, KeyE: -1 };
 
 /** The keys that are held. */
 export class Keys {
   private readonly held = new Set<string>();
+  /** The base goes sideways. */
+  sideways = false;
+
+  /** A key that drives. */
+  drives(code: string): boolean {
+    return code in KEYS || (this.sideways && code in SIDE_KEYS);
+  }
   /** A key went down. A repeat is none: of it we may have missed everything that came before. */
   down(code: string, repeat: boolean): Act {
-    if (!isDriveKey(code) || repeat || this.held.has(code)) return null;
+    if (!this.drives(code) || repeat || this.held.has(code)) return null;
     this.held.add(code);
     return { act: this.held.size === 1 ? "press" : "move", wish: this.wish() };
   }
@@ -39,12 +47,14 @@ export class Keys {
     return had ? { act: "release" } : null;
   }
   private wish(): Wish {
-    const sum = { speed: 0, steering: 0 };
+    const sum = { speed: 0, steering: 0, sideways: 0 };
     for (const code of this.held) {
       sum.speed += KEYS[code]?.speed ?? 0;
       sum.steering += KEYS[code]?.steering ?? 0;
+      sum.sideways += SIDE_KEYS[code] ?? 0;
     }
-    return { speed: Math.sign(sum.speed), steering: Math.sign(sum.steering) };
+    const wish = { speed: Math.sign(sum.speed), steering: Math.sign(sum.steering) };
+    return this.sideways ? { ...wish, sideways: Math.sign(sum.sideways) } : wish;
   }
 }
 
@@ -56,6 +66,8 @@ export interface Stick {
   /** -1 to 1: forward, and to the left. */
   speed: number;
   steering: number;
+  /** Of a base that goes sideways. */
+  sideways?: number;
 }
 
 /** Around its middle a stick is in the middle. */
@@ -75,11 +87,12 @@ export class Gamepads {
       this.seenReleased = stick !== null;
       return was ? { act: "release" } : null;
     }
-    const wish = { speed: outside(stick.speed), steering: outside(stick.steering) };
+    const wish: Wish = { speed: outside(stick.speed), steering: outside(stick.steering) };
+    if (stick.sideways !== undefined) wish.sideways = outside(stick.sideways);
     if (this.driving) return { act: "move", wish };
     if (!this.seenReleased) return null;
     this.seenReleased = false;
-    if (wish.speed !== 0 || wish.steering !== 0) return null;
+    if (wish.speed !== 0 || wish.steering !== 0 || (wish.sideways ?? 0) !== 0) return null;
     this.driving = true;
     return { act: "press", wish };
   }

@@ -48,6 +48,18 @@ test("where the hand is scales with the limits and never goes beyond them", () =
   equal((said[1] as { speed: number }).speed, -0.2);
 });
 
+test("a base that does not steer turns, and goes sideways where it can", () => {
+  const { hold, said } = ready();
+  hold.limit(0.6, 0.5, { rotation: 1.2 });
+  hold.press("pad", { speed: 0, steering: -0.5, sideways: 1 }, 0);
+  deepEqual(said[0], { type: "drive", hold: 1, seq: 1, t: 0, speed: 0, steering: 0, rotation: -0.6 });
+  hold.limit(0.6, 0.5, { rotation: 1.2, sideways: 0.4 });
+  hold.tick(50);
+  deepEqual(said[1], { type: "drive", hold: 1, seq: 2, t: 50, speed: 0, steering: 0, rotation: -0.6, sideways: 0.4 });
+  hold.move("pad", { speed: 0, steering: 0, sideways: Number.NaN });
+  equal(kinds(said), "ddz");
+});
+
 test("when driving is not allowed any more there is one zero, and it does not begin again by itself", () => {
   const { hold, said } = ready();
   hold.press("pad", AHEAD, 0);

@@ -5,10 +5,19 @@ import type { Command } from "../protocol";
 
 export type Source = "pad" | "keys" | "gamepad";
 
-/** Where the hand is, as a share of what is allowed, -1 to 1: forward, and to the left. */
+/** Where the hand is, as a share of what is allowed, -1 to 1: forward, turning to the left, and going to the left. */
 export interface Wish {
   speed: number;
   steering: number;
+  sideways?: number;
+}
+
+/** What is commanded: m/s and rad; of a base that does not steer its rotation, rad/s, and m/s to the left if it can. */
+export interface Demand {
+  speed: number;
+  steering: number;
+  rotation?: number;
+  sideways?: number;
 }
 
 export type DriveCommand = Extract<Command, { type: "drive" | "zero" }>;
@@ -34,7 +43,7 @@ export class Hold {
   private current: Current | null = null;
   private hold = 0;
   private seq = 0;
-  private max = { speed: 0, steering: 0 };
+  private max: Demand = { speed: 0, steering: 0 };
   private whyNot: string | null = "Nothing is known of the robot yet.";
   /** Why the last one ended, in English; empty: the hand let go. */
   ended = "";
@@ -46,8 +55,8 @@ export class Hold {
     return this.current?.source ?? null;
   }
 
-  /** What is commanded now, m/s and rad. */
-  get commanded(): { speed: number; steering: number } | null {
+  /** What is commanded now. */
+  get commanded(): Demand | null {
     return this.current && this.scaled(this.current.wish);
   }
 
@@ -56,9 +65,9 @@ export class Hold {
     return this.current?.creep ?? false;
   }
 
-  /** m/s and rad at the ends of the pad. */
-  limit(speed: number, steering: number): void {
-    this.max = { speed, steering };
+  /** m/s and rad at the ends of the pad. With a rotation, rad/s, the base does not steer; it may go sideways, m/s. */
+  limit(speed: number, steering: number, free: { rotation?: number; sideways?: number } = {}): void {
+    this.max = { speed, steering, ...free };
   }
 
   /** Whether driving is allowed; when it ceases to be, a hold ends. */
@@ -139,10 +148,14 @@ export class Hold {
     this.say({ type: "zero", hold: current.hold, seq: this.seq });
   }
 
-  private scaled(wish: Wish): { speed: number; steering: number } {
-    return { speed: share(wish.speed) * this.max.speed, steering: share(wish.steering) * this.max.steering };
+  private scaled(wish: Wish): Demand {
+    const { speed, steering, rotation, sideways } = this.max;
+    const ahead = share(wish.speed) * speed;
+    if (rotation === undefined) return { speed: ahead, steering: share(wish.steering) * steering };
+    const aside = sideways === undefined ? {} : { sideways: share(wish.sideways ?? 0) * sideways };
+    return { speed: ahead, steering: 0, rotation: share(wish.steering) * rotation, ...aside };
   }
 }
 
 const share = (value: number): number => Math.max(-1, Math.min(1, value));
-const finite = (wish: Wish): boolean => Number.isFinite(wish.speed) && Number.isFinite(wish.steering);
+const finite = (wish: Wish): boolean => [wish.speed, wish.steering, wish.sideways ?? 0].every(Number.isFinite);

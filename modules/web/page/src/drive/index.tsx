@@ -17,7 +17,8 @@ import { Gauge } from "./gauge";
 import { Creep } from "./creep";
 import { Pad } from "./pad";
 import { Nearest } from "./ring";
-import { begin, commanded, endedWhy, gamepadName, PACES, pace } from "./session";
+import type { Demand } from "./hold";
+import { begin, commanded, endedWhy, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
 import "./drive.css";
 
 export function Drive() {
@@ -145,7 +146,9 @@ function Motion() {
   const shown = drive.value?.motion;
   const motion = shown?.value ?? null;
   const grey = stale(shown);
-  const { speed, steering } = scene.value?.limits ?? { speed: 1, steering: 1 };
+  const { speed, steering, rotation, sideways } = scene.value?.limits ?? { speed: 1, steering: 1, rotation: 0, sideways: 0 };
+  const body = drive.value?.velocity.value ?? null;
+  const unsure = stale(drive.value?.velocity);
   const of = (value: number | null | undefined, most: number): number | null => (typeof value === "number" ? value / most : null);
   const guard = fresh(drive.value?.guard);
   const bounds: [number | null, number | null] = [of(guard === null ? null : -(guard.backward ?? 0), speed), of(guard?.forward, speed)];
@@ -161,15 +164,38 @@ function Motion() {
         bounds={bounds}
       />
       <Bounded />
-      <Gauge
-        name={t("Steering")}
-        actual={side(motion?.steering)}
-        commanded={side(motion?.steering_target)}
-        is={of(motion?.steering, steering)}
-        wanted={of(motion?.steering_target, steering)}
-        stale={grey}
-        mirrored
-      />
+      {sideways > 0 ? (
+        <Gauge
+          name={t("Sideways")}
+          actual={aside(body?.vy)}
+          commanded={aside(body?.vy_target)}
+          is={of(body?.vy, sideways)}
+          wanted={of(body?.vy_target, sideways)}
+          stale={unsure}
+          mirrored
+        />
+      ) : null}
+      {rotation > 0 ? (
+        <Gauge
+          name={t("Rotation")}
+          actual={turn(body?.omega)}
+          commanded={turn(body?.omega_target)}
+          is={of(body?.omega, rotation)}
+          wanted={of(body?.omega_target, rotation)}
+          stale={unsure}
+          mirrored
+        />
+      ) : (
+        <Gauge
+          name={t("Steering")}
+          actual={side(motion?.steering)}
+          commanded={side(motion?.steering_target)}
+          is={of(motion?.steering, steering)}
+          wanted={of(motion?.steering_target, steering)}
+          stale={grey}
+          mirrored
+        />
+      )}
       <p class="why-not">{t("Driven by: {who}", { who: drive.value?.driver ? translated(drive.value.driver) : t("nobody") })}</p>
     </Card>
   );
@@ -188,9 +214,23 @@ function Bounded() {
 }
 
 /** An angle of the steering, in words which side. */
-function side(value: number | null | undefined): string {
-  const text = deg(typeof value === "number" ? Math.abs(value) : value);
-  return typeof value !== "number" || text === "0°" ? text : `${text} ${value > 0 ? t("left") : t("right")}`;
+const side = (value: number | null | undefined): string => sided(value, deg(size(value)));
+/** A rotation. */
+const turn = (value: number | null | undefined): string => sided(value, typeof value === "number" ? `${deg(size(value))}/s` : deg(value));
+/** A speed to a side. */
+const aside = (value: number | null | undefined): string => sided(value, num(size(value), 2, "m/s"));
+
+const size = (value: number | null | undefined): number | null | undefined => (typeof value === "number" ? Math.abs(value) : value);
+/** With the side, unless it is shown as zero. */
+function sided(value: number | null | undefined, text: string): string {
+  return typeof value !== "number" || !/[1-9]/.test(text) ? text : `${text} ${value > 0 ? t("left") : t("right")}`;
+}
+
+/** What a hand commands, in words. */
+function demanded({ speed, steering, rotation, sideways }: Demand): string {
+  const ahead = num(speed, 2, "m/s");
+  if (rotation === undefined) return `${ahead}, ${side(steering)}`;
+  return [ahead, ...(sideways === undefined ? [] : [aside(sideways)]), turn(rotation)].join(", ");
 }
 
 function Hands() {
@@ -205,14 +245,24 @@ function Hands() {
           </Button>
         ))}
       </div>
+      {goesSideways.value ? (
+        <div class="choice" role="group" aria-label={t("What the sides of the pad do")}>
+          {[false, true].map((each) => (
+            <Button key={String(each)} pressed={padSideways.value === each} whyNot={now ? t("Let go first.") : null} onClick={() => (padSideways.value = each)}>
+              {each ? t("Go sideways") : t("Turn")}
+            </Button>
+          ))}
+        </div>
+      ) : null}
       <Pad />
       <Nearest />
       <Creep />
       <p class="hands-said figure" role="status">
-        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : t("Let go, and it stops.")}
+        {now ? demanded(now) : endedWhy.value ? sentence(endedWhy.value) : t("Let go, and it stops.")}
       </p>
       <p class="why-not hands-keys">
         <Keyboard size={16} aria-hidden /> {drive.value?.bound ? t("arrow keys or WASD, with C to creep") : t("arrow keys or WASD")}
+        {goesSideways.value ? `; ${t("Q and E go sideways")}` : null}
         <Gamepad2 size={16} aria-hidden /> {pads(gamepadName.value, Boolean(drive.value?.bound))}
       </p>
     </Card>
@@ -226,6 +276,8 @@ function pads(name: string | null, creeps: boolean): string {
 }
 
 function Homing() {
+  // A base that does not steer has nothing to home.
+  if ((scene.value?.limits.rotation ?? 0) > 0) return null;
   const motion = fresh(drive.value?.motion);
   const needed = motion !== null && !motion.homed;
   const home = () => void order({ type: "home", axis: "steering" }, t("The steering looks for its switch."));

@@ -6,7 +6,7 @@ import { ownGesture } from "../ui/gesture";
 import { t } from "../words";
 import type { Wish } from "./hold";
 import { Ring } from "./ring";
-import { commanded, hold, letGo, shown, whyNoDrive } from "./session";
+import { commanded, goesSideways, hold, letGo, padSideways, shown, whyNoDrive } from "./session";
 
 /** Share of the half side around the middle that is the middle; and what is the end already. */
 const DEAD = 0.08;
@@ -38,7 +38,8 @@ export function Pad() {
     const x = within((event.clientX - box.left - half) / half / END);
     const y = within((event.clientY - box.top - half) / half / END);
     place(x * half * 0.72, y * half * 0.72);
-    return { speed: -outside(y), steering: -outside(x) };
+    const [speed, left] = [-outside(y), -outside(x)];
+    return goesSideways.value && padSideways.value ? { speed, steering: 0, sideways: left } : { speed, steering: left };
   };
   const down = (event: PointerEvent) => {
     event.preventDefault();

@@ -8,8 +8,8 @@ import { clock, connection, drive, fresh, roundTrip, scene, stale, TOO_SLOW, why
 import { types } from "../shell/keys";
 import { keysRest } from "../ui/rest";
 import { t } from "../words";
-import { type Act, CREEP_KEY, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
-import { Hold, type Source } from "./hold";
+import { type Act, CREEP_KEY, Gamepads, Keys, type Stick } from "./hands";
+import { type Demand, Hold, type Source } from "./hold";
 
 /** How often it is looked whether something is due, ms; and every how many turns while nobody drives. */
 const TURN = 10;
@@ -46,8 +46,11 @@ export const whyNoCreep = computed<string | null>(() => {
 /** The second input is held, and reported. */
 export const creeping = signal(false);
 
-/** What the hand wants now, m/s and rad; null: no hand. */
-export const commanded = signal<{ source: Source; speed: number; steering: number } | null>(null);
+/** What the hand wants now; null: no hand. */
+export const commanded = signal<({ source: Source } & Demand) | null>(null);
+/** The base goes sideways; and the pad's sides mean that, not turning. */
+export const goesSideways = computed(() => (scene.value?.limits.sideways ?? 0) > 0);
+export const padSideways = signal(false);
 /** Why the last hold ended, other than by letting go; in English. */
 export const endedWhy = signal("");
 /** A gamepad is there. */
@@ -62,7 +65,8 @@ export function shown(): void {
   const now = hold.commanded;
   const next = now && hold.holding ? { source: hold.holding, ...now } : null;
   const old = commanded.peek();
-  if (next?.source !== old?.source || next?.speed !== old?.speed || next?.steering !== old?.steering) commanded.value = next;
+  const same = (["source", "speed", "steering", "rotation", "sideways"] as const).every((each) => next?.[each] === old?.[each]);
+  if (!same) commanded.value = next;
   creeping.value = hold.creeping;
   if (hold.holding !== "gamepad") gamepads.over();
   endedWhy.value = hold.ended;
@@ -97,7 +101,7 @@ export function begin(): () => void {
     if (event.ctrlKey || event.altKey || event.metaKey) return letGo("Another key was held.");
     const at = event.target instanceof HTMLElement ? event.target : null;
     if (event.code === CREEP_KEY && !event.repeat && !types(at)) return second(true);
-    if (!isDriveKey(event.code) || event.defaultPrevented || types(at)) return;
+    if (!keys.drives(event.code) || event.defaultPrevented || types(at)) return;
     event.preventDefault();
     if (keysRest()) {
       endedWhy.value = "Focus the pad, then drive with the keys.";
@@ -121,8 +125,11 @@ export function begin(): () => void {
       closed: () => letGo("The connection was lost."),
     }),
     effect(() => {
-      const limits = scene.value?.limits ?? { speed: 0, steering: 0 };
-      hold.limit(limits.speed * PACES[pace.value], limits.steering);
+      const { speed, steering, rotation, sideways } = scene.value?.limits ?? { speed: 0, steering: 0, rotation: 0, sideways: 0 };
+      const share = PACES[pace.value];
+      const aside = sideways > 0 ? { sideways: sideways * share } : {};
+      hold.limit(speed * share, steering, rotation > 0 ? { rotation: rotation * share, ...aside } : {});
+      keys.sideways = goesSideways.value;
       hold.allow(whyNoDrive.value);
       queueMicrotask(shown);
     }),
@@ -146,12 +153,15 @@ export function begin(): () => void {
   };
 }
 
-/** The first gamepad of the usual layout: left stick forward and back, right stick's sides steer, a shoulder is the dead man, both creep. */
+/** The first gamepad of the usual layout: left stick forward and back, and to the sides where the base can; the right
+ *  stick's sides steer or turn, a shoulder is the dead man, both creep. */
 function readGamepad(): Stick | null {
   const pad = navigator.getGamepads?.().find((each) => each?.connected && each.mapping === "standard") ?? null;
   const name = pad?.id.replace(/\s*\(.*$/, "") ?? null;
   if (name !== gamepadName.peek()) gamepadName.value = name;
   if (!pad || document.hidden || !document.hasFocus()) return null;
   const pressed = (button: number): boolean => pad.buttons[button]?.pressed ?? false;
-  return { deadMan: pressed(4) || pressed(5), second: pressed(4) && pressed(5), speed: -(pad.axes[1] ?? 0), steering: -(pad.axes[2] ?? pad.axes[0] ?? 0) };
+  const [deadMan, second, speed] = [pressed(4) || pressed(5), pressed(4) && pressed(5), -(pad.axes[1] ?? 0)];
+  if (goesSideways.value) return { deadMan, second, speed, steering: -(pad.axes[2] ?? 0), sideways: -(pad.axes[0] ?? 0) };
+  return { deadMan, second, speed, steering: -(pad.axes[2] ?? pad.axes[0] ?? 0) };
 }

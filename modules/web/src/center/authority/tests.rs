@@ -6,7 +6,7 @@ fn at(ms: u64) -> Instant {
     Instant::from_millis(5_000_000 + ms)
 }
 
-const LIMITS: Limits = Limits { speed: 0.5, steering: 0.4 };
+const LIMITS: Limits = Limits { speed: 0.5, steering: 0.4, sideways: 0.0, rotation: 0.0 };
 
 /// An authority with clients; number `n` is named by its letter, and its clock starts there.
 struct Bench {
@@ -16,7 +16,11 @@ struct Bench {
 
 impl Bench {
     fn new(clients: usize) -> Self {
-        let mut authority = Authority::new(LIMITS);
+        Self::with(LIMITS, clients)
+    }
+
+    fn with(limits: Limits, clients: usize) -> Self {
+        let mut authority = Authority::new(limits);
         for name in ["a", "b", "c"].into_iter().take(clients) {
             authority.join(name.into(), Role::Operator, name.into());
         }
@@ -30,7 +34,10 @@ impl Bench {
         let mut said = Vec::new();
         while let Some(say) = self.authority.poll() {
             said.push(match say {
-                Output::Motion { source, speed, .. } => format!("{source} {speed}"),
+                Output::Motion { source, motion: Motion::Curve { speed, .. }, .. } => format!("{source} {speed}"),
+                Output::Motion { source, motion: Motion::Velocity { vx, vy, omega }, .. } => {
+                    format!("{source} {vx} {vy} {omega}")
+                }
                 Output::Creep { source, held } => format!("{source} creep {held}"),
                 Output::Zero { source } => format!("{source} 0"),
                 Output::Pause { source } => format!("{source} pause"),
@@ -46,15 +53,30 @@ impl Bench {
     /// Created at `t`, received at `ms`.
     fn drive(&mut self, ms: u64, client: ClientId, hold: u64, t: u64, speed: f64) -> Vec<String> {
         self.seq += 1;
-        let drive = Drive { hold, seq: self.seq, t: t as f64, speed, steering: 0.1, creep: false };
+        let drive =
+            Drive { hold, seq: self.seq, t: t as f64, motion: Motion::Curve { speed, steering: 0.1 }, creep: false };
         self.authority.drive(at(ms), client, drive);
+        self.said()
+    }
+
+    /// Client 1 at once, a velocity.
+    fn velocity(&mut self, ms: u64, hold: u64, vx: f64, vy: f64, omega: f64) -> Vec<String> {
+        self.seq += 1;
+        let motion = Motion::Velocity { vx, vy, omega };
+        self.authority.drive(at(ms), 1, Drive { hold, seq: self.seq, t: ms as f64, motion, creep: false });
         self.said()
     }
 
     /// Client 1 at once, with the second input held.
     fn creep(&mut self, ms: u64, hold: u64) -> Vec<String> {
         self.seq += 1;
-        let drive = Drive { hold, seq: self.seq, t: ms as f64, speed: 0.2, steering: 0.1, creep: true };
+        let drive = Drive {
+            hold,
+            seq: self.seq,
+            t: ms as f64,
+            motion: Motion::Curve { speed: 0.2, steering: 0.1 },
+            creep: true,
+        };
         self.authority.drive(at(ms), 1, drive);
         self.said()
     }
@@ -77,6 +99,25 @@ impl Bench {
 
 fn timed(words: &[(u64, &str)]) -> Vec<(u64, String)> {
     words.iter().map(|(ms, word)| (*ms, (*word).into())).collect()
+}
+
+#[test]
+fn a_velocity_is_forwarded_to_a_base_that_does_not_steer_within_its_limits() {
+    let omni = Limits { sideways: 0.5, rotation: 1.2, ..LIMITS };
+    let mut bench = Bench::with(omni, 1);
+    bench.take(0, 1, None);
+    assert_eq!(bench.velocity(100, 1, 0.3, -0.5, 1.2), ["a 0.3 -0.5 1.2"]);
+    let refused = "1: hold 1: 0 m/s, 0.6 m/s to the left, 0 rad/s are refused: at most 0.5 m/s, 0.5 m/s and 1.2 rad/s";
+    assert_eq!(bench.velocity(150, 1, 0.0, 0.6, 0.0), ["a 0", refused], "the hold ends");
+    // A differential base does not go sideways; one that steers obeys no velocity but straight ahead.
+    let mut bench = Bench::with(Limits { sideways: 0.0, ..omni }, 1);
+    bench.take(0, 1, None);
+    assert_eq!(bench.velocity(100, 1, 0.0, 0.0, -1.0), ["a 0 0 -1"]);
+    assert_eq!(bench.velocity(150, 1, 0.0, 0.01, 0.0)[0], "a 0");
+    let mut bench = Bench::new(1);
+    bench.take(0, 1, None);
+    assert_eq!(bench.velocity(100, 1, 0.2, 0.0, 0.0), ["a 0.2 0 0"]);
+    assert_eq!(bench.velocity(150, 1, 0.2, 0.0, f64::NAN)[0], "a 0");
 }
 
 #[test]
@@ -158,7 +199,8 @@ fn repeated_late_foreign_and_invalid_commands_move_nothing() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
-    let replayed = Drive { hold: 1, seq: 1, t: 100.0, speed: 0.3, steering: 0.1, creep: true };
+    let replayed =
+        Drive { hold: 1, seq: 1, t: 100.0, motion: Motion::Curve { speed: 0.3, steering: 0.1 }, creep: true };
     bench.authority.drive(at(110), 1, replayed);
     assert!(bench.said().is_empty());
     assert_eq!(bench.drive(120, 2, 1, 120, 0.3), ["2: hold 1: the robot is not yours: take it first"]);
@@ -171,7 +213,8 @@ fn repeated_late_foreign_and_invalid_commands_move_nothing() {
         assert!(bench.drive(132, 1, hold, 132, 0.3).is_empty(), "over");
     }
     bench.drive(140, 1, 9, 140, 0.3);
-    let timeless = Drive { hold: 9, seq: 999, t: f64::NAN, speed: 0.1, steering: 0.0, creep: false };
+    let timeless =
+        Drive { hold: 9, seq: 999, t: f64::NAN, motion: Motion::Curve { speed: 0.1, steering: 0.0 }, creep: false };
     bench.authority.drive(at(141), 1, timeless);
     assert_eq!(bench.said()[0], "a 0", "an invalid time");
     let counts = bench.authority.counts();
@@ -259,7 +302,8 @@ fn clock_drift_is_tracked() {
     for number in 0..72_000_u64 {
         let ms = number * 50;
         let t = ms as f64 * (1.0 - 1e-4);
-        let drive = Drive { hold: 1, seq: number, t, speed: 0.1, steering: 0.0, creep: false };
+        let drive =
+            Drive { hold: 1, seq: number, t, motion: Motion::Curve { speed: 0.1, steering: 0.0 }, creep: false };
         bench.authority.drive(at(ms), 1, drive);
         assert_eq!(bench.said(), ["a 0.1"], "{ms}");
     }
@@ -343,7 +387,13 @@ fn run(seed: u64) -> Judge {
                 let speed =
                     [0.3, -0.2, f64::NAN, 9.0][usize::from(chance.below(60) == 0) * 2 + chance.below(2) as usize];
                 let creep = creeps[index];
-                let drive = Drive { hold: holds[index], seq: seqs[index], t, speed, steering: 0.1, creep };
+                let drive = Drive {
+                    hold: holds[index],
+                    seq: seqs[index],
+                    t,
+                    motion: Motion::Curve { speed, steering: 0.1 },
+                    creep,
+                };
                 sent.push(Way::Drive { drive, said });
             }
             for way in sent {
@@ -420,11 +470,11 @@ impl Judge {
                 Output::Creep { source, held: false } => {
                     assert_eq!(self.creeping.take(), Some(source), "one end for each creep");
                 }
-                Output::Motion { source, speed, .. } => {
+                Output::Motion { source, motion, .. } => {
                     let (client, drive, at_ms) = said.expect("only a command moves the robot");
-                    assert_eq!((speed, Some(client)), (drive.speed, holder), "from the holder, unchanged");
+                    assert_eq!((motion, Some(client)), (drive.motion, holder), "from the holder, unchanged");
                     assert_eq!(&*source, ["", "a", "b"][client as usize]);
-                    assert!(speed.abs() <= LIMITS.speed);
+                    assert!(matches!(motion, Motion::Curve { speed, .. } if speed.abs() <= LIMITS.speed));
                     assert_eq!(self.creeping.is_some(), drive.creep, "it ends with its release");
                     assert!(now.since(at(at_ms)) < Duration::from_millis(250), "late");
                     assert!(drive.hold > self.over[client as usize], "hold {} was over", drive.hold);

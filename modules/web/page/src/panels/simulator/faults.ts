@@ -96,6 +96,7 @@ const FAULTS: Readonly<Record<string, Known>> = {
   release: { means: "Its dead-man button is released.", momentary: true },
   speed: { means: "Its left stick is pushed: forward above 0.", value: stick },
   steering: { means: "Its right stick is pushed: to the left above 0.", value: stick },
+  sideways: { means: "Its left stick is pushed: to the left above 0.", value: stick },
 };
 
 /** The target of what is done to the robot as a whole. */

@@ -24,7 +24,7 @@ test("every fault that the simulator knows is explained", () => {
   const names = [...source.matchAll(/^ {12}"(\w+)" =>/gm)].map(([, name]) => name as string);
   ok(names.length > 35, String(names.length));
   for (const name of names) if (name !== "none") ok(fault("a board", name).means !== "", name);
-  for (const name of ["plug", "unplug", "hold", "release", "speed", "steering"]) ok(fault("gamepad", name).means !== "", name);
+  for (const name of ["plug", "unplug", "hold", "release", "speed", "steering", "sideways"]) ok(fault("gamepad", name).means !== "", name);
 });
 
 test("what it does not know takes any value, and no name of the language's own is known", () => {
