@@ -80,11 +80,20 @@ class Drive:
         network.subscribe(0x80, self.on_sync)
 
     def begin(self):
-        """State after power-on or a reset."""
-        self.state, self.word, self.velocity, self.target, self.reached = DISABLED, 0, 0.0, None, 0
-        self.words, self.masters, self.received, self.sent, self.syncs = [], {}, {}, {}, 0
+        """State after power-on, or a reset of the application."""
+        self.node.data_store.clear()
+        self.state, self.word, self.words, self.velocity = DISABLED, 0, [], 0.0
+        self.target, self.reached = None, 0
+        self.masters, self.received, self.sent, self.syncs = {}, {}, {}, 0
         for index in (0x603F, 0x6040, 0x6061, 0x6064, 0x606C, 0x60FF):
             self.put(index, 0)
+
+    def begin_communication(self):
+        """State after a reset of the communication: the motor keeps its own."""
+        for index in [index for index in self.node.data_store if 0x1000 <= index < 0x2000]:
+            del self.node.data_store[index]
+        self.masters, self.received, self.sent, self.syncs = {}, {}, {}, 0
+        self.abort()
 
     def boot(self):
         self.node.nmt.state = "INITIALISING"
@@ -177,8 +186,7 @@ class Drive:
         with self.lock:
             if command in (0x81, 0x82):
                 self.node.nmt.stop_heartbeat()
-                self.node.data_store.clear()
-                self.begin()
+                self.begin() if command == 0x81 else self.begin_communication()
                 self.boot()
             elif command == 1:
                 self.map_pdos()
