@@ -10,10 +10,11 @@ use nix::time::{ClockId, clock_gettime};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Child;
 use std::time::{Duration, Instant};
 
 /// Timeout, longer than a loaded machine takes.
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_secs(20);
 const FOLDER: &str = "buses/canopen/eds/others";
 const WHEELS: [(u8, &str); 2] = [(1, "left"), (2, "right")];
 /// Motor turns per turn of a wheel; the right one is mounted the other way round.
@@ -178,6 +179,37 @@ impl Drives {
     }
 }
 
+/// Command that is ended with the test, whatever its outcome.
+struct Command(Child);
+
+impl Drop for Command {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Processes that are stopped, so that nothing of them is on the bus, and ended with the test.
+struct Silenced(Vec<u32>);
+
+impl Silenced {
+    fn of(robot: &Robot) -> Self {
+        let processes = Self(robot.processes());
+        processes.signal("STOP");
+        processes
+    }
+
+    fn signal(&self, name: &str) {
+        self.0.iter().for_each(|pid| support::signal(*pid as i32, name));
+    }
+}
+
+impl Drop for Silenced {
+    fn drop(&mut self) {
+        self.signal("KILL");
+    }
+}
+
 /// Drives a robot of these two drives by its commands, stops it, and takes the master away. Gives what the drives do
 /// without their master.
 fn driven(sheet: &Path, given: &Given, folder: &Path) -> Option<String> {
@@ -188,7 +220,7 @@ fn driven(sheet: &Path, given: &Given, folder: &Path) -> Option<String> {
     // Enabled, at the velocity that is commanded, and stopped by quick stop at the end of the robot.
     let mut robot = Robot::of(folder);
     let mut drives = Drives::start(robot.port, &ids, sheet)?.expect("CANopen for Python loads it");
-    let mut command = robot.spawn(&["--config", config, "drive", "0.2", "0", "--for", "60"]);
+    let command = Command(robot.spawn(&["--config", config, "drive", "0.2", "0", "--for", "60"]));
     for (id, velocity) in ids.into_iter().zip(forward) {
         drives.until(id, "enabled", |line| line.text == "state operation enabled");
         drives.until_velocity(id, velocity);
@@ -202,19 +234,17 @@ fn driven(sheet: &Path, given: &Given, folder: &Path) -> Option<String> {
         assert!(stands.at - stopped.at > 0.1, "{stopped:?}, {stands:?}");
     }
     assert_eq!(drives.refused().len(), 0, "{:?}", drives.refused());
-    let _ = command.kill();
-    let _ = command.wait();
-    drop((robot, drives));
+    drop((command, robot, drives));
 
     // The same drives notice that their master is gone.
     let robot = Robot::of(folder);
     let mut drives = Drives::start(robot.port, &ids, sheet)?.expect("CANopen for Python loads it");
-    let mut command = robot.spawn(&["--config", config, "drive", "0.2", "0", "--for", "60"]);
+    let command = Command(robot.spawn(&["--config", config, "drive", "0.2", "0", "--for", "60"]));
     for (id, velocity) in ids.into_iter().zip(forward) {
         drives.until_velocity(id, velocity);
     }
     drives.anew();
-    robot.processes().into_iter().for_each(|pid| support::signal(pid as i32, "STOP"));
+    let silenced = Silenced::of(&robot);
     let gone = monotonic();
     for id in ids {
         let lost = drives.until(id, "its master is lost", |line| line.text == "master lost");
@@ -224,9 +254,7 @@ fn driven(sheet: &Path, given: &Given, folder: &Path) -> Option<String> {
     let states = ids.map(|id| drives.state(id).to_owned());
     assert_eq!(states[0], states[1]);
     assert_eq!(drives.refused().len(), 0, "{:?}", drives.refused());
-    robot.processes().into_iter().for_each(|pid| support::signal(pid as i32, "KILL"));
-    let _ = command.kill();
-    let _ = command.wait();
+    drop((silenced, command));
     Some(states[0].clone())
 }
 
@@ -329,13 +357,13 @@ fn differential(name: &str) -> Option<()> {
         (&["drive", "0", "--rotation", "0.6", "--for", "60"], 0.0, 0.6),
     ] {
         (left.anew(), right.anew());
-        let mut command = robot.spawn(&[&["--config", config], arguments].concat());
+        let mut command = Command(robot.spawn(&[&["--config", config], arguments].concat()));
         let wanted = velocities(given, forward, rotation);
         left.until_velocity(1, wanted[0]);
         right.until_velocity(2, wanted[1]);
         (left.anew(), right.anew());
-        support::signal(command.id() as i32, "INT");
-        assert!(command.wait().expect("it ends").success());
+        support::signal(command.0.id() as i32, "INT");
+        assert!(command.0.wait().expect("it ends").success());
         left.until(1, "standing", |line| line.number("velocity") == Some(0));
         right.until(2, "standing", |line| line.number("velocity") == Some(0));
     }
