@@ -363,6 +363,19 @@ impl Robot {
         Self { url, port, run_dir, view: View::default(), bus, up, own: None, _turn: turn }
     }
 
+    /// Starts the robot of a folder without a simulator: its devices are on the CAN bus beside its LCM bus.
+    pub fn of(folder: &Path) -> Self {
+        let turn = turn();
+        let port = unique_port();
+        let url = format!("udpm://239.255.76.67:{port}?ttl=0&shm=auto");
+        let run_dir = std::env::temp_dir().join(format!("advee-test-{}-{port}", std::process::id()));
+        let bus = listen(&url);
+        let mut up = advee(&url, &run_dir);
+        up.args(["up", "--headless", "--config"]).arg(folder).stdin(Stdio::null());
+        let up = up.spawn().expect("the executable is built");
+        Self { url, port, run_dir, view: View::default(), bus, up, own: None, _turn: turn }
+    }
+
     /// Starts a robot without a guard, as fast as it is commanded, and waits until every module runs and the steering
     /// is homed. If a busy machine made the watchdog restart a module meanwhile, the start no longer releases homing,
     /// and an operator does.

@@ -7,7 +7,7 @@ use super::scan::{Asked, Row};
 use super::target::{Target, Where};
 use crate::{Common, Failed, Outcome, print};
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{Derived, Description, Limits, Quirks, Refusal, VelocityUnit, derive};
+use canopen::drives::derive::{Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive};
 use canopen::drives::{epos, icla};
 use canopen::eds::Eds;
 use canopen::master::Expect;
@@ -45,12 +45,14 @@ enum Driver<'a> {
     Sheet(&'a Sheet),
     /// A drive of which there is no sheet.
     Unknown,
-    /// Of another profile, or of none.
-    NoDrive,
+    /// One that states no vendor, by which its sheet would be found.
+    Nameless,
+    /// Of another profile, or of none: the low word of its device type.
+    NoDrive(u16),
 }
 
 /// Low word of 0x1000.
-const PROFILE: u32 = 402;
+const PROFILE: u16 = 402;
 /// Column of a remark.
 const REMARK: usize = 31;
 /// A usual wheel: its circumference, m, and motion, for values that a sheet may not take.
@@ -125,8 +127,8 @@ impl Sheet {
 }
 
 fn driver<'a>(node: u8, row: &Row, sheets: &'a [Sheet]) -> Driver<'a> {
-    if row.number(0).is_some_and(|device| device & 0xFFFF != PROFILE) {
-        return Driver::NoDrive;
+    if let Some(profile) = row.number(0).map(|device| device as u16).filter(|profile| *profile != PROFILE) {
+        return Driver::NoDrive(profile);
     }
     if let Some(sheet) = sheets.iter().find(|sheet| sheet.is_of(node, row)) {
         return Driver::Sheet(sheet);
@@ -141,7 +143,29 @@ fn driver<'a>(node: u8, row: &Row, sheets: &'a [Sheet]) -> Driver<'a> {
     };
     let built_in = [("epos", &epos::TABLE), ("icla", &icla::TABLE)];
     let known = built_in.into_iter().find(|(_, table)| is(&table.identity));
-    known.map_or(Driver::Unknown, |(name, _)| Driver::BuiltIn(name))
+    let states_vendor = row.number(1).is_some_and(|vendor| vendor != 0);
+    let unknown = if states_vendor { Driver::Unknown } else { Driver::Nameless };
+    known.map_or(unknown, |(name, _)| Driver::BuiltIn(name))
+}
+
+impl Driver<'_> {
+    /// Why there are no lines for the node, for a person.
+    fn refusal(&self) -> Option<String> {
+        Some(match self {
+            Self::NoDrive(0) => "No drive of CiA 402: 0x1000:0 (device type): the device states no profile.".into(),
+            Self::NoDrive(profile) => {
+                let refusal = Refusal { index: 0x1000, sub: 0, reason: Reason::Profile(*profile) };
+                format!("No drive of CiA 402: {refusal}")
+            }
+            Self::Unknown => "No data sheet with this vendor and product: give the maker's EDS by --eds.".into(),
+            Self::Nameless => {
+                "It states no vendor (0x1018:1), by which its data sheet is found: name the sheet by eds in a node of \
+                 robot.toml."
+                    .into()
+            }
+            Self::BuiltIn(_) | Self::Sheet(_) => return None,
+        })
+    }
 }
 
 /// What a person reads, and pastes.
@@ -164,12 +188,8 @@ fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[S
         lines.blank();
         lines.remark(&title(*node, row));
         let driver = driver(*node, row, sheets);
-        if matches!(driver, Driver::NoDrive) {
-            lines.remark("No drive of CiA 402.");
-            continue;
-        }
-        if matches!(driver, Driver::Unknown) {
-            lines.remark("No data sheet with this vendor and product: give the maker's EDS by --eds.");
+        if let Some(why) = driver.refusal() {
+            lines.remark(&why);
             continue;
         }
         let Some(axis) = configured(*node).or_else(|| free.next().copied()) else {
@@ -188,7 +208,7 @@ fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[S
                     lines.steering();
                 }
             }
-            Driver::Unknown | Driver::NoDrive => {}
+            Driver::Unknown | Driver::Nameless | Driver::NoDrive(_) => {}
         }
     }
     lines.text
@@ -351,4 +371,27 @@ fn clean(text: &str) -> String {
 /// A string of TOML.
 fn quoted(text: &str) -> String {
     format!("\"{}\"", clean(text).replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn refused(numbers: &[Option<u32>], text: &str) {
+        let refusal = driver(1, &Row::stating(numbers), &[]).refusal();
+        assert!(refusal.as_ref().is_some_and(|refusal| refusal.contains(text)), "{refusal:?}, not {text}");
+    }
+
+    #[test]
+    fn a_node_that_is_not_driven_is_named_with_object_and_reason() {
+        let drive = Some(0x0002_0192);
+        refused(&[Some(0x000F_0191), Some(1), Some(2)], "0x1000:0 (device type): the device is of profile 401, not");
+        refused(&[Some(0), Some(1), Some(2)], "0x1000:0 (device type): the device states no profile");
+        refused(&[drive, Some(1), Some(2)], "No data sheet with this vendor and product");
+        refused(&[drive, Some(0), Some(2)], "It states no vendor (0x1018:1)");
+        refused(&[drive, None], "It states no vendor (0x1018:1)");
+        let epos = Row::stating(&[drive, Some(0xFB), Some(0x6410_0000), Some(0x2033_0000)]);
+        assert!(matches!(driver(1, &epos, &[]), Driver::BuiltIn("epos")));
+    }
 }

@@ -173,6 +173,13 @@ impl Row {
         self.said.len() < OBJECTS.len()
     }
 
+    /// Node that answered with these numbers, in the order of [`OBJECTS`].
+    #[cfg(test)]
+    pub fn stating(numbers: &[Option<u32>]) -> Self {
+        let said = numbers.iter().map(|number| number.map(|number| number.to_le_bytes().to_vec()));
+        Self { said: said.collect(), ..Self::default() }
+    }
+
     /// Device type, vendor, product, revision or serial number: 0 to 4.
     pub fn number(&self, at: usize) -> Option<u32> {
         let data = self.said.get(at)?.as_ref()?;

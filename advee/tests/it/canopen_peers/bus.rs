@@ -7,6 +7,7 @@ use base::{Duration, Instant};
 use host::ports::{Port, PortConfig, Received};
 use module::{Input, Output};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -80,10 +81,16 @@ pub struct Script {
 impl Script {
     /// Starts `FILE PORT ARGS...`; `None`, with a report, without a Python that has the peers.
     pub fn start(file: &str, bus: &Bus, args: &[&str]) -> Option<Self> {
+        let port = bus.port.to_string();
+        let args: Vec<&str> = std::iter::once(port.as_str()).chain(args.iter().copied()).collect();
+        Self::run(file, &args)
+    }
+
+    /// Starts `FILE ARGS...`; `None`, with a report, without a Python that has the peers.
+    pub fn run(file: &str, args: &[impl AsRef<OsStr>]) -> Option<Self> {
         let mut child = Command::new(python()?)
             .arg("-u")
             .arg(workspace().join(file))
-            .arg(bus.port.to_string())
             .args(args)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -122,6 +129,13 @@ impl Script {
             }
             None => false,
         }
+    }
+
+    /// What it wrote to standard error, once it has failed.
+    pub fn failed(&mut self) -> Option<String> {
+        let status = self.child.try_wait().expect("it is our child")?;
+        let errors = self.errors.take().map_or(String::new(), |errors| errors.join().unwrap_or_default());
+        (!status.success()).then_some(errors)
     }
 
     #[track_caller]
