@@ -634,6 +634,7 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         fields: robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(config::Lidar::bus).collect(),
         ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),
         ranging_age_max: robot.sensors.age_max,
+        odometry: robot.has_odometry(),
         guarded,
         stop: robot.stop.clone(),
         protection: protection(&robot.guard, &robot.geometry),

@@ -535,6 +535,12 @@ impl Robot {
         (self.guard.ranging == guard::Ranging::None).then_some(self.guard.speed_blind)
     }
 
+    /// True if a board counts the way of wheels that are not driven.
+    #[must_use]
+    pub fn has_odometry(&self) -> bool {
+        self.rs485.iter().any(|bus| bus.driver.nodes.iter().any(|node| node.kind == Kind::So1))
+    }
+
     /// Boards of range finders, front and rear, with what they serve.
     pub fn ranging_boards(&self) -> impl Iterator<Item = (&Rs485Bus, &Node, RangingBoard)> {
         let of = |rangers: &[Ranger], node: &Node| {
