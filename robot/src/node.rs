@@ -15,8 +15,6 @@ use simulator::world::World;
 
 /// Parameters of the module `ros2`.
 pub(crate) fn settings(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> ros2::Settings {
-    // As the estimator: by encoders beside the drives where there are any.
-    let driven = robot.base.is_some() || robot.geometry.driven == DrivenAxle::Front;
     // A map that cannot be read is the planner's to tell.
     let map = match &robot.planner.map {
         Some(file) => map_file::load(&place.config.join(file)).ok(),
@@ -29,7 +27,8 @@ pub(crate) fn settings(place: &RobotLocation, robot: &Robot, world: Option<&Worl
         ros2: robot.ros2.clone(),
         outgoing: outgoing::Config {
             scene: scene::translated(robot),
-            odometry: if driven { OdometrySource::Drives } else { OdometrySource::Wheels },
+            // As the estimator: by encoders beside the drives where there are any.
+            odometry: if robot.is_measured_by_drives() { OdometrySource::Drives } else { OdometrySource::Wheels },
             devices: devices(robot),
             simulated: place.sim,
             description: description(robot),

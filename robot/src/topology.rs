@@ -22,7 +22,7 @@ use module::admission::Policy;
 use module::{Line, Module, PortSpec, Shell, ShellConfig, State};
 use navitools::Point;
 use record::{Recorder, Sink};
-use settings::robot::{Beacon, DrivenAxle, Geometry};
+use settings::robot::{Beacon, Geometry};
 use sim::host::{self, Virtual};
 use simulator::world::World;
 use std::fs;
@@ -563,9 +563,7 @@ fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
         wheels: match robot.base {
             Some(base) => estimator::Wheels::Driven { radius_m: base.radius_m() },
             // Its rotation follows from the angle of its wheel, which errs like the way of a wheel at this distance.
-            None if robot.geometry.driven == DrivenAxle::Front => {
-                estimator::Wheels::Driven { radius_m: robot.geometry.wheelbase_m }
-            }
+            None if robot.is_measured_by_drives() => estimator::Wheels::Driven { radius_m: robot.geometry.wheelbase_m },
             None => {
                 let Geometry { wheelbase_m, track_m, .. } = robot.geometry;
                 estimator::Wheels::Steered { wheelbase_m, track_m }
@@ -634,6 +632,7 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         fields: robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(config::Lidar::bus).collect(),
         ranging: robot.ranging_boards().map(|(_, _, board)| board).collect(),
         ranging_age_max: robot.sensors.age_max,
+        odometry: robot.has_odometry(),
         guarded,
         stop: robot.stop.clone(),
         protection: protection(&robot.guard, &robot.geometry),

@@ -19,7 +19,7 @@ use module::Line;
 use module::admission::Commands;
 use navitools::{Point, Pose};
 use ros2::settings::Ros2;
-use settings::robot::{Base, Beacon, Geometry, Limits};
+use settings::robot::{Base, Beacon, DrivenAxle, Geometry, Limits};
 use settings::{Bytes, Choice, Section as _, Table, settings};
 use std::path::PathBuf;
 use web::settings::Web;
@@ -533,6 +533,19 @@ impl Robot {
     #[must_use]
     pub fn blind_mps(&self) -> Option<f64> {
         (self.guard.ranging == guard::Ranging::None).then_some(self.guard.speed_blind)
+    }
+
+    /// True if a board counts the way of wheels that are not driven.
+    #[must_use]
+    pub fn has_odometry(&self) -> bool {
+        self.rs485.iter().any(|bus| bus.driver.nodes.iter().any(|node| node.kind == Kind::So1))
+    }
+
+    /// True if its motion is measured by its drives alone, `LL_DATA_VELOCITY`: no board counts other wheels, or the only
+    /// front wheel is driven.
+    #[must_use]
+    pub fn is_measured_by_drives(&self) -> bool {
+        self.base.is_some() || self.geometry.driven == DrivenAxle::Front || !self.has_odometry()
     }
 
     /// Boards of range finders, front and rear, with what they serve.

@@ -2,12 +2,15 @@
 //! the target position ([`Reach`]), must be reached within twice the time that it takes and a second. They find an axis
 //! that stands, creeps, or runs the other way round, in whatever mode and for whatever reason, also where the drive
 //! itself has no following error or does not report it; one that is slower for a limit of its current or voltage
-//! follows.
+//! follows. An axis in a position mode may be allowed less time for making no way at all: with a dead or reversed
+//! encoder its loop moves it on.
 
 use base::{Duration, Instant};
 
 /// Part of the target speed, or of the way to the target position, that must be reached.
 const PART: f64 = 0.25;
+/// Part of the least deviation by which an axis moves that does not stand.
+const MOVES: f64 = 1.0 / 3.0;
 /// Time allowed beyond the ramp, or the way.
 const REACTION: Duration = Duration::from_secs(1);
 
@@ -89,6 +92,9 @@ pub struct ReachConfig {
     pub speed: f64,
     /// Deviations up to this are not judged: play, and the resolution of the measured position.
     pub least: f64,
+    /// For how long it may make less way towards its target than a third of `least`; absent: as long as it is allowed
+    /// for a quarter of the way.
+    pub stands_max: Option<Duration>,
 }
 
 /// The watch over an axis in a position mode.
@@ -106,6 +112,8 @@ struct Way {
     /// Remaining way to be made towards the target.
     left: f64,
     until: Instant,
+    /// Remaining way, and when it was last found to be less by what is no standstill.
+    moved: (f64, Instant),
     /// The target, direction to it, and the position nearest to it so far: one that moves to and fro makes no way.
     target: f64,
     direction: f64,
@@ -153,7 +161,11 @@ impl Reach {
             return None;
         };
         way.take(target, self.config.least, before, position);
-        let alarm = now >= way.until;
+        if way.left <= way.moved.0 - MOVES * self.config.least {
+            way.moved = (way.left, now);
+        }
+        let stands = self.config.stands_max.is_some_and(|most| now.since(way.moved.1) >= most);
+        let alarm = stands || now >= way.until;
         if way.left > 0.0 && !alarm && libm::fabs(target - position) > self.config.least {
             return None;
         }
@@ -176,6 +188,7 @@ impl Reach {
         self.watch = (way > self.config.least).then(|| Way {
             left: PART * way,
             until: now + REACTION + takes,
+            moved: (PART * way, now),
             target,
             direction: (target - self.measured).signum(),
             reached: self.measured,
@@ -226,12 +239,22 @@ mod tests {
         assert_eq!(follow.measure(Instant::NEVER, 0.0), None);
     }
 
-    const STEERING: ReachConfig = ReachConfig { speed: 0.7, least: 0.03 };
+    const STEERING: ReachConfig = ReachConfig { speed: 0.7, least: 0.03, stands_max: None };
+    const ALONE: ReachConfig = ReachConfig { stands_max: Some(Duration::from_millis(350)), ..STEERING };
 
     /// Commands `target` and measures the position after each 10 ms, which `step` gives from target and position; the
     /// time of the first alarm.
-    fn steer(target: impl Fn(f64) -> f64, mut step: impl FnMut(f64, f64) -> f64, s: f64) -> Option<f64> {
-        let mut reach = Reach::new(STEERING);
+    fn steer(target: impl Fn(f64) -> f64, step: impl FnMut(f64, f64) -> f64, s: f64) -> Option<f64> {
+        steer_by(STEERING, target, step, s)
+    }
+
+    fn steer_by(
+        config: ReachConfig,
+        target: impl Fn(f64) -> f64,
+        mut step: impl FnMut(f64, f64) -> f64,
+        s: f64,
+    ) -> Option<f64> {
+        let mut reach = Reach::new(config);
         let mut position = 0.0;
         (0..(s * 100.0) as u32).map(|step| f64::from(step) / 100.0).find(|at| {
             let now = Instant::ZERO + Duration::from_secs_f64(100.0 + at);
@@ -273,10 +296,36 @@ mod tests {
             assert_eq!(steer(wave, steps, 60.0), None, "{period}");
             let square = |at: f64| 0.6 * wave(at).signum();
             assert_eq!(steer(square, steps, 60.0), None, "{period}");
+            assert_eq!(steer_by(ALONE, wave, steps, 60.0), None, "{period}");
+            assert_eq!(steer_by(ALONE, square, steps, 60.0), None, "{period}");
         }
+        assert_eq!(steer_by(ALONE, |_| 0.6, slow, 20.0), None, "a quarter of its speed");
+        assert_eq!(steer_by(ALONE, |at| 0.2 * (at / 0.3).floor(), steps, 1.2), None, "it waits for its next target");
         assert_eq!(steer(|_| 0.6, slow, 20.0), None, "a quarter of its speed");
         assert_eq!(steer(|_| 0.6, |target, _| target - 0.02, 20.0), None, "it has play");
         assert_eq!(steer(|_| 0.02, |_, position| position, 20.0), None, "below the least deviation");
+    }
+
+    #[test]
+    fn an_axis_whose_encoder_is_dead_or_reversed_is_found_soon_where_that_is_asked_for() {
+        let dies = |after: f64, counts: f64| {
+            let mut time = 0.0;
+            steer_by(
+                ALONE,
+                |_| 0.6,
+                move |target, position| {
+                    time += 0.01;
+                    position + if time > after { counts } else { 1.0 } * (target - position).clamp(-0.007, 0.007)
+                },
+                10.0,
+            )
+        };
+        for counts in [0.0, 0.01, -1.0] {
+            for after in [0.0, 0.3, 0.5] {
+                let alarm = dies(after, counts).unwrap();
+                assert!((0.32..0.4).contains(&(alarm - after)), "{counts} after {after}: {alarm}");
+            }
+        }
     }
 
     #[test]

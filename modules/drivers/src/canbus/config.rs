@@ -405,6 +405,9 @@ pub struct Config {
     pub ranging: Vec<RangingBoard>,
     /// Greatest age of a measurement of theirs.
     pub ranging_age_max: Duration,
+    /// A device of its own measures the motion of the body (`LL_DATA_ODO`), so that a drive which stands may be believed
+    /// for longer. Without it the encoder of the only driven wheel, and that of the steering, have no other witness.
+    pub odometry: bool,
     /// The drive of the rear axle, or of each wheel of `base`, in their order.
     pub wheels: Vec<PropulsionConfig>,
     /// The drive of the front wheels' steering; none with a `base`.
@@ -633,6 +636,7 @@ impl BusConfig {
             fields: Vec::new(),
             ranging: Vec::new(),
             ranging_age_max: Duration::ZERO,
+            odometry: false,
             guarded: false,
             homing_release: self.homing_release,
             stop: Stop::usual(),

@@ -54,7 +54,7 @@ impl Propulsion {
                 ramp: limits.acceleration_mps2.min(limits.deceleration_mps2),
                 least: FOLLOWED_MIN_MPS,
             }),
-            watch: WheelWatch::new(limits.deceleration_mps2, limits.quick_stop_mps2),
+            watch: WheelWatch::new(limits.acceleration_mps2, limits.deceleration_mps2, limits.quick_stop_mps2),
         })
     }
 

@@ -29,6 +29,10 @@ const UNWATCHED_MAX: Duration = Duration::from_millis(450);
 const LAG_MPS: f64 = MARGIN_MPS;
 const TURNS_MPS: f64 = 0.05;
 const LAG_MAX: Duration = Duration::from_millis(200);
+/// For how long the only wheel of a robot without odometry may stand although it is to turn, beyond twice its ramp to a
+/// speed that is no standstill: the robot is blocked, or the encoder is dead. Then the loop of the drive accelerates the
+/// wheel without end.
+const STANDS_MAX: Duration = Duration::from_millis(300);
 
 /// What cuts the motors' feed.
 #[derive(Debug)]
@@ -50,18 +54,33 @@ pub(super) struct WheelWatch {
     /// The wheel may have turned when its drive was reset, and its speed has not been read since: until then it must
     /// be. Set until the drive is booted, at standstill, or without power.
     pub(super) unwatched: Option<Instant>,
-    /// Since when the wheel has been slower than commanded, or turned the other way.
+    /// Since when the wheel has been slower than commanded, or turned the other way; of the only wheel, stood.
     lags: Option<Instant>,
+    /// For how long the only wheel may stand.
+    stands_max: Duration,
 }
 
 impl WheelWatch {
-    /// `deceleration` of a command and of a quick stop as configured, m/s².
-    pub(super) fn new(deceleration: f64, quick_stop: f64) -> Self {
-        Self { monitor: SpeedMonitor::new(deceleration, quick_stop), unwatched: None, lags: None }
+    /// Acceleration of a command, deceleration of a command and of a quick stop as configured, m/s².
+    pub(super) fn new(acceleration: f64, deceleration: f64, quick_stop: f64) -> Self {
+        let monitor = SpeedMonitor::new(deceleration, quick_stop);
+        let ramp = 2.0 * STANDSTILL_MPS / acceleration.max(f64::MIN_POSITIVE);
+        let stands_max = STANDS_MAX + Duration::from_secs_f64(ramp.min(60.0));
+        Self { monitor, unwatched: None, lags: None, stands_max }
     }
 }
 
 impl WheelWatch {
+    /// True once the only wheel, which is told to turn at `target`, has been measured at standstill for too long. One
+    /// that turns the other way stops first; the speed monitor judges it.
+    fn stands(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
+        if !target.is_some_and(|target| is_standing(target, measured)) {
+            self.lags = None;
+            return false;
+        }
+        now.since(*self.lags.get_or_insert(now)) >= self.stands_max
+    }
+
     /// True once a wheel that is told to turn at `target` has been measured to be slower for too long.
     fn is_behind(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
         let lags = target.is_some_and(|target| {
@@ -74,6 +93,11 @@ impl WheelWatch {
         }
         now.since(*self.lags.get_or_insert(now)) >= LAG_MAX
     }
+}
+
+/// True if a wheel stands that is to turn at `target`.
+fn is_standing(target: f64, measured: f64) -> bool {
+    target.abs() >= TURNS_MPS && measured.abs() < STANDSTILL_MPS
 }
 
 /// What cuts the motors' feed, and what the monitors have found.
@@ -169,11 +193,16 @@ impl Canbus {
         let cuts_feed = self.around.pause.cuts_feed();
         // What moves too fast, or does not stop: with one drive the robot itself.
         let alone = self.wheels.count() == 1;
+        // Nothing but the encoder of the drive measures whether the robot moves.
+        let witnessless = alone && !self.config.odometry;
         let Some(wheel) = self.wheels.get_mut(number) else { return };
         let order = if cuts_feed { Order::None } else { wheel.order() };
         let changing = match order {
             Order::None => false,
-            Order::Drive(speed) => wheel.watch.lags.is_some() || (wheel.speed() - speed).abs() > MARGIN_MPS,
+            Order::Drive(speed) => {
+                let lags = wheel.watch.lags.is_some() || witnessless && is_standing(speed, wheel.speed());
+                lags || (wheel.speed() - speed).abs() > MARGIN_MPS
+            }
             Order::Stop => !wheel.is_slower(now, STANDSTILL_MPS),
         };
         wheel.set_changing(now, changing);
@@ -181,7 +210,11 @@ impl Canbus {
         let measured = wheel.take_measured();
         let target = if let Order::Drive(speed) = order { Some(speed) } else { None };
         wheel.compare(now, target, measured, out);
-        if let Some(speed) = measured.filter(|speed| !alone && wheel.watch.is_behind(now, target, *speed)) {
+        let is_late = measured.is_some_and(|speed| match alone {
+            false => wheel.watch.is_behind(now, target, speed),
+            true => witnessless && wheel.watch.stands(now, target, speed),
+        });
+        if let Some(speed) = measured.filter(|_| is_late) {
             wheel.stop_for(now, NotFollowing { target: target.unwrap_or(0.0), measured: speed }, out);
         }
         if wheel.is_up() || order == Order::None {
@@ -312,4 +345,50 @@ fn await_speed(now: Instant, wheel: &mut Propulsion) {
 /// Number of the channel that feeds the motors.
 fn motors() -> i8 {
     psc1::CHANNELS.iter().position(|name| *name == MOTORS).and_then(|place| i8::try_from(place).ok()).unwrap_or(-1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(millis: u64) -> Instant {
+        Instant::ZERO + Duration::from_millis(millis)
+    }
+
+    /// 0.3 s, and 80 ms for its ramp.
+    fn watch() -> WheelWatch {
+        WheelWatch::new(0.5, 0.8, 1.5)
+    }
+
+    /// When the only wheel is found standing, ms; `speeds` gives target and measured speed after each 10 ms.
+    fn found(speeds: impl Fn(f64) -> (Option<f64>, f64)) -> Option<u64> {
+        let mut watch = watch();
+        (0..500).map(|step| 10 * step).find(|ms| {
+            let (target, measured) = speeds(*ms as f64 / 1000.0);
+            watch.stands(at(*ms), target, measured)
+        })
+    }
+
+    #[test]
+    fn an_only_wheel_that_stands_although_it_is_to_turn_is_found_in_its_time() {
+        assert_eq!(found(|_| (Some(0.3), 0.0)), Some(380));
+        assert_eq!(found(|_| (Some(-0.05), 0.019)), Some(380));
+        assert_eq!(found(|s| (Some(0.3), if s < 1.0 { 0.3 } else { 0.0 })), Some(1380));
+        // Its targets change, and so does their sign.
+        assert_eq!(found(|s| (Some(0.3 * (20.0 * s).cos().signum()), 0.0)), Some(380));
+    }
+
+    #[test]
+    fn an_only_wheel_on_its_ramp_or_with_less_to_do_is_not() {
+        assert_eq!(found(|s| (Some(0.3), (0.1 * (s - 0.15)).clamp(0.0, 0.3))), None, "late, and a fifth of its ramp");
+        assert_eq!(found(|s| (Some(-0.3), (0.8 - 0.5 * s).max(-0.3))), None, "it turns round");
+        assert_eq!(found(|_| (Some(0.049), 0.0)), None, "too slow to be judged");
+        assert_eq!(found(|_| (None, 0.0)), None, "not enabled, or told to stop");
+        assert_eq!(found(|_| (Some(0.3), f64::NAN)), None, "unknown, which others judge");
+        assert_eq!(
+            found(|s| (Some(0.3).filter(|_| (100.0 * s).round() % 37.0 != 0.0), 0.0)),
+            None,
+            "told to stop in between"
+        );
+    }
 }

@@ -33,6 +33,9 @@ const STRAIGHT_MAX_RAD: f64 = 0.01;
 const ZERO_SEARCH_SPEED_RATIO: f64 = 0.2;
 /// Deviation from the commanded angle that is not judged, rad: the play, and the lag of the position loop.
 const REACHED_RAD: f64 = 0.03;
+/// For how long it may stand although it is to steer, where only its own encoder measures the angle. A set-point whose
+/// frames are lost twice is repeated meanwhile.
+const STANDS_MAX: Duration = Duration::from_millis(350);
 /// Durations of the steering's ramps, s: to full speed, and from there to standstill in a quick stop.
 const RAMP_S: f64 = 0.1;
 const QUICK_STOP_RAMP_S: f64 = 0.05;
@@ -129,6 +132,7 @@ impl Steering {
             SteeringDrive::Icla { gear, counts_per_turn, remap } => icla(own, *gear, *counts_per_turn, *remap),
             SteeringDrive::Cia402(drive) => by_sheet(drive, own, config)?,
         };
+        let stands_max = (!config.odometry).then_some(STANDS_MAX);
         let config = own.clone();
         let homing = HomingConfig {
             method: config.homing_method,
@@ -140,7 +144,7 @@ impl Steering {
             timeout: config.homing_timeout,
         };
         let check = ReferenceCheck::new(homing.method, units.position(config.switch));
-        let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD });
+        let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD, stands_max });
         Ok(Self {
             drive: Drive::new("steering", config.node, &table, reservations),
             config,

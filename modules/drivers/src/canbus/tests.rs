@@ -70,6 +70,7 @@ pub(super) fn config() -> Config {
         fields: Vec::new(),
         ranging: Vec::new(),
         ranging_age_max: Duration::ZERO,
+        odometry: true,
         guarded: false,
         homing_release: HomingRelease::Start,
         stop: Stop { pause: PauseStop::Brake, ..Stop::usual() },

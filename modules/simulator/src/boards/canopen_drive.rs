@@ -3,7 +3,7 @@
 
 use super::cia402::Cia402;
 use super::drive::{Axis, DriveConfig, DriveKind, Layout};
-use super::encoder::{Encoder, Reading};
+use super::encoder::Encoder;
 use super::epos::{self, Emergency, Epos};
 use super::icla::Icla;
 use crate::body::Body;
@@ -30,8 +30,7 @@ pub(super) struct CanopenDrive {
     layout: Layout,
     node: Node,
     turned: f64,
-    /// Of a wheel.
-    pub encoder: Option<Encoder>,
+    pub encoder: Encoder,
     /// A digital input that is open, and until when.
     opened: Option<(u8, Instant)>,
 }
@@ -40,14 +39,11 @@ impl CanopenDrive {
     /// A drive of `body` with these objects, switched off; `None`: this kind is no CANopen node.
     pub fn new(config: &DriveConfig, body: &Body) -> Option<Self> {
         let dictionary = config.kind.dictionary(config.node)?;
-        let encoder = match config.kind.axis() {
-            Axis::Wheel(wheel) => Some(Encoder::new(wheel)),
-            Axis::Steering => None,
-        };
-        let reading = read(encoder.as_ref(), body);
+        let encoder = Encoder::new(config.kind.axis());
+        let reading = encoder.read(body);
         let device = match &config.kind {
             DriveKind::Epos { wheel, gear } => Device::Epos(Epos::new(*wheel, *gear, epos::ENABLING)),
-            DriveKind::Icla(gearing) => Device::Icla(Icla::new(*gearing, body)),
+            DriveKind::Icla(gearing) => Device::Icla(Icla::new(*gearing, reading)),
             DriveKind::Cia402(own) => {
                 Device::Cia402(Box::new(Cia402::new((**own).clone(), &dictionary, body, reading)))
             }
@@ -79,10 +75,10 @@ impl CanopenDrive {
     }
 
     fn renew(&mut self, body: &Body) {
-        let reading = read(self.encoder.as_ref(), body);
+        let reading = self.encoder.read(body);
         match &mut self.device {
             Device::Epos(epos) => epos.renew(self.node.dictionary()),
-            Device::Icla(icla) => icla.renew(self.node.dictionary(), body),
+            Device::Icla(icla) => icla.renew(self.node.dictionary(), reading),
             Device::Cia402(cia402) => cia402.renew(&mut self.node, body, reading),
         }
     }
@@ -188,9 +184,10 @@ impl CanopenDrive {
 
     fn written(&mut self, now: Instant, index: u16, body: &Body) {
         let objects = self.node.dictionary();
+        let reading = self.encoder.read(body);
         let emergency = match &mut self.device {
             Device::Epos(epos) => epos.written(now, index, objects),
-            Device::Icla(icla) => icla.written(now, index, objects, body),
+            Device::Icla(icla) => icla.written(now, index, objects, body, reading),
             Device::Cia402(cia402) => cia402.written(now, index, objects),
         };
         self.report(emergency);
@@ -233,7 +230,7 @@ impl CanopenDrive {
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
         match &mut self.device {
             Device::Epos(epos) => epos.step(now, body, dt),
-            Device::Icla(icla) => icla.step(now, body, dt),
+            Device::Icla(icla) => icla.step(now, body, self.encoder.read(body), dt),
             Device::Cia402(cia402) => cia402.step(now, body, dt),
         }
     }
@@ -254,13 +251,13 @@ impl CanopenDrive {
 
     /// Copies the drive's measurements to the node's objects.
     fn measure(&mut self, now: Instant, body: &Body) {
-        let reading = read(self.encoder.as_ref(), body);
+        let (reading, turned) = (self.encoder.read(body), self.encoder.rate(self.turned));
         self.opened.take_if(|(_, until)| *until <= now);
         let inputs = self.opened.map_or(CLOSED, |(bit, _)| CLOSED & !(1 << bit));
         match &mut self.device {
             Device::Epos(epos) => epos.feedback(&mut self.node, body, reading),
-            Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned, inputs),
-            Device::Cia402(cia402) => cia402.feedback(now, &mut self.node, body, (self.turned, inputs), reading),
+            Device::Icla(icla) => icla.feedback(&mut self.node, body, reading, (turned, inputs)),
+            Device::Cia402(cia402) => cia402.feedback(now, &mut self.node, body, (turned, inputs), reading),
         }
     }
 
@@ -281,11 +278,6 @@ impl CanopenDrive {
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.node.poll_timeout()
     }
-}
-
-/// What the encoder of a wheel reads; nothing of the steering.
-fn read(encoder: Option<&Encoder>, body: &Body) -> Reading {
-    encoder.map_or_else(Reading::default, |encoder| encoder.read(body))
 }
 
 fn node(dictionary: Dictionary) -> Node {

@@ -333,8 +333,8 @@ impl Cia402 {
         self.scale.counts * turns
     }
 
-    /// Of a wheel what its encoder reads. The steering's one switch is its home switch and, to homing alone, the limit at the end where it is; the gear
-    /// holds its wheels.
+    /// What its encoder reads. The steering's one switch is its home switch and, to homing alone, the limit at the end
+    /// where it is; the gear holds its wheels.
     fn sense(&self, body: &Body, turned: f64, reading: Reading) -> Sensed {
         let counts = self.counts(body);
         match self.config.axis {
@@ -345,7 +345,7 @@ impl Cia402 {
                 let home = body.switch_closed();
                 let limit = home && self.servo.mode() == Some(Mode::Homing);
                 Sensed {
-                    position: body.steering_output() * counts,
+                    position: reading.way * counts,
                     speed: turned * counts,
                     negative: limit && counts > 0.0,
                     positive: limit && counts < 0.0,
@@ -356,7 +356,7 @@ impl Cia402 {
     }
 
     /// Writes what the drive measures into its objects; `turned`: how fast the steering turns, rad/s, and the
-    /// digital inputs but the switch; `reading`: of a wheel's encoder.
+    /// digital inputs but the switch; `reading`: of its encoder.
     pub fn feedback(
         &mut self,
         now: Instant,

@@ -3,6 +3,7 @@
 //! Supply    of the motors' feed alone: without it the controller neither sends nor receives, and it starts anew with it
 //! Motor     turns with the wheel; its demand is what the controller wants of it, and nothing if that has no torque
 
+use super::drive::Axis;
 use super::encoder::{Encoder, Reading};
 use crate::body::Body;
 use base::can::Frame;
@@ -29,7 +30,7 @@ impl Controller {
     /// Of a wheel of this number; `gear`: motor turns per turn of the wheel.
     pub fn new(wheel: u8, gear: f64, identity: Device) -> Self {
         let device = Emulated::new(identity);
-        Self { encoder: Encoder::new(wheel), gear, identity, device, fed: true, started: Instant::ZERO }
+        Self { encoder: Encoder::new(Axis::Wheel(wheel)), gear, identity, device, fed: true, started: Instant::ZERO }
     }
 
     /// Switches it on, or off and on again: what was written to it is forgotten.

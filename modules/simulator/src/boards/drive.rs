@@ -202,16 +202,19 @@ impl Drive {
         matches!(self.axis(), Axis::Wheel(_))
     }
 
-    /// From now until then its encoder is wrong, or true; false for the steering.
+    /// From now until then its encoder is wrong, or true; false for the steering with that of a wheel.
     pub fn misread(&mut self, wrong: Option<Wrong>, until: Instant, body: &Body) -> bool {
-        self.encoder().map(|encoder| encoder.deviate(wrong, until, body)).is_some()
+        if self.axis() == Axis::Steering && matches!(wrong, Some(Wrong::Of(_))) {
+            return false;
+        }
+        self.encoder().deviate(wrong, until, body);
+        true
     }
 
-    /// Of a wheel.
-    fn encoder(&mut self) -> Option<&mut Encoder> {
+    fn encoder(&mut self) -> &mut Encoder {
         match &mut self.end {
-            End::Canopen(node) => node.encoder.as_mut(),
-            End::Controller(controller) => Some(&mut controller.encoder),
+            End::Canopen(node) => &mut node.encoder,
+            End::Controller(controller) => &mut controller.encoder,
         }
     }
 
@@ -274,20 +277,16 @@ impl Drive {
 
     /// Goes on by `dt` s; answers what the drive demands of its axis: speed, m/s, or angle, rad.
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
-        if let Some(encoder) = self.encoder() {
-            encoder.expire(now, body);
-        }
+        self.encoder().expire(now, body);
         let demand = match &mut self.end {
             End::Canopen(node) => node.step(now, body, dt),
             End::Controller(controller) => controller.demand(body),
         }?;
-        match self.axis() {
-            Axis::Wheel(wheel) => {
-                let demand = self.obedience.demand(now, demand, body.wheel_speed(wheel.into()));
-                self.encoder()?.controlled(demand, body)
-            }
-            Axis::Steering => Some(demand),
-        }
+        let demand = match self.axis() {
+            Axis::Wheel(wheel) => self.obedience.demand(now, demand, body.wheel_speed(wheel.into())),
+            Axis::Steering => demand,
+        };
+        self.encoder().controlled(demand, body)
     }
 
     /// After the body's step, in which the steering turned by `turned` rad/s.

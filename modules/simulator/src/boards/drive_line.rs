@@ -4,7 +4,7 @@
 //! Supply    of the motors' feed alone: without it the controller neither sends nor receives; it starts anew with it
 //! Motors    turn with their wheels; their demand is what the controller wants of them, none of one without torque
 
-use super::drive::{Disobedience, Obedience};
+use super::drive::{Axis, Disobedience, Obedience};
 use super::encoder::{Encoder, Reading, Wrong};
 use crate::body::Body;
 use crate::disturbance::{Disturbance, garbled};
@@ -80,7 +80,7 @@ impl DriveLine {
     pub fn new(config: DriveLineConfig, imitates: bool, random: Random) -> Self {
         let wheel = |motor: &MotorConfig| Wheel {
             config: motor.clone(),
-            encoder: Encoder::new(motor.wheel),
+            encoder: Encoder::new(Axis::Wheel(motor.wheel)),
             obedience: Obedience::default(),
         };
         Self {

@@ -1,5 +1,6 @@
-//! Encoder of a wheel's motor, as its drive reads it: true, or wrong by an injected fault.
+//! Encoder of the motor of a wheel, or of the steering, as its drive reads it: true, or wrong by an injected fault.
 
+use super::drive::Axis;
 use crate::body::Body;
 use base::Instant;
 
@@ -15,26 +16,26 @@ pub(crate) enum Wrong {
 /// What an encoder reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Reading {
-    /// Way of the tread, m.
+    /// Way of the tread, m, or angle of the steering's output, rad.
     pub way: f64,
-    /// Speed of the tread, m/s.
+    /// Speed of the tread, m/s; 0 of the steering: [`Encoder::rate`].
     pub speed: f64,
 }
 
-/// The encoder of a wheel.
+/// The encoder of what a drive moves.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Encoder {
-    wheel: u8,
+    axis: Axis,
     /// The fault, and when it ends.
     wrong: Option<(Wrong, Instant)>,
-    /// Added to the way, so that it does not jump when a fault begins or ends, m.
+    /// Added to the way, so that it does not jump when a fault begins or ends, m or rad.
     offset: f64,
 }
 
 impl Encoder {
-    /// The true one of a wheel.
-    pub fn new(wheel: u8) -> Self {
-        Self { wheel, wrong: None, offset: 0.0 }
+    /// The true one.
+    pub fn new(axis: Axis) -> Self {
+        Self { axis, wrong: None, offset: 0.0 }
     }
 
     /// From now until then it is wrong, or true again.
@@ -53,22 +54,37 @@ impl Encoder {
 
     /// Reads it.
     pub fn read(&self, body: &Body) -> Reading {
-        let (wheel, factor) = match self.wrong {
-            None => (self.wheel, 1.0),
-            Some((Wrong::Scaled(factor), _)) => (self.wheel, factor),
-            Some((Wrong::Of(other), _)) => (other, 1.0),
+        let (axis, factor) = match self.wrong {
+            None => (self.axis, 1.0),
+            Some((Wrong::Scaled(factor), _)) => (self.axis, factor),
+            Some((Wrong::Of(other), _)) => (Axis::Wheel(other), 1.0),
         };
-        let wheel = usize::from(wheel);
-        Reading { way: factor * body.motor_way(wheel) + self.offset, speed: factor * body.wheel_speed(wheel) }
+        let Reading { way, speed } = truth(axis, body);
+        Reading { way: factor * way + self.offset, speed: factor * speed }
     }
 
-    /// What the speed loop makes the wheel do that should roll at `demand`, m/s: it removes the deviation that it
-    /// reads, so it accelerates without end where the reading does not follow. Without a deviation there is no torque.
+    /// How fast the steering turns as it reads it, which turns at `turned`, rad/s.
+    pub fn rate(&self, turned: f64) -> f64 {
+        if let Some((Wrong::Scaled(factor), _)) = self.wrong { factor * turned } else { turned }
+    }
+
+    /// What the loop makes of its axis that should roll at `demand`, m/s, or stand at it, rad: it removes the deviation
+    /// that it reads, so it goes on without end where the reading does not follow. Without a deviation there is no
+    /// torque.
     pub fn controlled(&self, demand: f64, body: &Body) -> Option<f64> {
         if self.wrong.is_none() {
             return Some(demand);
         }
-        let deviation = demand - self.read(body).speed;
-        (deviation != 0.0).then(|| body.wheel_speed(self.wheel.into()) + deviation)
+        let controlled = |reading: Reading| if self.axis == Axis::Steering { reading.way } else { reading.speed };
+        let deviation = demand - controlled(self.read(body));
+        (deviation != 0.0).then(|| controlled(truth(self.axis, body)) + deviation)
+    }
+}
+
+/// What a true encoder reads.
+fn truth(axis: Axis, body: &Body) -> Reading {
+    match axis {
+        Axis::Wheel(wheel) => Reading { way: body.motor_way(wheel.into()), speed: body.wheel_speed(wheel.into()) },
+        Axis::Steering => Reading { way: body.steering_output(), speed: 0.0 },
     }
 }

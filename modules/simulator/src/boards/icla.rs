@@ -8,6 +8,7 @@
 //! Homing    methods 17 and 27 (off the switch), 28 (onto it), 35 and 37 (here); others end in a homing error
 //! Silence   the heartbeat consumer's event: emergency 0x8130 and what 0x6007 says, by default quick stop
 
+use super::encoder::Reading;
 use super::epos::{Emergency, HEARTBEAT};
 use super::mirror::Mirror;
 use crate::body::Body;
@@ -57,9 +58,9 @@ pub struct Icla {
 }
 
 impl Icla {
-    /// Makes a drive after power-on, with the steering of `body`.
+    /// Makes a drive after power-on, with what its encoder reads.
     #[must_use]
-    pub fn new(gearing: Gearing, body: &Body) -> Self {
+    pub(crate) fn new(gearing: Gearing, reading: Reading) -> Self {
         let rate = gearing.counts_per_turn / 60.0;
         let config = Config {
             kind: Kind::Standard { enables_from_ready: true },
@@ -74,13 +75,13 @@ impl Icla {
             following_fault: false,
             enabling: Duration::ZERO,
         };
-        let servo = Servo::new(config, body.steering_output() * gearing.counts_per_radian());
+        let servo = Servo::new(config, reading.way * gearing.counts_per_radian());
         Self { gearing, servo, mirror: Mirror::default(), remote: false }
     }
 
     /// Restarts as after power-on.
-    pub fn renew(&mut self, objects: &Dictionary, body: &Body) {
-        *self = Self::new(self.gearing, body);
+    pub(crate) fn renew(&mut self, objects: &Dictionary, reading: Reading) {
+        *self = Self::new(self.gearing, reading);
         self.servo.configure(objects);
     }
 
@@ -101,10 +102,10 @@ impl Icla {
     }
 
     /// The switch at the negative end is home switch and, to homing alone, limit switch.
-    fn sensed(&self, body: &Body, speed: f64) -> Sensed {
+    fn sensed(&self, body: &Body, reading: Reading, speed: f64) -> Sensed {
         let (per_radian, closed) = (self.gearing.counts_per_radian(), body.switch_closed());
         Sensed {
-            position: body.steering_output() * per_radian,
+            position: reading.way * per_radian,
             speed: speed * per_radian,
             negative: closed && self.servo.mode() == Some(Mode::Homing),
             positive: false,
@@ -113,8 +114,15 @@ impl Icla {
     }
 
     /// The master wrote an object, of a PDO the controlword last.
-    pub fn written(&mut self, now: Instant, index: u16, objects: &Dictionary, body: &Body) -> Option<Emergency> {
-        let sensed = self.sensed(body, 0.0);
+    pub(crate) fn written(
+        &mut self,
+        now: Instant,
+        index: u16,
+        objects: &Dictionary,
+        body: &Body,
+        reading: Reading,
+    ) -> Option<Emergency> {
+        let sensed = self.sensed(body, reading, 0.0);
         self.servo.written(now, index, objects, &sensed).then_some(Emergency::NONE)
     }
 
@@ -136,16 +144,16 @@ impl Icla {
     }
 
     /// Goes on by `dt` s; answers the demanded angle of the steering, rad; none with the power stage off.
-    pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
-        let sensed = self.sensed(body, 0.0);
+    pub(crate) fn step(&mut self, now: Instant, body: &Body, reading: Reading, dt: f64) -> Option<f64> {
+        let sensed = self.sensed(body, reading, 0.0);
         let demand = self.servo.step(now, &sensed, dt)?;
         Some(demand.demand / self.gearing.counts_per_radian())
     }
 
-    /// Writes what the drive measures into its objects; `speed` is the steering's, rad/s; `inputs`: its digital inputs
-    /// but the switch.
-    pub fn feedback(&mut self, node: &mut Node, body: &Body, speed: f64, inputs: i64) {
-        let sensed = self.sensed(body, speed);
+    /// Writes what the drive measures into its objects: by its encoder; the speed of the steering, rad/s, and its digital
+    /// inputs but the switch.
+    pub(crate) fn feedback(&mut self, node: &mut Node, body: &Body, reading: Reading, (speed, inputs): (f64, i64)) {
+        let sensed = self.sensed(body, reading, speed);
         // The gear holds the wheels: without power they stand.
         self.servo.sense(&Sensed { speed: 0.0, ..sensed });
         let [mode, demanded, position, velocity_demanded, velocity, lag] = self.servo.measured(&sensed);

@@ -322,6 +322,22 @@ mod tests {
         assert!(body.speed() > 0.0 && body.speed() < 0.5, "{:?}", body.twist());
     }
 
+    /// So no measured speed shows it.
+    #[test]
+    fn three_mecanum_wheels_hold_a_fourth_that_is_to_turn_faster_by_their_force() {
+        let (chassis, twist) = (Chassis::mecanum(0.45, 0.42, LIMITS).unwrap(), Twist::new(0.25, 0.0, 0.3));
+        for wheel in 0..4 {
+            let mut body = body(&chassis);
+            let mut demand = demand(&chassis, twist);
+            run(&mut body, 2.0, demand);
+            assert!((0..4).all(|wheel| body.force(wheel).abs() < 5.0), "{:?}", body.force(0));
+            demand.wheels[wheel] = demand.wheels[wheel].map(|speed| speed + 0.5);
+            run(&mut body, 3.0, demand);
+            assert_near(body.twist(), twist, 1e-6);
+            assert!((0..4).all(|wheel| body.force(wheel).abs() > 40.0), "{:?}", body.force(0));
+        }
+    }
+
     #[test]
     fn its_encoders_count_what_it_went_and_as_wrongly_as_the_table_says() {
         for (errors, exact) in [(Errors::default(), true), (Errors::usual(), false)] {

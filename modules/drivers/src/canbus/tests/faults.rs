@@ -195,6 +195,35 @@ fn a_steering_that_stands_although_it_is_to_steer_stops_the_robot() {
 }
 
 #[test]
+fn a_drive_that_stands_although_it_is_to_move_stops_a_robot_without_odometry_soon() {
+    let ready = || {
+        let mut robot = Robot::with(epos::dictionary(1), Config { odometry: false, ..config() });
+        robot.pass(3000);
+        assert!(robot.motion().homed, "{}", robot.reason());
+        robot.press(0.4);
+        robot
+    };
+    let mut robot = ready();
+    robot.epos.blocked = true;
+    robot.drive(0.4, 300);
+    assert_eq!(robot.hold(), None, "{}", robot.reason());
+    robot.drive(0.4, 200);
+    assert_eq!(robot.hold(), Some(Hold::DriveNoTarget), "{}", robot.reason());
+    let mut robot = ready();
+    robot.drive(0.4, 2000);
+    robot.icla.blocked = true;
+    for most in [250, 250] {
+        assert_eq!(robot.hold(), None, "{}", robot.reason());
+        for _ in 0..most / 50 {
+            robot.command(0.4, 0.35);
+            robot.pass(50);
+        }
+    }
+    assert_eq!(robot.hold(), Some(Hold::DriveNoTarget), "{}", robot.reason());
+    assert_eq!(robot.motion().reason, "the steering drive does not take its target: 0.00 instead of 0.35 rad");
+}
+
+#[test]
 fn emergencies_that_alternate_are_reported_with_their_numbers() {
     let mut robot = Robot::ready();
     robot.errors.clear();
