@@ -91,6 +91,7 @@ pub(super) fn config() -> Config {
             speed: 0.7,
             writable: Vec::new(),
         }),
+        devices: Vec::new(),
     }
 }
 
