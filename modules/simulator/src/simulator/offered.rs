@@ -34,8 +34,9 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, motors on serial lines, output, CANopen devices, GPIO line, boards, chips, thermometers, temperatures of the
-    /// computer, then buses, those of Modbus, computers, the lidars and the inertial measurement units last.
+    /// All names: drives, motors on serial lines, output, CANopen devices, GPIO line, boards, chips, thermometers,
+    /// temperatures of the computer, then buses, those of Modbus, computers, the lidars and the inertial measurement
+    /// units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
