@@ -851,6 +851,9 @@ impl Canbus {
             self.wheels.switch_off();
             self.steering.iter_mut().for_each(Steering::switch_off);
         }
+        if ends || self.leaves {
+            self.devices.end();
+        }
         self.arbiter.expire_holder(now);
         self.wheels.iter_mut().for_each(|wheel| wheel.advance(now, &mut self.master, out));
         // When all have their goals: a device may turn two wheels.
@@ -887,9 +890,6 @@ impl Canbus {
         }
         let alone = !self.deadlines.is_set(Timer::SecondMaster);
         self.read_inputs(now, alone);
-        if ends || self.leaves {
-            self.devices.end();
-        }
         self.devices.advance(now, alone && self.bus_is_up(), &mut self.master);
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             drive.watch_motor(now, alone, &mut self.master);

@@ -35,8 +35,8 @@ mod switches;
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
-use channels::PowerOutput;
 pub use canopen::{Canopen, CanopenKeys, Format, ObjectKeys, ObjectKind, ObjectPlace};
+use channels::PowerOutput;
 pub use config::{
     BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, SHOWS_MAX,
     SIGNALS_MAX, ShowKeys, Shows, SignalKeys, SwitchKeys,

@@ -616,8 +616,8 @@ fn an_input_that_stops_the_robot_exists_and_is_read_often_enough() {
     let robot = load(&table("0.1", good), "", &[], MODULES).unwrap().robot;
     let sources: Vec<String> = robot.stop.inputs.iter().map(canbus::StopInput::source).collect();
     assert_eq!(sources, ["io.estop", "io.gate", "drive.propulsion.16"]);
-    let signal = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line or a CANopen device whose period_s is \
-         at most 0.2";
+    let signal = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line or a CANopen device whose \
+                  period_s is at most 0.2";
     for (period, input, why) in [
         ("0.1", "{ signal = \"volts\" }", format!(".signal = \"volts\": expected {signal}")),
         ("0.1", "{ signal = \"nothing\" }", format!(".signal = \"nothing\": expected {signal}")),

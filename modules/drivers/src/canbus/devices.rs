@@ -299,7 +299,7 @@ impl Devices {
 
     /// Publishes the values in their period, and when they change.
     pub(super) fn publish(&mut self, now: Instant, out: &mut Actions) {
-        if self.all.is_empty() || now < self.published + CHANGE_PAUSE && now < self.publish {
+        if self.all.is_empty() {
             return;
         }
         let shown = |device: &Device, value: &Value| {
@@ -309,7 +309,10 @@ impl Devices {
         let values = || self.all.iter().flat_map(|device| device.values.iter().map(move |value| (device, value)));
         let now_shown: Vec<f64> = values().map(|(device, value)| shown(device, value)).collect();
         let same = now_shown.iter().map(|value| value.to_bits()).eq(self.shown.iter().map(|value| value.to_bits()));
-        if same && now < self.publish {
+        if !same {
+            self.publish = self.publish.min(self.published + CHANGE_PAUSE);
+        }
+        if now < self.publish {
             return;
         }
         let names = values().map(|(_, value)| value.name.clone());

