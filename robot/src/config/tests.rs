@@ -657,6 +657,12 @@ fn a_canopen_device_is_a_node_of_its_own_whose_signals_exist() {
         ("node = 2", estop.into(), "node = 2: expected a node that is no drive of [[can.<name>.nodes]]"),
         ("node = 127", estop.into(), "node = 127: expected a node other than the master of [can.<name>]"),
         ("node = 5\nheartbeat_limit_s = 0.05", estop.into(), "heartbeat_limit_s = 0.05: expected a time longer than"),
+        (
+            "node = 5\nheartbeat_s = 0.5",
+            estop.into(),
+            "io.canopen.plc.heartbeat_limit_s: missing, expected a time longer",
+        ),
+        ("node = 5\nage_max_s = 0.1", estop.into(), "age_max_s = 0.1: expected a time longer than period_s"),
         ("node = 5", signal(lamp), "signals[1].output = false: expected a key of kind = \"object\" only"),
         (
             "node = 5",

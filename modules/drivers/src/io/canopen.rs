@@ -82,8 +82,9 @@ settings! {
         period_s as period: Duration = 0.1, 0.01..=60.0;
         /// Period in which outputs are written, beside each change.
         refresh_s as refresh: Duration = 0.5, 0.05..=60.0;
-        /// Older values are not valid.
-        age_max_s as age_max: Duration = 0.5, 0.05..=300.0;
+        /// Values that nothing has confirmed for this time are not valid: longer than `period_s`, with outputs than
+        /// `refresh_s`. An input of `[stop]` is unknown after 0.5 s, whatever is set here.
+        age_max_s as age_max: Duration = 1.5, 0.05..=300.0;
         /// Period of its heartbeat, written to 0x1017 at each start.
         heartbeat_s as heartbeat: Duration = 0.1, 0.01..=10.0;
         /// It is lost after this time without a heartbeat: longer than `heartbeat_s`.
@@ -221,8 +222,17 @@ impl CanopenKeys {
         if self.signals.is_empty() {
             table.refuse_missing("signals", "at least one signal");
         }
+        // A default may be too short, too.
+        let refuse = |key: &str, expected: &str| match table.has(key) {
+            true => table.refuse(key, expected),
+            false => table.refuse_missing(key, expected),
+        };
         if self.heartbeat_limit <= self.heartbeat {
-            table.refuse("heartbeat_limit_s", "a time longer than heartbeat_s");
+            refuse("heartbeat_limit_s", "a time longer than heartbeat_s");
+        }
+        let writes = self.signals.iter().any(ObjectKeys::is_output);
+        if self.age_max <= self.period || writes && self.age_max <= self.refresh {
+            refuse("age_max_s", "a time longer than period_s, with outputs than refresh_s");
         }
         for (n, signal) in self.signals.iter().enumerate().filter(|(_, signal)| signal.is_output()) {
             let place = signal.place();

@@ -11,6 +11,8 @@ use modbus::value::Place;
 const SWITCH_AGE_MAX: Duration = Duration::from_secs(5);
 /// Older values of a power channel are not valid: they are published each second.
 const POWER_AGE_MAX: Duration = Duration::from_secs(3);
+/// Older values of a CANopen device are not valid: `driver_canbus` publishes them each 0.1 s, NaN once they are too old.
+const NODE_AGE_MAX: Duration = Duration::from_millis(500);
 
 /// An input or an output.
 #[derive(Debug)]
@@ -67,7 +69,7 @@ pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
     let canopen = config.canopen.iter().flat_map(|device| {
         device.keys.signals.iter().map(|keys| {
             let output = keys.is_output().then(|| Output::new(keys.limits, Numbers::Canopen(keys.place())));
-            Signal::new(&keys.name, output, device.keys.age_max)
+            Signal::new(&keys.name, output, NODE_AGE_MAX)
         })
     });
     let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).chain(power).chain(canopen).collect();
