@@ -11,7 +11,7 @@ use modbus::value::Place;
 const SWITCH_AGE_MAX: Duration = Duration::from_secs(5);
 /// Older values of a power channel are not valid: they are published each second.
 const POWER_AGE_MAX: Duration = Duration::from_secs(3);
-/// Older values of a CANopen device are not valid: `driver_canbus` publishes them each 0.1 s, NaN once they are too old.
+/// Older values of a CANopen device are not valid: `driver_canbus` publishes them each 0.1 s, NaN once too old.
 const NODE_AGE_MAX: Duration = Duration::from_millis(500);
 
 /// An input or an output.
