@@ -175,6 +175,8 @@ channels! {
     LlCmdOutput = "LL_CMD_OUTPUT": lowlevel::CmdOutput;
     LlDataIo = "LL_DATA_IO": lowlevel::DataIo;
     LlDataBattery = "LL_DATA_BATTERY": lowlevel::DataBattery;
+    LlCmdNodeIo = "LL_CMD_NODE_IO": lowlevel::CmdNodeIo;
+    LlDataNodeIo = "LL_DATA_NODE_IO": lowlevel::DataNodeIo;
     LlDataBus = "LL_DATA_BUS": lowlevel::DataBus;
     LlDataRaw = "LL_DATA_RAW_": Raw;
     LlCmdSdo = "LL_CMD_SDO": lowlevel::CmdSdo;

@@ -123,8 +123,9 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
 /// Sources of PAUSE that the driver of the lidars and that of the signals report.
 fn stops(robot: &Robot, policy: &Policy) -> Vec<StopReport> {
     let fields = robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(|lidar| (lidar.bus(), &policy.lidar));
-    let signals = robot.stop.inputs.iter().filter(|input| input.signal.is_some());
-    let inputs = signals.map(|input| (input.source(), &policy.io));
+    // Those of CANopen devices are read by the driver of the drives.
+    let signals = robot.io.iter().flat_map(|io| io.stops(&robot.stop));
+    let inputs = signals.map(|name| (format!("io.{name}"), &policy.io));
     let report = |(source, module): (String, &Option<String>)| Some(StopReport { source, module: module.clone()? });
     fields.chain(inputs).filter_map(report).collect()
 }

@@ -7,7 +7,7 @@ use base::Duration;
 use base::w1::Rom;
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
-use drivers::io::SwitchKeys;
+use drivers::io::{self, SwitchKeys};
 use drivers::lidar::{LidarKeys, Model};
 use drivers::power;
 use drivers::rs485_bus::{Kind, Node};
@@ -19,6 +19,7 @@ use settings::robot::{Base, Beacon};
 use simulator::boards::battery::BatteryConfig;
 use simulator::boards::cia402::Cia402Config;
 use simulator::boards::icla::Gearing;
+use simulator::boards::io_node::{IoNodeConfig, ObjectConfig};
 use simulator::boards::output::OutputConfig;
 use simulator::boards::sbs1::Sbs1Config;
 use simulator::boards::sd1::Sd1Config;
@@ -215,7 +216,49 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
             let canbus::OutputConfig { node, index, subindex, bits, on, .. } = output;
             OutputConfig { node, index, sub: subindex, bits, on }
         }),
+        devices: robot.io.iter().flat_map(|io| io.devices()).map(|device| io_node(&device)).collect(),
     }))
+}
+
+/// A CANopen device with the objects of its signals.
+fn io_node(device: &io::Canopen) -> IoNodeConfig {
+    let keys = &device.keys;
+    let mut objects: Vec<ObjectConfig> = Vec::new();
+    for signal in &keys.signals {
+        let place = signal.place();
+        let (output, bits) = (signal.is_output(), place.bits(signal.simulated).unwrap_or_default());
+        match objects.iter_mut().find(|object| (object.index, object.sub) == (place.index, place.sub)) {
+            Some(object) => {
+                object.value |= bits;
+                object.output |= output;
+                object.len = object.len.max(bytes(&place));
+            }
+            None => objects.push(ObjectConfig {
+                index: place.index,
+                sub: place.sub,
+                len: bytes(&place),
+                value: bits,
+                output,
+            }),
+        }
+    }
+    IoNodeConfig {
+        name: device.name.clone(),
+        node: keys.node,
+        profile: keys.profile,
+        vendor: keys.vendor.unwrap_or_default(),
+        product: keys.product.unwrap_or_default(),
+        objects,
+    }
+}
+
+/// Bytes of an object that has this value.
+fn bytes(place: &io::ObjectPlace) -> usize {
+    match (place.format, place.bit) {
+        (io::Format::Bit, 8..=15) => 2,
+        (io::Format::Bit, 16..) => 4,
+        (format, _) => format.len(),
+    }
 }
 
 /// A serial line with the motor controller that its keys describe.

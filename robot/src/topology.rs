@@ -74,7 +74,8 @@ pub(crate) fn policy(config: &Config) -> Policy {
         ranging: ours(rs485a::NAME).filter(|_| has_ranging),
         lidar: ours(lidar::NAME),
         imu: ours(imu::NAME),
-        io: ours(io::NAME).filter(|_| config.robot.stop.signals().next().is_some()),
+        io: ours(io::NAME)
+            .filter(|_| config.robot.io.as_ref().is_some_and(|io| io.stops(&config.robot.stop).next().is_some())),
         motion: ours(canbus::NAME),
         estimator: ours(estimator::NAME),
         planner: ours(planner::NAME),

@@ -6,6 +6,7 @@ mod auxiliary;
 mod bases;
 mod blind;
 mod by_sheets;
+mod canopen_io;
 mod estimator;
 mod faults;
 mod gamepad;

@@ -22,6 +22,7 @@ mod bus;
 mod cia402;
 mod config;
 mod controller;
+mod devices;
 mod drive;
 mod engine;
 mod feed_output;
@@ -68,6 +69,7 @@ use body::{Body, Caps, Measured, SetPoints};
 use bus::Bus;
 use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
+use devices::Devices;
 use ignored::Ignored;
 use inputs::DriveInputs;
 use kinematics::{PerWheel, Twist};
@@ -160,6 +162,8 @@ pub struct Canbus {
     readbacks: Vec<Readback>,
     /// Inputs of drives that stop the robot.
     inputs: DriveInputs,
+    /// Devices with inputs and outputs.
+    devices: Devices,
     protection: Protection,
     /// The CAN bus; none: all drives are on serial lines.
     bus: Option<Bus>,
@@ -213,12 +217,14 @@ impl Canbus {
         let lines = lines.map(|(port, (own, engine))| LinePort::new(own, engine, PortId(port as u8))).collect();
         let body = Body::new(&config)?;
         let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
-        let nodes: Vec<NodeConfig> =
+        let mut nodes: Vec<NodeConfig> =
             wheels.node_configs().chain(steering.as_ref().map(Steering::node_config)).collect();
         let (id, bit_rate, sync, time) = (config.node_id, config.bitrate, config.sync, config.time);
         let master = MasterConfig { id, bit_rate, sync, time, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
-        let master = Master::new(master, &nodes)?;
         let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
+        let devices = Devices::new(&config.devices, &config.stop);
+        nodes.extend(devices.node_configs());
+        let master = Master::new(master, &nodes)?;
         let stop_watch = StopWatch::new(&config.stop, config.has_pause_line, feed_line);
         let drives = wheels.drive_axes().zip(wheels.drives()).map(|(axis, drive)| (axis, drive.node));
         let steers = steering.iter().map(|steering| (Axis::Steering, steering.drive.node));
@@ -231,12 +237,13 @@ impl Canbus {
                 config.critical.clone(),
                 config.planning.clone(),
                 config.has_pause_line,
-                (&config.fields, &inputs::names(&config.stop)),
+                (&config.fields, &inputs::names(&config.stop, &config.devices)),
                 config.guarded,
                 Ranging::new(&config.ranging, config.ranging_age_max),
             ),
             stop_watch,
             inputs,
+            devices,
             agreement: AgreementWatch::default(),
             readbacks,
             releases: Releases::new(config.homing_release == HomingRelease::Start),
@@ -352,6 +359,7 @@ impl Canbus {
             Message::CmCmdState(command) => self.on_state_command(now, at, command, out),
             Message::LlDataPower(power) => self.on_power(now, power),
             Message::LlCmdPower(command) => self.on_power_command(now, command, out),
+            Message::LlCmdNodeIo(order) => self.devices.on_order(at, order),
             _ => {}
         }
     }
@@ -459,11 +467,12 @@ impl Canbus {
         };
         let wheels = self.config.wheels.iter().filter(of_canopen).map(|wheel| &wheel.writable);
         let writable = wheels.chain(self.config.steering.iter().map(|steering| &steering.writable));
+        let is_it = |own: u8| i32::from(own) == node;
         match self.drives().zip(writable).find(|(drive, _)| i32::from(drive.node) == node) {
             Some((drive, writable)) => {
                 NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing(), writable: writable.clone() }
             }
-            None if self.stop_watch.node().is_some_and(|own| i32::from(own) == node) => {
+            None if self.stop_watch.node().into_iter().chain(self.devices.nodes().map(|(_, own)| own)).any(is_it) => {
                 NodeOwner::Ours { standing: self.is_standing(), writable: Vec::new() }
             }
             None => NodeOwner::Others,
@@ -548,12 +557,17 @@ impl Canbus {
                 if let Some(steering) = self.steering_at(node) {
                     steering.on_booted();
                 }
-                self.read_measured(now, node);
+                if self.devices.name(node).is_some() {
+                    self.devices.on_booted(now, node, out);
+                } else {
+                    self.read_measured(now, node);
+                }
             }
             CanEvent::BootFailed { node, step, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_boot_failed(step, reason, out);
                 }
+                self.devices.on_boot_failed(node, step, reason, out);
             }
             CanEvent::Lost { node, reason } => {
                 self.watch_reset(now, node, reason);
@@ -565,11 +579,13 @@ impl Canbus {
                 } else if let Some(wheel) = self.wheels.of_mut(node) {
                     wheel.on_lost();
                 }
+                self.devices.on_lost(node, reason, out);
             }
             CanEvent::Emergency { node, emergency, suppressed } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_emergency(now, &emergency, suppressed, out);
                 }
+                self.devices.on_emergency(now, node, &emergency, suppressed, out);
             }
             CanEvent::Pdo { node, number, data, len } => {
                 let data = &data[..usize::from(len).min(data.len())];
@@ -577,6 +593,8 @@ impl Canbus {
                     wheel.on_pdo(now, number, data, out);
                 } else if let Some(steering) = self.steering_at(node) {
                     steering.on_pdo(now, number, data, out);
+                } else {
+                    self.devices.on_pdo(now, (node, number), data, &mut self.around.pause, out);
                 }
             }
             CanEvent::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
@@ -632,6 +650,7 @@ impl Canbus {
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
             || self.inputs.on_sdo(ticket, result.ok(), &mut self.around.pause)
+            || self.devices.on_sdo(now, ticket, result, &mut self.around.pause, out)
             || self.on_read_back(now, ticket, result.ok(), out)
             || self
                 .drives_mut()
@@ -715,6 +734,9 @@ impl Canbus {
 
     /// Name of a node as the subject of reports, and for people.
     fn name_of(&self, node: u8) -> (String, String) {
+        if let Some(name) = self.devices.name(node) {
+            return (name.into(), format!("{name} (node {node})"));
+        }
         match (self.drives().find(|drive| drive.node == node), node) {
             (Some(drive), _) => (drive.name.into(), format!("{} drive (node {node})", drive.name)),
             (None, 0) => (self.bus_name().into(), "somebody".into()),
@@ -829,6 +851,9 @@ impl Canbus {
             self.wheels.switch_off();
             self.steering.iter_mut().for_each(Steering::switch_off);
         }
+        if ends || self.leaves {
+            self.devices.end();
+        }
         self.arbiter.expire_holder(now);
         self.wheels.iter_mut().for_each(|wheel| wheel.advance(now, &mut self.master, out));
         // When all have their goals: a device may turn two wheels.
@@ -865,6 +890,7 @@ impl Canbus {
         }
         let alone = !self.deadlines.is_set(Timer::SecondMaster);
         self.read_inputs(now, alone);
+        self.devices.advance(now, alone && self.bus_is_up(), &mut self.master);
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             drive.watch_motor(now, alone, &mut self.master);
         }
@@ -900,6 +926,8 @@ impl Canbus {
         }
         let late = self.deadlines.is_due(Timer::SwitchOff, now);
         let off = self.wheels.iter().all(Propulsion::is_off) && self.drives().all(drive::Drive::is_off);
+        // The reset of a device's communication leaves its outputs as they are.
+        let off = off && self.devices.are_settled();
         if !self.leaves && (off || late) {
             self.leaves = true;
             self.master.leave(now);
@@ -1114,6 +1142,8 @@ impl Canbus {
         let Some(mut message) = self.bus.as_mut().map(|bus| bus.message(out.timestamp(now))) else { return };
         let drives: Vec<_> = self.drives().map(|drive| (drive.name, drive.node)).collect();
         message.nodes = drives.into_iter().map(|(name, node)| bus::node(name, node, &mut self.master)).collect();
+        let devices: Vec<_> = self.devices.nodes().map(|(name, node)| (name.to_owned(), node)).collect();
+        message.nodes.extend(devices.iter().map(|(name, node)| bus::node(name, *node, &mut self.master)));
         message.nodes.extend(self.wheels.controllers_on(None).map(|controller| controller.bus_row()));
         out.publish(message);
     }
@@ -1144,6 +1174,7 @@ impl Module for Canbus {
             Channel::MlCmdMode,
             Channel::LlDataPower,
             Channel::LlCmdPower,
+            Channel::LlCmdNodeIo,
         ]
     }
 
@@ -1218,6 +1249,7 @@ impl Module for Canbus {
         if self.deadlines.tick(Timer::Lines, now, LINES_PERIOD) {
             self.publish_lines(now, out);
         }
+        self.devices.publish(now, out);
         self.publish_holds(now, out);
         if self.deadlines.tick(Timer::Motion, now, MOTION_PERIOD) {
             self.publish_motion(now, out);
@@ -1247,6 +1279,7 @@ impl Module for Canbus {
             self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
             self.stop_watch.poll_timeout(),
             self.inputs.poll_timeout(|node| self.drives().any(|drive| drive.node == node && drive.is_booted())),
+            self.devices.poll_timeout(!self.deadlines.is_set(Timer::SecondMaster) && self.bus_is_up()),
             self.wheels.iter().filter_map(Propulsion::poll_timeout).min(),
             self.steering.as_ref().and_then(Steering::poll_timeout),
             self.body.poll_timeout(),

@@ -1,4 +1,5 @@
-//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire, power channels.
+//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire, power channels,
+//! CANopen devices.
 //!
 //! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
 //! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time;
@@ -9,6 +10,7 @@
 //!           at the end
 //! Data      `LL_DATA_IO` and `LL_DATA_BATTERY` in their period, the first also at each change; `LL_DATA_BUS` once a
 //!           second for each Modbus line
+//! CANopen   devices of the drives' bus, which `driver_canbus` serves: see `devices`
 //! Power     `LL_CMD_POWER` for channels that are outputs; their states by `LL_DATA_POWER`
 //! Commands  `LL_CMD_OUTPUT`: the newest counts, from any sender
 //! Stops     inputs of `[stop]`, ten times a second on `LL_EVENT_STOP`: see `stop`
@@ -18,8 +20,10 @@
 
 mod battery;
 mod bus;
+mod canopen;
 mod channels;
 mod config;
+mod devices;
 mod gpio;
 mod indicator;
 mod pattern;
@@ -31,11 +35,13 @@ mod switches;
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
+pub use canopen::{Canopen, CanopenKeys, Format, ObjectKeys, ObjectKind, ObjectPlace};
 use channels::PowerOutput;
 pub use config::{
     BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, SHOWS_MAX,
     SIGNALS_MAX, ShowKeys, Shows, SignalKeys, SwitchKeys,
 };
+use devices::Devices;
 use gpio::GpioLine;
 use indicator::Indicator;
 use messages::lowlevel::{CmdOutput, DataIo};
@@ -67,6 +73,7 @@ const PORTS_MAX: usize = 250;
 #[derive(Debug)]
 pub struct Io {
     ports: Vec<PortSpec>,
+    subscriptions: Vec<Channel>,
     /// In the order of their names.
     signals: Vec<Signal>,
     buses: Vec<Bus>,
@@ -75,6 +82,7 @@ pub struct Io {
     /// Their port is the last.
     switches: Option<Switches>,
     power: Vec<PowerOutput>,
+    devices: Option<Devices>,
     batteries: Vec<Battery>,
     stops: Vec<Stop>,
     watcher: Watcher,
@@ -127,10 +135,12 @@ impl Io {
         let batteries = config.batteries.iter().map(|keys| Battery::new(keys, &signals));
         Ok(Self {
             ports,
+            subscriptions: config.subscriptions(),
             batteries: batteries.collect::<Option<_>>().ok_or(ConfigError::Battery)?,
             stops: stops.collect::<Option<_>>().ok_or(ConfigError::Stop)?,
             watcher: Watcher::new(&config.signals),
             indicators: indicator::all(&config.signals.show, &signals)?,
+            devices: Devices::new(&config.canopen, &signals),
             signals,
             buses,
             lines,
@@ -236,6 +246,9 @@ impl Io {
         for output in &mut self.power {
             output.serve(now, &self.signals, out);
         }
+        if let Some(devices) = &mut self.devices {
+            devices.serve(now, &self.signals, out);
+        }
         for stop in &mut self.stops {
             stop.serve(now, &self.signals, out);
         }
@@ -251,7 +264,8 @@ impl Io {
             let signals = &self.signals;
             let settled = self.buses.iter().all(|bus| bus.is_settled(signals))
                 && self.lines.iter().all(|line| line.is_settled(signals))
-                && self.switches.iter().all(|switches| switches.is_settled(signals));
+                && self.switches.iter().all(|switches| switches.is_settled(signals))
+                && self.devices.iter().all(|devices| devices.is_settled(now, signals));
             self.ended = settled || end <= now;
         }
     }
@@ -294,20 +308,7 @@ impl Io {
 
 impl Module for Io {
     fn subscriptions(&self) -> &[Channel] {
-        match (self.indicators.is_empty(), self.power.is_empty()) {
-            (true, true) => &[Channel::LlCmdOutput],
-            (true, false) => &[Channel::LlCmdOutput, Channel::LlDataPower],
-            (false, true) => {
-                &[Channel::LlCmdOutput, Channel::LlDataVelocity, Channel::LlDataHold, Channel::CmDataFaults]
-            }
-            (false, false) => &[
-                Channel::LlCmdOutput,
-                Channel::LlDataVelocity,
-                Channel::LlDataHold,
-                Channel::CmDataFaults,
-                Channel::LlDataPower,
-            ],
-        }
+        &self.subscriptions
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -330,6 +331,9 @@ impl Module for Io {
             Event::Message { message: Message::LlDataPower(power), .. } => {
                 self.power.iter_mut().for_each(|output| output.on_power(now, power, &mut self.signals));
             }
+            Event::Message { at, message: Message::LlDataNodeIo(values), .. } => {
+                self.devices.iter().for_each(|devices| devices.on_values(at, values, &mut self.signals));
+            }
             Event::State(state) => self.set_state(now, state),
             Event::Timer | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
@@ -351,6 +355,7 @@ impl Module for Io {
         let shown = self.indicators.iter().filter_map(Indicator::poll_timeout);
         let shown = shown.chain(self.watcher.poll_timeout().filter(|_| !self.indicators.is_empty()));
         let stops = self.stops.iter().filter_map(|stop| stop.poll_timeout(&self.signals));
+        let stops = stops.chain(self.devices.iter().filter_map(Devices::poll_timeout));
         own.chain(stops).chain(buses).chain(lines).chain(signals).chain(power).chain(shown).min()
     }
 

@@ -13,6 +13,7 @@ pub mod epos;
 pub(crate) mod fan1;
 pub(crate) mod feed_line;
 pub mod icla;
+pub mod io_node;
 pub(crate) mod line;
 mod mirror;
 mod motor;

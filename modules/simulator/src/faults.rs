@@ -40,6 +40,9 @@
 //! | a lidar | `blind`, `stall` | its optics are covered; its motor stands |
 //! | a lidar | `false`, `loss` | a beam measures anything, or nothing, with probability `value` (0: 0.2; 0.05) |
 //! | a Modbus line | `silent` | its devices neither hear nor answer |
+//! | a CANopen device | `silent`, `reboot` | as a drive |
+//! | a CANopen device | `layout`, `bad_length` | it is another product; its TPDOs and answers have a wrong length |
+//! | a CANopen device | `opened` | its digital input `value`, 3 to 31, is 0 |
 //! | `output`, `line` of `[stop]` | `silent` | it neither answers nor obeys |
 //! | `line` | `stuck` | it keeps its level, whatever is set |
 //! | an inertial unit | `silent`, `garbled`, `stuck`, `reboot` | cut off, noise, the same again and again |

@@ -7,6 +7,7 @@ use crate::boards::drive::{Axis, Disobedience, Drive, DriveConfig, Layout};
 use crate::boards::drive_line::{DriveLine, DriveLineConfig};
 use crate::boards::encoder::Wrong;
 use crate::boards::feed_line::FeedLine;
+use crate::boards::io_node::{IoNode, IoNodeConfig};
 use crate::boards::line::{Board, Kind, SerialLine, Wire};
 use crate::boards::output::{Output as FeedOutput, OutputConfig};
 use crate::boards::psc1::{self, Psc1};
@@ -90,6 +91,8 @@ pub struct CanConfig {
     pub drives: Vec<DriveConfig>,
     /// Output of another node that feeds the motors, if there is one.
     pub output: Option<OutputConfig>,
+    /// Devices with inputs and outputs.
+    pub devices: Vec<IoNodeConfig>,
 }
 
 /// Configuration of the simulation.
@@ -195,6 +198,7 @@ pub struct Simulator {
     drives: Vec<Drive>,
     drive_lines: Vec<DriveLine>,
     output: Option<FeedOutput>,
+    devices: Vec<IoNode>,
     feed_line: Option<FeedLine>,
     can: CanLine,
     lines: Vec<SerialLine>,
@@ -252,6 +256,7 @@ impl Simulator {
             drives: Vec::new(),
             drive_lines: Vec::new(),
             output: None,
+            devices: Vec::new(),
             feed_line: None,
             can: can_line(&config),
             lines: Vec::new(),
@@ -299,6 +304,8 @@ impl Simulator {
         }
         let output = self.config.can.as_ref().and_then(|can| can.output);
         self.output = output.map(|output| FeedOutput::new(output, now));
+        let devices = self.config.can.iter().flat_map(|can| &can.devices);
+        self.devices = devices.map(|device| IoNode::new(device.clone(), now)).collect();
         self.feed_line = self.config.line.as_ref().map(|_| FeedLine::default());
         self.deadlines = Deadlines::new().with(Timer::Truth, now).with(Timer::Clock, now);
         // Without drops the floor rangers find nothing.
@@ -550,6 +557,7 @@ impl Simulator {
         if let Some(output) = &mut self.output {
             output.handle_timeout(now);
         }
+        self.devices.iter_mut().for_each(|device| device.handle_timeout(now));
         self.can.handle_timeout(now);
         self.gamepad.handle_timeout(now);
         for line in &mut self.lines {
@@ -666,6 +674,9 @@ impl Simulator {
             output.silent_until = silent;
             return true;
         }
+        if let Some(device) = self.devices.iter_mut().find(|device| device.config.name == target) {
+            return device.inject(now, injected, until);
+        }
         if let Some(line) = self.feed_line.as_mut().filter(|_| target == FeedLine::NAME) {
             return line.inject(now, injected, until);
         }
@@ -697,6 +708,13 @@ impl Simulator {
         while let Some(frame) = self.output.as_mut().and_then(|output| output.poll_tx(now)) {
             if self.can.passes(now, &frame) {
                 out.send_can(PortId(0), frame);
+            }
+        }
+        for device in &mut self.devices {
+            while let Some(frame) = device.poll_tx(now) {
+                if self.can.passes(now, &frame) {
+                    out.send_can(PortId(0), frame);
+                }
             }
         }
         while let Some(frame) = self.can.poll_tx(now) {
@@ -811,6 +829,7 @@ impl Module for Simulator {
                 if let Some(output) = &mut self.output {
                     output.handle_rx(now, &frame);
                 }
+                self.devices.iter_mut().for_each(|device| device.handle_rx(now, &frame));
                 for drive in &mut self.drives {
                     drive.handle_rx(now, &frame, self.scene.body());
                 }
@@ -842,6 +861,7 @@ impl Module for Simulator {
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let drives = drives.chain(self.drive_lines.iter().filter_map(DriveLine::poll_timeout));
         let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
+        let drives = drives.chain(self.devices.iter().filter_map(IoNode::poll_timeout));
         let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()];
         let own = own.into_iter().chain([self.lidars.poll_timeout(), self.imus.poll_timeout()]).flatten();
         own.chain(parts).chain(drives).min()

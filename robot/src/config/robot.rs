@@ -195,6 +195,8 @@ settings! {
         w1: Vec<io::SwitchKeys> = [];
         /// Channels of the power controller that are outputs.
         power: Vec<io::PowerKeys> = [];
+        /// CANopen devices on the bus of the drives, by name.
+        canopen: Vec<CanopenDevice> = named;
         /// Batteries whose values are inputs.
         battery: Vec<io::BatteryKeys> = [];
     }
@@ -208,6 +210,15 @@ settings! {
         name: String = key;
         port: StreamPort = flat;
         driver: io::ModbusKeys = flat;
+    }
+}
+
+settings! {
+    /// `[io.canopen.<name>]`: a CANopen device with inputs and outputs.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct CanopenDevice {
+        name: String = key;
+        driver: io::CanopenKeys = flat;
     }
 }
 
@@ -284,7 +295,8 @@ impl Io {
         let signals = self.modbus.iter().flat_map(|bus| &bus.driver.signals).map(|signal| &signal.name);
         let w1 = self.w1.iter().map(|keys| &keys.name);
         let power = self.power.iter().map(|keys| &keys.name);
-        let names: Vec<&String> = signals.chain(gpio).chain(w1).chain(power).collect();
+        let canopen = self.objects().map(|keys| &keys.name);
+        let names: Vec<&String> = signals.chain(gpio).chain(w1).chain(power).chain(canopen).collect();
         let powered: Vec<_> = self.power.iter().map(|keys| keys.channel).collect();
         table.unique("power", "channel", &powered, "one that no other entry has");
         let channels: Vec<_> = self.w1.iter().map(|keys| (keys.rom, keys.channel)).collect();
@@ -299,6 +311,18 @@ impl Io {
         }
     }
 
+    /// Signals of CANopen devices.
+    fn objects(&self) -> impl Iterator<Item = &io::ObjectKeys> {
+        self.canopen.iter().flat_map(|device| &device.driver.signals)
+    }
+
+    /// Its CANopen devices, for `driver_canbus` and `driver_io`.
+    #[must_use]
+    pub fn devices(&self) -> Vec<io::Canopen> {
+        let device = |device: &CanopenDevice| io::Canopen { name: device.subject(), keys: device.driver.clone() };
+        self.canopen.iter().map(device).collect()
+    }
+
     /// True if it has an output of this name that takes these values.
     fn takes(&self, name: &str, values: &[f64]) -> bool {
         let all = |takes: &dyn Fn(f64) -> bool| values.iter().all(|value| takes(*value));
@@ -307,6 +331,7 @@ impl Io {
             || self.gpio.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.w1.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.power.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.objects().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
     }
 
     /// What its output of this name has, if that follows at once: on 1-Wire a pulse could be lost, or become too long.
@@ -314,7 +339,8 @@ impl Io {
         let mut modbus = self.modbus.iter().flat_map(|bus| &bus.driver.signals);
         let found = modbus.find(|keys| keys.output && keys.name == name).map(|keys| &keys.limits);
         let gpio = || Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits);
-        found.or_else(gpio)
+        let canopen = || Some(&self.objects().find(|keys| keys.is_output() && keys.name == name)?.limits);
+        found.or_else(gpio).or_else(canopen)
     }
 
     /// True if it has an input of this name.
@@ -323,6 +349,7 @@ impl Io {
         modbus.any(|keys| !keys.output && keys.name == name)
             || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
             || self.w1.iter().any(|keys| !keys.output && keys.name == name)
+            || self.objects().any(|keys| !keys.is_output() && keys.name == name)
     }
 
     /// True if it has an input of this name that is 0 or 1, and read often enough to stop the robot.
@@ -333,7 +360,16 @@ impl Io {
         };
         let prompt = |bus: &&ModbusBus| bus.driver.period <= STOP_PERIOD_MAX;
         let mut modbus = self.modbus.iter().filter(prompt).flat_map(|bus| &bus.driver.signals);
-        modbus.any(is_bit) || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+        let prompt = |device: &&CanopenDevice| device.driver.period <= STOP_PERIOD_MAX;
+        let mut canopen = self.canopen.iter().filter(prompt).flat_map(|device| &device.driver.signals);
+        modbus.any(is_bit)
+            || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+            || canopen.any(|keys| keys.is_bit_input() && keys.name == name)
+    }
+
+    /// Inputs that stop the robot and that `driver_io` reads: those of CANopen devices `driver_canbus` reads itself.
+    pub fn stops<'a>(&'a self, stop: &'a canbus::Stop) -> impl Iterator<Item = &'a str> {
+        stop.signals().filter(|name| !self.objects().any(|keys| keys.name == *name))
     }
 
     /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus; `stop`: its
@@ -350,7 +386,8 @@ impl Io {
             power: self.power.clone(),
             batteries: self.battery.clone(),
             signals: signals.clone(),
-            stops: stop.signals().map(Into::into).collect(),
+            canopen: self.devices(),
+            stops: self.stops(stop).map(Into::into).collect(),
         }
     }
 }
@@ -395,6 +432,14 @@ impl Lidar {
         let baud = line.address.is_none().then_some(line.baud);
         let (name, bus, stop) = (self.name.clone(), self.bus(), self.stop.clone());
         lidar::Device { name, bus, baud, keys: self.driver, stop }
+    }
+}
+
+impl CanopenDevice {
+    /// Its name with its kind: subject and target of its faults.
+    #[must_use]
+    pub fn subject(&self) -> String {
+        format!("canopen.{}", self.name)
     }
 }
 
@@ -518,15 +563,17 @@ impl Robot {
     /// unless each axis of the base has a drive on that bus or on a serial line. The other modules are to be set.
     #[must_use]
     pub fn motion(&self, buses: &[CanBus]) -> Option<(Option<usize>, canbus::Config)> {
-        let (axes, needs_bus) = (self.axes(), self.stop.feed_output().is_some());
+        let devices = self.io.as_ref().map(Io::devices).unwrap_or_default();
+        let (axes, needs_bus) = (self.axes(), self.stop.feed_output().is_some() || !devices.is_empty());
         let lines: Vec<canbus::LineConfig> = self.serial.iter().map(SerialLine::line).collect();
         let with = |driver: &canbus::BusConfig, bus| {
-            driver.driver_with(bus, lines.clone(), self.base, &self.geometry, self.limits)
+            let config = driver.driver_with(bus, lines.clone(), self.base, &self.geometry, self.limits)?;
+            Some(canbus::Config { devices: devices.clone(), ..config })
         };
         let drives = |bus: &CanBus| bus.driver.nodes.iter().any(|node| axes.contains(&node.axis.name()));
         let mut used = buses.iter().enumerate().filter(|(_, bus)| needs_bus || drives(bus));
         let on_bus = used.find_map(|(n, bus)| Some((Some(n), with(&bus.driver, Some(format!("can.{}", bus.name)))?)));
-        on_bus.or_else(|| Some((None, with(&canbus::BusConfig::usual(), None)?)))
+        on_bus.or_else(|| Some((None, with(&canbus::BusConfig::usual(), None)?)).filter(|_| devices.is_empty()))
     }
 
     /// Highest speed of a robot that senses nothing, m/s; `None`: it senses something.
@@ -589,6 +636,7 @@ impl Robot {
                 }
             }
         }
+        self.check_devices(table);
         if self.guard.ranging.has_lidars()
             && self.lidar.is_empty()
             && let Some(guard) = table.below("guard")
@@ -691,13 +739,36 @@ impl Robot {
             if let Some(name) = &input.signal
                 && !self.io.as_ref().is_some_and(|io| io.has_stop_input(name))
             {
-                let expected = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line whose period_s \
-                                is at most 0.2";
+                let expected = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line or a CANopen \
+                                device whose period_s is at most 0.2";
                 item.refuse(key, expected);
             }
             let is_its = |node: &&canbus::Node| Some(node.axis) == input.axis && node.is_canopen();
             if input.axis.is_some() && !self.can.iter().any(|bus| bus.driver.nodes.iter().any(|node| is_its(&node))) {
                 item.refuse(key, "an axis with a drive of CANopen");
+            }
+        }
+    }
+
+    /// CANopen devices are nodes of their own on the bus of the drives.
+    fn check_devices(&self, table: &Table<'_>) {
+        let (Some(io), Some(table)) = (&self.io, table.below("io").and_then(|io| io.below("canopen"))) else { return };
+        for (n, device) in io.canopen.iter().enumerate() {
+            let Some(table) = table.below(&device.name) else { continue };
+            let node = device.driver.node;
+            let is_drive = |bus: &CanBus| bus.driver.nodes.iter().any(|own| own.id == node);
+            if self.can.is_empty() {
+                table.refuse("node", "a node of a robot with a table [can.<name>]");
+            } else if self.can.iter().any(is_drive) {
+                table.refuse("node", "a node that is no drive of [[can.<name>.nodes]]");
+            } else if self.can.iter().any(|bus| bus.driver.master == node) {
+                table.refuse("node", "a node other than the master of [can.<name>]");
+            } else if self.stop.feed_output().is_some_and(|output| output.node == node) {
+                table.refuse("node", "a node other than that of [stop.output], which feeds the motors");
+            } else if io.canopen[..n].iter().any(|other| other.driver.node == node) {
+                table.refuse("node", "a node that no other table [io.canopen.<name>] has");
+            } else if self.can.iter().any(|bus| bus.driver.is_ambiguous(node)) {
+                table.refuse("node", "a node that has no identifier of a drive without CANopen, nor has the master");
             }
         }
     }

@@ -622,8 +622,8 @@ fn an_input_that_stops_the_robot_exists_and_is_read_often_enough() {
     let robot = load(&table("0.1", good), "", &[], MODULES).unwrap().robot;
     let sources: Vec<String> = robot.stop.inputs.iter().map(canbus::StopInput::source).collect();
     assert_eq!(sources, ["io.estop", "io.gate", "drive.propulsion.16"]);
-    let signal =
-        "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line whose period_s is at most 0.2";
+    let signal = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line or a CANopen device whose \
+                  period_s is at most 0.2";
     for (period, input, why) in [
         ("0.1", "{ signal = \"volts\" }", format!(".signal = \"volts\": expected {signal}")),
         ("0.1", "{ signal = \"nothing\" }", format!(".signal = \"nothing\": expected {signal}")),
@@ -641,6 +641,71 @@ fn an_input_that_stops_the_robot_exists_and_is_read_often_enough() {
         errors.contains("stop.inputs[1].axis = \"steering\": expected an input that no other of the inputs is"),
         "{errors}"
     );
+}
+
+#[test]
+fn a_canopen_device_is_a_node_of_its_own_whose_signals_exist() {
+    let table = |keys: &str, signals: &str| {
+        let io = format!("[io.canopen.plc]\n{keys}\nsignals = [\n{signals}\n]\n");
+        ROBOT.replacen("[limits]", &format!("[stop]\ninputs = [{{ signal = \"estop\" }}]\n{io}[limits]"), 1)
+    };
+    let estop = "{ name = \"estop\", kind = \"digital-in\", channel = 3 }";
+    let lamp = "{ name = \"lamp\", kind = \"digital-out\", channel = 9, output = false, safe = 0 }";
+    let robot = load(&table("node = 5", estop), "", &[], MODULES).unwrap().robot;
+    let io = robot.io.as_ref().unwrap();
+    assert_eq!(io.stops(&robot.stop).count(), 0, "driver_canbus reads it by itself");
+    let (bus, config) = robot.motion(&robot.can).unwrap();
+    assert_eq!((bus, config.devices[0].name.as_str(), config.devices[0].keys.node), (Some(0), "canopen.plc", 5));
+    let place = config.devices[0].keys.signals[0].place();
+    assert_eq!((place.index, place.sub, place.bit), (0x6000, 1, 3));
+    let signal = |signal: &str| format!("{estop},\n{signal}");
+    let rows = [
+        ("node = 2", estop.into(), "node = 2: expected a node that is no drive of [[can.<name>.nodes]]"),
+        ("node = 127", estop.into(), "node = 127: expected a node other than the master of [can.<name>]"),
+        ("node = 5\nheartbeat_limit_s = 0.05", estop.into(), "heartbeat_limit_s = 0.05: expected a time longer than"),
+        (
+            "node = 5\nheartbeat_s = 0.5",
+            estop.into(),
+            "io.canopen.plc.heartbeat_limit_s: missing, expected a time longer",
+        ),
+        ("node = 5\nage_max_s = 0.1", estop.into(), "age_max_s = 0.1: expected a time longer than period_s"),
+        ("node = 5", signal(lamp), "signals[1].output = false: expected a key of kind = \"object\" only"),
+        (
+            "node = 5",
+            signal("{ name = \"lamp\", kind = \"digital-out\", channel = 2032, safe = 0 }"),
+            "signals[1].channel = 2032: expected an integer from 0 to 2031",
+        ),
+        (
+            "node = 5",
+            signal("{ name = \"valve\", kind = \"analogue-out\", channel = 0, safe = 7 }"),
+            "signals[1].safe = 7: expected a value whose number is 0",
+        ),
+        (
+            "node = 5",
+            signal("{ name = \"volts\", kind = \"object\", index = 0x6060, format = \"u12\" }"),
+            "signals[1].format = \"u12\": expected \"u8\" or \"i8\"",
+        ),
+        (
+            "node = 5",
+            signal("{ name = \"flag\", kind = \"object\", index = 0x2000, format = \"bit\", bit = 32 }"),
+            "signals[1].bit = 32: expected an integer from 0 to 31",
+        ),
+        (
+            "node = 5",
+            signal("{ name = \"x\", kind = \"object\", index = 0x1017, format = \"u16\", output = true, safe = 0 }"),
+            "signals[1].index = 4119: expected an object of the device, from 0x2000 on",
+        ),
+        ("node = 5\nperiod_s = 0.5", estop.into(), "stop.inputs[0].signal = \"estop\": expected an input of [io]"),
+    ];
+    for (keys, signals, why) in rows {
+        let errors = load(&table(keys, &signals), "", &[], MODULES).unwrap_err().join("\n");
+        assert!(errors.contains(why) && errors.starts_with("robot.toml:"), "{keys} {signals}: {errors}");
+    }
+    let second = table("node = 5", estop)
+        + "[io.canopen.other]\nnode = 5\nsignals = [{ name = \"a\", kind = \
+                 \"digital-in\", channel = 0 }]\n";
+    let errors = load(&second, "", &[], MODULES).unwrap_err().join("\n");
+    assert!(errors.contains("node = 5: expected a node that no other table [io.canopen.<name>] has"), "{errors}");
 }
 
 #[test]

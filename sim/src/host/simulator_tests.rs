@@ -100,6 +100,7 @@ fn config() -> Config {
             bitrate: 1_000_000,
             drives: vec![propulsion, steering],
             output: None,
+            devices: Vec::new(),
         }),
         serial: vec![SerialConfig {
             bus: "rs485.a".into(),

@@ -9,6 +9,7 @@ use super::protection;
 use super::ranging::RangingBoard;
 use super::requests::may_be_listed;
 use super::vesc::VescConfig;
+use crate::io::Canopen;
 use base::Duration;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
@@ -412,6 +413,8 @@ pub struct Config {
     pub wheels: Vec<PropulsionConfig>,
     /// The drive of the front wheels' steering; none with a `base`.
     pub steering: Option<SteeringConfig>,
+    /// Devices with inputs and outputs on the CAN bus.
+    pub devices: Vec<Canopen>,
 }
 
 /// The drive of a wheel, or of an axle, in profile velocity mode.
@@ -643,6 +646,7 @@ impl BusConfig {
             wheels,
             protection: protection::Config::default(),
             steering,
+            devices: Vec::new(),
         })
     }
 }

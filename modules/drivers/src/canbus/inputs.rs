@@ -7,7 +7,9 @@
 //!           not answer, or refuses the object is not known, and that is PAUSE
 
 use super::config::{Axis, Stop};
+use super::devices;
 use super::pause::{InputName, PauseLine};
+use crate::io::Canopen;
 use base::{Duration, Instant};
 use canopen::Master;
 use canopen::master::Ticket;
@@ -32,9 +34,11 @@ struct OfDrive {
 #[derive(Debug)]
 pub(super) struct DriveInputs(Vec<OfDrive>);
 
-/// All inputs that stop the robot, by their names.
-pub(super) fn names(stop: &Stop) -> Vec<InputName> {
-    let name = |input: &super::StopInput| InputName { name: input.source(), own: input.signal.is_none() };
+/// All inputs that stop the robot, by their names; `devices` are read by this driver, other signals by `driver_io`.
+pub(super) fn names(stop: &Stop, devices: &[Canopen]) -> Vec<InputName> {
+    let own = |signal: &String| devices::has_signal(devices, signal);
+    let name =
+        |input: &super::StopInput| InputName { name: input.source(), own: input.signal.as_ref().is_none_or(own) };
     stop.inputs.iter().map(name).collect()
 }
 

@@ -9,8 +9,8 @@
 //!
 //! A lidar whose own fields stop the robot by the configuration is such a source as the power controller:
 //! `driver_lidar` reports for it, the robot does not move without its report, and nobody overrules it. So is an input
-//! of `[stop]`: `driver_io` reports a signal, this driver reads an input of a drive by itself. An input that was known
-//! and is not any more counts as open, and so is latched.
+//! of `[stop]`: `driver_io` reports a signal, this driver reads an input of a drive or of a CANopen device by
+//! itself. An input that was known and is not any more counts as open, and so is latched.
 
 use base::{Duration, Instant, earliest};
 use messages::{Hold, StopSource, lowlevel};

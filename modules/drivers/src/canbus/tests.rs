@@ -3,6 +3,7 @@
 mod bus;
 mod cia402;
 mod controller;
+mod devices;
 mod fake;
 mod faults;
 mod guard;
@@ -92,6 +93,7 @@ pub(super) fn config() -> Config {
             speed: 0.7,
             writable: Vec::new(),
         }),
+        devices: Vec::new(),
     }
 }
 
@@ -126,6 +128,7 @@ struct Robot {
     axes: lowlevel::DataAxes,
     wheels: lowlevel::DataWheels,
     bus: Option<lowlevel::DataBus>,
+    nodes: Option<lowlevel::DataNodeIo>,
     answers: Vec<lowlevel::DataSdo>,
     /// Orders to the power controller.
     power: Vec<(Instant, lowlevel::CmdPower)>,
@@ -162,6 +165,7 @@ impl Robot {
             axes: lowlevel::DataAxes::default(),
             wheels: lowlevel::DataWheels::default(),
             bus: None,
+            nodes: None,
             answers: Vec::new(),
             power: Vec::new(),
             ended: false,
@@ -249,6 +253,7 @@ impl Robot {
                     Action::Publish(Message::LlDataAxes(axes)) => self.axes = axes,
                     Action::Publish(Message::LlDataWheels(wheels)) => self.wheels = wheels,
                     Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
+                    Action::Publish(Message::LlDataNodeIo(nodes)) => self.nodes = Some(nodes),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
                     Action::Publish(Message::LlCmdPower(order)) => self.power.push((now, order)),
                     Action::Exit(_) => self.ended = true,

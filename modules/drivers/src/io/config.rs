@@ -1,5 +1,6 @@
 //! What inputs and outputs there are, and what cannot be.
 
+use super::canopen::Canopen;
 use super::pattern::Pattern;
 use super::situation::Situation;
 use crate::gpio_line::LineRule;
@@ -7,6 +8,7 @@ use base::Duration;
 use base::gpio::{Bias, LineId};
 use base::listed;
 use base::w1::Rom;
+use messages::Channel;
 use modbus::value::{Kind, Place};
 use modbus::{Line, Table as Registers};
 use settings::{Choice, Off, Parsed, Table, ZeroOr, settings};
@@ -304,7 +306,7 @@ impl SignalKeys {
 }
 
 impl OutputKeys {
-    fn check(&self, table: &Table<'_>, output: bool, exists: impl Fn(f64) -> bool) {
+    pub(super) fn check(&self, table: &Table<'_>, output: bool, exists: impl Fn(f64) -> bool) {
         if !output {
             return;
         }
@@ -407,12 +409,25 @@ pub struct Config {
     pub switches: Vec<SwitchKeys>,
     /// Channels of the power controller.
     pub power: Vec<PowerKeys>,
+    /// CANopen devices, which `driver_canbus` serves.
+    pub canopen: Vec<Canopen>,
     /// Batteries.
     pub batteries: Vec<BatteryKeys>,
     /// What outputs show.
     pub signals: Shows,
-    /// Inputs that stop the robot (`[stop]`).
+    /// Inputs that stop the robot (`[stop]`), but those of CANopen devices.
     pub stops: Vec<String>,
+}
+
+impl Config {
+    /// Channels that the module receives with it.
+    pub(super) fn subscriptions(&self) -> Vec<Channel> {
+        let shown = [Channel::LlDataVelocity, Channel::LlDataHold, Channel::CmDataFaults];
+        let shown = shown.into_iter().filter(|_| !self.signals.show.is_empty());
+        let power = [Channel::LlDataPower].into_iter().filter(|_| !self.power.is_empty());
+        let canopen = [Channel::LlDataNodeIo].into_iter().filter(|_| !self.canopen.is_empty());
+        [Channel::LlCmdOutput].into_iter().chain(shown).chain(power).chain(canopen).collect()
+    }
 }
 
 listed! {

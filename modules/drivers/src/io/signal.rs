@@ -1,5 +1,6 @@
 //! A signal: its value, how old that is, and of an output what is wanted.
 
+use super::canopen::ObjectPlace;
 use super::config::{Config, ConfigError, OutputKeys, SIGNALS_MAX};
 use super::gpio;
 use base::{Duration, Instant, earliest};
@@ -10,6 +11,8 @@ use modbus::value::Place;
 const SWITCH_AGE_MAX: Duration = Duration::from_secs(5);
 /// Older values of a power channel are not valid: they are published each second.
 const POWER_AGE_MAX: Duration = Duration::from_secs(3);
+/// Older values of a CANopen device are not valid: `driver_canbus` publishes them each 0.1 s, NaN once too old.
+const NODE_AGE_MAX: Duration = Duration::from_millis(500);
 
 /// An input or an output.
 #[derive(Debug)]
@@ -25,12 +28,20 @@ pub(super) struct Signal {
     was_valid: bool,
 }
 
+/// Numbers that an output has, by where it is.
+#[derive(Debug)]
+enum Numbers {
+    /// 0 and 1.
+    Switch,
+    Modbus(Place),
+    Canopen(ObjectPlace),
+}
+
 /// What an output should be.
 #[derive(Debug)]
 pub(super) struct Output {
     keys: OutputKeys,
-    /// Where it is; absent: a switch.
-    place: Option<Place>,
+    numbers: Numbers,
     command: Option<(f64, Instant)>,
     /// What it shows of the robot while nobody commands it.
     shown: Option<f64>,
@@ -40,21 +51,28 @@ pub(super) struct Output {
 pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
     let modbus = config.modbus.iter().flat_map(|bus| {
         bus.keys.signals.iter().map(|keys| {
-            let output = keys.output.then(|| Output::new(keys.limits, Some(keys.place())));
+            let output = keys.output.then(|| Output::new(keys.limits, Numbers::Modbus(keys.place())));
             Signal::new(&keys.name, output, bus.keys.age_max)
         })
     });
     let gpio = config.gpio.iter().map(|line| {
-        let output = line.keys.output.then(|| Output::new(line.keys.limits, None));
+        let output = line.keys.output.then(|| Output::new(line.keys.limits, Numbers::Switch));
         Signal::new(&line.keys.name, output, gpio::AGE_MAX)
     });
     let w1 = config.switches.iter().map(|keys| {
-        let output = keys.output.then(|| Output::new(keys.limits, None));
+        let output = keys.output.then(|| Output::new(keys.limits, Numbers::Switch));
         Signal::new(&keys.name, output, SWITCH_AGE_MAX)
     });
     let power = config.power.iter();
-    let power = power.map(|keys| Signal::new(&keys.name, Some(Output::new(keys.limits, None)), POWER_AGE_MAX));
-    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).chain(power).collect();
+    let power =
+        power.map(|keys| Signal::new(&keys.name, Some(Output::new(keys.limits, Numbers::Switch)), POWER_AGE_MAX));
+    let canopen = config.canopen.iter().flat_map(|device| {
+        device.keys.signals.iter().map(|keys| {
+            let output = keys.is_output().then(|| Output::new(keys.limits, Numbers::Canopen(keys.place())));
+            Signal::new(&keys.name, output, NODE_AGE_MAX)
+        })
+    });
+    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).chain(power).chain(canopen).collect();
     let mut names: Vec<&str> = signals.iter().map(|signal| signal.name.as_str()).collect();
     names.sort_unstable();
     match signals.len() {
@@ -151,15 +169,16 @@ impl Signal {
 }
 
 impl Output {
-    fn new(keys: OutputKeys, place: Option<Place>) -> Self {
-        Self { keys, place, command: None, shown: None }
+    fn new(keys: OutputKeys, numbers: Numbers) -> Self {
+        Self { keys, numbers, command: None, shown: None }
     }
 
     /// True for values that it has, within its limits.
     pub fn accepts(&self, value: f64) -> bool {
-        let exists = match &self.place {
-            Some(place) => place.number(value).is_some(),
-            None => value == 0.0 || value == 1.0,
+        let exists = match &self.numbers {
+            Numbers::Modbus(place) => place.number(value).is_some(),
+            Numbers::Canopen(place) => place.bits(value).is_some(),
+            Numbers::Switch => value == 0.0 || value == 1.0,
         };
         exists && self.keys.accepts(value)
     }

@@ -103,6 +103,7 @@ fn config(line: Line) -> Config {
         w1_bus: "w1".into(),
         switches: Vec::new(),
         power: Vec::new(),
+        canopen: Vec::new(),
         batteries: vec![battery],
         signals: Shows { signal: Duration::from_secs(2), speed_mps: 0.02, turn_radps: 0.1, show: Vec::new() },
         stops: Vec::new(),

@@ -44,7 +44,7 @@ impl Bus {
     }
 
     fn of(drives: Vec<DriveConfig>, output: Option<OutputConfig>, wire_time: bool) -> Self {
-        let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, drives, output };
+        let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, drives, output, devices: Vec::new() };
         let mut world = World::hall(200.0, 200.0);
         world.start = navitools::Pose::new(100.0, 100.0, 0.0);
         let config = Config { can: Some(can), world, wire_time, ..Config::default() };

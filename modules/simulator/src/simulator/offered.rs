@@ -34,13 +34,15 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, motors on serial lines, output, GPIO line, boards, chips, thermometers, temperatures of the
-    /// computer, then buses, those of Modbus, computers, the lidars and the inertial measurement units last.
+    /// All names: drives, motors on serial lines, output, CANopen devices, GPIO line, boards, chips, thermometers,
+    /// temperatures of the computer, then buses, those of Modbus, computers, the lidars and the inertial measurement
+    /// units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
         targets.extend(self.drive_lines.iter().flat_map(DriveLine::motors).map(String::from));
         targets.extend(self.output.iter().map(|_| FeedOutput::NAME.into()));
+        targets.extend(self.devices.iter().map(|device| device.config.name.clone()));
         targets.extend(self.feed_line.iter().map(|_| FeedLine::NAME.into()));
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
         targets.extend(config.i2c.iter().flat_map(|i2c| &i2c.fans).map(|(name, _)| name.clone()));
@@ -88,7 +90,7 @@ mod tests {
             drive("steering", 2, DriveKind::Icla(Gearing::default())),
         ];
         let output = Some(OutputConfig { node: 5, index: 0x6200, sub: 1, bits: 8, on: 1 });
-        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, drives, output };
+        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, drives, output, devices: Vec::new() };
         let board = |name: &str, address, kind| BoardConfig { name: name.into(), address, kind };
         let boards = vec![
             board("so1", 0x20, BoardKind::So1),

@@ -1,0 +1,637 @@
+//! CANopen devices with inputs and outputs (`[io.canopen]`) on the bus of the drives: its master serves them.
+//!
+//! Protocol  CiA 401 by its indices, any other object by its own. Inputs by the device's TPDOs as it has mapped them,
+//!           and by SDO; outputs by SDO, so that each order is acknowledged
+//! Timing    inputs are asked in their period, one request of a device at a time; outputs are written at each change,
+//!           and refreshed; none while another master is on the bus, since a request would end its transfer
+//! Silence   a device whose heartbeat is missing is lost: its values are unknown. So is a value that nothing has
+//!           confirmed for its greatest age: an event-driven TPDO sends changes only, so its silence proves nothing.
+//!           Without `LL_CMD_NODE_IO` for [`ORDER_TTL`] outputs get their safe values
+//! Length    an answer or a TPDO that has not the length of its object or mapping is dropped and reported
+//! Stops     an input of `[stop]` goes to the PAUSE line as it is received; see `pause`
+//!
+//! `driver_io` publishes the values, and commands the outputs. The stop does not depend on it.
+
+use super::config::Stop;
+use super::pause::PauseLine;
+use crate::io::{Canopen, CanopenKeys, ObjectKeys, ObjectKind, ObjectPlace};
+use base::{Duration, Fault, Instant, Level, Severity};
+use canopen::master::{BootError, ConfigWrite, Expect, LostReason, Step, Ticket};
+use canopen::wire::Emergency;
+use canopen::{Master, NodeConfig, Payload, sdo};
+use messages::lowlevel::{CmdNodeIo, DataNodeIo, NodeValue};
+use module::Actions;
+
+/// Longest period of `LL_DATA_NODE_IO`.
+const PUBLISH_PERIOD: Duration = Duration::from_millis(100);
+/// `LL_DATA_NODE_IO` follows a change at most this often.
+const CHANGE_PAUSE: Duration = Duration::from_millis(10);
+/// `driver_io` orders outputs every 200 ms; after this time without it they get their safe values.
+const ORDER_TTL: Duration = Duration::from_secs(1);
+/// Time without the master's heartbeat after which a device sets its outputs by itself (0x1016).
+const MASTER_LIMIT: Duration = Duration::from_millis(500);
+/// What a device refused is tried again after this time.
+const RETRY: Duration = Duration::from_secs(1);
+/// Emergency messages of a device are reported at most this often.
+const EMERGENCY_PAUSE: Duration = Duration::from_secs(1);
+/// Requests in a row without an answer after which a device is reported.
+const UNANSWERED_MAX: u8 = 2;
+/// TPDOs with an identifier of the pre-defined connection set.
+const TPDOS: usize = 4;
+/// Mapping record of the first TPDO.
+const TPDO_MAPPING: u16 = 0x1A00;
+/// Most entries of a mapping that are read.
+const ENTRIES_MAX: u8 = 64;
+
+/// A signal.
+#[derive(Debug)]
+struct Value {
+    name: String,
+    place: ObjectPlace,
+    /// Place among the inputs that stop the robot.
+    stop: Option<usize>,
+    /// Value while nobody commands another, of an output.
+    safe: Option<f64>,
+    order: Option<f64>,
+    value: f64,
+    /// When it was read or confirmed; absent while it is unknown.
+    at: Option<Instant>,
+}
+
+impl Value {
+    /// Number that an output is to have.
+    fn bits(&self) -> u32 {
+        self.order.or(self.safe).and_then(|value| self.place.bits(value)).unwrap_or_default()
+    }
+}
+
+/// An object of a device, with the signals in it.
+#[derive(Debug)]
+struct Object {
+    index: u16,
+    sub: u8,
+    len: usize,
+    output: bool,
+    /// Indices in the device's list.
+    values: Vec<usize>,
+    due: Instant,
+    /// Number that the device confirmed.
+    written: Option<u32>,
+    refused: bool,
+}
+
+/// An object of ours in a TPDO.
+#[derive(Clone, Copy, Debug)]
+struct Mapped {
+    object: usize,
+    /// First byte, and number of bytes.
+    first: usize,
+    len: usize,
+}
+
+/// A TPDO as the device has mapped it.
+#[derive(Clone, Debug, Default)]
+struct Map {
+    /// Bytes; 0: it is not known, or empty.
+    len: usize,
+    objects: Vec<Mapped>,
+}
+
+/// The mapping that is being read: the TPDO from 0, the next entry, 0 for their number, and what precedes it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Learning {
+    tpdo: usize,
+    entry: u8,
+    count: u8,
+    bits: usize,
+}
+
+/// What is asked.
+#[derive(Clone, Copy, Debug)]
+enum Asked {
+    Read(usize),
+    Write(usize, u32),
+    Mapping(Learning),
+}
+
+/// A device.
+#[derive(Debug)]
+struct Device {
+    name: String,
+    keys: CanopenKeys,
+    values: Vec<Value>,
+    objects: Vec<Object>,
+    booted: bool,
+    asked: Option<(Ticket, Instant, Asked)>,
+    maps: [Map; TPDOS],
+    learning: Option<Learning>,
+    /// The mapping was asked last: it takes turns with the values.
+    learned: bool,
+    /// Nothing is asked before: the master's queue was full.
+    gate: Instant,
+    unanswered: u8,
+    lost: bool,
+    /// TPDOs of another length than their mapping.
+    misfits: u32,
+    /// Emergency messages since the last report, and when the next one may be.
+    emergencies: u32,
+    report: Instant,
+}
+
+/// All devices.
+#[derive(Debug)]
+pub(super) struct Devices {
+    all: Vec<Device>,
+    ordered: Instant,
+    publish: Instant,
+    published: Instant,
+    shown: Vec<f64>,
+    ends: bool,
+}
+
+/// Signals of devices that stop the robot are read by this driver itself.
+pub(super) fn has_signal(devices: &[Canopen], name: &str) -> bool {
+    devices.iter().any(|device| device.keys.signals.iter().any(|keys| keys.name == name))
+}
+
+impl Devices {
+    pub(super) fn new(devices: &[Canopen], stop: &Stop) -> Self {
+        Self {
+            all: devices.iter().map(|device| Device::new(device, stop)).collect(),
+            ordered: Instant::ZERO,
+            publish: Instant::ZERO,
+            published: Instant::ZERO,
+            shown: Vec::new(),
+            ends: false,
+        }
+    }
+
+    /// Configurations of their nodes.
+    pub(super) fn node_configs(&self) -> impl Iterator<Item = NodeConfig> + '_ {
+        self.all.iter().map(Device::node_config)
+    }
+
+    /// Name and node of each.
+    pub(super) fn nodes(&self) -> impl Iterator<Item = (&str, u8)> {
+        self.all.iter().map(|device| (device.name.as_str(), device.keys.node))
+    }
+
+    /// Name of the device with this node.
+    pub(super) fn name(&self, node: u8) -> Option<&str> {
+        self.nodes().find(|(_, own)| *own == node).map(|(name, _)| name)
+    }
+
+    fn of_mut(&mut self, node: u8) -> Option<&mut Device> {
+        self.all.iter_mut().find(|device| device.keys.node == node)
+    }
+
+    pub(super) fn on_booted(&mut self, now: Instant, node: u8, out: &mut Actions) {
+        if let Some(device) = self.of_mut(node) {
+            device.on_booted(now, out);
+        }
+    }
+
+    pub(super) fn on_boot_failed(&mut self, node: u8, step: Step, reason: BootError, out: &mut Actions) {
+        if let Some(device) = self.of_mut(node) {
+            let message = format!("{} (node {node}) does not start, {step}: {reason}; retrying", device.name);
+            device.on_lost(message, out);
+        }
+    }
+
+    pub(super) fn on_lost(&mut self, node: u8, reason: LostReason, out: &mut Actions) {
+        if let Some(device) = self.of_mut(node) {
+            let message = format!("{} (node {node}) is lost: {reason}; its values are unknown", device.name);
+            device.on_lost(message, out);
+        }
+    }
+
+    pub(super) fn on_emergency(
+        &mut self,
+        now: Instant,
+        node: u8,
+        emergency: &Emergency,
+        suppressed: u32,
+        out: &mut Actions,
+    ) {
+        let Some(device) = self.of_mut(node) else { return };
+        device.emergencies = device.emergencies.saturating_add(1).saturating_add(suppressed);
+        if device.report <= now {
+            device.report = now + EMERGENCY_PAUSE;
+            let (code, count) = (emergency.code, std::mem::take(&mut device.emergencies));
+            let text = format!("{}: emergency 0x{code:04X}, {count} since the last report", device.name);
+            out.say(Level::Warning, text);
+        }
+    }
+
+    /// A TPDO that was received now.
+    pub(super) fn on_pdo(
+        &mut self,
+        now: Instant,
+        (node, number): (u8, u8),
+        data: &[u8],
+        line: &mut PauseLine,
+        out: &mut Actions,
+    ) {
+        if let Some(device) = self.of_mut(node).filter(|device| device.booted) {
+            device.on_pdo(now, number, data, line, out);
+        }
+    }
+
+    /// A transfer has ended; false if it is not one of these.
+    pub(super) fn on_sdo(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        result: Result<&[u8], sdo::Error>,
+        line: &mut PauseLine,
+        out: &mut Actions,
+    ) -> bool {
+        for device in &mut self.all {
+            if let Some((_, at, asked)) = device.asked.take_if(|(own, ..)| *own == ticket) {
+                device.on_answer(now, at, asked, result, line, out);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// What outputs are to have, received at `at`. A name that is no output, and a value that it has not, are ignored:
+    /// `driver_io` has refused the command.
+    pub(super) fn on_order(&mut self, at: Instant, order: &CmdNodeIo) {
+        self.ordered = at;
+        let mut values: Vec<&mut Value> = self.all.iter_mut().flat_map(|device| &mut device.values).collect();
+        for output in &order.outputs {
+            let own = values.iter_mut().find(|value| value.safe.is_some() && value.name == output.name);
+            if let Some(value) = own.filter(|value| value.place.bits(output.target).is_some()) {
+                value.order = Some(output.target);
+            }
+        }
+    }
+
+    /// The module ends: outputs get their safe values.
+    pub(super) fn end(&mut self) {
+        self.ends = true;
+        self.release();
+    }
+
+    fn release(&mut self) {
+        self.all.iter_mut().flat_map(|device| &mut device.values).for_each(|value| value.order = None);
+    }
+
+    /// True if all outputs of devices that answer have been confirmed as they are to be.
+    pub(super) fn are_settled(&self) -> bool {
+        let settled = |device: &Device| {
+            !device.booted
+                || device.objects.iter().all(|object| object.refused || !object.output || !device.has_changed(object))
+        };
+        self.all.iter().all(settled)
+    }
+
+    /// Asks and writes what is due; `alone`: there is no other master.
+    pub(super) fn advance(&mut self, now: Instant, alone: bool, master: &mut Master) {
+        if self.ends || now.since(self.ordered) >= ORDER_TTL {
+            self.release();
+        }
+        for device in self.all.iter_mut().filter(|_| alone) {
+            device.ask(now, master);
+        }
+    }
+
+    /// Publishes the values in their period, and when they change.
+    pub(super) fn publish(&mut self, now: Instant, out: &mut Actions) {
+        if self.all.is_empty() {
+            return;
+        }
+        let shown = |device: &Device, value: &Value| {
+            let known = value.at.is_some_and(|at| now.since(at) <= device.keys.age_max);
+            if known { value.value } else { f64::NAN }
+        };
+        let values = || self.all.iter().flat_map(|device| device.values.iter().map(move |value| (device, value)));
+        let now_shown: Vec<f64> = values().map(|(device, value)| shown(device, value)).collect();
+        let same = now_shown.iter().map(|value| value.to_bits()).eq(self.shown.iter().map(|value| value.to_bits()));
+        if !same {
+            self.publish = self.publish.min(self.published + CHANGE_PAUSE);
+        }
+        if now < self.publish {
+            return;
+        }
+        let names = values().map(|(_, value)| value.name.clone());
+        let values = names.zip(&now_shown).map(|(name, value)| NodeValue { name, value: *value }).collect();
+        out.publish(DataNodeIo { timestamp: out.timestamp(now), values });
+        (self.published, self.publish, self.shown) = (now, now + PUBLISH_PERIOD, now_shown);
+    }
+
+    pub(super) fn poll_timeout(&self, alone: bool) -> Option<Instant> {
+        let due = self.all.iter().filter(|_| alone).filter_map(Device::poll_timeout);
+        due.chain((!self.all.is_empty()).then_some(self.publish)).min()
+    }
+}
+
+impl Device {
+    fn new(config: &Canopen, stop: &Stop) -> Self {
+        let keys = config.keys.clone();
+        let value = |keys: &ObjectKeys| Value {
+            name: keys.name.clone(),
+            place: keys.place(),
+            stop: stop.inputs.iter().position(|input| input.signal.as_ref() == Some(&keys.name)),
+            safe: keys.is_output().then(|| keys.limits.safe.unwrap_or_default()),
+            order: None,
+            value: f64::NAN,
+            at: None,
+        };
+        let values: Vec<Value> = keys.signals.iter().map(value).collect();
+        let mut objects: Vec<Object> = Vec::new();
+        for (n, value) in values.iter().enumerate() {
+            let ObjectPlace { index, sub, format, .. } = value.place;
+            let output = value.safe.is_some();
+            let same = |object: &&mut Object| (object.index, object.sub, object.output) == (index, sub, output);
+            match objects.iter_mut().find(same) {
+                Some(object) => object.values.push(n),
+                None => objects.push(Object {
+                    index,
+                    sub,
+                    len: format.len(),
+                    output,
+                    values: vec![n],
+                    due: Instant::ZERO,
+                    written: None,
+                    refused: false,
+                }),
+            }
+        }
+        Self {
+            name: config.name.clone(),
+            keys,
+            values,
+            objects,
+            booted: false,
+            asked: None,
+            maps: Default::default(),
+            learning: None,
+            learned: false,
+            gate: Instant::ZERO,
+            unanswered: 0,
+            lost: false,
+            misfits: 0,
+            emergencies: 0,
+            report: Instant::ZERO,
+        }
+    }
+
+    fn node_config(&self) -> NodeConfig {
+        let CanopenKeys { node, profile, vendor, product, pdo, .. } = self.keys;
+        let profile = (profile != 0).then(|| Expect::masked(0x1000, 0, 0xFFFF, profile.into()));
+        let vendor = vendor.map(|vendor| Expect::equal(0x1018, 1, vendor));
+        let product = product.map(|product| Expect::equal(0x1018, 2, product));
+        let by_profile = |kind| self.keys.signals.iter().any(|keys| keys.kind == kind);
+        let mut writes = Vec::new();
+        if pdo && by_profile(ObjectKind::AnalogueIn) {
+            // Without the global interrupt enable no TPDO follows an analogue input (CiA 401).
+            writes.push(ConfigWrite::new(0x6423, 0, 1_u8).where_there());
+        }
+        let sets = self.keys.sets_error_values();
+        for object in self.objects.iter().filter(|object| sets && object.output) {
+            match object.index {
+                0x6200 => {
+                    let safe = |n: &usize| self.values[*n].place.bits(self.values[*n].safe?);
+                    let bits = object.values.iter().filter_map(safe).fold(0, |all, bits| all | bits);
+                    writes.push(ConfigWrite::new(0x6206, object.sub, 0xFF_u8));
+                    writes.push(ConfigWrite::new(0x6207, object.sub, bits as u8));
+                }
+                0x6411 => {
+                    writes.push(ConfigWrite::new(0x6443, object.sub, 1_u8));
+                    writes.push(ConfigWrite::new(0x6444, object.sub, 0_i32));
+                }
+                _ => {}
+            }
+        }
+        NodeConfig {
+            mandatory: false,
+            identity: [profile, vendor, product].into_iter().flatten().collect(),
+            writes,
+            master_limit: sets.then_some(MASTER_LIMIT),
+            heartbeat: self.keys.heartbeat,
+            heartbeat_limit: self.keys.heartbeat_limit,
+            ..NodeConfig::new(node, &self.name)
+        }
+    }
+
+    fn on_booted(&mut self, now: Instant, out: &mut Actions) {
+        self.booted = true;
+        self.forget();
+        self.objects.iter_mut().for_each(|object| object.due = now);
+        self.learning = self.keys.pdo.then(Learning::default);
+        self.is_there(out);
+    }
+
+    fn on_lost(&mut self, message: String, out: &mut Actions) {
+        self.booted = false;
+        self.forget();
+        self.lost = true;
+        out.raise(Severity::Error, Fault::IoDeviceLost, self.name.as_str(), message);
+    }
+
+    /// It may be another device, or was switched off: nothing is known of it.
+    fn forget(&mut self) {
+        (self.asked, self.learning, self.unanswered) = (None, None, 0);
+        self.maps = Default::default();
+        self.values.iter_mut().for_each(|value| value.at = None);
+        self.objects.iter_mut().for_each(|object| object.written = None);
+    }
+
+    fn is_there(&mut self, out: &mut Actions) {
+        self.unanswered = 0;
+        if std::mem::take(&mut self.lost) {
+            out.clear(Fault::IoDeviceLost, self.name.as_str(), format!("{} answers", self.name));
+        }
+    }
+
+    fn has_changed(&self, object: &Object) -> bool {
+        object.written != Some(self.target(object))
+    }
+
+    fn target(&self, object: &Object) -> u32 {
+        object.values.iter().fold(0, |all, n| all | self.values[*n].bits())
+    }
+
+    /// When an object is to be asked or written.
+    fn due(&self, object: &Object) -> Instant {
+        let urgent = object.output && !object.refused && self.has_changed(object);
+        if urgent { Instant::ZERO } else { object.due }
+    }
+
+    fn ask(&mut self, now: Instant, master: &mut Master) {
+        if !self.booted || self.asked.is_some() || now < self.gate {
+            return;
+        }
+        let next = self.objects.iter().enumerate().map(|(n, object)| (self.due(object), n)).min();
+        let next = next.filter(|(due, _)| *due <= now).map(|(_, n)| n);
+        let learning = self.learning.filter(|_| next.is_none() || !self.learned);
+        self.learned = learning.is_some();
+        let node = self.keys.node;
+        let asked = match (learning, next) {
+            (Some(learning), _) => {
+                let index = TPDO_MAPPING + learning.tpdo as u16;
+                master.sdo_read(now, node, index, learning.entry).map(|ticket| (ticket, Asked::Mapping(learning)))
+            }
+            (None, Some(n)) => {
+                let object = &self.objects[n];
+                let (bits, period) =
+                    (self.target(object), if object.output { self.keys.refresh } else { self.keys.period });
+                let object = &mut self.objects[n];
+                object.due = object.due.next_on_grid(now, period);
+                if object.output {
+                    let data = Payload::from(&bits.to_le_bytes()[..object.len]);
+                    let asked = master.sdo_write(now, node, object.index, object.sub, data);
+                    asked.map(|ticket| (ticket, Asked::Write(n, bits)))
+                } else {
+                    master.sdo_read(now, node, object.index, object.sub).map(|ticket| (ticket, Asked::Read(n)))
+                }
+            }
+            (None, None) => return,
+        };
+        if asked.is_err() {
+            self.gate = now + self.keys.period;
+        }
+        self.asked = asked.ok().map(|(ticket, asked)| (ticket, now, asked));
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        if !self.booted || self.asked.is_some() {
+            return None;
+        }
+        let due = self.objects.iter().map(|object| self.due(object));
+        due.chain(self.learning.map(|_| Instant::ZERO)).min().map(|due| due.max(self.gate))
+    }
+
+    /// The answer to what was asked at `at`.
+    fn on_answer(
+        &mut self,
+        now: Instant,
+        at: Instant,
+        asked: Asked,
+        result: Result<&[u8], sdo::Error>,
+        line: &mut PauseLine,
+        out: &mut Actions,
+    ) {
+        match result {
+            Ok(_) | Err(sdo::Error::Refused(_) | sdo::Error::Protocol(_)) => self.is_there(out),
+            // Its loss is reported.
+            Err(sdo::Error::Cancelled) => {}
+            Err(error @ sdo::Error::Timeout) => {
+                self.unanswered = self.unanswered.saturating_add(1);
+                if self.unanswered == UNANSWERED_MAX {
+                    self.lost = true;
+                    let message = format!("{} (node {}): {error}", self.name, self.keys.node);
+                    out.raise(Severity::Error, Fault::IoDeviceLost, self.name.as_str(), message);
+                }
+            }
+        }
+        match (asked, result) {
+            (Asked::Mapping(learning), result) => self.on_mapping(learning, result.ok()),
+            (Asked::Read(n), Ok(data)) => {
+                let fits = self.take(at, n, data, line);
+                self.judge(now, n, if fits { None } else { Some("an answer of another length or value".into()) }, out);
+            }
+            (Asked::Write(n, bits), Ok(_)) => {
+                self.objects[n].written = Some(bits);
+                for value in self.objects[n].values.clone() {
+                    let value = &mut self.values[value];
+                    let confirmed = value.place.value(&bits.to_le_bytes()[..value.place.format.len()]);
+                    (value.value, value.at) = (confirmed.unwrap_or(f64::NAN), Some(at));
+                }
+                self.judge(now, n, None, out);
+            }
+            (Asked::Read(n) | Asked::Write(n, _), Err(error @ (sdo::Error::Refused(_) | sdo::Error::Protocol(_)))) => {
+                self.judge(now, n, Some(error.to_string()), out);
+            }
+            (Asked::Write(n, _), Err(_)) => self.objects[n].written = None,
+            (Asked::Read(_), Err(_)) => {}
+        }
+    }
+
+    /// Reports that a device refuses an object, or that it does not any more.
+    fn judge(&mut self, now: Instant, n: usize, wrong: Option<String>, out: &mut Actions) {
+        let Object { index, sub, .. } = self.objects[n];
+        let subject = format!("{} 0x{index:04X}:{sub}", self.name);
+        let object = &mut self.objects[n];
+        let refused = std::mem::replace(&mut object.refused, wrong.is_some());
+        match wrong {
+            Some(why) => {
+                (object.due, object.written) = (now + RETRY, None);
+                let message = format!("{subject}: {why}; tried once a second");
+                out.raise(Severity::Error, Fault::IoDeviceRefused, subject, message);
+            }
+            None if refused => out.clear(Fault::IoDeviceRefused, subject.as_str(), format!("{subject}: accepted")),
+            None => {}
+        }
+    }
+
+    /// Takes the bytes of an input, which are not older than `at`; false if they are not its type's.
+    fn take(&mut self, at: Instant, object: usize, bytes: &[u8], line: &mut PauseLine) -> bool {
+        let mut fits = true;
+        for n in &self.objects[object].values {
+            let value = &mut self.values[*n];
+            let Some(known) = value.place.value(bytes) else {
+                fits = false;
+                value.at = None;
+                continue;
+            };
+            (value.value, value.at) = (known, Some(at));
+            if let Some(stop) = value.stop {
+                line.on_input(at, stop, known != 1.0);
+            }
+        }
+        fits
+    }
+
+    /// An entry of a mapping, or their number; `None`: the device has not got it.
+    fn on_mapping(&mut self, learning: Learning, data: Option<&[u8]>) {
+        let Learning { tpdo, entry, count, bits } = learning;
+        let number = data.filter(|data| (1..=4).contains(&data.len()));
+        let number = number.map(|data| data.iter().rev().fold(0_u32, |all, byte| all << 8 | u32::from(*byte)));
+        let next = match (number, entry) {
+            (Some(count), 0) if (1..=u32::from(ENTRIES_MAX)).contains(&count) => {
+                Some(Learning { tpdo, entry: 1, count: count as u8, bits: 0 })
+            }
+            (Some(mapped), 1..) => {
+                let (index, sub, len) = ((mapped >> 16) as u16, (mapped >> 8) as u8, usize::from(mapped as u8));
+                let own = |object: &Object| (object.index, object.sub, object.output) == (index, sub, false);
+                if let Some(object) = self.objects.iter().position(own).filter(|_| len % 8 == 0 && bits % 8 == 0) {
+                    self.maps[tpdo].objects.push(Mapped { object, first: bits / 8, len: len / 8 });
+                }
+                let bits = bits + len;
+                if entry == count && bits <= 64 {
+                    self.maps[tpdo].len = bits.div_ceil(8);
+                }
+                (entry < count && bits <= 64).then_some(Learning { tpdo, entry: entry + 1, count, bits })
+            }
+            _ => None,
+        };
+        let following = || (tpdo + 1 < TPDOS).then_some(Learning { tpdo: tpdo + 1, ..Learning::default() });
+        self.learning = next.or_else(following);
+    }
+
+    fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], line: &mut PauseLine, out: &mut Actions) {
+        let Some(map) = usize::from(number).checked_sub(1).and_then(|n| self.maps.get(n)).cloned() else { return };
+        if map.len == 0 || map.objects.is_empty() {
+            return;
+        }
+        if map.len != data.len() {
+            self.misfits = self.misfits.saturating_add(1);
+            // Reported at 1, 2, 4, 8 and so on.
+            if self.misfits.is_power_of_two() {
+                let (got, len, count) = (data.len(), map.len, self.misfits);
+                let name = &self.name;
+                let text = format!("{name}: TPDO {number} has {got} bytes, its mapping {len}: dropped, {count} so far");
+                out.report(Severity::Warning, Fault::CanMalformed, name.as_str(), text);
+            }
+            return;
+        }
+        for Mapped { object, first, len } in map.objects {
+            if let Some(bytes) = data.get(first..first + len) {
+                self.take(now, object, bytes, line);
+            }
+        }
+    }
+}
