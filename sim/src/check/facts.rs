@@ -97,6 +97,8 @@ pub(super) struct Facts {
     pub set_point: SetPoint,
     /// The last set-point that a command asked for, of wheels that reach their speeds in steps.
     asked: (Instant, f64),
+    /// The greatest priority of those whose commands did.
+    asked_by: i8,
     /// The slowest set-point since then, m/s.
     slowest: f64,
     /// When the drive of each wheel last reported that it has power.
@@ -146,6 +148,7 @@ impl Facts {
             sources: Sources::new(limits.ttl),
             wheels: vec![SetPoint::default(); limits.wheels.len()],
             asked: (Instant::ZERO, 0.0),
+            asked_by: 0,
             slowest: 0.0,
             powered: vec![Instant::ZERO; limits.wheels.len()],
             limits,
@@ -263,13 +266,17 @@ impl Facts {
     }
 
     /// True if the wheels slow down since a command last asked for their motion, without a stop since then, and not
-    /// faster than they were, for a source that commands zero: it ends a motion that was permitted, and begins none.
+    /// faster than they were, for a source that had overruled that command by its zero and still commands zero: it ends
+    /// a motion that was permitted, and begins none. To others the silence of the source that moved them is a stop.
     pub fn ends_motion(&self, now: Instant, speed: f64) -> bool {
         let Some(base) = &self.limits.base else { return false };
         let (since, _) = self.asked;
         let slows = speed <= self.slowest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
-        let to_zero = |source: &Source| source.ended.is_some() && source.lives(now, self.slack(now));
-        slows && since > self.stopped && self.sources.iter().any(to_zero)
+        let overruled = |source: &Source| {
+            let before = source.ended.is_some_and(|at| at <= since);
+            before && source.priority > self.asked_by && source.lives(now, self.slack(now))
+        };
+        slows && since > self.stopped && self.sources.iter().any(overruled)
     }
 
     /// [`Self::slack`] of a command that another one of its source has superseded: a motor controller is sent its
@@ -417,9 +424,10 @@ impl Facts {
             self.on_stop(now, was);
         } else if let Some(speed) = set_point.speed().filter(|_| of_wheel.speed().is_some()) {
             self.moved = now;
-            let asks = |source: &Source| source.asks(now, self.slack_of_command(now, source), speed, f64::INFINITY);
-            if self.limits.base.is_some() && self.sources.iter().any(asks) {
-                (self.asked, self.slowest) = ((now, speed), speed);
+            let asks = |source: &&Source| source.asks(now, self.slack_of_command(now, source), speed, f64::INFINITY);
+            let asking = self.sources.iter().filter(asks).map(|source| source.priority).max();
+            if let Some(priority) = asking.filter(|_| self.limits.base.is_some()) {
+                (self.asked, self.asked_by, self.slowest) = ((now, speed), priority, speed);
             }
             self.slowest = self.slowest.min(speed);
         }

@@ -67,17 +67,27 @@ fn wheels_slow_down_in_steps_for_a_source_that_still_commands() {
 
 #[test]
 fn a_source_that_takes_over_by_zero_ends_a_motion_and_begins_none() {
-    let taken_over = "say operator 0
-        +10 say operator 0.4
-        wheels 0.4 0.4
-        +185 say pad 0
-        +50 say pad 0
-        +30 say pad 0
-        wheels 0.36 0.36";
-    // The operator has expired.
-    check_wheels(&format!("{taken_over} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.32 0.32"));
-    check_wheels(&format!("{taken_over} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.35 0.35 ! resumes"));
-    check_wheels(&format!("{taken_over} \n +30 wheels stop stop \n +20 say pad 0 \n wheels 0.32 0.32 ! resumes"));
+    let taken_over = |from: &str, by: &str| {
+        format!(
+            "say {from} 0
+            +10 say {from} 0.4
+            wheels 0.4 0.4
+            +185 say {by} 0
+            +50 say {by} 0
+            +10 wheels 0.36 0.36
+            +20 say {by} 0"
+        )
+    };
+    // The shell has expired.
+    let by_pad = taken_over("shell", "pad");
+    check_wheels(&format!("{by_pad} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.32 0.32"));
+    check_wheels(&format!("{by_pad} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.35 0.35 ! resumes"));
+    check_wheels(&format!("{by_pad} \n +30 wheels stop stop \n +20 say pad 0 \n wheels 0.32 0.32 ! resumes"));
+    // One of no higher priority does not take over: the pad's silence is a stop.
+    for other in ["twin", "shell", "planner"] {
+        let script = taken_over("pad", other);
+        check_wheels(&format!("{script} \n +30 say {other} 0 \n wheels 0.34 0.34 ! resumes"));
+    }
 }
 
 #[test]
