@@ -1,7 +1,8 @@
 //! A robot without permission to move comes to a standstill.
 //!
 //! Bound: 200 ms until a drive without a master's heartbeat stops by itself, 300 ms, and the quick stop ramp; without
-//! power, or on drives that roll on without commands, it coasts, and its speed never rises.
+//! power, or on drives that roll on without commands, it coasts, and its speed never rises. A drive that has lost its
+//! power at speed gets it back at standstill only, whatever is commanded meanwhile.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -19,6 +20,8 @@ pub(super) struct Rule {
     permitted: Instant,
     speed_max: f64,
     speed: f64,
+    /// Last instant at which the drives may have missed commands, and the speed then.
+    missed: (Instant, f64),
 }
 
 impl Rule {
@@ -35,7 +38,11 @@ impl Rule {
             (self.permitted, self.speed_max) = (until, 0.0);
         }
         self.speed_max = self.speed_max.max(speed);
-        let braking = facts.braking(now, self.permitted, self.speed_max);
+        let missed = facts.missed(now);
+        if missed > self.missed.0 {
+            self.missed = (missed, speed);
+        }
+        let braking = facts.braking(self.permitted, self.speed_max, self.missed);
         let ramp = Duration::from_secs_f64(self.speed_max / braking);
         if now <= self.permitted + STOP_BEGIN_MAX {
             return Ok(());

@@ -27,6 +27,9 @@ const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 /// Time to standstill from top speed without power, at 0.17 m/s².
 const COASTING_TIME: Duration = Duration::from_secs(10);
 
+/// CiA 402-2, statusword: operation enabled, and the bits that show it.
+const OPERATION_ENABLED: u16 = 0x27;
+const STATUS_MASK: u16 = 0x6F;
 /// Period of the set-points of several wheels.
 const STEP: Duration = Duration::from_millis(20);
 
@@ -94,6 +97,12 @@ pub(super) struct Facts {
     pub set_point: SetPoint,
     /// The last set-point that a command asked for, of wheels that reach their speeds in steps.
     asked: (Instant, f64),
+    /// The greatest priority of those whose commands did.
+    asked_by: i8,
+    /// The slowest set-point since then, m/s.
+    slowest: f64,
+    /// When the drive of each wheel last reported that it has power.
+    powered: Vec<Instant>,
     /// Time of the last set-point that moved the robot.
     moved: Instant,
     /// State of the driver, and its begin.
@@ -139,6 +148,9 @@ impl Facts {
             sources: Sources::new(limits.ttl),
             wheels: vec![SetPoint::default(); limits.wheels.len()],
             asked: (Instant::ZERO, 0.0),
+            asked_by: 0,
+            slowest: 0.0,
+            powered: vec![Instant::ZERO; limits.wheels.len()],
             limits,
             driver: Life::default(),
             others: Names::default(),
@@ -206,11 +218,19 @@ impl Facts {
         now < self.rolls
     }
 
+    /// Last instant at which the drives may have missed commands.
+    pub fn missed(&self, now: Instant) -> Instant {
+        self.driver.ill(now).max(self.disturbed.min(now))
+    }
+
     /// Deceleration, m/s², of a robot that has to stop from `speed` since the instant `since`: that of a quick stop, or
-    /// that of rolling if its drives roll without commands and may have missed commands about that time.
-    pub fn braking(&self, now: Instant, since: Instant, speed: f64) -> f64 {
-        let missed = self.driver.ill(now).max(self.disturbed.min(now));
-        let rolls = |coasting: &f64| missed + Duration::from_secs_f64(speed / coasting) >= since;
+    /// that of rolling if its drives roll without commands and may have missed commands about that time. `missed`: the
+    /// last instant at which they may have, and the speed then: without power from then on, it may still roll.
+    pub fn braking(&self, since: Instant, speed: f64, missed: (Instant, f64)) -> f64 {
+        let (at, speed_then) = missed;
+        let unpowered = self.powered.iter().any(|powered| *powered <= at);
+        let speed_then = if unpowered { speed_then.max(speed) } else { speed };
+        let rolls = |coasting: &f64| at + Duration::from_secs_f64(speed_then / coasting) >= since;
         self.limits.coasting.filter(rolls).unwrap_or(self.limits.quick_stop)
     }
 
@@ -243,6 +263,20 @@ impl Facts {
                 source.asks(now, since, speed, f64::INFINITY) || slows && source.lives(now, slack)
             }
         }
+    }
+
+    /// True if the wheels slow down since a command last asked for their motion, without a stop since then, and not
+    /// faster than they were, for a source that had overruled that command by its zero and still commands zero: it ends
+    /// a motion that was permitted, and begins none. To others the silence of the source that moved them is a stop.
+    pub fn ends_motion(&self, now: Instant, speed: f64) -> bool {
+        let Some(base) = &self.limits.base else { return false };
+        let (since, _) = self.asked;
+        let slows = speed <= self.slowest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
+        let overruled = |source: &Source| {
+            let before = source.ended.is_some_and(|at| at <= since);
+            before && source.priority > self.asked_by && source.lives(now, self.slack(now))
+        };
+        slows && since > self.stopped && self.sources.iter().any(overruled)
     }
 
     /// [`Self::slack`] of a command that another one of its source has superseded: a motor controller is sent its
@@ -370,6 +404,11 @@ impl Facts {
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
+        if let Some((number, status)) = self.limits.reported(id, frame.data())
+            && status & STATUS_MASK == OPERATION_ENABLED
+        {
+            self.powered[number] = now;
+        }
         if let Some(number) = self.limits.disarmed(id, frame.data()) {
             // Its last set-point moves nothing any more.
             self.wheels[number] = SetPoint::default();
@@ -385,10 +424,12 @@ impl Facts {
             self.on_stop(now, was);
         } else if let Some(speed) = set_point.speed().filter(|_| of_wheel.speed().is_some()) {
             self.moved = now;
-            let asks = |source: &Source| source.asks(now, self.slack_of_command(now, source), speed, f64::INFINITY);
-            if self.limits.base.is_some() && self.sources.iter().any(asks) {
-                self.asked = (now, speed);
+            let asks = |source: &&Source| source.asks(now, self.slack_of_command(now, source), speed, f64::INFINITY);
+            let asking = self.sources.iter().filter(asks).map(|source| source.priority).max();
+            if let Some(priority) = asking.filter(|_| self.limits.base.is_some()) {
+                (self.asked, self.asked_by, self.slowest) = ((now, speed), priority, speed);
             }
+            self.slowest = self.slowest.min(speed);
         }
     }
 

@@ -66,6 +66,78 @@ fn wheels_slow_down_in_steps_for_a_source_that_still_commands() {
 }
 
 #[test]
+fn a_source_that_takes_over_by_zero_ends_a_motion_and_begins_none() {
+    let taken_over = |from: &str, by: &str| {
+        format!(
+            "say {from} 0
+            +10 say {from} 0.4
+            wheels 0.4 0.4
+            +185 say {by} 0
+            +50 say {by} 0
+            +10 wheels 0.36 0.36
+            +20 say {by} 0"
+        )
+    };
+    // The shell has expired.
+    let by_pad = taken_over("shell", "pad");
+    check_wheels(&format!("{by_pad} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.32 0.32"));
+    check_wheels(&format!("{by_pad} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.35 0.35 ! resumes"));
+    check_wheels(&format!("{by_pad} \n +30 wheels stop stop \n +20 say pad 0 \n wheels 0.32 0.32 ! resumes"));
+    // One of no higher priority does not take over: the pad's silence is a stop.
+    for other in ["twin", "shell", "planner"] {
+        let script = taken_over("pad", other);
+        check_wheels(&format!("{script} \n +30 say {other} 0 \n wheels 0.34 0.34 ! resumes"));
+    }
+}
+
+#[test]
+fn a_robot_that_lost_its_power_at_speed_rolls_until_it_is_powered_again() {
+    let limits = differential();
+    let wheels = [("left", 1), ("right", 2)].map(|(name, node)| wire::Wheel {
+        name: name.into(),
+        drive: wire::Drive::can_simple(node, 251),
+        stop_word: 0x0F,
+        units_per_mps: 15.0,
+    });
+    let limits = Limits { wheels: wheels.into(), coasting: Some(0.15), ..limits };
+    // From 0.4 m/s for 2.7 s, of which an operator commands on for 1.5 s.
+    let rolled = |state: &str| {
+        let mut bench = Bench::with(limits.clone());
+        for line in ["velocity pad 0 0", "+10 velocity pad 0.4 0", "speed 0.4", "fault can cut 270"] {
+            bench.line(line);
+        }
+        for sample in 0..53 {
+            if sample < 30 {
+                bench.line("velocity pad 0.4 0");
+            }
+            bench.act(&["faster", "-0.0075", "1"]);
+            bench.act(&["frame", "021", "00", "00", "00", "00", state]);
+            bench.act(&["frame", "041", "00", "00", "00", "00", "01"]);
+        }
+        bench.line("speed 0");
+        bench.pass(500);
+        bench.checkers.violation().map(|violation| violation.rule)
+    };
+    assert_eq!(rolled("01"), None);
+    assert_eq!(rolled("08"), None, "the other one has no power");
+    let mut bench = Bench::with(limits.clone());
+    for line in ["velocity pad 0 0", "+10 velocity pad 0.4 0", "speed 0.4", "fault can cut 270", "+400"] {
+        bench.line(line);
+    }
+    // Both are powered again, and the robot rolls all the same.
+    for line in ["frame 021 00 00 00 00 08", "frame 041 00 00 00 00 08"] {
+        bench.line(line);
+    }
+    for _ in 0..30 {
+        bench.line("velocity pad 0.4 0");
+        bench.pass(50);
+    }
+    bench.line("speed 0.12");
+    bench.pass(900);
+    assert_eq!(bench.checkers.violation().map(|violation| violation.rule), Some("body"));
+}
+
+#[test]
 fn wheels_that_slow_down_come_to_stand() {
     let mut bench = Bench::with(differential());
     for line in ["velocity pad 0 0", "+10 velocity pad 0.4 0", "wheels 0.4 0.4"] {
