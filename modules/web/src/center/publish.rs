@@ -60,7 +60,9 @@ pub fn refusal(channel: &str, simulated: bool) -> Option<&'static str> {
             Some("it moves the robot, or releases it from a stop: the page has a command of its own for that")
         }
         Some(own) if SUPERVISES.contains(&own) => Some("modules are supervised by it: nobody else speaks there"),
-        Some(own) if INTERNAL.contains(&own) => Some("a module commands another one by it: LL_CMD_OUTPUT sets an output"),
+        Some(own) if INTERNAL.contains(&own) => {
+            Some("a module commands another one by it: LL_CMD_OUTPUT sets an output")
+        }
         Some(own) if SIMULATES.contains(&own) && !simulated => Some("this robot is not simulated"),
         Some(_) if !simulated && !channel.contains("_CMD_") => {
             Some("a module of the robot speaks there: on a robot that is not simulated nobody speaks for it")
