@@ -32,6 +32,8 @@ const MOVES: [Channel; 7] = [
 ];
 /// By these the watchdog judges modules, and modules the watchdog.
 const SUPERVISES: [Channel; 2] = [Channel::CmDataProcesses, Channel::CmDataState];
+/// Between two modules: another channel is for programs and people.
+const INTERNAL: [Channel; 1] = [Channel::LlCmdNodeIo];
 
 /// Commands to the simulation.
 const SIMULATES: [Channel; 3] = [Channel::SimCmdFault, Channel::SimCmdRun, Channel::SimCmdClock];
@@ -58,7 +60,9 @@ pub fn refusal(channel: &str, simulated: bool) -> Option<&'static str> {
             Some("it moves the robot, or releases it from a stop: the page has a command of its own for that")
         }
         Some(own) if SUPERVISES.contains(&own) => Some("modules are supervised by it: nobody else speaks there"),
-        Some(Channel::LlCmdNodeIo) => Some("the module of the outputs speaks there: LL_CMD_OUTPUT sets an output"),
+        Some(own) if INTERNAL.contains(&own) => {
+            Some("a module commands another one by it: LL_CMD_OUTPUT sets an output")
+        }
         Some(own) if SIMULATES.contains(&own) && !simulated => Some("this robot is not simulated"),
         Some(_) if !simulated && !channel.contains("_CMD_") => {
             Some("a module of the robot speaks there: on a robot that is not simulated nobody speaks for it")
@@ -248,9 +252,10 @@ mod tests {
         for channel in Channel::ALL.iter().filter(|channel| !MOVES.contains(channel)) {
             let (name, commands) = (format!("{}A", channel.name()), channel.name().contains("_CMD_"));
             let name = if *channel == Channel::LlDataRaw { name.as_str() } else { channel.name() };
-            let free = commands && !SIMULATES.contains(channel);
+            let free = commands && !SIMULATES.contains(channel) && !INTERNAL.contains(channel);
             assert_eq!(refusal(name, false).is_none(), free, "{name}");
-            assert_eq!(refusal(name, true).is_none(), !SUPERVISES.contains(channel), "{name} in simulation");
+            let never = SUPERVISES.contains(channel) || INTERNAL.contains(channel);
+            assert_eq!(refusal(name, true).is_none(), !never, "{name} in simulation");
         }
         for simulated in [false, true] {
             assert_eq!(refusal("MY_LIGHTS", simulated), None);
