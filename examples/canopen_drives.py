@@ -2,7 +2,7 @@
 """CiA 402 drives on a CAN bus, each made of an EDS or DCF: to try a data sheet without its drive.
 
     pip install canopen python-can msgpack
-    examples/canopen_drives.py udp:239.74.163.2:43113 1=wheel.eds 2=wheel.eds
+    python3 examples/canopen_drives.py udp:239.74.163.2:43113 1=wheel.eds 2=wheel.eds
 
 The bus is `udp:GROUP:PORT`, or a network interface for SocketCAN: `vcan0`. The objects, their access, types and limits
 are those of the sheet; SDO, NMT, heartbeat and PDOs are of CANopen for Python. Behind them are the power state machine
