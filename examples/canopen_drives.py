@@ -2,7 +2,7 @@
 """CiA 402 drives on a CAN bus, each made of an EDS or DCF: to try a data sheet without its drive.
 
     pip install canopen python-can msgpack
-    examples/canopen_drives.py udp:239.74.163.2:43113 1=wheel.eds 2=wheel.eds
+    python3 examples/canopen_drives.py udp:239.74.163.2:43113 1=wheel.eds 2=wheel.eds
 
 The bus is `udp:GROUP:PORT`, or a network interface for SocketCAN: `vcan0`. The objects, their access, types and limits
 are those of the sheet; SDO, NMT, heartbeat and PDOs are of CANopen for Python. Behind them are the power state machine
@@ -24,6 +24,7 @@ except ModuleNotFoundError as error:
     sys.exit(f"{error}: pip install canopen python-can msgpack; or .venv/bin/python, which make test fills")
 
 CYCLE = 0.005
+PRINTS = threading.Lock()
 PROFILE_VELOCITY = 3
 ABORT_READ_ONLY, ABORT_HIGH, ABORT_LOW, ABORT_STATE, ABORT_VALUE = (
     0x06010002, 0x06090031, 0x06090032, 0x08000022, 0x06090030)
@@ -69,15 +70,18 @@ def sheet(file, node):
 class Drive:
     def __init__(self, network, number, file):
         self.network, self.number, self.lock = network, number, threading.RLock()
-        self.node = network.create_node(number, sheet(file, number))
+        self.node = canopen.LocalNode(number, sheet(file, number))
         #: Any other device has its objects, and moves nothing.
         self.is_drive = all(index in self.node.object_dictionary for index in (0x6040, 0x6041, 0x60FF, 0x606C))
-        self.node.add_write_callback(self.on_write)
         self.begin()
-        self.boot()
-        # After the node's own handler, which changes the state.
-        network.subscribe(0, self.on_nmt)
-        network.subscribe(0x80, self.on_sync)
+        self.node.add_write_callback(self.on_write)
+        # A master may be waiting: from here on its frames arrive.
+        with self.lock:
+            network.add_node(self.node)
+            # After the node's own handler, which changes the state.
+            network.subscribe(0, self.on_nmt)
+            network.subscribe(0x80, self.on_sync)
+            self.boot()
 
     def begin(self):
         """State after power-on, or a reset of the application."""
@@ -104,7 +108,10 @@ class Drive:
             pass
 
     def say(self, *words):
-        print(f"{time.monotonic():.4f}", self.number, *words, flush=True)
+        """Prints a line in one piece: several threads do."""
+        with PRINTS:
+            sys.stdout.write(" ".join(map(str, (f"{time.monotonic():.4f}", self.number, *words))) + "\n")
+            sys.stdout.flush()
 
     # Objects.
 

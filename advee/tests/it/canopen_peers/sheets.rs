@@ -356,12 +356,14 @@ fn differential(name: &str) -> Option<()> {
         (&["drive", "0.2", "0", "--for", "60"][..], 0.2, 0.0),
         (&["drive", "0", "--rotation", "0.6", "--for", "60"], 0.0, 0.6),
     ] {
-        (left.anew(), right.anew());
+        left.anew();
+        right.anew();
         let mut command = Command(robot.spawn(&[&["--config", config], arguments].concat()));
         let wanted = velocities(given, forward, rotation);
         left.until_velocity(1, wanted[0]);
         right.until_velocity(2, wanted[1]);
-        (left.anew(), right.anew());
+        left.anew();
+        right.anew();
         support::signal(command.0.id() as i32, "INT");
         assert!(command.0.wait().expect("it ends").success());
         left.until(1, "standing", |line| line.number("velocity") == Some(0));
@@ -369,7 +371,8 @@ fn differential(name: &str) -> Option<()> {
     }
 
     // A curve to the right, by LL_CMD_VELOCITY.
-    (left.anew(), right.anew());
+    left.anew();
+    right.anew();
     let wanted = velocities(given, 0.2, -0.4);
     assert!(wanted[0] > 0 && wanted[1] < 0 && wanted[0] > -wanted[1], "{wanted:?}");
     let reaches = |drives: &Drives, node: u8, wanted: i32| {
@@ -380,7 +383,8 @@ fn differential(name: &str) -> Option<()> {
     while !(reaches(&left, 1, wanted[0]) && reaches(&right, 2, wanted[1])) {
         assert!(begin.elapsed() < PATIENCE, "not {wanted:?}: {:?}, {:?}", left.log.last(), right.log.last());
         curve(&mut robot);
-        (left.read(), right.read());
+        left.read();
+        right.read();
     }
 
     // The left drive dies while the command goes on: the right one gets a quick stop, and is not moved again.
