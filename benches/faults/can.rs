@@ -3,7 +3,7 @@
 use base::can::Id;
 use host::ports::can_udp_codec;
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
-use sim::check::wire::{Drive, Protocol};
+use sim::check::wire::Drive;
 use std::net::{Ipv4Addr, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
@@ -11,13 +11,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-
-/// First identifier of emergencies (CiA 301).
-const EMERGENCY: u16 = 0x80;
-/// Statusword (CiA 402-2): operation enabled, and its mask.
-const OPERATION_ENABLED: (u16, u16) = (0x27, 0x6F);
-/// CiA 301: life guard or heartbeat error.
-const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 
 /// Effect of a frame on the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,27 +67,11 @@ fn forward(can: &UdpSocket, drives: &[Drive], signs: &Sender<(Instant, Sign)>, e
         let now = Instant::now();
         let Ok(frame) = can_udp_codec::decode(&datagram[..length]) else { continue };
         let Id::Standard(id) = frame.id() else { continue };
-        let found = drives.iter().enumerate().find_map(|(wheel, drive)| Some((wheel, moved(drive, id, frame.data())?)));
+        let found = drives.iter().enumerate().find_map(|(wheel, drive)| Some((wheel, drive.turns(id, frame.data())?)));
         let Some((wheel, now_moves)) = found else { continue };
         moves[wheel] = now_moves;
         if now_moves || !moves.contains(&true) {
             let _ = signs.send((now, if now_moves { Sign::Drives } else { Sign::Stops }));
         }
     }
-}
-
-/// True if a frame commands the drive to turn, false if it commands it to stop, or shows that it stops by itself: the
-/// emergency of a CANopen drive whose master is silent, or the heartbeat of an ODrive that is disarmed.
-fn moved(drive: &Drive, id: u16, data: &[u8]) -> Option<bool> {
-    if id == drive.command.id {
-        return drive.commanded(data).map(Drive::moves);
-    }
-    let stops = match drive.protocol {
-        Protocol::Canopen => id == EMERGENCY + u16::from(drive.node) && data.starts_with(&HEARTBEAT_LOST),
-        Protocol::CanSimple { .. } => {
-            let (enabled, mask) = OPERATION_ENABLED;
-            drive.reported(id, data).is_some_and(|statusword| statusword & mask != enabled)
-        }
-    };
-    stops.then_some(false)
 }
