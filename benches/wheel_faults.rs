@@ -21,7 +21,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-use wheel_faults::{Fault, Kind, Outcome, Subject};
+use wheel_faults::{Fault, Kind, Outcome, STOP_MAX, Subject};
 
 /// Robots, one of each kinematics.
 const ROBOTS: [&str; 6] = ["advee", "courier", "tug", "porter", "tripod", "rover"];
@@ -48,6 +48,15 @@ struct Row {
     stop: Times,
     missed: usize,
     unmoved: usize,
+}
+
+/// True if the stop came too late, or not at all.
+fn is_late(outcome: &Outcome) -> bool {
+    match outcome {
+        Outcome::Stopped(took) => *took > STOP_MAX,
+        Outcome::Missed(_) => true,
+        Outcome::Unmoved => false,
+    }
 }
 
 /// Number of faults after which a wheel stopped late, or did not stop.
@@ -85,14 +94,14 @@ fn campaign(subject: &Subject, seed: u64, numbers: std::ops::Range<u64>, only: &
     }
     let name = &subject.name;
     println!("\n{name}: {} faults, seed {seed}, {:.0} s", outcomes.len(), begin.elapsed().as_secs_f64());
-    for (fault, outcome) in outcomes.iter().filter(|(_, outcome)| outcome.is_late()) {
+    for (fault, outcome) in outcomes.iter().filter(|(_, outcome)| is_late(outcome)) {
         println!("  late: SEED={seed} CONFIG=conf/{name} NUMBER={}: {fault}: {outcome:?}", fault.number);
     }
     println!("{:20} {:>6}  {:>6} {:>6} {:>6}  late  missed  stood", "ms to the stop", "faults", "p50", "p99", "p100");
     let late = |kind: Option<Kind>| {
         outcomes
             .iter()
-            .filter(|(fault, outcome)| outcome.is_late() && kind.is_none_or(|kind| kind == fault.kind))
+            .filter(|(fault, outcome)| is_late(outcome) && kind.is_none_or(|kind| kind == fault.kind))
             .count()
     };
     for (kind, row) in &rows {

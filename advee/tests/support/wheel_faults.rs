@@ -192,17 +192,6 @@ pub enum Outcome {
     Unmoved,
 }
 
-impl Outcome {
-    /// True if the stop came too late, or not at all.
-    pub fn is_late(&self) -> bool {
-        match self {
-            Self::Stopped(took) => *took > STOP_MAX,
-            Self::Missed(_) => true,
-            Self::Unmoved => false,
-        }
-    }
-}
-
 /// The wheels on the wire.
 #[derive(Default)]
 struct Seen {

@@ -6,6 +6,7 @@ mod auxiliary;
 mod bases;
 mod blind;
 mod by_sheets;
+mod campaign;
 mod estimator;
 mod faults;
 mod gamepad;
@@ -24,6 +25,8 @@ mod stops;
 mod storm;
 mod tricycle;
 mod velocity;
+#[path = "../support/wheel_faults.rs"]
+mod wheel_faults;
 
 use base::{Duration, Instant, can};
 use messages::{Hold, Message, lowlevel};
