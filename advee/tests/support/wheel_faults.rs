@@ -38,7 +38,7 @@ const OBEY: Duration = Duration::from_millis(500);
 const OBEYS: f64 = 0.9;
 /// How much too fast a wheel is that runs away, m/s.
 const TOO_FAST: (f64, f64) = (0.3, 0.8);
-/// Speed of each commanded motion at the fastest wheel, m/s.
+/// Speed of a commanded motion, shared between translation and rotation, m/s.
 const SPEED: (f64, f64) = (0.15, 0.45);
 /// Way to the planner's goal, m.
 const GOAL: f64 = 3.5;
