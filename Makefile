@@ -119,6 +119,7 @@ bench:
 	cargo bench -p advee --locked --bench start --bench wheel --bench web
 	cargo bench -p advee --locked --bench world
 	cargo bench -p advee --locked --bench patrol
+	cargo bench -p advee --locked --bench wheel_faults
 	cargo bench -p advee --locked --bench faults
 	cargo bench -p advee --locked --bench ros2
 	cargo bench -p estimator --locked --bench estimator

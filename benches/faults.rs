@@ -136,6 +136,10 @@ fn configure(shipped: &Path, folder: &Path, settings: &str) -> PathBuf {
             fs::copy(&path, folder.join(path.file_name().expect("a file"))).expect("the configuration");
         }
     }
+    // Or with the way to those in the folder of another robot.
+    let robot = fs::read_to_string(shipped.join("robot.toml")).expect("the shipped robot");
+    let parent = shipped.parent().unwrap_or(shipped).display().to_string();
+    fs::write(folder.join("robot.toml"), robot.replace("\"../", &format!("\"{parent}/"))).expect("a file");
     let modules = fs::read_to_string(shipped.join("modules.toml")).expect("the shipped modules");
     // A module's own time limit would be a second one.
     let of_all = |line: &&str| !(settings.contains(BEATS_OFF) && line.starts_with("beat_timeout_s"));

@@ -3,7 +3,7 @@
 use base::can::Id;
 use host::ports::can_udp_codec;
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
-use sim::check::wire::{Drive, Protocol};
+use sim::check::wire::Drive;
 use std::net::{Ipv4Addr, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
@@ -12,13 +12,6 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// First identifier of emergencies (CiA 301).
-const EMERGENCY: u16 = 0x80;
-/// Statusword (CiA 402-2): operation enabled, and its mask.
-const OPERATION_ENABLED: (u16, u16) = (0x27, 0x6F);
-/// CiA 301: life guard or heartbeat error.
-const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
-
 /// Effect of a frame on the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sign {
@@ -26,11 +19,17 @@ pub enum Sign {
     Drives,
     /// Each wheel is commanded to stop, or stops by itself.
     Stops,
+    /// The target of each wheel has decreased by a tenth since [`Can::mark`].
+    Slows,
 }
+
+/// Part of its former target at which a wheel counts as slower: one that is commanded to stand slows down on a ramp.
+const SLOWER: f64 = 0.9;
 
 /// Listener with its thread.
 pub struct Can {
     pub signs: Receiver<(Instant, Sign)>,
+    marked: Arc<AtomicBool>,
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -40,10 +39,15 @@ impl Can {
     pub fn listen(port: u16, drives: Vec<Drive>) -> Self {
         let socket = open(port);
         let (send, signs) = channel();
-        let end = Arc::new(AtomicBool::new(false));
-        let ended = end.clone();
-        let thread = Some(std::thread::spawn(move || forward(&socket, &drives, &send, &ended)));
-        Self { signs, end, thread }
+        let [marked, end] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+        let (mark, ended) = (marked.clone(), end.clone());
+        let thread = Some(std::thread::spawn(move || forward(&socket, &drives, &send, &mark, &ended)));
+        Self { signs, marked, end, thread }
+    }
+
+    /// Compares the targets with the present ones from the next frame on.
+    pub fn mark(&self) {
+        self.marked.store(true, Ordering::Relaxed);
     }
 }
 
@@ -66,35 +70,29 @@ pub fn open(port: u16) -> UdpSocket {
     can
 }
 
-fn forward(can: &UdpSocket, drives: &[Drive], signs: &Sender<(Instant, Sign)>, end: &AtomicBool) {
-    let mut moves = vec![false; drives.len()];
+fn forward(can: &UdpSocket, drives: &[Drive], signs: &Sender<(Instant, Sign)>, mark: &AtomicBool, end: &AtomicBool) {
+    let (mut moves, mut targets) = (vec![false; drives.len()], vec![0.0; drives.len()]);
+    let mut before: Option<Vec<f64>> = None;
     let mut datagram = [0; 512];
     while !end.load(Ordering::Relaxed) {
         let Ok(length) = can.recv(&mut datagram) else { continue };
         let now = Instant::now();
         let Ok(frame) = can_udp_codec::decode(&datagram[..length]) else { continue };
         let Id::Standard(id) = frame.id() else { continue };
-        let found = drives.iter().enumerate().find_map(|(wheel, drive)| Some((wheel, moved(drive, id, frame.data())?)));
+        if mark.swap(false, Ordering::Relaxed) {
+            before = Some(targets.clone());
+        }
+        let found = drives.iter().enumerate().find_map(|(wheel, drive)| Some((wheel, drive.turns(id, frame.data())?)));
         let Some((wheel, now_moves)) = found else { continue };
         moves[wheel] = now_moves;
+        let commanded = drives[wheel].commanded(frame.data()).filter(|_| now_moves);
+        targets[wheel] = commanded.map_or(0.0, |(_, target): (u8, f64)| target.abs());
         if now_moves || !moves.contains(&true) {
             let _ = signs.send((now, if now_moves { Sign::Drives } else { Sign::Stops }));
         }
-    }
-}
-
-/// True if a frame commands the drive to turn, false if it commands it to stop, or shows that it stops by itself: the
-/// emergency of a CANopen drive whose master is silent, or the heartbeat of an ODrive that is disarmed.
-fn moved(drive: &Drive, id: u16, data: &[u8]) -> Option<bool> {
-    if id == drive.command.id {
-        return drive.commanded(data).map(Drive::moves);
-    }
-    let stops = match drive.protocol {
-        Protocol::Canopen => id == EMERGENCY + u16::from(drive.node) && data.starts_with(&HEARTBEAT_LOST),
-        Protocol::CanSimple { .. } => {
-            let (enabled, mask) = OPERATION_ENABLED;
-            drive.reported(id, data).is_some_and(|statusword| statusword & mask != enabled)
+        let slower = |before: &mut Vec<f64>| before.iter().zip(&targets).all(|(before, now)| *now <= SLOWER * before);
+        if before.take_if(slower).is_some() {
+            let _ = signs.send((now, Sign::Slows));
         }
-    };
-    stops.then_some(false)
+    }
 }

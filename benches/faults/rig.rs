@@ -61,6 +61,8 @@ pub struct Rig {
     /// Since [`Rig::mark`]: first sign of a stop, longest iteration of this loop, number of the watchdog's
     /// announcements.
     pub stop: Option<Instant>,
+    /// Instant from which all wheels were slower than at [`Rig::obey`].
+    pub slower: Option<Instant>,
     /// Instant from which the body stood, since [`Rig::mark`].
     pub stood: Option<Instant>,
     moved: Option<(Instant, f64)>,
@@ -149,6 +151,7 @@ impl Rig {
             next: now,
             sign: None,
             stop: None,
+            slower: None,
             stood: None,
             moved: None,
             slowest: Duration::ZERO,
@@ -165,6 +168,15 @@ impl Rig {
         (self.stop, self.slowest, self.announced, self.turn) = (None, Duration::ZERO, None, self.marked);
         (self.stood, self.moved, self.missed_watchdog) = (None, None, false);
         self.marked
+    }
+
+    /// Commands it to stand, and measures from now on when its wheels slow down.
+    pub fn obey(&mut self) -> Instant {
+        self.turn();
+        self.slower = None;
+        self.can.mark();
+        self.drive(false);
+        Instant::now()
     }
 
     /// Sets the operator's command; effective at once if it is a stop.
@@ -301,6 +313,10 @@ impl Rig {
             }
         }
         while let Ok((at, sign)) = self.can.signs.try_recv() {
+            if sign == Sign::Slows {
+                self.slower.get_or_insert(at);
+                continue;
+            }
             self.sign = Some((at, sign));
             if sign == Sign::Stops && at >= self.marked {
                 self.stop.get_or_insert(at);

@@ -255,16 +255,21 @@ fn burden(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcom
         vital.look();
         if told.is_none() && fault.elapsed() >= OBEY {
             // If it has already stopped, the operator need not command it.
-            told = Some(rig.stop.is_none().then(Instant::now));
-            rig.drive(false);
+            let moves = rig.stop.is_none();
+            let at = rig.obey();
+            told = Some(moves.then_some(at));
         }
         if back.is_none() && rig.is_back(&outcome.module, pid) {
             back = Some(Instant::now());
         }
     }
     outcome.run = back.map(|at| at.saturating_duration_since(vital.missed()));
-    let since = told.flatten().unwrap_or(vital.missed());
-    outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
+    let (stop, since) = match told.flatten() {
+        // The wheels of a base are commanded to slow down together, on a ramp: the stop has begun with its first part.
+        Some(at) => (rig.slower, at),
+        None => (rig.stop, vital.missed()),
+    };
+    outcome.stop = stop.map(|at| at.saturating_duration_since(since));
     if back.is_some() || (rig.pid(&outcome.module) == Some(pid) && rig.all_run()) {
         outcome.ending = Ending::Back;
     }

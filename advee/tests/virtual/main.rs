@@ -6,6 +6,7 @@ mod auxiliary;
 mod bases;
 mod blind;
 mod by_sheets;
+mod campaign;
 mod canopen_io;
 mod estimator;
 mod faults;
@@ -25,6 +26,8 @@ mod stops;
 mod storm;
 mod tricycle;
 mod velocity;
+#[path = "../support/wheel_faults.rs"]
+mod wheel_faults;
 
 use base::{Duration, Instant, can};
 use messages::{Hold, Message, lowlevel};

@@ -69,10 +69,15 @@ mod can_simple {
 const STANDS_TURNS_PER_S: f64 = 1.0 / 60.0;
 /// Low byte of a controlword that drives (CiA 402-2: operation enabled).
 const DRIVE: u8 = 0x0F;
+/// Bits of a statusword that have the state (CiA 402-2).
+const STATE_MASK: u16 = 0x6F;
 /// Statuswords (CiA 402-2): operation enabled; fault; switch on disabled.
 const OPERATION_ENABLED: u16 = 0x27;
 const FAULT: u16 = 0x08;
 const SWITCH_ON_DISABLED: u16 = 0x40;
+/// First identifier of emergencies, and the code of one whose master is silent (CiA 301).
+const EMERGENCY: u16 = 0x80;
+const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 /// NMT states in a heartbeat (CiA 301).
 const BOOT_UP: u8 = 0;
 const OPERATIONAL: u8 = 5;
@@ -125,6 +130,21 @@ impl Drive {
     #[must_use]
     pub fn moves((controlword, target): (u8, f64)) -> bool {
         controlword & DRIVE == DRIVE && target != 0.0
+    }
+
+    /// True for a frame that commands this drive to turn; false for one that commands it to stop, or in which it reports
+    /// that it stops by itself: a statusword other than operation enabled, of a CANopen drive also the emergency for a
+    /// silent master; `None`: any other frame.
+    #[must_use]
+    pub fn turns(&self, id: u16, data: &[u8]) -> Option<bool> {
+        if id == self.command.id {
+            return self.commanded(data).map(Self::moves);
+        }
+        let master_lost = self.protocol == Protocol::Canopen
+            && id == EMERGENCY + u16::from(self.node)
+            && data.starts_with(&HEARTBEAT_LOST);
+        let disabled = || self.reported(id, data).is_some_and(|status| status & STATE_MASK != OPERATION_ENABLED);
+        (master_lost || disabled()).then_some(false)
     }
 
     /// Data of its command that drives it at this target, in units of the drive; the rest is 0.
@@ -288,6 +308,38 @@ mod tests {
             assert_eq!((drive.reported(0x041, &data), drive.heartbeat(0x041, &data)), (None, None));
         }
         assert_eq!((drive.reported(0x061, &[0; 4]), drive.heartbeat(0x061, &[])), (None, Some(Heartbeat::Other)));
+    }
+
+    #[test]
+    fn a_drive_turns_until_a_command_or_its_own_report_stops_it() {
+        let place = |id| Place { id, at: 0 };
+        let canopen = Drive {
+            protocol: Protocol::Canopen,
+            node: 1,
+            command: place(0x201),
+            target: 2,
+            reports: vec![place(0x181)],
+        };
+        let odrive = Drive::can_simple(3, 0x0123);
+        let below_1_rpm = 0.01_f32.to_le_bytes();
+        for (drive, id, data, expected) in [
+            (&canopen, 0x201, &[0x0F, 0, 1, 0, 0, 0][..], Some(true)),
+            (&canopen, 0x201, &[0x0F, 0, 0, 0, 0, 0], Some(false)),
+            (&canopen, 0x201, &[0x0B, 0, 1, 0, 0, 0], Some(false)),
+            (&canopen, 0x201, &[0x0F, 0, 1], None),
+            (&canopen, 0x081, &[0x30, 0x81, 0x11], Some(false)),
+            (&canopen, 0x081, &[0x10, 0x23, 0x03], None),
+            (&canopen, 0x082, &[0x30, 0x81, 0x11], None),
+            (&canopen, 0x181, &[0x37, 0x02], None),
+            (&canopen, 0x181, &[0x17, 0x02], Some(false)),
+            (&odrive, 0x06D, &[0, 0, 0x20, 0xC0], Some(true)),
+            (&odrive, 0x06D, &below_1_rpm, Some(false)),
+            (&odrive, 0x061, &[0, 0, 0, 0, 8], None),
+            (&odrive, 0x061, &[0, 0, 0, 0, 1], Some(false)),
+            (&odrive, 0x083, &[0x30, 0x81, 0x11], None),
+        ] {
+            assert_eq!(drive.turns(id, data), expected, "{id:#x} {data:?}");
+        }
     }
 
     #[test]
