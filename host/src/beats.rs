@@ -1,16 +1,19 @@
 //! Heartbeats: each thread of a module increments a counter in a page that the watchdog reads.
 //!
 //! The page is a file of 4 KiB in memory; `docs/beats.md` specifies its format, which modules in any language may
-//! write. Plain system calls write and read it: a page in a memory file system never waits for a disk, and unlike a
-//! mapping it is harmless to the reader if somebody truncates the file.
+//! write. Both sides map it; a page in a memory file system never waits for a disk, and somebody who truncates the file
+//! harms nobody (`page`).
+
+mod page;
 
 use crate::keepers;
 use base::{Duration, Instant};
 use module::admission::Process;
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
-use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
+use page::Page;
+use std::fs::{self, DirBuilder, OpenOptions, Permissions};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -29,8 +32,8 @@ const VERSION: u32 = 1;
 /// Offset of the first thread's entry; [`ENTRY_SIZE`] is the length of each.
 const ENTRIES_OFFSET: usize = 64;
 /// Offset of the watchdog's own counter; its process id follows.
-const READER_OFFSET: u64 = 16;
-const WATCHDOG_OFFSET: u64 = 20;
+const READER_OFFSET: usize = 16;
+const WATCHDOG_OFFSET: usize = 20;
 const ENTRY_SIZE: usize = 64;
 /// Length of the name in an entry; the counter follows it.
 const NAME_SIZE: usize = 48;
@@ -39,7 +42,7 @@ pub const THREADS_MAX: usize = (PAGE_SIZE - ENTRIES_OFFSET) / ENTRY_SIZE;
 
 /// A module's own page.
 pub struct HeartbeatPage {
-    file: Arc<File>,
+    page: Arc<Page>,
     /// User of the watchdog, who made the page.
     uid: u32,
     threads: usize,
@@ -47,9 +50,9 @@ pub struct HeartbeatPage {
 
 /// Heartbeat of one thread, owned by that thread.
 pub struct Heartbeat {
-    file: Arc<File>,
+    page: Arc<Page>,
     uid: u32,
-    place: u64,
+    place: usize,
     count: u32,
     next: Instant,
 }
@@ -69,7 +72,7 @@ impl HeartbeatPage {
     /// The watchdog that reads this page; `None` if none has written it.
     #[must_use]
     pub fn watchdog(&self) -> Option<Process> {
-        reader_of(&self.file, self.uid).1
+        reader_of(&self.page, self.uid).1
     }
 
     pub(crate) fn at(path: &Path) -> io::Result<Self> {
@@ -78,7 +81,7 @@ impl HeartbeatPage {
         if !found.is_file() {
             return Err(io::ErrorKind::InvalidInput.into());
         }
-        Ok(Self { file: Arc::new(file), uid: found.uid(), threads: 0 })
+        Ok(Self { page: Arc::new(Page::new(file)?), uid: found.uid(), threads: 0 })
     }
 
     /// Registers a thread, whose first heartbeat is `now`. From the first registration on, the watchdog judges the
@@ -90,12 +93,12 @@ impl HeartbeatPage {
         if self.threads == THREADS_MAX {
             return Err(io::ErrorKind::StorageFull.into());
         }
-        let place = (ENTRIES_OFFSET + ENTRY_SIZE * self.threads) as u64;
+        let place = ENTRIES_OFFSET + ENTRY_SIZE * self.threads;
         let mut entry = [0; ENTRY_SIZE];
         let name = &name.as_bytes()[..name.len().min(NAME_SIZE)];
         entry[..name.len()].copy_from_slice(name);
         entry[NAME_SIZE] = 1;
-        self.file.write_all_at(&entry, place)?;
+        self.page.write(place, &entry)?;
         self.threads += 1;
         // The number of threads is written last: an entry counts once it is complete.
         let mut head = [0; 16];
@@ -103,26 +106,21 @@ impl HeartbeatPage {
         head[4..8].copy_from_slice(&VERSION.to_le_bytes());
         head[8..12].copy_from_slice(&std::process::id().to_le_bytes());
         head[12..].copy_from_slice(&(self.threads as u32).to_le_bytes());
-        self.file.write_all_at(&head, 0)?;
-        Ok(Heartbeat {
-            file: self.file.clone(),
-            uid: self.uid,
-            place: place + NAME_SIZE as u64,
-            count: 1,
-            next: now + PERIOD,
-        })
+        self.page.write(0, &head)?;
+        Ok(Heartbeat { page: self.page.clone(), uid: self.uid, place: place + NAME_SIZE, count: 1, next: now + PERIOD })
     }
 }
 
+/// Offset of a thread's counter.
+fn counter_of(index: usize) -> usize {
+    ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE
+}
+
 /// The watchdog's counter and its process.
-fn reader_of(page: &File, uid: u32) -> (u32, Option<Process>) {
-    let mut words = [0; 8];
-    if page.read_exact_at(&mut words, READER_OFFSET).is_err() {
-        return (0, None);
-    }
-    let [a, b, c, d, pid @ ..] = words;
-    let process = Process { pid: u32::from_le_bytes(pid), uid };
-    (u32::from_le_bytes([a, b, c, d]), Some(process).filter(|process| process.pid != 0))
+fn reader_of(page: &Page, uid: u32) -> (u32, Option<Process>) {
+    let count = page.load(READER_OFFSET);
+    let process = Process { pid: page.load(WATCHDOG_OFFSET), uid };
+    (count, Some(process).filter(|process| process.pid != 0))
 }
 
 impl Heartbeat {
@@ -136,8 +134,7 @@ impl Heartbeat {
         if due {
             self.next = if now < self.next { now + PERIOD } else { Instant::ZERO.next_on_grid(now, PERIOD) };
             self.count = self.count.wrapping_add(1);
-            // A failed write is a missing heartbeat, which the watchdog detects.
-            let _ = self.file.write_all_at(&self.count.to_le_bytes(), self.place);
+            self.page.store(self.place, self.count);
         }
         due
     }
@@ -146,7 +143,7 @@ impl Heartbeat {
     /// if none has written it.
     #[must_use]
     pub fn reader(&self) -> (u32, Option<Process>) {
-        reader_of(&self.file, self.uid)
+        reader_of(&self.page, self.uid)
     }
 
     /// Deadline of the next heartbeat.
@@ -221,7 +218,9 @@ struct ThreadState {
 /// A module's page as its watchdog reads it.
 #[derive(Debug)]
 pub struct PageReader {
-    file: File,
+    page: Page,
+    /// The file was shorter than a page when the watchdog last showed that it reads it.
+    short: bool,
     threads: Vec<ThreadState>,
     /// Next time at which the watchdog shows that it reads the page.
     show: Instant,
@@ -259,32 +258,34 @@ impl PageReader {
         if for_group {
             file.set_permissions(Permissions::from_mode(0o660))?;
         }
-        file.write_all_at(&std::process::id().to_le_bytes(), WATCHDOG_OFFSET)?;
-        Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
+        let page = Page::new(file)?;
+        page.write(WATCHDOG_OFFSET, &std::process::id().to_le_bytes())?;
+        Ok(Self { page, short: false, threads: Vec::new(), show: Instant::ZERO })
     }
 
     /// Opens the page of a running process.
     ///
     /// # Errors
-    /// The page does not exist.
+    /// The page does not exist, or cannot be mapped.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        let page = Page::new(file)?;
         // Before this watchdog publishes anything, so that the module knows who guards it now.
-        let _ = file.write_all_at(&std::process::id().to_le_bytes(), WATCHDOG_OFFSET);
-        Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
+        let _ = page.write(WATCHDOG_OFFSET, &std::process::id().to_le_bytes());
+        Ok(Self { page, short: false, threads: Vec::new(), show: Instant::ZERO })
     }
 
-    /// Increments the watchdog's counter if that is due, even if the module's part of the page is invalid.
+    /// Increments the watchdog's counter if that is due, even if the module's part of the page is invalid. A truncated
+    /// file is noticed here, at the latest.
     pub fn show(&mut self, now: Instant) {
         if self.show <= now {
             self.show = now + SHOW_PERIOD;
             // An earlier watchdog may have incremented it.
-            let mut count = [0; 4];
-            let _ = self.file.read_exact_at(&mut count, READER_OFFSET);
-            let count = u32::from_le_bytes(count).wrapping_add(1).to_le_bytes();
+            self.short |= self.page.is_short();
+            let count = self.page.load(READER_OFFSET).wrapping_add(1);
             // Before the counter, whose change says that there is news.
-            let _ = self.file.write_all_at(&std::process::id().to_le_bytes(), WATCHDOG_OFFSET);
-            let _ = self.file.write_all_at(&count, READER_OFFSET);
+            self.page.store(WATCHDOG_OFFSET, std::process::id());
+            self.page.store(READER_OFFSET, count);
         }
     }
 
@@ -296,51 +297,39 @@ impl PageReader {
     /// Reads the page. `held_up` is the part of the watchdog's own delay beyond its period that is not charged to the
     /// threads.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
-        let mut page = [0; PAGE_SIZE];
-        // Length known to be written, and one thread that may have been added.
-        let length = (ENTRIES_OFFSET + ENTRY_SIZE * (self.threads.len() + 1)).min(PAGE_SIZE);
-        if self.file.read_exact_at(&mut page[..length], 0).is_err() {
-            return Reading::Bad("is cut short");
-        }
-        let word = |place: usize| {
-            let mut bytes = [0; 4];
-            bytes.copy_from_slice(&page[place..place + 4]);
-            u32::from_le_bytes(bytes)
+        let [magic, version, owner, count] = [0, 4, 8, 12].map(|place| self.page.load(place));
+        let count = count as usize;
+        let known = self.threads.len();
+        let why = match () {
+            () if self.short || self.page.is_cut() => "is cut short",
+            () if [magic, version, owner] == [0; 3] && count + known == 0 => return Reading::Blank,
+            () if magic != u32::from_le_bytes(MAGIC) => "has no valid header",
+            () if version != VERSION => "is of another version",
+            () if owner != pid => "is of another process",
+            () if count == 0 || count > THREADS_MAX => "has an invalid number of threads",
+            () if count < known => "has lost threads",
+            () => "",
         };
-        if page[..16].iter().all(|byte| *byte == 0) {
-            return Reading::Blank;
+        if !why.is_empty() {
+            return Reading::Bad(if self.page.is_short() { "is cut short" } else { why });
         }
-        let count = word(12) as usize;
-        match () {
-            () if page[..4] != MAGIC => return Reading::Bad("has no valid header"),
-            () if word(4) != VERSION => return Reading::Bad("is of another version"),
-            () if word(8) != pid => return Reading::Bad("is of another process"),
-            () if count == 0 || count > THREADS_MAX => return Reading::Bad("has an invalid number of threads"),
-            () if count < self.threads.len() => return Reading::Bad("has lost threads"),
-            () => {}
-        }
-        if length < ENTRIES_OFFSET + ENTRY_SIZE * count && self.file.read_exact_at(&mut page, 0).is_err() {
-            return Reading::Bad("is cut short");
-        }
-        let word = |place: usize| {
-            let mut bytes = [0; 4];
-            bytes.copy_from_slice(&page[place..place + 4]);
-            u32::from_le_bytes(bytes)
-        };
         for (index, thread) in self.threads.iter_mut().enumerate() {
-            let beats = word(ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE);
+            let beats = self.page.load(counter_of(index));
             thread.last = if beats == thread.count { (thread.last + held_up).min(now) } else { now };
             thread.count = beats;
         }
-        for index in self.threads.len()..count {
-            let entry = &page[ENTRIES_OFFSET + ENTRY_SIZE * index..][..NAME_SIZE];
-            let end = entry.iter().position(|byte| *byte == 0).unwrap_or(NAME_SIZE);
-            let name = String::from_utf8_lossy(&entry[..end]).escape_debug().to_string();
-            self.threads.push(ThreadState {
-                name,
-                count: word(ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE),
-                last: now,
-            });
+        for index in known..count {
+            let mut name = [0; NAME_SIZE];
+            if self.page.read(ENTRIES_OFFSET + ENTRY_SIZE * index, &mut name).is_err() {
+                return Reading::Bad("is cut short");
+            }
+            let end = name.iter().position(|byte| *byte == 0).unwrap_or(NAME_SIZE);
+            let name = String::from_utf8_lossy(&name[..end]).escape_debug().to_string();
+            self.threads.push(ThreadState { name, count: self.page.load(counter_of(index)), last: now });
+        }
+        // Zeros instead of counters would look like heartbeats, once.
+        if self.page.is_cut() {
+            return Reading::Bad("is cut short");
         }
         match self.threads.iter().min_by_key(|thread| thread.last) {
             Some(ThreadState { name, last, .. }) => Reading::Oldest { thread: name, last: *last },
@@ -506,6 +495,42 @@ mod tests {
             let mut page = file(&[&head(1, me, (seed >> 40) as u32 % 64), &random[16..]].concat());
             page.read(at(0), me, Duration::ZERO);
         }
+    }
+
+    #[test]
+    fn a_truncated_page_ends_neither_side() {
+        let me = std::process::id();
+        for (name, length) in [("nothing", 0), ("head", 8), ("part", 100)] {
+            let dir = Dir::new(name);
+            let (mut page, mut beats) = pair(&dir);
+            let mut beat = beats.thread(at(0), "main").unwrap();
+            page.show(at(0));
+            assert_eq!(page.read(at(10), me, Duration::ZERO), Reading::Oldest { thread: "main", last: at(10) });
+            let file = OpenOptions::new().write(true).open(dir.0.join("module")).unwrap();
+            file.set_len(length).unwrap();
+            let found = (20..=500).step_by(20).find(|ms| {
+                page.show(at(*ms));
+                page.read(at(*ms), me, Duration::ZERO) == Reading::Bad("is cut short")
+            });
+            assert!(found.is_some(), "{length}");
+            // Heartbeats go on, and the module still sees its watchdog.
+            assert!(beat.beat(at(600)));
+            let (before, _) = beat.reader();
+            page.show(at(2000));
+            assert_eq!(beat.reader(), (before + 1, Some(Process { pid: me, uid: beat.uid })), "{length}");
+        }
+    }
+
+    #[test]
+    fn a_page_that_was_cleared_after_a_heartbeat_is_bad() {
+        let dir = Dir::new("cleared");
+        let (mut page, mut beats) = pair(&dir);
+        let _beat = beats.thread(at(0), "main").unwrap();
+        let me = std::process::id();
+        page.read(at(0), me, Duration::ZERO);
+        let file = OpenOptions::new().write(true).open(dir.0.join("module")).unwrap();
+        std::os::unix::fs::FileExt::write_all_at(&file, &[0; PAGE_SIZE], 0).unwrap();
+        assert_eq!(page.read(at(20), me, Duration::ZERO), Reading::Bad("has no valid header"));
     }
 
     #[test]

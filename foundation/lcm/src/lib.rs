@@ -42,6 +42,11 @@ pub mod eventlog;
 pub mod filter;
 #[cfg(feature = "live")]
 pub mod live;
+#[cfg(feature = "shm")]
+pub mod memory {
+    //! Files that processes share as memory. A process that truncates one does not end the others by SIGBUS.
+    pub use crate::shm::memory::{Access, Memory};
+}
 #[cfg(feature = "std")]
 pub mod origin;
 #[cfg(feature = "std")]

@@ -18,7 +18,7 @@ mod bell;
 mod bus;
 mod folder;
 mod listeners;
-mod memory;
+pub(crate) mod memory;
 mod ring;
 mod station;
 

@@ -10,7 +10,7 @@
 #![allow(unsafe_code, reason = "a mapping is a pointer, and a copy of what others write is no `memcpy`")]
 
 use super::sync::{Ordering, Value, Word};
-use core::sync::atomic::{AtomicBool, AtomicUsize};
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize};
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, fallocate};
 use nix::libc;
@@ -154,7 +154,11 @@ unsafe impl Send for Memory {}
 unsafe impl Sync for Memory {}
 
 impl Memory {
-    /// Maps the first `bytes` of a file that is at least as long, and open for that access.
+    /// Maps the first `bytes` of a file that is open for that access. Where it is shorter, the first access finds it
+    /// [cut](Self::is_cut).
+    ///
+    /// # Errors
+    /// The kernel refuses the mapping, or this process has too many.
     pub fn map(file: impl AsFd, bytes: usize, access: Access) -> io::Result<Self> {
         guard()?;
         let bytes = NonZeroUsize::new(bytes).ok_or(Errno::EINVAL)?;
@@ -171,11 +175,20 @@ impl Memory {
     }
 
     /// True if an access found the file truncated: from then on the words there are zeroes that no other process sees.
+    #[must_use]
     pub fn is_cut(&self) -> bool {
         self.entry.cut.load(Ordering::Acquire)
     }
 
-    /// Words.
+    /// All words of 32 bits: for a file whose layout has such.
+    #[must_use]
+    pub fn words32(&self) -> &[AtomicU32] {
+        // SAFETY: as in `words`; the size of these is smaller, and so is their alignment.
+        unsafe { slice::from_raw_parts(self.start.as_ptr().cast(), self.bytes.get() / size_of::<u32>()) }
+    }
+
+    /// All words.
+    #[must_use]
     pub fn words(&self) -> &[Word] {
         // SAFETY: `start` is the start of a page, so it is aligned; `bytes` from there are mapped until `drop`, which
         // the lifetime excludes. The kernel gave zeroes or what processes stored, every bit pattern is a valid word,
