@@ -25,8 +25,8 @@ use lidar::emulated::{DIRECTIONS, Device as Emulated};
 use lidar::ld::NoEcho;
 use lidar::sick::{Dialect, Family};
 use lidar::{hokuyo, ld, rplidar, sick};
-use messages::lowlevel::{DataGuard, DataMotion};
 use messages::Message;
+use messages::lowlevel::{DataGuard, DataMotion};
 use module::bench::Bench;
 use module::{Action, Output, PortId, Shell, ShellConfig};
 use navitools::{Point, Pose};
@@ -321,6 +321,7 @@ fn cpu(kind: &Kind) {
     // The same again for a driver that sees nothing else: its requests get the same answers.
     let mut driver = kind.driver();
     let (mut points, mut bytes, mut spent) = (0, Vec::new(), 0);
+    let allocations = MEMORY.allocations();
     for (now, words) in &sent {
         let before = sys::cpu_ns();
         driver.pass(now.since(driver.now()));
@@ -340,10 +341,11 @@ fn cpu(kind: &Kind) {
     }
     let per_s = points as f64 / 60.0;
     println!(
-        "{:12} {per_s:6.0} points/s: {:.2} % of a core, {:.2} % at 8,000 points/s",
+        "{:12} {per_s:6.0} points/s: {:.2} % of a core, {:.2} % at 8,000 points/s, {} allocations a second",
         kind.name,
         spent as f64 / 60e9 * 100.0,
-        spent as f64 / 60e9 * 100.0 / per_s * 8000.0
+        spent as f64 / 60e9 * 100.0 / per_s * 8000.0,
+        (MEMORY.allocations() - allocations) / 70
     );
 }
 

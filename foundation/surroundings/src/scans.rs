@@ -29,6 +29,8 @@ const WALK_MPS: f64 = 1.6;
 /// Distance between two beams up to which a leg is met by both of them, m: half of the test piece by which a device is
 /// shown to detect legs (IEC 61496-3, 70 mm).
 const LEG_SPACING_M: f64 = 0.035;
+/// Beams on either side of a single one among which one that measured is looked for.
+const BESIDE_MAX: usize = 8;
 /// Longest time between two revolutions for which somebody walks, s.
 const TURN_MAX_S: f64 = 0.2;
 /// Directions into which findings are sorted, seen from the lidar.
@@ -286,18 +288,24 @@ struct Met {
     distance: f64,
     /// The measuring beam before it met something, too.
     follows: bool,
-    /// Both beams beside it passed it, although a leg would have been met by one of them.
+    /// The beams beside it passed it, although a leg would have been met by one of them.
     lone: bool,
 }
 
-/// True if a beam alone met something that is no leg: both beside it measured more, by more than `same` m, and are so
-/// near that a leg would have been met by two.
+/// True if a beam alone met something that is no leg: the next ones that measured on either side measured more, by more
+/// than `same` m, and are so near that a leg would have been met by two.
 fn is_lone(scan: &DataScan, beam: usize, same: f64) -> bool {
     let range_of = |beam: usize| scan.ranges.get(beam).copied().map(f64::from);
     let Some(range) = range_of(beam).filter(|range| *range >= 0.0) else { return false };
-    // What was not measured, or what is nearer and may hide a part of it, leaves it unknown.
-    let passes = |beside: Option<usize>| beside.and_then(range_of).is_some_and(|other| other > range + same);
-    range * scan.angle_step.abs() <= LEG_SPACING_M && passes(beam.checked_sub(1)) && passes(beam.checked_add(1))
+    let spacing = range * scan.angle_step.abs();
+    // What is beyond the sector leaves it unknown, and what is nearer may hide a part of it.
+    let passes = |beside: &dyn Fn(usize) -> Option<usize>| {
+        let near = (1..=BESIDE_MAX).take_while(|n| *n as f64 * spacing <= LEG_SPACING_M);
+        let measured =
+            near.map(|n| beside(n).and_then(range_of)).find(|other| other.is_none_or(|other| !other.is_nan()));
+        measured.flatten().is_some_and(|other| other > range + same)
+    };
+    passes(&|n| beam.checked_sub(n)) && passes(&|n| beam.checked_add(n))
 }
 
 /// Directions around those of a sector. Nothing outside of it is compared with the sector, so that the angles of most

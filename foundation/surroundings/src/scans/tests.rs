@@ -240,12 +240,22 @@ fn a_single_beam_counts_only_where_it_was_before_and_a_leg_that_walks_counts() {
         bench.revolve();
         assert_eq!(bench.found().0, [], "{turn}");
     }
-    // Beside one that has not measured, or that met something nearer, it may be a part of a leg.
+    // One beside it that has not measured hides no leg.
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+    for turn in 0..40 {
+        bench.spoils = Box::new(move |ranges| {
+            (ranges[20], ranges[21]) = (if turn % 2 == 0 { 0.7 } else { 0.85 }, f32::NAN);
+        });
+        bench.revolve();
+        assert_eq!(bench.found().0, [], "{turn}");
+    }
+    // Beside some that have not measured, or that met something nearer, it may be a part of a leg.
     for beside in [f32::NAN, 0.4] {
         let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
         for turn in 0..4 {
             bench.spoils = Box::new(move |ranges| {
-                (ranges[20], ranges[21]) = (if turn % 2 == 0 { 0.7 } else { 0.85 }, beside);
+                ranges[20] = if turn % 2 == 0 { 0.7 } else { 0.85 };
+                ranges[21..24].fill(beside);
             });
             bench.revolve();
         }
