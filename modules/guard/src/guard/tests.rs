@@ -450,8 +450,8 @@ fn what_comes_into_the_field_of_a_lidar_is_told_after_so_many_revolutions_and_at
 
 #[test]
 fn what_one_sector_finds_does_not_wait_because_a_message_has_just_been_sent() {
-    // Sectors arrive up to 12 ms after the message of the 20 Hz, in step with it; one of them sees what appears.
-    for ms in 0..13 {
+    // The sector that sees what appears arrives at any time after the message of the 20 Hz, in step with it.
+    for ms in 0..50 {
         let mut robot = Scanned::new(2, Ranging::Lidar);
         robot.within = 2.0..=10.0;
         robot.bench.pass(Duration::from_millis(ms));
@@ -463,7 +463,8 @@ fn what_one_sector_finds_does_not_wait_because_a_message_has_just_been_sent() {
             assert!(robot.bench.now().since(appeared) < Duration::from_secs(1), "{ms}");
         }
         let took = robot.bench.now().since(appeared);
-        assert!(took <= Duration::from_millis(200), "{ms} ms: {took:?}");
+        // The fifth sector of the second revolution.
+        assert!(took <= SECTOR * 13, "{ms} ms: {took:?}");
     }
 }
 
