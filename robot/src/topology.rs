@@ -169,6 +169,7 @@ fn virtual_machine_made(
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
     config.full_duplex.extend(connections.map(ModbusBus::bus));
     config.full_duplex.extend(read.robot.lidar.iter().map(config::Lidar::bus));
+    config.usb.extend(read.robot.lidar.iter().map(config::Lidar::bus));
     config.full_duplex.extend(read.robot.imu.iter().map(config::Imu::bus));
     config.full_duplex.extend(read.robot.serial.iter().map(config::SerialLine::bus));
     let restart_delay_max = Some(config.restart_delay_max);

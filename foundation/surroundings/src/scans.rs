@@ -3,7 +3,8 @@
 //! **Unknown is not free.** A direction in which a lidar has measured nothing for `scan_age_max_s`, or in fewer than
 //! `evaluations` revolutions in succession since, counts as occupied from the outline on. Something counts after that
 //! many revolutions in succession have found it in the same place, as far as a person walks in one; then for two
-//! revolutions more, so that one that misses it frees nothing.
+//! revolutions more, so that one that misses it frees nothing. A single beam where a leg would be met by two is something
+//! thinner, or wild: it must be found again where it was.
 
 use crate::{Lidar, Obstacle, Rules, Source, Trail, Unseen};
 use base::{Duration, Instant};
@@ -25,6 +26,11 @@ const HITS_MAX: usize = 4096;
 const SAME_M: f64 = 0.05;
 /// Fastest walk, m/s (ISO 13855).
 const WALK_MPS: f64 = 1.6;
+/// Distance between two beams up to which a leg is met by both of them, m: half of the test piece by which a device is
+/// shown to detect legs (IEC 61496-3, 70 mm).
+const LEG_SPACING_M: f64 = 0.035;
+/// Beams on either side of a single one among which one that measured is looked for.
+const BESIDE_MAX: usize = 8;
 /// Longest time between two revolutions for which somebody walks, s.
 const TURN_MAX_S: f64 = 0.2;
 /// Directions into which findings are sorted, seen from the lidar.
@@ -196,11 +202,12 @@ impl Eye {
                 follows = false;
                 continue;
             }
+            let lone = is_lone(scan, k, same);
             let pose = trail.pose(at + Duration::from_secs_f64(k as f64 * scan.beam_time)) * self.lidar.mount;
             let (sin, cos) = (pose.theta + angle(k)).sin_cos();
             let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
             let (bin, distance) = seen_from(here, point);
-            met.push(Met { at: point, bin, distance, follows });
+            met.push(Met { at: point, bin, distance, follows, lone });
             follows = true;
         }
         let (begun, before, old) = self.earlier()?;
@@ -208,8 +215,8 @@ impl Eye {
         let arc = Arc::around(&met, same);
         let (before, old) = (View::new(here, before, &arc), View::new(here, old, &arc));
         let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
-        for Met { at: point, bin, distance, follows } in met {
-            let found = before.turns(bin, distance, same);
+        for Met { at: point, bin, distance, follows, lone } in met {
+            let found = before.turns(bin, distance, if lone { SAME_M } else { same });
             let closing = old.nearest(bin) - distance;
             let comes_nearer = closing > APPROACH_M && APPROACH_MPS.contains(&(closing / baseline));
             // Noise seldom brings two beams nearer, one beside the other.
@@ -281,6 +288,24 @@ struct Met {
     distance: f64,
     /// The measuring beam before it met something, too.
     follows: bool,
+    /// The beams beside it passed it, although a leg would have been met by one of them.
+    lone: bool,
+}
+
+/// True if a beam alone met something that is no leg: the next ones that measured on either side measured more, by more
+/// than `same` m, and are so near that a leg would have been met by two.
+fn is_lone(scan: &DataScan, beam: usize, same: f64) -> bool {
+    let range_of = |beam: usize| scan.ranges.get(beam).copied().map(f64::from);
+    let Some(range) = range_of(beam).filter(|range| *range >= 0.0) else { return false };
+    let spacing = range * scan.angle_step.abs();
+    // What is beyond the sector leaves it unknown, and what is nearer may hide a part of it.
+    let passes = |beside: &dyn Fn(usize) -> Option<usize>| {
+        let near = (1..=BESIDE_MAX).take_while(|n| *n as f64 * spacing <= LEG_SPACING_M);
+        let measured =
+            near.map(|n| beside(n).and_then(range_of)).find(|other| other.is_none_or(|other| !other.is_nan()));
+        measured.flatten().is_some_and(|other| other > range + same)
+    };
+    passes(&|n| beam.checked_sub(n)) && passes(&|n| beam.checked_add(n))
 }
 
 /// Directions around those of a sector. Nothing outside of it is compared with the sector, so that the angles of most
@@ -350,7 +375,8 @@ impl View {
 
     /// Most revolutions that have found something at a place, or up to `same` m from it; 0: none.
     fn turns(&self, bin: usize, distance: f64, same: f64) -> u32 {
-        let near = self.around(bin, beside(distance, same)).filter(|(other, _)| (other - distance).abs() <= same);
+        let near =
+            self.around(bin, beside(distance, same).max(1)).filter(|(other, _)| (other - distance).abs() <= same);
         near.map(|(_, turns)| turns).max().unwrap_or(0)
     }
 

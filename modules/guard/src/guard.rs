@@ -25,7 +25,7 @@ const PLAUSIBLE: f64 = 2.0;
 const STEERING_MAX_RAD: f64 = 1.5;
 /// Speed below which the robot counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
-/// What a lidar finds near the robot is published at once, but not sooner than this after the last message.
+/// What a lidar finds near the robot is published at once, but not sooner than this after the last time.
 const SPACING: Duration = Duration::from_millis(10);
 
 base::deadlines! {
@@ -33,6 +33,8 @@ base::deadlines! {
     enum Timer {
         /// `LL_DATA_GUARD` is published. Set from the start on.
         Publish,
+        /// It is published with what a lidar found within [`SPACING`] of the last time.
+        Found,
     }
 }
 
@@ -61,8 +63,8 @@ pub struct Guard {
     echoes: Echoes,
     scans: Scans,
     subscriptions: Vec<Channel>,
-    /// Instant of the last message.
-    published: Instant,
+    /// Instant of the last message for what a lidar had found.
+    found: Instant,
     trail: Trail,
     /// Measured steering angle of the curves of a base that does not steer, rad, and its instant.
     curve: Option<(Instant, f64)>,
@@ -93,7 +95,7 @@ impl Guard {
             echoes: Echoes::new(rules, config.sonars()),
             scans: Scans::new(rules, config.lidars(), &body),
             subscriptions,
-            published: Instant::ZERO,
+            found: Instant::ZERO,
             trail: Trail::default(),
             curve: None,
             motion: None,
@@ -152,13 +154,19 @@ impl Guard {
         let law = self.fields.law();
         let field = self.fields.radius() + law.protective(speed).max(law.warning(speed));
         let field = field.max(self.zones.reach());
-        if speed > STANDSTILL_MPS && distance <= field && now.since(self.published) >= SPACING {
+        if speed <= STANDSTILL_MPS || distance > field {
+            return;
+        }
+        if now.since(self.found) >= SPACING {
+            self.found = now;
             self.publish(now, out);
+        } else if !self.deadlines.is_set(Timer::Found) {
+            self.deadlines.set(Timer::Found, self.found + SPACING);
         }
     }
 
     fn publish(&mut self, now: Instant, out: &mut Actions) {
-        self.published = now;
+        self.deadlines.clear(Timer::Found);
         let timestamp = out.timestamp(now);
         let motion = self.motion.filter(|(at, _)| now.since(*at) <= MOTION_AGE_MAX).map(|(_, motion)| motion);
         let Some(motion) = motion else {
@@ -259,7 +267,11 @@ impl Module for Guard {
             }
             _ => {}
         }
-        if self.deadlines.tick(Timer::Publish, now, PERIOD) {
+        let found = self.deadlines.take(Timer::Found, now);
+        if found {
+            self.found = now;
+        }
+        if self.deadlines.tick(Timer::Publish, now, PERIOD) || found {
             self.publish(now, out);
         }
     }

@@ -16,7 +16,7 @@ const LOOK: Duration = Duration::from_millis(25);
 const NOISE_M: f64 = 0.01;
 /// Time without supply of a device that restarts.
 const RESTART: Duration = Duration::from_millis(300);
-/// Interval at which the bytes on a line are handed on, as adapters do.
+/// Least time between two moments at which the bytes on a line are handed on, as adapters do.
 const PASSES: Duration = Duration::from_millis(2);
 /// Bytes that are handed on at once.
 const CHUNK: usize = 512;
@@ -107,8 +107,10 @@ struct Lidar {
     reach: f64,
     look: Instant,
     looks: u64,
-    /// When the bytes on its line are handed on again.
+    /// When the bytes on its line may be handed on again.
     pass: Instant,
+    /// They are handed on now.
+    passes: bool,
     /// Probabilities of a beam: of a distance that is none of anything, and of no echo.
     wild: f64,
     lost: f64,
@@ -121,7 +123,18 @@ impl Lidars {
         let lidar = |config: &LidarConfig| {
             let (device, reach) = config.model.device(config.fields.as_deref());
             let (looks, wild, lost, until) = (0, 0.0, 0.0, Instant::NEVER);
-            Lidar { config: config.clone(), device, reach, look: now, looks, pass: now, wild, lost, until }
+            Lidar {
+                config: config.clone(),
+                device,
+                reach,
+                look: now,
+                looks,
+                pass: now,
+                passes: false,
+                wild,
+                lost,
+                until,
+            }
         };
         let direction = |n| {
             let (sin, cos) = libm::sincos(n as f64 * TAU / DIRECTIONS as f64);
@@ -148,18 +161,20 @@ impl Lidars {
                 lidar.looks += 1;
                 lidar.sees(now, scene, &self.directions, (place as u64) << 32 | lidar.looks);
             }
+            let due = lidar.device.poll_timeout().is_none_or(|due| due <= now);
             lidar.device.handle_timeout(now);
-            if lidar.pass <= now {
-                lidar.pass = now + PASSES;
+            if due && lidar.pass <= now {
+                (lidar.pass, lidar.passes) = (now + PASSES, true);
             }
         }
     }
 
     /// Next bytes, and the place of their lidar.
     pub fn poll_tx(&mut self, now: Instant) -> Option<(usize, Vec<Word>)> {
-        self.all.iter_mut().enumerate().find_map(|(place, lidar)| {
+        self.all.iter_mut().enumerate().filter(|(_, lidar)| lidar.passes).find_map(|(place, lidar)| {
             let mut bytes = [0; CHUNK];
             let count = lidar.device.poll_tx(now, &mut bytes);
+            lidar.passes = count == CHUNK;
             (count > 0).then(|| (place, bytes[..count].iter().copied().map(Word::data).collect()))
         })
     }

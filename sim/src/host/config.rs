@@ -24,6 +24,8 @@ pub struct Config {
     pub restart_delay_max: Duration,
     /// Serial buses with separate wire pairs for each direction.
     pub full_duplex: Vec<String>,
+    /// Serial buses whose adapters hand on 64 words at once, as those on USB do; others hand on 14, as a 16550 does.
+    pub usb: Vec<String>,
     /// Which senders the modules accept.
     pub policy: Policy,
     /// True if the sender of a CAN frame receives it too (UDP does, `SocketCAN` does not).
@@ -49,6 +51,7 @@ impl Default for Config {
             exit_delay: Duration::from_micros(100),
             restart_delay_max: Duration::from_secs(10),
             full_duplex: Vec::new(),
+            usb: Vec::new(),
             policy: Policy::default(),
             can_echo: false,
             can_loss: None,

@@ -11,6 +11,8 @@ use std::collections::VecDeque;
 /// Number of words after which received data is delivered, also at the end of a transmission: like the receive FIFO of
 /// a 16550 at its highest threshold.
 const FIFO: usize = 14;
+/// The same of an adapter on USB of full speed, which hands on packets of 64 bytes.
+pub(super) const PACKET: usize = 64;
 
 /// Words sent in one piece.
 #[derive(Debug)]
@@ -27,6 +29,8 @@ pub(super) struct SerialWire {
     pub baud: u32,
     /// Separate pairs of wires: simultaneous transmission does no harm.
     pub full_duplex: bool,
+    /// Number of words after which received data is delivered.
+    pub piece: usize,
     pub ports: Vec<Owner>,
     bursts: VecDeque<Burst>,
     random: Random,
@@ -46,6 +50,7 @@ impl SerialWire {
         Self {
             baud: baud.max(1),
             full_duplex,
+            piece: FIFO,
             ports: Vec::new(),
             bursts: VecDeque::new(),
             random,
@@ -95,8 +100,13 @@ impl SerialWire {
         }
     }
 
+    /// Number of words of a burst that have been delivered after its next piece.
+    fn upto(&self, burst: &Burst) -> usize {
+        burst.words.len().min(burst.delivered + self.piece)
+    }
+
     fn due(&self, burst: &Burst) -> Instant {
-        self.after(burst.start, burst.words.len().min(burst.delivered + FIFO))
+        self.after(burst.start, self.upto(burst))
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
@@ -106,8 +116,8 @@ impl SerialWire {
     /// Words that have arrived by `now`, one piece at a time.
     pub fn handle_timeout(&mut self, now: Instant) -> Option<Arrival> {
         let place = (0..self.bursts.len()).find(|place| self.due(&self.bursts[*place]) <= now)?;
+        let upto = self.upto(&self.bursts[place]);
         let burst = &mut self.bursts[place];
-        let upto = burst.words.len().min(burst.delivered + FIFO);
         let words = burst.words[burst.delivered..upto].to_vec();
         burst.delivered = upto;
         let (owner, sent) = (burst.owner, upto == burst.words.len());
@@ -159,6 +169,19 @@ mod tests {
         wire.send(Instant::from_nanos(50_000), owner(1), vec![Word::data(2); 2]);
         let times: Vec<_> = arrivals(&mut wire).iter().map(|arrival| arrival.0).collect();
         assert_eq!(times, [300_000, 500_000]);
+    }
+
+    #[test]
+    fn an_adapter_on_usb_delivers_a_packet_at_once() {
+        let mut wire = SerialWire::new(230_400, true, Random::new(1));
+        wire.piece = PACKET;
+        let words: Vec<Word> = (0..100).map(Word::data).collect();
+        wire.send(Instant::ZERO, owner(1), words.clone());
+        let all = arrivals(&mut wire);
+        // 64 and 100 words of 11 bits at 230400 Bd.
+        assert_eq!(all[0], (3_055_555, 1, words[..64].to_vec(), false));
+        assert_eq!(all[1], (4_774_305, 1, words[64..].to_vec(), true));
+        assert_eq!(all.len(), 2);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::gamepad::GamepadWire;
 use super::i2c::I2cWire;
 use super::news::Traffic;
 use super::owner::Owner;
-use super::serial::SerialWire;
+use super::serial::{self, SerialWire};
 use super::served::Served;
 use super::store::Store;
 use super::thermal::Zones;
@@ -197,7 +197,12 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
     let kind = match line {
         Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate, random, config.can_loss)),
         Line::Serial { baud } => {
-            Kind::Serial(SerialWire::new(baud, config.full_duplex.iter().any(|name| name == bus), random))
+            let is_among = |names: &[String]| names.iter().any(|name| name == bus);
+            let mut wire = SerialWire::new(baud, is_among(&config.full_duplex), random);
+            if is_among(&config.usb) {
+                wire.piece = serial::PACKET;
+            }
+            Kind::Serial(wire)
         }
         Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
         Line::OneWire => Kind::OneWire(Served::default()),

@@ -61,6 +61,13 @@ impl Line {
         self.bytes.clear();
     }
 
+    /// The device begins to send at `at`: the time before it is none of the line's, if it is idle.
+    pub fn begin(&mut self, at: Instant) {
+        if self.bytes.is_empty() {
+            (self.served, self.left_ns) = (at, 0);
+        }
+    }
+
     /// Sends a message of the device.
     pub fn send(&mut self, message: &[u8], faults: &Faults) {
         if faults.repeats || faults.half_for_ever {
@@ -128,6 +135,20 @@ impl Line {
             self.left_ns = 0;
         }
         taken
+    }
+
+    /// Time for which this many bytes are on the way.
+    #[must_use]
+    pub fn time(&self, bytes: usize) -> Duration {
+        Duration::from_nanos(bytes as u64 * (1_000_000_000 / self.bytes_per_s))
+    }
+
+    /// Instant at which all bytes that are on the way have arrived, if nothing is wrong with the line; `None`: it is
+    /// idle.
+    #[must_use]
+    pub fn arrives(&self) -> Option<Instant> {
+        let left = Duration::from_nanos(self.left_ns);
+        self.is_busy().then(|| self.served + self.time(self.bytes.len()).saturating_sub(left))
     }
 
     /// True while bytes are on the way.

@@ -3,9 +3,9 @@
 //! Assumed, where the manuals are silent: a motor that stands or spins up sends nothing.
 
 use super::Model;
-use super::wire::{BAUD, CLOCK_MODULUS_MS, Packet, SAMPLES, Sample};
+use super::wire::{BAUD, CLOCK_MODULUS_MS, LENGTH, Packet, SAMPLES, Sample};
 use crate::emulated::{Faults, Line, Scene};
-use base::{Duration, Instant, earliest};
+use base::{Duration, Instant};
 
 /// Speed of the motor, degrees per second.
 const SPEED: u16 = 3600;
@@ -62,6 +62,7 @@ impl Device {
             timestamp_ms: (at.as_nanos() / 1_000_000 % u64::from(CLOCK_MODULUS_MS)) as u16,
         };
         self.angle = (begin + SAMPLES as f64 * step) % 36_000.0;
+        self.line.begin(at);
         self.line.send(&packet.encode(), &self.faults);
     }
 }
@@ -96,7 +97,8 @@ impl crate::emulated::Device for Device {
         self.line.poll(now, bytes, &self.faults)
     }
 
+    /// A packet is of interest when it has arrived: it is made then, as of the instant at which it was complete.
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest([self.next, self.line.is_busy().then_some(Instant::ZERO)])
+        self.line.arrives().or_else(|| self.next.map(|next| next + self.line.time(LENGTH)))
     }
 }

@@ -232,6 +232,61 @@ fn two_revolutions_find_something_and_a_wild_beam_is_nothing() {
 }
 
 #[test]
+fn a_single_beam_counts_only_where_it_was_before_and_a_leg_that_walks_counts() {
+    // Wild beams 15 cm apart, as far as somebody walks in a revolution.
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+    for turn in 0..40 {
+        bench.spoils = Box::new(move |ranges| ranges[20] = if turn % 2 == 0 { 0.7 } else { 0.85 });
+        bench.revolve();
+        assert_eq!(bench.found().0, [], "{turn}");
+    }
+    // One beside it that has not measured hides no leg.
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+    for turn in 0..40 {
+        bench.spoils = Box::new(move |ranges| {
+            (ranges[20], ranges[21]) = (if turn % 2 == 0 { 0.7 } else { 0.85 }, f32::NAN);
+        });
+        bench.revolve();
+        assert_eq!(bench.found().0, [], "{turn}");
+    }
+    // Beside some that have not measured, or that met something nearer, it may be a part of a leg.
+    for beside in [f32::NAN, 0.4] {
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+        for turn in 0..4 {
+            bench.spoils = Box::new(move |ranges| {
+                ranges[20] = if turn % 2 == 0 { 0.7 } else { 0.85 };
+                ranges[21..24].fill(beside);
+            });
+            bench.revolve();
+        }
+        let far = |hit: &Obstacle| hit.at.distance(Point { x: 0.3, y: 0.0 }) > 0.6;
+        assert!(bench.found().0.iter().any(far), "{beside}");
+    }
+    // A stick that stands, which a beam meets alone, past which the robot drives.
+    let stick = |_: f64| (Point { x: 2.2, y: 0.5 }, 0.012);
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+    bench.velocity = Twist { vx: 0.7, ..Twist::default() };
+    bench.things.push(&stick);
+    let mut found = 0;
+    for _ in 0..20 {
+        bench.revolve();
+        found += usize::from(!bench.found().0.is_empty());
+    }
+    assert!(found >= 15, "{found} of 20 revolutions");
+    // The leg of the standard walks across, near and as far as it must be met by two beams.
+    for ahead in [1.0, 2.2] {
+        let leg = move |at: f64| (Point { x: ahead, y: 1.0 - 1.6 * (at - 1.0) }, 0.035);
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+        bench.things.push(&leg);
+        bench.revolve_times(2);
+        for n in 0..8 {
+            bench.revolve();
+            assert!(!bench.found().0.is_empty(), "{ahead} m ahead, {n}");
+        }
+    }
+}
+
+#[test]
 fn what_one_revolution_misses_is_still_there() {
     let thing = leg(1.5, 0.1);
     let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
@@ -405,7 +460,7 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
             .map(|k| {
                 let at = hit(nearest + 3.0 * random(), first + f64::from(k) * 0.014);
                 let (bin, distance) = seen_from(here, at);
-                Met { at, bin, distance, follows: true }
+                Met { at, bin, distance, follows: true, lone: false }
             })
             .collect();
         let same = 0.21;

@@ -371,8 +371,10 @@ fn a_base_with_wheels_whose_velocity_is_unknown_may_not_move() {
 struct Scanned {
     bench: Bench,
     sectors: u64,
-    /// Range of the beams up to 10° beside the front, m; elsewhere nothing is.
+    /// Range of the beams in `within`, m; elsewhere nothing is.
     ahead: f32,
+    /// Directions of what is ahead, degrees.
+    within: std::ops::RangeInclusive<f64>,
 }
 
 /// Time of a sector.
@@ -386,7 +388,7 @@ impl Scanned {
         let guard = Guard::new(&Config { settings, lidars: vec![lidar], ..config }).expect("an outline");
         let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(guard)));
         bench.start();
-        Self { bench, sectors: 0, ahead: f32::INFINITY }
+        Self { bench, sectors: 0, ahead: f32::INFINITY, within: -10.0..=10.0 }
     }
 
     /// A sector, and the motion; the messages of the guard.
@@ -397,7 +399,8 @@ impl Scanned {
         let (turn, first) = (self.sectors / 8, self.sectors % 8 * 45);
         self.sectors += 1;
         let degrees = |k: u64| (first + k) as f64 - 180.0;
-        let ranges = (0..45).map(|k| if degrees(k).abs() <= 10.0 { self.ahead } else { f32::INFINITY }).collect();
+        let ranges =
+            (0..45).map(|k| if self.within.contains(&degrees(k)) { self.ahead } else { f32::INFINITY }).collect();
         let scan = DataScan {
             timestamp: (begun.as_nanos() / 1000) as i64,
             name: "front".into(),
@@ -442,6 +445,26 @@ fn what_comes_into_the_field_of_a_lidar_is_told_after_so_many_revolutions_and_at
         // A sector is published when it is complete.
         let most = Duration::from_millis(100) * evaluations + SECTOR;
         assert!(worst <= most, "{evaluations}: {worst:?}");
+    }
+}
+
+#[test]
+fn what_one_sector_finds_does_not_wait_because_a_message_has_just_been_sent() {
+    // The sector that sees what appears arrives at any time after the message of the 20 Hz, in step with it.
+    for ms in 0..50 {
+        let mut robot = Scanned::new(2, Ranging::Lidar);
+        robot.within = 2.0..=10.0;
+        robot.bench.pass(Duration::from_millis(ms));
+        let before = (0..80).flat_map(|_| robot.sector()).last().expect("20 Hz");
+        assert!(before.forward > 0.6, "{before:?}");
+        robot.ahead = 0.4;
+        let appeared = robot.bench.now();
+        while robot.sector().iter().all(|guard| guard.forward >= 0.4) {
+            assert!(robot.bench.now().since(appeared) < Duration::from_secs(1), "{ms}");
+        }
+        let took = robot.bench.now().since(appeared);
+        // The fifth sector of the second revolution.
+        assert!(took <= SECTOR * 13, "{ms} ms: {took:?}");
     }
 }
 

@@ -1,0 +1,370 @@
+//! What the guard makes of a lidar, device to bound: `cargo bench -p guard --bench lidar`.
+//!
+//! An emulated device, its driver and the guard, in virtual time and in steps of 1 ms. A robot drives at 0.8 m/s between
+//! walls 3.5 m away all around.
+//!
+//! - **Appearances**: a leg is suddenly in the protective field, at a random place and at a random phase of the
+//!   revolution. Measured is the time until `LL_DATA_GUARD` permits less than the robot's speed. Goal: at most
+//!   `evaluations` revolutions and 20 ms, in all of them. `--count N` (10,000).
+//! - **Wild beams**: one beam of a thousand measures anything up to 12 m. Counted are false stops: the guard permits
+//!   less than half of the robot's speed, or once more after a second without. Goal: one an hour with `evaluations = 2`.
+//!   `--hours H` (20).
+//! - **CPU** of the driver for what a device sends, encoding of its messages included. Goal: 3 % of a core at 8,000
+//!   points a second.
+//!
+//! `--lidar NAME` measures only that one.
+
+#[path = "sys.rs"]
+mod sys;
+
+use base::serial::Word;
+use base::{Duration, Instant};
+use drivers::lidar::{Config, Device, LidarKeys, Lidars, Model, StopKeys};
+use guard::{Ackermann, Guard, Lidar, Ranging, Settings};
+use lidar::emulated::{DIRECTIONS, Device as Emulated};
+use lidar::ld::NoEcho;
+use lidar::sick::{Dialect, Family};
+use lidar::{hokuyo, ld, rplidar, sick};
+use messages::Message;
+use messages::lowlevel::{DataGuard, DataMotion};
+use module::bench::Bench;
+use module::{Action, Output, PortId, Shell, ShellConfig};
+use navitools::{Point, Pose};
+use settings::Section;
+use std::f64::consts::TAU;
+use testing::Random;
+
+#[global_allocator]
+static MEMORY: sys::Counting = sys::Counting::new();
+
+const STEP: Duration = Duration::from_millis(1);
+const MOTION: Duration = Duration::from_millis(50);
+/// Speed of the robot, m/s.
+const SPEED: f64 = 0.8;
+/// Distance of the walls, m.
+const WALLS_M: f32 = 3.5;
+/// Where the lidar sits: 5 cm behind the front.
+const LIDAR_X: f64 = 0.7;
+const LEG_M: f64 = 0.06;
+/// Time beyond the revolutions that the goal permits.
+const BEYOND: Duration = Duration::from_millis(20);
+/// Probability of a wild beam.
+const WILD: f64 = 0.001;
+/// Longest distance that a wild beam measures, m.
+const WILD_M: f64 = 12.0;
+
+/// A lidar, and the time of its revolution.
+struct Kind {
+    name: &'static str,
+    model: Model,
+    turn: Duration,
+}
+
+const fn kind(name: &'static str, model: Model, turn_ms: u64) -> Kind {
+    Kind { name, model, turn: Duration::from_millis(turn_ms) }
+}
+
+const KINDS: [Kind; 5] = [
+    kind("ld19", Model::Ld(ld::Model::Ld19), 100),
+    kind("rplidar-c1", Model::Rplidar(rplidar::Model::C1), 100),
+    kind("rplidar-a3", Model::Rplidar(rplidar::Model::A3), 100),
+    kind("sick-tim7xx", Model::Sick(Family::Tim7xx), 67),
+    kind("utm-30lx", Model::Hokuyo("UTM-30LX"), 25),
+];
+
+impl Kind {
+    fn emulated(&self) -> Box<dyn Emulated> {
+        match self.model {
+            Model::Ld(model) => Box::new(ld::emulated::Device::new(model)),
+            Model::Rplidar(model) => Box::new(rplidar::emulated::Device::new(model)),
+            Model::Sick(family) => Box::new(sick::emulated::Device::new(family, Dialect::Binary)),
+            Model::Hokuyo(_) => Box::new(hokuyo::emulated::Device::new(hokuyo::emulated::Model::UTM_30LX)),
+        }
+    }
+
+    fn driver(&self) -> Bench {
+        let keys = LidarKeys {
+            model: self.model,
+            x: LIDAR_X,
+            y: 0.0,
+            theta: 0.0,
+            upside_down: false,
+            view: None,
+            range_max: None,
+            no_echo: NoEcho::Unknown,
+            dialect: Dialect::Binary,
+        };
+        let baud = matches!(self.model, Model::Ld(_) | Model::Rplidar(_)).then(|| self.model.usual_baud());
+        let device = Device { name: "front".into(), bus: "lidar.front".into(), baud, keys, stop: StopKeys::usual() };
+        let module = Lidars::new(Config { devices: vec![device] });
+        let mut bench = Bench::new(Shell::new(ShellConfig::new(drivers::lidar::NAME), Box::new(module)));
+        bench.start();
+        bench
+    }
+
+    fn guard(&self, evaluations: u32) -> Bench {
+        let settings = Settings { ranging: Ranging::Lidar, evaluations, reach: 3.0, ..Settings::usual() };
+        let corner = |(x, y)| Point { x, y };
+        let config = guard::Config {
+            settings,
+            footprint: [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)].map(corner).into(),
+            sonars: Vec::new(),
+            lidars: vec![Lidar {
+                name: "front".into(),
+                mount: Pose::new(LIDAR_X, 0.0, 0.0),
+                view: self.model.view_rad(),
+            }],
+            base: Ackermann { wheelbase: 0.6, steering: 0.61, steering_rate: 0.7 }.into(),
+            braking: 0.8,
+            power_lost: 0.8,
+            speed: 1.2,
+        };
+        let guard = Guard::new(&config).expect("an outline");
+        let mut bench = Bench::new(Shell::new(ShellConfig::new(guard::NAME), Box::new(guard)));
+        bench.start();
+        bench
+    }
+}
+
+/// Device, driver and guard.
+struct Chain {
+    device: Box<dyn Emulated>,
+    driver: Bench,
+    guard: Bench,
+    motion: Instant,
+    /// What is around it, without wild beams.
+    around: [f32; DIRECTIONS],
+}
+
+impl Chain {
+    fn new(kind: &Kind, evaluations: u32) -> Self {
+        let around = [WALLS_M; DIRECTIONS];
+        let (device, driver, guard) = (kind.emulated(), kind.driver(), kind.guard(evaluations));
+        let mut chain = Self { device, driver, guard, motion: Instant::ZERO, around };
+        chain.show();
+        // Motor and start-up.
+        for _ in 0..8000 {
+            chain.step();
+        }
+        chain
+    }
+
+    fn now(&self) -> Instant {
+        self.guard.now()
+    }
+
+    fn show(&mut self) {
+        self.device.scene().0 = self.around;
+    }
+
+    /// A step; the guard's last message in it.
+    fn step(&mut self) -> Option<DataGuard> {
+        self.driver.pass(STEP);
+        self.guard.pass(STEP);
+        let now = self.now();
+        if self.motion <= now {
+            self.motion = now + MOTION;
+            self.guard.message(DataMotion { speed: SPEED, ..DataMotion::default() });
+        }
+        feed(self.device.as_mut(), &mut self.driver, now, |_, _| ());
+        for (at, action) in self.driver.done() {
+            match action {
+                Action::Publish(Message::LlDataScan(scan)) => self.guard.message(scan),
+                Action::Send(_, Output::Words(words)) => {
+                    let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
+                    self.device.handle_rx(at, &bytes);
+                }
+                _ => {}
+            }
+        }
+        let said = self.guard.published().into_iter().filter_map(|message| match message {
+            Message::LlDataGuard(guard) => Some(guard),
+            _ => None,
+        });
+        said.last()
+    }
+
+    fn until(&mut self, most: Duration, wanted: impl Fn(&DataGuard) -> bool) -> Option<Duration> {
+        let since = self.now();
+        while self.now().since(since) < most {
+            if self.step().is_some_and(|guard| wanted(&guard)) {
+                return Some(self.now().since(since));
+            }
+        }
+        None
+    }
+}
+
+/// Hands on what the line has carried.
+fn feed(device: &mut dyn Emulated, driver: &mut Bench, now: Instant, mut sent: impl FnMut(Instant, &[Word])) {
+    device.handle_timeout(now);
+    let mut bytes = [0; 4096];
+    let count = device.poll_tx(now, &mut bytes);
+    if count > 0 {
+        let words: Vec<Word> = bytes[..count].iter().copied().map(Word::data).collect();
+        sent(now, &words);
+        driver.words(PortId(0), &words);
+    }
+}
+
+/// A leg at a place seen from the lidar.
+fn put(around: &mut [f32; DIRECTIONS], at: Point) {
+    for (n, range) in around.iter_mut().enumerate() {
+        let (sin, cos) = libm::sincos(n as f64 * TAU / DIRECTIONS as f64);
+        let (along, across) = (at.x * cos + at.y * sin, at.y * cos - at.x * sin);
+        let within = LEG_M * LEG_M - across * across;
+        if along > 0.0 && within > 0.0 {
+            *range = range.min((along - libm::sqrt(within)) as f32);
+        }
+    }
+}
+
+fn appearances(kind: &Kind, evaluations: u32, count: u32) {
+    let mut chain = Chain::new(kind, evaluations);
+    let mut random = Random::new(u64::from(evaluations));
+    let mut uniform = move || random.below(1 << 32) as f64 / (1u64 << 32) as f64;
+    let usual = [WALLS_M; DIRECTIONS];
+    let free = |guard: &DataGuard| guard.forward > SPEED;
+    let mut took = Vec::new();
+    for n in 0..count {
+        chain.until(Duration::from_secs(5), free).unwrap_or_else(|| panic!("{}: {n}: it is not free", kind.name));
+        for _ in 0..(uniform() * 2.0 * kind.turn.as_secs_f64() * 1e3) as u32 + 1 {
+            chain.step();
+        }
+        let at = Point { x: 0.2 + 0.35 * uniform(), y: 0.6 * (uniform() - 0.5) };
+        put(&mut chain.around, at);
+        chain.show();
+        let stops = |guard: &DataGuard| guard.forward < SPEED;
+        took.push(chain.until(Duration::from_secs(2), stops).unwrap_or(Duration::MAX));
+        chain.around = usual;
+        chain.show();
+    }
+    took.sort_unstable();
+    let at = |share: f64| took[((took.len() - 1) as f64 * share) as usize].as_secs_f64() * 1e3;
+    let goal = kind.turn * evaluations + BEYOND;
+    let late = took.iter().filter(|took| **took > goal).count();
+    println!(
+        "{:12} evaluations {evaluations}: p50 {:.0} ms, p99 {:.0} ms, p100 {:.0} ms of {count}; goal {} ms, later: {late}",
+        kind.name,
+        at(0.5),
+        at(0.99),
+        at(1.0),
+        goal.as_millis()
+    );
+}
+
+/// Events of which two belong together if less than a second is between them.
+struct Events {
+    count: u32,
+    last: Instant,
+}
+
+impl Events {
+    fn add(&mut self, now: Instant) {
+        self.count += u32::from(now.since(self.last) > Duration::from_secs(1));
+        self.last = now;
+    }
+}
+
+fn wild(kind: &Kind, evaluations: u32, hours: f64) {
+    let mut chain = Chain::new(kind, evaluations);
+    let mut random = Random::new(7);
+    let mut uniform = move || random.below(1 << 32) as f64 / (1u64 << 32) as f64;
+    let end = chain.now() + Duration::from_secs_f64(3600.0 * hours);
+    let none = || Events { count: 0, last: Instant::ZERO };
+    let (mut stops, mut slows) = (none(), none());
+    let mut wild: Vec<usize> = Vec::new();
+    // Beams to the next wild one.
+    let gap = |uniform: f64| 1 + (libm::log(1.0 - uniform) / libm::log(1.0 - WILD)) as usize;
+    let mut next = gap(uniform());
+    while chain.now() < end {
+        // A device takes its samples of a direction in different steps: each of them is wild with this probability.
+        let scene = &mut chain.device.scene().0;
+        wild.drain(..).for_each(|place| scene[place] = WALLS_M);
+        while next <= DIRECTIONS {
+            scene[next - 1] = (WILD_M * uniform()) as f32;
+            wild.push(next - 1);
+            next += gap(uniform());
+        }
+        next -= DIRECTIONS;
+        let Some(guard) = chain.step() else { continue };
+        let now = chain.now();
+        if guard.forward < SPEED / 2.0 {
+            stops.add(now);
+        }
+        if guard.forward < SPEED {
+            slows.add(now);
+        }
+    }
+    println!(
+        "{:12} evaluations {evaluations}: {} false stops, {} bounds below the speed in {hours} h",
+        kind.name, stops.count, slows.count
+    );
+}
+
+/// CPU time of the driver for a minute of what the device sends.
+fn cpu(kind: &Kind) {
+    let (mut device, mut driver) = (kind.emulated(), kind.driver());
+    device.scene().0 = [WALLS_M; DIRECTIONS];
+    let mut sent: Vec<(Instant, Vec<Word>)> = Vec::new();
+    for _ in 0..70_000 {
+        driver.pass(STEP);
+        let now = driver.now();
+        feed(device.as_mut(), &mut driver, now, |now, words| sent.push((now, words.to_vec())));
+        for (at, action) in driver.done() {
+            if let Action::Send(_, Output::Words(words)) = action {
+                let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
+                device.handle_rx(at, &bytes);
+            }
+        }
+    }
+    // The same again for a driver that sees nothing else: its requests get the same answers.
+    let mut driver = kind.driver();
+    let (mut points, mut bytes, mut spent) = (0, Vec::new(), 0);
+    let allocations = MEMORY.allocations();
+    for (now, words) in &sent {
+        let before = sys::cpu_ns();
+        driver.pass(now.since(driver.now()));
+        driver.words(PortId(0), words);
+        for message in driver.published() {
+            bytes.clear();
+            message.encode(&mut bytes).expect("a message that LCM can express");
+            if let Message::LlDataScan(scan) = message
+                && *now >= Instant::from_millis(10_000)
+            {
+                points += scan.ranges.len();
+            }
+        }
+        if *now >= Instant::from_millis(10_000) {
+            spent += sys::cpu_ns() - before;
+        }
+    }
+    let per_s = points as f64 / 60.0;
+    println!(
+        "{:12} {per_s:6.0} points/s: {:.2} % of a core, {:.2} % at 8,000 points/s, {} allocations a second",
+        kind.name,
+        spent as f64 / 60e9 * 100.0,
+        spent as f64 / 60e9 * 100.0 / per_s * 8000.0,
+        (MEMORY.allocations() - allocations) / 70
+    );
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let value = |name: &str| {
+        let place = arguments.iter().position(|argument| argument == name)?;
+        arguments.get(place + 1).cloned()
+    };
+    let count = value("--count").map_or(10_000, |count| count.parse().expect("a number"));
+    let hours = value("--hours").map_or(20.0, |hours| hours.parse().expect("hours"));
+    let only = value("--lidar");
+    let kinds = || KINDS.iter().filter(|kind| only.as_ref().is_none_or(|only| only == kind.name));
+    kinds().for_each(cpu);
+    for kind in kinds() {
+        [1, 2].into_iter().for_each(|evaluations| appearances(kind, evaluations, count));
+    }
+    // The others' beams are nearer to each other than the directions that are emulated.
+    for kind in kinds().filter(|kind| ["ld19", "rplidar-c1"].contains(&kind.name)) {
+        [1, 2].into_iter().for_each(|evaluations| wild(kind, evaluations, hours));
+    }
+}
