@@ -61,6 +61,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["speed", "m/s"],
     ["steering", "rad"],
   ])],
+  ["lowlevel.cmd_node_io_t", new Map([
+    ["timestamp", "µs"],
+  ])],
   ["lowlevel.cmd_output_t", new Map([
     ["timestamp", "µs"],
   ])],
@@ -144,6 +147,9 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
     ["steering", "rad"],
     ["speed_target", "m/s"],
     ["steering_target", "rad"],
+  ])],
+  ["lowlevel.data_node_io_t", new Map([
+    ["timestamp", "µs"],
   ])],
   ["lowlevel.data_odo_t", new Map([
     ["timestamp", "µs"],
