@@ -51,8 +51,9 @@ pub mod sonar;
 pub mod world;
 
 pub use auxiliary::{HostConfig, I2cConfig, W1Config};
-pub use boards::drive::{Axis, DriveConfig, DriveKind};
+pub use boards::drive::{DriveConfig, DriveKind};
 pub use boards::drive_line::{DriveLineConfig, MotorConfig};
+pub use boards::encoder::Axis;
 pub use io::{ComputerConfig, DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

@@ -3,9 +3,9 @@
 use crate::auxiliary::{Auxiliary, HostConfig, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
-use crate::boards::drive::{Axis, Disobedience, Drive, DriveConfig, Layout};
+use crate::boards::drive::{Disobedience, Drive, DriveConfig, Layout};
 use crate::boards::drive_line::{DriveLine, DriveLineConfig};
-use crate::boards::encoder::Wrong;
+use crate::boards::encoder::{Axis, Wrong};
 use crate::boards::feed_line::FeedLine;
 use crate::boards::io_node::{IoNode, IoNodeConfig};
 use crate::boards::line::{Board, Kind, SerialLine, Wire};

@@ -2,8 +2,8 @@
 //! sheet behind them.
 
 use super::cia402::Cia402;
-use super::drive::{Axis, DriveConfig, DriveKind, Layout};
-use super::encoder::Encoder;
+use super::drive::{DriveConfig, DriveKind, Layout};
+use super::encoder::{Axis, Encoder};
 use super::epos::{self, Emergency, Epos};
 use super::icla::Icla;
 use crate::body::Body;

@@ -11,8 +11,7 @@
 //! Stops     without 0x605A, 0x605E or 0x6007, and no word in the manual that it stops nevertheless: it rolls on
 //! Lag       none of its own: it feeds the demanded velocity forward
 
-use super::drive::Axis;
-use super::encoder::Reading;
+use super::encoder::{Axis, Reading};
 use super::epos::{Emergency, HEARTBEAT};
 use super::mirror::Mirror;
 use super::motor::MotorObjects;

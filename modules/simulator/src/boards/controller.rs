@@ -3,8 +3,7 @@
 //! Supply    of the motors' feed alone: without it the controller neither sends nor receives, and it starts anew with it
 //! Motor     turns with the wheel; its demand is what the controller wants of it, and nothing if that has no torque
 
-use super::drive::Axis;
-use super::encoder::{Encoder, Reading};
+use super::encoder::{Axis, Encoder, Reading};
 use crate::body::Body;
 use base::can::Frame;
 use base::{Duration, Instant};

@@ -3,23 +3,13 @@
 use super::canopen_drive::CanopenDrive;
 use super::cia402::{self, Cia402Config};
 use super::controller::Controller;
-use super::encoder::{Encoder, Wrong};
+use super::encoder::{Axis, Encoder, Wrong};
 use super::icla::Gearing;
 use crate::body::Body;
 use base::Instant;
 use base::can::Frame;
 use canopen::{Dictionary, drives};
 use motorctl::can;
-
-/// What a drive moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Axis {
-    /// The driven wheel of this number; 0 of a driven axle. Its drive loses its motor's feed with the PAUSE line and the
-    /// second way to stop.
-    Wheel(u8),
-    /// The front wheels' angle. The gear holds them; their drive has a supply of its own.
-    Steering,
-}
 
 /// A drive of the bus.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,8 +4,8 @@
 //! Supply    of the motors' feed alone: without it the controller neither sends nor receives; it starts anew with it
 //! Motors    turn with their wheels; their demand is what the controller wants of them, none of one without torque
 
-use super::drive::{Axis, Disobedience, Obedience};
-use super::encoder::{Encoder, Reading, Wrong};
+use super::drive::{Disobedience, Obedience};
+use super::encoder::{Axis, Encoder, Reading, Wrong};
 use crate::body::Body;
 use crate::disturbance::{Disturbance, garbled};
 use crate::faults::InjectedFault;

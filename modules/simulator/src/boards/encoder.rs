@@ -1,8 +1,17 @@
 //! Encoder of the motor of a wheel, or of the steering, as its drive reads it: true, or wrong by an injected fault.
 
-use super::drive::Axis;
 use crate::body::Body;
 use base::Instant;
+
+/// What a drive moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The driven wheel of this number; 0 of a driven axle. Its drive loses its motor's feed with the PAUSE line and the
+    /// second way to stop.
+    Wheel(u8),
+    /// The front wheels' angle. The gear holds them; their drive has a supply of its own.
+    Steering,
+}
 
 /// How an encoder is wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
