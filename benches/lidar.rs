@@ -1,13 +1,14 @@
 //! What the guard makes of a lidar, device to bound: `cargo bench -p guard --bench lidar`.
 //!
-//! An emulated device, its driver and the guard, in virtual time and in steps of 1 ms. A robot drives at 0.8 m/s between
-//! walls 3.5 m away all around.
+//! An emulated device, its driver and the guard, in virtual time and in steps of 1 ms. A robot drives at 0.8 m/s
+//! between walls 3.5 m away all around.
 //!
 //! - **Appearances**: a leg is suddenly in the protective field, at a random place and at a random phase of the
 //!   revolution. Measured is the time until `LL_DATA_GUARD` permits less than the robot's speed. Goal: at most
 //!   `evaluations` revolutions and 20 ms, in all of them. `--count N` (10,000).
 //! - **Wild beams**: one beam of a thousand measures anything up to 12 m. Counted are false stops: the guard permits
-//!   less than half of the robot's speed, or once more after a second without. Goal: one an hour with `evaluations = 2`.
+//!   less than half of the robot's speed, or once more after a second without. Goal: one an hour with
+//!   `evaluations = 2`.
 //!   `--hours H` (20).
 //! - **CPU** of the driver for what a device sends, encoding of its messages included. Goal: 3 % of a core at 8,000
 //!   points a second.
@@ -177,11 +178,10 @@ impl Chain {
                 _ => {}
             }
         }
-        let said = self.guard.published().into_iter().filter_map(|message| match message {
+        self.guard.published().into_iter().rev().find_map(|message| match message {
             Message::LlDataGuard(guard) => Some(guard),
             _ => None,
-        });
-        said.last()
+        })
     }
 
     fn until(&mut self, most: Duration, wanted: impl Fn(&DataGuard) -> bool) -> Option<Duration> {
@@ -244,7 +244,8 @@ fn appearances(kind: &Kind, evaluations: u32, count: u32) {
     let goal = kind.turn * evaluations + BEYOND;
     let late = took.iter().filter(|took| **took > goal).count();
     println!(
-        "{:12} evaluations {evaluations}: p50 {:.0} ms, p99 {:.0} ms, p100 {:.0} ms of {count}; goal {} ms, later: {late}",
+        "{:12} evaluations {evaluations}: p50 {:.0} ms, p99 {:.0} ms, p100 {:.0} ms of {count}; \
+         goal {} ms, later: {late}",
         kind.name,
         at(0.5),
         at(0.99),

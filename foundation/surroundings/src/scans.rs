@@ -3,8 +3,8 @@
 //! **Unknown is not free.** A direction in which a lidar has measured nothing for `scan_age_max_s`, or in fewer than
 //! `evaluations` revolutions in succession since, counts as occupied from the outline on. Something counts after that
 //! many revolutions in succession have found it in the same place, as far as a person walks in one; then for two
-//! revolutions more, so that one that misses it frees nothing. A single beam where a leg would be met by two is something
-//! thinner, or wild: it must be found again where it was.
+//! revolutions more, so that one that misses it frees nothing. A single beam where a leg would be met by two is
+//! something thinner, or wild: it must be found again where it was.
 
 use crate::{Lidar, Obstacle, Rules, Source, Trail, Unseen};
 use base::{Duration, Instant};
