@@ -3,7 +3,7 @@
 use base::{Duration, Instant};
 use std::sync::LazyLock;
 use web::center::access::Role;
-use web::center::authority::{Authority, Limits, Output};
+use web::center::authority::{Authority, Limits, Motion, Output};
 use web::center::command::{self, Command, Robot};
 use web::center::publish::Publisher;
 
@@ -15,7 +15,7 @@ static PUBLISHER: LazyLock<Publisher> = LazyLock::new(|| Publisher::new(true).ex
 ///
 /// Only the holder of control moves the robot, within the limits; after a drain no deadline is due.
 pub fn web_command(data: &[u8]) {
-    let limits = Limits { speed: 0.5, steering: 0.4 };
+    let limits = Limits { speed: 0.5, steering: 0.4, sideways: 0.3, rotation: 1.2 };
     let robot = Robot { limits, routes: Vec::new(), simulated: true };
     let mut authority = Authority::new(limits);
     let pages = ["a", "b"].map(|name| authority.join(name.into(), Role::Engineer, name.into()));
@@ -46,8 +46,14 @@ pub fn web_command(data: &[u8]) {
         }
         authority.handle_timeout(now);
         while let Some(say) = authority.poll() {
-            if let Output::Motion { speed, steering, .. } = say {
-                assert!(authority.holds(page) && speed.abs() <= limits.speed && steering.abs() <= limits.steering);
+            if let Output::Motion { motion, .. } = say {
+                let (ahead, beside) = match motion {
+                    Motion::Curve { speed, steering } => (speed, steering.abs() <= limits.steering),
+                    Motion::Velocity { vx, vy, omega } => {
+                        (vx, vy.abs() <= limits.sideways && omega.abs() <= limits.rotation)
+                    }
+                };
+                assert!(authority.holds(page) && ahead.abs() <= limits.speed && beside);
             }
         }
         assert!(authority.poll_timeout().is_none_or(|due| due > now), "nothing is due after a drain");

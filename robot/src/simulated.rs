@@ -1,6 +1,6 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{ConfigError, Imu, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
+use crate::config::{ConfigError, Imu, Io, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
 use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
@@ -216,7 +216,7 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
             let canbus::OutputConfig { node, index, subindex, bits, on, .. } = output;
             OutputConfig { node, index, sub: subindex, bits, on }
         }),
-        devices: robot.io.iter().flat_map(|io| io.devices()).map(|device| io_node(&device)).collect(),
+        devices: robot.io.iter().flat_map(Io::devices).map(|device| io_node(&device)).collect(),
     }))
 }
 
@@ -257,7 +257,7 @@ fn bytes(place: &io::ObjectPlace) -> usize {
     match (place.format, place.bit) {
         (io::Format::Bit, 8..=15) => 2,
         (io::Format::Bit, 16..) => 4,
-        (format, _) => format.len(),
+        (format, _) => format.size(),
     }
 }
 

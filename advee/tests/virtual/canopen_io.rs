@@ -188,7 +188,8 @@ fn a_device_that_is_missing_or_another_one_at_the_start_keeps_the_robot_if_an_in
         rig.robot.drive_anew(0.3, 0.0, 1.0);
         rig.robot.pass(1.0);
         assert!(rig.robot.speed().abs() < 0.01, "{fault}");
-        let holds: Vec<Hold> = rig.robot.seen.borrow().holds.holds.iter().filter_map(|hold| hold.cause()).collect();
+        let holds: Vec<Hold> =
+            rig.robot.seen.borrow().holds.holds.iter().filter_map(messages::lowlevel::Hold::cause).collect();
         assert!(holds.contains(&Hold::PauseInputUnknown), "{fault}: {holds:?}");
         assert!(rig.reports().contains(&"Error IoDeviceLost canopen.plc".into()), "{fault}");
         assert!(!rig.value("gate").1 && rig.value("volts").1, "{fault}");

@@ -350,7 +350,7 @@ impl Device {
                 None => objects.push(Object {
                     index,
                     sub,
-                    len: format.len(),
+                    len: format.size(),
                     output,
                     values: vec![n],
                     due: Instant::ZERO,
@@ -537,7 +537,7 @@ impl Device {
                 self.objects[n].written = Some(bits);
                 for value in self.objects[n].values.clone() {
                     let value = &mut self.values[value];
-                    let confirmed = value.place.value(&bits.to_le_bytes()[..value.place.format.len()]);
+                    let confirmed = value.place.value(&bits.to_le_bytes()[..value.place.format.size()]);
                     (value.value, value.at) = (confirmed.unwrap_or(f64::NAN), Some(at));
                 }
                 self.judge(now, n, None, out);

@@ -150,7 +150,7 @@ pub struct ObjectPlace {
 impl Format {
     /// Bytes of the object; of a bit 1, which is the size of an output's object.
     #[must_use]
-    pub const fn len(self) -> usize {
+    pub const fn size(self) -> usize {
         match self {
             Self::U8 | Self::I8 | Self::Bit => 1,
             Self::U16 | Self::I16 => 2,
@@ -378,7 +378,7 @@ mod tests {
         for format in [Format::U8, Format::I8, Format::U16, Format::I16, Format::U32, Format::I32, Format::F32] {
             for len in 0..=8 {
                 let known = place(format, 0, 1.0).value(&[0; 8][..len]).is_some();
-                assert_eq!(known, len == format.len(), "{format:?} of {len} bytes");
+                assert_eq!(known, len == format.size(), "{format:?} of {len} bytes");
             }
         }
         let bit = place(Format::Bit, 9, 1.0);

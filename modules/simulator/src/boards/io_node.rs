@@ -241,8 +241,9 @@ fn dictionary(config: &IoNodeConfig, other: bool) -> Dictionary {
             len += object.len;
             len <= PDO_LEN
         });
-        let entry =
-            |object: &ObjectConfig| u32::from(object.index) << 16 | u32::from(object.sub) << 8 | 8 * object.len as u32;
+        let entry = |object: &ObjectConfig| {
+            u32::from(object.index) << 16 | u32::from(object.sub) << 8 | (8 * object.len as u32)
+        };
         fits.map(entry).collect::<Vec<u32>>()
     };
     let dictionary = Dictionary::new(node).with(&entries);
