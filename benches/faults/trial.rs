@@ -18,6 +18,8 @@ const BURDEN: Duration = Duration::from_millis(2300);
 const OBEY: Duration = Duration::from_millis(500);
 /// Time after which the motion driver misses the watchdog, and stops.
 const WATCHDOG_MISSED: Duration = Duration::from_millis(250);
+/// Longest time between two heartbeats of a module that works (`beat_timeout_s`).
+const HUNG: Duration = Duration::from_millis(200);
 /// Longest time between two heartbeats of the simulator (period 50 ms): hardware does not stall.
 const HARDWARE_PAUSE: Duration = Duration::from_millis(150);
 /// Longest pause of the operator, which is this bench: a command is valid for 250 ms.
@@ -61,6 +63,8 @@ pub enum Void {
     HardwareRestarted,
     /// The simulator did not run.
     Hardware(Duration),
+    /// The module worked on to the end: on a busy machine it takes long to allocate all memory.
+    NoEffect,
 }
 
 impl Void {
@@ -71,6 +75,7 @@ impl Void {
             Self::Operator(pause) => ("the operator did not command for 100 ms or more", pause),
             Self::HardwareRestarted => ("the simulator was started again", Duration::ZERO),
             Self::Hardware(pause) => ("the simulator stood still for 150 ms or more", pause),
+            Self::NoEffect => ("the memory was not all taken in time, and the module worked", Duration::ZERO),
         }
     }
 }
@@ -199,7 +204,10 @@ pub fn run(
     let operator = Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE).map(Void::Operator);
     let restarted = (rig.process(SIMULATOR) != Some(hardware)).then_some(Void::HardwareRestarted);
     let stalled = Some(simulator.pause).filter(|pause| *pause >= HARDWARE_PAUSE).map(Void::Hardware);
-    if let Some(why) = machine.or(operator).or(restarted).or(stalled) {
+    if outcome.ending.is_void() {
+        // A hog that goes on would be the fault of a later trial.
+        support::signal(pid, "KILL");
+    } else if let Some(why) = machine.or(operator).or(restarted).or(stalled) {
         outcome.ending = Ending::Void(why);
     }
     Some(outcome)
@@ -241,6 +249,8 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
     }
     if back.is_some() {
         outcome.ending = Ending::Back;
+    } else if outcome.kind == Kind::Memory && rig.pid(&outcome.module) == Some(pid) && vital.last.elapsed() < HUNG {
+        outcome.ending = Ending::Void(Void::NoEffect);
     }
 }
 
