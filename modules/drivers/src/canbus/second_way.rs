@@ -375,7 +375,7 @@ mod tests {
         assert_eq!(found(|_| (Some(-0.05), 0.019)), Some(380));
         assert_eq!(found(|s| (Some(0.3), if s < 1.0 { 0.3 } else { 0.0 })), Some(1380));
         // Its targets change, and so does their sign.
-        assert_eq!(found(|s| (Some(0.3 * (20.0 * s).cos().signum()), 0.0)), Some(380));
+        assert_eq!(found(|s| (Some(0.3 * libm::cos(20.0 * s).signum()), 0.0)), Some(380));
     }
 
     #[test]

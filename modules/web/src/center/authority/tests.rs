@@ -105,17 +105,17 @@ fn timed(words: &[(u64, &str)]) -> Vec<(u64, String)> {
 fn a_velocity_is_forwarded_to_a_base_that_does_not_steer_within_its_limits() {
     let omni = Limits { sideways: 0.5, rotation: 1.2, ..LIMITS };
     let mut bench = Bench::with(omni, 1);
-    bench.take(0, 1, None);
+    bench.take(0, 1, None).unwrap();
     assert_eq!(bench.velocity(100, 1, 0.3, -0.5, 1.2), ["a 0.3 -0.5 1.2"]);
     let refused = "1: hold 1: 0 m/s, 0.6 m/s to the left, 0 rad/s are refused: at most 0.5 m/s, 0.5 m/s and 1.2 rad/s";
     assert_eq!(bench.velocity(150, 1, 0.0, 0.6, 0.0), ["a 0", refused], "the hold ends");
     // A differential base does not go sideways; one that steers obeys no velocity but straight ahead.
     let mut bench = Bench::with(Limits { sideways: 0.0, ..omni }, 1);
-    bench.take(0, 1, None);
+    bench.take(0, 1, None).unwrap();
     assert_eq!(bench.velocity(100, 1, 0.0, 0.0, -1.0), ["a 0 0 -1"]);
     assert_eq!(bench.velocity(150, 1, 0.0, 0.01, 0.0)[0], "a 0");
     let mut bench = Bench::new(1);
-    bench.take(0, 1, None);
+    bench.take(0, 1, None).unwrap();
     assert_eq!(bench.velocity(100, 1, 0.2, 0.0, 0.0), ["a 0.2 0 0"]);
     assert_eq!(bench.velocity(150, 1, 0.2, 0.0, f64::NAN)[0], "a 0");
 }
