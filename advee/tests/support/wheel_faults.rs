@@ -163,8 +163,8 @@ pub struct Fault {
     /// Name and value in `SIM_CMD_FAULT`, of faults of a bus or a drive.
     what: (&'static str, f64),
     pub motion: Motion,
-    /// From the first command that moves the robot, or the first turn of a wheel, to the fault, s; of a drive that is not
-    /// enabled from 0.3 s earlier.
+    /// From the first command that moves the robot, or the first turn of a wheel, to the fault, s; of a drive that is
+    /// not enabled from 0.3 s earlier.
     after: f64,
     /// Of the machine.
     seed: u64,

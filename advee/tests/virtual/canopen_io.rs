@@ -107,13 +107,13 @@ impl Rig {
         self.robot.machine.inject(now, injected(target, fault, value, duration));
     }
 
-    /// Passes until a cause holds the motion, at most two seconds; the time that it took.
-    fn until(&mut self, hold: Hold) -> Duration {
+    /// Passes until a cause holds the motion after a fault, at most two seconds; the time that it took.
+    fn until(&mut self, hold: Hold, fault: &str) -> Duration {
         let begin = self.robot.machine.now();
         while self.robot.hold() != Some(hold) {
             self.robot.pass(0.001);
             let took = self.robot.machine.now().since(begin);
-            assert!(took < Duration::from_secs(2), "{:?} instead of {hold:?}", self.robot.hold());
+            assert!(took < Duration::from_secs(2), "{fault}: {:?} instead of {hold:?}", self.robot.hold());
         }
         self.robot.machine.now().since(begin)
     }
@@ -166,7 +166,7 @@ fn an_input_of_stop_at_a_canopen_device_stops_the_robot_within_its_bound_whateve
         rig.robot.pass(2.0);
         assert!(rig.robot.speed() > 0.25, "{fault}: {} m/s, {:?}", rig.robot.speed(), rig.robot.hold());
         rig.inject("canopen.plc", fault, value, 2.0);
-        let took = rig.until(hold);
+        let took = rig.until(hold, fault);
         assert!(took <= bound, "{fault}: {took:?}");
         rig.robot.pass(1.0);
         assert!(rig.robot.speed().abs() < 0.01, "{fault}: {} m/s", rig.robot.speed());

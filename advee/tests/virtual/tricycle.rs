@@ -1,5 +1,5 @@
-//! The shipped tricycle, whose single front wheel is driven and steered, and other bases with one steering angle, made of
-//! its folder by other lines. The rules of `sim::check` hold in each test.
+//! The shipped tricycle, whose single front wheel is driven and steered, and other bases with one steering angle,
+//! made of its folder by other lines. The rules of `sim::check` hold in each test.
 
 use super::*;
 use messages::middlelevel;
@@ -20,8 +20,8 @@ const TUG: Base = Base { name: "tug", lines: &[], wheelbase: 0.8, driven_front: 
 /// the same to the driver.
 const REAR_DRIVEN: Base =
     Base { name: "rear-driven", lines: &[(DRIVEN, "driven = \"rear\"")], wheelbase: 0.8, driven_front: false };
-/// The steered wheel, which is driven, is behind the fixed axle, as of a fork-lift truck: the body lies to the other side
-/// of the axle, and the steering turns the other way.
+/// The steered wheel, which is driven, is behind the fixed axle, as of a fork-lift truck: the body lies to the other
+/// side of the axle, and the steering turns the other way.
 const REAR_STEERED: Base = Base {
     name: "rear-steered",
     lines: &[("rear_overhang_m = 0.15", "rear_overhang_m = 0.95")],

@@ -1,5 +1,5 @@
-//! Driving with keys: hold to run. The arrows to the sides set the steering angle, which is kept; of a base that does not
-//! steer they turn it while they are held, and two more keys move it sideways if it can.
+//! Driving with keys: hold to run. The arrows to the sides set the steering angle, which is kept; of a base that does
+//! not steer they turn it while they are held, and two more keys move it sideways if it can.
 //!
 //! A terminal tells when a key goes down and, while it is held, again and again; most do not tell when it comes up. So
 //! a press runs the robot until the first repeat is due (a keyboard waits up to [`FIRST`] before it), each repeat for

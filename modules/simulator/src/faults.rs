@@ -75,8 +75,8 @@
 //! | `lcm` | `reorder` | a message comes up to `value` s late (0: 0.01), and others overtake it |
 //! | any | `none` | its faults are over |
 //!
-//! The target `gamepad` is asked to do things in the same way: `plug`, `unplug`, `hold`, `release`, `speed`, `steering`,
-//! `sideways` (modules/simulator/src/gamepad.rs).
+//! The target `gamepad` is asked to do things in the same way: `plug`, `unplug`, `hold`, `release`, `speed`,
+//! `steering`, `sideways` (modules/simulator/src/gamepad.rs).
 //!
 //! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `cold`, `trip`,
 //! `lose`, `put` and `kidnap` are of the moment; so is `bus_off` without a duration, and with one a restarted

@@ -588,8 +588,8 @@ impl Robot {
         self.rs485.iter().any(|bus| bus.driver.nodes.iter().any(|node| node.kind == Kind::So1))
     }
 
-    /// True if its motion is measured by its drives alone, `LL_DATA_VELOCITY`: no board counts other wheels, or the only
-    /// front wheel is driven.
+    /// True if its motion is measured by its drives alone, `LL_DATA_VELOCITY`: no board counts other wheels, or the
+    /// only front wheel is driven.
     #[must_use]
     pub fn is_measured_by_drives(&self) -> bool {
         self.base.is_some() || self.geometry.driven == DrivenAxle::Front || !self.has_odometry()

@@ -354,8 +354,8 @@ fn a_gamepad_that_cannot_be_meant_is_refused() {
     refused("quiet_s = 0.2", ".quiet_s = 0.2: expected 0, or a number from 0.5 to 3600");
     refused(
         "deadman = 1",
-        ".deadman: unknown key, expected one of device, grab, speed, steering, dead_man, creep, scale, slow, fast, \
-         quiet_s",
+        ".deadman: unknown key, expected one of device, grab, speed, steering, sideways, dead_man, creep, scale, slow, \
+         fast, quiet_s",
     );
     let twice =
         "speed = { axis = 1 }\nsteering = { axis = \"ABS_Y\" }\ndead_man = 300\nfast = { button = 300, scale = 1 }";

@@ -132,9 +132,9 @@ impl Drive {
         controlword & DRIVE == DRIVE && target != 0.0
     }
 
-    /// True for a frame that commands this drive to turn; false for one that commands it to stop, or in which it reports
-    /// that it stops by itself: a statusword other than operation enabled, of a CANopen drive also the emergency for a
-    /// silent master; `None`: any other frame.
+    /// True for a frame that commands this drive to turn; false for one that commands it to stop, or in which it
+    /// reports that it stops by itself: a statusword other than operation enabled, of a CANopen drive also the
+    /// emergency for a silent master; `None`: any other frame.
     #[must_use]
     pub fn turns(&self, id: u16, data: &[u8]) -> Option<bool> {
         if id == self.command.id {

@@ -406,8 +406,9 @@ pub struct Config {
     pub ranging: Vec<RangingBoard>,
     /// Greatest age of a measurement of theirs.
     pub ranging_age_max: Duration,
-    /// A device of its own measures the motion of the body (`LL_DATA_ODO`), so that a drive which stands may be believed
-    /// for longer. Without it the encoder of the only driven wheel, and that of the steering, have no other witness.
+    /// A device of its own measures the motion of the body (`LL_DATA_ODO`), so that a drive which stands may be
+    /// believed for longer. Without it the encoder of the only driven wheel, and that of the steering, have no other
+    /// witness.
     pub odometry: bool,
     /// The drive of the rear axle, or of each wheel of `base`, in their order.
     pub wheels: Vec<PropulsionConfig>,

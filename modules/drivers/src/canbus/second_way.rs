@@ -30,8 +30,8 @@ const LAG_MPS: f64 = MARGIN_MPS;
 const TURNS_MPS: f64 = 0.05;
 const LAG_MAX: Duration = Duration::from_millis(200);
 /// For how long the only wheel of a robot without odometry may stand although it is to turn, beyond twice its ramp to a
-/// speed that is no standstill: the robot is blocked, or the encoder is dead. Then the loop of the drive accelerates the
-/// wheel without end.
+/// speed that is no standstill: the robot is blocked, or the encoder is dead. Then the loop of the drive accelerates
+/// the wheel without end.
 const STANDS_MAX: Duration = Duration::from_millis(300);
 
 /// What cuts the motors' feed.

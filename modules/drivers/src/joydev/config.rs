@@ -14,8 +14,8 @@ settings! {
         bus: String = unset "joystick";
         /// Stick for the speed; its limit in m/s.
         speed: StickConfig = table;
-        /// Stick for the steering angle; its limit in rad. Of a base that does not steer: for the rotation, its limit in
-        /// rad/s.
+        /// Stick for the steering angle; its limit in rad. Of a base that does not steer: for the rotation, its limit
+        /// in rad/s.
         steering: StickConfig = table;
         /// Stick to go sideways, of a base that can; its limit in m/s.
         sideways: StickConfig = table;
@@ -51,8 +51,8 @@ settings! {
         dead_zone: f64 = 0.1, 0.0..=0.9;
         /// Shape of the curve: 0 a straight line; 1 the cube, fine near the middle.
         expo: f64 = 0.3, 0.0..=1.0;
-        /// Demand at its ends, m/s, rad or rad/s. Absent, and at most: `limits.speed_manual_mps`, `limits.steering_rad`;
-        /// of a base that does not steer `limits.rotation_radps`.
+        /// Demand at its ends, m/s, rad or rad/s. Absent, and at most: `limits.speed_manual_mps`,
+        /// `limits.steering_rad`; of a base that does not steer `limits.rotation_radps`.
         limit: f64 = derived f64::INFINITY, 0.01..=10.0;
     }
 }

@@ -194,7 +194,8 @@ fn the_stick_to_go_sideways_must_be_centred_too() {
     rig.pass(ms(10));
     assert_eq!(
         rig.take(),
-        "0 Warning GamepadNotReleased: BTN_TL was pressed with ABS_X off centre: release that first\n0 0.000 0.000 0.000"
+        "0 Warning GamepadNotReleased: BTN_TL was pressed with ABS_X off centre: release that first\n\
+         0 0.000 0.000 0.000"
     );
 }
 

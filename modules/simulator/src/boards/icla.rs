@@ -150,8 +150,8 @@ impl Icla {
         Some(demand.demand / self.gearing.counts_per_radian())
     }
 
-    /// Writes what the drive measures into its objects: by its encoder; the speed of the steering, rad/s, and its digital
-    /// inputs but the switch.
+    /// Writes what the drive measures into its objects: by its encoder; the speed of the steering, rad/s, and its
+    /// digital inputs but the switch.
     pub(crate) fn feedback(&mut self, node: &mut Node, body: &Body, reading: Reading, (speed, inputs): (f64, i64)) {
         let sensed = self.sensed(body, reading, speed);
         // The gear holds the wheels: without power they stand.

@@ -121,7 +121,8 @@ fn an_input_of_stop_that_opens_is_silent_or_missing_stops_the_robot() {
         assert!(took <= bound, "{pdo}: {took:?}");
         set(&mut robot, 0x6000, 1, 8);
         robot.drive(0.4, 1000);
-        assert_eq!(robot.holds(), [(Hold::PauseLatched, "")]);
+        // And the source must send zero first, as it went on commanding.
+        assert_eq!(robot.holds(), [(Hold::PauseLatched, ""), (Hold::NotReleased, "test")]);
         robot.press(0.4);
         robot.drive(0.4, 300);
         assert!(robot.moves(), "{}", robot.reason());
