@@ -250,7 +250,7 @@ function Hands() {
         ))}
       </div>
       {goesSideways.value ? (
-        <div class="choice" role="group" aria-label={t("What the sides of the pad do")}>
+        <div class="choice sides" role="group" aria-label={t("What the sides of the pad do")}>
           {[false, true].map((each) => (
             <Button key={String(each)} pressed={padSideways.value === each} whyNot={now ? t("Let go first.") : null} onClick={() => (padSideways.value = each)}>
               {each ? t("Go sideways") : t("Turn")}
