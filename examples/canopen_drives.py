@@ -26,8 +26,8 @@ except ModuleNotFoundError as error:
 CYCLE = 0.005
 PRINTS = threading.Lock()
 PROFILE_VELOCITY = 3
-ABORT_READ_ONLY, ABORT_HIGH, ABORT_LOW, ABORT_STATE, ABORT_VALUE = (
-    0x06010002, 0x06090031, 0x06090032, 0x08000022, 0x06090030)
+ABORT_HIGH, ABORT_LOW, ABORT_STATE, ABORT_VALUE = (
+    0x06090031, 0x06090032, 0x08000022, 0x06090030)
 # CiA 402-2, table of the controlword: mask, value. Bit 7 is separate: its rising edge resets a fault.
 COMMANDS = (
     ("shutdown", 0x87, 0x06), ("switch on", 0x8F, 0x07), ("enable operation", 0x8F, 0x0F),
@@ -355,7 +355,7 @@ def main(bus, *nodes):
     try:
         for line in sys.stdin:
             match line.split():
-                case ["fault", number] if int(number) in drives:
+                case ["fault", number] if number.isdecimal() and int(number) in drives:
                     drive = drives[int(number)]
                     with drive.lock:
                         drive.fault(0x2310)

@@ -78,6 +78,8 @@ pub struct Drive {
     held: [Option<(f64, Instant)>; 3],
     /// The key that was pressed last, and when: its next event is a repeat.
     pressed: Option<(Arrow, Instant)>,
+    /// The terminal has reported a release.
+    reports_releases: bool,
     zeros: u32,
     grid: Ticker,
 }
@@ -93,6 +95,7 @@ impl Drive {
             taken: false,
             held: [None; 3],
             pressed: None,
+            reports_releases: false,
             zeros: 0,
             grid: Ticker::new(now, PERIOD),
         }
@@ -173,10 +176,12 @@ impl Drive {
         let repeats = self.pressed.is_some_and(|(last, at)| last == arrow && now.since(at) < FIRST);
         self.pressed = Some((arrow, now));
         let time = if repeats { NEXT } else { FIRST };
-        // Only the last key repeats: what else is held goes on. The same key alone ends what is opposite.
+        // Only the last key repeats: what else is held goes on. A rotation and a motion sideways do so only where their
+        // release is reported: the key may be up.
         let turns = arrow.place() == TURN && self.free.is_none();
         if turns || self.free.is_some() {
-            for (_, until) in self.held.iter_mut().flatten().filter(|(_, until)| now < *until) {
+            let known = if self.reports_releases { self.held.len() } else { AHEAD + 1 };
+            for (_, until) in self.held[..known].iter_mut().flatten().filter(|(_, until)| now < *until) {
                 *until = now + time;
             }
         }
@@ -189,9 +194,14 @@ impl Drive {
 
     /// Key up, where the terminal reports it.
     pub fn release(&mut self, arrow: Arrow) {
+        self.reports_releases = true;
         match arrow.place() {
             AHEAD => self.stop(),
-            place => self.held[place] = None,
+            place => {
+                self.held[place] = None;
+                // What follows it is a press.
+                self.pressed = self.pressed.filter(|(last, _)| self.free.is_none() || *last != arrow);
+            }
         }
     }
 
@@ -324,6 +334,25 @@ mod tests {
         drive.toggle();
         drive.press(at(10), Arrow::AsideLeft);
         assert_eq!(drive.poll(at(10)), Some(Motion::Velocity(0.0, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn another_key_prolongs_a_rotation_only_where_releases_are_reported() {
+        let mut drive = Drive::new(at(0), (0.4, 0.4)).free(1.2, true);
+        drive.toggle();
+        let turn_then_ahead = |drive: &mut Drive, from: u64| {
+            drive.press(at(from), Arrow::Left);
+            drive.press(at(from + 100), Arrow::Forward);
+            // Its repeats, the last at 690.
+            (600..700).step_by(30).for_each(|ms| drive.press(at(from + ms), Arrow::Forward));
+        };
+        turn_then_ahead(&mut drive, 0);
+        assert_eq!(drive.poll(at(700)), Some(Motion::Velocity(0.2, 0.0, 0.0)));
+        drive.stop();
+        drive.release(Arrow::Left);
+        turn_then_ahead(&mut drive, 1000);
+        assert_eq!(drive.poll(at(1700)), Some(Motion::Velocity(0.2, 0.0, 0.6)));
+        assert_eq!(drive.poll(at(1900)), Some(Motion::Velocity(0.0, 0.0, 0.0)));
     }
 
     #[test]

@@ -25,10 +25,11 @@ const LEVELS: [(&str, &str); 5] =
     [("CM_", "Common"), ("LL_", "Low level"), ("ML_", "Middle level"), ("HL_", "High level"), ("SIM_", "Simulation")];
 
 /// Phrases by which comments state a unit, and its symbol; the first match counts.
-const UNITS: [(&str, &str); 16] = [
+const UNITS: [(&str, &str); 17] = [
     ("m and rad, squared", "m², m rad, rad²"),
     ("m for propulsion, rad for steering", "m or rad"),
     ("m/s for propulsion, rad/s for steering", "m/s or rad/s"),
+    ("rad, or rad/s of a base that does not steer", "rad or rad/s"),
     ("microseconds since the UNIX epoch", "µs"),
     ("degrees Celsius", "°C"),
     ("revolutions per minute", "1/min"),
@@ -172,6 +173,7 @@ mod tests {
             ("Speed forward, m/s.", "m/s"),
             ("Where the sensor sits, robot frame, left, m.", "m"),
             ("Position at the robot: m for propulsion, rad for steering.", "m or rad"),
+            ("Demanded, rad, or rad/s of a base that does not steer: its rotation.", "rad or rad/s"),
             ("Covariance of x, y, theta; m and rad, squared.", "m², m rad, rad²"),
             ("State of charge, 0..1.", "0..1"),
             ("Current, A.", "A"),

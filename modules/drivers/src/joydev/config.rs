@@ -42,8 +42,8 @@ settings! {
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct StickConfig {
         /// Name or code. Absent: of a gamepad (it has `BTN_SOUTH`) `ABS_Y` and `ABS_RX`, else `ABS_X`; of others
-        /// `ABS_Y` and `ABS_X`; else what there is. To go sideways: `ABS_X` of a gamepad, else `ABS_RX`, `ABS_RZ` or
-        /// `ABS_HAT0X`, if it is free; else the base does not go sideways by this device.
+        /// `ABS_Y` and `ABS_X`; else what there is. To go sideways: `ABS_X` of a gamepad, else `ABS_RX`, `ABS_RZ` of
+        /// others, or `ABS_HAT0X`, if it is free; else the base does not go sideways by this device.
         axis: Option<u16> = optional, AXIS;
         /// Greater values are forward or left. Sticks have these where they are pulled, and to the right.
         inverted: bool = false;

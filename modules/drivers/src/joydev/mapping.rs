@@ -17,7 +17,8 @@ const SPEED: &[u16] = &[ABS_Y, ABS_RY, ABS_HAT0Y];
 /// Axes for the steering of a gamepad, and of other devices.
 const STEERING_OF_PAD: &[u16] = &[ABS_RX, ABS_X, ABS_HAT0X];
 const STEERING: &[u16] = &[ABS_X, ABS_RX, ABS_WHEEL, ABS_HAT0X];
-/// Axes to go sideways, in order of preference.
+/// Axes to go sideways of a gamepad, whose `ABS_RZ` is a trigger or goes forward and back, and of other devices.
+const SIDEWAYS_OF_PAD: &[u16] = &[ABS_X, ABS_RX, ABS_HAT0X];
 const SIDEWAYS: &[u16] = &[ABS_X, ABS_RX, ABS_RZ, ABS_HAT0X];
 /// Dead-man buttons, in order of preference.
 const DEAD_MAN: &[u16] = &[BTN_TL, BTN_TRIGGER];
@@ -83,7 +84,7 @@ impl Mapping {
     /// Assigns axes and buttons by the configuration, or else by those that the device has.
     pub fn of(config: &Config, commands: Commands, device: &Device) -> Result<Self, Refusal> {
         let is_pad = device.button(BTN_SOUTH).is_some();
-        let steering = if is_pad { STEERING_OF_PAD } else { STEERING };
+        let (steering, aside) = if is_pad { (STEERING_OF_PAD, SIDEWAYS_OF_PAD) } else { (STEERING, SIDEWAYS) };
         let goes_sideways = commands == Commands::Velocity { sideways: true };
         // An axis that is configured for one purpose is not used for another.
         let sideways = config.sideways.axis.filter(|_| goes_sideways);
@@ -91,8 +92,8 @@ impl Mapping {
         let steering = pick(device, "steering", config.steering.axis, [Some(speed.code), sideways], steering)?;
         let taken = [Some(speed.code), Some(steering.code)];
         let sideways = match sideways {
-            Some(_) => Some(pick(device, "motion sideways", sideways, taken, SIDEWAYS)?),
-            None => SIDEWAYS.iter().filter(|_| goes_sideways).find_map(|code| free(device, *code, taken)),
+            Some(_) => Some(pick(device, "motion sideways", sideways, taken, aside)?),
+            None => aside.iter().filter(|_| goes_sideways).find_map(|code| free(device, *code, taken)),
         };
         let has = |code: &u16| device.button(*code).is_some();
         let dead_man = match config.dead_man {
@@ -351,6 +352,8 @@ mod tests {
         }
         let joystick = device(&axes(&[ABS_X, ABS_Y, ABS_RZ]), &[BTN_TRIGGER]);
         assert_eq!(sideways(&config(), able, &joystick), Ok(Some(ABS_RZ)), "a stick that turns");
+        let triggers = device(&axes(&[ABS_X, ABS_Y, ABS_Z, ABS_RZ]), &[BTN_SOUTH, BTN_TL]);
+        assert_eq!(sideways(&config(), able, &triggers), Ok(None), "a trigger is no stick");
         let two = device(&axes(&[ABS_X, ABS_Y]), &[BTN_TRIGGER]);
         assert_eq!(sideways(&config(), able, &two), Ok(None), "it drives without");
         let set = |code| Config { sideways: StickConfig { axis: Some(code), ..STICK }, ..config() };

@@ -166,6 +166,8 @@ for (const profile of PROFILES) {
     await pass(200);
     deepEqual(robot.bus.said("LL_CMD_VELOCITY"), []);
     deepEqual(v.said.filter(({ type }) => type === "publish").length, 3);
+    const [above, below] = [await dialog.boundingBox(), await v.page.locator(".toast").last().boundingBox()];
+    ok(above && below && above.y + above.height <= below.y, "the notice is below the dialog");
     await v.press(dialog.getByRole("button", { name: "Close" }));
   });
 }

@@ -1054,9 +1054,7 @@ export interface DataJoydev {
   dead_man: boolean;
   /** Speed demanded by the sticks, m/s. */
   speed: number | null;
-  /**
-   * Steering angle demanded by the sticks, rad; of a base that does not steer the rotation, counter-clockwise, rad/s.
-   */
+  /** Steering angle demanded by the sticks, rad, or rad/s of a base that does not steer: its rotation. */
   steering: number | null;
 }
 

@@ -139,7 +139,7 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["lowlevel.data_joydev_t", new Map([
     ["timestamp", "µs"],
     ["speed", "m/s"],
-    ["steering", "rad/s"],
+    ["steering", "rad or rad/s"],
   ])],
   ["lowlevel.data_motion_t", new Map([
     ["timestamp", "µs"],

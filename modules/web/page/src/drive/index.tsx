@@ -18,7 +18,7 @@ import { Creep } from "./creep";
 import { Pad } from "./pad";
 import { Nearest } from "./ring";
 import type { Demand } from "./hold";
-import { begin, commanded, endedWhy, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
+import { begin, closedWays, commanded, endedWhy, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
 import "./drive.css";
 
 export function Drive() {
@@ -151,7 +151,9 @@ function Motion() {
   const unsure = stale(drive.value?.velocity);
   const of = (value: number | null | undefined, most: number): number | null => (typeof value === "number" ? value / most : null);
   const guard = fresh(drive.value?.guard);
-  const bounds: [number | null, number | null] = [of(guard === null ? null : -(guard.backward ?? 0), speed), of(guard?.forward, speed)];
+  /** What the guard permits to either side of zero. */
+  const between = (below: number | null | undefined, above: number | null | undefined, most: number): [number | null, number | null] =>
+    guard === null ? [null, null] : [of(-(below ?? 0), most), of(above, most)];
   return (
     <Card title={t("Motion")} icon={Move} aside={<Age shown={shown} />}>
       <Gauge
@@ -161,7 +163,7 @@ function Motion() {
         is={of(motion?.speed, speed)}
         wanted={of(motion?.speed_target, speed)}
         stale={grey}
-        bounds={bounds}
+        bounds={between(guard?.backward, guard?.forward, speed)}
       />
       <Bounded />
       {sideways > 0 ? (
@@ -172,6 +174,7 @@ function Motion() {
           is={of(body?.vy, sideways)}
           wanted={of(body?.vy_target, sideways)}
           stale={unsure}
+          bounds={between(guard?.right, guard?.left, sideways)}
           mirrored
         />
       ) : null}
@@ -183,6 +186,7 @@ function Motion() {
           is={of(body?.omega, rotation)}
           wanted={of(body?.omega_target, rotation)}
           stale={unsure}
+          bounds={between(guard?.turn_right, guard?.turn_left, rotation)}
           mirrored
         />
       ) : (
@@ -208,7 +212,7 @@ function Bounded() {
   if (!part || !bound) return null;
   return (
     <p class={stale(part.guard) ? "bound is-stale" : "bound"}>
-      <ShieldAlert size={16} aria-hidden /> <span>{sentence(bound.words)}</span>
+      <ShieldAlert size={16} aria-hidden /> <span>{[sentence(bound.words), ...closedWays.value].join(" ")}</span>
     </p>
   );
 }
@@ -246,7 +250,7 @@ function Hands() {
         ))}
       </div>
       {goesSideways.value ? (
-        <div class="choice" role="group" aria-label={t("What the sides of the pad do")}>
+        <div class="choice sides" role="group" aria-label={t("What the sides of the pad do")}>
           {[false, true].map((each) => (
             <Button key={String(each)} pressed={padSideways.value === each} whyNot={now ? t("Let go first.") : null} onClick={() => (padSideways.value = each)}>
               {each ? t("Go sideways") : t("Turn")}

@@ -37,11 +37,26 @@ export const whyNoDrive = computed<string | null>(() => {
   return null;
 });
 
+/** Turns on the spot, and ways to a side, that the base can and the guard does not permit; its words are of the others. */
+export const closedWays = computed<string[]>(() => {
+  const guard = fresh(drive.value?.guard);
+  const limits = scene.value?.limits;
+  if (guard === null || !limits) return [];
+  // What is not a number permits nothing.
+  const closed = (bound: number | null, can: number, words: string): string[] => (can > 0 && (bound ?? 0) <= 0 ? [words] : []);
+  return [
+    ...closed(guard.turn_left, limits.rotation, t("It must not turn left.")),
+    ...closed(guard.turn_right, limits.rotation, t("It must not turn right.")),
+    ...closed(guard.left, limits.sideways, t("It must not move to the left.")),
+    ...closed(guard.right, limits.sideways, t("It must not move to the right.")),
+  ];
+});
+
 /** Why the second input has no effect now; null: it has. */
 export const whyNoCreep = computed<string | null>(() => {
   if (whyNoDrive.value !== null) return whyNoDrive.value;
   if (stale(drive.value?.guard)) return t("The guard does not report.");
-  return drive.value?.bound?.limits ? null : t("Nothing is in the way.");
+  return drive.value?.bound?.limits || closedWays.value.length > 0 ? null : t("Nothing is in the way.");
 });
 /** The second input is held, and reported. */
 export const creeping = signal(false);
