@@ -26,9 +26,9 @@ const HITS_MAX: usize = 4096;
 const SAME_M: f64 = 0.05;
 /// Fastest walk, m/s (ISO 13855).
 const WALK_MPS: f64 = 1.6;
-/// Distance between two beams up to which a leg is met by two of them, m: a third of the test piece by which a device is
-/// shown to detect legs (IEC 61496-3, 70 mm), because a beam that meets its edge may receive nothing, or what is behind.
-/// An ankle of 50 mm, which is to be detected near the floor (ISO 13855), is met by two as well.
+/// Distance between two beams up to which a leg is met by two of them, m: a third of the test piece by which a device
+/// is shown to detect legs (IEC 61496-3, 70 mm), because a beam that meets its edge may receive nothing, or what is
+/// behind. An ankle of 50 mm, which is to be detected near the floor (ISO 13855), is met by two as well.
 const LEG_SPACING_M: f64 = 0.07 / 3.0;
 /// Beams on either side of a single one among which one that measured is looked for.
 const BESIDE_MAX: usize = 8;
@@ -294,8 +294,8 @@ struct Met {
 }
 
 /// True if a beam alone met something that is no leg: the next ones that measured on either side measured more, by more
-/// than `same` m, and are so near that a leg would have been met by two. Beyond `range_max` a beam that received nothing
-/// proves nothing, nor does a lidar that reports a fault.
+/// than `same` m, and are so near that a leg would have been met by two. Beyond `range_max` a beam that received
+/// nothing proves nothing, nor does a lidar that reports a fault.
 fn is_lone(scan: &DataScan, beam: usize, same: f64) -> bool {
     let range_of = |beam: usize| scan.ranges.get(beam).copied().map(f64::from);
     let Some(range) = range_of(beam).filter(|range| *range >= 0.0) else { return false };
