@@ -8,6 +8,7 @@ mod page;
 
 use crate::keepers;
 use base::{Duration, Instant};
+use lcm::memory::Access;
 use module::admission::Process;
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
 use page::Page;
@@ -35,6 +36,8 @@ const ENTRIES_OFFSET: usize = 64;
 const READER_OFFSET: usize = 16;
 const WATCHDOG_OFFSET: usize = 20;
 const ENTRY_SIZE: usize = 64;
+/// Times that a header is read again because it has changed meanwhile.
+const HEAD_READS_MAX: usize = 4;
 /// Length of the name in an entry; the counter follows it.
 const NAME_SIZE: usize = 48;
 /// Maximum number of threads in a page.
@@ -81,7 +84,7 @@ impl HeartbeatPage {
         if !found.is_file() {
             return Err(io::ErrorKind::InvalidInput.into());
         }
-        Ok(Self { page: Arc::new(Page::new(file)?), uid: found.uid(), threads: 0 })
+        Ok(Self { page: Arc::new(Page::new(file, Access::Write)?), uid: found.uid(), threads: 0 })
     }
 
     /// Registers a thread, whose first heartbeat is `now`. From the first registration on, the watchdog judges the
@@ -258,21 +261,31 @@ impl PageReader {
         if for_group {
             file.set_permissions(Permissions::from_mode(0o660))?;
         }
-        let page = Page::new(file)?;
+        let page = Page::new(file, Access::Write)?;
         page.write(WATCHDOG_OFFSET, &std::process::id().to_le_bytes())?;
         Ok(Self { page, short: false, threads: Vec::new(), show: Instant::ZERO })
     }
 
-    /// Opens the page of a running process.
+    /// Opens the page of a running process as its watchdog, whom the page names from then on.
     ///
     /// # Errors
     /// The page does not exist, or cannot be mapped.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
-        let page = Page::new(file)?;
+        let page = Page::new(file, Access::Write)?;
         // Before this watchdog publishes anything, so that the module knows who guards it now.
         let _ = page.write(WATCHDOG_OFFSET, &std::process::id().to_le_bytes());
         Ok(Self { page, short: false, threads: Vec::new(), show: Instant::ZERO })
+    }
+
+    /// Opens the page of a running process for a tool that looks on: it changes nothing in it, and
+    /// [`show`](Self::show) has no effect on the page.
+    ///
+    /// # Errors
+    /// The page does not exist, or cannot be mapped.
+    pub fn look_on(path: &Path) -> io::Result<Self> {
+        let file = OpenOptions::new().read(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        Ok(Self { page: Page::new(file, Access::Read)?, short: false, threads: Vec::new(), show: Instant::ZERO })
     }
 
     /// Increments the watchdog's counter if that is due, even if the module's part of the page is invalid. A truncated
@@ -294,10 +307,25 @@ impl PageReader {
         self.threads.iter().map(|thread| (thread.name.as_str(), thread.last))
     }
 
+    /// The header: signature, version, process id and number of threads. A thread that registers meanwhile changes
+    /// more than one of them, so they count once they have been read twice.
+    fn head(&self) -> [u32; 4] {
+        let read = || [0, 4, 8, 12].map(|place| self.page.load(place));
+        let mut head = read();
+        for _ in 0..HEAD_READS_MAX {
+            let again = read();
+            if again == head {
+                break;
+            }
+            head = again;
+        }
+        head
+    }
+
     /// Reads the page. `held_up` is the part of the watchdog's own delay beyond its period that is not charged to the
     /// threads.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
-        let [magic, version, owner, count] = [0, 4, 8, 12].map(|place| self.page.load(place));
+        let [magic, version, owner, count] = self.head();
         let count = count as usize;
         let known = self.threads.len();
         let why = match () {
@@ -519,6 +547,33 @@ mod tests {
             page.show(at(2000));
             assert_eq!(beat.reader(), (before + 1, Some(Process { pid: me, uid: beat.uid })), "{length}");
         }
+    }
+
+    #[test]
+    fn a_tool_that_looks_on_changes_nothing_in_the_page() {
+        let dir = Dir::new("look-on");
+        let path = dir.0.join("module");
+        let (mut page, mut beats) = pair(&dir);
+        let mut beat = beats.thread(at(0), "main").unwrap();
+        page.show(at(0));
+        let before = fs::read(&path).unwrap();
+        let mut other = PageReader::look_on(&path).unwrap();
+        other.show(at(0));
+        assert_eq!(
+            other.read(at(10), std::process::id(), Duration::ZERO),
+            Reading::Oldest { thread: "main", last: at(10) }
+        );
+        assert_eq!(fs::read(&path).unwrap(), before);
+        assert!(beat.beat(at(60)));
+        assert_eq!(
+            other.read(at(70), std::process::id(), Duration::ZERO),
+            Reading::Oldest { thread: "main", last: at(70) }
+        );
+        // Truncated, it is bad for a tool, too, which does not extend it.
+        OpenOptions::new().write(true).open(&path).unwrap().set_len(0).unwrap();
+        other.show(at(600));
+        assert_eq!(other.read(at(600), std::process::id(), Duration::ZERO), Reading::Bad("is cut short"));
+        assert_eq!(fs::read(&path).unwrap(), [0_u8; 0]);
     }
 
     #[test]

@@ -111,7 +111,7 @@ fn open(run_dir: &Path) -> Result<Vec<Watched>, Failed> {
     let folder = beats::folder_path(&here);
     let of_ours = |running: &holder::Running| running.place.run_dir.canonicalize().is_ok_and(|dir| dir == here);
     let open = |running: holder::Running| {
-        let page = PageReader::open(&folder.join(&running.module)).ok()?;
+        let page = PageReader::look_on(&folder.join(&running.module)).ok()?;
         Some(Watched { module: running.module, pid: running.pid, page, threads: Vec::new(), bad: 0 })
     };
     let mut watched: Vec<Watched> = holder::modules().filter(of_ours).filter_map(open).collect();

@@ -26,9 +26,10 @@ const HITS_MAX: usize = 4096;
 const SAME_M: f64 = 0.05;
 /// Fastest walk, m/s (ISO 13855).
 const WALK_MPS: f64 = 1.6;
-/// Distance between two beams up to which a leg is met by both of them, m: half of the test piece by which a device is
-/// shown to detect legs (IEC 61496-3, 70 mm).
-const LEG_SPACING_M: f64 = 0.035;
+/// Distance between two beams up to which a leg is met by two of them, m: a third of the test piece by which a device
+/// is shown to detect legs (IEC 61496-3, 70 mm), because a beam that meets its edge may receive nothing, or what is
+/// behind. An ankle of 50 mm, which is to be detected near the floor (ISO 13855), is met by two as well.
+const LEG_SPACING_M: f64 = 0.07 / 3.0;
 /// Beams on either side of a single one among which one that measured is looked for.
 const BESIDE_MAX: usize = 8;
 /// Longest time between two revolutions for which somebody walks, s.
@@ -293,10 +294,15 @@ struct Met {
 }
 
 /// True if a beam alone met something that is no leg: the next ones that measured on either side measured more, by more
-/// than `same` m, and are so near that a leg would have been met by two.
+/// than `same` m, and are so near that a leg would have been met by two. Beyond `range_max` a beam that received
+/// nothing proves nothing, nor does a lidar that reports a fault.
 fn is_lone(scan: &DataScan, beam: usize, same: f64) -> bool {
     let range_of = |beam: usize| scan.ranges.get(beam).copied().map(f64::from);
     let Some(range) = range_of(beam).filter(|range| *range >= 0.0) else { return false };
+    let sees_beyond = scan.status == DataScan::OK && f64::from(scan.range_max) > range + same;
+    if !sees_beyond {
+        return false;
+    }
     let spacing = range * scan.angle_step.abs();
     // What is beyond the sector leaves it unknown, and what is nearer may hide a part of it.
     let passes = |beside: &dyn Fn(usize) -> Option<usize>| {
@@ -328,8 +334,8 @@ impl Arc {
         let off = |bin: usize| bin.abs_diff(middle).min(BINS - bin.abs_diff(middle));
         let farthest = met.iter().map(|met| off(met.bin)).max().unwrap_or(0);
         let nearest = met.iter().map(|met| met.distance).fold(f64::INFINITY, f64::min);
-        // One more for the width of a bin, one for rounding.
-        let half = farthest + beside(nearest, same).max(BESIDE) + 2;
+        // Two more for the widths of bins, one for rounding.
+        let half = farthest + beside(nearest, same).max(BESIDE) + 3;
         if half > Self::WIDEST {
             return all;
         }
@@ -375,8 +381,8 @@ impl View {
 
     /// Most revolutions that have found something at a place, or up to `same` m from it; 0: none.
     fn turns(&self, bin: usize, distance: f64, same: f64) -> u32 {
-        let near =
-            self.around(bin, beside(distance, same).max(1)).filter(|(other, _)| (other - distance).abs() <= same);
+        // One more: the bins of two directions differ by up to one more than the angle between them.
+        let near = self.around(bin, beside(distance, same) + 1).filter(|(other, _)| (other - distance).abs() <= same);
         near.map(|(_, turns)| turns).max().unwrap_or(0)
     }
 

@@ -15,13 +15,14 @@ use std::sync::atomic::Ordering;
 pub(super) struct Page {
     file: File,
     memory: Memory,
+    access: Access,
 }
 
 impl Page {
-    /// Maps a file that is open for reading and writing.
-    pub fn new(file: File) -> io::Result<Self> {
-        let memory = Memory::map(&file, PAGE_SIZE, Access::Write)?;
-        Ok(Self { file, memory })
+    /// Maps a file that is open for this access.
+    pub fn new(file: File, access: Access) -> io::Result<Self> {
+        let memory = Memory::map(&file, PAGE_SIZE, access)?;
+        Ok(Self { file, memory, access })
     }
 
     /// True if an access found the file truncated.
@@ -47,9 +48,12 @@ impl Page {
         }
     }
 
-    /// Stores a number at `place`, a multiple of 4. A failure is not reported: what is missing is noticed by the side
-    /// that reads it.
+    /// Stores a number at `place`, a multiple of 4; nothing in a page that is mapped for reading. A failure is not
+    /// reported: what is missing is noticed by the side that reads it.
     pub fn store(&self, place: usize, value: u32) {
+        if self.access == Access::Read {
+            return;
+        }
         self.memory.words32()[place / 4].store(value.to_le(), Ordering::Release);
         if self.is_cut() {
             let _ = self.file.write_all_at(&value.to_le_bytes(), place as u64);

@@ -25,7 +25,7 @@ const PLAUSIBLE: f64 = 2.0;
 const STEERING_MAX_RAD: f64 = 1.5;
 /// Speed below which the robot counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
-/// What a lidar finds near the robot is published at once, but not sooner than this after the last time.
+/// What a lidar finds near the robot is published at once, but not sooner than this after the last such message.
 const SPACING: Duration = Duration::from_millis(10);
 
 base::deadlines! {
@@ -33,7 +33,7 @@ base::deadlines! {
     enum Timer {
         /// `LL_DATA_GUARD` is published. Set from the start on.
         Publish,
-        /// It is published with what a lidar found within [`SPACING`] of the last time.
+        /// It is published with what a lidar found within [`SPACING`] of the last such message.
         Found,
     }
 }

@@ -244,7 +244,7 @@ fn a_single_beam_counts_only_where_it_was_before_and_a_leg_that_walks_counts() {
     let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
     for turn in 0..40 {
         bench.spoils = Box::new(move |ranges| {
-            (ranges[20], ranges[21]) = (if turn % 2 == 0 { 0.7 } else { 0.85 }, f32::NAN);
+            (ranges[20], ranges[21]) = (if turn % 2 == 0 { 0.5 } else { 0.65 }, f32::NAN);
         });
         bench.revolve();
         assert_eq!(bench.found().0, [], "{turn}");
@@ -273,15 +273,67 @@ fn a_single_beam_counts_only_where_it_was_before_and_a_leg_that_walks_counts() {
         found += usize::from(!bench.found().0.is_empty());
     }
     assert!(found >= 15, "{found} of 20 revolutions");
-    // The leg of the standard walks across, near and as far as it must be met by two beams.
-    for ahead in [1.0, 2.2] {
-        let leg = move |at: f64| (Point { x: ahead, y: 1.0 - 1.6 * (at - 1.0) }, 0.035);
+    // Beams beside it prove nothing beyond `range_max`, or while the lidar reports a fault.
+    for (range_max, status) in [(0.8, DataScan::OK), (f32::NAN, DataScan::OK), (12.0, DataScan::BLOCKED)] {
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+        (bench.range_max, bench.status) = (range_max, status);
+        for turn in 0..4 {
+            bench.spoils = Box::new(move |ranges| ranges[20] = if turn % 2 == 0 { 0.7 } else { 0.85 });
+            bench.revolve();
+        }
+        assert!(!bench.found().0.is_empty(), "{range_max} m, {status}");
+    }
+    // The leg of the standard, and an ankle, walk across, near and as far as they must be met by two beams.
+    for (ahead, radius) in [(1.0, 0.035), (2.2, 0.035), (1.0, 0.025), (1.6, 0.025)] {
+        let leg = move |at: f64| (Point { x: ahead, y: 1.0 - 1.6 * (at - 1.0) }, radius);
         let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
         bench.things.push(&leg);
         bench.revolve_times(2);
         for n in 0..8 {
             bench.revolve();
-            assert!(!bench.found().0.is_empty(), "{ahead} m ahead, {n}");
+            assert!(!bench.found().0.is_empty(), "{ahead} m ahead, {radius}, {n}");
+        }
+    }
+}
+
+#[test]
+fn a_leg_that_walks_counts_in_the_second_revolution_even_if_its_edges_are_not_measured() {
+    // Across, and towards the robot, where three beams should meet it, and where two should.
+    for (ahead, walks) in [(1.5, (0.0, -1.6)), (2.2, (0.0, -1.6)), (1.6, (-1.6, 0.0)), (2.3, (-1.6, 0.0))] {
+        for phase in 0..20 {
+            let begins = f64::from(phase) * 0.002;
+            let leg = move |at: f64| {
+                let since = at - 1.0;
+                // What is farther from its middle than 0.8 of its radius is an edge.
+                (Point { x: ahead + walks.0 * since, y: begins + walks.1 * since }, 0.8 * 0.035)
+            };
+            let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+            bench.things.push(&leg);
+            bench.revolve();
+            assert_eq!(bench.found().0, [], "{phase}");
+            bench.revolve();
+            assert!(!bench.found().0.is_empty(), "{ahead} m ahead, {walks:?}, {phase}");
+        }
+    }
+}
+
+#[test]
+fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() {
+    let here = Point::default();
+    for n in 0..720 {
+        for distance in [0.3, 0.72, 0.96, 1.44, 1.67, 2.5] {
+            let at = |angle: f64| {
+                let (sin, cos) = libm::sincos(angle);
+                Point { x: distance * cos, y: distance * sin }
+            };
+            // 4.9 cm beside it.
+            let angle = f64::from(n) * TAU / 720.0 + 0.001;
+            let hit = Hit { at: at(angle + 2.0 * libm::asin(0.0245 / distance)), turns: 1, approaches: false };
+            let turn = Turn { since: Instant::ZERO, seen: Vec::new(), hits: vec![hit] };
+            let (bin, distance) = seen_from(here, at(angle));
+            let met = Met { at: at(angle), bin, distance, follows: true, lone: true };
+            let arc = Arc::around(&[met], SAME_M);
+            assert_eq!(View::new(here, Some(&turn), &arc).turns(bin, distance, SAME_M), 1, "{n} {distance}");
         }
     }
 }

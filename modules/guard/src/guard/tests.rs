@@ -469,6 +469,37 @@ fn what_one_sector_finds_does_not_wait_because_a_message_has_just_been_sent() {
 }
 
 #[test]
+fn finds_are_published_at_most_each_10_ms_whatever_a_lidar_sends() {
+    let mut robot = Scanned::new(1, Ranging::Lidar);
+    for _ in 0..80 {
+        robot.sector();
+    }
+    let mut count = 0;
+    for n in 0..1000_u32 {
+        robot.bench.pass(Duration::from_millis(1));
+        if n % 40 == 0 {
+            robot.bench.message(DataMotion { speed: 0.5, ..DataMotion::default() });
+        }
+        // Something new in each scan.
+        let range = if n % 2 == 0 { 0.4 } else { 0.5 };
+        robot.bench.message(DataScan {
+            timestamp: (robot.bench.now().as_nanos() / 1000) as i64,
+            name: "front".into(),
+            angle_min: (-22f64).to_radians(),
+            angle_step: 1f64.to_radians(),
+            beam_time: 1e-5,
+            range_max: 8.0,
+            ranges: vec![range; 45],
+            ..DataScan::default()
+        });
+        let published = robot.bench.published();
+        count += published.iter().filter(|message| matches!(message, Message::LlDataGuard(_))).count();
+    }
+    // A hundred a second, and the 20 of each second between them.
+    assert!((95..=121).contains(&count), "{count}");
+}
+
+#[test]
 fn a_robot_with_both_moves_where_neither_is_unknown() {
     let mut robot = Scanned::new(2, Ranging::SonarAndLidar);
     let last = (0..80).flat_map(|_| robot.sector()).last().expect("20 Hz");
