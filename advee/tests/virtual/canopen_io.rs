@@ -113,7 +113,12 @@ impl Rig {
         while self.robot.hold() != Some(hold) {
             self.robot.pass(0.001);
             let took = self.robot.machine.now().since(begin);
-            assert!(took < Duration::from_secs(2), "{fault}: {:?} instead of {hold:?}; {:?}", self.robot.hold(), self.reports());
+            assert!(
+                took < Duration::from_secs(2),
+                "{fault}: {:?} instead of {hold:?}; {:?}",
+                self.robot.hold(),
+                self.reports()
+            );
         }
         self.robot.machine.now().since(begin)
     }
