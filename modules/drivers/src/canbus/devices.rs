@@ -606,6 +606,11 @@ impl Device {
                 value.at = None;
                 continue;
             };
+            // An answer may be older than a TPDO that came meanwhile. One by which an input of a stop is open counts.
+            let opens = value.stop.is_some() && known != 1.0;
+            if !opens && value.at.is_some_and(|newest| at < newest) {
+                continue;
+            }
             (value.value, value.at) = (known, Some(at));
             if let Some(stop) = value.stop {
                 line.on_input(at, stop, known != 1.0);
@@ -631,7 +636,8 @@ impl Device {
             (Some(mapped), Some(entry @ 1..)) => {
                 let (index, sub, len) = ((mapped >> 16) as u16, (mapped >> 8) as u8, usize::from(mapped as u8));
                 let own = |object: &Object| (object.index, object.sub, object.output) == (index, sub, false);
-                if let Some(object) = self.objects.iter().position(own).filter(|_| len % 8 == 0 && bits % 8 == 0) {
+                let in_bytes = len > 0 && len % 8 == 0 && bits % 8 == 0;
+                if let Some(object) = self.objects.iter().position(own).filter(|_| in_bytes) {
                     self.maps[tpdo].objects.push(Mapped { object, first: bits / 8, len: len / 8 });
                 }
                 let bits = bits + len;

@@ -220,6 +220,26 @@ fn a_tpdo_that_the_device_has_switched_off_is_of_another_node() {
 }
 
 #[test]
+fn an_answer_that_may_be_older_than_a_tpdo_does_not_close_an_input() {
+    let mut robot = robot(plc(true), 0x0191, true);
+    robot.pass(3000);
+    robot.output = None;
+    robot.frames.clear();
+    let is_asked = |robot: &Robot| robot.frames.iter().any(|(_, frame)| frame.data().starts_with(&[0x40, 0, 0x60, 1]));
+    for _ in 0..100 {
+        if !is_asked(&robot) {
+            robot.pass(1);
+        }
+    }
+    assert!(is_asked(&robot));
+    robot.pass(1);
+    foreign_tpdo(&mut robot, 0);
+    robot.bench.can(PortId(0), can::Frame::standard(0x580 + u16::from(NODE), &[0x4F, 0, 0x60, 1, 8, 0, 0, 0]));
+    robot.exchange();
+    assert!(robot.holds().contains(&(Hold::PauseInput, "io.estop")), "{:?}", robot.holds());
+}
+
+#[test]
 fn mappings_are_read_again_after_another_master() {
     let mut robot = robot(plc(true), 0x0191, true);
     robot.pass(3000);
