@@ -567,7 +567,7 @@ impl Canbus {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_boot_failed(step, reason, out);
                 }
-                self.devices.on_boot_failed(node, step, reason, out);
+                self.devices.on_boot_failed(node, step, reason, &mut self.around.pause, out);
             }
             CanEvent::Lost { node, reason } => {
                 self.watch_reset(now, node, reason);
@@ -579,7 +579,7 @@ impl Canbus {
                 } else if let Some(wheel) = self.wheels.of_mut(node) {
                     wheel.on_lost();
                 }
-                self.devices.on_lost(node, reason, out);
+                self.devices.on_lost(node, reason, &mut self.around.pause, out);
             }
             CanEvent::Emergency { node, emergency, suppressed } => {
                 if let Some(drive) = self.drive_mut(node) {
@@ -610,10 +610,10 @@ impl Canbus {
             }
             CanEvent::DuplicateId { node } => {
                 let (subject, name) = self.name_of(node);
-                let message = format!(
-                    "{name} resets repeatedly, or two nodes of {} have its id; the robot stops",
-                    self.bus_name()
-                );
+                // Of a device an input of `[stop]` does that.
+                let stops = if self.devices.name(node).is_some() { "" } else { "; the robot stops" };
+                let bus = self.bus_name();
+                let message = format!("{name} resets repeatedly, or two nodes of {bus} have its id{stops}");
                 out.raise(Severity::Error, Fault::NodeClash, subject, message);
             }
             CanEvent::Babbling { node, rate } => {

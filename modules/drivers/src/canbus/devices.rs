@@ -4,9 +4,12 @@
 //!           and by SDO; outputs by SDO, so that each order is acknowledged
 //! Timing    inputs are asked in their period, one request of a device at a time; outputs are written at each change,
 //!           and refreshed; none while another master is on the bus, since a request would end its transfer
-//! Silence   a device whose heartbeat is missing is lost: its values are unknown. So is a value that nothing has
-//!           confirmed for its greatest age: an event-driven TPDO sends changes only, so its silence proves nothing.
-//!           Without `LL_CMD_NODE_IO` for [`ORDER_TTL`] outputs get their safe values
+//! Silence   a device whose heartbeat is missing, or that restarts, is lost: its values are unknown, and an input of
+//!           `[stop]` stops the robot at once. A value that nothing has confirmed for its greatest age is unknown, too:
+//!           an event-driven TPDO sends changes only, so its silence proves nothing. Without `LL_CMD_NODE_IO` for
+//!           [`ORDER_TTL`] outputs get their safe values
+//! Mapping   read at each start, and again after another master. A TPDO is taken only if its identifier is the one of
+//!           the pre-defined connection set: a frame under that identifier is of another node otherwise
 //! Length    an answer or a TPDO that has not the length of its object or mapping is dropped and reported
 //! Stops     an input of `[stop]` goes to the PAUSE line as it is received; see `pause`
 //!
@@ -17,7 +20,7 @@ use super::pause::PauseLine;
 use crate::io::{Canopen, CanopenKeys, ObjectKeys, ObjectKind, ObjectPlace};
 use base::{Duration, Fault, Instant, Level, Severity};
 use canopen::master::{BootError, ConfigWrite, Expect, LostReason, Step, Ticket};
-use canopen::wire::Emergency;
+use canopen::wire::{Emergency, Service};
 use canopen::{Master, NodeConfig, Payload, sdo};
 use messages::lowlevel::{CmdNodeIo, DataNodeIo, NodeValue};
 use module::Actions;
@@ -38,8 +41,12 @@ const EMERGENCY_PAUSE: Duration = Duration::from_secs(1);
 const UNANSWERED_MAX: u8 = 2;
 /// TPDOs with an identifier of the pre-defined connection set.
 const TPDOS: usize = 4;
+/// Communication record of the first TPDO: its identifier is at sub-index 1.
+const TPDO_COMMUNICATION: u16 = 0x1800;
 /// Mapping record of the first TPDO.
 const TPDO_MAPPING: u16 = 0x1A00;
+/// Bit of an identifier that forbids remote frames.
+const NO_RTR: u32 = 1 << 30;
 /// Most entries of a mapping that are read.
 const ENTRIES_MAX: u8 = 64;
 
@@ -75,6 +82,8 @@ struct Object {
     /// Indices in the device's list.
     values: Vec<usize>,
     due: Instant,
+    /// When it was asked or written last.
+    tried: Instant,
     /// Number that the device confirmed.
     written: Option<u32>,
     refused: bool,
@@ -101,7 +110,8 @@ struct Map {
 #[derive(Clone, Copy, Debug, Default)]
 struct Learning {
     tpdo: usize,
-    entry: u8,
+    /// `None`: its identifier is read first.
+    entry: Option<u8>,
     count: u8,
     bits: usize,
 }
@@ -191,17 +201,24 @@ impl Devices {
         }
     }
 
-    pub(super) fn on_boot_failed(&mut self, node: u8, step: Step, reason: BootError, out: &mut Actions) {
+    pub(super) fn on_boot_failed(
+        &mut self,
+        node: u8,
+        step: Step,
+        reason: BootError,
+        line: &mut PauseLine,
+        out: &mut Actions,
+    ) {
         if let Some(device) = self.of_mut(node) {
             let message = format!("{} (node {node}) does not start, {step}: {reason}; retrying", device.name);
-            device.on_lost(message, out);
+            device.on_lost(message, line, out);
         }
     }
 
-    pub(super) fn on_lost(&mut self, node: u8, reason: LostReason, out: &mut Actions) {
+    pub(super) fn on_lost(&mut self, node: u8, reason: LostReason, line: &mut PauseLine, out: &mut Actions) {
         if let Some(device) = self.of_mut(node) {
             let message = format!("{} (node {node}) is lost: {reason}; its values are unknown", device.name);
-            device.on_lost(message, out);
+            device.on_lost(message, line, out);
         }
     }
 
@@ -255,15 +272,14 @@ impl Devices {
         false
     }
 
-    /// What outputs are to have, received at `at`. A name that is no output, and a value that it has not, are ignored:
-    /// `driver_io` has refused the command.
+    /// What all outputs are to have, received at `at`. One that is missing, or is to have what it does not take, gets
+    /// its safe value: any program that may command can send this message.
     pub(super) fn on_order(&mut self, at: Instant, order: &CmdNodeIo) {
         self.ordered = at;
-        let mut values: Vec<&mut Value> = self.all.iter_mut().flat_map(|device| &mut device.values).collect();
-        for output in &order.outputs {
-            let own = values.iter_mut().find(|value| value.safe.is_some() && value.name == output.name);
-            if let Some(value) = own.filter(|value| value.place.bits(output.target).is_some()) {
-                value.order = Some(output.target);
+        for device in &mut self.all {
+            for (value, keys) in device.values.iter_mut().zip(&device.keys.signals) {
+                let own = order.outputs.iter().find(|output| output.name == value.name);
+                value.order = own.map(|output| output.target).filter(|target| keys.takes(*target));
             }
         }
     }
@@ -292,8 +308,12 @@ impl Devices {
         if self.ends || now.since(self.ordered) >= ORDER_TTL {
             self.release();
         }
-        for device in self.all.iter_mut().filter(|_| alone) {
-            device.ask(now, master);
+        for device in &mut self.all {
+            if alone {
+                device.ask(now, master);
+            } else {
+                device.unlearn();
+            }
         }
     }
 
@@ -354,6 +374,7 @@ impl Device {
                     output,
                     values: vec![n],
                     due: Instant::ZERO,
+                    tried: Instant::ZERO,
                     written: None,
                     refused: false,
                 }),
@@ -420,23 +441,29 @@ impl Device {
         self.booted = true;
         self.forget();
         self.objects.iter_mut().for_each(|object| object.due = now);
-        self.learning = self.keys.pdo.then(Learning::default);
         self.is_there(out);
     }
 
-    fn on_lost(&mut self, message: String, out: &mut Actions) {
+    fn on_lost(&mut self, message: String, line: &mut PauseLine, out: &mut Actions) {
         self.booted = false;
         self.forget();
+        self.values.iter().filter_map(|value| value.stop).for_each(|stop| line.on_input_lost(stop));
         self.lost = true;
         out.raise(Severity::Error, Fault::IoDeviceLost, self.name.as_str(), message);
     }
 
     /// It may be another device, or was switched off: nothing is known of it.
     fn forget(&mut self) {
-        (self.asked, self.learning, self.unanswered) = (None, None, 0);
-        self.maps = Default::default();
+        (self.asked, self.unanswered) = (None, 0);
+        self.unlearn();
         self.values.iter_mut().for_each(|value| value.at = None);
         self.objects.iter_mut().for_each(|object| object.written = None);
+    }
+
+    /// Its TPDOs may be mapped in another way, as by another master: none is taken before its mapping is read.
+    fn unlearn(&mut self) {
+        self.maps = Default::default();
+        self.learning = self.keys.pdo.then(Learning::default);
     }
 
     fn is_there(&mut self, out: &mut Actions) {
@@ -454,10 +481,10 @@ impl Device {
         object.values.iter().fold(0, |all, n| all | self.values[*n].bits())
     }
 
-    /// When an object is to be asked or written.
+    /// When an object is to be asked or written. An output that changes again and again takes turns with the others.
     fn due(&self, object: &Object) -> Instant {
         let urgent = object.output && !object.refused && self.has_changed(object);
-        if urgent { Instant::ZERO } else { object.due }
+        if urgent { object.tried } else { object.due }
     }
 
     fn ask(&mut self, now: Instant, master: &mut Master) {
@@ -471,15 +498,17 @@ impl Device {
         let node = self.keys.node;
         let asked = match (learning, next) {
             (Some(learning), _) => {
-                let index = TPDO_MAPPING + learning.tpdo as u16;
-                master.sdo_read(now, node, index, learning.entry).map(|ticket| (ticket, Asked::Mapping(learning)))
+                let tpdo = learning.tpdo as u16;
+                let mapping = learning.entry.map(|entry| (TPDO_MAPPING + tpdo, entry));
+                let (index, sub) = mapping.unwrap_or((TPDO_COMMUNICATION + tpdo, 1));
+                master.sdo_read(now, node, index, sub).map(|ticket| (ticket, Asked::Mapping(learning)))
             }
             (None, Some(n)) => {
                 let object = &self.objects[n];
                 let (bits, period) =
                     (self.target(object), if object.output { self.keys.refresh } else { self.keys.period });
                 let object = &mut self.objects[n];
-                object.due = object.due.next_on_grid(now, period);
+                (object.due, object.tried) = (object.due.next_on_grid(now, period), now);
                 if object.output {
                     let data = Payload::from(&bits.to_le_bytes()[..object.len]);
                     let asked = master.sdo_write(now, node, object.index, object.sub, data);
@@ -577,6 +606,11 @@ impl Device {
                 value.at = None;
                 continue;
             };
+            // An answer may be older than a TPDO that came meanwhile. One by which an input of a stop is open counts.
+            let opens = value.stop.is_some() && known != 1.0;
+            if !opens && value.at.is_some_and(|newest| at < newest) {
+                continue;
+            }
             (value.value, value.at) = (known, Some(at));
             if let Some(stop) = value.stop {
                 line.on_input(at, stop, known != 1.0);
@@ -585,26 +619,32 @@ impl Device {
         fits
     }
 
-    /// An entry of a mapping, or their number; `None`: the device has not got it.
+    /// The identifier of a TPDO, the number of its entries, or one of them; `None`: the device has not got it.
     fn on_mapping(&mut self, learning: Learning, data: Option<&[u8]>) {
         let Learning { tpdo, entry, count, bits } = learning;
         let number = data.filter(|data| (1..=4).contains(&data.len()));
         let number = number.map(|data| data.iter().rev().fold(0_u32, |all, byte| all << 8 | u32::from(*byte)));
+        let service = Service::Tpdo { node: self.keys.node, number: tpdo as u8 + 1 };
         let next = match (number, entry) {
-            (Some(count), 0) if (1..=u32::from(ENTRIES_MAX)).contains(&count) => {
-                Some(Learning { tpdo, entry: 1, count: count as u8, bits: 0 })
+            // Without the bit that switches it off.
+            (Some(cob_id), None) if cob_id & !NO_RTR == u32::from(service.cob_id()) => {
+                Some(Learning { entry: Some(0), ..learning })
             }
-            (Some(mapped), 1..) => {
+            (Some(count), Some(0)) if (1..=u32::from(ENTRIES_MAX)).contains(&count) => {
+                Some(Learning { tpdo, entry: Some(1), count: count as u8, bits: 0 })
+            }
+            (Some(mapped), Some(entry @ 1..)) => {
                 let (index, sub, len) = ((mapped >> 16) as u16, (mapped >> 8) as u8, usize::from(mapped as u8));
                 let own = |object: &Object| (object.index, object.sub, object.output) == (index, sub, false);
-                if let Some(object) = self.objects.iter().position(own).filter(|_| len % 8 == 0 && bits % 8 == 0) {
+                let in_bytes = len > 0 && len % 8 == 0 && bits % 8 == 0;
+                if let Some(object) = self.objects.iter().position(own).filter(|_| in_bytes) {
                     self.maps[tpdo].objects.push(Mapped { object, first: bits / 8, len: len / 8 });
                 }
                 let bits = bits + len;
                 if entry == count && bits <= 64 {
                     self.maps[tpdo].len = bits.div_ceil(8);
                 }
-                (entry < count && bits <= 64).then_some(Learning { tpdo, entry: entry + 1, count, bits })
+                (entry < count && bits <= 64).then_some(Learning { tpdo, entry: Some(entry + 1), count, bits })
             }
             _ => None,
         };

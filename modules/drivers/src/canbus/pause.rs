@@ -185,6 +185,13 @@ impl PauseLine {
         }
     }
 
+    /// An input that this driver reads, by its place, is not known any more: its device is lost.
+    pub(super) fn on_input_lost(&mut self, place: usize) {
+        if let Some(input) = self.inputs.get_mut(place) {
+            self.latched |= input.engaged.take().is_some();
+        }
+    }
+
     /// Latches PAUSE for inputs that were known and are not any more; also before each report, which would hide a gap
     /// in which this process was not served.
     pub(super) fn expire(&mut self, now: Instant) {
@@ -529,6 +536,12 @@ mod tests {
         assert!(!line.cuts_feed(), "only the power controller's line does");
         closed(&mut line, 5200);
         assert_eq!(holds(&line, at(5200)), [(Hold::PauseLatched, "")]);
+        line.release();
+        // The device of one is lost, and comes back at once.
+        line.on_input_lost(1);
+        assert_eq!(holds(&line, at(5200)), [(Hold::PauseInputUnknown, "drive.left.3")]);
+        closed(&mut line, 5210);
+        assert_eq!(holds(&line, at(5210)), [(Hold::PauseLatched, "")]);
         line.release();
         // Another program in its name, and in that of an input that this driver reads.
         line.on_stop(at(5300), of(false, 300), &stop(true, "io.estop"));

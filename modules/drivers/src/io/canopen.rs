@@ -141,6 +141,8 @@ pub struct ObjectPlace {
     pub format: Format,
     /// The bit, of [`Format::Bit`].
     pub bit: u8,
+    /// The bit is one of eight of an UNSIGNED8, as those of CiA 401.
+    pub of_eight: bool,
     /// Value = number × scale + offset.
     pub scale: f64,
     /// See `scale`.
@@ -177,6 +179,7 @@ impl ObjectPlace {
     /// Value of the object's bytes; `None` if their number is not that of its type, or the value is no number.
     #[must_use]
     pub fn value(&self, bytes: &[u8]) -> Option<f64> {
+        let bit_bytes_max = if self.of_eight { 1 } else { 4 };
         let number = match (self.format, bytes) {
             (Format::U8, &[a]) => a.into(),
             (Format::I8, &[a]) => i8::from_le_bytes([a]).into(),
@@ -185,7 +188,7 @@ impl ObjectPlace {
             (Format::U32, &[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]).into(),
             (Format::I32, &[a, b, c, d]) => i32::from_le_bytes([a, b, c, d]).into(),
             (Format::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]).into(),
-            (Format::Bit, bytes) if bytes.len() <= 4 => {
+            (Format::Bit, bytes) if bytes.len() <= bit_bytes_max => {
                 f64::from(bytes.get(usize::from(self.bit / 8))? >> (self.bit % 8) & 1)
             }
             _ => return None,
@@ -334,11 +337,11 @@ impl ObjectKeys {
         let channel = self.channel.unwrap_or_default();
         let by_eights = |index| {
             let sub = u8::try_from(channel / 8 + 1).unwrap_or(u8::MAX);
-            ObjectPlace { index, sub, format: Format::Bit, bit: (channel % 8) as u8, scale, offset }
+            ObjectPlace { index, sub, format: Format::Bit, bit: (channel % 8) as u8, of_eight: true, scale, offset }
         };
         let by_words = |index| {
             let sub = u8::try_from(channel.saturating_add(1)).unwrap_or(u8::MAX);
-            ObjectPlace { index, sub, format: Format::I16, bit: 0, scale, offset }
+            ObjectPlace { index, sub, format: Format::I16, bit: 0, of_eight: false, scale, offset }
         };
         match self.kind {
             ObjectKind::DigitalIn => by_eights(0x6000),
@@ -346,7 +349,8 @@ impl ObjectKeys {
             ObjectKind::AnalogueIn => by_words(0x6401),
             ObjectKind::AnalogueOut => by_words(0x6411),
             ObjectKind::Object => {
-                ObjectPlace { index: self.index.unwrap_or_default(), sub: subindex, format, bit, scale, offset }
+                let index = self.index.unwrap_or_default();
+                ObjectPlace { index, sub: subindex, format, bit, of_eight: false, scale, offset }
             }
         }
     }
@@ -366,7 +370,7 @@ mod tests {
     use super::*;
 
     fn place(format: Format, bit: u8, scale: f64) -> ObjectPlace {
-        ObjectPlace { index: 0x2000, sub: 1, format, bit, scale, offset: 0.0 }
+        ObjectPlace { index: 0x2000, sub: 1, format, bit, of_eight: false, scale, offset: 0.0 }
     }
 
     #[test]
@@ -384,6 +388,11 @@ mod tests {
         let bit = place(Format::Bit, 9, 1.0);
         assert_eq!(
             [&[0_u8, 2][..], &[0, 0xFD], &[0xFF], &[], &[0; 5]].map(|bytes| bit.value(bytes)),
+            [Some(1.0), Some(0.0), None, None, None]
+        );
+        let input = ObjectPlace { of_eight: true, ..place(Format::Bit, 3, 1.0) };
+        assert_eq!(
+            [&[8_u8][..], &[0xF7], &[8, 0], &[8, 0, 0, 0], &[]].map(|bytes| input.value(bytes)),
             [Some(1.0), Some(0.0), None, None, None]
         );
     }

@@ -35,8 +35,10 @@ impl Devices {
     pub fn on_values(&self, at: Instant, message: &DataNodeIo, signals: &mut [Signal]) {
         for value in &message.values {
             let own = place(signals, &value.name).filter(|n| self.signals.binary_search(n).is_ok());
-            if let Some(n) = own {
-                signals[n].take(at, value.value);
+            match own.map(|n| &mut signals[n]) {
+                Some(signal) if value.value.is_finite() => signal.take(at, value.value),
+                Some(signal) => signal.lose(),
+                None => {}
             }
         }
     }

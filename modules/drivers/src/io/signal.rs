@@ -99,6 +99,11 @@ impl Signal {
         (self.value, self.at) = (value, Some(at));
     }
 
+    /// Its value is not known any more; the last one is still shown, as not valid.
+    pub fn lose(&mut self) {
+        self.at = None;
+    }
+
     fn expiry(&self) -> Option<Instant> {
         self.too_old(self.age_max)
     }

@@ -54,6 +54,19 @@ fn robot(device: Canopen, profile: i64, stops: bool) -> Robot {
     robot
 }
 
+/// Another device takes its place.
+fn replace(robot: &mut Robot, dictionary: Dictionary) {
+    let mut node = Node::new(dictionary, MS);
+    node.power_on(robot.bench.now());
+    robot.output = Some(node);
+}
+
+/// A frame of another node under the identifier of its first TPDO.
+fn foreign_tpdo(robot: &mut Robot, byte: u8) {
+    robot.bench.can(PortId(0), can::Frame::standard(0x180 + u16::from(NODE), &[byte]));
+    robot.exchange();
+}
+
 /// A value, NaN while it is unknown.
 fn value(robot: &Robot, name: &str) -> f64 {
     let message: &DataNodeIo = robot.nodes.as_ref().expect("ten times a second");
@@ -167,13 +180,99 @@ fn a_tpdo_or_an_answer_of_another_length_is_dropped_and_reported() {
     assert_eq!((value(&robot, "estop"), robot.holds().contains(&(Hold::PauseInput, "io.estop"))), (1.0, false));
     assert!(robot.errors.contains(&(Fault::CanMalformed, Severity::Warning)), "{:?}", robot.errors);
     // The object is another one: four bytes.
-    let mut other =
-        Node::new(dictionary(0x0191).with(&[Entry::new(0x6401, 1, DataType::I32, Access::ReadOnly, 7)]), MS);
-    other.power_on(robot.bench.now());
-    robot.output = Some(other);
+    replace(&mut robot, dictionary(0x0191).with(&[Entry::new(0x6401, 1, DataType::I32, Access::ReadOnly, 7)]));
     robot.pass(3000);
     assert!(value(&robot, "level").is_nan() && value(&robot, "estop") == 1.0);
     assert!(robot.errors.contains(&(Fault::IoDeviceRefused, Severity::Error)));
+}
+
+#[test]
+fn a_digital_input_of_another_length_is_not_known() {
+    let mut robot = robot(plc(false), 0x0191, true);
+    replace(&mut robot, dictionary(0x0191).with(&[Entry::new(0x6000, 1, DataType::U32, Access::ReadOnly, 8)]));
+    robot.pass(3000);
+    assert!(robot.holds().contains(&(Hold::PauseInputUnknown, "io.estop")) && value(&robot, "estop").is_nan());
+    assert!(robot.errors.contains(&(Fault::IoDeviceRefused, Severity::Error)));
+}
+
+#[test]
+fn a_device_that_restarts_at_once_stops_the_robot() {
+    let mut robot = robot(plc(true), 0x0191, true);
+    robot.pass(4000);
+    robot.press(0.4);
+    robot.drive(0.4, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+    let now = robot.bench.now();
+    robot.output.as_mut().unwrap().power_on(now);
+    robot.pass(10);
+    assert_eq!(robot.holds().first(), Some(&(Hold::PauseInputUnknown, "io.estop")));
+    robot.pass(3000);
+    assert_eq!((value(&robot, "estop"), robot.holds()), (1.0, vec![(Hold::PauseLatched, "")]));
+}
+
+#[test]
+fn a_tpdo_that_the_device_has_switched_off_is_of_another_node() {
+    let mut robot = robot(plc(true), 0x0191, true);
+    replace(&mut robot, dictionary(0x0191).with_tpdo(1, 0x8000_0180, &[0x6000_0108], false));
+    robot.pass(3000);
+    foreign_tpdo(&mut robot, 0);
+    robot.pass(50);
+    assert_eq!((value(&robot, "estop"), robot.holds().contains(&(Hold::PauseInput, "io.estop"))), (1.0, false));
+}
+
+#[test]
+fn an_answer_that_may_be_older_than_a_tpdo_does_not_close_an_input() {
+    let mut robot = robot(plc(true), 0x0191, true);
+    robot.pass(3000);
+    robot.output = None;
+    robot.frames.clear();
+    let is_asked = |robot: &Robot| robot.frames.iter().any(|(_, frame)| frame.data().starts_with(&[0x40, 0, 0x60, 1]));
+    for _ in 0..100 {
+        if !is_asked(&robot) {
+            robot.pass(1);
+        }
+    }
+    assert!(is_asked(&robot));
+    robot.pass(1);
+    foreign_tpdo(&mut robot, 0);
+    robot.bench.can(PortId(0), can::Frame::standard(0x580 + u16::from(NODE), &[0x4F, 0, 0x60, 1, 8, 0, 0, 0]));
+    robot.exchange();
+    assert!(robot.holds().contains(&(Hold::PauseInput, "io.estop")), "{:?}", robot.holds());
+}
+
+#[test]
+fn mappings_are_read_again_after_another_master() {
+    let mut robot = robot(plc(true), 0x0191, true);
+    robot.pass(3000);
+    let request = can::Frame::standard(0x600 + u16::from(NODE), &[0x40, 0, 0x1A, 1, 0, 0, 0, 0]);
+    robot.bench.can(PortId(0), request);
+    robot.exchange();
+    foreign_tpdo(&mut robot, 0);
+    assert!(!robot.holds().contains(&(Hold::PauseInput, "io.estop")), "{:?}", robot.holds());
+    robot.pass(13_000);
+    assert_eq!(value(&robot, "estop"), 1.0);
+    set(&mut robot, 0x6000, 1, 0);
+    robot.pass(10);
+    assert!(robot.holds().contains(&(Hold::PauseInput, "io.estop")), "{:?}", robot.holds());
+}
+
+#[test]
+fn an_order_names_all_outputs_with_what_they_take_or_they_get_their_safe_values() {
+    let mut device = plc(true);
+    let mut robot_of = |min| {
+        device.keys.signals[1].limits.min = min;
+        let mut robot = robot(device.clone(), 0x0191, false);
+        robot.pass(3000);
+        order(&mut robot, "lamp", 0.0);
+        robot.pass(20);
+        robot
+    };
+    assert_eq!(get(&robot_of(1.0), 0x6200, 1), Some(2), "less than its least value");
+    let mut robot = robot_of(0.0);
+    assert_eq!(get(&robot, 0x6200, 1), Some(0));
+    order(&mut robot, "horn", 0.0);
+    robot.pass(20);
+    assert_eq!(get(&robot, 0x6200, 1), Some(2));
 }
 
 #[test]
