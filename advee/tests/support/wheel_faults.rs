@@ -319,7 +319,7 @@ impl Subject {
             Kind::OtherDies | Kind::OtherHangs => self.others.clone(),
             Kind::WatchdogDies | Kind::WatchdogHangs => vec![watchdog::NAME.into()],
             Kind::Cut | Kind::BusOff => vec![self.limits.bus.clone()],
-            // Nothing contradicts the encoder of a single wheel.
+            // That of a single wheel is in `advee/tests/virtual/tricycle.rs`: there is no other wheel to be stopped.
             Kind::Reversed if self.limits.wheels.len() < 2 => Vec::new(),
             Kind::TooFast | Kind::Reversed => wheels().collect(),
             _ => wheels().chain(steering()).collect(),

@@ -71,7 +71,7 @@ impl WheelWatch {
 }
 
 impl WheelWatch {
-    /// True once the only wheel, which is told to turn at `target`, has been measured at standstill for too long. One
+    /// True once the only wheel, which is to turn at `target`, has been measured at standstill for too long. One
     /// that turns the other way stops first; the speed monitor judges it.
     fn stands(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
         if !target.is_some_and(|target| is_standing(target, measured)) {
@@ -383,12 +383,12 @@ mod tests {
         assert_eq!(found(|s| (Some(0.3), (0.1 * (s - 0.15)).clamp(0.0, 0.3))), None, "late, and a fifth of its ramp");
         assert_eq!(found(|s| (Some(-0.3), (0.8 - 0.5 * s).max(-0.3))), None, "it turns round");
         assert_eq!(found(|_| (Some(0.049), 0.0)), None, "too slow to be judged");
-        assert_eq!(found(|_| (None, 0.0)), None, "not enabled, or told to stop");
+        assert_eq!(found(|_| (None, 0.0)), None, "not enabled, or commanded to stop");
         assert_eq!(found(|_| (Some(0.3), f64::NAN)), None, "unknown, which others judge");
         assert_eq!(
             found(|s| (Some(0.3).filter(|_| (100.0 * s).round() % 37.0 != 0.0), 0.0)),
             None,
-            "told to stop in between"
+            "commanded to stop in between"
         );
     }
 }
