@@ -61,9 +61,10 @@ pub(super) struct WheelWatch {
 }
 
 impl WheelWatch {
-    /// Acceleration of a command, deceleration of a command and of a quick stop as configured, m/s².
-    pub(super) fn new(acceleration: f64, deceleration: f64, quick_stop: f64) -> Self {
-        let monitor = SpeedMonitor::new(deceleration, quick_stop);
+    /// Acceleration of a command, deceleration of a command and of a quick stop as configured, m/s². `has_ramp`: it is
+    /// commanded its final speed, and its drive accelerates so.
+    pub(super) fn new(acceleration: f64, deceleration: f64, quick_stop: f64, has_ramp: bool) -> Self {
+        let monitor = SpeedMonitor::new(deceleration, quick_stop, has_ramp.then_some(acceleration));
         let ramp = 2.0 * STANDSTILL_MPS / acceleration.max(f64::MIN_POSITIVE);
         let stands_max = STANDS_MAX + Duration::from_secs_f64(ramp.min(60.0));
         Self { monitor, unwatched: None, lags: None, stands_max }
@@ -357,7 +358,7 @@ mod tests {
 
     /// 0.3 s, and 80 ms for its ramp.
     fn watch() -> WheelWatch {
-        WheelWatch::new(0.5, 0.8, 1.5)
+        WheelWatch::new(0.5, 0.8, 1.5, true)
     }
 
     /// When the only wheel is found standing, ms; `speeds` gives target and measured speed after each 10 ms.
