@@ -63,7 +63,7 @@ pub enum Void {
     HardwareRestarted,
     /// The simulator did not run.
     Hardware(Duration),
-    /// The module worked on to the end: on a busy machine it takes long to allocate all memory.
+    /// The module worked all the time: on a busy machine it takes long to allocate all memory.
     NoEffect,
 }
 
@@ -150,6 +150,11 @@ impl Vital {
         let stat = fs::read_to_string(process.join("stat")).unwrap_or_default();
         let runs = stat.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with('Z'));
         runs || fs::read_dir(process.join("task")).is_ok_and(|threads| threads.count() > 1)
+    }
+
+    /// True if no time between two signs of life was as long as this, nor is the present one.
+    fn has_worked(&self, limit: Duration) -> bool {
+        self.pause.max(self.last.elapsed()) < limit
     }
 
     /// Instant of the first missed heartbeat.
@@ -249,7 +254,7 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
     }
     if back.is_some() {
         outcome.ending = Ending::Back;
-    } else if outcome.kind == Kind::Memory && rig.pid(&outcome.module) == Some(pid) && vital.last.elapsed() < HUNG {
+    } else if outcome.kind == Kind::Memory && rig.pid(&outcome.module) == Some(pid) && vital.has_worked(HUNG) {
         outcome.ending = Ending::Void(Void::NoEffect);
     }
 }

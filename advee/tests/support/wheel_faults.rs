@@ -186,7 +186,7 @@ impl fmt::Display for Fault {
 pub enum Outcome {
     /// All wheels that turned are stopped, the last one after this time.
     Stopped(Duration),
-    /// These wheels were not stopped, or turn although a drive is lost: their names.
+    /// These wheels were not stopped, turn again at the end, or turn although a drive is lost: their names.
     Missed(Vec<String>),
     /// No wheel turned that had to stop.
     Unmoved,
@@ -319,7 +319,7 @@ impl Subject {
             Kind::OtherDies | Kind::OtherHangs => self.others.clone(),
             Kind::WatchdogDies | Kind::WatchdogHangs => vec![watchdog::NAME.into()],
             Kind::Cut | Kind::BusOff => vec![self.limits.bus.clone()],
-            // Nothing contradicts the encoder of a single wheel.
+            // That of a single wheel is in `advee/tests/virtual/tricycle.rs`: there is no other wheel to be stopped.
             Kind::Reversed if self.limits.wheels.len() < 2 => Vec::new(),
             Kind::TooFast | Kind::Reversed => wheels().collect(),
             _ => wheels().chain(steering()).collect(),
@@ -422,6 +422,8 @@ impl Subject {
         }
         // A drive that is lost to the end of the observation.
         let is_lost = fault.kind == Kind::NotEnabled && fault.what.0 == "silent";
+        // Nothing resumes by itself. A drive that is not enabled may be, for the motion that begins.
+        let is_over = !fault.kind.obeys() && fault.kind != Kind::NotEnabled;
         let stops = if fault.kind.obeys() { &seen.slower } else { &seen.stopped };
         let (mut worst, mut missed) = (None, Vec::new());
         for wheel in (0..wheels.len()).filter(|wheel| judged(*wheel)) {
@@ -430,6 +432,7 @@ impl Subject {
                 // No wheel may begin to turn, or turn again.
                 _ if is_lost && seen.turns[wheel] => missed.push(wheels[wheel].name.clone()),
                 _ if is_lost => worst = worst.max(seen.ended[wheel].map(|at| at.since(since))),
+                Some(_) if is_over && seen.turns[wheel] => missed.push(wheels[wheel].name.clone()),
                 Some(at) if turned => worst = worst.max(Some(at.since(since))),
                 None if turned => missed.push(wheels[wheel].name.clone()),
                 _ => {}

@@ -70,7 +70,7 @@ impl Base {
             assert!(robot.contains(line), "{line}");
             robot = robot.replace(line, other);
         }
-        // Tests run at the same time: whoever reads it has all of it.
+        // Tests run at the same time: another one reads all of it, or the earlier one.
         let new = folder.join(format!("{:?}.new", std::thread::current().id()));
         std::fs::write(&new, robot).expect("a file");
         std::fs::rename(new, folder.join("robot.toml")).expect("the file");
@@ -221,11 +221,11 @@ fn stops_if_a_drive_or_the_driver_fails(base: Base) {
     }
 }
 
-/// Greatest motion with a wrong encoder before it is reported and the driven wheel is stopped.
+/// Longest time until a wrong encoder is reported, and until the quick stop of the driven wheel is on the wire.
 const WRONG_MAX: Duration = Duration::from_millis(500);
 
-/// Injects a wrong encoder for 4 s, commands what `then` does, and fails unless it is reported and the robot stopped in
-/// time. Returns a line with the figures.
+/// Injects a wrong encoder for 4 s, commands what `then` does, and fails unless it is reported and the quick stop
+/// commanded in time: the drive carries it out by the same encoder. Returns a line with the figures.
 fn assert_stops_by(
     what: &str,
     (robot, news): &mut (Robot, Rc<RefCell<Observed>>),

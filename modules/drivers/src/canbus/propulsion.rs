@@ -44,17 +44,17 @@ impl Propulsion {
             Some(servo) => Motor::Canopen(Box::new(servo)),
             None => Motor::Controller(Box::new(Controller::new(own, config, lines)?)),
         };
+        // Several wheels are commanded the steps of a common ramp, and a motor controller may have none.
+        let has_ramp = config.wheels.len() == 1 && matches!(motor, Motor::Canopen(_));
+        let (acceleration, deceleration) = (limits.acceleration_mps2, limits.deceleration_mps2);
         Ok(Self {
             axis: own.axis,
             motor,
             goal: Goal::QuickStop,
             speed: f64::NAN,
             measured: false,
-            follow: Follow::new(FollowConfig {
-                ramp: limits.acceleration_mps2.min(limits.deceleration_mps2),
-                least: FOLLOWED_MIN_MPS,
-            }),
-            watch: WheelWatch::new(limits.acceleration_mps2, limits.deceleration_mps2, limits.quick_stop_mps2),
+            follow: Follow::new(FollowConfig { ramp: acceleration.min(deceleration), least: FOLLOWED_MIN_MPS }),
+            watch: WheelWatch::new(acceleration, deceleration, limits.quick_stop_mps2, has_ramp),
         })
     }
 

@@ -61,9 +61,10 @@ pub(super) struct WheelWatch {
 }
 
 impl WheelWatch {
-    /// Acceleration of a command, deceleration of a command and of a quick stop as configured, m/s².
-    pub(super) fn new(acceleration: f64, deceleration: f64, quick_stop: f64) -> Self {
-        let monitor = SpeedMonitor::new(deceleration, quick_stop);
+    /// Acceleration of a command, deceleration of a command and of a quick stop as configured, m/s². `has_ramp`: it is
+    /// commanded its final speed, and its drive accelerates so.
+    pub(super) fn new(acceleration: f64, deceleration: f64, quick_stop: f64, has_ramp: bool) -> Self {
+        let monitor = SpeedMonitor::new(deceleration, quick_stop, has_ramp.then_some(acceleration));
         let ramp = 2.0 * STANDSTILL_MPS / acceleration.max(f64::MIN_POSITIVE);
         let stands_max = STANDS_MAX + Duration::from_secs_f64(ramp.min(60.0));
         Self { monitor, unwatched: None, lags: None, stands_max }
@@ -71,7 +72,7 @@ impl WheelWatch {
 }
 
 impl WheelWatch {
-    /// True once the only wheel, which is told to turn at `target`, has been measured at standstill for too long. One
+    /// True once the only wheel, which is to turn at `target`, has been measured at standstill for too long. One
     /// that turns the other way stops first; the speed monitor judges it.
     fn stands(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
         if !target.is_some_and(|target| is_standing(target, measured)) {
@@ -357,7 +358,7 @@ mod tests {
 
     /// 0.3 s, and 80 ms for its ramp.
     fn watch() -> WheelWatch {
-        WheelWatch::new(0.5, 0.8, 1.5)
+        WheelWatch::new(0.5, 0.8, 1.5, true)
     }
 
     /// When the only wheel is found standing, ms; `speeds` gives target and measured speed after each 10 ms.
@@ -383,12 +384,12 @@ mod tests {
         assert_eq!(found(|s| (Some(0.3), (0.1 * (s - 0.15)).clamp(0.0, 0.3))), None, "late, and a fifth of its ramp");
         assert_eq!(found(|s| (Some(-0.3), (0.8 - 0.5 * s).max(-0.3))), None, "it turns round");
         assert_eq!(found(|_| (Some(0.049), 0.0)), None, "too slow to be judged");
-        assert_eq!(found(|_| (None, 0.0)), None, "not enabled, or told to stop");
+        assert_eq!(found(|_| (None, 0.0)), None, "not enabled, or commanded to stop");
         assert_eq!(found(|_| (Some(0.3), f64::NAN)), None, "unknown, which others judge");
         assert_eq!(
             found(|s| (Some(0.3).filter(|_| (100.0 * s).round() % 37.0 != 0.0), 0.0)),
             None,
-            "told to stop in between"
+            "commanded to stop in between"
         );
     }
 }

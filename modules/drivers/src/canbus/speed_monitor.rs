@@ -5,6 +5,10 @@
 //! ramp). Faster than the envelope for [`CONFIRMATION`] is an alarm. Under an order to stop the envelope is never far
 //! above the lowest speed measured, so that a drive that brakes at first and then no more is found as soon as one that
 //! does not brake at all. Evaluated at each measurement and at no other time, so late or lost frames raise no alarm.
+//!
+//! A drive that gains speed on a ramp of its own is judged by that ramp, too: faster than it would permit, and gaining
+//! more speed for [`CONFIRMATION`], is an alarm below the commanded speed as well. One that has reached the commanded
+//! speed too early and keeps it is none.
 
 use base::{Duration, Instant};
 use std::collections::VecDeque;
@@ -15,9 +19,9 @@ const REACTION: Duration = Duration::from_millis(150);
 const CONFIRMATION: Duration = Duration::from_millis(150);
 /// Tolerance of the measured speed: control deviation, and its resolution of 0.012 m/s.
 pub(super) const MARGIN_MPS: f64 = 0.1;
-/// Part of the configured ramp that must be reached at least.
+/// Part of the configured ramp that must be reached at least, or up to which a speed counts as constant.
 const RAMP_MIN: f64 = 0.5;
-/// Interval over which the measured deceleration is taken.
+/// Interval over which the measured acceleration is taken, and longest time between two measurements of a rise.
 const SLOPE: Duration = Duration::from_millis(100);
 /// Maximum number of measurements kept: 100 a second for somewhat more than [`SLOPE`].
 const MEASUREMENTS_MAX: usize = 32;
@@ -46,6 +50,8 @@ pub(super) enum Alarm {
 #[derive(Clone, Copy, Debug, Default)]
 struct Envelope {
     allowed: f64,
+    /// What the ramp permits by now, at most `allowed`.
+    risen: f64,
     target: f64,
     /// Beginning of the fall.
     falls: Option<Instant>,
@@ -62,10 +68,14 @@ impl Envelope {
         self.target = target;
     }
 
-    fn pass(&mut self, from: Instant, now: Instant, ramp: f64) {
-        let Some(falls) = self.falls else { return };
-        let time = now.since(from.max(falls)).as_secs_f64();
-        self.allowed = (self.allowed - ramp * time).max(self.target);
+    /// `ramp` of a fall, `rise` that of the drive if it has one, m/s².
+    fn pass(&mut self, from: Instant, now: Instant, ramp: f64, rise: Option<f64>) {
+        if let Some(falls) = self.falls {
+            let time = now.since(from.max(falls)).as_secs_f64();
+            self.allowed = (self.allowed - ramp * time).max(self.target);
+        }
+        let risen = rise.map(|rise| self.risen + rise * now.since(from).as_secs_f64());
+        self.risen = risen.unwrap_or(self.allowed).min(self.allowed);
     }
 }
 
@@ -74,25 +84,32 @@ impl Envelope {
 pub(super) struct SpeedMonitor {
     /// Deceleration of a command and of a quick stop, m/s².
     ramps: (f64, f64),
+    /// Acceleration, m/s², if the drive itself keeps it.
+    rise: Option<f64>,
     order: Order,
     /// Forward and backward.
     envelopes: [Envelope; 2],
     at: Instant,
     measured: f64,
     exceeded: Option<Instant>,
+    /// Since when it gains speed beyond its ramp.
+    rises: Option<Instant>,
     recent: VecDeque<(Instant, f64)>,
 }
 
 impl SpeedMonitor {
-    /// `deceleration` of a command and of a quick stop as configured, m/s².
-    pub(super) fn new(deceleration: f64, quick_stop: f64) -> Self {
+    /// `deceleration` of a command and of a quick stop as configured, m/s². `rise`: acceleration with which the drive
+    /// itself approaches a command; absent: not judged.
+    pub(super) fn new(deceleration: f64, quick_stop: f64, rise: Option<f64>) -> Self {
         Self {
             ramps: (deceleration, quick_stop),
+            rise,
             order: Order::None,
             envelopes: [Envelope::default(); 2],
             at: Instant::ZERO,
             measured: 0.0,
             exceeded: None,
+            rises: None,
             recent: VecDeque::with_capacity(MEASUREMENTS_MAX),
         }
     }
@@ -105,10 +122,11 @@ impl SpeedMonitor {
             // Whatever the robot does now, it must reach the new order from its present speed.
             let speeds = self.speeds();
             for (envelope, speed) in self.envelopes.iter_mut().zip(speeds) {
-                *envelope = Envelope { allowed: speed, target: speed, falls: None };
+                *envelope = Envelope { allowed: speed, risen: speed, target: speed, falls: None };
             }
             self.exceeded = None;
         }
+        let starts = !matches!(self.order, Order::Drive(_));
         self.order = order;
         let speed = match order {
             Order::None => return,
@@ -118,12 +136,17 @@ impl SpeedMonitor {
         let speeds = self.speeds();
         for ((envelope, target), speed) in self.envelopes.iter_mut().zip([speed, -speed]).zip(speeds) {
             envelope.command(now, target.max(0.0), speed);
+            if starts {
+                // The drive's ramp begins at its present speed.
+                envelope.risen = envelope.risen.max(speed);
+            }
         }
     }
 
     /// Processes a measured speed, m/s.
     pub(super) fn measure(&mut self, now: Instant, speed: f64) -> Option<Alarm> {
         self.pass(now);
+        let before = self.recent.back().map_or(now, |(at, _)| *at);
         self.measured = speed;
         if self.recent.len() == MEASUREMENTS_MAX {
             self.recent.pop_front();
@@ -135,15 +158,16 @@ impl SpeedMonitor {
                 envelope.allowed = envelope.allowed.min(speed + MARGIN_MPS);
             }
         }
+        let rises = self.judge_rise(now, before);
         let over =
             speeds.into_iter().zip(self.envelopes).find(|(speed, envelope)| *speed > envelope.allowed + MARGIN_MPS);
         let Some((measured, envelope)) = over.filter(|_| self.order != Order::None) else {
             self.exceeded = None;
-            return None;
+            return rises;
         };
         let since = *self.exceeded.get_or_insert(now);
         if now.since(since) < CONFIRMATION {
-            return None;
+            return rises;
         }
         let allowed = envelope.allowed;
         match self.order {
@@ -151,6 +175,25 @@ impl SpeedMonitor {
             Order::Stop => Some(Alarm::NotStopping { measured, allowed }),
             _ => Some(Alarm::Exceeded { measured, allowed }),
         }
+    }
+
+    /// Judges whether it gains speed faster than the drive's ramp; `before`: instant of the previous measurement.
+    fn judge_rise(&mut self, now: Instant, before: Instant) -> Option<Alarm> {
+        let rise = self.rise?;
+        let gains = self.slope(now).is_some_and(|slope| slope >= RAMP_MIN * rise);
+        let drives = matches!(self.order, Order::Drive(_));
+        let beyond = |(speed, envelope): &(f64, Envelope)| *speed > envelope.risen + MARGIN_MPS;
+        let over = self.speeds().into_iter().zip(self.envelopes).find(beyond);
+        let Some((measured, envelope)) = over.filter(|_| drives && gains) else {
+            self.rises = None;
+            return None;
+        };
+        if now.since(before) > SLOPE {
+            // What it did meanwhile is not known.
+            self.rises = None;
+        }
+        let since = *self.rises.get_or_insert(now);
+        (now.since(since) >= CONFIRMATION).then_some(Alarm::Exceeded { measured, allowed: envelope.risen })
     }
 
     fn speeds(&self) -> [f64; 2] {
@@ -163,17 +206,19 @@ impl SpeedMonitor {
 
     /// True if the measured deceleration is that of the ramp: a drive that brakes as commanded is not disturbed.
     fn brakes(&self, now: Instant) -> bool {
-        let before = self.recent.iter().rev().find(|(at, _)| now.since(*at) >= SLOPE);
-        before.is_some_and(|(at, speed)| {
-            let slope = (speed.abs() - self.measured.abs()) / now.since(*at).as_secs_f64();
-            slope >= self.ramp()
-        })
+        self.slope(now).is_some_and(|slope| -slope >= self.ramp())
+    }
+
+    /// Measured acceleration over [`SLOPE`], m/s², negative if it slows down; `None`: not measured for that long.
+    fn slope(&self, now: Instant) -> Option<f64> {
+        let (at, speed) = self.recent.iter().rev().find(|(at, _)| now.since(*at) >= SLOPE)?;
+        Some((self.measured.abs() - speed.abs()) / now.since(*at).as_secs_f64())
     }
 
     fn pass(&mut self, now: Instant) {
-        let ramp = self.ramp();
+        let (ramp, rise) = (self.ramp(), self.rise);
         for envelope in &mut self.envelopes {
-            envelope.pass(self.at, now, ramp);
+            envelope.pass(self.at, now, ramp, rise);
         }
         self.at = self.at.max(now);
     }
@@ -192,7 +237,7 @@ mod tests {
     impl Bench {
         /// Drives at this speed.
         fn driving(speed: f64) -> Self {
-            let mut bench = Self { monitor: SpeedMonitor::new(0.8, 1.5), ms: 1000, speed };
+            let mut bench = Self { monitor: SpeedMonitor::new(0.8, 1.5, Some(0.5)), ms: 1000, speed };
             assert_eq!(bench.run(Order::Drive(speed), 0.0, 500), None);
             bench
         }
@@ -266,6 +311,44 @@ mod tests {
         let mut bench = Bench::driving(0.4);
         bench.speed = -0.4;
         assert!(bench.run(Order::Drive(0.4), 0.0, 500).is_some());
+    }
+
+    #[test]
+    fn a_robot_that_runs_away_while_it_gains_speed_raises_one_below_the_commanded_speed() {
+        for gained_ms in [0, 100, 300, 600] {
+            let mut bench = Bench::driving(0.0);
+            assert_eq!(bench.run(Order::Drive(1.2), 0.5, gained_ms), None);
+            let (ms, alarm) = bench.run(Order::Drive(1.2), 2.0, 2000).expect("an alarm");
+            // 0.1 m/s too fast after 70 ms, and 150 ms of confirmation.
+            assert!((150..=240).contains(&ms), "{gained_ms}: {ms} ms, {alarm:?}");
+            assert!(matches!(alarm, Alarm::Exceeded { measured, .. } if measured < 0.9), "{gained_ms}: {alarm:?}");
+        }
+        // Its ramp is not that of the drive.
+        let mut bench = Bench::driving(0.0);
+        bench.monitor = SpeedMonitor::new(0.8, 1.5, None);
+        assert_eq!(bench.run(Order::Drive(1.2), 2.0, 600), None);
+    }
+
+    #[test]
+    fn a_robot_on_its_ramp_late_or_at_its_speed_too_early_raises_none() {
+        let mut bench = Bench::driving(0.0);
+        assert_eq!(bench.run(Order::Drive(0.6), 0.5, 1200), None);
+        assert_eq!(bench.run(Order::Drive(0.6), 0.0, 500), None);
+        // Held for half a second, then as fast as its motor can to where its ramp is.
+        let mut bench = Bench::driving(0.0);
+        assert_eq!(bench.run(Order::Drive(0.6), 0.0, 500), None);
+        assert_eq!(bench.run(Order::Drive(0.6), 2.0, 160), None);
+        assert_eq!(bench.run(Order::Drive(0.6), 0.5, 500), None);
+        // It has no ramp.
+        for speed in [0.6, -0.6] {
+            let mut bench = Bench::driving(0.0);
+            bench.speed = speed;
+            assert_eq!(bench.run(Order::Drive(speed), 0.0, 1000), None);
+        }
+        // From a stop that has not ended yet.
+        let mut bench = Bench::driving(0.6);
+        assert_eq!(bench.run(Order::Stop, -1.5, 200), None);
+        assert_eq!(bench.run(Order::Drive(0.6), 0.5, 600), None);
     }
 
     #[test]
