@@ -273,7 +273,7 @@ impl Facts {
         let (since, _) = self.asked;
         let slows = speed <= self.slowest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
         let overruled = |source: &Source| {
-            let before = source.ended.is_some_and(|at| at <= since);
+            let before = source.ended.is_some_and(|at| at <= since) && source.unbroken <= since;
             before && source.priority > self.asked_by && source.lives(now, self.slack(now))
         };
         slows && since > self.stopped && self.sources.iter().any(overruled)
