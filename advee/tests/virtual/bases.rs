@@ -718,6 +718,9 @@ fn a_rover_on_serial_lines_stops_without_its_driver() {
     }
 }
 
+/// That of the simulator, which cannot be out of range.
+const GAMEPAD: &str = "\n[gamepad]\ndevice = \"file:gamepad\"\nquiet_s = 0\n";
+
 #[test]
 fn a_gamepad_turns_a_base_on_the_spot_and_moves_it_sideways() {
     let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
@@ -728,7 +731,7 @@ fn a_gamepad_turns_a_base_on_the_spot_and_moves_it_sideways() {
     let modules = file("modules.toml");
     let (head, end) = modules.rsplit_once(']').expect("a list of modules");
     let with_gamepad = format!("{head}    {{ name = \"driver_joydev\", critical = false }},\n]{end}");
-    std::fs::write(folder.join("robot.toml"), format!("{robot}\n[gamepad]\nquiet_s = 0\n")).expect("robot.toml");
+    std::fs::write(folder.join("robot.toml"), robot + GAMEPAD).expect("robot.toml");
     std::fs::write(folder.join("modules.toml"), with_gamepad).expect("modules.toml");
     std::fs::write(folder.join("sim.toml"), file("sim.toml")).expect("sim.toml");
     let mut base = Base::of(&folder, "porter with a gamepad", 4, &conf.join("worlds/empty.toml"), &[]);
