@@ -266,14 +266,18 @@ impl Facts {
     }
 
     /// True if the wheels slow down since a command last asked for their motion, without a stop since then, and not
-    /// faster than they were, for a source that had overruled that command by its zero and still commands zero: it ends
-    /// a motion that was permitted, and begins none. To others the silence of the source that moved them is a stop.
+    /// faster than they were, for a source that had overruled by its zero the source of that command, which commanded
+    /// without a gap until then, and still commands zero: it ends a motion that was permitted, and begins none. To others
+    /// the silence of the source that moved them is a stop.
     pub fn ends_motion(&self, now: Instant, speed: f64) -> bool {
         let Some(base) = &self.limits.base else { return false };
         let (since, _) = self.asked;
         let slows = speed <= self.slowest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
+        let asked_by =
+            self.sources.iter().filter(|source| source.priority == self.asked_by && source.unbroken <= since);
+        let obeyed = asked_by.map(Source::expires).fold(since, Instant::max);
         let overruled = |source: &Source| {
-            let before = source.ended.is_some_and(|at| at <= since) && source.unbroken <= since;
+            let before = source.ended.is_some_and(|at| at <= obeyed) && source.unbroken <= obeyed;
             before && source.priority > self.asked_by && source.lives(now, self.slack(now))
         };
         slows && since > self.stopped && self.sources.iter().any(overruled)

@@ -129,6 +129,11 @@ impl Source {
         self.said.back().map_or(Instant::ZERO, |said| said.at)
     }
 
+    /// Expiry of its last command.
+    pub fn expires(&self) -> Instant {
+        self.heard() + self.ttl
+    }
+
     /// Instant at which it was last processed.
     pub fn served(&self) -> Instant {
         self.said.back().map_or(Instant::ZERO, |said| said.served)

@@ -83,6 +83,16 @@ fn a_source_that_takes_over_by_zero_ends_a_motion_and_begins_none() {
     check_wheels(&format!("{by_pad} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.32 0.32"));
     check_wheels(&format!("{by_pad} \n +30 say pad 0 \n wheels 0.34 0.34 \n +20 wheels 0.35 0.35 ! resumes"));
     check_wheels(&format!("{by_pad} \n +30 wheels stop stop \n +20 say pad 0 \n wheels 0.32 0.32 ! resumes"));
+    // The shell commands zero itself before it falls silent, and the pad takes over then, or only after its expiry.
+    let ended = "say shell 0
+        +10 say shell 0.4
+        wheels 0.4 0.4
+        +100 say shell 0
+        wheels 0.36 0.36";
+    check_wheels(&format!(
+        "{ended} \n +150 say pad 0 \n wheels 0.3 0.3 \n +150 say pad 0 \n wheels 0.2 0.2 \n +20 wheels 0.18 0.18"
+    ));
+    check_wheels(&format!("{ended} \n +290 say pad 0 \n +50 say pad 0 \n wheels 0.2 0.2 ! resumes"));
     // One of no higher priority does not take over: the pad's silence is a stop.
     for other in ["twin", "shell", "planner"] {
         let script = taken_over("pad", other);
